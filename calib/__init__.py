@@ -1,0 +1,1 @@
+"""Session to calibration: exposure ratios, response, vignetting, lens and poses."""

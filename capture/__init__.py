@@ -1,0 +1,1 @@
+"""Sessions on disk: captured from cameras or imported from photographs, and verified."""

@@ -1,0 +1,72 @@
+"""What every camera can be asked, whatever the bus: the `Camera` protocol."""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from imaging.exposure import Exposure
+from imaging.mosaic import FrameMetadata, RawMosaic
+
+
+@dataclass(frozen=True)
+class CameraIdentity:
+    """Who a camera is; the serial number is its identity, ports and addresses change."""
+
+    serial: str
+    make: str
+    model: str
+    kind: Literal["raw", "ldr"]
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What a camera can be set to: times in seconds, ascending."""
+
+    width: int
+    height: int
+    bit_depth: int
+    times: tuple[float, ...]
+    f_numbers: tuple[float, ...]
+    isos: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class EncodedPhoto:
+    """A frame that the camera developed and compressed itself, bytes as received."""
+
+    data: bytes
+    suffix: str
+    width: int
+    height: int
+    metadata: FrameMetadata
+
+
+class Camera(Protocol):
+    """One camera, driven in the order set_exposure, arm, trigger, collect. Errors are CameraError."""
+
+    def identify(self) -> CameraIdentity:
+        """Who it is."""
+        ...
+
+    def capabilities(self) -> Capabilities:
+        """What it can be set to."""
+        ...
+
+    def set_exposure(self, exposure: Exposure) -> Exposure:
+        """Set the nearest exposure the camera has and return what it reads back."""
+        ...
+
+    def arm(self) -> None:
+        """Make ready, so that trigger() takes effect at once."""
+        ...
+
+    def trigger(self) -> float:
+        """Expose; the monotonic time, in seconds, at which the shutter opened."""
+        ...
+
+    def collect(self) -> RawMosaic | EncodedPhoto:
+        """The frame that trigger() exposed, with its own metadata."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the camera."""
+        ...

@@ -1,0 +1,143 @@
+"""`calibration/calibration.json`: what `rig calibrate` found, for every later stage to read."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from imaging import store
+from imaging.noise import SensorNoise
+from imaging.records import Name, Record, Rung, parse
+
+LensModel = Literal["PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
+
+
+class Pose(Record):
+    """A rigid motion `x_to = R(quaternion) x_from + translation`; quaternion wxyz, unit."""
+
+    quaternion: tuple[float, float, float, float]
+    translation: tuple[float, float, float]
+
+    def matrix(self) -> npt.NDArray[np.float64]:
+        """The motion as float64 [4, 4]."""
+        w, x, y, z = np.array(self.quaternion) / np.linalg.norm(self.quaternion)
+        motion = np.eye(4)
+        motion[:3, :3] = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+        motion[:3, 3] = self.translation
+        return motion
+
+
+class Lens(Record):
+    """A COLMAP camera model; pixel centres at +0.5. Parameters as `fx fy cx cy k1 k2 p1 p2` (OPENCV).
+
+    `model` says which of them were free; the others are zero (or fx = fy).
+    """
+
+    model: LensModel
+    width: int = Field(gt=0)
+    height: int = Field(gt=0)
+    fx: float = Field(gt=0)
+    fy: float = Field(gt=0)
+    cx: float
+    cy: float
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+
+    def resized(self, width: int, height: int) -> "Lens":
+        """The same lens seen on an image of another size."""
+        x, y = width / self.width, height / self.height
+        return self.model_copy(
+            update={
+                "width": width,
+                "height": height,
+                "fx": self.fx * x,
+                "cx": self.cx * x,
+                "fy": self.fy * y,
+                "cy": self.cy * y,
+            }
+        )
+
+
+class Response(Record):
+    """How a camera turns exposure into code values.
+
+    linear: RAW, or linear EXR. srgb: assumed, not measured. curve: `ln E + ln k` at each of
+    `codes` (0..1), per channel, up to one constant that the rig shares.
+    """
+
+    kind: Literal["linear", "srgb", "curve"]
+    codes: tuple[float, ...] = ()
+    log_exposure: tuple[tuple[float, ...], ...] = ()
+    """[3][len(codes)], natural log, rising."""
+    valid: tuple[float, float] = (0.0, 1.0)
+    """Code values between which the curve was measured; beyond it is extrapolated."""
+    evidence: str
+    residual: float | None = None
+    """Median held-out disagreement of overlapping exposures, natural log."""
+
+
+class CameraCalibration(Record):
+    """One camera: lens, place in the rig, sensor, response and vignetting."""
+
+    name: Name
+    serial: str
+    lens: Lens | None = None
+    cam_from_rig: Pose | None = None
+    noise: SensorNoise | None = None
+    """At the ISO of the shots; None: not known."""
+    response: Response
+    vignetting: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """`V(r) = 1 + a r^2 + b r^4 + c r^6`, r = 1 at the corner of the image from its centre."""
+    gain: float = Field(default=1.0, gt=0)
+    """Sensitivity relative to the rig's mean, divided out by later stages."""
+    camera_from_rec709: tuple[tuple[float, float, float], ...] | None = None
+    """[3][3] linear Rec.709 to camera RGB (RAW only), green row summing to 1; None: not known."""
+
+
+class ViewCalibration(Record):
+    """One registered image: a camera at a frame."""
+
+    camera: Name
+    frame: int = Field(ge=0)
+    cam_from_world: Pose
+    points: int
+    """Scene points seen by it."""
+
+
+class CalibrationRecord(Record):
+    """All that was found out about a session's cameras."""
+
+    schema_version: Literal[1] = 1
+    created: datetime
+    versions: dict[str, str]
+    shots_sha256: str
+    """Of shots.jsonl as it was calibrated; another value later means stale."""
+    cameras: tuple[CameraCalibration, ...]
+    views: tuple[ViewCalibration, ...]
+    unregistered: tuple[str, ...] = ()
+    """'camera/frame' of images without a pose."""
+    points: int = 0
+    reprojection_px: float | None = None
+    """Mean over observations."""
+    exposure_scale: dict[str, float]
+    """Exposure scale k of each shot's file, s; estimated from overlaps where they allow it."""
+    rungs: tuple[Rung, ...] = ()
+
+    def camera(self, name: str) -> CameraCalibration:
+        """The calibration of a camera of the session."""
+        return next(camera for camera in self.cameras if camera.name == name)
+
+
+def read_calibration(session: Path) -> CalibrationRecord:
+    """The calibration of a session folder; InputError if there is none or it is damaged."""
+    path = session / "calibration" / "calibration.json"
+    return parse(CalibrationRecord, store.read_json(path), path)

@@ -1,0 +1,75 @@
+"""Colour filter arrays: the four Bayer phases, crops that shift them, mosaicing and demosaicing."""
+
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+Float = npt.NDArray[np.float32]
+
+
+class Cfa(StrEnum):
+    """A Bayer phase, read along the first row and then the second."""
+
+    RGGB = "RGGB"
+    BGGR = "BGGR"
+    GRBG = "GRBG"
+    GBRG = "GBRG"
+
+    @property
+    def pattern(self) -> npt.NDArray[np.uint8]:
+        """Channel of each site of the 2x2 tile, uint8 [2, 2]; 0 red, 1 green, 2 blue."""
+        return np.array(["RGB".index(letter) for letter in self], dtype=np.uint8).reshape(2, 2)
+
+    @classmethod
+    def from_pattern(cls, pattern: npt.ArrayLike) -> "Cfa":
+        """The phase whose `pattern` this is; ValueError if it is not a Bayer phase."""
+        return cls("".join("RGB"[int(channel)] for channel in np.asarray(pattern).reshape(-1)))
+
+    def cropped(self, top: int, left: int) -> "Cfa":
+        """The phase seen after `top` rows and `left` columns are cut away."""
+        return Cfa.from_pattern(np.roll(self.pattern, (-top, -left), axis=(0, 1)))
+
+    def channels(self, height: int, width: int) -> npt.NDArray[np.uint8]:
+        """Channel of every photosite, uint8 [height, width]."""
+        return np.tile(self.pattern, (-(-height // 2), -(-width // 2)))[:height, :width]
+
+
+def mosaic(rgb: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[np.floating]:
+    """Keep of each pixel of `rgb` [H, W, 3] the one channel that `cfa` lets through: [H, W]."""
+    channels = cfa.channels(*rgb.shape[:2])
+    return np.take_along_axis(rgb, channels[..., None].astype(np.intp), axis=2)[..., 0]
+
+
+def split_planes(image: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    """The four half-resolution planes of a mosaic [H, W], H and W even: [4, H/2, W/2].
+
+    In order of the sites (0,0), (0,1), (1,0), (1,1), whatever the phase: the two greens stay apart.
+    """
+    return np.stack([image[row::2, column::2] for row in (0, 1) for column in (0, 1)])
+
+
+def demosaic(
+    image: npt.NDArray[np.floating], cfa: Cfa, valid: npt.NDArray[np.bool_] | None = None
+) -> tuple[Float, npt.NDArray[np.bool_]]:
+    """Bilinear demosaic of a linear mosaic [H, W] -> rgb float32 [H, W, 3] and valid bool [H, W, 3].
+
+    Each missing sample is the weighted mean of its *valid* neighbours of the same channel, so that
+    a saturated or defect photosite does not spread. Where no neighbour is valid the value is 0 and
+    `valid` is False.
+    """
+    height, width = image.shape
+    channels = cfa.channels(height, width)
+    trusted = np.ones(image.shape, bool) if valid is None else valid
+    kernel = np.array([[0.25, 0.5, 0.25], [0.5, 1.0, 0.5], [0.25, 0.5, 0.25]])
+    rgb = np.zeros((height, width, 3), np.float32)
+    known = np.zeros((height, width, 3), bool)
+    for channel in range(3):
+        own = trusted & (channels == channel)
+        weight = ndimage.convolve(own.astype(np.float64), kernel, mode="mirror")
+        total = ndimage.convolve(np.where(own, image, 0.0).astype(np.float64), kernel, mode="mirror")
+        known[..., channel] = weight > 0
+        value = np.where(own, image, total / np.maximum(weight, 1e-12))
+        rgb[..., channel] = np.where(known[..., channel], value, 0.0)
+    return rgb, known

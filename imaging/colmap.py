@@ -1,0 +1,43 @@
+"""The one place that imports pycolmap: safely, quietly, and with a reader of its sparse models."""
+
+# pycolmap 4.2's shared object interposes the system's zlib; unless zlib was loaded before it, the
+# next compression anywhere in the process aborts.
+import zlib  # noqa: F401  # isort: skip
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pycolmap
+
+from imaging.errors import InputError
+
+pycolmap.logging.minloglevel = 2
+pycolmap.logging.logtostderr = True
+
+
+@dataclass(frozen=True)
+class SparsePoints:
+    """Scene points of a COLMAP model.
+
+    xyz: float64 [P, 3], world; error: float64 [P], px, mean reprojection error;
+    views: int64 [P], track length.
+    """
+
+    xyz: npt.NDArray[np.float64]
+    error: npt.NDArray[np.float64]
+    views: npt.NDArray[np.int64]
+
+
+def read_points(folder: Path) -> SparsePoints:
+    """The points of the COLMAP model in `folder`; InputError if it cannot be read."""
+    try:
+        model = pycolmap.Reconstruction(str(folder))
+    except (ValueError, RuntimeError, OSError) as error:
+        raise InputError(f"{folder} is not a COLMAP model: run `rig calibrate` again.") from error
+    points = [model.points3D[key] for key in sorted(model.points3D)]
+    return SparsePoints(
+        xyz=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
+        error=np.array([point.error for point in points], np.float64),
+        views=np.array([point.track.length() for point in points], np.int64),
+    )

@@ -1,0 +1,73 @@
+"""A RAW frame as it left the sensor, with what is needed to read it as linear light."""
+
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.cfa import Cfa
+from imaging.exposure import Exposure
+
+Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
+
+@dataclass(frozen=True)
+class FrameMetadata:
+    """What a file says about the camera and the exposure; None where it says nothing."""
+
+    make: str = ""
+    model: str = ""
+    serial: str = ""
+    exposure: Exposure | None = None
+    captured_at: datetime | None = None
+    focal_length_mm: float | None = None
+    focal_length_35mm: float | None = None
+    orientation: int = 1
+
+
+@dataclass(frozen=True)
+class RawMosaic:
+    """A Bayer mosaic.
+
+    pixels: uint16 [H, W], DN, as stored, black not subtracted.
+    black: DN of each site of the 2x2 tile, in order (0,0), (0,1), (1,0), (1,1).
+    white: DN at and above which a photosite counts as saturated.
+    neutral: camera RGB of a neutral surface, largest 1 (DNG AsShotNeutral); None if unknown.
+    camera_from_xyz: 3x3, XYZ to camera RGB under D65 (DNG ColorMatrix), scale free; None if unknown.
+    noise_profile: (S, O), variance = S * signal + O on 0..1 (DNG NoiseProfile); None if unknown.
+    """
+
+    pixels: npt.NDArray[np.uint16]
+    cfa: Cfa
+    black: tuple[float, float, float, float]
+    white: int
+    neutral: tuple[float, float, float] | None = None
+    camera_from_xyz: Matrix | None = None
+    noise_profile: tuple[float, float] | None = None
+    metadata: FrameMetadata = field(default_factory=FrameMetadata)
+
+    def black_map(self) -> npt.NDArray[np.float32]:
+        """Black level of every photosite, DN, float32 [H, W]."""
+        height, width = self.pixels.shape
+        tile = np.array(self.black, np.float32).reshape(2, 2)
+        return np.tile(tile, (-(-height // 2), -(-width // 2)))[:height, :width]
+
+    def signal(self) -> npt.NDArray[np.float32]:
+        """Linear signal, black 0 and white 1, float32 [H, W]; noise below black stays negative."""
+        black = self.black_map()
+        return ((self.pixels.astype(np.float32) - black) / (self.white - black)).astype(np.float32)
+
+    def saturated(self) -> npt.NDArray[np.bool_]:
+        """Photosites at or above white, bool [H, W]."""
+        return self.pixels >= self.white
+
+    def cropped(self, top: int, left: int, height: int, width: int) -> "RawMosaic":
+        """A window of the mosaic; phase and black levels shift with it."""
+        tile = np.roll(np.array(self.black).reshape(2, 2), (-top, -left), axis=(0, 1)).reshape(-1)
+        return replace(
+            self,
+            pixels=np.ascontiguousarray(self.pixels[top : top + height, left : left + width]),
+            cfa=self.cfa.cropped(top, left),
+            black=(float(tile[0]), float(tile[1]), float(tile[2]), float(tile[3])),
+        )

@@ -1,0 +1,149 @@
+"""The records that a session is made of: `session.json`, `plans.jsonl`, `shots.jsonl`.
+
+A *shot* is one exposure by one camera; a *bracket* the shots of one camera at one frame; a *frame*
+one instant of the whole rig. Unknown fields and unknown schema versions are errors.
+"""
+
+import re
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+
+SCHEMA_VERSION = 1
+
+Kind = Literal["scene", "dark", "flat", "board", "probe"]
+
+
+def _plain_name(value: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", value) or ".." in value:
+        raise ValueError("a name is made of letters, digits, '_', '-' and '.'")
+    return value
+
+
+Name = Annotated[str, AfterValidator(_plain_name)]
+
+
+class Record(BaseModel):
+    """Base of everything written to disk: frozen, strict about fields, no NaN."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class CameraRecord(Record):
+    """A camera of a session; `serial` is its identity, `name` its place in file names."""
+
+    name: Name
+    serial: str
+    make: str = ""
+    model: str = ""
+    kind: Literal["raw", "ldr", "hdr"]
+    """raw: Bayer mosaics; ldr: display-referred 8 or 16 bit; hdr: linear EXR."""
+    rig: str | None = None
+    """Cameras that name the same rig are rigidly mounted to each other; None: it stands alone."""
+
+
+class SessionRecord(Record):
+    """`session.json`: identity, written once."""
+
+    schema_version: Literal[1] = 1
+    name: str
+    created: datetime
+    origin: str
+    """'sim:NAME' (with the seed), 'import', or the rig file."""
+    seed: int | None = None
+    cameras: tuple[CameraRecord, ...]
+
+
+class PlanRecord(Record):
+    """One line of `plans.jsonl`: what a run was to shoot, and why."""
+
+    plan: Name
+    kind: Kind
+    created: datetime
+    bracket: tuple[Exposure | None, ...]
+    """Exposures of each camera at each frame, in order; None: unknown (imported without EXIF)."""
+    frames: tuple[int, ...]
+    cameras: tuple[Name, ...]
+    reason: str
+
+
+class ShotRecord(Record):
+    """One line of `shots.jsonl`: one exposure that is on the disk, whole."""
+
+    kind: Kind
+    plan: Name
+    camera: Name
+    frame: int = Field(ge=0)
+    step: int = Field(ge=0)
+    """Index in the bracket."""
+    file: str
+    """Path relative to the session folder."""
+    sha256: str
+    requested: Exposure | None = None
+    reported: Exposure | None = None
+    estimated: Exposure | None = None
+    width: int = Field(gt=0)
+    height: int = Field(gt=0)
+    captured_at: datetime | None = None
+    skew: float | None = None
+    """Seconds after the first camera of the same frame and step was triggered."""
+    retries: int = Field(default=0, ge=0)
+    source: str | None = None
+    """Path of the original, for imports."""
+
+    @property
+    def identity(self) -> tuple[str, str, int, int]:
+        """What makes a shot the same shot when it is taken again: plan, camera, frame, step."""
+        return (self.plan, self.camera, self.frame, self.step)
+
+    @property
+    def exposure(self) -> Exposure | None:
+        """The best known exposure: estimated, else reported, else requested."""
+        return self.estimated or self.reported or self.requested
+
+
+RecordT = TypeVar("RecordT", bound=BaseModel)
+
+
+def parse(model: type[RecordT], value: Any, where: Path | str) -> RecordT:
+    """Validate a value read from a file; InputError of one sentence that names file and field."""
+    if isinstance(value, dict) and "schema_version" in value and value["schema_version"] != SCHEMA_VERSION:
+        raise InputError(
+            f"{where} has schema version {value['schema_version']!r}, this rig reads {SCHEMA_VERSION}: "
+            "open it with the version of rig that wrote it."
+        )
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"]) or "the record"
+        raise InputError(f"{where}: {field}: {first['msg'].lower()}; correct or restore the file.") from error
+
+
+class Rung(Record):
+    """One step of a ladder: a part of a model that was considered, and what it would have bought."""
+
+    name: str
+    taken: bool
+    gain: float | None = None
+    """Held-out gain, in the unit named by `unit`; None when it was decided without a trial."""
+    standard_error: float | None = None
+    unit: str = ""
+    reason: str
+
+    @classmethod
+    def judged(cls, name: str, gain: float, standard_error: float, unit: str, reason: str) -> Self:
+        """Taken only when the held-out gain is above one standard error."""
+        return cls(
+            name=name,
+            taken=gain > standard_error,
+            gain=gain,
+            standard_error=standard_error,
+            unit=unit,
+            reason=reason,
+        )

@@ -1,0 +1,144 @@
+"""Files that are either there whole or not at all; every write of `rig` goes through this module.
+
+A file is written beside its place as `.part`, synced and renamed. A line of a `.jsonl` is appended
+and synced; a torn last line is dropped when the file is opened again.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from imaging.errors import InputError, StorageError
+
+
+def sync(path: Path) -> None:
+    """Force a file or a folder to the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _refused(path: Path, error: OSError) -> StorageError:
+    reason = (error.strerror or str(error)).lower()
+    return StorageError(f"{path} could not be written ({reason}): free or unlock the disk and run again.")
+
+
+def make_folder(path: Path) -> None:
+    """Create a folder and its parents; StorageError when the disk refuses."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _refused(path, error) from error
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A path to write to; when the block ends well, the file is synced and takes the place of `path`.
+
+    If the block fails, or the disk does, nothing is left and the old file stays. OSError becomes
+    StorageError. Works for a folder too: create the yielded path as a folder and fill it.
+    """
+    part = path.with_name(f".{path.name}.part")
+    make_folder(path.parent)
+    try:
+        _discard(part)
+        yield part
+        for file in [part] if part.is_file() else [f for f in part.rglob("*") if f.is_file()]:
+            sync(file)
+        if part.is_dir():
+            old = path.with_name(f".{path.name}.old.part")
+            _discard(old)
+            if path.exists():
+                path.rename(old)
+            part.rename(path)
+            _discard(old)
+        else:
+            part.replace(path)
+        sync(path.parent)
+    except OSError as error:
+        _discard(part)
+        raise _refused(path, error) from error
+    except BaseException:
+        _discard(part)
+        raise
+
+
+def _discard(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a whole file, or nothing."""
+    with replacing(path) as part:
+        part.write_bytes(data)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a value as indented JSON; NaN and infinities are refused (ValueError)."""
+    write_bytes(path, (json.dumps(value, indent=1, allow_nan=False) + "\n").encode())
+
+
+def append_line(path: Path, value: Any) -> None:
+    """Append one JSON line and sync it; a torn line left by a crash is cut off first."""
+    line = (json.dumps(value, allow_nan=False) + "\n").encode()
+    try:
+        with path.open("ab+") as file:
+            end = file.seek(0, os.SEEK_END)
+            if end:
+                file.seek(end - 1)
+                if file.read(1) != b"\n":
+                    file.truncate(path.read_bytes().rfind(b"\n") + 1)
+            file.write(line)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise _refused(path, error) from error
+
+
+def read_lines(path: Path) -> list[Any]:
+    """The values of a `.jsonl` file; a torn last line is dropped, a damaged line is an InputError."""
+    if not path.exists():
+        return []
+    data = path.read_bytes()
+    values = []
+    for number, line in enumerate(data[: data.rfind(b"\n") + 1].splitlines(), start=1):
+        try:
+            values.append(json.loads(line))
+        except ValueError as error:
+            raise InputError(f"{path}, line {number} is not JSON: restore it or delete the line.") from error
+    return values
+
+
+def read_json(path: Path) -> Any:
+    """The value of a JSON file; InputError when it is missing or damaged."""
+    try:
+        return json.loads(path.read_bytes())
+    except FileNotFoundError as error:
+        raise InputError(f"{path} is missing: run the stage that writes it first.") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} cannot be read as JSON: restore it or run its stage again.") from error
+
+
+def sha256(path: Path) -> str:
+    """Hex digest of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def inside(folder: Path, relative: str) -> Path:
+    """The path of `relative` in `folder`; InputError if it would leave the folder."""
+    pure = PurePosixPath(relative)
+    path = folder / pure
+    if pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{relative!r} leads out of {folder}: correct the record that names it.")
+    return path

@@ -1,0 +1,1 @@
+"""Session and calibration to scene: Gaussians, methods, training, evaluation, export."""
