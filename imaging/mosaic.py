@@ -12,6 +12,12 @@ from imaging.exposure import Exposure
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 
 
+def as_matrix(values: npt.ArrayLike) -> Matrix:
+    """A 3x3 array as the nested tuples that records hold."""
+    a, b, c, d, e, f, g, h, i = (float(value) for value in np.asarray(values).reshape(9))
+    return (a, b, c), (d, e, f), (g, h, i)
+
+
 @dataclass(frozen=True)
 class FrameMetadata:
     """What a file says about the camera and the exposure; None where it says nothing."""

@@ -1,0 +1,64 @@
+"""The few colour matrices and curves that `rig` needs; matrices act on column vectors.
+
+Rec.709: ITU-R BT.709-6, white D65; Rec.2020: ITU-R BT.2020-2; AP0 and AP1: SMPTE ST 2065-1 and
+AMPAS S-2014-004; the sRGB curve: IEC 61966-2-1.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Matrix3 = npt.NDArray[np.float64]
+
+PRIMARIES: dict[str, tuple[tuple[float, float], ...]] = {
+    "rec709": ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3127, 0.3290)),
+    "rec2020": ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046), (0.3127, 0.3290)),
+    "ap0": ((0.7347, 0.2653), (0.0, 1.0), (0.0001, -0.077), (0.32168, 0.33767)),
+    "ap1": ((0.713, 0.293), (0.165, 0.830), (0.128, 0.044), (0.32168, 0.33767)),
+}
+"""CIE 1931 xy of red, green, blue and white."""
+
+
+def xyz_from_rgb(primaries: Sequence[tuple[float, float]]) -> Matrix3:
+    """float64 [3, 3] from linear RGB to CIE XYZ, Y = 1 for RGB (1, 1, 1); SMPTE RP 177."""
+    red, green, blue, white = (np.array((x, y, 1.0 - x - y)) for x, y in primaries)
+    columns = np.stack([red, green, blue], axis=1)
+    return np.asarray(columns * np.linalg.solve(columns, white / white[1]), np.float64)
+
+
+XYZ_FROM_REC709 = xyz_from_rgb(PRIMARIES["rec709"])
+REC709_FROM_XYZ = np.linalg.inv(XYZ_FROM_REC709)
+LUMINANCE_REC709 = XYZ_FROM_REC709[1]
+"""Weights of luminance on linear Rec.709 RGB, summing to 1."""
+
+
+def camera_from_rec709(camera_from_xyz: npt.ArrayLike) -> Matrix3:
+    """Linear Rec.709 to camera RGB, float64 [3, 3], its green row summing to 1.
+
+    `camera_from_xyz` [3, 3] is a DNG ColorMatrix for D65, of any scale. ValueError if it is not
+    finite, not invertible or blind to white in green.
+    """
+    matrix = np.asarray(camera_from_xyz, np.float64) @ XYZ_FROM_REC709
+    green = matrix[1].sum()
+    if not np.all(np.isfinite(matrix)) or not green > 0 or abs(np.linalg.det(matrix / green)) < 1e-9:
+        raise ValueError("the matrix from XYZ to camera RGB is singular or has no green")
+    return np.asarray(matrix / green, np.float64)
+
+
+def srgb_encode(linear: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Linear light to sRGB code values (0..1 to 0..1); values outside 0..1 are clipped."""
+    light = np.clip(_floating(linear), 0.0, 1.0)
+    return np.asarray(np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055))
+
+
+def srgb_decode(code: npt.ArrayLike) -> npt.NDArray[Any]:
+    """sRGB code values (0..1) to linear light; the inverse of `srgb_encode`."""
+    value = np.clip(_floating(code), 0.0, 1.0)
+    return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
+
+
+def _floating(values: npt.ArrayLike) -> npt.NDArray[Any]:
+    array = np.asarray(values)
+    return array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)

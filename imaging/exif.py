@@ -1,0 +1,172 @@
+"""What EXIF says about camera and exposure, in both directions."""
+
+from collections.abc import Mapping
+from datetime import datetime
+from fractions import Fraction
+from io import BytesIO
+from typing import Any, BinaryIO
+
+from imaging.exposure import Exposure
+from imaging.mosaic import FrameMetadata
+from imaging.tiff import (
+    ASCII,
+    EXIF_IFD,
+    LONG,
+    RATIONAL,
+    SHORT,
+    UNDEFINED,
+    Directory,
+    Entry,
+    TiffError,
+    TiffReader,
+    encode_directory,
+    integers,
+    numbers,
+    rational,
+    text,
+)
+
+MAKE, MODEL, ORIENTATION, DATE_TIME = 271, 272, 274, 306
+EXPOSURE_TIME, F_NUMBER, ISO = 33434, 33437, 34855
+SENSITIVITY_TYPE, RECOMMENDED_INDEX = 34864, 34866
+EXIF_VERSION, DATE_TIME_ORIGINAL, SUB_SECONDS = 36864, 36867, 37521
+FOCAL_LENGTH, FOCAL_LENGTH_35MM, BODY_SERIAL = 37386, 41989, 42033
+CAMERA_SERIAL = 50735
+
+_NAMES = {
+    MAKE: "Image Make",
+    MODEL: "Image Model",
+    ORIENTATION: "Image Orientation",
+    DATE_TIME: "Image DateTime",
+    EXPOSURE_TIME: "EXIF ExposureTime",
+    F_NUMBER: "EXIF FNumber",
+    ISO: "EXIF ISOSpeedRatings",
+    RECOMMENDED_INDEX: "EXIF RecommendedExposureIndex",
+    DATE_TIME_ORIGINAL: "EXIF DateTimeOriginal",
+    SUB_SECONDS: "EXIF SubSecTimeOriginal",
+    FOCAL_LENGTH: "EXIF FocalLength",
+    FOCAL_LENGTH_35MM: "EXIF FocalLengthIn35mmFilm",
+    BODY_SERIAL: "EXIF BodySerialNumber",
+}
+
+
+def exif_entries(metadata: FrameMetadata) -> dict[int, Entry]:
+    """The tags of an EXIF directory; an ISO is rounded to a whole number, as EXIF wants it."""
+    entries = {EXIF_VERSION: Entry(UNDEFINED, b"0231")}
+    exposure = metadata.exposure
+    if exposure is not None:
+        entries[EXPOSURE_TIME] = Entry(RATIONAL, [rational(exposure.time)])
+        if exposure.f_number is not None:
+            entries[F_NUMBER] = Entry(RATIONAL, [rational(exposure.f_number)])
+        if exposure.iso is not None:
+            iso = max(1, round(exposure.iso))
+            entries[ISO] = Entry(SHORT, [min(iso, 65535)])
+            entries[SENSITIVITY_TYPE] = Entry(SHORT, [2])
+            entries[RECOMMENDED_INDEX] = Entry(LONG, [iso])
+    if metadata.captured_at is not None:
+        entries[DATE_TIME_ORIGINAL] = Entry(ASCII, metadata.captured_at.strftime("%Y:%m:%d %H:%M:%S"))
+        entries[SUB_SECONDS] = Entry(ASCII, f"{metadata.captured_at.microsecond:06d}")
+    if metadata.focal_length_mm is not None:
+        entries[FOCAL_LENGTH] = Entry(RATIONAL, [rational(metadata.focal_length_mm)])
+    if metadata.focal_length_35mm is not None:
+        entries[FOCAL_LENGTH_35MM] = Entry(SHORT, [round(metadata.focal_length_35mm)])
+    if metadata.serial:
+        entries[BODY_SERIAL] = Entry(ASCII, metadata.serial)
+    return entries
+
+
+def camera_entries(metadata: FrameMetadata) -> dict[int, Entry]:
+    """The tags about the camera that stand in the main directory."""
+    entries = {ORIENTATION: Entry(SHORT, [metadata.orientation])}
+    if metadata.make:
+        entries[MAKE] = Entry(ASCII, metadata.make)
+    if metadata.model:
+        entries[MODEL] = Entry(ASCII, metadata.model)
+    if metadata.captured_at is not None:
+        entries[DATE_TIME] = Entry(ASCII, metadata.captured_at.strftime("%Y:%m:%d %H:%M:%S"))
+    return entries
+
+
+def encode_exif(metadata: FrameMetadata) -> bytes:
+    """An EXIF block: 'Exif', two zero bytes and a small TIFF."""
+    main = camera_entries(metadata)
+    length = len(encode_directory({**main, EXIF_IFD: Entry(LONG, [0])}, 8))
+    head = encode_directory({**main, EXIF_IFD: Entry(LONG, [8 + length])}, 8)
+    return b"Exif\0\0II*\0\x08\0\0\0" + head + encode_directory(exif_entries(metadata), 8 + length)
+
+
+def read_exif(tiff: BinaryIO) -> FrameMetadata:
+    """Metadata of a TIFF-shaped file (TIFF, DNG and most RAW files); TiffError if it is none."""
+    reader = TiffReader(tiff)
+    directories = reader.directories()
+    exif: Directory = {}
+    for directory in directories:
+        for offset in integers(directory, EXIF_IFD)[:1]:
+            exif = {**reader.directory(offset)[0], **exif}
+    merged: Directory = {}
+    for directory in directories:
+        merged = {**directory, **merged}
+    return _metadata({**merged, **exif}, orientation=directories[0] if directories else {})
+
+
+def decode_exif(block: bytes) -> FrameMetadata:
+    """Metadata of an EXIF block, with or without its 'Exif' prefix; empty if it is damaged."""
+    try:
+        return read_exif(BytesIO(block.removeprefix(b"Exif\0\0")))
+    except TiffError:
+        return FrameMetadata()
+
+
+def from_names(values: Mapping[str, Any]) -> FrameMetadata:
+    """Metadata of tags under the names that ExifRead gives them."""
+    tags: Directory = {}
+    for tag, name in _NAMES.items():
+        value = values.get(name)
+        if isinstance(value, str):
+            tags[tag] = value.strip("\0 ")
+        elif isinstance(value, list | tuple):
+            tags[tag] = tuple(part for part in value if isinstance(part, int))
+            tags[tag] = tags[tag] or tuple(part for part in value if isinstance(part, Fraction))
+    return _metadata(tags, orientation=tags)
+
+
+def _positive(directory: Directory, tag: int) -> float | None:
+    values = numbers(directory, tag)
+    return values[0] if values and 0 < values[0] < 1e9 else None
+
+
+def _exposure(tags: Directory) -> Exposure | None:
+    time, f_number = _positive(tags, EXPOSURE_TIME), _positive(tags, F_NUMBER)
+    if time is None:
+        return None
+    iso = _positive(tags, ISO)
+    if iso is None or iso == 65535:
+        iso = _positive(tags, RECOMMENDED_INDEX) or iso
+    return Exposure(time=time, f_number=f_number, iso=iso)
+
+
+def _moment(tags: Directory) -> datetime | None:
+    for tag in (DATE_TIME_ORIGINAL, DATE_TIME):
+        try:
+            moment = datetime.strptime(text(tags, tag), "%Y:%m:%d %H:%M:%S")
+        except ValueError:
+            continue
+        digits = text(tags, SUB_SECONDS)
+        if tag == DATE_TIME_ORIGINAL and digits.isascii() and digits.isdigit():
+            moment = moment.replace(microsecond=int(Fraction(int(digits), 10 ** len(digits)) * 10**6))
+        return moment
+    return None
+
+
+def _metadata(tags: Directory, orientation: Directory) -> FrameMetadata:
+    turned = (*integers(orientation, ORIENTATION), 1)[0]
+    return FrameMetadata(
+        make=text(tags, MAKE),
+        model=text(tags, MODEL),
+        serial=text(tags, BODY_SERIAL) or text(tags, CAMERA_SERIAL),
+        exposure=_exposure(tags),
+        captured_at=_moment(tags),
+        focal_length_mm=_positive(tags, FOCAL_LENGTH),
+        focal_length_35mm=_positive(tags, FOCAL_LENGTH_35MM),
+        orientation=turned if 1 <= turned <= 8 else 1,
+    )

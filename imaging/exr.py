@@ -1,0 +1,172 @@
+"""OpenEXR files: linear light in float, with what is needed to know which light."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import OpenEXR
+
+from imaging import store
+from imaging.colour import PRIMARIES
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.quiet import quiet
+
+Attribute = str | float | tuple[float, ...]
+
+_STRUCTURE = {
+    "channels",
+    "compression",
+    "dataWindow",
+    "displayWindow",
+    "lineOrder",
+    "pixelAspectRatio",
+    "screenWindowCenter",
+    "screenWindowWidth",
+    "type",
+    "tiles",
+    "version",
+    "name",
+    "chunkCount",
+}
+_MAGIC = b"\x76\x2f\x31\x01"
+
+
+@dataclass(frozen=True)
+class ExrImage:
+    """Channels, each float32 [H, W], by name, and the attributes that are text or numbers."""
+
+    channels: dict[str, npt.NDArray[np.float32]]
+    attributes: dict[str, Attribute] = field(default_factory=dict)
+
+    def rgb(self) -> npt.NDArray[np.float32]:
+        """float32 [H, W, 3]: R, G, B, or Y three times; InputError if the file has neither."""
+        names = "RGB" if all(name in self.channels for name in "RGB") else "YYY"
+        if not all(name in self.channels for name in names):
+            found = ", ".join(sorted(self.channels))
+            raise InputError(f"the EXR has channels {found}, but neither R, G, B nor Y: export it as RGB.")
+        return np.stack([self.channels[name] for name in names], axis=-1)
+
+    @property
+    def exposure(self) -> Exposure | None:
+        """From `expTime`, `aperture` and `isoSpeed`; None if the file names no time."""
+        time, f_number, iso = (self._positive(name) for name in ("expTime", "aperture", "isoSpeed"))
+        return None if time is None else Exposure(time=time, f_number=f_number, iso=iso)
+
+    def _positive(self, name: str) -> float | None:
+        value = self.attributes.get(name)
+        return value if isinstance(value, float) and 0 < value < float("inf") else None
+
+
+def write_exr(
+    path: Path,
+    channels: npt.NDArray[Any] | Mapping[str, npt.NDArray[Any]],
+    *,
+    half: bool = False,
+    chromaticities: str | None = "rec709",
+    exposure: Exposure | None = None,
+    attributes: Mapping[str, Attribute] | None = None,
+) -> None:
+    """Write linear light, ZIP compressed, whole or not at all.
+
+    `channels`: [H, W, 3] as R, G, B; [H, W] as Y; or arrays [H, W] by name. Stored as float32, or
+    as float16 with `half`. NaN and infinities are kept; a finite value that the type cannot hold
+    is an InputError. `chromaticities` names an entry of `colour.PRIMARIES`, or None. `attributes`
+    are written under their names (`rig:...` for our own, or OpenEXR's, as `whiteLuminance`);
+    numbers become float32, as do those of `exposure`. ValueError for other shapes or names.
+    """
+    planes = {name: _stored(path, name, plane, half) for name, plane in _planes(channels).items()}
+    if len({plane.shape for plane in planes.values()}) != 1:
+        raise ValueError("the channels of an EXR have one shape")
+    header: dict[str, Any] = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+    }
+    if chromaticities is not None:
+        header["chromaticities"] = tuple(part for point in PRIMARIES[chromaticities] for part in point)
+    if exposure is not None:
+        told = {"expTime": exposure.time, "aperture": exposure.f_number, "isoSpeed": exposure.iso}
+        header |= {name: float(value) for name, value in told.items() if value is not None}
+    for name, value in (attributes or {}).items():
+        if name in _STRUCTURE:
+            raise ValueError(f"{name!r} belongs to the structure of an EXR")
+        header[name] = value if isinstance(value, str | tuple) else float(value)
+    with store.replacing(path) as part:
+        try:
+            with quiet():
+                OpenEXR.File(header, planes).write(str(part))
+        except RuntimeError as error:  # the library tells a full disk so
+            raise OSError(str(error)) from error
+
+
+def read_exr(path: Path) -> ExrImage:
+    """The first part of an EXR file; InputError if it is none, is damaged, deep or subsampled."""
+    header, pixels = _part(path, header_only=False)
+    window = header["dataWindow"]
+    width, height = (np.asarray(window[1], np.int64) - np.asarray(window[0], np.int64) + 1).tolist()
+    if not pixels or any(
+        plane.dtype == object or plane.shape != (height, width) for plane in pixels.values()
+    ):
+        raise InputError(f"{path} is deep or subsampled, which rig does not read: export it flat, as RGB.")
+    return ExrImage({name: plane.astype(np.float32) for name, plane in pixels.items()}, _attributes(header))
+
+
+def read_exr_header(path: Path) -> ExrImage:
+    """The attributes alone, without channels; InputError if it is no EXR file."""
+    return ExrImage({}, _attributes(_part(path, header_only=True)[0]))
+
+
+def _part(path: Path, header_only: bool) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    """Header and pixels of the first part, copied out before the library empties them."""
+    if not path.is_file():
+        raise InputError(f"{path} is not a file: name an EXR file.")
+    try:
+        with path.open("rb") as file:
+            if file.read(4) != _MAGIC:
+                raise InputError(f"{path} is not an EXR file: name one.")
+        with quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as exr:
+            if not exr.parts:  # the library only prints why
+                raise InputError(f"{path} is damaged or cut off: write or copy it again.")
+            pixels = {} if header_only else {n: np.array(c.pixels) for n, c in exr.parts[0].channels.items()}
+            return dict(exr.parts[0].header), pixels
+    except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as error:
+        raise InputError(f"{path} is damaged or cannot be read: write or copy it again.") from error
+
+
+def _attributes(header: Mapping[str, Any]) -> dict[str, Attribute]:
+    kept = {name: _attribute(value) for name, value in header.items() if name not in _STRUCTURE}
+    return {name: value for name, value in kept.items() if value is not None}
+
+
+def _attribute(value: Any) -> Attribute | None:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool | int | float | np.number):
+        return float(value)
+    if isinstance(value, tuple) and all(isinstance(part, int | float | np.number) for part in value):
+        return tuple(float(part) for part in value)
+    return None
+
+
+def _planes(channels: npt.NDArray[Any] | Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
+    if isinstance(channels, Mapping):
+        return dict(channels)
+    if channels.ndim == 3 and channels.shape[2] == 3:
+        return {name: channels[..., index] for index, name in enumerate("RGB")}
+    return {"Y": channels}
+
+
+def _stored(path: Path, name: str, plane: npt.NDArray[Any], half: bool) -> npt.NDArray[Any]:
+    """A plane in the type that is written; the library takes strided arrays for contiguous ones."""
+    if plane.ndim != 2 or plane.size == 0:
+        raise ValueError(f"channel {name} is [H, W], not {plane.shape}")
+    kind = np.float16 if half else np.float32
+    with np.errstate(over="ignore"):
+        stored = np.ascontiguousarray(plane, dtype=kind)
+    if np.any(np.isinf(stored) & np.isfinite(plane)):
+        mend = "write it as float" if half else "scale it down"
+        raise InputError(f"{path}: channel {name} exceeds {np.finfo(kind).max:g}, the largest value: {mend}.")
+    return stored

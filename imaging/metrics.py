@@ -1,0 +1,181 @@
+"""How far a prediction is from the truth, in the units that papers report (METHODS, Metrics).
+
+Every function takes arrays of one shape and raises ValueError for other shapes, for empty arrays
+and for values that are not finite. Every result is a finite number, also for black images.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+Array = npt.NDArray[np.float64]
+
+PSNR_CAP = 150.0
+"""dB given for images that are equal or closer than float32 can tell: JSON has no infinity."""
+
+STOPS_CAP = 32.0
+"""log2 error given where the truth is light and the prediction is not."""
+
+PU21_BANDING_GLARE = (
+    0.353487901,
+    0.3734658629,
+    8.277049286e-5,
+    0.9062562627,
+    0.09150303166,
+    0.9099517204,
+    596.3148142,
+)
+"""p1..p7 of Mantiuk and Azimi, PU21 (PCS 2021), banding and glare."""
+
+PU21_PEAK = 256.0
+"""The code value of 100 cd/m2, the customary peak for PSNR on PU21 values."""
+
+DARK_SHARE = 0.4
+
+
+def mu_law(x: npt.ArrayLike, mu: float = 5000.0) -> Array:
+    """log(1 + mu |x|) / log(1 + mu), with the sign of x: 0 to 0, 1 to 1, finite everywhere."""
+    value = np.asarray(x, np.float64)
+    return np.asarray(np.sign(value) * np.log1p(mu * np.abs(value)) / np.log1p(mu))
+
+
+def psnr(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float = 1.0) -> float:
+    """Peak signal-to-noise ratio, dB, at most `PSNR_CAP`."""
+    a, b = _pair(prediction, truth)
+    return _psnr(a, b, peak)
+
+
+def ssim(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
+    """Mean structural similarity of images on 0..1, [H, W] or [H, W, C] (channels apart, then averaged).
+
+    Wang et al. 2004: Gaussian window of 11 taps, sigma 1.5, K1 0.01, K2 0.03, in float64, mean
+    over the windows that lie wholly inside. ValueError if the image is smaller than the window.
+    """
+    a, b = _pair(prediction, truth)
+    if a.ndim not in (2, 3) or min(a.shape[:2]) < 11:
+        raise ValueError(f"SSIM needs [H, W] or [H, W, C] of 11 x 11 pixels or more, not {a.shape}")
+    mean_a, mean_b = _window(a), _window(b)
+    var_a = _window(a * a) - mean_a**2
+    var_b = _window(b * b) - mean_b**2
+    both = _window(a * b) - mean_a * mean_b
+    c1, c2 = 0.01**2, 0.03**2
+    luminance = (2 * mean_a * mean_b + c1) / (mean_a**2 + mean_b**2 + c1)
+    structure = (2 * both + c2) / (var_a + var_b + c2)
+    return float(np.mean(luminance * structure))
+
+
+def _window(image: Array) -> Array:
+    taps = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
+    taps /= taps.sum()
+    rows = ndimage.correlate1d(image, taps, axis=0)[5:-5]
+    return np.asarray(ndimage.correlate1d(rows, taps, axis=1)[:, 5:-5])
+
+
+def pu21(luminance: npt.ArrayLike) -> Array:
+    """Perceptually uniform code values of luminance in cd/m2, clamped to 0.005..10000 first."""
+    p1, p2, p3, p4, p5, p6, p7 = PU21_BANDING_GLARE
+    power = np.clip(np.asarray(luminance, np.float64), 0.005, 10000.0) ** p4
+    return np.asarray(p7 * (((p1 + p2 * power) / (1 + p3 * power)) ** p5 - p6))
+
+
+def pu21_psnr(
+    prediction: npt.ArrayLike,
+    truth: npt.ArrayLike,
+    display_peak: float = 1000.0,
+    scene_peak: float | None = None,
+) -> float:
+    """PSNR, dB, of PU21 values on a display whose peak, cd/m2, shows `scene_peak`.
+
+    `scene_peak` defaults to the truth's maximum; the one scale is applied to both images.
+    """
+    a, b = _pair(prediction, truth)
+    scale = display_peak / _peak(b, scene_peak)
+    return _psnr(pu21(a * scale), pu21(b * scale), PU21_PEAK)
+
+
+def hdr_psnr_mu(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float | None = None) -> float:
+    """mu-law PSNR, dB, of linear light; `peak` is the truth's maximum over the scene's test views.
+
+    None takes the maximum of this truth. A peak of zero (a black scene) counts as 1.
+    """
+    a, b = _pair(prediction, truth)
+    top = _peak(b, peak)
+    return _psnr(mu_law(a / top), mu_law(b / top), 1.0)
+
+
+def hdr_psnr_mu_dark(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float | None = None) -> float:
+    """The same over 0.4 of the peak, both clipped to -1..1: highlights count no more."""
+    a, b = _pair(prediction, truth)
+    top = DARK_SHARE * _peak(b, peak)
+    return _psnr(mu_law(np.clip(a / top, -1, 1)), mu_law(np.clip(b / top, -1, 1)), 1.0)
+
+
+def align_scale(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
+    """The factor on `prediction` that makes the median log ratio to `truth` zero.
+
+    Over the values that are positive in both; 1 if there are none.
+    """
+    a, b = _pair(prediction, truth)
+    lit = (a > 0) & (b > 0)
+    return float(np.exp(np.median(np.log(b[lit]) - np.log(a[lit])))) if lit.any() else 1.0
+
+
+def stops_median(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
+    """Median |log2(prediction / truth)| over the values where the truth is positive; 0 if there are none."""
+    a, b = _pair(prediction, truth)
+    lit = b > 0
+    if not lit.any():
+        return 0.0
+    stops = np.full(int(lit.sum()), STOPS_CAP)
+    shown = a[lit] > 0
+    stops[shown] = np.abs(np.log2(a[lit][shown]) - np.log2(b[lit][shown]))
+    return float(np.median(np.minimum(stops, STOPS_CAP)))
+
+
+def relative_error_by_decade(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> list[dict[str, float | int]]:
+    """|prediction - truth| / truth for each decade of the truth, darkest first.
+
+    Each entry: `low` and `high` (the decade's bounds, in the truth's unit), `count` (values in
+    it), `median` and `p95`. Values where the truth is not positive are left out.
+    """
+    a, b = _pair(prediction, truth)
+    lit = b > 0
+    a, b = a[lit], b[lit]
+    error = np.abs(a - b) / b
+    decades = np.floor(np.log10(b)).astype(int)
+    return [
+        {
+            "low": float(10.0**decade),
+            "high": float(10.0 ** (decade + 1)),
+            "count": int((decades == decade).sum()),
+            "median": float(np.median(error[decades == decade])),
+            "p95": float(np.percentile(error[decades == decade], 95)),
+        }
+        for decade in np.unique(decades)
+    ]
+
+
+def _pair(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> tuple[Array, Array]:
+    a: npt.NDArray[Any] = np.asarray(prediction, np.float64)
+    b: npt.NDArray[Any] = np.asarray(truth, np.float64)
+    if a.shape != b.shape:
+        raise ValueError(f"prediction {a.shape} and truth {b.shape} differ in shape")
+    if a.size == 0:
+        raise ValueError("there is nothing to compare")
+    if not (np.isfinite(a).all() and np.isfinite(b).all()):
+        raise ValueError("prediction or truth holds NaN or infinity")
+    return a, b
+
+
+def _peak(truth: Array, peak: float | None) -> float:
+    top = float(truth.max()) if peak is None else float(peak)
+    if not np.isfinite(top) or (peak is not None and top < 0):
+        raise ValueError(f"a peak is finite and not negative, not {top}")
+    return top if top > 0 else 1.0
+
+
+def _psnr(a: Array, b: Array, peak: float) -> float:
+    error = float(np.mean((a - b) ** 2)) / peak**2
+    return PSNR_CAP if error <= 10 ** (-PSNR_CAP / 10) else float(-10 * np.log10(error))

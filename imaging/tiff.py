@@ -1,0 +1,176 @@
+"""TIFF directories as bytes: what a DNG file and an EXIF block have in common.
+
+Only the classic 32-bit layout (TIFF 6.0), both byte orders. Reading is defensive: the bytes may be
+damaged, so every offset and count is checked and only `TiffError` is raised.
+"""
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import BinaryIO
+
+BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 1, 2, 3, 4, 5, 7, 10, 12
+
+_FORMATS = {1: "B", 3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 11: "f", 12: "d", 13: "I"}
+_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
+
+SUB_IFDS, EXIF_IFD = 330, 34665
+
+_LARGEST_VALUE = 1 << 24
+"""Bytes of one tag's value beyond which it is damage (or a preview that nobody here asks for)."""
+
+Value = bytes | str | tuple[int, ...] | tuple[float, ...] | tuple[Fraction | None, ...]
+Directory = dict[int, Value]
+"""Tag to value: str for ASCII, bytes for UNDEFINED, else a tuple; a rational x/0 is None."""
+
+
+class TiffError(Exception):
+    """The bytes are not a TIFF, or are damaged; never leaves `imaging`."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A tag to be written: a TIFF type and its values (text for ASCII, bytes for UNDEFINED)."""
+
+    kind: int
+    values: str | bytes | Sequence[int | float | Fraction]
+
+    def encoded(self) -> tuple[int, bytes]:
+        """Count and little-endian bytes."""
+        if isinstance(self.values, str):
+            text = self.values.encode("ascii", "replace") + b"\0"
+            return len(text), text
+        if isinstance(self.values, bytes):
+            return len(self.values), self.values
+        if self.kind in (RATIONAL, SRATIONAL):
+            form = "<II" if self.kind == RATIONAL else "<ii"
+            pairs = [Fraction(value) for value in self.values]
+            return len(pairs), b"".join(struct.pack(form, v.numerator, v.denominator) for v in pairs)
+        return len(self.values), struct.pack(f"<{len(self.values)}{_FORMATS[self.kind]}", *self.values)
+
+
+def rational(value: float, *, signed: bool = False) -> Fraction:
+    """The simplest fraction of 32-bit parts that is `value`, or the nearest one there is.
+
+    Relative error below 1e-9 for 1e-5 <= |value| <= 1e5. ValueError if it is out of range.
+    """
+    largest = 2**31 - 1 if signed else 2**32 - 1
+    exact = Fraction(value)
+    if abs(exact) > largest or (exact < 0 and not signed):
+        raise ValueError(f"{value} does not fit a TIFF rational")
+    widest = max(1, int(largest / max(1, -(-abs(exact) // 1))))
+    for limit in (10**3, 10**6, widest):
+        nearest = exact.limit_denominator(min(limit, widest))
+        if float(nearest) == value:
+            break
+    return nearest
+
+
+def encode_directory(entries: Mapping[int, Entry], offset: int) -> bytes:
+    """A directory that will stand at `offset` (even) of a little-endian file, with its values behind it.
+
+    Tags ascending, values word-aligned, no next directory.
+    """
+    head = struct.pack("<H", len(entries))
+    values = b""
+    start = offset + 2 + 12 * len(entries) + 4
+    for tag in sorted(entries):
+        count, data = entries[tag].encoded()
+        head += struct.pack("<HHI", tag, entries[tag].kind, count)
+        if len(data) <= 4:
+            head += data.ljust(4, b"\0")
+        else:
+            head += struct.pack("<I", start + len(values))
+            values += data + b"\0" * (len(data) % 2)
+    return head + struct.pack("<I", 0) + values
+
+
+class TiffReader:
+    """Directories of a TIFF in a seekable binary file (or of an EXIF block in a BytesIO)."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.size = file.seek(0, 2)
+        head = self._read(0, 8)
+        orders = {b"II*\0": "<", b"MM\0*": ">"}
+        if head[:4] not in orders:
+            raise TiffError("no TIFF header")
+        self._order = orders[head[:4]]
+        self._first: int = self._unpack("I", head[4:])[0]
+
+    def directories(self) -> list[Directory]:
+        """Every directory: the chain of IFDs and below each its SubIFDs; the EXIF IFD stands apart."""
+        found: list[Directory] = []
+        waiting, seen = [self._first], set[int]()
+        while waiting:
+            offset = waiting.pop(0)
+            if offset == 0 or offset in seen:
+                continue
+            seen.add(offset)
+            if len(seen) > 64:
+                raise TiffError("too many directories")
+            directory, following = self.directory(offset)
+            found.append(directory)
+            waiting += [*integers(directory, SUB_IFDS), following]
+        return found
+
+    def directory(self, offset: int) -> tuple[Directory, int]:
+        """The directory at `offset`, and the offset of the next (0: none)."""
+        (count,) = self._unpack("H", self._read(offset, 2))
+        table = self._read(offset + 2, 12 * count + 4)
+        directory: Directory = {}
+        for index in range(count):
+            tag, kind, number, inline = self._unpack("HHI4s", table[12 * index : 12 * index + 12])
+            if kind not in _SIZES:
+                continue
+            length = _SIZES[kind] * number
+            if length > _LARGEST_VALUE:
+                continue
+            data = inline[:length] if length <= 4 else self._read(self._unpack("I", inline)[0], length)
+            directory[tag] = self._decoded(kind, data)
+        return directory, self._unpack("I", table[-4:])[0]
+
+    def _decoded(self, kind: int, data: bytes) -> Value:
+        if kind == ASCII:
+            return data.split(b"\0")[0].decode("utf-8", "replace").strip()
+        if kind == UNDEFINED:
+            return data
+        if kind in (RATIONAL, SRATIONAL):
+            parts = self._unpack(f"{len(data) // 4}{'I' if kind == RATIONAL else 'i'}", data)
+            return tuple(
+                Fraction(above, below) if below else None
+                for above, below in zip(parts[::2], parts[1::2], strict=True)
+            )
+        return self._unpack(f"{len(data) // _SIZES[kind]}{_FORMATS[kind]}", data)
+
+    def _unpack(self, form: str, data: bytes) -> tuple:  # type: ignore[type-arg]
+        return struct.unpack(self._order + form, data)
+
+    def _read(self, offset: int, length: int) -> bytes:
+        if offset + length > self.size:
+            raise TiffError("an offset leads past the end")
+        self._file.seek(offset)
+        return self._file.read(length)
+
+
+def numbers(directory: Directory, tag: int) -> tuple[float, ...]:
+    """The values of a tag as floats; empty if it is missing, is no number or has a value x/0."""
+    values = directory.get(tag, ())
+    if isinstance(values, str | bytes) or any(value is None for value in values):
+        return ()
+    return tuple(float(value) for value in values if value is not None)
+
+
+def integers(directory: Directory, tag: int) -> tuple[int, ...]:
+    """The values of a tag that are whole numbers, as ints."""
+    values = directory.get(tag, ())
+    if isinstance(values, str | bytes):
+        return ()
+    return tuple(value for value in values if isinstance(value, int))
+
+
+def text(directory: Directory, tag: int) -> str:
+    """A tag as text; '' if it is missing or no text."""
+    value = directory.get(tag, "")
+    return value if isinstance(value, str) else ""
