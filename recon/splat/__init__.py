@@ -1,0 +1,63 @@
+"""Differentiable rendering of 3D Gaussians, right at high contrast, without a GPU or a compiler.
+
+`rasterize` is the one entry: float32 tensors on the CPU go to Numba kernels, float64 ones to a dense
+reference. 3D Gaussian Splatting: Kerbl et al. 2023, arXiv 2308.04079; EWA splatting: Zwicker et al. 2001.
+"""
+
+import torch
+
+from recon.splat.camera import SplatCamera
+from recon.splat.limits import Limits
+from recon.splat.reference import rasterize_reference
+from recon.splat.render import Render, SplatStats
+
+__all__ = ["Limits", "Render", "SplatCamera", "SplatStats", "rasterize"]
+
+_DEFAULT = Limits()
+
+
+def rasterize(
+    means: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    opacities: torch.Tensor,
+    colours: torch.Tensor,
+    camera: SplatCamera,
+    background: torch.Tensor | None = None,
+    limits: Limits = _DEFAULT,
+    stats: SplatStats | None = None,
+) -> Render:
+    """Render Gaussians; differentiable in every tensor.
+
+    means: [N, 3] world units. quats: [N, 4] wxyz, normalised inside. scales: [N, 3] standard
+    deviations, world units, positive. opacities: [N] in 0..1. colours: [N, 3] linear. background: [3]
+    or None for black. All of one dtype: float32 (fast) or float64 (the dense reference: small scenes).
+    Bad Gaussians (values not finite, scales not positive, zero quaternions, negative opacity) are not
+    drawn, get zero gradients and are counted in `Render.culled`.
+    """
+    _check(means, quats, scales, opacities, colours, background, stats)
+    return rasterize_reference(means, quats, scales, opacities, colours, camera, background, limits, stats)
+
+
+def _check(
+    means: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    opacities: torch.Tensor,
+    colours: torch.Tensor,
+    background: torch.Tensor | None,
+    stats: SplatStats | None,
+) -> None:
+    """Shapes, dtypes and devices; ValueError names the one that does not fit."""
+    n = len(means)
+    shapes = {"means": (n, 3), "quats": (n, 4), "scales": (n, 3), "opacities": (n,), "colours": (n, 3)}
+    tensors = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "colours": colours}
+    if background is not None:
+        shapes["background"], tensors["background"] = (3,), background
+    for name, tensor in tensors.items():
+        if tuple(tensor.shape) != shapes[name]:
+            raise ValueError(f"{name} has shape {tuple(tensor.shape)}, not {shapes[name]}")
+        if tensor.dtype != means.dtype or tensor.dtype not in (torch.float32, torch.float64):
+            raise ValueError(f"{name} is {tensor.dtype}: all tensors must be float32, or all float64")
+    if stats is not None and stats.count != n:
+        raise ValueError(f"stats counts {stats.count} Gaussians, but there are {n}")

@@ -1,0 +1,83 @@
+"""The camera as the rasteriser sees it: a pose and an OPENCV lens."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.calibration import Lens, Pose
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SplatCamera:
+    """A view: world to camera motion, and a pinhole with Brown-Conrady distortion (OpenCV, COLMAP `OPENCV`).
+
+    cam_from_world: float64 [4, 4], x right, y down, z forward. fx, fy, cx, cy in pixels, pixel centres
+    at +0.5. k1, k2 radial, p1, p2 tangential. width, height in pixels.
+    """
+
+    cam_from_world: Floats
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+
+    @classmethod
+    def of(cls, lens: Lens, cam_from_world: Pose) -> "SplatCamera":
+        """The camera of a calibrated lens at a pose."""
+        distortion = {"k1": lens.k1, "k2": lens.k2, "p1": lens.p1, "p2": lens.p2}
+        size = {"width": lens.width, "height": lens.height}
+        return cls(cam_from_world.matrix(), lens.fx, lens.fy, lens.cx, lens.cy, **size, **distortion)
+
+    @cached_property
+    def monotone_radius2(self) -> float:
+        """Square of the undistorted radius x/z where the radial distortion stops growing; inf if nowhere.
+
+        Beyond it the polynomial folds the world back into the image, so Gaussians there are not drawn.
+        Smallest positive root s of d(r + k1 r^3 + k2 r^5)/dr = 1 + 3 k1 s + 5 k2 s^2, s = r^2.
+        """
+        roots = np.roots([5 * self.k2, 3 * self.k1, 1.0])
+        real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
+        return float(real.min()) if len(real) else float("inf")
+
+    def distort(self, points: Floats) -> Floats:
+        """Undistorted tangents (x/z, y/z) [..., 2] to distorted ones [..., 2]."""
+        u, v = points[..., 0], points[..., 1]
+        r2 = u * u + v * v
+        radial = 1 + r2 * (self.k1 + r2 * self.k2)
+        x = u * radial + 2 * self.p1 * u * v + self.p2 * (r2 + 2 * u * u)
+        y = v * radial + self.p1 * (r2 + 2 * v * v) + 2 * self.p2 * u * v
+        return np.stack([x, y], axis=-1)
+
+    def tangent_bounds(self, margin: float) -> tuple[float, float, float, float]:
+        """(u_min, u_max, v_min, v_max) of the undistorted field of view, widened by `margin` half widths."""
+        ends = np.linspace(0.0, 1.0, 33)
+        near, far = np.zeros(33), np.ones(33)
+        border = np.concatenate([(ends, near), (ends, far), (near, ends), (far, ends)], axis=1).T
+        pixels = border * [self.width, self.height]
+        target = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
+        tangents = self._undistort(target)
+        low, high = tangents.min(axis=0), tangents.max(axis=0)
+        half = 0.5 * margin * (high - low)
+        (u_min, v_min), (u_max, v_max) = low - half, high + half
+        return float(u_min), float(u_max), float(v_min), float(v_max)
+
+    def _undistort(self, target: Floats) -> Floats:
+        """Fixed-point inverse of `distort`, kept inside the monotone radius; [n, 2] to [n, 2]."""
+        limit = np.sqrt(self.monotone_radius2)
+        points = target.copy()
+        for _ in range(50):
+            radius = np.linalg.norm(points, axis=-1, keepdims=True)
+            points = points * np.minimum(1.0, limit / np.maximum(radius, 1e-30))
+            points = points + 0.7 * (target - self.distort(points))
+        radius = np.linalg.norm(points, axis=-1, keepdims=True)
+        return np.asarray(points * np.minimum(1.0, limit / np.maximum(radius, 1e-30)))

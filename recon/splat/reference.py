@@ -1,0 +1,206 @@
+"""The oracle: every Gaussian against every pixel, in float64, in plain torch with autograd.
+
+Slow and simple on purpose: no tiles, no culling by extent, no hand-written gradient. What the fast
+rasterisers must agree with, cut-offs included.
+"""
+
+import numpy as np
+import torch
+from torch.utils.checkpoint import checkpoint
+
+from recon.splat.camera import SplatCamera
+from recon.splat.limits import ALPHA_FLOOR, Limits
+from recon.splat.render import Render, SplatStats
+
+_CHUNK = 1 << 20
+"""Pixel-Gaussian pairs held at a time (8 MB a temporary)."""
+
+
+def rasterize_reference(
+    means: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    opacities: torch.Tensor,
+    colours: torch.Tensor,
+    camera: SplatCamera,
+    background: torch.Tensor | None,
+    limits: Limits,
+    stats: SplatStats | None,
+) -> Render:
+    """As `rasterize`, for tensors of any float dtype; computes in float64 and returns the input's dtype."""
+    dtype = means.dtype
+    finite = (
+        torch.isfinite(torch.cat([means, quats, scales, opacities[:, None], colours], dim=1)).all(dim=1)
+        & (scales > 0).all(dim=1)
+        & ((quats != 0).any(dim=1))
+        & (opacities >= 0)
+    )
+    kept = torch.nonzero(finite)[:, 0]
+    means, quats, scales, opacities, colours = (
+        tensor[kept].double() for tensor in (means, quats, scales, opacities, colours)
+    )
+    mean2d, covariance, depth, drawn = _project(means, quats, scales, camera, limits)
+    deviation = covariance.detach()[:, [0, 1], [0, 1]].amax(dim=1).sqrt()
+    degenerate = drawn & ~(deviation <= limits.max_sigma)
+    culled = len(finite) - len(kept) + int(degenerate.sum())
+    floor = alpha_floor(colours, limits)
+    opacities = opacities.clamp(max=limits.alpha_max)
+    drawn = drawn & ~degenerate & (opacities.detach() >= floor)
+
+    # Ties in depth keep the order of the input, and depth is compared in float32, as in the fast paths.
+    index = torch.nonzero(drawn)[:, 0]
+    index = index[torch.sort(depth.detach()[index].float(), stable=True).indices]
+    mean2d, covariance, floor = mean2d[index], covariance[index], floor[index]
+    opacities, colours, ids = opacities[index], colours[index], kept[index]
+    back = torch.zeros(3, dtype=torch.float64) if background is None else background.double()
+    rows = camera.height * camera.width
+    step = max(1, _CHUNK // max(1, len(index)))
+    images, alphas, touched = [], [], torch.zeros(len(index), dtype=torch.bool)
+    weight = torch.zeros(len(index), dtype=torch.float64)
+    for start in range(0, rows, step):
+        number = torch.arange(start, min(start + step, rows))
+        pixels = torch.stack([number % camera.width, number // camera.width], dim=1) + 0.5
+        image, alpha, peak, hit = checkpoint(
+            _composite, mean2d, covariance, opacities, colours, floor, back, pixels, limits.t_min,
+            use_reentrant=False,
+        )  # fmt: skip
+        images.append(image)
+        alphas.append(alpha)
+        weight = torch.maximum(weight, peak)
+        touched |= hit
+    if stats is not None and mean2d.requires_grad:
+        deviation = torch.linalg.eigvalsh(covariance.detach())[:, -1].sqrt()
+        half = mean2d.new_tensor([camera.width / 2, camera.height / 2])
+        mean2d.register_hook(
+            lambda gradient: _count(
+                stats, ids[touched], (gradient * half)[touched], 3 * deviation[touched], weight[touched]
+            )
+        )
+    shape = (camera.height, camera.width)
+    return Render(
+        image=torch.cat(images).reshape(*shape, 3).to(dtype),
+        alpha=torch.cat(alphas).reshape(shape).to(dtype),
+        culled=culled,
+        visible=int(touched.sum()),
+        pairs=rows * len(index),
+    )
+
+
+def alpha_floor(colours: torch.Tensor, limits: Limits) -> torch.Tensor:
+    """[N] the alpha below which each Gaussian is cut off; detached."""
+    floor = torch.full_like(colours[:, 0], limits.alpha_min).detach()
+    if limits.luminance_reference is not None:
+        brightest = colours.detach().amax(dim=1).clamp(min=torch.finfo(torch.float64).tiny)
+        floor = torch.minimum(floor, limits.tau * limits.luminance_reference / brightest)
+    return floor.clamp(min=ALPHA_FLOOR)
+
+
+def _project(
+    means: torch.Tensor, quats: torch.Tensor, scales: torch.Tensor, camera: SplatCamera, limits: Limits
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Pixel means [N, 2], pixel covariances [N, 2, 2] with blur, depths [N], and whether to draw [N]."""
+    motion = torch.from_numpy(np.asarray(camera.cam_from_world, np.float64))
+    rotation = motion[:3, :3]
+    points = means @ rotation.T + motion[:3, 3]
+    depth = points[:, 2]
+    in_front = depth.detach() >= limits.near
+    # Behind the camera the quotients below would overflow; those points get a harmless stand-in.
+    safe = torch.where(in_front[:, None], points, points.new_tensor([0.0, 0.0, 1.0]))
+    u, v = safe[:, 0] / safe[:, 2], safe[:, 1] / safe[:, 2]
+    drawn = in_front & ((u * u + v * v).detach() < camera.monotone_radius2)
+    x, y, *_ = _distort(u, v, camera)
+    mean2d = torch.stack([camera.fx * x + camera.cx, camera.fy * y + camera.cy], dim=1)
+
+    u_min, u_max, v_min, v_max = camera.tangent_bounds(limits.tangent_margin)
+    u, v = u.clamp(u_min, u_max), v.clamp(v_min, v_max)
+    _, _, xu, xv, yu, yv = _distort(u, v, camera)
+    inverse = 1 / safe[:, 2]
+    jacobian = torch.stack(
+        [
+            torch.stack([camera.fx * xu, camera.fx * xv, -camera.fx * (xu * u + xv * v)], dim=1),
+            torch.stack([camera.fy * yu, camera.fy * yv, -camera.fy * (yu * u + yv * v)], dim=1),
+        ],
+        dim=1,
+    )
+    root = jacobian * inverse[:, None, None] @ rotation @ rotation_matrices(quats) * scales[:, None, :]
+    covariance = root @ root.transpose(1, 2) + limits.blur * torch.eye(2, dtype=torch.float64)
+    return mean2d, covariance, depth, drawn
+
+
+def _distort(u: torch.Tensor, v: torch.Tensor, camera: SplatCamera) -> tuple[torch.Tensor, ...]:
+    """Distorted tangents x, y and their derivatives xu, xv, yu, yv."""
+    k1, k2, p1, p2 = camera.k1, camera.k2, camera.p1, camera.p2
+    r2 = u * u + v * v
+    radial = 1 + r2 * (k1 + r2 * k2)
+    slope = 2 * k1 + 4 * r2 * k2  # d radial / du = slope * u
+    x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u)
+    y = v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v
+    xu = radial + slope * u * u + 2 * p1 * v + 6 * p2 * u
+    yv = radial + slope * v * v + 6 * p1 * v + 2 * p2 * u
+    xv = slope * u * v + 2 * p1 * u + 2 * p2 * v
+    return x, y, xu, xv, xv, yv
+
+
+def rotation_matrices(quats: torch.Tensor) -> torch.Tensor:
+    """Rotations [N, 3, 3] of quaternions wxyz [N, 4], normalised first."""
+    largest = quats.detach().abs().amax(dim=1, keepdim=True)
+    scaled = quats / largest
+    w, x, y, z = (scaled / scaled.norm(dim=1, keepdim=True)).unbind(dim=1)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
+
+
+def _composite(
+    mean2d: torch.Tensor,
+    covariance: torch.Tensor,
+    opacities: torch.Tensor,
+    colours: torch.Tensor,
+    floor: torch.Tensor,
+    background: torch.Tensor,
+    pixels: torch.Tensor,
+    t_min: float,
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Blend sorted Gaussians over `pixels` [P, 2]: colours [P, 3], alphas [P], peak weights [N], hits [N]."""
+    if len(mean2d) == 0:
+        image = background.expand(len(pixels), 3)
+        none = torch.zeros(0, dtype=torch.float64)
+        return image, torch.zeros(len(pixels), dtype=torch.float64), none, none.bool()
+    a, b, c = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    determinant = a * c - b * b
+    dx = pixels[:, :1] - mean2d[:, 0]
+    dy = pixels[:, 1:] - mean2d[:, 1]
+    q = (c * dx * dx - 2 * b * dx * dy + a * dy * dy) / determinant  # [P, N]
+    reach = 2 * torch.log(opacities.detach() / floor)
+    hit = q.detach() <= reach
+    alpha = torch.where(hit, opacities * torch.exp(-0.5 * q.clamp(max=200.0)), 0.0)
+    # The product before each layer never grows, so layers beyond the cut-off are exactly those below it.
+    with torch.no_grad():
+        before = _exclusive_product(1 - alpha)
+        alive = before >= t_min
+    alpha = torch.where(alive, alpha, 0.0)
+    before = _exclusive_product(1 - alpha)
+    weight = alpha * before
+    left = before[:, -1] * (1 - alpha[:, -1])
+    image = weight @ colours + left[:, None] * background
+    return image, 1 - left, weight.detach().amax(dim=0), (hit & alive).any(dim=0)
+
+
+def _exclusive_product(factors: torch.Tensor) -> torch.Tensor:
+    """[P, N] product of all factors before each."""
+    ones = torch.ones_like(factors[:, :1])
+    return torch.cumprod(torch.cat([ones, factors[:, :-1]], dim=1), dim=1)
+
+
+def _count(
+    stats: SplatStats, ids: torch.Tensor, gradient: torch.Tensor, radius: torch.Tensor, weight: torch.Tensor
+) -> None:
+    """Add one render to the statistics of the Gaussians `ids`."""
+    index = ids.numpy()
+    stats.seen[index] += 1
+    stats.gradient[index] += gradient.norm(dim=1).numpy()
+    stats.radius[index] = np.maximum(stats.radius[index], radius.numpy())
+    stats.weight[index] = np.maximum(stats.weight[index], weight.numpy())

@@ -1,0 +1,52 @@
+"""What `rasterize` returns, and what it counts for density control."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+
+@dataclass(frozen=True)
+class Render:
+    """One rendered view."""
+
+    image: torch.Tensor
+    """[H, W, 3], linear light in the units of the colours, differentiable."""
+    alpha: torch.Tensor
+    """[H, W], 1 - transmittance, differentiable."""
+    culled: int
+    """Gaussians left out because a value was not finite, or the shape degenerate."""
+    visible: int
+    """Gaussians that touch a pixel."""
+    pairs: int
+    """Evaluated pixel-Gaussian pairs (the unit of cost)."""
+
+
+@dataclass
+class SplatStats:
+    """Per-Gaussian counts for density control, added to by every backward pass.
+
+    Make one with `SplatStats(n)` for n Gaussians and pass it to every `rasterize` of an interval.
+    """
+
+    count: int
+    seen: npt.NDArray[np.int32] = field(init=False)
+    """[n] renders in which it touched a pixel."""
+    gradient: npt.NDArray[np.float32] = field(init=False)
+    """[n] sum over those renders of the norm of d loss / d mean2d in the units of 3DGS, where the image
+    is 2 wide and 2 high: per pixel, times (width / 2, height / 2)."""
+    radius: npt.NDArray[np.float32] = field(init=False)
+    """[n] largest three-sigma radius over renders, px (blur included)."""
+    weight: npt.NDArray[np.float32] = field(init=False)
+    """[n] largest blending weight alpha * transmittance over the pixels of those renders."""
+
+    def __post_init__(self) -> None:
+        self.seen = np.zeros(self.count, np.int32)
+        self.gradient = np.zeros(self.count, np.float32)
+        self.radius = np.zeros(self.count, np.float32)
+        self.weight = np.zeros(self.count, np.float32)
+
+    def mean_gradient(self) -> npt.NDArray[np.float32]:
+        """[n] `gradient` per render in which it was seen; 0 where it never was."""
+        return np.asarray(self.gradient / np.maximum(self.seen, 1), np.float32)
