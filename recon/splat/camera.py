@@ -34,9 +34,19 @@ class SplatCamera:
     @classmethod
     def of(cls, lens: Lens, cam_from_world: Pose) -> "SplatCamera":
         """The camera of a calibrated lens at a pose."""
-        distortion = {"k1": lens.k1, "k2": lens.k2, "p1": lens.p1, "p2": lens.p2}
-        size = {"width": lens.width, "height": lens.height}
-        return cls(cam_from_world.matrix(), lens.fx, lens.fy, lens.cx, lens.cy, **size, **distortion)
+        return cls(
+            cam_from_world.matrix(),
+            fx=lens.fx,
+            fy=lens.fy,
+            cx=lens.cx,
+            cy=lens.cy,
+            width=lens.width,
+            height=lens.height,
+            k1=lens.k1,
+            k2=lens.k2,
+            p1=lens.p1,
+            p2=lens.p2,
+        )
 
     @cached_property
     def monotone_radius2(self) -> float:

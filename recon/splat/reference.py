@@ -71,7 +71,7 @@ def rasterize_reference(
     if stats is not None and mean2d.requires_grad:
         deviation = torch.linalg.eigvalsh(covariance.detach())[:, -1].sqrt()
         half = mean2d.new_tensor([camera.width / 2, camera.height / 2])
-        mean2d.register_hook(
+        mean2d.register_hook(  # type: ignore[no-untyped-call]
             lambda gradient: _count(
                 stats, ids[touched], (gradient * half)[touched], 3 * deviation[touched], weight[touched]
             )
