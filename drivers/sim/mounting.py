@@ -1,0 +1,153 @@
+"""How a simulated rig is built and moved: four cameras on one plate, the plate on an arc.
+
+The plate's cameras stand half an arc step apart, so that all views together form two even rows.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.sim.optics import Optics
+from drivers.sim.seeds import generator
+from drivers.sim.tabletop import TARGET
+from imaging.calibration import Lens
+from imaging.cfa import Cfa
+from imaging.colour import REC709_FROM_XYZ
+from imaging.mosaic import Matrix
+
+Array = npt.NDArray[np.float64]
+
+ARC_STEP = 11.0
+"""Degrees between neighbouring frames."""
+_RADIUS, _HEIGHT, _MIDDLE = 2.30, 1.35, 225.0  # m, m, degrees: the arc faces the corner of the room
+_BASELINE = (0.22, 0.24)  # m between the cameras of the plate, across and up
+
+
+@dataclass(frozen=True)
+class Mount:
+    """One camera as it was built and mounted; all that a seed decides about it but its noise."""
+
+    name: str
+    serial: str
+    optics: Optics
+    cam_from_rig: Array
+    cfa: Cfa
+    camera_from_xyz: Matrix
+    unit_gain: float
+    unit_noise: float
+    black: tuple[int, int, int, int]
+
+
+def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, roll: float = 0.0) -> Array:
+    """cam_from_world [4, 4] of a camera at `eye` facing `target`, z up, turned by `roll` radians."""
+    place = np.asarray(eye, np.float64)
+    forward = np.asarray(target, np.float64) - place
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right = right / np.linalg.norm(right)
+    down = np.cross(forward, right)
+    cos, sin = math.cos(roll), math.sin(roll)
+    pose = np.eye(4)
+    pose[:3, :3] = (cos * right + sin * down, cos * down - sin * right, forward)
+    pose[:3, 3] = -pose[:3, :3] @ place
+    return pose
+
+
+def _plate_from_world(seed: int, frames: int, frame: int) -> Array:
+    """Where the plate is; the arm misses its place by some millimetres and a fraction of a degree."""
+    noise = generator(seed, "arm", frame)
+    angle = math.radians(_MIDDLE + ARC_STEP * (frame - (frames - 1) / 2) + noise.uniform(-0.5, 0.5))
+    eye = np.array((_RADIUS * math.cos(angle), _RADIUS * math.sin(angle), _HEIGHT))
+    eye += noise.uniform(-0.01, 0.01, 3)
+    return look_at(eye, TARGET + noise.uniform(-0.02, 0.02, 3), noise.uniform(-0.01, 0.01))
+
+
+def _cam_from_plate(seed: int, index: int) -> Array:
+    noise = generator(seed, "mount", index)
+    across, up = (-1.0, 1.0)[index % 2], (1.0, -1.0)[index // 2 % 2]
+    # Plate axes are those of a camera: x right, y down, z towards the scene.
+    place = np.array((across * _BASELINE[0] / 2, up * _BASELINE[1] / 2, 0.0)) + noise.uniform(
+        -0.005, 0.005, 3
+    )
+    target = np.array((0.08 * across, 0.03 * up, math.hypot(_RADIUS, _HEIGHT - TARGET[2])))
+    target += noise.uniform(-0.02, 0.02, 3)
+    # look_at wants z up, the plate has y down.
+    plate_from_upright = np.array(((1.0, 0, 0, 0), (0, 0, -1.0, 0), (0, 1.0, 0, 0), (0, 0, 0, 1.0)))
+    upright_from_plate = plate_from_upright.T
+    upright = look_at(
+        upright_from_plate[:3, :3] @ place, upright_from_plate[:3, :3] @ target, noise.uniform(-0.02, 0.02)
+    )
+    return np.asarray(upright @ upright_from_plate)
+
+
+def rig_from_world(seed: int, frames: int, frame: int) -> Array:
+    """Pose of the rig, whose axes are those of its first camera, float64 [4, 4]."""
+    return np.asarray(_cam_from_plate(seed, 0) @ _plate_from_world(seed, frames, frame))
+
+
+def mounts(
+    seed: int, cameras: int, width: int, height: int, kind: Literal["raw", "ldr"]
+) -> tuple[Mount, ...]:
+    """The cameras of a rig."""
+    rig_from_plate = _cam_from_plate(seed, 0)
+    plate_from_rig: Array = np.asarray(np.linalg.inv(rig_from_plate), np.float64)
+    return tuple(_mount(seed, index, width, height, kind, plate_from_rig) for index in range(cameras))
+
+
+def _mount(
+    seed: int, index: int, width: int, height: int, kind: Literal["raw", "ldr"], plate_from_rig: Array
+) -> Mount:
+    serial = f"SIM-{kind.upper()}-{index + 1:03d}"
+    noise = generator(seed, serial, "build")
+    focal = width * noise.uniform(0.97, 1.03)
+    lens = Lens(
+        model="OPENCV",
+        width=width,
+        height=height,
+        fx=focal,
+        fy=focal,
+        cx=width * (0.5 + noise.uniform(-0.01, 0.01)),
+        cy=height * 0.5 + width * noise.uniform(-0.01, 0.01),
+        k1=noise.uniform(-0.08, -0.05),
+        k2=noise.uniform(-0.003, 0.003),
+        p1=noise.uniform(-1e-4, 1e-4),
+        p2=noise.uniform(-1e-4, 1e-4),
+    )
+    colour = _colour(noise)
+    matrix = colour @ REC709_FROM_XYZ
+    rows = [(float(row[0]), float(row[1]), float(row[2])) for row in matrix]
+    cfa = list(Cfa)[int(noise.integers(4))] if index else Cfa.RGGB
+    optics = Optics(
+        lens=lens,
+        vignetting=(
+            -0.32 + noise.uniform(-0.03, 0.03),
+            0.09 + noise.uniform(-0.02, 0.02),
+            -0.02 + noise.uniform(-0.01, 0.01),
+        ),
+        camera_from_rec709=colour,
+        gain=1.0 + noise.uniform(-0.02, 0.02),
+    )
+    black = [int(value) for value in noise.integers(-2, 3, 4)]
+    return Mount(
+        name=f"cam{index}",
+        serial=serial,
+        optics=optics,
+        cam_from_rig=np.eye(4) if index == 0 else _cam_from_plate(seed, index) @ plate_from_rig,
+        cfa=cfa,
+        camera_from_xyz=(rows[0], rows[1], rows[2]),
+        unit_gain=noise.uniform(0.985, 1.015),
+        unit_noise=noise.uniform(0.93, 1.07),
+        black=(black[0], black[1], black[2], black[3]),
+    )
+
+
+def _colour(noise: np.random.Generator) -> Array:
+    """A camera's spectral sensitivities as a matrix on Rec.709, all entries positive."""
+    rows = np.array(((0.72, 0.24, 0.04), (0.16, 0.72, 0.12), (0.03, 0.21, 0.76)))
+    rows *= np.exp(noise.uniform(-0.12, 0.12, (3, 3)))
+    rows /= rows.sum(axis=1, keepdims=True)
+    sensitivity = np.array((noise.uniform(0.50, 0.62), 1.0, noise.uniform(0.62, 0.76)))
+    return np.asarray(rows * sensitivity[:, None])

@@ -1,0 +1,46 @@
+"""What lens and filters make of the radiance before it reaches the photosites."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.calibration import Lens
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Optics:
+    """Lens, vignetting, colour and sensitivity of one camera.
+
+    vignetting: (a, b, c) of `V(r) = 1 + a r^2 + b r^4 + c r^6`, r = 1 at the corner from the centre;
+    camera_from_rec709: float64 [3, 3], green row summing to 1; gain: relative sensitivity;
+    sensor_width_mm: for the focal length that the files name.
+    """
+
+    lens: Lens
+    vignetting: tuple[float, float, float]
+    camera_from_rec709: Array
+    gain: float = 1.0
+    sensor_width_mm: float = 6.287
+
+    @property
+    def neutral(self) -> Array:
+        """Camera RGB of white light, the largest 1."""
+        white = self.camera_from_rec709.sum(axis=1)
+        return np.asarray(white / white.max())
+
+    def falloff(self) -> Array:
+        """The vignetting factor of every pixel, at its centre, float64 [H, W]."""
+        lens = self.lens
+        x = (np.arange(lens.width) + 0.5) - lens.width / 2
+        y = (np.arange(lens.height) + 0.5) - lens.height / 2
+        r2 = (x[None, :] ** 2 + y[:, None] ** 2) / ((lens.width / 2) ** 2 + (lens.height / 2) ** 2)
+        a, b, c = self.vignetting
+        return np.asarray(1.0 + r2 * (a + r2 * (b + r2 * c)))
+
+    def exposure(self, radiance: npt.NDArray[np.floating]) -> Array:
+        """Signal per unit of exposure scale in camera RGB, float64 [H, W, 3], of radiance [H, W, 3]."""
+        colour = np.asarray(radiance, np.float64) @ self.camera_from_rec709.T
+        return np.asarray(colour * (self.gain * self.falloff())[..., None])

@@ -1,0 +1,212 @@
+"""The simulated rigs by name, each a list of cameras on one arm before the demo scene."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.camera import Camera
+from drivers.sim.camera import MAKE, Body, SimulatedCamera
+from drivers.sim.mounting import Mount, mounts, rig_from_world
+from drivers.sim.scene import Scene
+from drivers.sim.sensor import SensorModel
+from drivers.sim.tabletop import demo_scene
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.records import CameraRecord
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+RAW_BRACKET = tuple(Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 1000, 1 / 60, 1 / 4))
+LDR_BRACKET = tuple(
+    Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 1000, 1 / 250, 1 / 60, 1 / 15, 1 / 4)
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What can be overridden of a rig.
+
+    positions: frames on the arc; bit_depth: of the RAW files; samples: rays along a pixel's side;
+    light: factor on all light of the scene, 0 for dark frames; effects: jitter, flicker and row noise.
+    """
+
+    kind: Literal["raw", "ldr"]
+    cameras: int
+    positions: int
+    width: int
+    height: int
+    bit_depth: int = 12
+    samples: int = 4
+    light: float = 1.0
+    effects: bool = False
+
+
+_RIGS = {
+    "demo": Settings("raw", cameras=4, positions=6, width=320, height=240),
+    "demo-ldr": Settings("ldr", cameras=4, positions=6, width=320, height=240),
+    "toy": Settings("raw", cameras=2, positions=3, width=64, height=48),
+    "toy-ldr": Settings("ldr", cameras=2, positions=3, width=64, height=48),
+}
+
+
+def names() -> tuple[str, ...]:
+    """The rigs that `simulate` knows."""
+    return tuple(_RIGS)
+
+
+def simulate(
+    name: str, seed: int = 0, *, clock: Callable[[], float] | None = None, **overrides: Any
+) -> "SimulatedRig":
+    """A simulated rig. InputError for a name that is none, listing those that are.
+
+    seed: of lenses, colours, sensors, noise and the arm's small errors; the scene is always the same.
+    overrides: any field of `Settings` but `kind`.
+    """
+    if name not in _RIGS:
+        raise InputError(f"there is no simulated rig {name!r}: choose one of {', '.join(_RIGS)}.")
+    settings = _RIGS[name]
+    known = {field.name for field in fields(Settings)} - {"kind"}
+    if unknown := sorted(set(overrides) - known):
+        raise InputError(
+            f"the simulated rig {name} has no setting {unknown[0]!r}: "
+            f"choose among {', '.join(sorted(known))}."
+        )
+    return SimulatedRig(name, seed, replace(settings, **overrides), clock)
+
+
+class SimulatedRig:
+    """Cameras rigidly mounted on one arm, moved together from frame to frame."""
+
+    def __init__(
+        self, name: str, seed: int, settings: Settings, clock: Callable[[], float] | None = None
+    ) -> None:
+        self.name, self.seed, self.settings = name, seed, settings
+        self.frames = settings.positions
+        self.bracket = RAW_BRACKET if settings.kind == "raw" else LDR_BRACKET
+        self.scene: Scene = demo_scene() if settings.light == 1.0 else demo_scene().brightened(settings.light)
+        self.mounts: tuple[Mount, ...] = mounts(
+            seed, settings.cameras, settings.width, settings.height, settings.kind
+        )
+        self._rendered: dict[tuple[int, int], npt.NDArray[np.float32]] = {}
+        # Cameras may be emptied in threads of their own; the ray-caster uses all cores by itself.
+        self._lock = threading.Lock()
+        self._devices = [
+            SimulatedCamera(self._body(mount), self._view(index), clock)
+            for index, mount in enumerate(self.mounts)
+        ]
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """The cameras, in the order of `records`."""
+        return list(self._devices)
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """What each camera is, in the order of `records`."""
+        return tuple(device.body for device in self._devices)
+
+    def records(self) -> tuple[CameraRecord, ...]:
+        """The cameras as a session names them."""
+        return tuple(
+            CameraRecord(
+                name=mount.name,
+                serial=device.body.serial,
+                make=MAKE,
+                model=device.identify().model,
+                kind=device.body.kind,
+                rig="arm",
+            )
+            for mount, device in zip(self.mounts, self._devices, strict=True)
+        )
+
+    def move_to(self, frame: int, step: int = 0) -> None:
+        """Move the whole rig to a frame; InputError if it is not on the arc.
+
+        step: distinguishes exposures of equal settings, as the shots of a dark series are.
+        """
+        if not 0 <= frame < self.frames:
+            raise InputError(
+                f"the simulated rig {self.name} has no frame {frame}: choose 0 to {self.frames - 1}."
+            )
+        for device in self._devices:
+            device.place(frame, step)
+
+    def cam_from_world(self, camera: int, frame: int) -> Array:
+        """True pose of a camera at a frame, float64 [4, 4]."""
+        return np.asarray(self.mounts[camera].cam_from_rig @ rig_from_world(self.seed, self.frames, frame))
+
+    def radiance(self, camera: int, frame: int) -> npt.NDArray[np.float32]:
+        """True radiance averaged over each pixel, float32 [H, W, 3]; rendered once and kept."""
+        with self._lock:
+            key = (camera, frame)
+            if key not in self._rendered:
+                self._rendered[key] = self.scene.render(
+                    self.mounts[camera].optics.lens, self.cam_from_world(camera, frame), self.settings.samples
+                )
+            return self._rendered[key]
+
+    def write_truth(self, session: Path, progress: Progress = lambda message, done, total: None) -> None:
+        """Write `truth/` of a session: see drivers.sim.truth."""
+        from drivers.sim.truth import write_truth
+
+        write_truth(self, session, progress)
+
+    def _view(self, index: int) -> Callable[[int], npt.NDArray[np.float32]]:
+        return lambda frame: self.radiance(index, frame)
+
+    def _body(self, mount: Mount) -> Body:
+        settings = self.settings
+        nominal = _nominal(settings)
+        return Body(
+            seed=self.seed,
+            serial=mount.serial,
+            kind=settings.kind,
+            optics=mount.optics,
+            sensor=_unit(nominal, mount, settings.effects),
+            nominal=nominal,
+            cfa=mount.cfa,
+            camera_from_xyz=mount.camera_from_xyz,
+            effects=settings.effects,
+        )
+
+
+def _nominal(settings: Settings) -> SensorModel:
+    """A small industrial sensor: 10,300 electrons, just above white at ISO 100; 3 of read noise."""
+    bits = settings.bit_depth if settings.kind == "raw" else 14
+    black = 2.0 ** (bits - 4)
+    span = 2.0**bits - 1.0 - black
+    return SensorModel(
+        gain=span / 9600.0,
+        read_noise=3.0,
+        full_well=10_300.0,
+        black=(black, black, black, black),
+        bit_depth=bits,
+        prnu=0.005,
+        dsnu=0.4,
+        dark_current=0.5,
+        hot_share=5e-5,
+    )
+
+
+def _unit(nominal: SensorModel, mount: Mount, effects: bool) -> SensorModel:
+    """One sensor of that make: gain, read noise and black differ a little from the data sheet."""
+    black = nominal.black[0]
+    return replace(
+        nominal,
+        gain=nominal.gain * mount.unit_gain,
+        read_noise=nominal.read_noise * mount.unit_noise,
+        full_well=nominal.full_well / mount.unit_gain,
+        black=(
+            black + mount.black[0],
+            black + mount.black[1],
+            black + mount.black[2],
+            black + mount.black[3],
+        ),
+        row_noise=0.5 if effects else 0.0,
+    )

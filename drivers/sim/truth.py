@@ -1,0 +1,129 @@
+"""`truth/` of a simulated session: what only an evaluation may read.
+
+truth.json names lenses, poses, colours, vignetting, noise, the response and the exposures really applied;
+<frame>/<camera>.exr is the true radiance, linear Rec.709 float32, on the camera's own distorted pixel
+grid, averaged over each pixel, without vignetting and noise.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.sim import response, shutter
+from drivers.sim.camera import Body, applied_exposure
+from imaging import store
+from imaging.calibration import Pose
+from imaging.exposure import Exposure
+from imaging.exr import write_exr
+from imaging.session import Session
+
+if TYPE_CHECKING:
+    from drivers.sim.rigs import Progress, SimulatedRig
+
+
+def pose_of(motion: npt.NDArray[np.float64]) -> Pose:
+    """A rigid motion [4, 4] as a Pose, w >= 0."""
+    m = motion[:3, :3]
+    # Shepperd's method: divide by the largest component, which is at least 1/2.
+    trace = float(np.trace(m))
+    squares = np.array((trace, m[0, 0], m[1, 1], m[2, 2])) * 2.0 - trace + 1.0
+    squares[0] = 1.0 + trace
+    largest = int(np.argmax(squares))
+    w, x, y, z = {
+        0: (squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]),
+        1: (m[2, 1] - m[1, 2], squares[1], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]),
+        2: (m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], squares[2], m[1, 2] + m[2, 1]),
+        3: (m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[3]),
+    }[largest]
+    quaternion = np.array((w, x, y, z), np.float64)
+    quaternion /= np.linalg.norm(quaternion) * (1.0 if quaternion[0] >= 0 else -1.0)
+    q, t = quaternion.tolist(), motion[:3, 3].tolist()
+    return Pose(quaternion=(q[0], q[1], q[2], q[3]), translation=(t[0], t[1], t[2]))
+
+
+def write_truth(rig: "SimulatedRig", session: Path, progress: "Progress") -> None:
+    """Write `truth/` for the frames that the session has shots of, or for all if it has none yet."""
+    shots = Session.open(session).shots() if (session / "session.json").exists() else []
+    frames = sorted({shot.frame for shot in shots}) or list(range(rig.frames))
+    names = [mount.name for mount in rig.mounts]
+    folder, total = session / "truth", len(frames) * len(names)
+    done = 0
+    for frame in frames:
+        for index, name in enumerate(names):
+            progress("writing the true radiance", done, total)
+            write_exr(folder / f"{frame:04d}" / f"{name}.exr", rig.radiance(index, frame))
+            done += 1
+    bodies = dict(zip(names, rig.bodies, strict=True))
+    applied = [
+        {"file": shot.file, "camera": shot.camera, "frame": shot.frame, "step": shot.step}
+        | _applied(bodies[shot.camera], shot.frame, shot.exposure)
+        for shot in shots
+        if shot.camera in bodies and shot.exposure is not None
+    ]
+    if not shots:
+        applied = [
+            {"camera": name, "frame": frame, "step": step} | _applied(body, frame, exposure)
+            for frame in frames
+            for name, body in bodies.items()
+            for step, exposure in enumerate(rig.bracket)
+        ]
+    store.write_json(
+        folder / "truth.json",
+        {
+            "schema_version": 1,
+            "rig": rig.name,
+            "seed": rig.seed,
+            "effects": rig.settings.effects,
+            "cameras": {name: _camera(rig, index) for index, name in enumerate(names)},
+            "frames": [
+                {
+                    "frame": frame,
+                    "cam_from_world": {
+                        name: pose_of(rig.cam_from_world(index, frame)).model_dump(mode="json")
+                        for index, name in enumerate(names)
+                    },
+                }
+                for frame in frames
+            ],
+            "response": _response() if rig.settings.kind == "ldr" else None,
+            "exposures": applied,
+        },
+    )
+    progress("writing the true radiance", total, total)
+
+
+def _camera(rig: "SimulatedRig", index: int) -> dict[str, Any]:
+    mount, body = rig.mounts[index], rig.bodies[index]
+    optics, sensor = body.optics, body.sensor
+    return {
+        "serial": body.serial,
+        "lens": optics.lens.model_dump(mode="json"),
+        "cam_from_rig": pose_of(mount.cam_from_rig).model_dump(mode="json"),
+        "camera_from_rec709": optics.camera_from_rec709.tolist(),
+        "vignetting": list(optics.vignetting),
+        "gain": optics.gain,
+        "noise": {"gain": sensor.gain, "read_noise": sensor.read_noise, "prnu": sensor.prnu},
+        "black": list(sensor.black),
+        "white": sensor.white,
+        "full_well": sensor.full_well,
+        "cfa": str(body.cfa),
+    }
+
+
+def _applied(body: Body, frame: int, label: Exposure) -> dict[str, Any]:
+    label = shutter.snap(label)
+    exact, flicker = applied_exposure(body, frame, label)
+    return {
+        "reported": label.model_dump(mode="json"),
+        "applied": exact.model_dump(mode="json"),
+        "light": flicker,
+    }
+
+
+def _response() -> dict[str, Any]:
+    """The tone curve, the same for all channels and cameras: ln(E k) at codes 1/255..254/255."""
+    codes = np.arange(1, 255) / 255.0
+    curve = np.log(response.exposure_of(codes)).tolist()
+    return {"codes": codes.tolist(), "log_exposure": [curve, curve, curve]}
