@@ -4,6 +4,7 @@ Written here and not by a library: the tested ones write no EXIF directory, or s
 once, or lossless JPEG that LibRaw decodes to wrong pixels. DNG 1.4, little-endian, one image.
 """
 
+import hashlib
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ import imagecodecs
 import numpy as np
 import numpy.typing as npt
 
+from imaging import dngtags as tag
 from imaging import store
 from imaging.exif import CAMERA_SERIAL, camera_entries, exif_entries
 from imaging.mosaic import RawMosaic
@@ -35,6 +37,9 @@ Compression = Literal["none", "ljpeg"]
 _TILE = 256
 """Largest side of a lossless JPEG tile, px."""
 
+_SMALLEST_TILE = 16
+"""TIFF wants multiples of it."""
+
 
 def write_dng(path: Path, raw: RawMosaic, *, compression: Compression = "none") -> None:
     """Write a mosaic, whole or not at all; StorageError when the disk refuses, ValueError as `encode_dng`."""
@@ -42,35 +47,31 @@ def write_dng(path: Path, raw: RawMosaic, *, compression: Compression = "none") 
 
 
 def encode_dng(raw: RawMosaic, compression: Compression = "none") -> bytes:
-    """The bytes of a DNG file. The same mosaic gives the same bytes.
+    """The bytes of a DNG file; the same mosaic gives the same bytes.
 
-    ValueError if the mosaic cannot be written: empty, not uint16 [H, W], white not in 1..65535 or
-    a black level that is negative or not below white.
+    'ljpeg' halves the size and takes longer; an image with a side below 16 px stays uncompressed.
+    ValueError if the mosaic cannot be written: empty, not uint16 [H, W], white not in 1..65535, a
+    black level negative or not below white, a number that is no number.
     """
     _check(raw)
-    if min(raw.pixels.shape) < 16:
-        compression = "none"  # LibRaw and dcraw decode a tile wider than the image to wrong pixels
-    segments = list(_tiles(raw.pixels)) if compression == "ljpeg" else [raw.pixels.astype("<u2").tobytes()]
-    main = {**camera_entries(raw.metadata), **_colour(raw), **_layout(raw, compression)}
-    main[EXIF_IFD] = Entry(LONG, [0])
-    place, size = (324, 325) if compression == "ljpeg" else (273, 279)
+    tiled = compression == "ljpeg" and min(raw.pixels.shape) >= _SMALLEST_TILE
+    segments = list(_tiles(raw.pixels)) if tiled else [raw.pixels.astype("<u2").tobytes()]
     lengths = [len(segment) for segment in segments]
-    main[place], main[size] = Entry(LONG, [0] * len(segments)), Entry(LONG, lengths)
-
+    places, sizes = (tag.TILE_OFFSETS, tag.TILE_SIZES) if tiled else (tag.STRIP_OFFSETS, tag.STRIP_SIZES)
+    # the lengths of all directories are known before the offsets in them are
+    main = {**camera_entries(raw.metadata), **_layout(raw, tiled), **_geometry(raw), **_colour(raw)}
+    main |= {EXIF_IFD: Entry(LONG, [0]), places: Entry(LONG, lengths), sizes: Entry(LONG, lengths)}
     exif_at = 8 + len(encode_directory(main, 8))
     exif = encode_directory(exif_entries(raw.metadata), exif_at)
-    offset = exif_at + len(exif)
-    starts = []
-    for length in lengths:
-        starts.append(offset)
-        offset += length + length % 2
-    main[EXIF_IFD], main[place] = Entry(LONG, [exif_at]), Entry(LONG, starts)
     padded = [segment + b"\0" * (len(segment) % 2) for segment in segments]
+    first = exif_at + len(exif)
+    starts = [first + end for end in np.cumsum([0, *map(len, padded[:-1])]).tolist()]
+    main |= {EXIF_IFD: Entry(LONG, [exif_at]), places: Entry(LONG, starts)}
     return b"".join([b"II*\0", struct.pack("<I", 8), encode_directory(main, 8), exif, *padded])
 
 
 def _check(raw: RawMosaic) -> None:
-    if raw.pixels.dtype != np.uint16 or raw.pixels.ndim != 2 or 0 in raw.pixels.shape:
+    if raw.pixels.dtype != np.uint16 or raw.pixels.ndim != 2 or raw.pixels.size == 0:
         raise ValueError(f"a mosaic is uint16 [H, W], not {raw.pixels.dtype} {raw.pixels.shape}")
     if not 1 <= raw.white <= 65535:
         raise ValueError(f"white level {raw.white} is not in 1..65535")
@@ -79,60 +80,89 @@ def _check(raw: RawMosaic) -> None:
 
 
 def _tile_side(length: int) -> int:
-    """A multiple of 16, as TIFF wants it, not above `length`, with little to spare at the edge."""
-    even = -(-length // -(-length // _TILE) // 16) * 16
-    return even if even <= length else length // 16 * 16
+    """A multiple of 16 that is not above `length`, with little to spare at the edge.
+
+    LibRaw and dcraw decode a tile that is wider than the image to wrong pixels.
+    """
+    side = -(-length // -(-length // _TILE) // _SMALLEST_TILE) * _SMALLEST_TILE
+    return side if side <= length else length // _SMALLEST_TILE * _SMALLEST_TILE
 
 
 def _tiles(pixels: npt.NDArray[np.uint16]) -> Iterator[bytes]:
-    """Lossless JPEG of each tile, row by row; edge tiles repeat the last pixels."""
+    """Lossless JPEG of each tile, row by row; edge tiles repeat the last pixels.
+
+    Two rows of a tile are coded as one, so that the predictor finds its own colour in the row
+    above; the DNG specification (Compression) leaves the inner shape free.
+    """
     height, width = (_tile_side(length) for length in pixels.shape)
     padded = np.pad(pixels, ((0, -pixels.shape[0] % height), (0, -pixels.shape[1] % width)), mode="edge")
     for top in range(0, padded.shape[0], height):
         for left in range(0, padded.shape[1], width):
-            tile = np.ascontiguousarray(padded[top : top + height, left : left + width])
-            yield bytes(imagecodecs.ljpeg_encode(tile, bitspersample=16))
+            tile = padded[top : top + height, left : left + width].reshape(height // 2, 2 * width)
+            yield bytes(imagecodecs.ljpeg_encode(np.ascontiguousarray(tile), bitspersample=16))
 
 
-def _layout(raw: RawMosaic, compression: Compression) -> dict[int, Entry]:
+def _layout(raw: RawMosaic, tiled: bool) -> dict[int, Entry]:
+    """How the pixels lie in the file: strips or tiles, never the tags of both."""
     height, width = raw.pixels.shape
     entries = {
-        254: Entry(LONG, [0]),  # NewSubfileType: the main image
-        256: Entry(LONG, [width]),
-        257: Entry(LONG, [height]),
-        258: Entry(SHORT, [16]),  # BitsPerSample
-        259: Entry(SHORT, [7 if compression == "ljpeg" else 1]),
-        262: Entry(SHORT, [32803]),  # PhotometricInterpretation: CFA
-        277: Entry(SHORT, [1]),  # SamplesPerPixel
-        284: Entry(SHORT, [1]),  # PlanarConfiguration
-        33421: Entry(SHORT, [2, 2]),  # CFARepeatPatternDim
-        33422: Entry(BYTE, raw.cfa.pattern.reshape(-1).tolist()),
-        50710: Entry(BYTE, [0, 1, 2]),  # CFAPlaneColor
-        50711: Entry(SHORT, [1]),  # CFALayout: square
+        tag.SUBFILE_TYPE: Entry(LONG, [0]),  # the full image
+        tag.WIDTH: Entry(LONG, [width]),
+        tag.HEIGHT: Entry(LONG, [height]),
+        tag.BITS: Entry(SHORT, [16]),
+        tag.COMPRESSION: Entry(SHORT, [7 if tiled else 1]),
+        tag.PHOTOMETRIC: Entry(SHORT, [tag.CFA_PHOTOMETRIC]),
+        tag.SAMPLES: Entry(SHORT, [1]),
+        tag.PLANAR: Entry(SHORT, [1]),
     }
-    if compression == "ljpeg":
-        return {**entries, 322: Entry(LONG, [_tile_side(width)]), 323: Entry(LONG, [_tile_side(height)])}
-    return {**entries, 278: Entry(LONG, [height])}  # RowsPerStrip
+    if tiled:
+        entries[tag.TILE_WIDTH] = Entry(LONG, [_tile_side(width)])
+        entries[tag.TILE_HEIGHT] = Entry(LONG, [_tile_side(height)])
+    else:
+        entries[tag.ROWS_PER_STRIP] = Entry(LONG, [height])
+    return entries
+
+
+def _geometry(raw: RawMosaic) -> dict[int, Entry]:
+    """Which photosites there are, and that all of them count."""
+    height, width = raw.pixels.shape
+    return {
+        tag.CFA_REPEAT: Entry(SHORT, [2, 2]),
+        tag.CFA_PATTERN: Entry(BYTE, raw.cfa.pattern.reshape(-1).tolist()),
+        tag.CFA_PLANES: Entry(BYTE, [0, 1, 2]),
+        tag.CFA_LAYOUT: Entry(SHORT, [1]),  # square
+        tag.DEFAULT_SCALE: Entry(RATIONAL, [1, 1]),
+        tag.CROP_ORIGIN: Entry(LONG, [0, 0]),
+        tag.CROP_SIZE: Entry(LONG, [width, height]),
+        tag.ACTIVE_AREA: Entry(LONG, [0, 0, height, width]),
+    }
 
 
 def _colour(raw: RawMosaic) -> dict[int, Entry]:
+    """What the numbers mean: levels, colour and noise."""
     meta = raw.metadata
     entries = {
-        50706: Entry(BYTE, [1, 4, 0, 0]),  # DNGVersion
-        50707: Entry(BYTE, [1, 4, 0, 0]),  # DNGBackwardVersion
-        50708: Entry(ASCII, f"{meta.make} {meta.model}".strip() or "hdr-rig"),  # UniqueCameraModel
-        50713: Entry(SHORT, [2, 2]),  # BlackLevelRepeatDim
-        50714: Entry(RATIONAL, [rational(black) for black in raw.black]),
-        50717: Entry(LONG, [raw.white]),
+        tag.SOFTWARE: Entry(ASCII, "hdr-rig"),
+        tag.DNG_VERSION: Entry(BYTE, [1, 4, 0, 0]),
+        tag.DNG_BACKWARD: Entry(BYTE, [1, 4, 0, 0]),
+        tag.UNIQUE_MODEL: Entry(ASCII, f"{meta.make} {meta.model}".strip() or "hdr-rig"),
+        tag.RAW_UNIQUE_ID: Entry(BYTE, hashlib.md5(raw.pixels.tobytes(), usedforsecurity=False).digest()),
+        tag.BLACK_REPEAT: Entry(SHORT, [2, 2]),
+        tag.BLACK: Entry(RATIONAL, [rational(black) for black in raw.black]),
+        tag.WHITE: Entry(LONG, [raw.white]),
+        tag.BASELINE_EXPOSURE: Entry(SRATIONAL, [0]),
+        tag.BASELINE_NOISE: Entry(RATIONAL, [1]),
+        tag.BASELINE_SHARPNESS: Entry(RATIONAL, [1]),
+        tag.LINEAR_LIMIT: Entry(RATIONAL, [1]),
     }
     if meta.serial:
         entries[CAMERA_SERIAL] = Entry(ASCII, meta.serial)
     if raw.camera_from_xyz is not None:
         matrix = [rational(value, signed=True) for row in raw.camera_from_xyz for value in row]
-        entries[50721] = Entry(SRATIONAL, matrix)  # ColorMatrix1
-        entries[50778] = Entry(SHORT, [21])  # CalibrationIlluminant1: D65
+        entries[tag.MATRIX_1] = Entry(SRATIONAL, matrix)
+        entries[tag.ILLUMINANT_1] = Entry(SHORT, [tag.D65])
     if raw.neutral is not None:
-        entries[50728] = Entry(RATIONAL, [rational(value) for value in raw.neutral])  # AsShotNeutral
+        entries[tag.NEUTRAL] = Entry(RATIONAL, [rational(value) for value in raw.neutral])
     if raw.noise_profile is not None:
-        entries[51041] = Entry(DOUBLE, list(raw.noise_profile))
+        entries[tag.NOISE_PROFILE] = Entry(DOUBLE, list(raw.noise_profile))
     return entries

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from fractions import Fraction
 from io import BytesIO
-from typing import Any, BinaryIO
+from typing import Any
 
 from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata
@@ -29,7 +29,7 @@ from imaging.tiff import (
 MAKE, MODEL, ORIENTATION, DATE_TIME = 271, 272, 274, 306
 EXPOSURE_TIME, F_NUMBER, ISO = 33434, 33437, 34855
 SENSITIVITY_TYPE, RECOMMENDED_INDEX = 34864, 34866
-EXIF_VERSION, DATE_TIME_ORIGINAL, SUB_SECONDS = 36864, 36867, 37521
+EXIF_VERSION, DATE_TIME_ORIGINAL, ZONE_ORIGINAL, SUB_SECONDS = 36864, 36867, 36881, 37521
 FOCAL_LENGTH, FOCAL_LENGTH_35MM, BODY_SERIAL = 37386, 41989, 42033
 CAMERA_SERIAL = 50735
 
@@ -51,11 +51,17 @@ _NAMES = {
 
 
 def exif_entries(metadata: FrameMetadata) -> dict[int, Entry]:
-    """The tags of an EXIF directory; an ISO is rounded to a whole number, as EXIF wants it."""
+    """The tags of an EXIF directory.
+
+    An ISO is rounded to a whole number, as EXIF wants it. ValueError for a time that no rational holds.
+    """
     entries = {EXIF_VERSION: Entry(UNDEFINED, b"0231")}
     exposure = metadata.exposure
     if exposure is not None:
-        entries[EXPOSURE_TIME] = Entry(RATIONAL, [rational(exposure.time)])
+        time = rational(exposure.time)
+        if time == 0:
+            raise ValueError(f"an exposure of {exposure.time} s is too short for EXIF")
+        entries[EXPOSURE_TIME] = Entry(RATIONAL, [time])
         if exposure.f_number is not None:
             entries[F_NUMBER] = Entry(RATIONAL, [rational(exposure.f_number)])
         if exposure.iso is not None:
@@ -66,6 +72,9 @@ def exif_entries(metadata: FrameMetadata) -> dict[int, Entry]:
     if metadata.captured_at is not None:
         entries[DATE_TIME_ORIGINAL] = Entry(ASCII, metadata.captured_at.strftime("%Y:%m:%d %H:%M:%S"))
         entries[SUB_SECONDS] = Entry(ASCII, f"{metadata.captured_at.microsecond:06d}")
+        zone = metadata.captured_at.strftime("%z")
+        if zone:
+            entries[ZONE_ORIGINAL] = Entry(ASCII, f"{zone[:3]}:{zone[3:5]}")
     if metadata.focal_length_mm is not None:
         entries[FOCAL_LENGTH] = Entry(RATIONAL, [rational(metadata.focal_length_mm)])
     if metadata.focal_length_35mm is not None:
@@ -95,24 +104,19 @@ def encode_exif(metadata: FrameMetadata) -> bytes:
     return b"Exif\0\0II*\0\x08\0\0\0" + head + encode_directory(exif_entries(metadata), 8 + length)
 
 
-def read_exif(tiff: BinaryIO) -> FrameMetadata:
-    """Metadata of a TIFF-shaped file (TIFF, DNG and most RAW files); TiffError if it is none."""
-    reader = TiffReader(tiff)
-    directories = reader.directories()
+def read_exif(reader: TiffReader) -> FrameMetadata:
+    """Metadata of a TIFF-shaped file or block (most RAW files are); TiffError if it is damaged."""
+    main, _ = reader.directory(reader.first)
     exif: Directory = {}
-    for directory in directories:
-        for offset in integers(directory, EXIF_IFD)[:1]:
-            exif = {**reader.directory(offset)[0], **exif}
-    merged: Directory = {}
-    for directory in directories:
-        merged = {**directory, **merged}
-    return _metadata({**merged, **exif}, orientation=directories[0] if directories else {})
+    for offset in integers(main, EXIF_IFD)[:1]:
+        exif, _ = reader.directory(offset)
+    return _metadata({**main, **exif, ORIENTATION: main.get(ORIENTATION, ())})
 
 
 def decode_exif(block: bytes) -> FrameMetadata:
     """Metadata of an EXIF block, with or without its 'Exif' prefix; empty if it is damaged."""
     try:
-        return read_exif(BytesIO(block.removeprefix(b"Exif\0\0")))
+        return read_exif(TiffReader(BytesIO(block.removeprefix(b"Exif\0\0"))))
     except TiffError:
         return FrameMetadata()
 
@@ -125,9 +129,10 @@ def from_names(values: Mapping[str, Any]) -> FrameMetadata:
         if isinstance(value, str):
             tags[tag] = value.strip("\0 ")
         elif isinstance(value, list | tuple):
-            tags[tag] = tuple(part for part in value if isinstance(part, int))
-            tags[tag] = tags[tag] or tuple(part for part in value if isinstance(part, Fraction))
-    return _metadata(tags, orientation=tags)
+            # Ratio is a Fraction that may be x/0
+            parts = [part for part in value if isinstance(part, int | Fraction) and part.denominator]
+            tags[tag] = tuple(part if isinstance(part, Fraction) else Fraction(part) for part in parts)
+    return _metadata(tags)
 
 
 def _positive(directory: Directory, tag: int) -> float | None:
@@ -158,8 +163,8 @@ def _moment(tags: Directory) -> datetime | None:
     return None
 
 
-def _metadata(tags: Directory, orientation: Directory) -> FrameMetadata:
-    turned = (*integers(orientation, ORIENTATION), 1)[0]
+def _metadata(tags: Directory) -> FrameMetadata:
+    turned = int((*numbers(tags, ORIENTATION), 1)[0])
     return FrameMetadata(
         make=text(tags, MAKE),
         model=text(tags, MODEL),

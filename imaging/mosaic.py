@@ -20,7 +20,10 @@ def as_matrix(values: npt.ArrayLike) -> Matrix:
 
 @dataclass(frozen=True)
 class FrameMetadata:
-    """What a file says about the camera and the exposure; None where it says nothing."""
+    """What a file says about the camera and the exposure; None where it says nothing.
+
+    captured_at: what the camera's clock showed, without a zone. orientation: as in EXIF, 1 to 8.
+    """
 
     make: str = ""
     model: str = ""

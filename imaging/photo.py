@@ -1,8 +1,6 @@
 """Display-referred photographs: JPEG, PNG and TIFF of 8 or 16 bits, and their EXIF."""
 
 import logging
-import struct
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -13,18 +11,30 @@ import numpy as np
 import numpy.typing as npt
 import tifffile
 from PIL import Image
-from PIL.JpegImagePlugin import JpegImageFile
 
+from imaging.containers import (
+    JPEG_MAGIC,
+    PNG_MAGIC,
+    Shell,
+    jpeg_is_whole,
+    jpeg_shell,
+    png_is_whole,
+    png_shell,
+)
 from imaging.errors import InputError
 from imaging.exif import decode_exif, encode_exif, read_exif
 from imaging.mosaic import FrameMetadata
 from imaging.quiet import quiet
-from imaging.tiff import TiffError
+from imaging.tiff import TiffError, TiffReader
 
 SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff"))
 
-_JPEG, _PNG, _TIFF = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+MOST_PIXELS = 1 << 29
+"""Pixels beyond which a file is taken for damaged: twice the largest cameras there are."""
 
+_TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+
+# without a handler, Python would print the library's complaints about damaged files
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 
@@ -51,30 +61,24 @@ def read_photo(path: Path) -> Photo:
     Grey becomes three equal channels, alpha is dropped, colour profiles are not applied.
     InputError if the file is none of these, is damaged or has other than 8 or 16 bits.
     """
-    data = _read(path)
     try:
-        if data.startswith(_JPEG):
-            codes = _jpeg(data)
-        elif data.startswith(_PNG):
-            codes = _png(data)
-        elif data.startswith(_TIFF):
-            codes = _tiff(data)
-        else:
-            raise InputError(f"{path} is not a JPEG, PNG or TIFF file: convert it to one of them.")
-    except _Unfit as error:
+        data = path.read_bytes()
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    if not data:
+        raise InputError(f"{path} is empty: copy it again from the camera.")
+    decode = _decoder(data)
+    if decode is None:
+        raise InputError(f"{path} is not a JPEG, PNG or TIFF file: convert it to one of them.")
+    try:
+        codes = decode(data)
+        largest = np.iinfo(codes.dtype).max
+        pixels = _three_channels(codes).astype(np.float32) / np.float32(largest)
+    except _UnfitError as error:
         raise InputError(f"{path} {error}.") from error
-    except InputError:
-        raise
     except Exception as error:  # the decoders raise whatever damaged bytes make them trip over
         raise InputError(f"{path} is damaged or cut off: copy it again from the camera.") from error
-    if codes.ndim == 2:
-        codes = codes[..., None]
-    codes = codes[..., :3] if codes.shape[2] >= 3 else codes[..., :1].repeat(3, axis=2)
-    if codes.dtype not in (np.uint8, np.uint16) or codes.size == 0:
-        raise InputError(f"{path} has pixels of type {codes.dtype}: convert it to 8 or 16 bits.")
-    largest = np.iinfo(codes.dtype).max
-    pixels = np.ascontiguousarray(codes, np.float32) / np.float32(largest)
-    return Photo(pixels, 8 * codes.dtype.itemsize, _metadata(BytesIO(data)))
+    return Photo(pixels, 8 * codes.dtype.itemsize, _metadata(BytesIO(data)) or FrameMetadata())
 
 
 def read_metadata(path: Path) -> FrameMetadata:
@@ -88,13 +92,14 @@ def read_metadata(path: Path) -> FrameMetadata:
         return raw.read_raw_metadata(path)
     if path.suffix.lower() == ".exr":
         return FrameMetadata(exposure=exr.read_exr_header(path).exposure)
-    if not is_photo(path):
-        raise InputError(f"{path} is no photograph, RAW or EXR file: name one.")
     try:
         with path.open("rb") as file:
-            return _metadata(file)
+            metadata = _metadata(file)
     except OSError as error:
         raise _unreadable(path, error) from error
+    if metadata is None:
+        raise InputError(f"{path} is no photograph, RAW or EXR file: convert it to one of them.")
+    return metadata
 
 
 def encode_jpeg(
@@ -105,9 +110,8 @@ def encode_jpeg(
         raise ValueError(f"a JPEG has uint8 pixels, not {pixels.dtype}")
     extra = {} if metadata is None else {"exif": encode_exif(metadata)}
     buffer = BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(
-        buffer, "JPEG", quality=quality, subsampling=0, **extra
-    )
+    image = Image.fromarray(np.ascontiguousarray(pixels))
+    image.save(buffer, "JPEG", quality=quality, subsampling=0, **extra)
     return buffer.getvalue()
 
 
@@ -118,7 +122,7 @@ def encode_png(pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> bytes:
     return bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels)))
 
 
-class _Unfit(Exception):
+class _UnfitError(Exception):
     """A sound file of a kind that is not read; the message ends the sentence that the path begins."""
 
 
@@ -127,23 +131,46 @@ def _unreadable(path: Path, error: OSError) -> InputError:
     return InputError(f"{path} cannot be read ({reason}): correct the path or its permissions.")
 
 
-def _read(path: Path) -> bytes:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise _unreadable(path, error) from error
-    if not data:
-        raise InputError(f"{path} is empty: copy it again from the camera.")
-    return data
+def _decoder(data: bytes) -> Any:
+    if data.startswith(JPEG_MAGIC):
+        return _jpeg
+    if data.startswith(PNG_MAGIC):
+        return _png
+    return _tiff if data.startswith(_TIFF_MAGICS) else None
+
+
+def _three_channels(codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """[H, W, 3] of [H, W] or [H, W, C]; one channel is grey, a second or fourth is alpha."""
+    if codes.ndim == 2:
+        codes = codes[..., None]
+    if codes.ndim != 3 or codes.size == 0:
+        raise ValueError("no image")
+    return codes[..., :3] if codes.shape[2] >= 3 else codes[..., :1].repeat(3, axis=2)
+
+
+def _check_size(width: int, height: int) -> None:
+    """A damaged header asks for more memory than there is."""
+    if not 0 < width * height <= MOST_PIXELS:
+        raise ValueError("no plausible size")
 
 
 def _jpeg(data: bytes) -> npt.NDArray[Any]:
-    # the class itself, and not Image.open: no warning about large images, no other format
-    with JpegImageFile(BytesIO(data)) as image:
-        return np.asarray(image if image.mode in ("L", "RGB") else image.convert("RGB"))
+    shell = jpeg_shell(BytesIO(data))
+    _check_size(shell.width, shell.height)
+    if not jpeg_is_whole(data):
+        raise ValueError("cut off")
+    with quiet():
+        codes = np.asarray(imagecodecs.jpeg8_decode(data))
+    if codes.dtype != np.uint8 or (codes.ndim == 3 and codes.shape[2] not in (1, 3)):
+        raise _UnfitError("is a JPEG of other than 8-bit grey or RGB: convert it to 8-bit RGB")
+    return codes
 
 
 def _png(data: bytes) -> npt.NDArray[Any]:
+    shell = png_shell(BytesIO(data))
+    _check_size(shell.width, shell.height)
+    if not png_is_whole(BytesIO(data)):
+        raise ValueError("cut off")
     with quiet():
         return np.asarray(imagecodecs.png_decode(data))
 
@@ -152,66 +179,41 @@ def _tiff(data: bytes) -> npt.NDArray[Any]:
     with tifffile.TiffFile(BytesIO(data)) as file:
         page = file.pages.first
         if page.photometric not in (0, 1, 2, 6):
-            raise _Unfit("is a TIFF that is neither grey nor RGB: convert it to RGB")
-        _check_extents(data, page)
+            raise _UnfitError("is a TIFF that is neither grey nor RGB: convert it to RGB")
+        if page.dtype not in (np.uint8, np.uint16) or page.bitspersample not in (8, 16):
+            raise _UnfitError("is a TIFF of other than 8 or 16 bits: convert it to one of them")
+        _check_size(page.imagewidth, page.imagelength)
+        _check_extents(page, len(data))
         codes = np.asarray(page.asarray())
-    codes = codes.astype(codes.dtype.newbyteorder("="))
-    if page.axes.startswith("S"):
+    if page.axes.startswith("S"):  # planes
         codes = np.moveaxis(codes, 0, -1)
-    if (
-        codes.dtype not in (np.uint8, np.uint16)
-        or page.bitspersample not in (8, 16)
-        or codes.ndim not in (2, 3)
-    ):
-        raise _Unfit("is a TIFF of other than 8 or 16 bits: convert it")
+    codes = codes.astype(codes.dtype.newbyteorder("="))
     return np.iinfo(codes.dtype).max - codes if page.photometric == 0 else codes
 
 
-def _check_extents(data: bytes, page: Any) -> None:
-    """Whether every strip and tile lies in the file: tifffile fills missing ones with zeros."""
-    ends = [start + size for start, size in zip(page.dataoffsets, page.databytecounts, strict=True)]
-    if not ends or max(ends) > len(data) or 0 in page.databytecounts:
+def _check_extents(page: Any, size: int) -> None:
+    """Whether every strip and tile of the page is there: tifffile fills missing ones with zeros."""
+    sizes = page.databytecounts
+    ends = [start + length for start, length in zip(page.dataoffsets, sizes, strict=True)]
+    if len(ends) < np.prod(page.chunked) or not ends or max(ends) > size or 0 in sizes:
+        raise ValueError("cut off")
+    if page.compression == 1 and sum(sizes) < page.nbytes:
         raise ValueError("cut off")
 
 
-def _metadata(file: BinaryIO) -> FrameMetadata:
-    """EXIF of an open JPEG, PNG or TIFF; empty if there is none or it is damaged."""
+def _metadata(file: BinaryIO) -> FrameMetadata | None:
+    """EXIF of an open JPEG, PNG or TIFF, empty if it has none or damaged; None if it is no such file."""
     head = file.read(12)
-    if head.startswith(_JPEG):
-        return next(
-            (decode_exif(b) for b in _jpeg_segments(file) if b.startswith(b"Exif\0\0")), FrameMetadata()
-        )
-    if head.startswith(_PNG):
-        return next((decode_exif(b) for b in _png_exif(file)), FrameMetadata())
-    try:
-        return read_exif(file)
-    except TiffError:
-        return FrameMetadata()
-
-
-def _jpeg_segments(file: BinaryIO) -> Iterator[bytes]:
-    """The APP1 segments before the first scan."""
-    file.seek(2)
-    while True:
-        marker = file.read(4)
-        if len(marker) < 4 or marker[0] != 0xFF or marker[1] in (0xD9, 0xDA):
-            return
-        length = struct.unpack(">H", marker[2:])[0] - 2
-        if length < 0:
-            return
-        if marker[1] == 0xE1:
-            yield file.read(length)
-        else:
-            file.seek(length, 1)
-
-
-def _png_exif(file: BinaryIO) -> Iterator[bytes]:
-    """The eXIf chunks."""
-    file.seek(8)
-    while len(head := file.read(8)) == 8:
-        length, kind = struct.unpack(">I4s", head)
-        if kind == b"eXIf" and length < 1 << 20:
-            yield file.read(length)
-            file.seek(4, 1)
-        else:
-            file.seek(length + 4, 1)
+    shell: Shell
+    if head.startswith(JPEG_MAGIC):
+        shell = jpeg_shell(file)
+    elif head.startswith(PNG_MAGIC):
+        shell = png_shell(file)
+    elif head.startswith(_TIFF_MAGICS):
+        try:
+            return read_exif(TiffReader(file))
+        except TiffError:
+            return FrameMetadata()
+    else:
+        return None
+    return decode_exif(shell.exif) if shell.exif else FrameMetadata()

@@ -12,59 +12,21 @@ import exifread
 import numpy as np
 import rawpy
 
+from imaging import dngtags
 from imaging.cfa import Cfa
 from imaging.errors import InputError
 from imaging.exif import from_names, read_exif
 from imaging.exposure import Exposure
-from imaging.mosaic import FrameMetadata, Matrix, RawMosaic, as_matrix
+from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
 from imaging.quiet import quiet
-from imaging.tiff import Directory, TiffError, TiffReader, integers, numbers
+from imaging.tiff import Directory, TiffError, TiffReader
 
-SUFFIXES = frozenset(
-    (
-        ".3fr",
-        ".arw",
-        ".cr2",
-        ".cr3",
-        ".crw",
-        ".dcr",
-        ".dng",
-        ".erf",
-        ".fff",
-        ".iiq",
-        ".kdc",
-        ".mef",
-        ".mos",
-        ".mrw",
-        ".nef",
-        ".nrw",
-        ".orf",
-        ".pef",
-        ".raf",
-        ".raw",
-        ".rw2",
-        ".rwl",
-        ".sr2",
-        ".srf",
-        ".srw",
-        ".x3f",
-    )
+_MAKERS = (
+    "3fr arw cr2 cr3 crw dcr dng erf fff iiq kdc mef mos mrw nef nrw orf pef raf raw rw2 rwl sr2 srf srw x3f"
 )
+SUFFIXES = frozenset(f".{name}" for name in _MAKERS.split())
 
-BITS, COMPRESSION, PHOTOMETRIC, CFA_PHOTOMETRIC = 258, 259, 262, 32803
-STRIPS, TILES = (273, 279), (324, 325)
-DNG_VERSION, BLACK_REPEAT, BLACK, BLACK_DELTA_H, BLACK_DELTA_V, WHITE = (
-    50706,
-    50713,
-    50714,
-    50715,
-    50716,
-    50717,
-)
-COLOUR_MATRICES = ((50721, 50778), (50722, 50779))
-ANALOG_BALANCE, NEUTRAL, NOISE_PROFILE = 50727, 50728, 51041
-D65 = 21
-
+# without a handler, Python would print the library's complaints about damaged files
 logging.getLogger("exifread").addHandler(logging.NullHandler())
 
 
@@ -76,182 +38,135 @@ def is_raw(path: Path) -> bool:
 def read_raw(path: Path) -> RawMosaic:
     """The mosaic of a RAW file, cut to its active area; InputError if it is none or is damaged.
 
-    Orientation is not applied. Black levels and colour are those of the file.
+    Orientation is not applied. Black, white, colour and noise are those that the file states: real
+    clipping may lie below its white level. Gain maps and other opcodes of a DNG are not applied.
     """
-    directories = _checked_directories(path)
+    tags, metadata = _read_tags(path)
     try:
         with quiet(), rawpy.imread(str(path)) as raw:
             mosaic = _decoded(path, raw)
-            spoken = _spoken(raw)
-    except (rawpy.LibRawError, ValueError, TypeError, AttributeError, MemoryError) as error:
-        raise InputError(f"{path} cannot be decoded as RAW: copy it again from the camera.") from error
-    metadata = _metadata(path, spoken)
-    dng = [d for d in directories if DNG_VERSION in d]
-    if not dng:
-        return replace(mosaic, metadata=metadata)
-    return _with_tags(replace(mosaic, metadata=metadata), directories, dng[0], path)
+            metadata = metadata or _spoken(path, raw)
+    except InputError:
+        raise
+    except Exception as error:  # rawpy raises whatever damaged bytes make it trip over
+        raise _undecodable(path) from error
+    return _checked(path, replace(_with_tags(mosaic, tags), metadata=metadata))
 
 
 def read_raw_metadata(path: Path) -> FrameMetadata:
-    """What a RAW file says about camera and exposure, without decoding its pixels; InputError as above."""
-    _checked_directories(path)
+    """What a RAW file says about camera and exposure, its pixels left alone; InputError as `read_raw`."""
+    _, metadata = _read_tags(path)
+    if metadata is not None:
+        return metadata
     try:
         with quiet(), rawpy.imread(str(path)) as raw:
-            spoken = _spoken(raw)
-    except rawpy.LibRawError as error:
-        raise InputError(f"{path} cannot be read as RAW: copy it again from the camera.") from error
-    return _metadata(path, spoken)
+            return _spoken(path, raw)
+    except Exception as error:
+        raise _undecodable(path) from error
 
 
-def _checked_directories(path: Path) -> list[Directory]:
-    """The TIFF directories of a file, none if it is no TIFF; InputError if it is unreadable or cut off.
+def _undecodable(path: Path) -> InputError:
+    return InputError(f"{path} cannot be decoded as RAW: copy it again from the camera.")
 
-    LibRaw fills what a truncated file lacks with zeros, so the extents are checked here.
+
+def _read_tags(path: Path) -> tuple[Directory | None, FrameMetadata | None]:
+    """The tags of a DNG and the EXIF of a TIFF-shaped file, None where it is none.
+
+    InputError if the file cannot be read or is cut off.
     """
     try:
         with path.open("rb") as file:
-            size = file.seek(0, 2)
-            if size == 0:
+            head = file.read(4)
+            if not head:
                 raise InputError(f"{path} is empty: copy it again from the camera.")
-            file.seek(0)
-            if file.read(4) not in (b"II*\0", b"MM\0*"):
+            if head not in (b"II*\0", b"MM\0*"):
                 if path.suffix.lower() == ".dng":
                     raise InputError(f"{path} is not a DNG file: name a RAW file of a camera.")
-                return []
-            directories = TiffReader(file).directories()
+                return None, None
+            reader = TiffReader(file)
+            directories = reader.directories()
+            dngtags.check_extents(directories, reader.size)
+            return dngtags.image_tags(directories), read_exif(reader)
     except IsADirectoryError as error:
         raise InputError(f"{path} is a folder: name a RAW file in it.") from error
     except FileNotFoundError as error:
         raise InputError(f"{path} does not exist: correct the path.") from error
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): check its permissions.") from error
+        reason = (error.strerror or str(error)).lower()
+        raise InputError(f"{path} cannot be read ({reason}): check the disk and its permissions.") from error
     except TiffError as error:
         raise InputError(f"{path} is damaged or cut off: copy it again from the camera.") from error
-    for directory in directories:
-        for place, length in (STRIPS, TILES):
-            starts, lengths = integers(directory, place), integers(directory, length)
-            if any(a + b > size for a, b in zip(starts, lengths, strict=False)):
-                raise InputError(f"{path} is cut off: copy it again from the camera.")
-    return directories
 
 
 def _decoded(path: Path, raw: rawpy.RawPy) -> RawMosaic:
-    """Pixels, phase and levels as LibRaw sees them."""
-    bayer = InputError(f"{path} is not a Bayer mosaic, which is all that rig reads: develop it to TIFF.")
+    """Pixels, phase, levels and colour as LibRaw sees them."""
+    not_bayer = InputError(f"{path} is not a Bayer mosaic, which is all that rig reads: develop it to TIFF.")
     if raw.raw_type != rawpy.RawType.Flat:
-        raise bayer
-    pixels, pattern, letters = (
-        raw.raw_image_visible,
-        raw.raw_pattern,
-        raw.color_desc.decode("ascii", "replace"),
-    )
+        raise not_bayer
+    try:
+        pixels, pattern = raw.raw_image_visible, raw.raw_pattern
+    except NotImplementedError:  # rawpy's answer to filters it does not know
+        raise not_bayer from None
     if pattern is None or pattern.shape != (2, 2) or pixels.ndim != 2 or pixels.dtype != np.uint16:
-        raise bayer
+        raise not_bayer
+    letters = raw.color_desc.decode("ascii", "replace")
     try:
         cfa = Cfa("".join(letters[site] for site in pattern.reshape(-1)))
     except (ValueError, IndexError):
-        raise bayer from None
+        raise not_bayer from None
     levels = raw.black_level_per_channel
     black = [float(levels[site]) for site in pattern.reshape(-1)]
-    white = int(raw.white_level)
-    if not all(0 <= level < white for level in black):
-        raise InputError(f"{path} has black {black} and white {white}, which cannot be: copy it again.")
     balance = [1 / gain if gain > 0 else 0.0 for gain in raw.camera_whitebalance[:3]]
     matrix = raw.rgb_xyz_matrix[:3]
     return RawMosaic(
         np.array(pixels),
         cfa,
         (black[0], black[1], black[2], black[3]),
-        white,
-        neutral=_neutral({NEUTRAL: tuple(balance)}),
+        int(raw.white_level),
+        neutral=dngtags.as_neutral(balance),
         camera_from_xyz=as_matrix(matrix) if np.any(matrix) else None,
     )
 
 
-def _spoken(raw: rawpy.RawPy) -> FrameMetadata:
-    """What LibRaw found out about the exposure; it knows makers whose files are no TIFF."""
-    other = raw.other
-    time, f_number, iso = other.shutter_speed, other.aperture, other.iso_speed
-    exposure = None
-    if time > 0:
-        exposure = Exposure(
-            time=time, f_number=f_number if f_number > 0 else None, iso=iso if iso > 0 else None
-        )
-    return FrameMetadata(exposure=exposure, focal_length_mm=other.focal_length or None)
-
-
-def _metadata(path: Path, spoken: FrameMetadata) -> FrameMetadata:
-    """EXIF of the file where there is some; where it is silent, what LibRaw found out."""
-    try:
-        with path.open("rb") as file:
-            found = read_exif(file)
-    except TiffError:
-        found = _exifread(path)
+def _with_tags(mosaic: RawMosaic, tags: Directory | None) -> RawMosaic:
+    if tags is None:
+        return mosaic
     return replace(
-        found,
-        exposure=found.exposure or spoken.exposure,
-        focal_length_mm=found.focal_length_mm or spoken.focal_length_mm,
+        mosaic,
+        black=dngtags.black(tags) or mosaic.black,
+        white=dngtags.white(tags) or mosaic.white,
+        neutral=dngtags.neutral(tags) or mosaic.neutral,
+        camera_from_xyz=dngtags.camera_from_xyz(tags) or mosaic.camera_from_xyz,
+        noise_profile=dngtags.noise_profile(tags),
     )
 
 
-def _exifread(path: Path) -> FrameMetadata:
-    """EXIF of containers that are no TIFF (CR3, RAF)."""
+def _checked(path: Path, mosaic: RawMosaic) -> RawMosaic:
+    if not all(0 <= level < mosaic.white <= 65535 for level in mosaic.black):
+        raise InputError(f"{path} has a black level above its white level: copy it again from the camera.")
+    if mosaic.pixels.size == 0:
+        raise InputError(f"{path} holds no pixels: copy it again from the camera.")
+    return mosaic
+
+
+def _spoken(path: Path, raw: rawpy.RawPy) -> FrameMetadata:
+    """Metadata of containers that are no TIFF (CR3, RAF, ORF, RW2): ExifRead's, else LibRaw's."""
     try:
         with path.open("rb") as file:
             tags = exifread.process_file(file, details=False)
-    except Exception:  # the parser of damaged bytes raises whatever it trips over
-        return FrameMetadata()
-    return from_names({name: getattr(tag, "values", ()) for name, tag in tags.items()})
-
-
-def _with_tags(mosaic: RawMosaic, directories: list[Directory], main: Directory, path: Path) -> RawMosaic:
-    """The same mosaic with what the DNG says exactly: black and white, colour, noise."""
-    image = next((d for d in directories if integers(d, PHOTOMETRIC)[:1] == (CFA_PHOTOMETRIC,)), main)
-    tags = {**main, **image}
-    white = max((*integers(tags, WHITE), 0))
-    white = white or mosaic.white
-    black = _black(tags) or mosaic.black
-    if not all(0 <= level < white <= 65535 for level in black):
-        raise InputError(f"{path} has black {black} and white {white}, which cannot be: copy it again.")
-    profile = numbers(tags, NOISE_PROFILE)
-    # one pair for all planes or a pair each; the green one stands for all of them
-    pair = profile[2:4] if len(profile) >= 6 else profile[:2]
-    valid = len(pair) == 2 and all(np.isfinite(pair)) and pair[0] > 0 and pair[1] >= 0
+        found = from_names({name: getattr(tag, "values", ()) for name, tag in tags.items()})
+    except Exception:  # the parser raises whatever unknown bytes make it trip over
+        found = FrameMetadata()
+    other = raw.other
+    told = None
+    if other.shutter_speed > 0:
+        told = Exposure(
+            time=other.shutter_speed,
+            f_number=other.aperture if other.aperture > 0 else None,
+            iso=other.iso_speed if other.iso_speed > 0 else None,
+        )
     return replace(
-        mosaic,
-        black=black,
-        white=white,
-        neutral=_neutral(tags) or mosaic.neutral,
-        camera_from_xyz=_matrix(tags) or mosaic.camera_from_xyz,
-        noise_profile=(pair[0], pair[1]) if valid else None,
+        found,
+        exposure=found.exposure or told,
+        focal_length_mm=found.focal_length_mm or other.focal_length or None,
     )
-
-
-def _black(tags: Directory) -> tuple[float, float, float, float] | None:
-    """BlackLevel of the four sites; the mean of the deltas of rows and columns is added."""
-    levels = numbers(tags, BLACK)
-    rows, columns = (*integers(tags, BLACK_REPEAT), 1, 1)[:2]
-    if not levels or len(levels) != rows * columns or rows not in (1, 2) or columns not in (1, 2):
-        return None
-    shift = sum(float(np.mean(numbers(tags, tag) or (0.0,))) for tag in (BLACK_DELTA_H, BLACK_DELTA_V))
-    tile = np.tile(np.reshape(levels, (rows, columns)), (2 // rows, 2 // columns)).reshape(-1) + shift
-    return float(tile[0]), float(tile[1]), float(tile[2]), float(tile[3])
-
-
-def _neutral(tags: Directory) -> tuple[float, float, float] | None:
-    values = numbers(tags, NEUTRAL)
-    if len(values) != 3 or not all(0 < value < 1e6 for value in values):
-        return None
-    largest = max(values)
-    return values[0] / largest, values[1] / largest, values[2] / largest
-
-
-def _matrix(tags: Directory) -> Matrix | None:
-    """ColorMatrix for D65 if the file has one for it, else the first there is, with AnalogBalance."""
-    found = [(integers(tags, light)[:1] == (D65,), numbers(tags, tag)) for tag, light in COLOUR_MATRICES]
-    for _, values in sorted(found, key=lambda pair: not pair[0]):
-        if len(values) == 9 and any(values):
-            balance = numbers(tags, ANALOG_BALANCE)
-            matrix = np.reshape(values, (3, 3)) * np.reshape(balance if len(balance) == 3 else 1.0, (-1, 1))
-            return as_matrix(matrix)
-    return None

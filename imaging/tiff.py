@@ -4,6 +4,7 @@ Only the classic 32-bit layout (TIFF 6.0), both byte orders. Reading is defensiv
 damaged, so every offset and count is checked and only `TiffError` is raised.
 """
 
+import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -39,7 +40,7 @@ class Entry:
     def encoded(self) -> tuple[int, bytes]:
         """Count and little-endian bytes."""
         if isinstance(self.values, str):
-            text = self.values.encode("ascii", "replace") + b"\0"
+            text = self.values.encode() + b"\0"
             return len(text), text
         if isinstance(self.values, bytes):
             return len(self.values), self.values
@@ -53,9 +54,11 @@ class Entry:
 def rational(value: float, *, signed: bool = False) -> Fraction:
     """The simplest fraction of 32-bit parts that is `value`, or the nearest one there is.
 
-    Relative error below 1e-9 for 1e-5 <= |value| <= 1e5. ValueError if it is out of range.
+    Relative error below 1e-9 for 1e-5 <= |value| <= 1e5. ValueError if it is out of range or no number.
     """
     largest = 2**31 - 1 if signed else 2**32 - 1
+    if not math.isfinite(value):
+        raise ValueError(f"{value} is no TIFF rational")
     exact = Fraction(value)
     if abs(exact) > largest or (exact < 0 and not signed):
         raise ValueError(f"{value} does not fit a TIFF rational")
@@ -97,12 +100,13 @@ class TiffReader:
         if head[:4] not in orders:
             raise TiffError("no TIFF header")
         self._order = orders[head[:4]]
-        self._first: int = self._unpack("I", head[4:])[0]
+        self.first: int = self._unpack("I", head[4:])[0]
+        """Offset of the first directory."""
 
     def directories(self) -> list[Directory]:
         """Every directory: the chain of IFDs and below each its SubIFDs; the EXIF IFD stands apart."""
         found: list[Directory] = []
-        waiting, seen = [self._first], set[int]()
+        waiting, seen = [self.first], set[int]()
         while waiting:
             offset = waiting.pop(0)
             if offset == 0 or offset in seen:

@@ -1,0 +1,95 @@
+"""What surrounds the pixels of JPEG and PNG files: sizes, EXIF, and whether the end is there.
+
+The decoders fill what is missing with grey, so completeness is checked here.
+"""
+
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+JPEG_MAGIC, PNG_MAGIC = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
+
+_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
+"""In entropy-coded data: anything but a stuffed 0xFF, a restart and a fill byte."""
+
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_SCAN, _END, _APP1 = 0xDA, 0xD9, 0xE1
+
+
+@dataclass(frozen=True)
+class Shell:
+    """width, height: px, 0 if not told; exif: the EXIF block, b'' if there is none."""
+
+    width: int = 0
+    height: int = 0
+    exif: bytes = b""
+
+
+def jpeg_shell(file: BinaryIO) -> Shell:
+    """What the segments before the first scan of an open JPEG file say; empty where it is damaged."""
+    width = height = 0
+    exif = b""
+    file.seek(2)
+    while len(head := file.read(4)) == 4 and head[0] == 0xFF and head[1] not in (_SCAN, _END):
+        length = struct.unpack(">H", head[2:])[0] - 2
+        if length < 0:
+            break
+        if head[1] == _APP1 and not exif:
+            block = file.read(length)
+            exif = block if block.startswith(b"Exif\0\0") else b""
+        elif head[1] in _FRAMES and length >= 5:
+            block = file.read(length)
+            height, width = struct.unpack(">HH", block[1:5].ljust(4, b"\0"))
+        else:
+            file.seek(length, 1)
+    return Shell(width, height, exif)
+
+
+def jpeg_is_whole(data: bytes) -> bool:
+    """Whether the scans of a JPEG file go on to its end marker."""
+    position = 2
+    while position + 4 <= len(data) and data[position] == 0xFF:
+        marker = data[position + 1]
+        if marker == 0xFF:  # fill
+            position += 1
+            continue
+        if marker == _END:
+            return True
+        position += 2 + int(struct.unpack(">H", data[position + 2 : position + 4])[0])
+        if marker == _SCAN:
+            found = _MARKER.search(data, position)
+            if found is None:
+                return False
+            position = found.start()
+    return data[position : position + 2] == b"\xff\xd9"
+
+
+def png_shell(file: BinaryIO) -> Shell:
+    """What the chunks of an open PNG file say; empty where it is damaged."""
+    width = height = 0
+    exif = b""
+    for kind, length in _png_chunks(file):
+        if kind == b"IHDR" and length >= 8:
+            width, height = struct.unpack(">II", file.read(8).ljust(8, b"\0"))
+        elif kind == b"eXIf" and length <= 1 << 20:
+            exif = file.read(length)
+    return Shell(width, height, exif)
+
+
+def png_is_whole(file: BinaryIO) -> bool:
+    """Whether the chunks of a PNG file go on to its end chunk."""
+    size = file.seek(0, 2)
+    return any(kind == b"IEND" and file.tell() + 4 <= size for kind, _ in _png_chunks(file))
+
+
+def _png_chunks(file: BinaryIO) -> Iterator[tuple[bytes, int]]:
+    """Kind and length of every chunk; the file stands at its data."""
+    position = 8
+    while file.seek(position) == position and len(head := file.read(8)) == 8:
+        length, kind = struct.unpack(">I4s", head)
+        yield kind, length
+        if kind == b"IEND":
+            return
+        position += 12 + length
