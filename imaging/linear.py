@@ -1,0 +1,143 @@
+"""One shot of any kind as linear light: signal, exposure scale, masks and noise, ready to be merged."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.calibration import Response
+from imaging.cfa import Cfa
+from imaging.colour import srgb_decode
+from imaging.exr import read_exr
+from imaging.mosaic import RawMosaic
+from imaging.photo import read_photo
+from imaging.raw import read_raw
+
+Float = npt.NDArray[np.float32]
+Bool = npt.NDArray[np.bool_]
+
+SATURATED_CODE = 254 / 255
+DARK_CODE = 1 / 255
+CODE_NOISE = 1 / 255
+"""Standard deviation assumed of a developed code value: sensor noise, compression and rounding together."""
+
+
+class Noise(Protocol):
+    """How noisy a linear signal is."""
+
+    def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+        """Variance of the signal where its mean is `mean`; same shape, or broadcast to it; positive."""
+        ...
+
+
+@dataclass(frozen=True)
+class SensorSignalNoise:
+    """Shot and read noise of a signal in 0..1, as a DNG NoiseProfile: `slope * mean + floor`."""
+
+    slope: float
+    floor: float
+
+    def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+        """Variance at a mean signal; a negative mean counts as black."""
+        return np.asarray(self.slope * np.maximum(mean, 0.0) + self.floor)
+
+
+class CodeSignalNoise:
+    """Noise of light decoded from code values: `CODE_NOISE` times the slope of the decoding curve."""
+
+    def __init__(self, response: Response) -> None:
+        codes = np.linspace(0.0, 1.0, 256)
+        self._light = decode(np.repeat(codes[:, None], 3, axis=1), response).astype(np.float64).T
+        slope = np.gradient(self._light, codes, axis=1)
+        self._variance = np.maximum(CODE_NOISE * slope, 1e-9) ** 2
+
+    def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+        """Variance at a mean signal [..., 3]."""
+        channels = [np.interp(mean[..., c], self._light[c], self._variance[c]) for c in range(3)]
+        return np.stack(channels, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFrame:
+    """One exposure, linear: `signal = radiance * k` where nothing is clipped.
+
+    signal: float32 [H, W] (mosaic, black 0 and white 1, noise below black negative) or [H, W, 3].
+    k: exposure scale, s. saturated: bool, same shape: the scene is at least this bright.
+    dark: bool, the scene is at most this bright (code values at their lower end). valid: bool, False
+    where the file holds no number. cfa: phase of the mosaic. noise: None if not known. ceiling: the
+    signal at which the sensor saturates, where that is one number.
+    """
+
+    signal: Float
+    k: float
+    saturated: Bool
+    dark: Bool
+    valid: Bool
+    cfa: Cfa | None = None
+    noise: Noise | None = None
+    ceiling: float | None = None
+
+
+def read_linear(path: Path, kind: Literal["raw", "ldr", "hdr"], k: float, response: Response) -> LinearFrame:
+    """A file of a session as linear light; InputError if it is missing or damaged.
+
+    kind: of the camera (`CameraRecord.kind`); response: of its calibration, which only code values
+    (`ldr`) need. The signal of an EXR (`hdr`) is taken as it is.
+    """
+    if kind == "raw":
+        return from_raw(read_raw(path), k)
+    if kind == "ldr":
+        return from_codes(read_photo(path).pixels, k, response)
+    return from_light(read_exr(path).rgb(), k)
+
+
+def from_raw(raw: RawMosaic, k: float) -> LinearFrame:
+    """The black-subtracted mosaic; its noise is that of the file's NoiseProfile, if it has one."""
+    signal, saturated = raw.signal(), raw.saturated()
+    none = np.zeros(signal.shape, bool)
+    noise = SensorSignalNoise(*raw.noise_profile) if raw.noise_profile else None
+    return LinearFrame(signal, k, saturated, none, ~none, raw.cfa, noise, ceiling=1.0)
+
+
+def from_codes(codes: npt.NDArray[np.floating], k: float, response: Response) -> LinearFrame:
+    """Code values [H, W, 3] in 0..1 decoded by a response; codes that it was not measured at are clipped.
+
+    A code at either end of the scale, or beyond the measured part of the curve, only bounds the light.
+    """
+    low, high = response.valid if response.kind == "curve" else (0.0, 1.0)
+    return LinearFrame(
+        signal=decode(codes, response),
+        k=k,
+        saturated=codes >= min(SATURATED_CODE, high),
+        dark=codes <= max(DARK_CODE, low),
+        valid=np.ones(codes.shape, bool),
+        noise=CodeSignalNoise(response),
+    )
+
+
+def from_light(light: npt.NDArray[np.floating], k: float) -> LinearFrame:
+    """Linear light [H, W, 3]; NaN and infinities are marked as no number."""
+    valid = np.isfinite(light)
+    none = np.zeros(light.shape, bool)
+    return LinearFrame(np.where(valid, light, 0).astype(np.float32), k, none, none, valid)
+
+
+def decode(codes: npt.NDArray[np.floating], response: Response) -> Float:
+    """Code values [..., 3] in 0..1 to linear light times exposure scale, float32 [..., 3].
+
+    A measured curve holds ln E + ln k at its codes. Below the lowest of them the light falls in
+    proportion to the code, since a code of 0 has no logarithm; above the highest it stays.
+    """
+    if response.kind == "linear":
+        return np.asarray(codes, np.float32)
+    if response.kind == "srgb":
+        return np.asarray(srgb_decode(codes), np.float32)
+    nodes = np.asarray(response.codes, np.float64)
+    light = np.empty(codes.shape, np.float32)
+    for channel, curve in enumerate(response.log_exposure):
+        code = codes[..., channel]
+        toe = np.clip(code / nodes[0], 0.0, 1.0) if nodes[0] > 0 else 1.0
+        light[..., channel] = np.exp(np.interp(code, nodes, curve)) * toe
+    return light
