@@ -70,6 +70,19 @@ def replacing(path: Path) -> Iterator[Path]:
         raise
 
 
+def leftovers(folder: Path) -> list[Path]:
+    """What killed writes left directly in a folder: its `.part` files and folders."""
+    return sorted(folder.glob(".*.part"))
+
+
+def discard(path: Path) -> None:
+    """Remove a leftover; StorageError when the disk refuses."""
+    try:
+        _discard(path)
+    except OSError as error:
+        raise _refused(path, error) from error
+
+
 def _discard(path: Path) -> None:
     if path.is_dir():
         shutil.rmtree(path)
@@ -92,6 +105,7 @@ def append_line(path: Path, value: Any) -> None:
     """Append one JSON line and sync it; a torn line left by a crash is cut off first."""
     line = (json.dumps(value, allow_nan=False) + "\n").encode()
     try:
+        new = not path.exists()
         with path.open("ab+") as file:
             end = file.seek(0, os.SEEK_END)
             if end:
@@ -101,6 +115,8 @@ def append_line(path: Path, value: Any) -> None:
             file.write(line)
             file.flush()
             os.fsync(file.fileno())
+        if new:
+            sync(path.parent)
     except OSError as error:
         raise _refused(path, error) from error
 

@@ -1,0 +1,40 @@
+"""The first moments of a session: its folder is made, or left as if nothing had happened."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from imaging import store
+from imaging.errors import InputError
+from imaging.records import SessionRecord
+from imaging.session import Session
+
+
+@contextmanager
+def folder_made(folder: Path) -> Iterator[None]:
+    """Make a folder and its parents; those still empty when the block fails are removed again."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        store.make_folder(folder)
+        yield
+    except BaseException:
+        for path in missing:
+            with suppress(OSError):  # not empty: something worth keeping is in it
+                path.rmdir()
+        raise
+
+
+def is_vacant(folder: Path) -> bool:
+    """Whether a session may begin there: nothing there, or only what a killed write left."""
+    if not folder.exists():
+        return True
+    return folder.is_dir() and set(folder.iterdir()) == set(store.leftovers(folder))
+
+
+def begin(folder: Path, record: SessionRecord) -> Session:
+    """Write session.json into a vacant folder; InputError if it is not vacant."""
+    if not is_vacant(folder):
+        raise InputError(f"{folder} is not empty: name a new folder, or --resume the session in it.")
+    for leftover in store.leftovers(folder):
+        store.discard(leftover)
+    return Session.create(folder, record)

@@ -1,0 +1,188 @@
+"""`rig check`: proof of what a session holds, and a sentence for each thing that is wrong with it."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from capture.deviation import deviates, stops_apart
+from capture.findings import CheckReport, Exposed, Problem, ProblemKind
+from capture.index import read_index, stray_files
+from capture.reading import Picture, read_picture
+from capture.recorder import Progress, leftovers, slots
+from capture.repair import RepairReport, repair
+from imaging import store
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.records import PlanRecord, ShotRecord
+from imaging.session import Session
+
+__all__ = ["CheckReport", "Exposed", "Problem", "RepairReport", "check", "repair"]
+
+SKEW_TOLERANCE = 0.02
+"""Seconds between two shutters of one bracket step: a person who walks moves 3 cm, a pixel or more."""
+
+_MENDS = {"captured": "take it again with rig capture --resume", "imported": "import the photographs again"}
+
+
+def check(session: Path, progress: Progress = lambda message, done, total: None) -> CheckReport:
+    """Read every file of a session and hold it against its record and the plans; nothing is changed.
+
+    progress: called with the file being read, files read, files to read. InputError if the folder
+    is no session; whatever is wrong inside of it is a problem of the report.
+    """
+    opened = Session.open(session)
+    again = _MENDS["imported" if opened.record.origin == "import" else "captured"]
+    shots, damaged = read_index(opened)
+    problems = [Problem(kind="index", file="shots.jsonl", message=sentence) for sentence in damaged]
+    try:
+        plans = opened.plans()
+    except InputError as error:
+        plans = []
+        problems.append(Problem(kind="index", file="plans.jsonl", message=str(error)))
+    pictures: list[tuple[ShotRecord, Picture]] = []
+    for number, shot in enumerate(shots):
+        progress(f"reading {shot.file}", number, len(shots))
+        picture = _read(opened, shot)
+        if isinstance(picture, Picture):
+            found = list(_against_record(opened, shot, picture))
+            if not any(problem.kind == "altered" for problem in found):
+                pictures.append((shot, picture))
+            problems.extend(found)
+        else:
+            kind, what = picture
+            problems.append(_problem(kind, shot, f"{what}: {again}, or drop it with rig check --repair."))
+    progress("read", len(shots), len(shots))
+    problems.extend(_missing(plans, shots, again))
+    problems.extend(_duplicates(shots))
+    problems.extend(_unrecorded(opened, shots))
+    problems.extend(_skewed(shots))
+    return CheckReport(
+        session=str(session),
+        planned=sum(len(slots(plan)) for plan in plans),
+        shots=len(shots),
+        sound=len(pictures),
+        exposures=tuple(_exposed(pictures)),
+        problems=tuple(problems),
+    )
+
+
+def _problem(kind: ProblemKind, shot: ShotRecord, message: str) -> Problem:
+    return Problem(
+        kind=kind, file=shot.file, camera=shot.camera, frame=shot.frame, step=shot.step, message=message
+    )
+
+
+def _read(session: Session, shot: ShotRecord) -> Picture | tuple[ProblemKind, str]:
+    """The picture of a shot, or what is wrong with its file."""
+    try:
+        path = session.file(shot)
+    except InputError:
+        return "index", f"shots.jsonl names {shot.file!r}, which leads out of the session"
+    if not path.is_file():
+        return "absent", f"{shot.file} is not there"
+    try:
+        return read_picture(path)
+    except InputError as error:
+        return "torn", f"{shot.file} cannot be read to its end ({str(error).split(': ')[0]})"
+
+
+def _against_record(session: Session, shot: ShotRecord, picture: Picture) -> Iterator[Problem]:
+    """What a readable file and its record disagree about, and the record with the request."""
+    if store.sha256(session.file(shot)) != shot.sha256:
+        yield _problem(
+            "altered",
+            shot,
+            f"{shot.file} is not the file that was recorded (its SHA-256 differs): restore it from a copy, "
+            "or move it away and take it again.",
+        )
+    if (picture.width, picture.height) != (shot.width, shot.height):
+        yield _problem(
+            "size",
+            shot,
+            f"{shot.file} has {picture.width}x{picture.height} pixels and its record says "
+            f"{shot.width}x{shot.height}: restore the file from a copy.",
+        )
+    requested, reported = shot.requested, picture.metadata.exposure or shot.reported
+    if requested is not None and reported is not None and deviates(reported, requested):
+        yield _problem(
+            "exposure",
+            shot,
+            f"{shot.file} was exposed at {reported} where {requested} was asked for "
+            f"({stops_apart(reported, requested):+.2f} stops): set the camera to manual and take it again.",
+        )
+
+
+def _missing(plans: Sequence[PlanRecord], shots: Sequence[ShotRecord], again: str) -> Iterator[Problem]:
+    there = {shot.identity for shot in shots}
+    for plan in plans:
+        for slot in slots(plan):
+            if (plan.plan, *slot) not in there:
+                message = f"The shot of {slot} is missing: {again}."
+                yield Problem(
+                    kind="missing", camera=slot.camera, frame=slot.frame, step=slot.step, message=message
+                )
+
+
+def _duplicates(shots: Sequence[ShotRecord]) -> Iterator[Problem]:
+    """Files that two shots share, by name or by content."""
+    by_file: dict[str, ShotRecord] = {}
+    by_content: dict[str, ShotRecord] = {}
+    for shot in shots:
+        if shot.file in by_file:
+            yield _problem(
+                "duplicate", shot, f"{shot.file} stands for two shots: rig check --repair keeps one."
+            )
+        elif shot.sha256 in by_content:
+            first = by_content[shot.sha256].file
+            yield _problem(
+                "duplicate", shot, f"{shot.file} is the same file as {first}: move the wrong one away."
+            )
+        by_file.setdefault(shot.file, shot)
+        by_content.setdefault(shot.sha256, shot)
+
+
+def _unrecorded(session: Session, shots: list[ShotRecord]) -> Iterator[Problem]:
+    for file in stray_files(session, shots):
+        message = f"{file} has no record: add it with rig check --repair, or move it away."
+        yield Problem(kind="stray", file=file, message=message)
+    for part in leftovers(session):
+        file = part.relative_to(session.folder).as_posix()
+        message = (
+            f"{file} was left half-written by a run that was killed: delete it, or run rig capture --resume."
+        )
+        yield Problem(kind="leftover", file=file, message=message)
+
+
+def _skewed(shots: Iterable[ShotRecord]) -> Iterator[Problem]:
+    for shot in shots:
+        if shot.skew is not None and shot.skew > SKEW_TOLERANCE:
+            yield _problem(
+                "skew",
+                shot,
+                f"{shot.file} was exposed {shot.skew * 1000:.0f} ms after the first camera of its step: "
+                "use a hardware trigger where the scene moves.",
+            )
+
+
+def _exposed(pictures: Sequence[tuple[ShotRecord, Picture]]) -> Iterator[Exposed]:
+    """Clipping by camera and exposure; brightest first."""
+    groups: dict[tuple[str, Exposure | None], list[tuple[ShotRecord, Picture]]] = {}
+    for shot, picture in pictures:
+        groups.setdefault((shot.camera, shot.requested or shot.reported), []).append((shot, picture))
+
+    def order(key: tuple[str, Exposure | None]) -> tuple[str, float]:
+        return key[0], -(key[1].stops if key[1] is not None else 0.0)
+
+    for camera, exposure in sorted(groups, key=order):
+        members = groups[camera, exposure]
+        red, green, blue = np.mean([picture.clipped for _, picture in members], axis=0).tolist()
+        skews = [shot.skew for shot, _ in members if shot.skew is not None]
+        yield Exposed(
+            camera=camera,
+            exposure=exposure,
+            shots=len(members),
+            clipped=(red, green, blue),
+            black=float(np.mean([picture.black for _, picture in members])),
+            max_skew=max(skews, default=None),
+        )

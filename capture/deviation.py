@@ -1,0 +1,28 @@
+"""How far two exposures lie apart, and when that is too far to be the same."""
+
+import math
+
+from imaging.exposure import Exposure
+
+TOLERANCE_STOPS = 1 / 6
+"""Half of the third of a stop that cameras are set in: more is another exposure, not rounding."""
+
+
+def stops_apart(one: Exposure, other: Exposure) -> float:
+    """Stops by which `one` is brighter than `other`.
+
+    An f-number or ISO that only one of them states is left out: it is unknown, not different.
+    """
+    apart = math.log2(one.time / other.time)
+    if one.iso is not None and other.iso is not None:
+        apart += math.log2(one.iso / other.iso)
+    if one.f_number is not None and other.f_number is not None:
+        apart -= 2 * math.log2(one.f_number / other.f_number)
+    return apart
+
+
+def deviates(reported: Exposure | None, requested: Exposure | None) -> bool:
+    """Whether both are known and lie further apart than the tolerance."""
+    if reported is None or requested is None:
+        return False
+    return abs(stops_apart(reported, requested)) > TOLERANCE_STOPS + 1e-9

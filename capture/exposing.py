@@ -1,0 +1,97 @@
+"""One bracket step of the whole rig: every camera is set, armed, triggered and emptied together."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TypeVar
+
+from capture.deviation import deviates
+from drivers.camera import Camera, EncodedPhoto
+from imaging.errors import CameraError
+from imaging.exposure import Exposure
+from imaging.mosaic import RawMosaic
+
+RETRIES = 2
+"""Further attempts after a camera error; one bad cable must not hold the rig up for ever."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A frame that a camera delivered.
+
+    set_to: what the camera read back when it was set. opened: monotonic time of its trigger, seconds.
+    """
+
+    frame: RawMosaic | EncodedPhoto
+    set_to: Exposure
+    opened: float
+    retries: int
+
+    @property
+    def reported(self) -> Exposure:
+        """What the file says of itself; what the camera read back only where the file is silent."""
+        return self.frame.metadata.exposure or self.set_to
+
+
+def expose(
+    cameras: Mapping[str, Camera], requested: Exposure
+) -> tuple[dict[str, Taken], dict[str, CameraError]]:
+    """Expose all `cameras` at `requested`: the frames by camera, and the errors of those without one.
+
+    All cameras are set and armed before the first is triggered, all are triggered before the first
+    is emptied. A camera that fails is tried again, with the others that failed, RETRIES times.
+    A frame is accepted when its *own* metadata agree with the request, since cameras do hand out
+    the frame before; one that does not is taken again once, then kept with what it reports.
+    """
+    taken: dict[str, Taken] = {}
+    suspect: dict[str, Taken] = {}
+    errors: dict[str, CameraError] = {}
+    waiting = dict(cameras)
+    for attempt in range(RETRIES + 1):
+        frames, errors = _expose_once(waiting, requested, attempt)
+        for name, new in frames.items():
+            if deviates(new.reported, requested) and name not in suspect:
+                suspect[name] = new
+            else:
+                taken[name] = new
+        waiting = {name: camera for name, camera in waiting.items() if name not in taken}
+        if not waiting:
+            break
+    kept = {name: suspect[name] for name in waiting if name in suspect}
+    return taken | kept, {name: error for name, error in errors.items() if name not in kept}
+
+
+def _expose_once(
+    cameras: Mapping[str, Camera], requested: Exposure, attempt: int
+) -> tuple[dict[str, Taken], dict[str, CameraError]]:
+    """The phases one after the other; a camera that fails in one is left out of the next."""
+    errors: dict[str, CameraError] = {}
+
+    def prepare(camera: Camera) -> Exposure:
+        set_to = camera.set_exposure(requested)
+        if deviates(set_to, requested):  # a camera that was still busy drops the setting
+            set_to = camera.set_exposure(requested)
+        camera.arm()
+        return set_to
+
+    ready = _each(cameras, cameras, prepare, errors)
+    opened = _each(cameras, ready, lambda camera: camera.trigger(), errors)
+    frames = _each(cameras, opened, lambda camera: camera.collect(), errors)
+    return {name: Taken(frames[name], ready[name], opened[name], attempt) for name in frames}, errors
+
+
+def _each(
+    cameras: Mapping[str, Camera],
+    names: Iterable[str],
+    act: Callable[[Camera], T],
+    errors: dict[str, CameraError],
+) -> dict[str, T]:
+    """`act` on every named camera; the one place to widen to a thread a camera and a barrier."""
+    results: dict[str, T] = {}
+    for name in names:
+        try:
+            results[name] = act(cameras[name])
+        except CameraError as error:
+            errors[name] = error
+    return results

@@ -1,0 +1,129 @@
+"""The photographs of a folder, as somebody left them: found, read to their end, put in order."""
+
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture.exposure_list import NAME as EXPOSURE_LIST
+from capture.exposure_list import read_exposure_list
+from capture.reading import Kind, Picture, kind_of, read_picture
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Original:
+    """One file that promises to be a photograph.
+
+    picture is None and `error` a sentence where the file does not keep the promise; it still takes
+    its place in the series, so that the brackets after it are not shifted by one.
+    """
+
+    path: Path
+    kind: Kind
+    picture: Picture | None
+    exposure: Exposure | None = None
+    error: str | None = None
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a folder holds. originals: in order. notes: what was left aside or assumed, a sentence each."""
+
+    originals: tuple[Original, ...]
+    notes: tuple[str, ...]
+
+
+def survey(folder: Path, progress: Progress) -> Survey:
+    """Read every photograph of a folder and its subfolders; hidden files and folders are passed over."""
+    paths, others = _found(folder)
+    paths, beside = _without_developed(paths)
+    notes: list[str] = []
+    listed = _listed(folder, others, notes)
+    if others:
+        names = ", ".join(shown(path.relative_to(folder)) for path in others[:3])
+        more = "" if len(others) <= 3 else " and others"
+        notes.append(f"{_files(len(others))} left aside as no picture that rig reads: {names}{more}.")
+    if beside:
+        notes.append(f"{_files(len(beside))} left aside because a RAW file of the same name is there.")
+    originals: list[Original] = []
+    for number, path in enumerate(paths):
+        progress(f"reading {shown(path.name)}", number, len(paths))
+        originals.append(_read(path, listed.get(path)))
+    progress("read", len(paths), len(paths))
+    return Survey(tuple(originals), tuple(notes))
+
+
+def natural(path: Path) -> list[tuple[str | int, ...]]:
+    """A key that sorts IMG_9 before IMG_10, folder by folder."""
+    return [
+        tuple(int(piece) if piece.isdecimal() else piece for piece in re.split(r"(\d+)", part.casefold()))
+        for part in path.parts
+    ]
+
+
+def shown(path: Path | str) -> str:
+    """A path as text that can be printed and stored, whatever bytes its name is made of."""
+    return os.fsencode(path).decode("utf-8", "backslashreplace")
+
+
+def _files(count: int) -> str:
+    return "1 file is" if count == 1 else f"{count} files are"
+
+
+def _found(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Pictures and other files, each in natural order; folders that are links are not followed."""
+    pictures: list[Path] = []
+    others: list[Path] = []
+    for place, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in files:
+            path = Path(place) / name
+            if not name.startswith(".") and path.is_file():
+                (pictures if kind_of(path) else others).append(path)
+
+    def order(path: Path) -> tuple[object, ...]:
+        relative = path.relative_to(folder)
+        return natural(relative.parent), natural(Path(relative.name)), str(relative)
+
+    return sorted(pictures, key=order), sorted(others, key=order)
+
+
+def _without_developed(paths: list[Path]) -> tuple[list[Path], list[Path]]:
+    """RAW+JPEG pairs are one exposure: the RAW counts."""
+    raws = {(path.parent, path.stem.casefold()) for path in paths if kind_of(path) == "raw"}
+    beside = [p for p in paths if kind_of(p) == "ldr" and (p.parent, p.stem.casefold()) in raws]
+    aside = set(beside)
+    return [path for path in paths if path not in aside], beside
+
+
+def _listed(folder: Path, others: list[Path], notes: list[str]) -> dict[Path, Exposure]:
+    """Exposures from the lists among `others`, which are taken out of it."""
+    exposures: dict[Path, Exposure] = {}
+    for path in [path for path in others if path.name.casefold() == EXPOSURE_LIST]:
+        try:
+            listed = read_exposure_list(path)
+        except InputError as error:
+            notes.append(f"An exposure list is left aside: {str(error).rstrip('.')}.")
+            continue
+        others.remove(path)
+        exposures |= {path.parent / name: exposure for name, exposure in listed.items()}
+        name = shown(path.relative_to(folder))
+        notes.append(f"The exposures of {len(listed)} photos are those of {name}, not of their EXIF.")
+    return exposures
+
+
+def _read(path: Path, listed: Exposure | None) -> Original:
+    kind = kind_of(path)
+    assert kind is not None
+    try:
+        picture = read_picture(path)
+    except InputError as error:
+        reason = str(error).rstrip(".")
+        named = path.name in reason
+        return Original(path, kind, None, error=shown(reason if named else f"{path}: {reason}"))
+    return Original(path, kind, picture, exposure=listed or picture.metadata.exposure)

@@ -1,0 +1,188 @@
+"""`rig capture --sim`: a session shot by simulated cameras, with the truth beside it."""
+
+import math
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+
+from capture.beginning import begin, folder_made, is_vacant
+from capture.deviation import TOLERANCE_STOPS
+from capture.lock import sole_writer
+from capture.recorder import CaptureResult, Progress, finished, record, slots
+from drivers.camera import Camera
+from drivers.sim.rigs import SimulatedRig, simulate
+from imaging import store
+from imaging.dng import Compression
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.records import PlanRecord, SessionRecord
+from imaging.session import Session
+
+PLAN = "scene"
+
+
+def capture_simulated(
+    name: str,
+    out: Path,
+    *,
+    seed: int = 0,
+    frames: int | None = None,
+    bracket: tuple[float, ...] | None = None,
+    resume: bool = False,
+    compression: Compression = "none",
+    progress: Progress = lambda message, done, total: None,
+) -> CaptureResult:
+    """Shoot the simulated rig `name` into the session folder `out`, and write the truth beside it.
+
+    frames: how many positions of the rig, from the first; all of them when None.
+    bracket: stops relative to the middle exposure of the rig's own bracket, which is used when None.
+    resume: take exactly the shots that `out` lacks; the raw files are then those, byte for byte, of
+    a capture that was never interrupted. frames and bracket may be left out and are then those of
+    the session.
+
+    InputError: no such rig, `out` is not empty, or (resume) holds another capture. StorageError:
+    the disk refuses; what was finished stays.
+    """
+    if resume and not out.is_dir():
+        raise InputError(f"{out} is not a folder: leave --resume out to begin a session there.")
+    rig = simulate(name, seed)
+    cameras = {camera.name: device for camera, device in zip(rig.records(), rig.cameras, strict=True)}
+    wanted = _plan(rig, cameras, name, frames, bracket)
+    identity = SessionRecord(
+        name=out.resolve().name,
+        created=datetime.now(UTC),
+        origin=f"sim:{name}",
+        seed=seed,
+        cameras=rig.records(),
+    )
+    try:
+        with folder_made(out), sole_writer(out):
+            if resume and not is_vacant(out):
+                session = Session.open(out)
+                _must_be_the_same(session, identity)
+                known = next((plan for plan in session.plans() if plan.plan == PLAN), None)
+            else:
+                session, known = begin(out, identity), None
+            if known is None:
+                session.append_plan(wanted)
+                plan = wanted
+            else:
+                plan = _continued(session, rig, known, wanted, frames, bracket)
+            truth = out / "truth" / "truth.json"
+            if truth.exists() and len(finished(session, plan)) < len(slots(plan)):
+                store.discard(truth)  # it lists what was applied in every shot, and there will be more
+            result = record(
+                session, plan, cameras, move_to=rig.move_to, compression=compression, progress=progress
+            )
+            if not truth.exists():
+                rig.write_truth(out, progress)
+        return result
+    finally:
+        for camera in cameras.values():
+            camera.close()
+
+
+def _plan(
+    rig: SimulatedRig,
+    cameras: Mapping[str, Camera],
+    name: str,
+    frames: int | None,
+    bracket: tuple[float, ...] | None,
+) -> PlanRecord:
+    count = rig.frames if frames is None else frames
+    if not 1 <= count <= rig.frames:
+        raise InputError(
+            f"the simulated rig {name} has {rig.frames} positions, not {count}: choose 1 to {rig.frames}."
+        )
+    if bracket is None:
+        exposures, reason = rig.bracket, f"the bracket of the simulated rig {name}"
+    else:
+        exposures, reason = _exposures(rig, cameras, bracket), "stops given on the command line"
+    return PlanRecord(
+        plan=PLAN,
+        kind="scene",
+        created=datetime.now(UTC),
+        bracket=exposures,
+        frames=tuple(range(count)),
+        cameras=tuple(cameras),
+        reason=reason,
+    )
+
+
+def _exposures(
+    rig: SimulatedRig, cameras: Mapping[str, Camera], bracket: tuple[float, ...]
+) -> tuple[Exposure, ...]:
+    """The nearest exposures that the cameras have; InputError if one is out of reach or comes twice."""
+    if not bracket:
+        raise InputError("the bracket is empty: give at least one exposure, as 0 or -2,0,2.")
+    middle = sorted(rig.bracket, key=lambda exposure: exposure.stops)[len(rig.bracket) // 2]
+    times = next(iter(cameras.values())).capabilities().times
+    slack = 2.0**TOLERANCE_STOPS
+    chosen: list[Exposure] = []
+    for stops in bracket:
+        if not math.isfinite(stops) or abs(stops) > 64:
+            raise InputError(f"{stops} is no exposure: give stops relative to the middle, as -2,0,2.")
+        ideal = middle.with_time(middle.time * 2.0**stops)
+        if not times[0] / slack <= ideal.time <= times[-1] * slack:
+            least, most = math.log2(times[0] / middle.time), math.log2(times[-1] / middle.time)
+            raise InputError(
+                f"{stops:+g} stops from {middle} is {ideal}, out of reach of the cameras: "
+                f"choose stops between {least:+.1f} and {most:+.1f}."
+            )
+        nearest = middle.with_time(min(times, key=lambda time: abs(math.log2(time / ideal.time))))
+        if nearest in chosen:
+            raise InputError(
+                f"{stops:+g} stops gives {nearest} a second time: choose stops at least 1/3 apart."
+            )
+        chosen.append(nearest)
+    return tuple(chosen)
+
+
+def _must_be_the_same(session: Session, wanted: SessionRecord) -> None:
+    """A session is completed by the rig that began it, or not at all."""
+    there = session.record
+    if there.origin != wanted.origin:
+        raise InputError(
+            f"{session.folder} was captured from {there.origin}, not {wanted.origin}: "
+            "resume it with the same rig, or name a new folder."
+        )
+    if there.seed != wanted.seed:
+        raise InputError(
+            f"{session.folder} was captured with seed {there.seed}, not {wanted.seed}: "
+            "resume it with the same seed, or name a new folder."
+        )
+    if there.cameras != wanted.cameras:
+        raise InputError(
+            f"{session.folder} was captured with other cameras than {wanted.origin} has now: "
+            "resume it with the version of rig that began it, or name a new folder."
+        )
+
+
+def _continued(
+    session: Session,
+    rig: SimulatedRig,
+    known: PlanRecord,
+    wanted: PlanRecord,
+    frames: int | None,
+    bracket: tuple[float, ...] | None,
+) -> PlanRecord:
+    """The plan of the session; InputError where what was asked for contradicts it."""
+    possible = set(range(rig.frames))
+    if not (
+        set(known.frames) <= possible and set(known.cameras) <= set(wanted.cameras) and all(known.bracket)
+    ):
+        raise InputError(
+            f"{session.folder / 'plans.jsonl'} plans shots that the rig cannot take: restore the file."
+        )
+    if frames is not None and wanted.frames != known.frames:
+        raise InputError(
+            f"{session.folder} was planned with {len(known.frames)} frames, not {frames}: "
+            "resume it with the same number, or name a new folder."
+        )
+    if bracket is not None and wanted.bracket != known.bracket:
+        steps = ", ".join(str(exposure) for exposure in known.bracket)
+        raise InputError(
+            f"{session.folder} was planned with the bracket {steps}: "
+            "leave --bracket out to resume it, or name a new folder."
+        )
+    return known
