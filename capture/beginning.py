@@ -5,15 +5,21 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from imaging import store
-from imaging.errors import InputError
+from imaging.errors import InputError, StorageError
 from imaging.records import SessionRecord
 from imaging.session import Session
 
 
 @contextmanager
 def folder_made(folder: Path) -> Iterator[None]:
-    """Make a folder and its parents; those still empty when the block fails are removed again."""
+    """Make a folder and its parents; those still empty when the block fails are removed again.
+
+    InputError if a file is in the way.
+    """
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    for path in (folder, *folder.parents):
+        if path.exists() and not path.is_dir():
+            raise InputError(f"{path} is a file: name a new folder.")
     try:
         store.make_folder(folder)
         yield
@@ -37,4 +43,9 @@ def begin(folder: Path, record: SessionRecord) -> Session:
         raise InputError(f"{folder} is not empty: name a new folder, or --resume the session in it.")
     for leftover in store.leftovers(folder):
         store.discard(leftover)
-    return Session.create(folder, record)
+    try:
+        return Session.create(folder, record)
+    except StorageError:
+        with suppress(StorageError):
+            store.discard(folder / "session.json")  # renamed, but perhaps not on the disk
+        raise

@@ -104,8 +104,6 @@ def _check_folders(folder: Path, out: Path, bracket: int | None) -> None:
         raise InputError(f"{folder} is not a folder: name the folder that holds the photographs.")
     if out.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"{out} lies inside {folder}: name a folder outside of the photographs.")
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file: name a new folder.")
     if bracket is not None and bracket < 1:
         raise InputError(f"a bracket of {bracket} photos is none: give 1 or more.")
 

@@ -155,6 +155,11 @@ def inside(folder: Path, relative: str) -> Path:
     """The path of `relative` in `folder`; InputError if it would leave the folder."""
     pure = PurePosixPath(relative)
     path = folder / pure
-    if pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(folder.resolve()):
+    try:
+        nameable = all(len(os.fsencode(part)) <= 255 for part in pure.parts)
+        within = path.resolve().is_relative_to(folder.resolve())
+    except ValueError:  # a character that no file name can have
+        nameable = within = False
+    if pure.is_absolute() or ".." in pure.parts or not nameable or not within:
         raise InputError(f"{relative!r} leads out of {folder}: correct the record that names it.")
     return path

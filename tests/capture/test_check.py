@@ -1,0 +1,341 @@
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from capture.check import CheckReport, check, repair
+from capture.photos import import_photos
+from capture.recorder import record
+from imaging import store
+from imaging.cfa import Cfa
+from imaging.dng import encode_dng
+from imaging.errors import InputError, StorageError
+from imaging.exposure import Exposure
+from imaging.mosaic import RawMosaic
+from imaging.photo import encode_png
+from imaging.session import Session
+
+
+@pytest.fixture
+def rig(fake_rig):
+    rig = fake_rig(a="raw", b="ldr")
+    record(rig.session, rig.plan, rig.cameras, move_to=rig.move_to)
+    return rig
+
+
+def lines(session: Session) -> list[dict]:
+    return [json.loads(line) for line in (session.folder / "shots.jsonl").read_text().splitlines()]
+
+
+def write(session: Session, records: list[dict]) -> None:
+    text = "".join(json.dumps(one) + "\n" for one in records)
+    (session.folder / "shots.jsonl").write_text(text)
+
+
+def kinds(report: CheckReport) -> list[str]:
+    return [problem.kind for problem in report.problems]
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }
+
+
+def test_a_sound_session_has_no_problem_and_is_not_changed(rig):
+    before = tree(rig.session.folder)
+    steps = []
+    report = check(rig.session.folder, lambda message, done, total: steps.append((done, total)))
+    assert report.ok
+    assert (report.planned, report.shots, report.sound) == (18, 18, 18)
+    assert steps == [(n, 18) for n in range(19)]
+    assert tree(rig.session.folder) == before
+    assert CheckReport.model_validate_json(report.model_dump_json()) == report
+    groups = {(e.camera, e.exposure.time): e for e in report.exposures}
+    assert set(groups) == {(camera, e.time) for camera in "ab" for e in rig.plan.bracket}
+    assert all(e.shots == 3 for e in groups.values())
+    assert [e.exposure.time for e in report.exposures[:3]] == [1 / 8, 1 / 32, 1 / 128]
+    assert groups["b", 1 / 8].max_skew == pytest.approx(0.004)
+
+
+def test_clipped_and_black_shares_count_each_photosite_for_its_own_colour(fake_rig):
+    rig = fake_rig(a="raw")
+    record(rig.session, rig.plan, rig.cameras, move_to=rig.move_to)
+    pixels = np.full((24, 32), 1000, np.uint16)
+    pixels[0::2, 0::2][:3] = 4095  # a quarter of the red sites, phase RGGB
+    pixels[0::2, 1::2][:6, :4] = 4095  # an eighth of the greens
+    pixels[1::2, 1::2] = 64  # all blue at black
+    data = encode_dng(RawMosaic(pixels, Cfa.RGGB, (64.0,) * 4, 4095))
+    records = lines(rig.session)
+    (rig.session.folder / records[0]["file"]).write_bytes(data)
+    records[0]["sha256"] = store.sha256(rig.session.folder / records[0]["file"])
+    records[0]["requested"]["time"] = 1 / 2
+    write(rig.session, records)
+    exposed = check(rig.session.folder).exposures[0]
+    assert exposed.exposure.time == 1 / 2
+    assert exposed.shots == 1
+    assert exposed.clipped == pytest.approx((0.25, 24 / 384, 0.0))
+    assert exposed.black == pytest.approx(0.25)
+
+
+def test_of_a_photograph_the_top_code_is_clipped_and_zero_is_black(tmp_path):
+    pixels = np.full((24, 32, 3), 100, np.uint8)
+    pixels[:12, :, 0], pixels[:6, :, 2] = 255, 0
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "a.png").write_bytes(encode_png(pixels))
+    import_photos(tmp_path / "photos", tmp_path / "s")
+    (exposed,) = check(tmp_path / "s").exposures
+    assert exposed.clipped == pytest.approx((0.5, 0.0, 0.0))
+    assert exposed.black == pytest.approx(0.25 / 3)
+
+
+DAMAGE = {
+    "absent": lambda path: path.unlink(),
+    "torn": lambda path: path.write_bytes(path.read_bytes()[:-300]),
+    "altered": lambda path: path.write_bytes(path.read_bytes() + b"\0"),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+@pytest.mark.parametrize("file", ["raw/0001/a_2.dng", "raw/0001/b_2.jpg"])
+def test_a_file_that_is_not_as_recorded_is_named_with_its_mend(rig, kind, file):
+    DAMAGE[kind](rig.session.folder / file)
+    report = check(rig.session.folder)
+    (problem,) = report.problems
+    assert (problem.kind, problem.file) == (kind, file)
+    assert (problem.camera, problem.frame, problem.step) == (file[9], 1, 2)
+    assert file in problem.message
+    assert ": " in problem.message
+    assert problem.message.endswith(".")
+    assert report.sound == 17
+
+
+def test_one_flipped_bit_is_found(rig):
+    path = rig.session.folder / "raw/0000/a_0.dng"
+    data = bytearray(path.read_bytes())
+    data[-100] ^= 1
+    path.write_bytes(data)
+    assert kinds(check(rig.session.folder)) == ["altered"]
+
+
+def test_missing_shots_strays_leftovers_and_duplicates_are_named(rig):
+    folder = rig.session.folder
+    records = lines(rig.session)
+    write(rig.session, records[:-1])  # its file is now a stray, its shot missing
+    (folder / "raw" / "0000" / ".a_9.dng.part").write_bytes(b"half")
+    (folder / "raw" / "0000" / "notes.txt").write_bytes(b"mine")
+    shutil.copy(folder / "raw/0000/a_0.dng", folder / "raw/0000/a_1.dng")
+    records[2]["sha256"] = records[0]["sha256"]
+    write(rig.session, records[:-1])
+    report = check(folder)
+    assert sorted((p.kind, p.file) for p in report.problems if p.kind != "exposure") == [
+        ("duplicate", "raw/0000/a_1.dng"),
+        ("leftover", "raw/0000/.a_9.dng.part"),
+        ("missing", ""),
+        ("stray", "raw/0000/notes.txt"),
+        ("stray", "raw/0002/b_2.jpg"),
+    ]
+    assert [p.file for p in report.problems if p.kind == "exposure"] == ["raw/0000/a_1.dng"]
+    missing = next(p for p in report.problems if p.kind == "missing")
+    assert (missing.camera, missing.frame, missing.step) == ("b", 2, 2)
+
+
+def test_an_exposure_that_the_file_does_not_confirm_is_named(fake_rig):
+    rig = fake_rig(a="raw")
+    wrong = Exposure(time=1 / 10, iso=100)
+    rig.cameras["a"].faults |= {("collect", 1): wrong, ("collect", 2): wrong}
+    record(rig.session, rig.plan, rig.cameras, move_to=rig.move_to)
+    (problem,) = check(rig.session.folder).problems
+    assert problem.kind == "exposure"
+    assert "1/10 s ISO 100 where 1/8 s ISO 100 was asked for (-0.32 stops)" in problem.message
+
+
+def test_cameras_that_did_not_expose_together_are_named(rig):
+    records = lines(rig.session)
+    records[1]["skew"] = 0.5
+    write(rig.session, records)
+    (problem,) = check(rig.session.folder).problems
+    assert (problem.kind, problem.camera) == ("skew", "b")
+    assert "500 ms" in problem.message
+
+
+HOSTILE = [
+    "../../etc/passwd",
+    "/etc/passwd",
+    "raw/../../x",
+    "raw/link/passwd",
+    "",
+    ".",
+    "raw",
+    "raw/\0",
+    "x" * 300,
+]
+
+
+@pytest.mark.parametrize("file", HOSTILE)
+def test_a_record_that_leads_out_of_the_session_reads_nothing_and_is_dropped(rig, tmp_path, file):
+    (rig.session.folder / "raw" / "link").symlink_to("/etc")
+    records = lines(rig.session)
+    records[0]["file"] = file
+    write(rig.session, records)
+    report = check(rig.session.folder)
+    first = report.problems[0]
+    assert first.kind in ("index", "absent")
+    assert report.sound == 17
+    done = repair(rig.session.folder)
+    assert done.dropped == (file,)
+    assert done.added == ("raw/0000/a_0.dng",)
+    assert check(rig.session.folder).ok
+
+
+@given(
+    file=st.text(max_size=30)
+    | st.from_regex(r"(\.\.|raw|/|\.|0000|a_0\.dng)(/(\.\.|raw|0000|a_0\.dng)){0,4}")
+)
+@settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+def test_whatever_a_record_names_no_file_outside_is_accepted(rig, file):
+    records = lines(rig.session)
+    original = records[0]["file"]
+    write(rig.session, [records[0] | {"file": file}])
+    report = check(rig.session.folder)
+    try:
+        inside = (rig.session.folder / file).resolve() == (rig.session.folder / original).resolve()
+    except ValueError:
+        inside = False
+    assert report.sound == int(inside and ".." not in file.split("/") and not file.startswith("/"))
+    write(rig.session, records)
+
+
+def test_repair_drops_records_without_file_and_adds_files_without_record(rig):
+    folder = rig.session.folder
+    records = lines(rig.session)
+    (folder / "raw/0000/a_1.dng").unlink()
+    index = (folder / "shots.jsonl").read_bytes()
+    write(rig.session, records[:-2])
+    changed = (folder / "shots.jsonl").read_bytes()
+    done = repair(folder)
+    assert done.dropped == ("raw/0000/a_1.dng",)
+    assert done.added == ("raw/0002/a_2.dng", "raw/0002/b_2.jpg")
+    assert done.left == ()
+    assert (folder / done.backup).read_bytes() == changed
+    by_file = {record["file"]: record for record in lines(rig.session)}
+    for file in done.added:
+        original = next(record for record in records if record["file"] == file)
+        del original["skew"]
+        for key, value in original.items():
+            if key != "reported":
+                assert by_file[file][key] == value
+        assert by_file[file]["reported"]["time"] == pytest.approx(original["reported"]["time"])
+    assert index.count(b"\n") == len(by_file) + 1
+    assert kinds(check(folder)) == ["missing"]
+    again = repair(folder)
+    assert (again.dropped, again.added, again.backup) == ((), (), None)
+    assert record(rig.session, rig.plan, rig.cameras, move_to=rig.move_to).taken == 1
+    assert check(folder).ok
+
+
+def test_an_index_that_is_lost_is_rebuilt_from_the_files(rig):
+    folder = rig.session.folder
+    shots = {shot.identity: shot for shot in rig.session.shots()}
+    (folder / "shots.jsonl").unlink()
+    assert len(repair(folder).added) == 18
+    rebuilt = {shot.identity: shot for shot in rig.session.shots()}
+    assert {i: (s.file, s.sha256, s.requested) for i, s in rebuilt.items()} == {
+        i: (s.file, s.sha256, s.requested) for i, s in shots.items()
+    }
+    assert check(folder).ok
+
+
+def test_a_damaged_line_hides_no_other(rig):
+    folder = rig.session.folder
+    text = (folder / "shots.jsonl").read_text().splitlines(keepends=True)
+    text[3] = "\x00garbage\n"
+    text[7] = text[7].replace('"camera"', '"kamera"')
+    (folder / "shots.jsonl").write_text("".join(text))
+    report = check(folder)
+    assert kinds(report).count("index") == 2
+    assert report.sound == 16
+    assert "line 4 is not JSON" in report.problems[0].message
+    assert "line 8" in report.problems[1].message
+    done = repair(folder)
+    assert len(done.added) == 2
+    assert check(folder).ok
+
+
+def test_repair_takes_no_torn_foreign_or_unplanned_file_and_deletes_none(rig):
+    folder = rig.session.folder
+    records = lines(rig.session)
+    write(rig.session, records[1:])
+    good = (folder / "raw/0000/a_0.dng").read_bytes()
+    (folder / "raw/0000/a_0.dng").write_bytes(good[:-100])
+    strays = {
+        "raw/0000/notes.txt": b"mine",
+        "raw/0000/a_7.dng": good,
+        "raw/0007/a_0.dng": good,
+        "raw/0000/c_0.dng": good,
+        "raw/0000/b_0.dng": good,
+        "raw/x_0.dng": good,
+    }
+    for name, data in strays.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(data)
+    before = tree(folder)
+    done = repair(folder)
+    assert (done.dropped, done.added, done.backup) == ((), (), None)
+    assert len(done.left) == 7
+    assert all(
+        any(name in sentence for sentence in done.left)
+        for name in [*strays, "raw/0000/a_0.dng"]
+        if "c_0" not in name
+    )
+    assert tree(folder) == before
+
+
+def test_two_records_of_one_file_become_one(rig):
+    records = lines(rig.session)
+    records[2]["file"] = records[0]["file"]
+    records[2]["sha256"] = records[0]["sha256"]
+    write(rig.session, [records[2], *records[:2], *records[3:]])
+    assert "duplicate" in kinds(check(rig.session.folder))
+    done = repair(rig.session.folder)
+    assert done.added == ("raw/0000/a_1.dng",)
+    assert check(rig.session.folder).ok
+
+
+def test_repair_on_a_disk_that_refuses_leaves_the_index_as_it_was(rig, monkeypatch):
+    index = rig.session.folder / "shots.jsonl"
+    write(rig.session, lines(rig.session)[:-1])
+    before = tree(rig.session.folder)
+
+    def refuse(self, data):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", refuse)
+    with pytest.raises(StorageError):
+        repair(rig.session.folder)
+    assert tree(rig.session.folder) == before
+    assert index.exists()
+
+
+def test_a_folder_that_is_no_session_is_an_input_error(tmp_path):
+    for action in (check, repair):
+        for folder in (tmp_path, tmp_path / "absent"):
+            with pytest.raises(InputError):
+                action(folder)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_damaged_plan_is_a_problem_and_not_the_end(rig):
+    (rig.session.folder / "plans.jsonl").write_text("nonsense\n")
+    report = check(rig.session.folder)
+    assert kinds(report) == ["index"]
+    assert report.sound == 18
