@@ -37,8 +37,11 @@ Compression = Literal["none", "ljpeg"]
 _TILE = 256
 """Largest side of a lossless JPEG tile, px."""
 
-_SMALLEST_TILE = 16
-"""TIFF wants multiples of it."""
+_TILE_STEP = 16
+"""TIFF wants tile sides that are multiples of it."""
+
+_SMALLEST_SIDE = 22
+"""LibRaw takes smaller images for no image."""
 
 
 def write_dng(path: Path, raw: RawMosaic, *, compression: Compression = "none") -> None:
@@ -49,12 +52,12 @@ def write_dng(path: Path, raw: RawMosaic, *, compression: Compression = "none") 
 def encode_dng(raw: RawMosaic, compression: Compression = "none") -> bytes:
     """The bytes of a DNG file; the same mosaic gives the same bytes.
 
-    'ljpeg' halves the size and takes longer; an image with a side below 16 px stays uncompressed.
-    ValueError if the mosaic cannot be written: empty, not uint16 [H, W], white not in 1..65535, a
-    black level negative or not below white, a number that is no number.
+    'ljpeg' halves the size and takes longer. ValueError if the mosaic cannot be written: not
+    uint16 [H, W], a side below 22 px, white not in 1..65535, a black level negative or not below
+    white, a number that is no number.
     """
     _check(raw)
-    tiled = compression == "ljpeg" and min(raw.pixels.shape) >= _SMALLEST_TILE
+    tiled = compression == "ljpeg"
     segments = list(_tiles(raw.pixels)) if tiled else [raw.pixels.astype("<u2").tobytes()]
     lengths = [len(segment) for segment in segments]
     places, sizes = (tag.TILE_OFFSETS, tag.TILE_SIZES) if tiled else (tag.STRIP_OFFSETS, tag.STRIP_SIZES)
@@ -71,8 +74,10 @@ def encode_dng(raw: RawMosaic, compression: Compression = "none") -> bytes:
 
 
 def _check(raw: RawMosaic) -> None:
-    if raw.pixels.dtype != np.uint16 or raw.pixels.ndim != 2 or raw.pixels.size == 0:
+    if raw.pixels.dtype != np.uint16 or raw.pixels.ndim != 2:
         raise ValueError(f"a mosaic is uint16 [H, W], not {raw.pixels.dtype} {raw.pixels.shape}")
+    if min(raw.pixels.shape) < _SMALLEST_SIDE:
+        raise ValueError(f"a RAW file has {_SMALLEST_SIDE} pixels or more a side, not {raw.pixels.shape}")
     if not 1 <= raw.white <= 65535:
         raise ValueError(f"white level {raw.white} is not in 1..65535")
     if not all(0 <= black < raw.white for black in raw.black):
@@ -84,8 +89,8 @@ def _tile_side(length: int) -> int:
 
     LibRaw and dcraw decode a tile that is wider than the image to wrong pixels.
     """
-    side = -(-length // -(-length // _TILE) // _SMALLEST_TILE) * _SMALLEST_TILE
-    return side if side <= length else length // _SMALLEST_TILE * _SMALLEST_TILE
+    side = -(-length // -(-length // _TILE) // _TILE_STEP) * _TILE_STEP
+    return side if side <= length else length // _TILE_STEP * _TILE_STEP
 
 
 def _tiles(pixels: npt.NDArray[np.uint16]) -> Iterator[bytes]:
@@ -110,7 +115,7 @@ def _layout(raw: RawMosaic, tiled: bool) -> dict[int, Entry]:
         tag.WIDTH: Entry(LONG, [width]),
         tag.HEIGHT: Entry(LONG, [height]),
         tag.BITS: Entry(SHORT, [16]),
-        tag.COMPRESSION: Entry(SHORT, [7 if tiled else 1]),
+        tag.COMPRESSION: Entry(SHORT, [tag.LOSSLESS_JPEG if tiled else 1]),
         tag.PHOTOMETRIC: Entry(SHORT, [tag.CFA_PHOTOMETRIC]),
         tag.SAMPLES: Entry(SHORT, [1]),
         tag.PLANAR: Entry(SHORT, [1]),

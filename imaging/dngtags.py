@@ -5,12 +5,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from imaging.mosaic import Matrix, as_matrix
-from imaging.tiff import Directory, TiffError, integers, numbers
+from imaging.tiff import Directory, TiffError, TiffReader, integers, numbers
 
 SUBFILE_TYPE, WIDTH, HEIGHT, BITS, COMPRESSION, PHOTOMETRIC, SAMPLES = 254, 256, 257, 258, 259, 262, 277
 ROWS_PER_STRIP, STRIP_OFFSETS, STRIP_SIZES, PLANAR = 278, 273, 279, 284
 TILE_WIDTH, TILE_HEIGHT, TILE_OFFSETS, TILE_SIZES = 322, 323, 324, 325
-SOFTWARE, CFA_REPEAT, CFA_PATTERN, CFA_PLANES, CFA_LAYOUT = 305, 33421, 33422, 50710, 50711
+SOFTWARE, SAMPLE_FORMAT, CFA_REPEAT, CFA_PATTERN, CFA_PLANES, CFA_LAYOUT = (
+    305,
+    339,
+    33421,
+    33422,
+    50710,
+    50711,
+)
 DNG_VERSION, DNG_BACKWARD, UNIQUE_MODEL, RAW_UNIQUE_ID = 50706, 50707, 50708, 50781
 BLACK_REPEAT, BLACK, BLACK_DELTA_H, BLACK_DELTA_V, WHITE = 50713, 50714, 50715, 50716, 50717
 DEFAULT_SCALE, CROP_ORIGIN, CROP_SIZE, ACTIVE_AREA = 50718, 50719, 50720, 50829
@@ -20,26 +27,30 @@ BASELINE_EXPOSURE, BASELINE_NOISE, BASELINE_SHARPNESS, LINEAR_LIMIT = 50730, 507
 NOISE_PROFILE = 51041
 
 CFA_PHOTOMETRIC = 32803
+LOSSLESS_JPEG = 7
 D65 = 21
 
 Black = tuple[float, float, float, float]
 
 
-def check_extents(directories: Sequence[Directory], size: int) -> None:
-    """TiffError unless all strips and tiles lie within a file of `size` bytes and, in a DNG, none is missing.
+def check_extents(directories: Sequence[Directory], file: TiffReader) -> None:
+    """TiffError unless all strips and tiles lie within the file and, in a DNG, none is missing.
 
-    Readers fill what is missing with zeros without a word, so this comes before them.
+    Readers fill what is missing with zeros without a word, so this comes before them. A copy that
+    broke off may have its full size and zeros at the end, so lossless JPEG has to have its end.
     """
     is_dng = any(DNG_VERSION in directory for directory in directories)
     for directory in directories:
         for places, lengths in ((STRIP_OFFSETS, STRIP_SIZES), (TILE_OFFSETS, TILE_SIZES)):
             starts, sizes = integers(directory, places), integers(directory, lengths)
-            if any(start + length > size for start, length in zip(starts, sizes, strict=False)):
+            if any(start + length > file.size for start, length in zip(starts, sizes, strict=False)):
                 raise TiffError("pixels lead past the end")
             if is_dng and (len(starts) != len(sizes) or 0 in starts or 0 in sizes):
                 raise TiffError("pixels are missing")
         if is_dng and integers(directory, PHOTOMETRIC) == (CFA_PHOTOMETRIC,):
             _check_complete(directory)
+            if _number(directory, COMPRESSION) == LOSSLESS_JPEG:
+                _check_ends(directory, file)
 
 
 def _check_complete(directory: Directory) -> None:
@@ -60,6 +71,15 @@ def _check_complete(directory: Directory) -> None:
         raise TiffError("pixels are missing")
 
 
+def _check_ends(directory: Directory, file: TiffReader) -> None:
+    for places, lengths in ((STRIP_OFFSETS, STRIP_SIZES), (TILE_OFFSETS, TILE_SIZES)):
+        starts, sizes = integers(directory, places), integers(directory, lengths)
+        for start, size in zip(starts, sizes, strict=True):
+            tail = min(size, 64)  # some writers pad
+            if b"\xff\xd9" not in file.read(start + size - tail, tail):
+                raise TiffError("a strip or tile has no end")
+
+
 def image_tags(directories: Sequence[Directory]) -> Directory | None:
     """The tags about the mosaic of a DNG over those of its main directory; None if it is no DNG."""
     main = next((directory for directory in directories if DNG_VERSION in directory), None)
@@ -70,14 +90,25 @@ def image_tags(directories: Sequence[Directory]) -> Directory | None:
     return {**main, **largest}
 
 
-def black(tags: Directory) -> Black | None:
-    """BlackLevel of the four sites of the active area's 2x2 tile; rows and columns add their mean delta."""
+def is_bayer(tags: Directory) -> bool:
+    """Whether the photosites see red, green and blue and hold whole numbers."""
+    planes, kinds = integers(tags, CFA_PLANES), integers(tags, SAMPLE_FORMAT)
+    return planes in ((), (0, 1, 2)) and kinds in ((), (1,))
+
+
+def black(tags: Directory, top: int, left: int) -> Black | None:
+    """BlackLevel of the four sites of the 2x2 tile at row `top`, column `left` of the stored image.
+
+    The file counts from the corner of its active area. Rows and columns add their mean delta.
+    """
     levels = numbers(tags, BLACK)
     rows, columns = (*integers(tags, BLACK_REPEAT)[:2], 1, 1)[:2]
     if len(levels) != rows * columns or rows not in (1, 2) or columns not in (1, 2):
         return None
     shift = sum(float(np.mean(numbers(tags, tag) or (0.0,))) for tag in (BLACK_DELTA_H, BLACK_DELTA_V))
-    tile = np.tile(np.reshape(levels, (rows, columns)), (2 // rows, 2 // columns)).reshape(-1) + shift
+    area = (*integers(tags, ACTIVE_AREA)[:2], 0, 0)[:2]
+    tile = np.tile(np.reshape(levels, (rows, columns)), (2 // rows, 2 // columns)) + shift
+    tile = np.roll(tile, (area[0] - top, area[1] - left), axis=(0, 1)).reshape(-1)
     return float(tile[0]), float(tile[1]), float(tile[2]), float(tile[3])
 
 
@@ -115,7 +146,9 @@ def camera_from_xyz(tags: Directory) -> Matrix | None:
 def noise_profile(tags: Directory) -> tuple[float, float] | None:
     """(S, O) of NoiseProfile; of a file with a pair for each colour the green one."""
     values = numbers(tags, NOISE_PROFILE)
-    slope, offset = (*(values[2:4] if len(values) == 6 else values[:2]), 0.0, 0.0)[:2]
+    if len(values) < 2 or len(values) % 2:
+        return None
+    slope, offset = values[2:4] if len(values) == 6 else values[:2]
     return (slope, offset) if 0 < slope < np.inf and 0 <= offset < np.inf else None
 
 

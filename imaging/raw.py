@@ -44,13 +44,13 @@ def read_raw(path: Path) -> RawMosaic:
     tags, metadata = _read_tags(path)
     try:
         with quiet(), rawpy.imread(str(path)) as raw:
-            mosaic = _decoded(path, raw)
+            mosaic = _with_tags(_decoded(path, raw, tags), tags, raw.sizes)
             metadata = metadata or _spoken(path, raw)
     except InputError:
         raise
     except Exception as error:  # rawpy raises whatever damaged bytes make it trip over
         raise _undecodable(path) from error
-    return _checked(path, replace(_with_tags(mosaic, tags), metadata=metadata))
+    return _checked(path, replace(mosaic, metadata=metadata))
 
 
 def read_raw_metadata(path: Path) -> FrameMetadata:
@@ -85,7 +85,7 @@ def _read_tags(path: Path) -> tuple[Directory | None, FrameMetadata | None]:
                 return None, None
             reader = TiffReader(file)
             directories = reader.directories()
-            dngtags.check_extents(directories, reader.size)
+            dngtags.check_extents(directories, reader)
             return dngtags.image_tags(directories), read_exif(reader)
     except IsADirectoryError as error:
         raise InputError(f"{path} is a folder: name a RAW file in it.") from error
@@ -98,10 +98,10 @@ def _read_tags(path: Path) -> tuple[Directory | None, FrameMetadata | None]:
         raise InputError(f"{path} is damaged or cut off: copy it again from the camera.") from error
 
 
-def _decoded(path: Path, raw: rawpy.RawPy) -> RawMosaic:
+def _decoded(path: Path, raw: rawpy.RawPy, tags: Directory | None) -> RawMosaic:
     """Pixels, phase, levels and colour as LibRaw sees them."""
     not_bayer = InputError(f"{path} is not a Bayer mosaic, which is all that rig reads: develop it to TIFF.")
-    if raw.raw_type != rawpy.RawType.Flat:
+    if raw.raw_type != rawpy.RawType.Flat or not (tags is None or dngtags.is_bayer(tags)):
         raise not_bayer
     try:
         pixels, pattern = raw.raw_image_visible, raw.raw_pattern
@@ -128,12 +128,17 @@ def _decoded(path: Path, raw: rawpy.RawPy) -> RawMosaic:
     )
 
 
-def _with_tags(mosaic: RawMosaic, tags: Directory | None) -> RawMosaic:
+def _with_tags(mosaic: RawMosaic, tags: Directory | None, sizes: rawpy.ImageSizes) -> RawMosaic:
+    """The mosaic with what the tags of a DNG say better than LibRaw.
+
+    LibRaw's visible area is the active area, begun one row or column later where that makes its
+    corner even; `sizes` says where.
+    """
     if tags is None:
         return mosaic
     return replace(
         mosaic,
-        black=dngtags.black(tags) or mosaic.black,
+        black=dngtags.black(tags, sizes.top_margin, sizes.left_margin) or mosaic.black,
         white=dngtags.white(tags) or mosaic.white,
         neutral=dngtags.neutral(tags) or mosaic.neutral,
         camera_from_xyz=dngtags.camera_from_xyz(tags) or mosaic.camera_from_xyz,

@@ -95,7 +95,7 @@ class TiffReader:
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
         self.size = file.seek(0, 2)
-        head = self._read(0, 8)
+        head = self.read(0, 8)
         orders = {b"II*\0": "<", b"MM\0*": ">"}
         if head[:4] not in orders:
             raise TiffError("no TIFF header")
@@ -121,8 +121,8 @@ class TiffReader:
 
     def directory(self, offset: int) -> tuple[Directory, int]:
         """The directory at `offset`, and the offset of the next (0: none)."""
-        (count,) = self._unpack("H", self._read(offset, 2))
-        table = self._read(offset + 2, 12 * count + 4)
+        (count,) = self._unpack("H", self.read(offset, 2))
+        table = self.read(offset + 2, 12 * count + 4)
         directory: Directory = {}
         for index in range(count):
             tag, kind, number, inline = self._unpack("HHI4s", table[12 * index : 12 * index + 12])
@@ -131,7 +131,7 @@ class TiffReader:
             length = _SIZES[kind] * number
             if length > _LARGEST_VALUE:
                 continue
-            data = inline[:length] if length <= 4 else self._read(self._unpack("I", inline)[0], length)
+            data = inline[:length] if length <= 4 else self.read(self._unpack("I", inline)[0], length)
             directory[tag] = self._decoded(kind, data)
         return directory, self._unpack("I", table[-4:])[0]
 
@@ -151,7 +151,8 @@ class TiffReader:
     def _unpack(self, form: str, data: bytes) -> tuple:  # type: ignore[type-arg]
         return struct.unpack(self._order + form, data)
 
-    def _read(self, offset: int, length: int) -> bytes:
+    def read(self, offset: int, length: int) -> bytes:
+        """Bytes of the file; TiffError if it ends before them."""
         if offset + length > self.size:
             raise TiffError("an offset leads past the end")
         self._file.seek(offset)
