@@ -1,5 +1,6 @@
 """OpenEXR files: linear light in float, with what is needed to know which light."""
 
+import errno
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -68,13 +69,13 @@ def write_exr(
     half: bool = False,
     chromaticities: str | None = "rec709",
     exposure: Exposure | None = None,
-    attributes: Mapping[str, Attribute] | None = None,
+    attributes: Mapping[str, str | float] | None = None,
 ) -> None:
-    """Write linear light, ZIP compressed, whole or not at all.
+    """Write linear light, ZIP compressed, whole or not at all; StorageError when the disk refuses.
 
     `channels`: [H, W, 3] as R, G, B; [H, W] as Y; or arrays [H, W] by name. Stored as float32, or
-    as float16 with `half`. NaN and infinities are kept; a finite value that the type cannot hold
-    is an InputError. `chromaticities` names an entry of `colour.PRIMARIES`, or None. `attributes`
+    as float16 with `half`. NaN and infinities are kept; a finite value too large for the type is
+    an InputError. `chromaticities` names an entry of `colour.PRIMARIES`, or None. `attributes`
     are written under their names (`rig:...` for our own, or OpenEXR's, as `whiteLuminance`);
     numbers become float32, as do those of `exposure`. ValueError for other shapes or names.
     """
@@ -93,25 +94,47 @@ def write_exr(
     for name, value in (attributes or {}).items():
         if name in _STRUCTURE:
             raise ValueError(f"{name!r} belongs to the structure of an EXR")
-        header[name] = value if isinstance(value, str | tuple) else float(value)
+        header[name] = value if isinstance(value, str) else float(value)
+    image = OpenEXR.File(header, planes)
     with store.replacing(path) as part:
         try:
             with quiet():
-                OpenEXR.File(header, planes).write(str(part))
-        except RuntimeError as error:  # the library tells a full disk so
-            raise OSError(str(error)) from error
+                image.write(str(part))
+        except RuntimeError as error:  # so the library tells of a full disk, in its last sentence
+            raise OSError(errno.EIO, str(error).rstrip(".").rpartition(". ")[2]) from error
 
 
 def read_exr(path: Path) -> ExrImage:
-    """The first part of an EXR file; InputError if it is none, is damaged, deep or subsampled."""
+    """The first part of an EXR file; InputError if it is none, is damaged, deep or subsampled.
+
+    The pixels are those of the display window; what the data window leaves out of it is 0.
+    """
     header, pixels = _part(path, header_only=False)
-    window = header["dataWindow"]
-    width, height = (np.asarray(window[1], np.int64) - np.asarray(window[0], np.int64) + 1).tolist()
-    if not pixels or any(
-        plane.dtype == object or plane.shape != (height, width) for plane in pixels.values()
-    ):
+    data, display = (np.array(header[name], np.int64)[:, ::-1] for name in ("dataWindow", "displayWindow"))
+    shape = tuple((data[1] - data[0] + 1).tolist())
+    if not pixels or any(plane.dtype == object or plane.shape != shape for plane in pixels.values()):
         raise InputError(f"{path} is deep or subsampled, which rig does not read: export it flat, as RGB.")
-    return ExrImage({name: plane.astype(np.float32) for name, plane in pixels.items()}, _attributes(header))
+    try:
+        channels = {name: _on_display(plane, data, display) for name, plane in pixels.items()}
+    except (ValueError, MemoryError) as error:  # a damaged window that no image fits
+        raise _damaged(path) from error
+    return ExrImage(channels, _attributes(header))
+
+
+def _on_display(
+    plane: npt.NDArray[Any], data: npt.NDArray[np.int64], display: npt.NDArray[np.int64]
+) -> npt.NDArray[np.float32]:
+    """A plane of the data window on the display window, both [[top, left], [bottom, right]] inclusive."""
+    if np.array_equal(data, display):
+        return plane.astype(np.float32)
+    canvas = np.zeros(display[1] - display[0] + 1, np.float32)
+    first, last = np.maximum(data[0], display[0]), np.minimum(data[1], display[1])
+    target = tuple(
+        slice(a, max(a, b)) for a, b in zip(first - display[0], last - display[0] + 1, strict=True)
+    )
+    source = tuple(slice(a, max(a, b)) for a, b in zip(first - data[0], last - data[0] + 1, strict=True))
+    canvas[target] = plane[source]
+    return canvas
 
 
 def read_exr_header(path: Path) -> ExrImage:
@@ -129,11 +152,15 @@ def _part(path: Path, header_only: bool) -> tuple[dict[str, Any], dict[str, npt.
                 raise InputError(f"{path} is not an EXR file: name one.")
         with quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as exr:
             if not exr.parts:  # the library only prints why
-                raise InputError(f"{path} is damaged or cut off: write or copy it again.")
+                raise _damaged(path)
             pixels = {} if header_only else {n: np.array(c.pixels) for n, c in exr.parts[0].channels.items()}
             return dict(exr.parts[0].header), pixels
     except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as error:
-        raise InputError(f"{path} is damaged or cannot be read: write or copy it again.") from error
+        raise _damaged(path) from error
+
+
+def _damaged(path: Path) -> InputError:
+    return InputError(f"{path} is damaged or cut off: write or copy it again.")
 
 
 def _attributes(header: Mapping[str, Any]) -> dict[str, Attribute]:

@@ -1,23 +1,33 @@
-"""Silence for C libraries that print their own complaints instead of only returning them."""
+"""Silence for libraries that print their complaints instead of only returning them."""
 
 import ctypes
+import io
 import os
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 _lock = threading.Lock()
 _depth = 0
-_kept: dict[int, int] = {}
+_descriptors: dict[int, int] = {}
+_stdout: Any = None
+
+
+class _Sink(io.TextIOBase):
+    """Takes the place of sys.stdout, to which OpenEXR's binding prints in Python."""
+
+    def write(self, text: str, /) -> int:
+        return len(text)
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Nothing that native code prints inside the block reaches stdout or stderr.
+    """Nothing that is printed inside the block reaches stdout or stderr, natively or from Python.
 
-    The descriptors are the process's: what other threads print meanwhile is lost too, so keep
-    the block as short as one library call. Blocks of several threads may overlap.
+    Both belong to the process: what other threads print meanwhile is lost too, so keep the block
+    as short as one library call. Blocks of several threads may overlap.
     """
     _enter()
     try:
@@ -27,40 +37,38 @@ def quiet() -> Iterator[None]:
 
 
 def _enter() -> None:
-    global _depth
+    global _depth, _stdout
     with _lock:
         _depth += 1
         if _depth > 1:
             return
-        _flush()
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(AttributeError, OSError, ValueError):  # no stream, a closed one, a broken pipe
+                stream.flush()
+        _flush_native()
+        _stdout, sys.stdout = sys.stdout, _Sink()
         sink = os.open(os.devnull, os.O_WRONLY)
         try:
             for descriptor in (1, 2):
                 with suppress(OSError):  # closed by whoever started us: nothing to silence
-                    _kept[descriptor] = os.dup(descriptor)
+                    _descriptors[descriptor] = os.dup(descriptor)
                     os.dup2(sink, descriptor)
         finally:
             os.close(sink)
 
 
 def _leave() -> None:
-    global _depth
+    global _depth, _stdout
     with _lock:
         _depth -= 1
         if _depth:
             return
         _flush_native()
-        for descriptor, kept in _kept.items():
+        for descriptor, kept in _descriptors.items():
             os.dup2(kept, descriptor)
             os.close(kept)
-        _kept.clear()
-
-
-def _flush() -> None:
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(AttributeError, OSError, ValueError):  # no stream, a closed one, a broken pipe
-            stream.flush()
-    _flush_native()
+        _descriptors.clear()
+        sys.stdout, _stdout = _stdout, None
 
 
 def _flush_native() -> None:
