@@ -1,0 +1,206 @@
+"""A calibrated session as training sees it: views, each with its lens, its sensor and its shots."""
+
+import hashlib
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.calibration import (
+    CalibrationRecord,
+    CameraCalibration,
+    Response,
+    ViewCalibration,
+    read_calibration,
+)
+from imaging.cfa import Cfa
+from imaging.errors import ReconstructionError
+from imaging.records import CameraRecord, ShotRecord
+from imaging.session import Session, brackets
+from recon.pixels import Progress, Shot, read_shot
+from recon.splat import SplatCamera
+
+Float = npt.NDArray[np.float32]
+
+EVERY = 8
+"""One view in eight is held out."""
+FEWEST_FOR_HOLDOUT = 4
+"""Below this many views none is held out: what is left could not be trained on."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What a camera does to radiance, before any shot's exposure.
+
+    kind: raw (mosaic or camera RGB, linear), ldr (code values), hdr (linear Rec.709).
+    camera_from_rec709: float64 [3, 3]. falloff: float32 [H, W], vignetting times the camera's gain.
+    """
+
+    kind: Literal["raw", "ldr", "hdr"]
+    cfa: Cfa | None
+    camera_from_rec709: npt.NDArray[np.float64]
+    falloff: Float
+    response: Response
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One camera at one frame: its bracket, and where it stood."""
+
+    camera: str
+    frame: int
+    lens: SplatCamera
+    sensor: Sensor
+    shots: tuple[Shot, ...]
+
+    @property
+    def name(self) -> str:
+        """`frame/camera`, as in the folders of previews and renders."""
+        return f"{self.frame:04d}/{self.camera}"
+
+    @cached_property
+    def centre(self) -> npt.NDArray[np.float64]:
+        """The camera's centre in the world, float64 [3]."""
+        motion = self.lens.cam_from_world
+        return np.asarray(-motion[:3, :3].T @ motion[:3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """All that training may look at: the training views; and the held-out ones, for evaluation only."""
+
+    session: Path
+    kind: Literal["raw", "ldr", "hdr"]
+    train: tuple[View, ...]
+    held_out: tuple[View, ...]
+    calibration: CalibrationRecord
+    calibration_sha256: str
+
+    @property
+    def views(self) -> tuple[View, ...]:
+        """Every view, in order of frame and camera."""
+        return tuple(sorted(self.train + self.held_out, key=lambda view: (view.frame, view.camera)))
+
+    @cached_property
+    def extent(self) -> float:
+        """1.1 times the largest distance of a training camera from their mean (3DGS); at least tiny."""
+        centres = np.array([view.centre for view in self.train])
+        return float(max(1.1 * np.linalg.norm(centres - centres.mean(0), axis=1).max(), 1e-6))
+
+
+def held_out(names: list[tuple[int, str]]) -> set[tuple[int, str]]:
+    """Which of the views, given as (frame, camera), are held out: one in eight, spread over the rig.
+
+    The views are cut, in order of frame and camera, into as many equal runs as views are held out.
+    Of each run the one is taken whose camera was taken least often so far, of these the one nearest
+    the middle of the run: so the frames are covered evenly and the cameras take turns, where plain
+    counting by eight would take the same camera of a rig of four every time.
+    """
+    if len(names) < FEWEST_FOR_HOLDOUT:
+        return set()
+    ordered = sorted(names)
+    count = math.ceil(len(ordered) / EVERY)
+    bounds = [round(index * len(ordered) / count) for index in range(count + 1)]
+    chosen: list[tuple[int, str]] = []
+    for start, end in pairwise(bounds):
+        taken = [camera for _, camera in chosen]
+        middle = (start + end - 1) / 2
+        best = min(range(start, end), key=lambda i: (taken.count(ordered[i][1]), abs(i - middle), i))
+        chosen.append(ordered[best])
+    return set(chosen)
+
+
+def load(session: Path, *, max_width: int | None = None, progress: Progress | None = None) -> Dataset:
+    """Read every registered view of a session; images wider than `max_width` are scaled down.
+
+    Photographs and EXR are averaged over areas in linear light; mosaics of at least twice the width
+    are demosaicked and averaged, narrower ones are kept as they are. ReconstructionError when no
+    view is registered; InputError for missing or damaged files.
+    """
+    opened = Session.open(session)
+    calibration = read_calibration(session)
+    digest = hashlib.sha256((session / "calibration" / "calibration.json").read_bytes()).hexdigest()
+    poses = {(view.frame, view.camera): view for view in calibration.views}
+    groups = {key: group for key, group in brackets(opened.shots("scene")).items() if key in poses}
+    if not groups:
+        raise ReconstructionError(
+            f"{session} has no view with a pose: run `rig calibrate`, or take images that overlap."
+        )
+    kinds = {opened.camera(camera).kind for _, camera in groups}
+    if len(kinds) > 1:
+        raise ReconstructionError(
+            f"{session} mixes {' and '.join(sorted(kinds))} cameras: reconstruct sessions of one kind."
+        )
+    views = []
+    for done, (key, group) in enumerate(sorted(groups.items())):
+        if progress:
+            progress("reading images", done, len(groups))
+        views.append(_view(opened, calibration, poses[key], opened.camera(key[1]), group, max_width))
+    out = held_out([(view.frame, view.camera) for view in views])
+    return Dataset(
+        session=session,
+        kind=kinds.pop(),
+        train=tuple(view for view in views if (view.frame, view.camera) not in out),
+        held_out=tuple(view for view in views if (view.frame, view.camera) in out),
+        calibration=calibration,
+        calibration_sha256=digest,
+    )
+
+
+def _view(
+    session: Session,
+    calibration: CalibrationRecord,
+    pose: ViewCalibration,
+    record: CameraRecord,
+    group: list[ShotRecord],
+    max_width: int | None,
+) -> View:
+    camera = calibration.camera(record.name)
+    if camera.lens is None:
+        raise ReconstructionError(f"Camera {record.name} has no lens in calibration.json: calibrate again.")
+    shots, cfa = [], None
+    for shot in group:
+        scale = calibration.exposure_scale.get(shot.file)
+        if scale is None:
+            scale = shot.exposure.scale if shot.exposure else 1.0
+        read, cfa = read_shot(session.file(shot), shot.file, record.kind, scale, camera.response, max_width)
+        shots.append(read)
+    height, width = shots[0].pixels.shape[:2]
+    if any(shot.pixels.shape != shots[0].pixels.shape for shot in shots):
+        raise ReconstructionError(
+            f"The shots of camera {record.name} at frame {pose.frame} differ in size: delete the odd one out."
+        )
+    # A mosaic of odd size loses its last row or column, which moves nothing; all else is a change of scale.
+    cropped = 0 <= camera.lens.width - width <= 1 and 0 <= camera.lens.height - height <= 1
+    lens = (
+        camera.lens.model_copy(update={"width": width, "height": height})
+        if cropped
+        else camera.lens.resized(width, height)
+    )
+    return View(
+        camera=record.name,
+        frame=pose.frame,
+        lens=SplatCamera.of(lens, pose.cam_from_world),
+        sensor=Sensor(
+            kind=record.kind,
+            cfa=cfa,
+            camera_from_rec709=np.array(camera.camera_from_rec709 or np.eye(3), np.float64),
+            falloff=falloff(camera, height, width),
+            response=camera.response,
+        ),
+        shots=tuple(sorted(shots, key=lambda shot: shot.k)),
+    )
+
+
+def falloff(camera: CameraCalibration, height: int, width: int) -> Float:
+    """Vignetting times gain at every pixel, float32 [height, width]."""
+    a, b, c = camera.vignetting
+    y = (np.arange(height) + 0.5 - height / 2)[:, None]
+    x = (np.arange(width) + 0.5 - width / 2)[None]
+    square = (x**2 + y**2) / ((height / 2) ** 2 + (width / 2) ** 2)
+    return np.asarray(camera.gain * (1 + a * square + b * square**2 + c * square**3), np.float32).clip(1e-3)

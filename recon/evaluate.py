@@ -1,0 +1,145 @@
+"""How good a reconstruction is: held-out views against the truth, where there is one, and the shots."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from imaging import metrics, store
+from imaging.exr import write_exr
+from recon.dataset import FEWEST_FOR_HOLDOUT, View
+from recon.model import SPLATS, Opened, open_model
+from recon.photographs import ToneCurve
+from recon.pixels import Progress
+from recon.renders import render, stem
+from recon.tone import encode
+from recon.truth import calibration_errors, has_truth, response_rmse, true_radiance
+
+__all__ = ["evaluate", "render"]
+
+METRICS = "metrics.json"
+DISPLAY_PEAK = 1000.0
+"""cd/m2 at which PU21 takes the truth's maximum."""
+
+Float = npt.NDArray[np.float32]
+
+
+def evaluate(folder: Path, progress: Progress | None = None) -> dict[str, Any]:
+    """Evaluate SESSION/reconstructions/NAME; writes metrics.json and renders/*.exr, returns the metrics.
+
+    Names as in ARCHITECTURE. Figures against truth use one peak, the truth's maximum over the held-out
+    views, and `_aligned` ones a single scale for all of them; PSNRs are means over views, stops_median
+    and relative_error_by_decade (of aligned radiance) pool their values. `views` has the same per view.
+    Below four views nothing is held out: the result says so and has no such figures.
+    """
+    opened = open_model(folder)
+    views = opened.dataset.held_out
+    renders, seconds = [], []
+    for done, view in enumerate(views):
+        if progress:
+            progress("rendering held-out views", done, len(views))
+        started = time.perf_counter()
+        renders.append(opened.render(view.lens))
+        seconds.append(time.perf_counter() - started)
+    method = opened.training.method.observation
+    light = [method.radiance(image).numpy().astype(np.float32) for image in renders]
+    rows: list[dict[str, Any]] = [{"view": view.name} for view in views]
+    result: dict[str, Any] = {"schema_version": 1, "method": opened.record.settings.method}
+    if views:
+        _against_shots(opened, renders, rows)
+        reference = _reference(opened)
+        if reference is not None:
+            result |= _against_light(light, reference, rows)
+        for key in sorted({key for row in rows for key in row} - {"view"} - set(result)):
+            result[key] = float(np.mean([row[key] for row in rows if key in row]))
+        for view, image in zip(views, light, strict=True):
+            write_exr(folder / "renders" / f"{stem(view)}.exr", image, attributes={"rig:view": view.name})
+    else:
+        count = len(opened.dataset.views)
+        result["held_out_note"] = (
+            f"{count} views are too few to hold one out: take {FEWEST_FOR_HOLDOUT} or more."
+        )
+    if has_truth(opened.dataset.session):
+        result |= calibration_errors(opened.dataset.session, opened.dataset.calibration)
+        result |= _response(opened)
+    result |= {
+        "train_seconds": opened.record.train_seconds,
+        "iterations": opened.training.iteration,
+        "gaussians": len(opened.training.gaussians),
+        "size_bytes": (folder / SPLATS).stat().st_size,
+        "held_out": [view.name for view in views],
+        "views": rows,
+    }
+    if seconds:
+        result["render_fps"] = 1 / float(np.median(seconds))
+    if progress:
+        progress("rendering held-out views", len(views), len(views))
+    store.write_json(folder / METRICS, result)
+    return result
+
+
+def _reference(opened: Opened) -> list[Float] | None:
+    """The true light of the held-out views: of the simulator, or of EXR files; None without either."""
+    if has_truth(opened.dataset.session):
+        return [true_radiance(opened.dataset.session, view) for view in opened.dataset.held_out]
+    if opened.dataset.kind == "hdr":
+        return [view.shots[-1].pixels / np.float32(view.shots[-1].k) for view in opened.dataset.held_out]
+    return None
+
+
+def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Fills the rows; returns what is pooled over the views."""
+    peak = float(max(image.max() for image in truth))
+    everything, true = np.stack(light), np.stack(truth)
+    scale = metrics.align_scale(everything, true)
+    for row, image, goal in zip(rows, light, truth, strict=True):
+        aligned = image * scale
+        row["hdr_psnr_mu"] = metrics.hdr_psnr_mu(image, goal, peak)
+        row["hdr_psnr_mu_aligned"] = metrics.hdr_psnr_mu(aligned, goal, peak)
+        row["hdr_psnr_mu_dark"] = metrics.hdr_psnr_mu_dark(aligned, goal, peak)
+        row["stops_median"] = metrics.stops_median(aligned, goal)
+        row["pu21_psnr"] = metrics.pu21_psnr(aligned, goal, DISPLAY_PEAK, peak)
+    return {
+        "stops_median": metrics.stops_median(everything * scale, true),
+        "relative_error_by_decade": metrics.relative_error_by_decade(everything * scale, true),
+        "alignment_scale": scale,
+        "truth_peak": peak,
+        "pu21_display_peak": DISPLAY_PEAK,
+    }
+
+
+def _against_shots(opened: Opened, renders: list[torch.Tensor], rows: list[dict[str, Any]]) -> None:
+    """Fills the rows with the distance from what the cameras recorded, mean over the bracket."""
+    for row, image, view in zip(rows, renders, opened.dataset.held_out, strict=True):
+        if opened.dataset.kind == "hdr":
+            continue
+        pairs = [_recorded(opened, image, view, index) for index in range(len(view.shots))]
+        name = "raw_psnr" if opened.dataset.kind == "raw" else "ldr_psnr_oe"
+        row[name] = float(np.mean([metrics.psnr(*pair) for pair in pairs]))
+        if opened.dataset.kind == "ldr" and min(view.lens.width, view.lens.height) >= 11:
+            row["ssim"] = float(np.mean([metrics.ssim(*pair) for pair in pairs]))
+
+
+def _recorded(opened: Opened, image: torch.Tensor, view: View, index: int) -> tuple[Float, Float]:
+    """Predicted and recorded signal of a shot; the prediction saturates where the sensor does."""
+    shot = view.shots[index]
+    predicted = opened.training.method.observation.predict(image, view, shot.k).detach().numpy()
+    return np.minimum(predicted, 1.0).astype(np.float32), np.minimum(shot.pixels, 1.0)
+
+
+def _response(opened: Opened) -> dict[str, float]:
+    """response_rmse of the learned curve, else of the calibrated one."""
+    if opened.dataset.kind != "ldr":
+        return {}
+    observation = opened.training.method.observation
+    response = opened.dataset.train[0].sensor.response
+
+    def calibrated(logs: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return encode(np.exp(logs)[:, None].repeat(3, 1), response).astype(np.float64)
+
+    code_of = observation.codes_of if isinstance(observation, ToneCurve) else calibrated
+    value = response_rmse(opened.dataset.session, code_of)
+    return {} if value is None else {"response_rmse": value}

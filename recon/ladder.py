@@ -1,0 +1,70 @@
+"""Which method a session asks for, and what of a model it requires: decided before training, in seconds."""
+
+import numpy as np
+
+from imaging.records import Rung
+from recon.dataset import Dataset
+from recon.methods import hdr_gs, nh_3dgs, vanilla
+
+STOP_APART = 0.99
+"""Stops between exposures from which a bracket counts as one (a little less than one, for rounding)."""
+
+
+def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
+    """The method for `auto`, and the reasons.
+
+    Linear input is modelled as it is. Photographs get a tone curve when their exposures differ, since
+    only then the curve can be told from the light; otherwise display values are all there is.
+    """
+    if dataset.kind != "ldr":
+        kind = "RAW mosaics" if dataset.kind == "raw" else "linear EXR"
+        return nh_3dgs.NAME, (_rung("linear light", True, f"{kind} are linear: no tone curve is needed"),)
+    stops = np.log2([shot.k for view in dataset.train for shot in view.shots])
+    apart = float(stops.max() - stops.min())
+    several = any(len(view.shots) > 1 for view in dataset.train)
+    if several and apart >= STOP_APART:
+        reason = f"exposures of a view lie up to {apart:.1f} stops apart"
+        return hdr_gs.NAME, (_rung("tone curve", True, reason),)
+    reason = (
+        f"exposures span {apart:.1f} stops and no view has a bracket: curve and light cannot be told apart"
+        if not several
+        else f"exposures span only {apart:.1f} stops: curve and light cannot be told apart"
+    )
+    return vanilla.NAME, (_rung("tone curve", False, reason),)
+
+
+def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
+    """What else of the image formation is modelled, and why; all from the calibration, without a trial."""
+    clipped = float(np.mean([shot.saturated.mean() for view in dataset.train for shot in view.shots]))
+    shares = [shot.saturated.mean() for view in dataset.train for shot in view.shots[:1]]
+    cameras = [camera for camera in dataset.calibration.cameras if camera.lens is not None]
+    distorted = [c.name for c in cameras if c.lens and any((c.lens.k1, c.lens.k2, c.lens.p1, c.lens.p2))]
+    shaded = [c.name for c in cameras if any(c.vignetting)]
+    gains = [c.gain for c in cameras]
+    span = float(np.log2(max(gains) / min(gains))) if gains else 0.0
+    linear = method != vanilla.NAME or dataset.kind != "ldr"
+    return (
+        _rung(
+            "one-sided saturation",
+            clipped > 0,
+            f"{100 * clipped:.2f} % of all samples are clipped, {100 * float(np.mean(shares)):.2f} % of the "
+            "shortest exposures",
+        ),
+        _rung("distortion", bool(distorted), f"{len(distorted)} of {len(cameras)} lenses are distorted"),
+        _rung(
+            "vignetting",
+            linear and bool(shaded),
+            f"{len(shaded)} of {len(cameras)} cameras have a calibrated falloff",
+        ),
+        _rung("camera gains", linear and span > 0, f"cameras differ by up to {span:.3f} stops"),
+        _rung(
+            "direction-dependent colour",
+            True,
+            "harmonics of degree 2, switched on after 30 and 60 % of the training",
+        ),
+        _rung("pose refinement", False, "poses are taken from the calibration as they are"),
+    )
+
+
+def _rung(name: str, taken: bool, reason: str) -> Rung:
+    return Rung(name=name, taken=taken, reason=reason)

@@ -1,0 +1,49 @@
+"""What a method is made of; `recon.methods` has one small module for each."""
+
+from dataclasses import dataclass, field
+
+from recon.appearance import Appearance
+from recon.gaussians import GeometryRates
+from recon.losses import Photometric
+from recon.observation import Observation
+
+
+@dataclass(frozen=True)
+class Light:
+    """The two scalars that tie a model to the light of its scene, stored with it.
+
+    normaliser: radiance that counts as 1 in scene units. reference: the dimmest radiance that
+    matters, in scene units; None for display values, which end where a display does.
+    """
+
+    normaliser: float
+    reference: float | None
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """What changes during training, as fractions of it.
+
+    degrees: when each further degree of the harmonics is switched on. opacity_weight: pull of the
+    mean opacity towards zero, which clears what nothing needs (luminance times opacity is known,
+    each of them alone only through occlusion).
+    """
+
+    degrees: tuple[float, ...] = (0.3, 0.6)
+    opacity_weight: float = 1e-3
+
+    def degree(self, progress: float) -> int:
+        """Degree of the harmonics in use."""
+        return sum(progress >= at for at in self.degrees)
+
+
+@dataclass(frozen=True)
+class Method:
+    """An appearance, an observation model, a loss and a schedule."""
+
+    name: str
+    appearance: Appearance
+    observation: Observation
+    loss: Photometric = field(default_factory=Photometric)
+    geometry: GeometryRates = field(default_factory=GeometryRates)
+    schedule: Schedule = field(default_factory=Schedule)

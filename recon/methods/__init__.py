@@ -1,0 +1,13 @@
+"""The methods: each a small composition of an appearance, an observation model, a loss and a schedule."""
+
+from collections.abc import Callable
+
+from recon.dataset import Dataset
+from recon.method import Light, Method
+from recon.methods import hdr_gs, nh_3dgs, vanilla
+
+METHODS: dict[str, Callable[[Dataset, Light], Method]] = {
+    nh_3dgs.NAME: nh_3dgs.compose,
+    hdr_gs.NAME: hdr_gs.compose,
+    vanilla.NAME: vanilla.compose,
+}

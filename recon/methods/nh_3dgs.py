@@ -1,0 +1,17 @@
+"""NH-3DGS (Zhang et al., arXiv 2511.12895): one luminance a Gaussian, linear light, unmerged shots."""
+
+from recon.appearance import LuminanceChromaticity
+from recon.dataset import Dataset
+from recon.method import Light, Method
+from recon.observation import LinearLight
+
+NAME = "nh-3dgs"
+
+
+def compose(dataset: Dataset, light: Light) -> Method:
+    """For RAW brackets, camera RGB and linear EXR."""
+    return Method(
+        name=NAME,
+        appearance=LuminanceChromaticity(floor=light.reference or 2.0**-20),
+        observation=LinearLight(light.normaliser),
+    )

@@ -1,0 +1,34 @@
+"""The baseline: 3DGS (Kerbl et al., arXiv 2308.04079) with its own colours, and nothing of HDR.
+
+On RAW and EXR it sees the same mosaics, mu-law, loss, schedule and start as NH-3DGS; only the
+appearance differs, with learning rates tuned for it (bench/appearance.py). On photographs it is
+3DGS as published, in display values.
+"""
+
+import numpy as np
+
+from imaging.calibration import Response
+from recon.appearance import PlainHarmonics, Rate
+from recon.dataset import Dataset
+from recon.method import Light, Method
+from recon.observation import LinearLight
+from recon.photographs import Display
+
+NAME = "vanilla"
+
+
+def compose(dataset: Dataset, light: Light) -> Method:
+    """For any session."""
+    if dataset.kind != "ldr":
+        return Method(
+            name=NAME,
+            appearance=PlainHarmonics(dc_rate=Rate(2e-4, 2e-5), rest_rate=Rate(1e-5, 1e-6)),
+            observation=LinearLight(light.normaliser),
+        )
+    responses: list[Response] = [view.sensor.response for view in dataset.train]
+    scales = [shot.k for view in dataset.train for shot in view.shots]
+    return Method(
+        name=NAME,
+        appearance=PlainHarmonics(),
+        observation=Display(responses[0], float(np.exp(np.median(np.log(scales))))),
+    )

@@ -1,0 +1,110 @@
+"""`model.json`: what was trained, from what, with which choices; and a trained scene opened again."""
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Literal
+
+import torch
+
+from imaging import store
+from imaging.errors import ReconstructionError
+from imaging.records import Record, Rung, parse
+from recon.checkpoint import read_checkpoint
+from recon.dataset import Dataset, View, load
+from recon.methods import METHODS
+from recon.splat import SplatCamera
+from recon.trainer import Training
+
+MODEL = "model.json"
+CHECKPOINT = "checkpoint.safetensors"
+SPLATS = "splats.ply"
+LOG = "train.jsonl"
+
+
+class Settings(Record):
+    """What decides a training besides the session: the same settings and seed give the same bytes."""
+
+    method: Literal["nh-3dgs", "hdr-gs", "vanilla"]
+    quality: Literal["draft", "standard", "best"]
+    seed: int
+    iterations: int
+    """A budget in seconds was turned into this number from the speed at the start."""
+    max_gaussians: int
+    max_width: int
+    budget: float | None = None
+    """Seconds asked for; None: the preset's iterations."""
+
+
+class ModelRecord(Record):
+    """`model.json`, written when the training is done."""
+
+    schema_version: Literal[1] = 1
+    created: datetime
+    versions: dict[str, str]
+    settings: Settings
+    calibration_sha256: str
+    """Of calibration.json as it was trained on; another value later means stale."""
+    normaliser: float
+    """Linear radiance, in the units of the calibration, that is 1 in scene units."""
+    reference: float | None
+    """The dimmest radiance that matters, in scene units."""
+    radiance: str
+    """What the radiance is relative to: the gauge."""
+    training_views: tuple[str, ...]
+    held_out: tuple[str, ...]
+    gaussians: int
+    train_seconds: float
+    threads: int
+    loss: float
+    rungs: tuple[Rung, ...]
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A reconstruction with the session it belongs to."""
+
+    folder: Path
+    record: ModelRecord
+    dataset: Dataset
+    training: Training
+
+    def render(self, camera: SplatCamera) -> torch.Tensor:
+        """What a camera sees, in scene units, without gradient: float32 [H, W, 3]."""
+        with torch.no_grad():
+            degree = self.training.method.schedule.degree(1.0)
+            return self.training.renderer()(self.training.gaussians, camera, degree=degree).image
+
+    def view(self, name: str) -> View:
+        """The view of that name, `frame/camera`; ReconstructionError if there is none."""
+        for view in self.dataset.views:
+            if view.name == name:
+                return view
+        raise ReconstructionError(
+            f"{self.folder} has no view {name!r}: name one as {self.dataset.views[0].name}."
+        )
+
+
+def read_model(folder: Path) -> ModelRecord:
+    """The model.json of a finished reconstruction; ReconstructionError if there is none."""
+    path = folder / MODEL
+    if not path.is_file():
+        raise ReconstructionError(f"{folder} holds no finished reconstruction: run `rig reconstruct` first.")
+    return parse(ModelRecord, store.read_json(path), path)
+
+
+def open_model(folder: Path) -> Opened:
+    """Open a finished reconstruction, SESSION/reconstructions/NAME.
+
+    ReconstructionError if it is none, or if its session was calibrated anew since.
+    """
+    record = read_model(folder)
+    dataset = load(folder.resolve().parent.parent, max_width=record.settings.max_width)
+    if dataset.calibration_sha256 != record.calibration_sha256:
+        raise ReconstructionError(
+            f"{dataset.session} was calibrated again since {folder}: reconstruct again."
+        )
+    checkpoint = read_checkpoint(folder / CHECKPOINT)
+    light_of_training = Training.light_in(checkpoint)
+    method = METHODS[record.settings.method](dataset, light_of_training)
+    return Opened(folder, record, dataset, Training.restore(method, checkpoint, dataset.extent))

@@ -1,0 +1,172 @@
+"""What a camera makes of radiance: from a rendered image to what its shots should show, and the target.
+
+An observation model turns a rendered image (linear Rec.709, in scene units: radiance divided by the
+model's normaliser) and a view into two stacks of planes, prediction and target, in which the loss
+compares them. Shots of a bracket are so many observations of one render.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from imaging.cfa import Cfa
+from recon.appearance import Rate
+from recon.dataset import View
+from recon.losses import at_most, mu_law
+
+
+class Observation(Protocol):
+    """The part of a model that knows about cameras."""
+
+    @property
+    def shared(self) -> dict[str, Tensor]:
+        """Parameters of the model that belong to no Gaussian, such as a tone curve."""
+        ...
+
+    @property
+    def rates(self) -> dict[str, Rate]:
+        """Learning rate of every shared parameter."""
+        ...
+
+    def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
+        """Prediction and target, [P, h, w] each, from an image [H, W, 3]; progress is 0..1."""
+        ...
+
+    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+        """What a shot of exposure scale `k` would hold, unclipped: like `Shot.pixels`."""
+        ...
+
+    def radiance(self, image: Tensor) -> Tensor:
+        """The rendered image as linear radiance, in the units of the calibration."""
+        ...
+
+    def units(self, radiance: Tensor) -> Tensor:
+        """Radiance [N, 3] as a rendered image would hold it: the inverse of `radiance`."""
+        ...
+
+    def penalty(self) -> Tensor | float:
+        """What the model itself adds to the loss."""
+        ...
+
+
+def split(image: Tensor) -> Tensor:
+    """The 2x2 sites of an image [H, W, ...], H and W even: [4, H/2, W/2, ...], in reading order."""
+    height, width = image.shape[:2]
+    tiles = image.reshape(height // 2, 2, width // 2, 2, *image.shape[2:])
+    return tiles.movedim(1, 0).movedim(3, 1).reshape(4, height // 2, width // 2, *image.shape[2:])
+
+
+def join(planes: Tensor) -> Tensor:
+    """The inverse of `split`: [4, h, w, ...] -> [2 h, 2 w, ...]."""
+    _, height, width = planes.shape[:3]
+    tiles = planes.reshape(2, 2, height, width, *planes.shape[3:])
+    return tiles.movedim((2, 0, 3, 1), (0, 1, 2, 3)).reshape(2 * height, 2 * width, *planes.shape[3:])
+
+
+def through_filter(image: Tensor, matrix: Tensor, cfa: Cfa | None) -> Tensor:
+    """Linear Rec.709 [H, W, 3] behind the colour filters: planes [4, H/2, W/2], or [3, H, W] without CFA.
+
+    `matrix` is camera_from_rec709 [3, 3]. Each plane of a mosaic is one site of the 2x2 tile, so the
+    two greens stay apart; only the channel that the site lets through is computed.
+    """
+    if cfa is None:
+        return (image @ matrix.T).movedim(2, 0)
+    rows = matrix[torch.from_numpy(cfa.pattern.reshape(-1).astype(np.int64))]
+    return (split(image) * rows[:, None, None, :]).sum(-1)
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """What of a view does not change: planes of falloff, target, saturation, and scales [P, 1, 1]."""
+
+    matrix: Tensor
+    falloff: Tensor
+    target: Tensor
+    saturated: Tensor
+    valid: Tensor | None
+    scales: Tensor
+
+
+@dataclass
+class LinearLight:
+    """RAW mosaics, camera RGB and linear EXR, every exposure compared in its own mu-law.
+
+    A shot of scale k should show `x = falloff (M L)_channel k`, mosaicked by the camera's own CFA.
+    Saturated photosites are one-sided. SSIM works on the four half-resolution planes of a mosaic, not
+    on the mosaic, whose checkerboard would dominate every window (NH-3DGS, arXiv 2511.12895).
+    """
+
+    normaliser: float
+    space: Literal["exposure", "scene"] = "exposure"
+    _prepared: dict[str, _Prepared] = field(default_factory=dict, repr=False)
+
+    @property
+    def shared(self) -> dict[str, Tensor]:
+        """None."""
+        return {}
+
+    @property
+    def rates(self) -> dict[str, Rate]:
+        """None."""
+        return {}
+
+    def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
+        """All shots of the bracket, darkest first: [shots * 4, H/2, W/2], or [shots * 3, H, W]."""
+        known = self._prepared.get(view.name) or self._prepared.setdefault(view.name, self._prepare(view))
+        light = through_filter(image, known.matrix, view.sensor.cfa) * known.falloff
+        prediction = mu_law((light[None] * known.scales).flatten(0, 1))
+        prediction = at_most(prediction, known.target, known.saturated)
+        if known.valid is not None:
+            prediction = torch.where(known.valid, prediction, known.target)
+        return prediction, known.target
+
+    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+        """The signal x: [H, W] for a mosaic, [H, W, 3] without CFA."""
+        sensor = view.sensor
+        matrix = torch.as_tensor(sensor.camera_from_rec709, dtype=image.dtype)
+        planes = through_filter(image, matrix, sensor.cfa)
+        falloff = torch.as_tensor(sensor.falloff, dtype=image.dtype)
+        scale = self.normaliser * k
+        if sensor.cfa is None:
+            return planes.movedim(0, 2) * falloff[..., None] * scale
+        return join(planes) * falloff * scale
+
+    def radiance(self, image: Tensor) -> Tensor:
+        """The image times the normaliser."""
+        return image * self.normaliser
+
+    def units(self, radiance: Tensor) -> Tensor:
+        """Radiance over the normaliser."""
+        return radiance / self.normaliser
+
+    def penalty(self) -> float:
+        """Nothing."""
+        return 0.0
+
+    def _prepare(self, view: View) -> _Prepared:
+        sensor = view.sensor
+        mosaicked = sensor.cfa is not None
+
+        def planes(array: np.ndarray) -> Tensor:
+            tensor = torch.from_numpy(np.ascontiguousarray(array))
+            return split(tensor) if mosaicked else tensor.movedim(2, 0)
+
+        falloff = torch.from_numpy(sensor.falloff)
+        scales = [self.normaliser * shot.k for shot in view.shots]
+        # In scene units every shot is divided by its own scale again: one mu-law for the whole scene.
+        units = [scale if self.space == "scene" else 1.0 for scale in scales]
+        targets = [mu_law(planes(shot.pixels) / unit) for shot, unit in zip(view.shots, units, strict=True)]
+        valid = torch.cat([planes(shot.valid) for shot in view.shots])
+        return _Prepared(
+            matrix=torch.from_numpy(sensor.camera_from_rec709.astype(np.float32)),
+            falloff=split(falloff) if mosaicked else falloff[None],
+            target=torch.cat(targets).contiguous(),
+            saturated=torch.cat([planes(shot.saturated) for shot in view.shots]).contiguous(),
+            valid=None if bool(valid.all()) else valid.contiguous(),
+            scales=torch.tensor([scale / unit for scale, unit in zip(scales, units, strict=True)])[
+                :, None, None, None
+            ],
+        )

@@ -1,0 +1,172 @@
+"""Observation models for photographs: through a learned tone curve, or as they are."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from imaging.calibration import Response
+from imaging.linear import decode
+from recon.appearance import Rate
+from recon.dataset import View
+from recon.losses import at_most
+from recon.tone import encode
+from recon.tone_grid import apply_curve, curve_values, roughness
+
+
+@dataclass(frozen=True)
+class _Codes:
+    """Planes [shots * 3, H, W] of a view's photographs, and where they say no more than a bound."""
+
+    target: Tensor
+    saturated: Tensor
+    dark: Tensor
+
+
+def _codes(view: View) -> _Codes:
+    def planes(name: str) -> Tensor:
+        stack = np.concatenate([getattr(shot, name).transpose(2, 0, 1) for shot in view.shots])
+        return torch.from_numpy(np.ascontiguousarray(stack))
+
+    return _Codes(planes("pixels"), planes("saturated"), planes("dark"))
+
+
+def _bounded(prediction: Tensor, codes: _Codes) -> Tensor:
+    """One-sided at both ends: a saturated code is a lower bound, a black one an upper bound."""
+    prediction = at_most(prediction, codes.target, codes.saturated)
+    return torch.where(codes.dark, torch.maximum(prediction, codes.target), prediction)
+
+
+@dataclass
+class ToneCurve:
+    """Code values through one monotone curve a channel: `C = g(r (ln (E + eps) + ln k - m))`.
+
+    HDRGS (Wu et al., arXiv 2408.06543). theta [R, 3, M - 1]: the curves of R different responses.
+    `of_camera` says which a camera has. The curve is fixed for the first `fixed` of the training,
+    or for all of it when the response is known. Scale gauge: m is that of the calibration's response,
+    so radiance stays in the units of the calibration as far as the curve does not drift along x.
+    """
+
+    normaliser: float
+    nodes: Tensor
+    theta: Tensor
+    of_camera: dict[str, int]
+    rate: float
+    middle: float
+    epsilon: float
+    fixed: float = 0.2
+    smoothness: float = 1e-2
+    curve_rate: Rate = Rate(2e-2, 5e-6)
+    _known: dict[str, _Codes] = field(default_factory=dict, repr=False)
+    _progress: float = field(default=0.0, repr=False)
+
+    @property
+    def learned(self) -> bool:
+        """Whether the curve is trained at all."""
+        return self.fixed < 1.0
+
+    @property
+    def shared(self) -> dict[str, Tensor]:
+        """The curves."""
+        return {"theta": self.theta}
+
+    @property
+    def rates(self) -> dict[str, Rate]:
+        """That of the curves."""
+        return {"theta": self.curve_rate}
+
+    def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
+        """Predicted and photographed codes of all shots, [shots * 3, H, W]."""
+        self._progress = progress
+        codes = self._known.get(view.name) or self._known.setdefault(view.name, _codes(view))
+        exposures = torch.tensor([shot.k for shot in view.shots], dtype=image.dtype)
+        prediction = self._expose(image, view, exposures, leaky=True).flatten(0, 1)
+        return _bounded(prediction, codes), codes.target
+
+    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+        """Codes of a shot of exposure scale `k`, within 0..1, [H, W, 3]."""
+        return self._expose(image, view, torch.tensor([k], dtype=image.dtype), leaky=False)[0].movedim(0, 2)
+
+    def radiance(self, image: Tensor) -> Tensor:
+        """The image times the normaliser."""
+        return image * self.normaliser
+
+    def units(self, radiance: Tensor) -> Tensor:
+        """The inverse of `radiance`."""
+        return radiance / self.normaliser
+
+    def penalty(self) -> Tensor | float:
+        """Roughness of the curves, while they are trained."""
+        if not self._training():
+            return 0.0
+        return self.smoothness * roughness(curve_values(self.theta), self.nodes)
+
+    def curves(self) -> Tensor:
+        """Code values at the nodes, [R, 3, M], without gradient."""
+        return curve_values(self.theta.detach())
+
+    def codes_of(self, log_exposure: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Codes [M, 3] of the first response at ln(E k) [M]."""
+        x = self.rate * (log_exposure - self.middle)
+        nodes, curves = self.nodes.double().numpy(), self.curves()[0].double().numpy()
+        return np.stack([np.interp(x, nodes, curve) for curve in curves], -1)
+
+    def _training(self) -> bool:
+        return self.learned and self._progress >= self.fixed
+
+    def _expose(self, image: Tensor, view: View, exposures: Tensor, *, leaky: bool) -> Tensor:
+        falloff = torch.from_numpy(view.sensor.falloff).to(image.dtype)
+        light = torch.log(image * falloff[..., None] + self.epsilon) + float(np.log(self.normaliser))
+        x = self.rate * (light.movedim(2, 0)[None] + exposures.log()[:, None, None, None] - self.middle)
+        theta = self.theta[self.of_camera[view.camera]]
+        values = curve_values(theta if self._training() else theta.detach()).to(image.dtype)
+        nodes = self.nodes.to(image.dtype)
+        channels = [apply_curve(x[:, channel], values[channel], nodes, leaky=leaky) for channel in range(3)]
+        return torch.stack(channels, 1)
+
+
+@dataclass
+class Display:
+    """Code values as they are: 3DGS as published, without any idea of exposure.
+
+    `k` is the exposure scale at which the display values are read as light, when radiance is asked for.
+    """
+
+    response: Response
+    k: float
+    _known: dict[str, _Codes] = field(default_factory=dict, repr=False)
+
+    @property
+    def shared(self) -> dict[str, Tensor]:
+        """None."""
+        return {}
+
+    @property
+    def rates(self) -> dict[str, Rate]:
+        """None."""
+        return {}
+
+    def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
+        """The image, once for every shot, beside the photographs: [shots * 3, H, W]."""
+        codes = self._known.get(view.name) or self._known.setdefault(view.name, _codes(view))
+        prediction = image.movedim(2, 0)[None].expand(len(view.shots), 3, -1, -1).flatten(0, 1)
+        return _bounded(prediction, codes), codes.target
+
+    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+        """The image itself, within 0..1, whatever the exposure."""
+        return image.clamp(0.0, 1.0)
+
+    def radiance(self, image: Tensor) -> Tensor:
+        """The image through the inverse response, over `k`."""
+        codes = image.detach().clamp(0, 1).cpu().numpy()
+        return torch.from_numpy(decode(codes, self.response) / np.float32(self.k))
+
+    def units(self, radiance: Tensor) -> Tensor:
+        """Radiance [N, 3] as codes at `k`."""
+        return torch.from_numpy(encode(radiance.cpu().numpy() * self.k, self.response))
+
+    def penalty(self) -> float:
+        """Nothing."""
+        return 0.0

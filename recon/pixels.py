@@ -1,0 +1,104 @@
+"""The pixels of one shot: a file of any kind read as numbers between 0 and 1, scaled down if asked."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from imaging.calibration import Response
+from imaging.cfa import Cfa, demosaic
+from imaging.exr import read_exr
+from imaging.linear import Bool, Float, LinearFrame, Noise, decode, from_codes, from_light, from_raw
+from imaging.photo import read_photo
+from imaging.raw import read_raw
+from recon.tone import encode
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One exposure.
+
+    k: exposure scale, s. pixels: float32 [H, W] (mosaic) or [H, W, 3]: linear signal with white at 1
+    (RAW; noise below black stays negative), code values 0..1 (LDR), or linear light (HDR).
+    saturated: bool, same shape: the scene is at least this bright. dark: bool, the scene is at most
+    this bright (LDR only). valid: bool, same shape; False where the file holds no number.
+    noise: of the linear signal; None if not known.
+    """
+
+    file: str
+    k: float
+    pixels: Float
+    saturated: Bool
+    dark: Bool
+    valid: Bool
+    noise: Noise | None = None
+
+    def linear(self, response: Response | None, cfa: Cfa | None) -> LinearFrame:
+        """The shot as linear light, codes decoded by `response` (None: they are linear already)."""
+        signal = self.pixels if response is None else decode(self.pixels, response)
+        return LinearFrame(
+            signal, self.k, self.saturated, self.dark, self.valid, cfa, self.noise, ceiling=None
+        )
+
+
+def read_shot(
+    path: Path,
+    name: str,
+    kind: Literal["raw", "ldr", "hdr"],
+    k: float,
+    response: Response,
+    max_width: int | None,
+) -> tuple[Shot, Cfa | None]:
+    """One file as a Shot, and the phase of its mosaic if it is one."""
+    if kind == "raw":
+        return _mosaic(from_raw(read_raw(path), k), name, max_width)
+    if kind == "ldr":
+        codes = np.ascontiguousarray(read_photo(path).pixels, np.float32)
+        frame = from_codes(codes, k, response)
+        size = _smaller(codes, max_width)
+        if size is None:
+            return Shot(name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise), None
+        saturated, dark = (_area(mask, size) > 0.5 for mask in (frame.saturated, frame.dark))
+        codes = encode(_area(frame.signal, size), response)
+        return Shot(name, k, codes, saturated, dark, np.ones(codes.shape, bool), frame.noise), None
+    frame = from_light(read_exr(path).rgb(), k)
+    light, valid = frame.signal, frame.valid
+    size = _smaller(light, max_width)
+    if size is not None:
+        weight = _area(valid, size)
+        light, valid = np.asarray(_area(light, size) / weight.clip(1e-6), np.float32), weight > 0.5
+    never = np.zeros(light.shape, bool)
+    return Shot(name, k, np.ascontiguousarray(light, np.float32), never, never, valid), None
+
+
+def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot, Cfa | None]:
+    height, width = (side - side % 2 for side in frame.signal.shape)
+    signal, saturated = frame.signal[:height, :width], frame.saturated[:height, :width]
+    assert frame.cfa is not None
+    # From half the width on, every pixel of the smaller image has sites of all colours under it, and
+    # the mosaic has nothing left to say; above that, scaling a mosaic would blur it for little.
+    size = _smaller(signal, max_width) if max_width and width >= 2 * max_width else None
+    cfa = None if size else frame.cfa
+    if size:
+        signal = _area(demosaic(signal, frame.cfa)[0], size)
+        saturated = np.repeat((_area(saturated, size) > 0)[..., None], 3, axis=2)
+    none = np.zeros(signal.shape, bool)
+    signal, saturated = np.ascontiguousarray(signal), np.ascontiguousarray(saturated)
+    return Shot(name, frame.k, signal, saturated, none, ~none, frame.noise), cfa
+
+
+def _smaller(image: npt.NDArray[np.generic], max_width: int | None) -> tuple[int, int] | None:
+    height, width = image.shape[:2]
+    if max_width is None or width <= max_width:
+        return None
+    return max_width, max(round(height * max_width / width), 1)
+
+
+def _area(image: npt.NDArray[np.generic], size: tuple[int, int]) -> Float:
+    return np.asarray(cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)

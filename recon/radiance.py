@@ -1,0 +1,44 @@
+"""A first look at the scene's light: the bracket of a view as one linear Rec.709 image."""
+
+import numpy as np
+
+from imaging.cfa import demosaic
+from imaging.linear import Bool, Float
+from imaging.merge import merge_bracket
+from recon.dataset import Dataset, View
+from recon.method import Light
+
+
+def radiance_image(view: View) -> tuple[Float, Bool]:
+    """Linear radiance [H, W, 3] and where it is trusted [H, W]: the merged bracket, demosaicked.
+
+    Where all shots are saturated the shortest gives a lower bound, which is returned but not trusted.
+    It serves to start the Gaussians and to set the scene's scale; training compares with the shots.
+    """
+    sensor = view.sensor
+    response = sensor.response if sensor.kind == "ldr" else None
+    merged = merge_bracket([shot.linear(response, sensor.cfa) for shot in view.shots])
+    light = np.nan_to_num(merged.radiance, nan=0.0, posinf=0.0, neginf=0.0)
+    if sensor.cfa is not None:
+        rgb, _ = demosaic(light / sensor.falloff, sensor.cfa)
+        trusted = demosaic(light, sensor.cfa, merged.valid)[1]
+    else:
+        rgb, trusted = light / sensor.falloff[..., None], merged.valid
+    rgb = rgb @ np.linalg.inv(sensor.camera_from_rec709).T
+    return np.asarray(rgb, np.float32), np.asarray(trusted.all(-1))
+
+
+def light_of(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Light:
+    """The two scalars of a scene, from the radiance images of its training views.
+
+    normaliser: the 99.99th percentile of the largest channel, so that a hot pixel does not set it; 1
+    for a scene without any light. reference: one code value (of 12 bits for linear input, of 8 for
+    photographs) of the longest exposures, the least that they can tell from black, but not less
+    than 2^-20 of the normaliser.
+    """
+    brightest = np.concatenate([rgb.max(-1).reshape(-1) for rgb, _ in images])
+    top = float(np.percentile(brightest, 99.99)) if brightest.size else 0.0
+    normaliser = top if np.isfinite(top) and top > 0 else 1.0
+    longest = float(np.median([max(shot.k for shot in view.shots) for view in dataset.train]))
+    step = 1 / 255 if dataset.kind == "ldr" else 1 / 4095
+    return Light(normaliser, float(np.clip(step / longest / normaliser, 2.0**-20, 1.0)))

@@ -1,0 +1,112 @@
+"""Where training starts from: points on the surfaces, and Gaussians of the right size and colour there."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from scipy.spatial import cKDTree
+
+from imaging.colmap import read_points
+from imaging.errors import ReconstructionError
+from imaging.linear import Bool, Float
+from recon.appearance import Appearance
+from recon.dataset import Dataset
+from recon.gaussians import Gaussians
+from recon.geometry import project
+from recon.pixels import Progress
+from recon.sweep import sample, sweep
+
+Array = npt.NDArray[np.float64]
+
+FEWEST_POINTS = 8
+
+
+@dataclass(frozen=True)
+class Start:
+    """Points that training may start from: SfM points first, swept ones behind. Colours are radiance."""
+
+    xyz: Array
+    rgb: Array
+    sparse: int
+
+
+def start_points(
+    dataset: Dataset,
+    images: list[tuple[Float, Bool]],
+    count: int,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+) -> Start:
+    """At most about `count` coloured points: the SfM points, then points of the plane sweep.
+
+    `images` are the radiance images of the training views. ReconstructionError when calibration left
+    fewer than 8 points, since then nothing says where the scene is.
+    """
+    model = read_points(dataset.session / "calibration" / "colmap")
+    good = np.isfinite(model.xyz).all(1) & (model.views >= 2)
+    if good.any():
+        good &= model.error <= max(2.0, 3 * float(np.median(model.error[good])))
+    sparse = model.xyz[good]
+    if len(sparse) < FEWEST_POINTS:
+        raise ReconstructionError(
+            f"{dataset.session} has {len(sparse)} scene points in calibration/colmap, too few to start from: "
+            "take images that overlap more and show more texture, and calibrate again."
+        )
+    maps = sweep(dataset.train, [rgb for rgb, _ in images], sparse, progress=progress)
+    dense = sample(maps, max(count - len(sparse), 0), rng)
+    xyz = np.concatenate([sparse, dense])
+    rgb, seen = colours_at(dataset, images, xyz)
+    return Start(xyz[seen], rgb[seen], int(seen[: len(sparse)].sum()))
+
+
+def colours_at(
+    dataset: Dataset, images: list[tuple[Float, Bool]], xyz: Array
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Median radiance [P, 3] of points over the training views that see their place, and who was seen.
+
+    The median forgives the views in which something else stands before the point.
+    """
+    samples = np.full((len(images), len(xyz), 3), np.nan)
+    for row, (view, (rgb, _)) in enumerate(zip(dataset.train, images, strict=True)):
+        pixels, depth = project(view.lens, xyz)
+        x, y = np.floor(pixels[:, 0]), np.floor(pixels[:, 1])
+        inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < view.lens.width) & (y < view.lens.height)
+        samples[row, inside] = rgb[y[inside].astype(int), x[inside].astype(int)]
+    seen = np.isfinite(samples).all(-1).any(0)
+    median = np.zeros((len(xyz), 3))
+    median[seen] = np.nanmedian(samples[:, seen], axis=0)
+    return np.maximum(median, 0.0), seen
+
+
+def gaussians_at(
+    start: Start,
+    appearance: Appearance,
+    units: Callable[[torch.Tensor], torch.Tensor],
+    *,
+    opacity: float = 0.3,
+    size: float = 0.6,
+) -> Gaussians:
+    """Round Gaussians at the points, as large as the distance to their neighbours.
+
+    `units` turns radiance into what a rendered image holds (`Observation.units`).
+    Standard deviation: `size` times the root mean squared distance to the three nearest (3DGS takes
+    the distance itself), not more than four times the median, so that a stray point is no fog.
+    """
+    distances = cKDTree(start.xyz).query(start.xyz, k=min(4, len(start.xyz)))[0][:, 1:]
+    spacing = np.sqrt((distances**2).mean(1))
+    middle = float(np.median(spacing[spacing > 0])) if (spacing > 0).any() else 1.0
+    spacing = spacing.clip(middle / 16, middle * 4) * size
+    count = len(start.xyz)
+    quats = torch.zeros(count, 4)
+    quats[:, 0] = 1
+    return Gaussians(
+        {
+            "means": torch.from_numpy(start.xyz.astype(np.float32)),
+            "log_scales": torch.from_numpy(np.log(spacing).astype(np.float32))[:, None].repeat(1, 3),
+            "quats": quats,
+            "opacity_logits": torch.full((count,), float(np.log(opacity / (1 - opacity)))),
+            **appearance.start(units(torch.from_numpy(start.rgb.astype(np.float32)))),
+        }
+    )

@@ -1,0 +1,146 @@
+"""A session as training sees it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from imaging import store
+from imaging.calibration import Response
+from imaging.cfa import Cfa, mosaic
+from imaging.dng import write_dng
+from imaging.errors import InputError, ReconstructionError
+from imaging.exr import write_exr
+from imaging.mosaic import RawMosaic
+from imaging.photo import encode_png
+from recon.dataset import held_out, load
+from recon.pixels import read_shot
+from recon.tone import encode
+
+LINEAR = Response(kind="linear", evidence="test")
+SRGB = Response(kind="srgb", evidence="test")
+
+
+def test_one_view_in_eight_is_held_out_spread_over_frames_and_cameras():
+    names = [(frame, f"cam{camera}") for frame in range(6) for camera in range(4)]
+    out = held_out(names)
+    assert len(out) == 3
+    assert len({camera for _, camera in out}) == 3
+    frames = sorted(frame for frame, _ in out)
+    assert all(frame in run for frame, run in zip(frames, ((0, 1), (2, 3), (4, 5)), strict=True))
+    assert held_out(names[::-1]) == out
+
+
+@pytest.mark.parametrize("cameras", [1, 2, 3, 4, 7, 16])
+@pytest.mark.parametrize("frames", [1, 2, 5, 9])
+def test_held_out_split_of_any_rig(cameras, frames):
+    names = [(frame, f"c{camera:02d}") for frame in range(frames) for camera in range(cameras)]
+    out = held_out(names)
+    if len(names) < 4:
+        assert out == set()
+        return
+    assert len(out) == -(-len(names) // 8)
+    assert out < set(names)
+    taken = [sum(camera == f"c{c:02d}" for _, camera in out) for c in range(cameras)]
+    assert max(taken) <= -(-len(out) // min(cameras, 8)) + 1
+
+
+def test_toy_views_carry_what_the_truth_says(toy, toy_dataset):
+    truth = store.read_json(toy / "truth" / "truth.json")
+    assert toy_dataset.kind == "raw"
+    assert len(toy_dataset.train) == 5
+    assert len(toy_dataset.held_out) == 1
+    assert len(toy_dataset.views) == 6
+    for view in toy_dataset.views:
+        camera = truth["cameras"][view.camera]
+        assert [round(np.log2(shot.k / view.shots[0].k)) for shot in view.shots] == [0, 4, 8]
+        assert view.sensor.cfa == camera["cfa"]
+        np.testing.assert_allclose(view.sensor.camera_from_rec709, camera["camera_from_rec709"])
+        a, b, c = camera["vignetting"]
+        corner = view.sensor.falloff[0, 0] / camera["gain"]
+        r = np.hypot(31.5, 23.5) / np.hypot(32, 24)
+        assert corner == pytest.approx(1 + a * r**2 + b * r**4 + c * r**6, rel=1e-5)
+
+
+def write_mosaic(path, signal, cfa=Cfa.GRBG):
+    raw = RawMosaic(
+        pixels=np.round(64 + signal * (4095 - 64)).astype(np.uint16),
+        cfa=cfa,
+        black=(64.0,) * 4,
+        white=4095,
+    )
+    write_dng(path, raw)
+
+
+def test_a_much_wider_mosaic_becomes_small_camera_rgb_of_the_same_light(tmp_path):
+    y, x = np.mgrid[0:48, 0:64]
+    rgb = np.stack([0.1 + x / 200, 0.2 + y / 200, 0.5 - x / 300], -1)
+    write_mosaic(tmp_path / "a.dng", mosaic(rgb, Cfa.GRBG))
+    shot, cfa = read_shot(tmp_path / "a.dng", "a", "raw", 0.5, LINEAR, max_width=16)
+    assert cfa is None
+    assert shot.pixels.shape == (12, 16, 3)
+    small = rgb.reshape(12, 4, 16, 4, 3).mean((1, 3))
+    np.testing.assert_allclose(shot.pixels[1:-1, 1:-1], small[1:-1, 1:-1], atol=4e-3)
+
+
+def test_a_slightly_wider_mosaic_stays_one_and_an_odd_one_loses_its_edge(tmp_path):
+    write_mosaic(tmp_path / "a.dng", np.full((47, 61), 0.4))
+    shot, cfa = read_shot(tmp_path / "a.dng", "a", "raw", 0.5, LINEAR, max_width=40)
+    assert cfa == Cfa.GRBG
+    assert shot.pixels.shape == (46, 60)
+
+
+def test_photographs_are_averaged_in_linear_light(tmp_path):
+    codes = np.zeros((8, 16, 3), np.uint8)
+    codes[:, ::2] = 250
+    store.write_bytes(tmp_path / "a.png", encode_png(codes))
+    shot, _ = read_shot(tmp_path / "a.png", "a", "ldr", 1.0, SRGB, max_width=8)
+    light = ((250 / 255 + 0.055) / 1.055) ** 2.4 / 2
+    np.testing.assert_allclose(shot.pixels, encode(np.full((4, 8, 3), light), SRGB), atol=1e-5)
+    assert not shot.saturated.any()
+
+
+def test_photographs_mark_what_only_bounds_the_light(tmp_path):
+    codes = np.full((4, 4, 3), 128, np.uint8)
+    codes[0], codes[1] = 255, 1
+    store.write_bytes(tmp_path / "a.png", encode_png(codes))
+    shot, _ = read_shot(tmp_path / "a.png", "a", "ldr", 1.0, SRGB, max_width=None)
+    assert shot.saturated[0].all()
+    assert shot.dark[1].all()
+    assert not shot.saturated[1:].any()
+    assert not shot.dark[2:].any()
+
+
+def test_nan_in_an_exr_is_masked(tmp_path):
+    light = np.ones((4, 8, 3), np.float32)
+    light[1, 2] = np.nan
+    light[3, 7] = np.inf
+    write_exr(tmp_path / "a.exr", light)
+    for width in (None, 4):
+        shot, _ = read_shot(tmp_path / "a.exr", "a", "hdr", 1.0, LINEAR, max_width=width)
+        assert np.isfinite(shot.pixels).all()
+        np.testing.assert_allclose(shot.pixels[shot.valid], 1.0, rtol=1e-6)
+    full, _ = read_shot(tmp_path / "a.exr", "a", "hdr", 1.0, LINEAR, max_width=None)
+    assert int((~full.valid).sum()) == 6
+
+
+def test_a_session_without_calibration_is_refused(session_copy):
+    (session_copy / "calibration" / "calibration.json").unlink()
+    with pytest.raises(InputError, match=r"calibration\.json is missing"):
+        load(session_copy)
+
+
+def test_a_calibration_without_views_is_refused(session_copy):
+    path = session_copy / "calibration" / "calibration.json"
+    record = json.loads(path.read_text())
+    record["views"] = []
+    path.write_text(json.dumps(record))
+    with pytest.raises(ReconstructionError, match="no view with a pose"):
+        load(session_copy)
+
+
+def test_a_missing_image_is_named(session_copy):
+    victim = sorted((session_copy / "raw").rglob("*.dng"))[3]
+    victim.unlink()
+    with pytest.raises(InputError, match=victim.name):
+        load(session_copy)
