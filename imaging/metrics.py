@@ -13,10 +13,16 @@ from scipy import ndimage
 Array = npt.NDArray[np.float64]
 
 PSNR_CAP = 150.0
-"""dB given for images that are equal or closer than float32 can tell: JSON has no infinity."""
+"""dB given for images that are equal or closer than float32 can tell: JSON has no infinity.
+
+The negative of it is the least that is given.
+"""
 
 STOPS_CAP = 32.0
 """log2 error given where the truth is light and the prediction is not."""
+
+ERROR_CAP = 1e30
+"""Largest relative error of one value."""
 
 PU21_BANDING_GLARE = (
     0.353487901,
@@ -38,12 +44,15 @@ DARK_SHARE = 0.4
 def mu_law(x: npt.ArrayLike, mu: float = 5000.0) -> Array:
     """log(1 + mu |x|) / log(1 + mu), with the sign of x: 0 to 0, 1 to 1, finite everywhere."""
     value = np.asarray(x, np.float64)
-    return np.asarray(np.sign(value) * np.log1p(mu * np.abs(value)) / np.log1p(mu))
+    size = np.minimum(np.abs(value), np.finfo(np.float64).max / mu)
+    return np.asarray(np.sign(value) * np.log1p(mu * size) / np.log1p(mu))
 
 
 def psnr(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float = 1.0) -> float:
-    """Peak signal-to-noise ratio, dB, at most `PSNR_CAP`."""
+    """Peak signal-to-noise ratio, dB, at most `PSNR_CAP`; ValueError if the peak is not positive."""
     a, b = _pair(prediction, truth)
+    if not 0 < peak < np.inf:
+        raise ValueError(f"a peak is finite and positive, not {peak}")
     return _psnr(a, b, peak)
 
 
@@ -91,8 +100,9 @@ def pu21_psnr(
     `scene_peak` defaults to the truth's maximum; the one scale is applied to both images.
     """
     a, b = _pair(prediction, truth)
-    scale = display_peak / _peak(b, scene_peak)
-    return _psnr(pu21(a * scale), pu21(b * scale), PU21_PEAK)
+    top = _peak(b, scene_peak)
+    with np.errstate(over="ignore"):
+        return _psnr(pu21(a / top * display_peak), pu21(b / top * display_peak), PU21_PEAK)
 
 
 def hdr_psnr_mu(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float | None = None) -> float:
@@ -102,14 +112,16 @@ def hdr_psnr_mu(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float | N
     """
     a, b = _pair(prediction, truth)
     top = _peak(b, peak)
-    return _psnr(mu_law(a / top), mu_law(b / top), 1.0)
+    with np.errstate(over="ignore"):
+        return _psnr(mu_law(a / top), mu_law(b / top), 1.0)
 
 
 def hdr_psnr_mu_dark(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float | None = None) -> float:
     """The same over 0.4 of the peak, both clipped to -1..1: highlights count no more."""
     a, b = _pair(prediction, truth)
     top = DARK_SHARE * _peak(b, peak)
-    return _psnr(mu_law(np.clip(a / top, -1, 1)), mu_law(np.clip(b / top, -1, 1)), 1.0)
+    with np.errstate(over="ignore"):
+        return _psnr(mu_law(np.clip(a / top, -1, 1)), mu_law(np.clip(b / top, -1, 1)), 1.0)
 
 
 def align_scale(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
@@ -119,7 +131,10 @@ def align_scale(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
     """
     a, b = _pair(prediction, truth)
     lit = (a > 0) & (b > 0)
-    return float(np.exp(np.median(np.log(b[lit]) - np.log(a[lit])))) if lit.any() else 1.0
+    if not lit.any():
+        return 1.0
+    ratio = np.median(np.log(b[lit]) - np.log(a[lit]))
+    return float(np.exp(np.clip(ratio, -700.0, 700.0)))  # as far as float64 goes
 
 
 def stops_median(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
@@ -143,8 +158,9 @@ def relative_error_by_decade(prediction: npt.ArrayLike, truth: npt.ArrayLike) ->
     a, b = _pair(prediction, truth)
     lit = b > 0
     a, b = a[lit], b[lit]
-    error = np.abs(a - b) / b
-    decades = np.floor(np.log10(b)).astype(int)
+    with np.errstate(over="ignore"):
+        error = np.minimum(np.abs(a - b) / b, ERROR_CAP)
+    decades = np.clip(np.floor(np.log10(b)), -307, 307)
     return [
         {
             "low": float(10.0**decade),
@@ -177,5 +193,6 @@ def _peak(truth: Array, peak: float | None) -> float:
 
 
 def _psnr(a: Array, b: Array, peak: float) -> float:
-    error = float(np.mean((a - b) ** 2)) / peak**2
-    return PSNR_CAP if error <= 10 ** (-PSNR_CAP / 10) else float(-10 * np.log10(error))
+    with np.errstate(over="ignore", divide="ignore"):
+        noise = -10 * np.log10(np.mean(((a - b) / peak) ** 2))
+    return float(np.clip(noise, -PSNR_CAP, PSNR_CAP))
