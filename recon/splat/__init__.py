@@ -7,6 +7,7 @@ reference. 3D Gaussian Splatting: Kerbl et al. 2023, arXiv 2308.04079; EWA splat
 import torch
 
 from recon.splat.camera import SplatCamera
+from recon.splat.cpu import rasterize_cpu
 from recon.splat.limits import Limits
 from recon.splat.reference import rasterize_reference
 from recon.splat.render import Render, SplatStats
@@ -36,7 +37,8 @@ def rasterize(
     drawn, get zero gradients and are counted in `Render.culled`.
     """
     _check(means, quats, scales, opacities, colours, background, stats)
-    return rasterize_reference(means, quats, scales, opacities, colours, camera, background, limits, stats)
+    rasterizer = rasterize_reference if means.dtype == torch.float64 else rasterize_cpu
+    return rasterizer(means, quats, scales, opacities, colours, camera, background, limits, stats)
 
 
 def _check(
@@ -57,6 +59,8 @@ def _check(
     for name, tensor in tensors.items():
         if tuple(tensor.shape) != shapes[name]:
             raise ValueError(f"{name} has shape {tuple(tensor.shape)}, not {shapes[name]}")
+        if tensor.device.type != "cpu":
+            raise ValueError(f"{name} is on {tensor.device}: move it to the CPU")
         if tensor.dtype != means.dtype or tensor.dtype not in (torch.float32, torch.float64):
             raise ValueError(f"{name} is {tensor.dtype}: all tensors must be float32, or all float64")
     if stats is not None and stats.count != n:

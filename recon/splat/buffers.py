@@ -1,0 +1,52 @@
+"""Memory that is used again: a render's tables live from its forward to the end of its backward pass.
+
+Fresh megabytes from the system cost more than filling them, and a training step would ask for tens of
+them. Several renders may be alive at once (a batch of views), so each takes a set of its own.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+
+_free: list["Buffers"] = []
+
+
+class Buffers:
+    """A set of named arrays, grown when needed and never shrunk."""
+
+    def __init__(self) -> None:
+        self._bytes: dict[str, npt.NDArray[np.uint8]] = {}
+
+    def array(self, name: str, shape: int | tuple[int, ...], dtype: npt.DTypeLike) -> Array:
+        """An uninitialised array; it is valid until the next request of the same name."""
+        kind = np.dtype(dtype)
+        sizes = (shape,) if isinstance(shape, int) else shape
+        need = math.prod(sizes) * kind.itemsize
+        held = self._bytes.get(name)
+        if held is None or len(held) < need:
+            # A quarter more, so that a slowly growing scene does not ask every time.
+            held = np.empty(need + need // 4 + 64, np.uint8)
+            self._bytes[name] = held
+        return held[:need].view(kind).reshape(sizes)
+
+
+class Lease:
+    """Holds a set of buffers; they go back to the pool when the last reference to the lease is gone."""
+
+    def __init__(self) -> None:
+        try:
+            self.buffers = _free.pop()
+        except IndexError:
+            self.buffers = Buffers()
+
+    def __del__(self) -> None:
+        _free.append(self.buffers)
+
+
+def release_all() -> None:
+    """Give the memory of all sets that are not in use back to the system."""
+    _free.clear()
