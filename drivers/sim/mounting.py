@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 ARC_STEP = 11.0
 """Degrees between neighbouring frames."""
 _RADIUS, _HEIGHT, _MIDDLE = 2.30, 1.35, 225.0  # m, m, degrees: the arc faces the corner of the room
-_BASELINE = (0.22, 0.24)  # m between the cameras of the plate, across and up
+_BASELINE = (0.22, 0.36)  # m between the cameras of the plate, across and up
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,8 @@ def _mount(
         height=height,
         fx=focal,
         fy=focal,
-        cx=width * (0.5 + noise.uniform(-0.01, 0.01)),
-        cy=height * 0.5 + width * noise.uniform(-0.01, 0.01),
+        cx=width * (0.5 + noise.uniform(-0.0005, 0.0005)),
+        cy=height * 0.5 + width * noise.uniform(-0.0005, 0.0005),
         k1=noise.uniform(-0.08, -0.05),
         k2=noise.uniform(-0.003, 0.003),
         p1=noise.uniform(-1e-4, 1e-4),

@@ -25,7 +25,7 @@ DIM_ZONE = np.dtype(
         ("half", np.float64, 3),
         ("cos", np.float64),
         ("sin", np.float64),
-        ("sides", np.int64, 3),  # per axis: 0 closed, 1 open at both ends, -1 / 2 at the low / high end
+        ("sides", np.int64, 3),  # per axis: 1 open at the low end, 2 at the high end, 3 at both
         ("reach", np.float64),  # m behind an opening at which the zone is darkest
         ("stops", np.float64),  # how much darker that is
     ]
@@ -71,14 +71,12 @@ def _dimming(zone: Any, x: float, y: float, z: float) -> float:
         low, high = place[axis] + zone.half[axis], zone.half[axis] - place[axis]
         if low < 0.0 or high < 0.0:
             return 1.0
-        sides = zone.sides[axis]
-        if sides == 1 or sides == -1:
+        if zone.sides[axis] & 1:
             depth = min(depth, low)
-        if sides == 1 or sides == 2:
+        if zone.sides[axis] & 2:
             depth = min(depth, high)
-    t: float = min(depth / zone.reach, 1.0)
-    stops: float = zone.stops
-    return 2.0 ** (-stops * t * t * (3.0 - 2.0 * t))
+    t = min(depth / zone.reach, 1.0)
+    return math.exp2(-zone.stops * t * t * (3.0 - 2.0 * t))
 
 
 @compiled
@@ -88,12 +86,12 @@ def _openness(solids: np.ndarray, x: float, y: float, z: float, n: Triple) -> fl
     gap_near, gap_far = near, far
     for index in range(solids.shape[0]):
         solid = solids[index]
-        ax, ay, az = x - solid.centre[0], y - solid.centre[1], z - solid.centre[2]
+        ax, ay, az = x - solid.cx, y - solid.cy, z - solid.cz
         reach = solid.bound + 2.0 * far
         if ax * ax + ay * ay + az * az < reach * reach:
             gap_far = min(gap_far, distance(solid, x + far * n[0], y + far * n[1], z + far * n[2]))
             gap_near = min(gap_near, distance(solid, x + near * n[0], y + near * n[1], z + near * n[2]))
-    return (0.35 + 0.65 * max(gap_near, 0.0) / near) * (0.4 + 0.6 * max(gap_far, 0.0) / far)
+    return (0.5 + 0.5 * max(gap_near, 0.0) / near) * (0.5 + 0.5 * max(gap_far, 0.0) / far)
 
 
 @compiled
@@ -174,6 +172,19 @@ def trace(
     return colour, depth, which
 
 
+@compiled
+def _direction(lens: np.ndarray, world_from_cam: np.ndarray, u: float, v: float) -> Triple:
+    """Unit direction in the world of the ray through a place on the pixel grid."""
+    m = world_from_cam
+    x, y = undistort((u - lens[2]) / lens[0], (v - lens[3]) / lens[1], lens[4], lens[5], lens[6], lens[7])
+    scale = 1.0 / math.sqrt(x * x + y * y + 1.0)
+    return (
+        (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * scale,
+        (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * scale,
+        (m[2, 0] * x + m[2, 1] * y + m[2, 2]) * scale,
+    )
+
+
 @compiled_parallel
 def render(
     solids: np.ndarray,
@@ -193,21 +204,16 @@ def render(
     """
     image = np.empty((height, width, 3), np.float32)
     m = world_from_cam
+    ox, oy, oz = m[0, 3], m[1, 3], m[2, 3]
     for row in prange(height):
         for column in range(width):
             r, g, b = 0.0, 0.0, 0.0
             for sample in range(samples * samples):
                 u = column + (sample % samples + 0.5) / samples
                 v = row + (sample // samples + 0.5) / samples
-                px, py = undistort(
-                    (u - lens[2]) / lens[0], (v - lens[3]) / lens[1], lens[4], lens[5], lens[6], lens[7]
-                )
-                scale = 1.0 / math.sqrt(px * px + py * py + 1.0)
-                dx = (m[0, 0] * px + m[0, 1] * py + m[0, 2]) * scale
-                dy = (m[1, 0] * px + m[1, 1] * py + m[1, 2]) * scale
-                dz = (m[2, 0] * px + m[2, 1] * py + m[2, 2]) * scale
+                dx, dy, dz = _direction(lens, m, u, v)
                 red, green, blue = radiance_of_ray(
-                    solids, materials, lights, zones, ambient, m[0, 3], m[1, 3], m[2, 3], dx, dy, dz
+                    solids, materials, lights, zones, ambient, ox, oy, oz, dx, dy, dz
                 )
                 r, g, b = r + red, g + green, b + blue
             image[row, column, 0] = r / (samples * samples)

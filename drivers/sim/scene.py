@@ -130,7 +130,8 @@ class Builder:
     ) -> None:
         entry = np.zeros(1, SOLID)
         entry["kind"], entry["material"], entry["blocks"] = kind, material, blocks
-        entry["centre"], entry["half"] = centre, half
+        entry["cx"], entry["cy"], entry["cz"] = centre
+        entry["hx"], entry["hy"], entry["hz"] = half
         entry["cos"], entry["sin"] = math.cos(math.radians(turn)), math.sin(math.radians(turn))
         entry["bound"] = {
             SPHERE: half[0],
@@ -186,7 +187,10 @@ class Builder:
         stops: float,
         turn: float = 0.0,
     ) -> None:
-        """A half-closed space into which the ambient light falls off by `stops` over `reach` metres."""
+        """A half-closed space into which the ambient light falls off by `stops` over `reach` metres.
+
+        sides: per axis 0 closed, 1 open at the low end, 2 at the high end, 3 at both.
+        """
         entry = np.zeros(1, DIM_ZONE)
         entry["centre"], entry["half"] = centre, (size[0] / 2, size[1] / 2, size[2] / 2)
         entry["cos"], entry["sin"] = math.cos(math.radians(turn)), math.sin(math.radians(turn))

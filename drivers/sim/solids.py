@@ -14,8 +14,12 @@ SOLID = np.dtype(
         ("kind", np.int64),
         ("material", np.int64),
         ("blocks", np.int64),  # 1: casts shadows; walls and lamps do not
-        ("centre", np.float64, 3),
-        ("half", np.float64, 3),  # half extents, m; a sphere's radius is half[0], a cylinder's too
+        ("cx", np.float64),  # centre, m
+        ("cy", np.float64),
+        ("cz", np.float64),
+        ("hx", np.float64),  # half extents, m; hx is the radius of a sphere or a cylinder
+        ("hy", np.float64),
+        ("hz", np.float64),
         ("cos", np.float64),  # turn about the vertical, local from world
         ("sin", np.float64),
         ("bound", np.float64),  # radius of the bounding sphere, m
@@ -56,21 +60,20 @@ def _round(ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, r: 
 @compiled
 def hit(solid: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
     """Distance, in lengths of the direction, to the first surface of a solid ahead; inf if none."""
-    x, y, z = ox - solid.centre[0], oy - solid.centre[1], oz - solid.centre[2]
-    half = solid.half
+    x, y, z = ox - solid.cx, oy - solid.cy, oz - solid.cz
     if solid.kind == SPHERE:
-        near, far = _round(x, y, z, dx, dy, dz, half[0])
+        near, far = _round(x, y, z, dx, dy, dz, solid.hx)
     elif solid.kind == BOX:
         lx, ly = solid.cos * x + solid.sin * y, solid.cos * y - solid.sin * x
         ex, ey = solid.cos * dx + solid.sin * dy, solid.cos * dy - solid.sin * dx
-        near, far = _slab(lx, ex, half[0])
-        a, b = _slab(ly, ey, half[1])
+        near, far = _slab(lx, ex, solid.hx)
+        a, b = _slab(ly, ey, solid.hy)
         near, far = max(near, a), min(far, b)
-        a, b = _slab(z, dz, half[2])
+        a, b = _slab(z, dz, solid.hz)
         near, far = max(near, a), min(far, b)
     else:
-        near, far = _round(x, y, 0.0, dx, dy, 0.0, half[0])
-        a, b = _slab(z, dz, half[2])
+        near, far = _round(x, y, 0.0, dx, dy, 0.0, solid.hx)
+        a, b = _slab(z, dz, solid.hz)
         near, far = max(near, a), min(far, b)
     if near > far or far <= EPSILON:
         return math.inf
@@ -82,18 +85,18 @@ def near_line(
     solid: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, reach: float
 ) -> bool:
     """Whether a unit ray comes near a solid's bounding sphere before `reach`: a cheap first test."""
-    x, y, z = solid.centre[0] - ox, solid.centre[1] - oy, solid.centre[2] - oz
+    x, y, z = solid.cx - ox, solid.cy - oy, solid.cz - oz
     along = x * dx + y * dy + z * dz
-    r: float = solid.bound
+    r = solid.bound
     if along < -r or along > reach + r:
         return False
-    return x * x + y * y + z * z - along * along <= r * r
+    return bool(x * x + y * y + z * z - along * along <= r * r)
 
 
 @compiled
 def local(solid: Any, x: float, y: float, z: float) -> Triple:
     """A world point in the solid's own axes."""
-    x, y, z = x - solid.centre[0], y - solid.centre[1], z - solid.centre[2]
+    x, y, z = x - solid.cx, y - solid.cy, z - solid.cz
     return solid.cos * x + solid.sin * y, solid.cos * y - solid.sin * x, z
 
 
@@ -101,15 +104,14 @@ def local(solid: Any, x: float, y: float, z: float) -> Triple:
 def normal(solid: Any, x: float, y: float, z: float) -> Triple:
     """Outward unit normal at a world point on the surface."""
     lx, ly, lz = local(solid, x, y, z)
-    half = solid.half
     if solid.kind == SPHERE:
-        return (x - solid.centre[0]) / half[0], (y - solid.centre[1]) / half[0], lz / half[0]
+        return (x - solid.cx) / solid.hx, (y - solid.cy) / solid.hx, lz / solid.hx
     if solid.kind == CYLINDER:
         radius = math.sqrt(lx * lx + ly * ly)
-        if abs(abs(lz) - half[2]) < abs(radius - half[0]):
+        if abs(abs(lz) - solid.hz) < abs(radius - solid.hx):
             return 0.0, 0.0, math.copysign(1.0, lz)
-        return (x - solid.centre[0]) / radius, (y - solid.centre[1]) / radius, 0.0
-    gx, gy, gz = abs(abs(lx) - half[0]), abs(abs(ly) - half[1]), abs(abs(lz) - half[2])
+        return (x - solid.cx) / radius, (y - solid.cy) / radius, 0.0
+    gx, gy, gz = abs(abs(lx) - solid.hx), abs(abs(ly) - solid.hy), abs(abs(lz) - solid.hz)
     if gz <= gx and gz <= gy:
         return 0.0, 0.0, math.copysign(1.0, lz)
     if gx <= gy:
@@ -123,13 +125,12 @@ def normal(solid: Any, x: float, y: float, z: float) -> Triple:
 def distance(solid: Any, x: float, y: float, z: float) -> float:
     """Distance from a world point to the solid, m; zero or less inside."""
     lx, ly, lz = local(solid, x, y, z)
-    half = solid.half
     if solid.kind == SPHERE:
-        return math.sqrt(lx * lx + ly * ly + lz * lz) - half[0]
+        return math.sqrt(lx * lx + ly * ly + lz * lz) - float(solid.hx)
     if solid.kind == CYLINDER:
-        gx, gy, gz = math.sqrt(lx * lx + ly * ly) - half[0], -1.0, abs(lz) - half[2]
+        gx, gy, gz = math.sqrt(lx * lx + ly * ly) - solid.hx, -1.0, abs(lz) - solid.hz
     else:
-        gx, gy, gz = abs(lx) - half[0], abs(ly) - half[1], abs(lz) - half[2]
+        gx, gy, gz = abs(lx) - solid.hx, abs(ly) - solid.hy, abs(lz) - solid.hz
     ax: float = max(gx, 0.0)
     ay: float = max(gy, 0.0)
     az: float = max(gz, 0.0)

@@ -5,8 +5,10 @@ plus a little cold light from a window and a dim ambient. The open crate and the
 table are in deep shadow, so the scene spans some 17 stops.
 """
 
+import math
+
 from drivers.sim.scene import Builder, Scene
-from drivers.sim.texture import MOTTLE, SPOTS, TILES, WOOD
+from drivers.sim.texture import BRICKS, MOTTLE, SPOTS, TILES, WOOD
 
 LAMP = 16_000.0
 """Radiance of the lamp, so that it just fits into 1/1000 s at f/4 and ISO 100."""
@@ -26,7 +28,7 @@ def demo_scene() -> Scene:
     _things(build)
     _crate(build)
     _lights(build)
-    ambient = 2.5e-4 * LAMP
+    ambient = 3.2e-4 * LAMP
     return build.scene((0.80 * ambient, 0.95 * ambient, 1.25 * ambient))
 
 
@@ -35,10 +37,16 @@ def _room(build: Builder) -> None:
         WOOD, (0.16, 0.55, 1.0), (0.20, 0.11, 0.06), (0.38, 0.23, 0.12), (0.55, 0.38, 0.22), edge=0.2
     )
     sage = build.material(
-        MOTTLE, (0.17, 0.17, 0.17), (0.16, 0.22, 0.17), (0.34, 0.42, 0.33), (0.56, 0.62, 0.50), warp=0.8
+        MOTTLE, 0.12, (0.13, 0.19, 0.14), (0.34, 0.42, 0.33), (0.62, 0.66, 0.54), warp=1.0, detail=0.3
     )
     brick = build.material(
-        TILES, (1.0, 0.26, 0.13), (0.30, 0.12, 0.08), (0.48, 0.24, 0.16), (0.66, 0.46, 0.36), edge=0.3
+        BRICKS,
+        (1e6, 0.24, 0.12),
+        (0.18, 0.07, 0.045),
+        (0.50, 0.25, 0.16),
+        (0.70, 0.58, 0.48),
+        edge=0.09,
+        detail=0.3,
     )
     plain = build.material(MOTTLE, 0.4, (0.4, 0.4, 0.38), (0.5, 0.5, 0.48), (0.6, 0.6, 0.58))
     size, corner = 4.4, 1.15
@@ -100,7 +108,7 @@ def _table(build: Builder) -> None:
         TILES, (0.09, 0.09, 0.09), (0.10, 0.08, 0.05), (0.30, 0.26, 0.18), (0.55, 0.50, 0.40), edge=0.5
     )
     build.box(chest, (0.10, -0.06, 0.13), (0.40, 0.30, 0.22), turn=20.0)
-    build.dim_zone((0.0, 0.0, 0.23), (1.25, 0.95, 0.46), (1, 1, 0), reach=0.30, stops=3.2)
+    build.dim_zone((0.0, 0.0, 0.23), (1.25, 0.95, 0.46), (3, 3, 0), reach=0.30, stops=1.5)
 
 
 def _things(build: Builder) -> None:
@@ -155,8 +163,6 @@ def _crate(build: Builder) -> None:
         WOOD, (0.06, 0.16, 0.09), (0.26, 0.16, 0.09), (0.42, 0.28, 0.16), (0.60, 0.44, 0.28), edge=0.3
     )
     x, y, turn, size, deep, board = 0.40, 0.08, -30.0, 0.36, 0.30, 0.018
-    import math
-
     cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
 
     def place(u: float, v: float, z: float) -> tuple[float, float, float]:
@@ -173,7 +179,7 @@ def _crate(build: Builder) -> None:
     )
     build.sphere(dark, place(-0.06, 0.02, board + 0.07), 0.07)
     build.box(dark, place(0.09, 0.05, board + 0.10), (0.09, 0.09, 0.20), turn=turn + 15.0)
-    build.dim_zone(place(0, 0, middle), (size, deep, size), (0, -1, 0), reach=0.22, stops=3.5, turn=turn)
+    build.dim_zone(place(0, 0, middle), (size, deep, size), (0, 1, 0), reach=0.22, stops=1.0, turn=turn)
 
 
 def _lights(build: Builder) -> None:
@@ -192,7 +198,7 @@ def _lights(build: Builder) -> None:
     x, y, z = _LAMP_AT
     build.cylinder(cord, (x, y, (z + _LAMP_RADIUS + 2.6) / 2), 0.012, 2.6 - z - _LAMP_RADIUS, blocks=False)
     # A ball of radiance L and radius r seen from afar has the intensity L pi r^2.
-    area = 3.141592653589793 * _LAMP_RADIUS**2 * 0.85 * LAMP
+    area = math.pi * _LAMP_RADIUS**2 * 0.85 * LAMP
     build.light(_LAMP_AT, (area * colour[0], area * colour[1], area * colour[2]), _LAMP_RADIUS)
     window = 6.0e-3 * LAMP
     build.light((-2.2, 0.2, 2.2), (0.55 * window, 0.75 * window, 1.0 * window))

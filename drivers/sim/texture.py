@@ -1,4 +1,4 @@
-"""Albedo of a surface point in closed form: lattice noise shaped into plaster, tiles, spots and wood.
+"""Albedo of a surface point in closed form: lattice noise shaped into plaster, tiles, wood, bricks.
 
 Every texture is a function of the point's place in its solid, in metres, so it sticks to the solid
 and has no seams. Lattice values come from an integer hash: nothing repeats. The finest cells are
@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.sim.compiling import compiled
 
-MOTTLE, TILES, SPOTS, WOOD = range(4)
+MOTTLE, TILES, SPOTS, WOOD, BRICKS = range(5)
 
 MATERIAL = np.dtype(
     [
@@ -123,6 +123,14 @@ def albedo(material: Any, x: float, y: float, z: float) -> tuple[float, float, f
         tone = unit_hash(plank, 0, math.floor(pz), seed)
         grain = noise(px * 5.0, py + 7.0 * tone, pz * 5.0, seed + 5, 1.0)
         value = 0.55 * tone + 0.45 * grain
+    elif material.pattern == BRICKS:
+        # Courses along y, each shifted against the next; every brick has its own tone.
+        course = math.floor(pz)
+        along = py + 0.5 * (course % 2) + 0.2 * unit_hash(0, 0, course, seed + 3)
+        brick = math.floor(along)
+        side = min(along - brick, 1.0 - along + brick) * material.cell[1] / material.cell[2]
+        joint = 1.0 - _smoothstep(0.0, 2.0 * material.edge, min(side, pz - course, 1.0 - pz + course))
+        value = joint + (1.0 - joint) * 0.6 * unit_hash(0, brick, course, seed)
     elif material.pattern == SPOTS:
         inside, own = _spot(px, py, pz, seed)
         value = (1.0 - inside) * 0.25 * noise(px, py, pz, seed + 7, 1.0) + inside * (0.4 + 0.6 * own)
