@@ -9,7 +9,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -30,10 +30,18 @@ def _refused(path: Path, error: OSError) -> StorageError:
     return StorageError(f"{path} could not be written ({reason}): free or unlock the disk and run again.")
 
 
+def _unreadable(path: Path, error: OSError) -> InputError:
+    reason = (error.strerror or str(error)).lower()
+    return InputError(f"{path} cannot be read ({reason}): correct the path or its permissions.")
+
+
 def make_folder(path: Path) -> None:
-    """Create a folder and its parents; StorageError when the disk refuses."""
+    """Create a folder and its parents and sync them; StorageError when the disk refuses."""
     try:
+        missing = [folder for folder in (path, *path.parents) if not folder.is_dir()]
         path.mkdir(parents=True, exist_ok=True)
+        for folder in missing:
+            sync(folder.parent)
     except OSError as error:
         raise _refused(path, error) from error
 
@@ -50,24 +58,39 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         _discard(part)
         yield part
-        for file in [part] if part.is_file() else [f for f in part.rglob("*") if f.is_file()]:
-            sync(file)
+        for file in [*part.rglob("*"), part]:
+            if file.is_file() or file.is_dir():
+                sync(file)
         if part.is_dir():
-            old = path.with_name(f".{path.name}.old.part")
-            _discard(old)
-            if path.exists():
-                path.rename(old)
-            part.rename(path)
-            _discard(old)
+            _replace_folder(part, path)
         else:
             part.replace(path)
         sync(path.parent)
     except OSError as error:
-        _discard(part)
+        with suppress(OSError):  # a disk that refuses to write may refuse to delete
+            _discard(part)
         raise _refused(path, error) from error
     except BaseException:
-        _discard(part)
+        with suppress(OSError):
+            _discard(part)
         raise
+
+
+def _replace_folder(part: Path, path: Path) -> None:
+    """Rename `part` to `path`; what was there steps aside first, and comes back if that fails."""
+    old = path.with_name(f".{path.name}.old.part")
+    _discard(old)
+    stepped_aside = path.exists()
+    if stepped_aside:
+        path.rename(old)
+    try:
+        part.rename(path)
+    except BaseException:
+        if stepped_aside:
+            old.rename(path)
+        raise
+    with suppress(OSError):  # the new folder is in its place: a leftover is no failure
+        _discard(old)
 
 
 def leftovers(folder: Path) -> list[Path]:
@@ -123,14 +146,17 @@ def append_line(path: Path, value: Any) -> None:
 
 def read_lines(path: Path) -> list[Any]:
     """The values of a `.jsonl` file; a torn last line is dropped, a damaged line is an InputError."""
-    if not path.exists():
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
         return []
-    data = path.read_bytes()
+    except OSError as error:
+        raise _unreadable(path, error) from error
     values = []
     for number, line in enumerate(data[: data.rfind(b"\n") + 1].splitlines(), start=1):
         try:
             values.append(json.loads(line))
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(f"{path}, line {number} is not JSON: restore it or delete the line.") from error
     return values
 
@@ -141,14 +167,17 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_bytes())
     except FileNotFoundError as error:
         raise InputError(f"{path} is missing: run the stage that writes it first.") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path} cannot be read as JSON: restore it or run its stage again.") from error
 
 
 def sha256(path: Path) -> str:
-    """Hex digest of a file's bytes."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """Hex digest of a file's bytes; InputError if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise _unreadable(path, error) from error
 
 
 def inside(folder: Path, relative: str) -> Path:
@@ -158,7 +187,8 @@ def inside(folder: Path, relative: str) -> Path:
     try:
         nameable = all(len(os.fsencode(part)) <= 255 for part in pure.parts)
         within = path.resolve().is_relative_to(folder.resolve())
-    except ValueError:  # a character that no file name can have
+    except (ValueError, OSError, RuntimeError):
+        # a character that no file name can have, or links that lead in a circle
         nameable = within = False
     if pure.is_absolute() or ".." in pure.parts or not nameable or not within:
         raise InputError(f"{relative!r} leads out of {folder}: correct the record that names it.")
