@@ -1,0 +1,45 @@
+"""`rig` and `python -m rig`: run a command, tell its outcome, turn every failure into one sentence."""
+
+import os
+import sys
+from collections.abc import Sequence
+
+import typer
+
+from rig.cli import app
+from rig.failures import explained
+from rig.running import Outcome, deliver, print_json
+from rig.streams import debugging
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `rig ARGUMENTS` (those of the process if None); the exit code."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    as_json = "--json" in words
+    name = next((word for word in words if not word.startswith("-")), "")
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that lacks a character shows another one in its place.
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        outcome = typer.main.get_command(app).main(words, prog_name="rig", standalone_mode=False)
+        if isinstance(outcome, Outcome):
+            return deliver(outcome, name, as_json)
+        sys.stdout.flush()
+        return int(outcome or 0)
+    except BaseException as error:
+        if isinstance(error, BrokenPipeError) or isinstance(error.__context__, BrokenPipeError):
+            # Whoever read our output has seen enough; keep Python from failing again when it flushes.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            return 0
+        if debugging():
+            raise
+        line, code = explained(error)
+        print(line, file=sys.stderr)
+        if as_json:
+            print_json({"command": name, "exit_code": code, "error": line})
+        return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,58 @@
+"""The `rig` command line: one thin module a command, imported when its command runs."""
+
+from collections.abc import Callable
+from typing import Annotated
+
+import typer
+
+from rig.commands import calibrate, capture, check, demo, evaluate, importing, reconstruct, render
+from rig.running import Outcome
+
+EXIT_CODES = (
+    "Exit codes: 0 done; 1 a defect of rig; 2 the input or the usage is at fault, nothing usable came out; "
+    "3 done in part, what is missing is listed; 130 stopped by Ctrl-C. "
+    "Progress goes to standard error. RIG_DEBUG=1 shows what libraries say."
+)
+
+app = typer.Typer(
+    name="rig",
+    help="From cameras to a high-dynamic-range 3D scene: capture, calibrate, reconstruct.\n\n"
+    "Begin with: rig demo demo/",
+    epilog=EXIT_CODES,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        import rig
+
+        typer.echo(f"rig {rig.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def rig(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Options before the command."""
+
+
+COMMANDS: dict[str, Callable[..., Outcome]] = {
+    "demo": demo.demo,
+    "capture": capture.capture,
+    "import": importing.import_,
+    "check": check.check,
+    "calibrate": calibrate.calibrate,
+    "reconstruct": reconstruct.reconstruct,
+    "evaluate": evaluate.evaluate,
+    "render": render.render,
+}
+
+for name, command in COMMANDS.items():
+    app.command(name)(command)

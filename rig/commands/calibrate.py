@@ -1,0 +1,80 @@
+"""`rig calibrate`: find out what the cameras did."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from rig.commands.options import JsonOption, SessionArgument
+from rig.progress import Meter
+from rig.running import Outcome, leaving_nothing, running
+from rig.words import counted, number
+
+if TYPE_CHECKING:
+    from imaging.calibration import CalibrationRecord
+
+Part = Literal["sensor", "response", "colour", "poses"]
+
+
+def calibrate(
+    session: SessionArgument,
+    only: Annotated[Part | None, typer.Option(help="Redo one part of an existing calibration.")] = None,
+    as_json: JsonOption = False,
+) -> Outcome:
+    """Find out what the cameras did.
+
+    Poses, lenses, exposure ratios, response and vignetting come from the pictures themselves.
+    Writes SESSION/calibration with a COLMAP model and report.html.
+
+    Example: rig calibrate S
+    """
+    with running("calibrate") as meter:
+        return run_calibrate(session, meter, only)
+
+
+def run_calibrate(session: Path, meter: Meter, only: Part | None = None) -> Outcome:
+    """Calibrate, write the report and say what came of it."""
+    folder = session / "calibration"
+    with leaving_nothing(folder, unless=lambda path: (path / "calibration.json").is_file()):
+        from calib.calibrate import calibrate as calibrate_session
+
+        record = calibrate_session(session, only=only, progress=meter)
+    from rig.report.calibration_page import calibration_report
+
+    calibration_report(session, meter)
+    return told(session, record)
+
+
+def calibration_outcome(session: Path) -> Outcome:
+    """What the calibration that a session has came to."""
+    from imaging.calibration import read_calibration
+
+    return told(session, read_calibration(session))
+
+
+def told(session: Path, record: "CalibrationRecord") -> Outcome:
+    """A calibration as an outcome."""
+    report = session / "calibration" / "report.html"
+    images = len(record.views) + len(record.unregistered)
+    lines = [
+        f"{session}: {len(record.views)} of {counted(images, 'image')} with a pose, "
+        f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
+        f"Report: {report}",
+        f"Next: rig reconstruct {session}",
+    ]
+    data = {
+        "session": str(session),
+        "registered": len(record.views),
+        "images": images,
+        "unregistered": list(record.unregistered),
+        "points": record.points,
+        "reprojection_px": record.reprojection_px,
+        "report": str(report),
+    }
+    missing = None
+    if record.unregistered:
+        missing = (
+            f"{session}: {counted(len(record.unregistered), 'image')} of {images} got no pose "
+            f"({', '.join(record.unregistered)}): take more pictures that overlap with them."
+        )
+    return Outcome(data, lines, missing, usable=bool(record.views))

@@ -1,0 +1,96 @@
+"""`rig demo`: everything once, on a simulated rig."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rig.commands.calibrate import calibration_outcome, run_calibrate
+from rig.commands.capture import run_capture
+from rig.commands.evaluate import headline, run_evaluate
+from rig.commands.options import JsonOption
+from rig.commands.reconstruct import MethodName, run_training
+from rig.progress import Meter
+from rig.running import Outcome, running
+from rig.sessions import calibration_is_current
+from rig.words import duration, number
+
+SIM, SEED = "demo", 0
+METHOD: MethodName = "nh-3dgs"
+TRAINING_SECONDS = 85.0
+"""At most 90 s are promised; the rest is for the last iterations and the last checkpoint."""
+
+
+def demo(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make, or to go on with.")],
+    as_json: JsonOption = False,
+) -> Outcome:
+    """Do everything once, on a simulated rig.
+
+    Captures a session of four cameras at six positions, calibrates it from the pictures, trains a
+    scene and measures it against the simulator's truth, in some minutes; names the report. If OUT
+    holds a demo that was stopped, it goes on with the first stage that is not finished.
+
+    Example: rig demo demo/
+    """
+    with running("demo", go_on="run the same command again") as meter:
+        return run_demo(out, meter)
+
+
+def run_demo(out: Path, meter: Meter, clock: Callable[[], float] = time.monotonic) -> Outcome:
+    """The four stages; each is skipped, or nearly so, if it is finished."""
+    times: dict[str, float] = {}
+
+    def stage(name: str, work: Callable[[], Outcome]) -> Outcome:
+        meter.begin(name)
+        began = clock()
+        outcome = work()
+        times[name] = clock() - began
+        meter.say(f"{name}: {outcome.lines[0]} ({duration(times[name])})")
+        return outcome
+
+    captured = stage("capture", lambda: _capture(out, meter))
+    calibrated = stage(
+        "calibrate",
+        lambda: calibration_outcome(out) if calibration_is_current(out) else run_calibrate(out, meter),
+    )
+    trained = stage(
+        "reconstruct",
+        lambda: run_training(out, meter, method=METHOD, budget=TRAINING_SECONDS, seed=SEED, name="demo"),
+    )
+    evaluated = stage("evaluate", lambda: run_evaluate(Path(trained.data["reconstruction"]), meter))
+
+    metrics = evaluated.data["metrics"]
+    lines = [
+        *_poses(metrics),
+        headline(metrics),
+        "Time: " + ", ".join(f"{name} {duration(spent)}" for name, spent in times.items()),
+        f"Report: {evaluated.data['report']}",
+    ]
+    data: dict[str, Any] = {
+        "session": str(out),
+        "reconstruction": trained.data["reconstruction"],
+        "report": evaluated.data["report"],
+        "seconds": {name: round(spent, 1) for name, spent in times.items()},
+        "calibration": {key: calibrated.data[key] for key in ("registered", "images", "reprojection_px")},
+        "metrics": metrics,
+    }
+    missing = next((part.missing for part in (captured, calibrated, evaluated) if part.missing), None)
+    return Outcome(data, lines, missing)
+
+
+def _capture(out: Path, meter: Meter) -> Outcome:
+    """A new capture, or what the one in OUT lacks."""
+    return run_capture(SIM, out, meter, seed=SEED, resume=(out / "session.json").exists())
+
+
+def _poses(metrics: dict[str, Any]) -> list[str]:
+    """The error of the poses in one line, if it was measured."""
+    rotation, position = (metrics.get(key) for key in ("pose_rotation_deg", "pose_translation_relative"))
+    if not isinstance(rotation, int | float) or not isinstance(position, int | float):
+        return []
+    return [
+        f"Poses: {number(rotation, 2)} degrees, {number(100 * position, 2)} % of the rig's size off (median)"
+    ]

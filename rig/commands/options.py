@@ -1,0 +1,51 @@
+"""Arguments and options that several commands share."""
+
+import math
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+SessionArgument = Annotated[
+    Path, typer.Argument(metavar="SESSION", help="A session folder, made by rig capture or rig import.")
+]
+ReconstructionArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="RECON", help="A reconstruction: SESSION/reconstructions/NAME, or a session that has one."
+    ),
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else there.")
+]
+"""Read by `main`, which prints: the commands themselves only declare it."""
+SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the same bytes.")]
+
+
+def seconds(text: str) -> float:
+    """`90`, `90s`, `1.5m` or `1h` as seconds; typer.BadParameter otherwise."""
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(s|m|h|)\s*", text)
+    value = float(match[1]) * {"": 1, "s": 1, "m": 60, "h": 3600}[match[2]] if match else 0.0
+    if not (value > 0 and math.isfinite(value)):
+        raise typer.BadParameter("write a time as 90s, 5m or 1h")
+    return value
+
+
+class Stops(tuple[float, ...]):
+    """Exposures relative to a rig's middle one, ascending; empty for `auto`."""
+
+
+def stops(text: str) -> Stops:
+    """`auto`, or stops as `-4,-2,0,2`; typer.BadParameter otherwise."""
+    if text.strip() == "auto":
+        return Stops()
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = (math.nan,)
+    if not all(math.isfinite(value) and abs(value) <= 30 for value in values):
+        raise typer.BadParameter("write auto, or stops relative to the middle exposure as -4,-2,0,2,4")
+    if len(set(values)) < len(values):
+        raise typer.BadParameter("every exposure of a bracket has to differ from the others")
+    return Stops(sorted(values))

@@ -1,0 +1,79 @@
+"""`rig reconstruct`: train a scene."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from rig.commands.evaluate import run_evaluate
+from rig.commands.options import JsonOption, SeedOption, SessionArgument, seconds
+from rig.progress import Meter
+from rig.running import Outcome, running
+
+MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
+Quality = Literal["draft", "standard", "best"]
+
+
+def reconstruct(
+    session: SessionArgument,
+    method: Annotated[
+        MethodName, typer.Option(help="auto chooses by what the session holds: RAW or photographs.")
+    ] = "auto",
+    quality: Annotated[Quality, typer.Option(help="How long and how fine.")] = "standard",
+    budget: Annotated[
+        float | None,
+        typer.Option(parser=seconds, metavar="TIME", help="Train no longer than this, as 90s or 5m."),
+    ] = None,
+    seed: SeedOption = 0,
+    name: Annotated[
+        str | None, typer.Option(help="Folder name under SESSION/reconstructions; the method if not given.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> Outcome:
+    """Train a scene on a calibrated session.
+
+    The scene is made of Gaussians, measured on held-out views and reported. A training that was
+    stopped goes on when the same command is run again.
+
+    Example: rig reconstruct S --budget 5m
+    """
+    with running("reconstruct") as meter:
+        return run_reconstruct(
+            session, meter, method=method, quality=quality, budget=budget, seed=seed, name=name
+        )
+
+
+def run_reconstruct(
+    session: Path,
+    meter: Meter,
+    *,
+    method: MethodName,
+    quality: Quality,
+    budget: float | None,
+    seed: int,
+    name: str | None,
+) -> Outcome:
+    """Train, evaluate, write the report and say what came of it."""
+    trained = run_training(
+        session, meter, method=method, quality=quality, budget=budget, seed=seed, name=name
+    )
+    return run_evaluate(Path(trained.data["reconstruction"]), meter)
+
+
+def run_training(
+    session: Path,
+    meter: Meter,
+    *,
+    method: MethodName,
+    quality: Quality = "standard",
+    budget: float | None = None,
+    seed: int = 0,
+    name: str | None = None,
+) -> Outcome:
+    """Train a scene, or go on with it."""
+    from recon.reconstruct import reconstruct as reconstruct_session
+
+    folder = reconstruct_session(
+        session, method=method, quality=quality, budget=budget, seed=seed, name=name, progress=meter
+    )
+    return Outcome({"reconstruction": str(folder)}, [f"{folder}: trained"])

@@ -1,0 +1,115 @@
+"""The charts of a calibration: exposure labels, vignetting, response, reprojection error."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from markupsafe import Markup
+
+from imaging.calibration import CalibrationRecord, CameraCalibration
+from imaging.colmap import SparsePoints
+from imaging.session import Session
+from rig.report.captured import label_ratio
+from rig.report.chart import Series, chart
+
+Array = npt.NDArray[np.float64]
+
+
+def charts(
+    session: Session, record: CalibrationRecord, points: SparsePoints | None
+) -> Iterable[tuple[str, str, Markup]]:
+    """Every chart that this calibration gives something to draw: heading, explanation, drawing."""
+    ratios = _ratio_series(session, record)
+    if ratios:
+        yield (
+            "Exposure: label against estimate",
+            "How far each shot's exposure, estimated from overlapping pixels, lies from what its file says. "
+            "Shutter labels are rounded, so a few hundredths of a stop are normal.",
+            chart(
+                "Estimated over stated exposure",
+                ratios,
+                "stated exposure scale k, s",
+                "estimate − label, stops",
+                x_scale="log",
+                y_zero=True,
+            ),
+        )
+    if any(any(camera.vignetting) for camera in record.cameras):
+        radius = np.linspace(0, 1, 41)
+        yield (
+            "Vignetting",
+            "Light that reaches a pixel, relative to the image centre.",
+            chart(
+                "Vignetting",
+                [
+                    Series(camera.name, radius.tolist(), _falloff(camera, radius).tolist())
+                    for camera in record.cameras
+                ],
+                "distance from the centre, half diagonals",
+                "relative light",
+            ),
+        )
+    curves = [
+        camera for camera in record.cameras if camera.response.kind == "curve" and camera.response.codes
+    ]
+    if curves:
+        yield _response_chart(curves)
+    if points is not None and len(points.error):
+        yield (
+            "Reprojection error",
+            "How far the scene points land from where they were seen, one count a point.",
+            _error_histogram(points),
+        )
+
+
+def _ratio_series(session: Session, record: CalibrationRecord) -> list[Series]:
+    series = []
+    shots = session.shots("scene")
+    for camera in record.cameras:
+        known = [
+            ((shot.reported or shot.requested), ratio)
+            for shot in shots
+            if shot.camera == camera.name and (ratio := label_ratio(shot, record)) is not None
+        ]
+        pairs = sorted((label.scale, math.log2(ratio)) for label, ratio in known if label is not None)
+        if pairs:
+            series.append(Series(camera.name, [k for k, _ in pairs], [s for _, s in pairs], dots=True))
+    return series
+
+
+def _falloff(camera: CameraCalibration, radius: Array) -> Array:
+    a, b, c = camera.vignetting
+    return np.asarray(1 + a * radius**2 + b * radius**4 + c * radius**6)
+
+
+def _response_chart(cameras: Sequence[CameraCalibration]) -> tuple[str, str, Markup]:
+    """One curve a channel; cameras that share a curve (as a rig usually does) are drawn once."""
+    distinct = {camera.response: camera for camera in reversed(cameras)}
+    series = []
+    for response, camera in distinct.items():
+        prefix = f"{camera.name} " if len(distinct) > 1 else ""
+        for channel, name in enumerate(("red", "green", "blue")[: len(response.log_exposure)]):
+            stops = [value / math.log(2) for value in response.log_exposure[channel]]
+            series.append(Series(prefix + name, list(response.codes), stops, colour=(3, 2, 0)[channel]))
+    first = cameras[0].response
+    return (
+        "Response",
+        "Light that a code value stands for. Shaded: the codes between which it was measured; "
+        "beyond, it is extrapolated.",
+        chart("Camera response", series, "code value", "log2 exposure, stops", shaded=first.valid),
+    )
+
+
+def _error_histogram(points: SparsePoints) -> Markup:
+    top = max(float(np.percentile(points.error, 99)), 1e-6)
+    counts, edges = np.histogram(np.minimum(points.error, top), bins=30, range=(0, top))
+    x = np.repeat(edges, 2)[1:-1]
+    y = np.repeat(counts, 2)
+    return chart(
+        "Reprojection errors",
+        [Series("", x.tolist(), y.astype(float).tolist())],
+        "mean reprojection error of a point, px",
+        "points",
+        y_zero=True,
+    )

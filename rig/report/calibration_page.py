@@ -1,0 +1,36 @@
+"""SESSION/calibration/report.html: what was captured and calibrated."""
+
+from pathlib import Path
+
+import rig
+from imaging.calibration import read_calibration
+from imaging.session import Session
+from rig.progress import Meter
+from rig.report.calibrated import calibrated, is_stale
+from rig.report.captured import captured
+from rig.report.page import Page, Tile, now, write_page
+from rig.report.provenance import provenance
+
+
+def calibration_report(folder: Path, progress: Meter) -> Path:
+    """Write SESSION/calibration/report.html; the session is at `folder`."""
+    session, record = Session.open(folder), read_calibration(folder)
+    section = calibrated(session, record, is_stale(session, record))
+    page = Page(
+        kind="Calibration report",
+        title=session.record.name,
+        lead=section.summary + ".",
+        version=rig.__version__,
+        made=now(),
+        tiles=(
+            Tile(section.registered, "images with a pose"),
+            Tile(section.reprojection, "mean reprojection error"),
+            Tile(f"{record.points:,}", "scene points"),
+        ),
+        captured=captured(session, record, progress),
+        calibrated=section,
+        provenance=provenance(session, record, None, rig.__version__),
+    )
+    path = folder / "calibration" / "report.html"
+    write_page(path, page)
+    return path

@@ -1,0 +1,195 @@
+"""Line and dot charts as inline SVG, coloured by the page's style sheet so that they follow its scheme."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from markupsafe import Markup, escape
+
+WIDTH, HEIGHT = 640, 300
+LEFT, RIGHT, TOP, BOTTOM = 64, 16, 14, 46
+COLOURS = 8
+"""Series colours that the style sheet has: `s0` ... `s7`."""
+
+Scale = Literal["linear", "log"]
+
+
+@dataclass(frozen=True)
+class Series:
+    """One curve or cloud: x and y of equal length; points that are not finite are left out."""
+
+    label: str
+    x: Sequence[float]
+    y: Sequence[float]
+    dots: bool = False
+    dashed: bool = False
+    colour: int | None = None
+    """Index of a series colour; by order if None."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis: what it shows, between which values, and its ticks."""
+
+    label: str
+    low: float
+    high: float
+    ticks: tuple[float, ...]
+    scale: Scale = "linear"
+
+    def place(self, value: float, start: float, end: float) -> float:
+        """Where a value lies between the pixels `start` and `end`."""
+        low, high, at = (self._level(v) for v in (self.low, self.high, value))
+        return start + (at - low) / (high - low) * (end - start)
+
+    def _level(self, value: float) -> float:
+        return math.log10(max(value, 1e-300)) if self.scale == "log" else value
+
+    @classmethod
+    def around(
+        cls, label: str, values: Sequence[float], scale: Scale = "linear", zero: bool = False
+    ) -> "Axis":
+        """An axis that holds all finite `values`, with some air; from zero if asked."""
+        finite = [v for v in values if math.isfinite(v) and (scale == "linear" or v > 0)]
+        low, high = (min(finite), max(finite)) if finite else (0.1 if scale == "log" else 0.0, 1.0)
+        if scale == "log":
+            return cls._decades(label, low, high)
+        if zero:
+            low, high = min(low, 0.0), max(high, 0.0)
+        if high - low < 1e-12 * max(abs(high), abs(low), 1e-12):
+            pad = abs(high) * 0.5 or 0.5
+            low, high = low - (0 if zero and low == 0 else pad), high + pad
+        step = nice_step((high - low) / 5)
+        low, high = math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
+        count = round((high - low) / step)
+        return cls(label, low, high, tuple(low + index * step for index in range(count + 1)))
+
+    @classmethod
+    def _decades(cls, label: str, low: float, high: float) -> "Axis":
+        first, last = math.floor(math.log10(low) + 1e-9), math.ceil(math.log10(high) - 1e-9)
+        last = max(last, first + 1)
+        step = max(1, math.ceil((last - first) / 8))
+        return cls(
+            label, 10.0**first, 10.0**last, tuple(10.0**e for e in range(first, last + 1, step)), "log"
+        )
+
+
+def nice_step(step: float) -> float:
+    """The smallest of 1, 2, 5 times a power of ten that is at least `step`."""
+    power = 10.0 ** math.floor(math.log10(step))
+    return next(power * factor for factor in (1, 2, 5, 10) if power * factor >= step * (1 - 1e-9))
+
+
+def tick_text(value: float, axis: Axis) -> str:
+    """A tick's label, as many decimals as the axis needs."""
+    if axis.scale == "log":
+        exponent = round(math.log10(value))
+        return f"{value:g}" if -3 <= exponent <= 4 else f"1e{exponent}"
+    step = axis.ticks[1] - axis.ticks[0] if len(axis.ticks) > 1 else 1.0
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+    text = f"{value:,.{decimals}f}"
+    return text.replace("-", "−") if float(text.replace(",", "")) else f"{0:.{decimals}f}"
+
+
+def chart(
+    title: str,
+    series: Sequence[Series],
+    x_label: str,
+    y_label: str,
+    *,
+    x_scale: Scale = "linear",
+    y_scale: Scale = "linear",
+    y_zero: bool = False,
+    shaded: tuple[float, float] | None = None,
+    level: tuple[float, str] | None = None,
+) -> Markup:
+    """The series in one frame, as an `<svg>` that scales with the page.
+
+    shaded: a range of x set off from the rest; level: a horizontal line with a name.
+    """
+    extra = [level[0]] if level else []
+    x_axis = Axis.around(x_label, [v for s in series for v in s.x], x_scale)
+    y_axis = Axis.around(y_label, [v for s in series for v in s.y] + extra, y_scale, y_zero)
+    right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
+
+    def x_at(value: float) -> float:
+        return x_axis.place(value, LEFT, right)
+
+    def y_at(value: float) -> float:
+        return y_axis.place(value, bottom, TOP)
+
+    parts = [
+        f'<svg class="chart" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">',
+        f"<title>{escape(title)}</title>",
+    ]
+    if shaded:
+        start, end = x_at(max(shaded[0], x_axis.low)), x_at(min(shaded[1], x_axis.high))
+        parts.append(
+            f'<rect class="shaded" x="{start:.1f}" y="{TOP}" width="{end - start:.1f}" '
+            f'height="{bottom - TOP}"/>'
+        )
+    parts += _frame(x_axis, y_axis, right, bottom)
+    if level:
+        at = y_at(level[0])
+        parts.append(f'<path class="level" d="M{LEFT} {at:.1f}H{right}"/>')
+        parts.append(f'<text class="note" x="{right - 4}" y="{at - 5:.1f}">{escape(level[1])}</text>')
+    for index, one in enumerate(series):
+        points = [
+            (x_at(x), y_at(y))
+            for x, y in zip(one.x, one.y, strict=True)
+            if math.isfinite(x)
+            and math.isfinite(y)
+            and (x_scale == "linear" or x > 0)
+            and (y_scale == "linear" or y > 0)
+        ]
+        colour = (index if one.colour is None else one.colour) % COLOURS
+        parts.append(_dots(points, colour) if one.dots else _line(points, colour, one.dashed))
+    parts.append("</svg>")
+    return Markup("".join(parts) + legend(series))
+
+
+def _frame(x_axis: Axis, y_axis: Axis, right: float, bottom: float) -> list[str]:
+    parts = []
+    for tick in y_axis.ticks:
+        at = y_axis.place(tick, bottom, TOP)
+        parts.append(f'<path class="grid" d="M{LEFT} {at:.1f}H{right}"/>')
+        parts.append(f'<text class="ytick" x="{LEFT - 8}" y="{at + 4:.1f}">{tick_text(tick, y_axis)}</text>')
+    for tick in x_axis.ticks:
+        at = x_axis.place(tick, LEFT, right)
+        parts.append(f'<path class="grid" d="M{at:.1f} {TOP}V{bottom}"/>')
+        parts.append(f'<text class="xtick" x="{at:.1f}" y="{bottom + 18}">{tick_text(tick, x_axis)}</text>')
+    parts.append(
+        f'<text class="xlabel" x="{(LEFT + right) / 2:.1f}" y="{HEIGHT - 8}">{escape(x_axis.label)}</text>'
+    )
+    middle = (TOP + bottom) / 2
+    parts.append(
+        f'<text class="ylabel" x="14" y="{middle:.1f}" transform="rotate(-90 14 {middle:.1f})">'
+        f"{escape(y_axis.label)}</text>"
+    )
+    return parts
+
+
+def _line(points: Sequence[tuple[float, float]], colour: int, dashed: bool) -> str:
+    if len(points) == 1:
+        return _dots(points, colour)
+    path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) if points else ""
+    return f'<path class="line s{colour}{" dashed" if dashed else ""}" d="{path}"/>'
+
+
+def _dots(points: Sequence[tuple[float, float]], colour: int) -> str:
+    path = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in points)
+    return f'<path class="dots s{colour}" d="{path}"/>'
+
+
+def legend(series: Sequence[Series]) -> str:
+    """What the colours mean, as HTML below the chart; nothing for a single unnamed series."""
+    named = [(i, one) for i, one in enumerate(series) if one.label]
+    if len(named) < 2:
+        return ""
+    keys = "".join(
+        f'<li><span class="key s{(i if one.colour is None else one.colour) % COLOURS}'
+        f'{" dashed" if one.dashed else ""}"></span>{escape(one.label)}</li>'
+        for i, one in named
+    )
+    return f'<ul class="legend">{keys}</ul>'

@@ -1,0 +1,103 @@
+"""The section "Where it comes from": versions, seeds, hashes and the commands that make it again."""
+
+import platform
+import shlex
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imaging import store
+from imaging.calibration import CalibrationRecord
+from imaging.session import Session
+
+if TYPE_CHECKING:
+    from recon.model import ModelRecord
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Everything the section shows."""
+
+    rows: tuple[tuple[str, str], ...]
+    commands: tuple[str, ...]
+
+
+def provenance(
+    session: Session,
+    calibration: CalibrationRecord | None,
+    model: "ModelRecord | None",
+    version: str,
+) -> Provenance:
+    """Collect it from the records of the session."""
+    return Provenance(
+        rows=tuple(_rows(session, calibration, model, version)),
+        commands=tuple(_commands(session, calibration is not None, model)),
+    )
+
+
+def _rows(
+    session: Session,
+    calibration: CalibrationRecord | None,
+    model: "ModelRecord | None",
+    version: str,
+) -> Iterable[tuple[str, str]]:
+    record = session.record
+    yield "Session", record.name
+    yield "Begun", record.created.isoformat(timespec="seconds")
+    yield "Origin", record.origin
+    if record.seed is not None:
+        yield "Seed of the capture", str(record.seed)
+    for plan in session.plans():
+        yield f"Plan {plan.plan}", plan.reason
+    shots = session.folder / "shots.jsonl"
+    yield "shots.jsonl, SHA-256", store.sha256(shots)
+    if calibration is not None:
+        yield "Calibrated", calibration.created.isoformat(timespec="seconds")
+        yield "Calibrated from shots", calibration.shots_sha256
+        path = session.folder / "calibration" / "calibration.json"
+        if path.is_file():
+            yield "calibration.json, SHA-256", store.sha256(path)
+        yield "Versions of the calibration", _versions(calibration.versions)
+    if model is not None:
+        yield "Trained", model.created.isoformat(timespec="seconds")
+        for name, value in model.settings.model_dump().items():
+            if value is not None:
+                yield f"Training: {name.replace('_', ' ')}", str(value)
+        yield "Trained on calibration", model.calibration_sha256
+        yield "Light is relative to", model.radiance
+        yield "Versions of the training", _versions(model.versions)
+    yield (
+        "This page",
+        f"rig {version}, Python {platform.python_version()}, {platform.system()} {platform.machine()}",
+    )
+
+
+def _versions(versions: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in sorted(versions.items()))
+
+
+def _commands(session: Session, calibrated: bool, model: "ModelRecord | None") -> Iterable[str]:
+    record = session.record
+    name = shlex.quote(record.name)
+    if record.origin.startswith("sim:"):
+        yield f"rig capture --sim {shlex.quote(record.origin[4:])} --seed {record.seed or 0} {name}"
+    elif record.origin == "import":
+        yield f"rig import {_source(session)} {name}"
+    if calibrated:
+        yield f"rig calibrate {name}"
+    if model is not None:
+        chosen = model.settings
+        options = f"--method {chosen.method} --quality {chosen.quality} --seed {chosen.seed}"
+        budget = "" if chosen.budget is None else f" --budget {chosen.budget:g}s"
+        yield f"rig reconstruct {name} {options}{budget}"
+
+
+def _source(session: Session) -> str:
+    """The folder that the first photograph was imported from, else a word for it."""
+    for shot in session.shots():
+        if shot.source:
+            parent = Path(shot.source).parent
+            if parent.name:
+                return shlex.quote(str(parent))
+    return "PHOTOS"

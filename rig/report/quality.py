@@ -1,0 +1,169 @@
+"""The section "What quality came out": metrics in plain words, views, errors by brightness, training."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from imaging import store
+from recon.model import ModelRecord
+from rig.report.calibrated import RungRow, rung_rows
+from rig.report.chart import Series, chart
+from rig.report.measures import BY_KEY, MEASURES
+from rig.words import counted, duration, number, size
+
+
+@dataclass(frozen=True)
+class MetricRow:
+    """One metric of the scene; `worst` is its value in the worst case, if that was measured."""
+
+    name: str
+    value: str
+    unit: str
+    worst: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Everything the section shows."""
+
+    lead: str
+    note: str
+    metrics: tuple[MetricRow, ...]
+    columns: tuple[str, ...]
+    views: tuple[tuple[str, ...], ...]
+    charts: tuple[tuple[str, str, Markup], ...]
+    cost: tuple[tuple[str, str], ...]
+    rungs: tuple[RungRow, ...]
+
+
+def quality(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> Quality:
+    """Read a reconstruction's metrics and its training log for the page."""
+    rows = metrics.get("views", [])
+    keys = [m.key for m in MEASURES if any(m.key in row for row in rows)]
+    return Quality(
+        lead=f"Method {model.settings.method}, quality {model.settings.quality}: "
+        f"{counted(len(model.training_views), 'view')} to train on, "
+        f"{counted(len(model.held_out), 'view')} held out to measure with",
+        note=str(metrics.get("held_out_note", "")),
+        metrics=tuple(_metric_rows(metrics)),
+        columns=tuple(_column(key) for key in keys),
+        views=tuple((str(row["view"]), *(BY_KEY[key].written(row.get(key)) for key in keys)) for row in rows),
+        charts=tuple(_charts(folder, metrics)),
+        cost=tuple(_cost(model, metrics)),
+        rungs=rung_rows(model.rungs),
+    )
+
+
+def _metric_rows(metrics: Mapping[str, Any]) -> Iterable[MetricRow]:
+    for measure in MEASURES:
+        value = metrics.get(measure.key)
+        if value is not None:
+            worst = metrics.get(f"{measure.key}_max")
+            yield MetricRow(
+                measure.name,
+                measure.written(value),
+                measure.unit,
+                "" if worst is None else measure.written(worst),
+                measure.meaning,
+            )
+
+
+def _column(key: str) -> str:
+    measure = BY_KEY[key]
+    return f"{measure.name}, {measure.unit}" if measure.unit else measure.name
+
+
+def _charts(folder: Path, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str, Markup]]:
+    decades = metrics.get("relative_error_by_decade") or []
+    if decades:
+        middle = [math.sqrt(row["low"] * row["high"]) for row in decades]
+        yield (
+            "Error by brightness",
+            "How far the light of held-out views is from the truth, for each power of ten of the true light.",
+            chart(
+                "Relative error by decade of the true light",
+                [
+                    Series(
+                        "95 % of the pixels are better",
+                        middle,
+                        [100 * row["p95"] for row in decades],
+                        colour=1,
+                    ),
+                    Series(
+                        "half of the pixels are better",
+                        middle,
+                        [100 * row["median"] for row in decades],
+                        colour=0,
+                    ),
+                ],
+                "true light, relative units",
+                "relative error, %",
+                x_scale="log",
+                y_scale="log",
+            ),
+        )
+    log = [
+        row
+        for row in store.read_lines(folder / "train.jsonl")
+        if isinstance(row, dict) and "iteration" in row
+    ]
+    if log:
+        seconds = [float(row["seconds"]) for row in log]
+        yield (
+            "Training",
+            "Loss over training time; each point is a mean over the last iterations.",
+            chart(
+                "Training loss",
+                [Series("", seconds, [float(row["loss"]) for row in log])],
+                "training time, s",
+                "loss",
+                y_scale="log" if min(float(row["loss"]) for row in log) > 0 else "linear",
+            ),
+        )
+        yield (
+            "Size of the scene",
+            "Gaussians over training time.",
+            chart(
+                "Number of Gaussians",
+                [Series("", seconds, [float(row["gaussians"]) for row in log], colour=2)],
+                "training time, s",
+                "Gaussians",
+                y_zero=True,
+            ),
+        )
+
+
+def _cost(model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+    yield "Training time", f"{duration(model.train_seconds)} on {counted(model.threads, 'thread')}"
+    yield "Iterations", f"{model.settings.iterations:,}"
+    yield "Gaussians", f"{model.gaussians:,}"
+    if "size_bytes" in metrics:
+        yield "Size of splats.ply", size(metrics["size_bytes"])
+    if "render_fps" in metrics:
+        yield "Renders per second", number(metrics["render_fps"], 2)
+
+
+def tiles(model: ModelRecord, metrics: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
+    """The headline numbers: value and label."""
+    chosen = []
+    for key, label in (
+        ("hdr_psnr_mu_aligned", "HDR PSNR (µ-law) of held-out views"),
+        ("stops_median", "median error of light in held-out views"),
+        ("raw_psnr", "PSNR against held-out RAW files"),
+        ("ldr_psnr_oe", "PSNR of held-out photographs"),
+        ("ssim", "SSIM of held-out photographs"),
+        ("pose_rotation_deg", "median error of camera orientation"),
+    ):
+        if metrics.get(key) is not None:
+            measure = BY_KEY[key]
+            chosen.append(
+                (f"{measure.written(metrics[key])} {measure.unit}".replace(" °", "°").strip(), label)
+            )
+    chosen.append((duration(model.train_seconds), "training time"))
+    chosen.append((f"{model.gaussians:,}", "Gaussians"))
+    return chosen

@@ -1,0 +1,41 @@
+"""report.html of a reconstruction: pictures, quality, and all that led to it."""
+
+from pathlib import Path
+
+import rig
+from imaging import store
+from imaging.session import Session
+from recon.model import open_model
+from rig.progress import Meter
+from rig.report.calibrated import calibrated, is_stale
+from rig.report.captured import captured
+from rig.report.comparisons import pictures
+from rig.report.page import Page, Tile, now, write_page
+from rig.report.provenance import provenance
+from rig.report.quality import quality, tiles
+from rig.sessions import session_of
+
+
+def reconstruction_report(folder: Path, progress: Meter) -> Path:
+    """Write report.html into a reconstruction that was evaluated: all, from the capture to the quality."""
+    session = Session.open(session_of(folder))
+    metrics = store.read_json(folder / "metrics.json")
+    opened = open_model(folder)
+    record = opened.dataset.calibration
+    section = quality(folder, opened.record, metrics)
+    page = Page(
+        kind="Reconstruction report",
+        title=session.record.name,
+        lead=section.lead + ".",
+        version=rig.__version__,
+        made=now(),
+        tiles=tuple(Tile(value, label) for value, label in tiles(opened.record, metrics)),
+        pictures=pictures(opened, float(metrics.get("alignment_scale", 1.0)), progress),
+        quality=section,
+        captured=captured(session, record, progress),
+        calibrated=calibrated(session, record, is_stale(session, record)),
+        provenance=provenance(session, record, opened.record, rig.__version__),
+    )
+    path = folder / "report.html"
+    write_page(path, page)
+    return path

@@ -1,0 +1,151 @@
+"""A toy session, calibrated from the simulator's truth: SfM needs more than 64x48 pixels."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imaging import store
+from imaging.calibration import (
+    CalibrationRecord,
+    CameraCalibration,
+    Lens,
+    Pose,
+    Response,
+    ViewCalibration,
+)
+from imaging.noise import SensorNoise
+from imaging.records import Rung
+from imaging.session import Session
+
+
+def calibrated_from_truth(session: Path) -> CalibrationRecord:
+    """Write SESSION/calibration as a perfect `rig calibrate` would have, from truth/."""
+    from drivers.sim.lens import unproject
+    from drivers.sim.rigs import simulate
+
+    truth = store.read_json(session / "truth" / "truth.json")
+    opened = Session.open(session)
+    rig = simulate(truth["rig"], truth["seed"])
+    cameras, views, points = [], [], []
+    for name, camera in truth["cameras"].items():
+        cameras.append(
+            CameraCalibration(
+                name=name,
+                serial=camera["serial"],
+                lens=Lens.model_validate(camera["lens"]),
+                cam_from_rig=Pose.model_validate(camera["cam_from_rig"]),
+                noise=SensorNoise.model_validate(camera["noise"])
+                if "dng" in truth["exposures"][0]["file"]
+                else None,
+                response=_response(truth),
+                vignetting=tuple(camera["vignetting"]),
+                gain=camera["gain"],
+                camera_from_rec709=camera["camera_from_rec709"],
+            )
+        )
+    for entry in truth["frames"]:
+        for camera in cameras:
+            pose = Pose.model_validate(entry["cam_from_world"][camera.name])
+            x, y = np.meshgrid(
+                np.linspace(3, camera.lens.width - 3, 8), np.linspace(3, camera.lens.height - 3, 6)
+            )
+            rays = unproject(camera.lens, np.stack([x.ravel(), y.ravel()], -1))
+            rays = np.concatenate([rays, np.ones((len(rays), 1))], -1) if rays.shape[-1] == 2 else rays
+            motion = pose.matrix()
+            centre = -motion[:3, :3].T @ motion[:3, 3]
+            rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+            directions = rays @ motion[:3, :3]
+            distance = rig.scene.depth(np.broadcast_to(centre, directions.shape), directions)
+            hit = np.isfinite(distance)
+            points.append((centre + distance[:, None] * directions)[hit])
+            views.append(
+                ViewCalibration(
+                    camera=camera.name, frame=entry["frame"], cam_from_world=pose, points=int(hit.sum())
+                )
+            )
+    cloud = np.concatenate(points)
+    record = CalibrationRecord(
+        created=datetime(2026, 1, 1, tzinfo=UTC),
+        versions={"hdr-rig": "test"},
+        shots_sha256=store.sha256(session / "shots.jsonl"),
+        cameras=tuple(cameras),
+        views=tuple(views),
+        points=len(cloud),
+        reprojection_px=0.21,
+        exposure_scale={shot.file: shot.exposure.scale for shot in opened.shots() if shot.exposure},
+        rungs=(
+            Rung.judged("vignetting", 0.031, 0.004, "stops", "held-out brackets agree better with it"),
+            Rung.judged("tangential_distortion", 0.001, 0.003, "px", "held-out points do not gain from it"),
+            Rung(name="response", taken=False, reason="overlapping exposures are linear within 0.4 %"),
+        ),
+    )
+    store.write_json(session / "calibration" / "calibration.json", record.model_dump(mode="json"))
+    _write_colmap(session / "calibration" / "colmap", cloud, rig)
+    return record
+
+
+def _response(truth: dict) -> Response:
+    if truth["response"] is None:
+        return Response(kind="linear", evidence="RAW is linear: brackets agree within 0.4 %.", residual=0.004)
+    return Response(
+        kind="curve",
+        codes=tuple(truth["response"]["codes"]),
+        log_exposure=tuple(tuple(row) for row in truth["response"]["log_exposure"]),
+        valid=(0.03, 0.97),
+        evidence="Measured on overlapping exposures of 6 brackets.",
+        residual=0.01,
+    )
+
+
+def _write_colmap(folder: Path, points: np.ndarray, rig: object) -> None:
+    """A COLMAP model that holds the points, each seen by two images of one pinhole camera."""
+    import zlib  # noqa: F401
+
+    import pycolmap
+
+    import imaging.colmap  # noqa: F401
+
+    model = pycolmap.Reconstruction()
+    camera = pycolmap.Camera(model="PINHOLE", width=100, height=100, params=[100, 100, 50, 50], camera_id=1)
+    model.add_camera_with_trivial_rig(camera)
+    for number in (1, 2):
+        image = pycolmap.Image(name=f"{number}.png", camera_id=1, image_id=number)
+        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(np.array([50.0, 50.0])) for _ in points])
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d())
+    for index, xyz in enumerate(points):
+        elements = [pycolmap.TrackElement(number, index) for number in (1, 2)]
+        key = model.add_point3D(xyz, pycolmap.Track(elements))
+        model.points3D[key].error = 0.1 + 0.4 * (index % 7) / 7
+    folder.mkdir(parents=True, exist_ok=True)
+    model.write(str(folder))
+
+
+@pytest.fixture(scope="session")
+def toy_template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A captured and calibrated toy session; copy it before changing it."""
+    from capture.simulated import capture_simulated
+
+    folder = tmp_path_factory.mktemp("toy") / "toy"
+    capture_simulated("toy", folder, seed=3)
+    calibrated_from_truth(folder)
+    return folder
+
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def rig(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Runs `rig ARGUMENTS` in this process: exit code, standard output, standard error."""
+    from rig.__main__ import main
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        capsys.readouterr()
+        code = main(arguments)
+        streams = capsys.readouterr()
+        return code, streams.out, streams.err
+
+    return run

@@ -1,0 +1,125 @@
+"""calibration/report.html: what it says is what the records say, and nothing in them can break it."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from imaging import store
+from rig.report.calibration_page import calibration_report
+
+from .pages import Page, assert_self_contained
+
+
+def quiet(message: str, done: int, total: int) -> None:
+    """No progress."""
+
+
+@pytest.fixture
+def toy(toy_template: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(toy_template, tmp_path / "toy"))
+
+
+def edited(path: Path, **changes: object) -> None:
+    store.write_json(path, store.read_json(path) | changes)
+
+
+def test_the_page_tells_what_the_records_say(toy: Path) -> None:
+    path = calibration_report(toy, quiet)
+    assert path == toy / "calibration" / "report.html"
+    page = Page.read(path)
+    assert_self_contained(page)
+    for words in (
+        "Simulated rig “toy”, seed 3: 2 cameras, 3 frames, 6 views, 18 exposures",
+        "6 of 6 images with a pose",
+        "0.210 px",
+        "1/60 s f/4 ISO 100",
+        "SIM-RAW-001",
+        "64 × 48",
+        "+0.031 ± 0.004 stops",
+        "decided without a trial",
+        "tangential distortion",
+        "RAW is linear: brackets agree within 0.4 %.",
+        "rig capture --sim toy --seed 3 toy",
+        store.sha256(toy / "shots.jsonl"),
+    ):
+        assert words in page.text, words
+    assert len(page.all("img")) == 6
+    # From above, exposure labels, vignetting, reprojection error.
+    assert len(page.all("svg")) == 4
+
+
+def test_nothing_from_a_file_is_ever_markup(toy: Path) -> None:
+    evil = "</style></title><script>alert('x')</script><img src=http://x onerror=alert(1)>&amp;\"'"
+    session = store.read_json(toy / "session.json")
+    for camera in session["cameras"]:
+        camera |= {"model": evil, "make": evil, "serial": evil, "rig": evil}
+    edited(toy / "session.json", cameras=session["cameras"], name=evil)
+    plans = [json.loads(line) for line in (toy / "plans.jsonl").read_text().splitlines()]
+    (toy / "plans.jsonl").write_text("".join(json.dumps(plan | {"reason": evil}) + "\n" for plan in plans))
+    path = toy / "calibration" / "calibration.json"
+    record = store.read_json(path)
+    for camera in record["cameras"]:
+        camera["response"]["evidence"] = evil
+    for rung in record["rungs"]:
+        rung |= {"name": evil, "reason": evil, "unit": evil}
+    edited(path, cameras=record["cameras"], rungs=record["rungs"], unregistered=[evil], versions={evil: evil})
+    page = Page.read(calibration_report(toy, quiet))
+    assert_self_contained(page)
+    assert page.text.count("<script>alert('x')</script>") >= 10
+
+
+def test_an_image_without_a_pose_is_named(toy: Path) -> None:
+    path = toy / "calibration" / "calibration.json"
+    record = store.read_json(path)
+    edited(path, views=record["views"][1:], unregistered=["cam0/0000"])
+    text = Page.read(calibration_report(toy, quiet)).text
+    assert "5 of 6 images with a pose" in text
+    assert "cam0: 2 of 3 images with a pose" in text
+    assert "Without a pose: cam0/0000" in text
+
+
+@pytest.mark.parametrize(("error", "grade"), [(0.3, "pass"), (1.0, "warn"), (2.0, "fail")])
+def test_the_verdict_holds_the_number_against_a_threshold(toy: Path, error: float, grade: str) -> None:
+    edited(toy / "calibration" / "calibration.json", reprojection_px=error)
+    html = calibration_report(toy, quiet).read_text(encoding="utf-8")
+    line = next(line for line in html.splitlines() if "Mean reprojection error" in line and "badge" in line)
+    assert f"badge {grade}" in line
+
+
+def test_a_wrong_exposure_label_is_marked_with_its_ratio(toy: Path) -> None:
+    path = toy / "calibration" / "calibration.json"
+    record = store.read_json(path)
+    scale = {
+        file: k * (1.25 if file.endswith("_2.dng") else 1.01) for file, k in record["exposure_scale"].items()
+    }
+    edited(path, exposure_scale=scale)
+    html = calibration_report(toy, quiet).read_text(encoding="utf-8")
+    assert 'class="n mark">1.250<' in html
+    assert 'class="n">1.010<' in html
+
+
+def test_shots_added_since_are_told(toy: Path) -> None:
+    edited(toy / "calibration" / "calibration.json", shots_sha256="0" * 64)
+    assert "run rig calibrate again" in Page.read(calibration_report(toy, quiet)).text
+
+
+def test_a_damaged_file_is_named_and_the_page_still_made(toy: Path) -> None:
+    (toy / "raw" / "0000" / "cam0_0.dng").write_bytes(b"II*\0 torn")
+    text = Page.read(calibration_report(toy, quiet)).text
+    assert "1 file cannot be read, the first is raw/0000/cam0_0.dng" in text
+
+
+def test_a_calibration_without_a_colmap_model_still_has_its_page(toy: Path) -> None:
+    shutil.rmtree(toy / "calibration" / "colmap")
+    page = Page.read(calibration_report(toy, quiet))
+    assert len(page.all("svg")) == 3
+
+
+def test_clipped_highlights_ask_for_a_shorter_exposure(toy: Path) -> None:
+    """Only the longest exposure of every bracket is left: the lamp is clipped in it."""
+    lines = (toy / "shots.jsonl").read_text().splitlines(keepends=True)
+    (toy / "shots.jsonl").write_text("".join(line for line in lines if json.loads(line)["step"] == 2))
+    text = Page.read(calibration_report(toy, quiet)).text
+    assert "add a shorter one to keep the highlights" in text

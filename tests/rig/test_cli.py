@@ -1,0 +1,167 @@
+"""The command line itself: help, versions, usage errors, JSON, and what it costs to start."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from rig.cli import COMMANDS
+
+HEAVY = ("numpy", "torch", "cv2", "scipy", "pycolmap", "numba", "matplotlib", "PIL")
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["--version"], ["calibrate", "--help"], ["demo", "--help"]]
+)
+def test_help_and_version_load_nothing_heavy(arguments: list[str]) -> None:
+    code = (
+        "import sys; from rig.__main__ import main; status = main(sys.argv[1:]); "
+        f"print([name for name in {HEAVY} if name in sys.modules]); sys.exit(status)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert done.stderr == ""
+
+
+def test_importing_rig_loads_nothing_heavy() -> None:
+    code = f"import sys, rig; dir(rig); print([name for name in {HEAVY} if name in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == "[]\n"
+
+
+def test_version_is_that_of_the_package(rig) -> None:
+    from importlib.metadata import version
+
+    assert rig("--version") == (0, f"rig {version('hdr-rig')}\n", "")
+
+
+def test_help_names_every_command_and_the_exit_codes(rig) -> None:
+    code, out, err = rig("--help")
+    assert (code, err) == (0, "")
+    for name in ("demo", "capture", "import", "check", "calibrate", "reconstruct", "evaluate", "render"):
+        assert f"\n  {name} " in out
+    assert "Exit codes: 0 done; 1 a defect of rig; 2 " in out
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_help_of_every_command_has_an_example_that_is_valid_usage(rig, name: str) -> None:
+    code, out, err = rig(name, "--help")
+    assert (code, err) == (0, "")
+    (example,) = [line.strip() for line in out.splitlines() if line.strip().startswith("Example: ")]
+    assert example.startswith(f"Example: rig {name} ")
+    assert "--json" in out
+    # Told to parse and do nothing: an option that does not exist would be a usage error.
+    code, out, err = rig(*example.split()[2:], "--help")
+    assert (code, err) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "missing command"),
+        (["frobnicate"], "no such command 'frobnicate'"),
+        (["check"], "missing argument"),
+        (["check", "S", "--frobnicate"], "no such option: --frobnicate"),
+        (["check", "S", "T"], "unexpected extra argument"),
+        (["capture", "S"], "missing option '--sim'"),
+        (["capture", "S", "--sim", "toy", "--frames", "0"], "'--frames'"),
+        (["capture", "S", "--sim", "toy", "--bracket", "1,x"], "'--bracket'"),
+        (["capture", "S", "--sim", "toy", "--bracket", "1,1"], "differ"),
+        (["capture", "S", "--sim", "toy", "--seed", "-1"], "'--seed'"),
+        (["reconstruct", "S", "--budget", "5 parsecs"], "write a time as 90s, 5m or 1h"),
+        (["reconstruct", "S", "--budget", "0s"], "write a time as 90s, 5m or 1h"),
+        (["reconstruct", "S", "--method", "magic"], "'magic' is not one of"),
+        (["calibrate", "S", "--only", "stars"], "'stars' is not one of"),
+    ],
+)
+def test_wrong_usage_is_one_sentence_and_exit_2(rig, arguments: list[str], words: str) -> None:
+    code, out, err = rig(*arguments)
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert words in err
+    assert "--help`" in err
+
+
+def test_a_budget_is_read_in_seconds_minutes_and_hours() -> None:
+    from rig.commands.options import seconds
+
+    assert [seconds(text) for text in ("90", "90s", "1.5m", "2h", " 5 m ")] == [90, 90, 90, 7200, 300]
+
+
+def test_stops_are_read_in_any_order() -> None:
+    from rig.commands.options import stops
+
+    assert stops("2,-4,0.5") == (-4.0, 0.5, 2.0)
+    assert stops("auto") == ()
+
+
+def test_json_is_exactly_one_object_even_when_it_fails(rig, tmp_path) -> None:
+    code, out, err = rig("check", str(tmp_path / "nowhere"), "--json")
+    told = json.loads(out)
+    assert code == 2
+    assert told["command"] == "check"
+    assert told["exit_code"] == 2
+    assert told["error"] == err.rstrip("\n")
+
+
+def test_json_stays_clean_when_libraries_print(tmp_path) -> None:
+    """In a process of its own: what C and Python libraries print must not reach either stream."""
+    code = """
+import ctypes, os, sys, warnings
+import capture.check
+def noisy(session, progress):
+    print("python on stdout"); print("python on stderr", file=sys.stderr)
+    os.write(1, b"native on 1\\n"); os.write(2, b"native on 2\\n")
+    ctypes.CDLL(None).puts(b"buffered by C")
+    warnings.warn("a library is unhappy")
+    from imaging.errors import InputError
+    raise InputError("S is broken: mend it.")
+capture.check.check = noisy
+from rig.__main__ import main
+sys.exit(main(["check", "S", "--json"]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60, cwd=tmp_path
+    )
+    assert done.returncode == 2
+    assert json.loads(done.stdout) == {"command": "check", "exit_code": 2, "error": "S is broken: mend it."}
+    assert done.stderr == "S is broken: mend it.\n"
+
+
+def test_control_characters_in_names_do_not_reach_the_terminal(rig, tmp_path) -> None:
+    folder = tmp_path / "evil\x1b[2J\x07\r\n\u202egnp.exe"
+    code, _, err = rig("check", str(folder))
+    assert code == 2
+    assert err.count("\n") == 1
+    assert err.rstrip("\n").isprintable()
+    assert "evil\\x1b[2J\\x07\\r\\n\\u202egnp.exe is not a folder" in err
+
+
+def test_a_name_that_is_not_unicode_is_told(tmp_path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "rig", "check", b"caf\xe9", "--json"],
+        capture_output=True,
+        check=False,
+        timeout=60,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 2
+    assert b"caf\\udce9 is not a folder" in done.stderr
+    assert "is not a folder" in json.loads(done.stdout)["error"]
+
+
+def test_a_reader_that_goes_away_is_no_error(tmp_path) -> None:
+    done = subprocess.run(
+        ["bash", "-c", f"{sys.executable} -m rig --help | true; exit ${{PIPESTATUS[0]}}"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
