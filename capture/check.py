@@ -40,6 +40,8 @@ def check(session: Path, progress: Progress = lambda message, done, total: None)
     except InputError as error:
         plans = []
         problems.append(Problem(kind="index", file="plans.jsonl", message=str(error)))
+    else:
+        problems.extend(_strangers(opened, plans, shots))
     pictures: list[tuple[ShotRecord, Picture]] = []
     for number, shot in enumerate(shots):
         progress(f"reading {shot.file}", number, len(shots))
@@ -113,6 +115,25 @@ def _against_record(session: Session, shot: ShotRecord, picture: Picture) -> Ite
         )
 
 
+def _strangers(
+    session: Session, plans: Sequence[PlanRecord], shots: Sequence[ShotRecord]
+) -> Iterator[Problem]:
+    """Records of cameras or shots that the session does not know."""
+    cameras = {camera.name for camera in session.record.cameras}
+    planned = {(plan.plan, *slot) for plan in plans for slot in slots(plan)}
+    for shot in shots:
+        if shot.camera not in cameras:
+            yield _problem(
+                "index",
+                shot,
+                f"{shot.file} is of {shot.camera!r}, no camera of the session: correct its record.",
+            )
+        elif shot.identity not in planned:
+            yield _problem(
+                "index", shot, f"{shot.file} is a shot of no plan: correct its record in shots.jsonl."
+            )
+
+
 def _missing(plans: Sequence[PlanRecord], shots: Sequence[ShotRecord], again: str) -> Iterator[Problem]:
     there = {shot.identity for shot in shots}
     for plan in plans:
@@ -148,9 +169,7 @@ def _unrecorded(session: Session, shots: list[ShotRecord]) -> Iterator[Problem]:
         yield Problem(kind="stray", file=file, message=message)
     for part in leftovers(session):
         file = part.relative_to(session.folder).as_posix()
-        message = (
-            f"{file} was left half-written by a run that was killed: delete it, or run rig capture --resume."
-        )
+        message = f"{file} was left half-written by a run that was killed: delete it."
         yield Problem(kind="leftover", file=file, message=message)
 
 

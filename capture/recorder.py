@@ -7,6 +7,7 @@ that was not finished, and it is taken again.
 
 import hashlib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,10 +18,10 @@ from capture.exposing import Taken, expose
 from drivers.camera import Camera
 from imaging import store
 from imaging.dng import Compression, encode_dng
-from imaging.errors import PartialError
+from imaging.errors import CameraError, CaptureError, PartialError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
-from imaging.records import PlanRecord, ShotRecord
+from imaging.records import CameraRecord, PlanRecord, ShotRecord
 from imaging.session import Session
 
 Progress = Callable[[str, int, int], None]
@@ -98,8 +99,11 @@ def record(
     cameras: by the names of the plan. move_to: brings rig or scene to a frame, before its first
     shot. progress: called with the file of each shot once it is finished, shots done, shots planned.
     A camera that fails is retried, then left out; what is missing is in the result. StorageError
-    when the disk refuses: everything finished stays, and another call goes on from there.
+    when the disk refuses: everything finished stays, and another call goes on from there. CaptureError
+    if a camera is not the one that the session knows by its name.
     """
+    for name in plan.cameras:
+        _must_be(cameras[name], session.camera(name))
     planned = slots(plan)
     for leftover in leftovers(session):
         store.discard(leftover)
@@ -140,6 +144,18 @@ def record(
         missing=tuple(f"{slot}: {reason}" for slot, reason in missing.items()),
         problems=tuple(problems),
     )
+
+
+def _must_be(camera: Camera, known: CameraRecord) -> None:
+    """Cables get swapped: names stand for serial numbers. A camera that does not answer fails later."""
+    with suppress(CameraError):
+        serial = camera.identify().serial
+        if serial != known.serial:
+            raise CaptureError(
+                f"the camera in the place of {known.name} has the serial number {serial!r}, "
+                f"not {known.serial!r}: "
+                "connect the one that began the session, or begin a new one."
+            )
 
 
 def _known(requested: Exposure | None) -> Exposure:

@@ -99,6 +99,7 @@ def _shot_of(session: Session, file: str, known: list[ShotRecord]) -> ShotRecord
     picture = read_picture(path)
     if picture.kind != camera.kind:
         raise InputError(f"{file} is {picture.kind}, and the camera {name} is {camera.kind}: move it away.")
+    planned, imported = plan.bracket[step], session.record.origin == "import"
     return ShotRecord(
         kind=plan.kind,
         plan=plan.plan,
@@ -107,8 +108,8 @@ def _shot_of(session: Session, file: str, known: list[ShotRecord]) -> ShotRecord
         step=step,
         file=file,
         sha256=store.sha256(path),
-        requested=None if session.record.origin == "import" else plan.bracket[step],
-        reported=picture.metadata.exposure,
+        requested=None if imported else planned,
+        reported=picture.metadata.exposure or (planned if imported else None),
         width=picture.width,
         height=picture.height,
         captured_at=picture.metadata.captured_at,

@@ -163,6 +163,17 @@ def test_cameras_that_did_not_expose_together_are_named(rig):
     assert "500 ms" in problem.message
 
 
+def test_records_of_unknown_cameras_and_plans_are_named(rig):
+    records = lines(rig.session)
+    records[0]["camera"] = "z"
+    records[1]["plan"] = "other"
+    write(rig.session, records)
+    report = check(rig.session.folder)
+    assert kinds(report) == ["index", "index", "missing", "missing"]
+    assert "'z', no camera of the session" in report.problems[0].message
+    assert "a shot of no plan" in report.problems[1].message
+
+
 HOSTILE = [
     "../../etc/passwd",
     "/etc/passwd",
@@ -241,6 +252,20 @@ def test_repair_drops_records_without_file_and_adds_files_without_record(rig):
     assert (again.dropped, again.added, again.backup) == ((), (), None)
     assert record(rig.session, rig.plan, rig.cameras, move_to=rig.move_to).taken == 1
     assert check(folder).ok
+
+
+def test_repair_of_an_import_takes_the_exposures_of_silent_files_from_the_plan(tmp_path):
+    (tmp_path / "photos").mkdir()
+    for name, code in (("a", 10), ("b", 40), ("c", 160)):
+        (tmp_path / "photos" / f"{name}.png").write_bytes(encode_png(np.full((24, 32, 3), code, np.uint8)))
+    (tmp_path / "photos" / "image_list.txt").write_text("a.png 8 4 0 0\nb.png 2 4 0 0\nc.png 0.5 4 0 0\n")
+    import_photos(tmp_path / "photos", tmp_path / "s")
+    session = Session.open(tmp_path / "s")
+    before = [(s.identity, s.reported, s.requested) for s in session.shots()]
+    assert [s[1].time for s in before] == [1 / 8, 1 / 2, 2]
+    (tmp_path / "s" / "shots.jsonl").unlink()
+    repair(tmp_path / "s")
+    assert [(s.identity, s.reported, s.requested) for s in session.shots()] == before
 
 
 def test_an_index_that_is_lost_is_rebuilt_from_the_files(rig):

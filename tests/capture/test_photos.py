@@ -348,6 +348,18 @@ def test_a_finished_import_is_not_empty_and_a_killed_one_is_completed(tmp_path):
     assert tree(tmp_path / "s" / "raw") == tree(tmp_path / "whole" / "raw")
 
 
+def test_a_photo_that_vanishes_before_it_is_copied_is_listed(tmp_path):
+    photos = put(tmp_path / "photos", {f"{n}.jpg": jpeg(n, time=T) for n in range(4)})
+
+    def remove(message, done, total):
+        if message == "copying 1.jpg":
+            (photos / "2.jpg").unlink()
+
+    result = import_photos(photos, tmp_path / "s", progress=remove)
+    assert result.shots == 3
+    assert result.missing == (f"{photos / '2.jpg'} could not be read (no such file or directory)",)
+
+
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS])
 @pytest.mark.parametrize("moment", range(1, 9))
 @pytest.mark.parametrize("there", [False, True])

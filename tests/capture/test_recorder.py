@@ -8,7 +8,7 @@ from capture import recorder
 from capture.exposing import RETRIES
 from capture.recorder import GIVE_UP_AFTER, record
 from imaging import store
-from imaging.errors import CameraError, InputError, PartialError, StorageError
+from imaging.errors import CameraError, CaptureError, InputError, PartialError, StorageError
 from imaging.exposure import Exposure
 from imaging.raw import read_raw
 
@@ -191,6 +191,16 @@ def test_a_setting_that_reads_back_wrong_is_set_again(fake_rig):
     assert result.problems == ()
     assert rig.cameras["a"].calls[:3] == ["set_exposure", "set_exposure", "arm"]
     assert rig.session.shots()[0].retries == 0
+
+
+def test_cameras_that_were_swapped_are_refused_before_the_first_shot(fake_rig):
+    rig = fake_rig(a="raw", b="raw")
+    rig.cameras = {"a": rig.cameras["b"], "b": rig.cameras["a"]}
+    with pytest.raises(
+        CaptureError, match="in the place of a has the serial number 'serial-b', not 'serial-a'"
+    ):
+        run(rig)
+    assert rig.session.shots() == []
 
 
 def test_a_defect_of_ours_is_not_taken_for_a_camera_error(fake_rig):
