@@ -116,7 +116,7 @@ def radiance_of_ray(
     material = materials[solid.material]
     x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
     lx, ly, lz = local(solid, x, y, z)
-    red, green, blue = albedo(material, lx, ly, lz)
+    red, green, blue = albedo(material, index, lx, ly, lz)
     if material.emission[0] > 0.0:
         return material.emission[0] * red, material.emission[1] * green, material.emission[2] * blue
     n = normal(solid, x, y, z)

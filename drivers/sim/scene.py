@@ -111,7 +111,7 @@ class Builder:
         """Add a material and return its index; its seed is that index, so no two look alike."""
         entry = np.zeros(1, MATERIAL)
         index = len(self._materials)
-        entry["pattern"], entry["seed"] = pattern, 101 + 37 * index
+        entry["pattern"], entry["seed"] = pattern, 100_000 * (index + 1)
         entry["cell"] = cell
         entry["edge"], entry["warp"], entry["detail"] = edge, warp, detail
         entry["colours"] = colours if len(colours) == 3 else [colours[0]] * 3

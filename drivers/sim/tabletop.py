@@ -108,7 +108,7 @@ def _table(build: Builder) -> None:
         TILES, (0.09, 0.09, 0.09), (0.10, 0.08, 0.05), (0.30, 0.26, 0.18), (0.55, 0.50, 0.40), edge=0.5
     )
     build.box(chest, (0.10, -0.06, 0.13), (0.40, 0.30, 0.22), turn=20.0)
-    build.dim_zone((0.0, 0.0, 0.23), (1.25, 0.95, 0.46), (3, 3, 0), reach=0.30, stops=1.5)
+    build.dim_zone((0.0, 0.0, 0.23), (1.25, 0.95, 0.50), (3, 3, 0), reach=0.30, stops=1.5)
 
 
 def _things(build: Builder) -> None:
@@ -171,15 +171,20 @@ def _crate(build: Builder) -> None:
     middle = size / 2
     build.box(wood, place(0, 0, board / 2), (size, deep, board), turn=turn)
     build.box(wood, place(0, 0, size - board / 2), (size, deep, board), turn=turn)
-    build.box(wood, place(-middle + board / 2, 0, middle), (board, deep, size), turn=turn)
-    build.box(wood, place(middle - board / 2, 0, middle), (board, deep, size), turn=turn)
-    build.box(wood, place(0, deep / 2 - board / 2, middle), (size, board, size), turn=turn)
+    # The other boards stand a little back, so that no two faces lie in one plane.
+    high, back = size - 2 * board, deep / 2 - board / 2 - 0.002
+    for side in (-1.0, 1.0):
+        across = side * (middle - board / 2 - 0.002)
+        build.box(wood, place(across, 0, middle), (board, deep - 0.004, high), turn=turn)
+    build.box(wood, place(0, back, middle), (size - 2 * board - 0.004, board, high), turn=turn)
     dark = build.material(
         TILES, 0.06, (0.05, 0.05, 0.06), (0.16, 0.14, 0.12), (0.42, 0.34, 0.24), edge=0.5, warp=0.4
     )
     build.sphere(dark, place(-0.06, 0.02, board + 0.07), 0.07)
     build.box(dark, place(0.09, 0.05, board + 0.10), (0.09, 0.09, 0.20), turn=turn + 15.0)
-    build.dim_zone(place(0, 0, middle), (size, deep, size), (0, 1, 0), reach=0.22, stops=1.0, turn=turn)
+    # The zone ends within the boards: a surface on its edge would be neither in nor out.
+    inner = (size - board, deep, size - board)
+    build.dim_zone(place(0, 0, middle), inner, (0, 1, 0), reach=0.22, stops=1.0, turn=turn)
 
 
 def _lights(build: Builder) -> None:

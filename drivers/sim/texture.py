@@ -106,13 +106,14 @@ def _palette(colours: np.ndarray, value: float, channel: int) -> float:
 
 
 @compiled
-def albedo(material: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Reflectance at a point of a solid, linear Rec.709, each 0..1."""
-    seed = material.seed
-    # An offset by seed keeps faces such as z = 0 away from the lattice planes.
-    px = x / material.cell[0] + 0.37 + seed * 0.123
-    py = y / material.cell[1] + 0.41 + seed * 0.217
-    pz = z / material.cell[2] + 0.43 + seed * 0.319
+def albedo(material: Any, solid: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Reflectance at a point of the solid of that index, linear Rec.709, each 0..1."""
+    # No two solids of a material look alike.
+    seed = material.seed + 100 * solid
+    # The offsets keep faces such as z = 0 away from the lattice planes.
+    px = x / material.cell[0] + 16.0 * unit_hash(1, 0, 0, seed)
+    py = y / material.cell[1] + 16.0 * unit_hash(0, 1, 0, seed)
+    pz = z / material.cell[2] + 16.0 * unit_hash(0, 0, 1, seed)
     if material.warp > 0.0:
         bend = noise(px * 0.5, py * 0.5, pz * 0.5, seed + 11, 1.0) - 0.5
         px += material.warp * bend
