@@ -9,6 +9,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from imaging import store
+from imaging.errors import InputError
 from imaging.noise import SensorNoise
 from imaging.records import Name, Record, Rung, parse
 
@@ -133,8 +134,11 @@ class CalibrationRecord(Record):
     rungs: tuple[Rung, ...] = ()
 
     def camera(self, name: str) -> CameraCalibration:
-        """The calibration of a camera of the session."""
-        return next(camera for camera in self.cameras if camera.name == name)
+        """The calibration of a camera of the session; InputError if it was not calibrated."""
+        for camera in self.cameras:
+            if camera.name == name:
+                return camera
+        raise InputError(f"calibration.json has no camera {name!r}: run `rig calibrate` again.")
 
 
 def read_calibration(session: Path) -> CalibrationRecord:

@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -57,6 +57,13 @@ class SessionRecord(Record):
     """'sim:NAME' (with the seed), 'import', or the rig file."""
     seed: int | None = None
     cameras: tuple[CameraRecord, ...]
+
+    @field_validator("cameras")
+    @classmethod
+    def _distinct(cls, cameras: tuple[CameraRecord, ...]) -> tuple[CameraRecord, ...]:
+        if len({camera.name for camera in cameras}) < len(cameras):
+            raise ValueError("two cameras have the same name")
+        return cameras
 
 
 class PlanRecord(Record):
