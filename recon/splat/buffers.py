@@ -5,12 +5,11 @@ them. Several renders may be alive at once (a batch of views), so each takes a s
 """
 
 import math
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from recon.splat.tables import Array
 
 _free: list["Buffers"] = []
 

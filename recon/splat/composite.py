@@ -6,11 +6,11 @@ and colour stay in registers while the block's list is walked. Lists are walked 
 chunk the transmittances are kept, so that the backward pass can start anywhere without a division.
 """
 
-import numba
 import numpy as np
 
-from recon.jit import kernel, parallel_kernel
-from recon.splat.lanes import (
+from recon.jit import kernel
+from recon.lanes import (
+    WIDTH,
     at_least,
     both,
     choose,
@@ -26,9 +26,9 @@ from recon.splat.lanes import (
     scale_by,
     splat,
     store,
-    take_number,
 )
 from recon.splat.tiles import ID_BITS, TILE
+from recon.threads import take_number
 
 CHUNK = 64
 """Gaussians walked between two kept transmittances."""
@@ -49,16 +49,17 @@ _P4 = np.float32(0.0013333539245650172)
 
 
 @kernel
-def gather(list_id, begin, end, shape, paint, tile_x, tile_y, bits, rows):
-    """Copy what a tile needs of Gaussians begin..end of its list to rows float32 [CHUNK * FIELDS].
+def gather(lists, projected, begin, end, tile_x, tile_y, bits, rows):
+    """Copy what a tile needs of entries begin..end to rows float32 [CHUNK * FIELDS].
 
-    Fields: y1, y2 (folded whitened coordinates at the tile's first pixel, subtracted in float64),
+    Fields: y1, y2 (m11 dx and m21 dx + m22 dy at the tile's first pixel, subtracted in float64),
     m11, m21, m22, -reach, opacity, red, green, blue. bits int64 [CHUNK]: the block bits.
     """
+    shape, paint = projected.shape, projected.paint
     x0 = tile_x * TILE + 0.5
     y0 = tile_y * TILE + 0.5
     for j in range(end - begin):
-        entry = list_id[begin + j]
+        entry = lists.id[begin + j]
         i = np.intp(entry & _ID_MASK)
         bits[j] = np.intp(entry >> _BITS)
         at = j * FIELDS
@@ -171,34 +172,28 @@ def _blend_block(rows, chosen, count, block, t_min, state):
 
 
 @kernel
-def _composite_tile(
-    tile, tiles_x, tile_start, list_id, shape, paint, background, t_min, chunk_start, kept, image, left
-):
-    """Render one tile; returns (evaluated pairs, chunks walked)."""
-    tile_x, tile_y = tile % tiles_x, tile // tiles_x
-    rows = np.empty(CHUNK * FIELDS, np.float32)
-    bits = np.empty(CHUNK, np.intp)
-    chosen = np.empty(CHUNK + 1, np.intp)
-    state = np.zeros(4 * PIXELS, np.float32)
-    state[:PIXELS] = _ONE
-    alive = np.ones(4, np.bool_)
-    floor = splat(t_min)
-    pairs, chunks = 0, 0
-    begin, stop = tile_start[tile], tile_start[tile + 1]
-    while begin < stop and (alive[0] or alive[1] or alive[2] or alive[3]):
-        end = min(begin + CHUNK, stop)
-        gather(list_id, begin, end, shape, paint, tile_x, tile_y, bits, rows)
-        if len(kept):
-            at = (chunk_start[tile] + chunks) * PIXELS
-            kept[at : at + PIXELS] = state[:PIXELS]
-        for block in range(4):
-            if alive[block]:
-                count = select(bits, end - begin, block, chosen)
-                if count:
-                    alive[block] = _blend_block(rows, chosen, count, block, floor, state) >= t_min
-                    pairs += 64 * count
-        chunks += 1
-        begin = end
+def block_pixel(x, y):
+    """Where pixel (x, y) of a tile lies in its block-wise planes."""
+    return ((y >> 3) * 2 + (x >> 3)) * 64 + (y & 7) * 8 + (x & 7)
+
+
+@kernel
+def _begin(tile_x, tile_y, height, width, state, alive):
+    """Nothing blended yet; pixels outside the image count as finished."""
+    for p in range(4 * PIXELS):
+        state[p] = _ZERO
+    for block in range(4):
+        alive[block] = 0
+    for y in range(min(TILE, height - tile_y * TILE)):
+        for x in range(min(TILE, width - tile_x * TILE)):
+            p = block_pixel(x, y)
+            state[p] = _ONE
+            alive[p >> 6] = 1
+
+
+@kernel
+def _finish(tile_x, tile_y, background, state, image, left):
+    """Write a tile's pixels, over the background."""
     height, width = left.shape
     for y in range(tile_y * TILE, min((tile_y + 1) * TILE, height)):
         for x in range(tile_x * TILE, min((tile_x + 1) * TILE, width)):
@@ -208,44 +203,42 @@ def _composite_tile(
             image[y, x, 0] = state[PIXELS + p] + t * background[0]
             image[y, x, 1] = state[2 * PIXELS + p] + t * background[1]
             image[y, x, 2] = state[3 * PIXELS + p] + t * background[2]
-    return pairs, chunks
 
 
 @kernel
-def block_pixel(x, y):
-    """Where pixel (x, y) of a tile lies in its block-wise planes."""
-    return ((y >> 3) * 2 + (x >> 3)) * 64 + (y & 7) * 8 + (x & 7)
+def composite(counter, lists, projected, background, t_min, kept, image, left, pairs, chunks):
+    """Render tiles: image [H, W, 3], left [H, W] (final transmittance), per tile pairs and chunks walked.
 
-
-@parallel_kernel
-def composite(
-    threads,
-    counter,
-    tiles_x,
-    tile_start,
-    list_id,
-    shape,
-    paint,
-    background,
-    t_min,
-    chunk_start,
-    kept,
-    image,
-    left,
-    pairs,
-    chunks,
-):
-    """Render all tiles; out: image [H, W, 3], left [H, W] (final transmittance), per tile pairs and chunks.
-
-    kept: float32 [chunks * PIXELS] for the backward pass, or empty; chunk_start int64 [tiles]: where in
-    it a tile's chunks begin. counter: int64 [1], 0: the next tile to be taken by a thread.
+    kept: float32 [all chunks * PIXELS], transmittances for the backward pass; or empty.
     """
-    tiles = len(tile_start) - 1
-    for _ in numba.prange(threads):
+    rows = np.empty(CHUNK * FIELDS, np.float32)
+    bits = np.empty(CHUNK, np.intp)
+    chosen = np.empty(CHUNK + 1, np.intp)
+    state = np.empty(4 * PIXELS, np.float32)
+    alive = np.empty(4, np.intp)
+    floor = splat(t_min)
+    height, width = left.shape
+    tile = take_number(counter)
+    while tile < len(pairs):
+        tile_x, tile_y = tile % lists.across, tile // lists.across
+        _begin(tile_x, tile_y, height, width, state, alive)
+        pairs[tile] = chunks[tile] = 0
+        begin, stop = lists.start[tile], lists.start[tile + 1]
+        while begin < stop and alive[0] + alive[1] + alive[2] + alive[3] > 0:
+            end = min(begin + CHUNK, stop)
+            gather(lists, projected, begin, end, tile_x, tile_y, bits, rows)
+            if len(kept):
+                at = (lists.chunk_start[tile] + chunks[tile]) * PIXELS
+                for p in range(0, PIXELS, WIDTH):
+                    store(kept, at + p, load(state, p))
+            for block in range(4):
+                if alive[block]:
+                    count = select(bits, end - begin, block, chosen)
+                    if count:
+                        most = _blend_block(rows, chosen, count, block, floor, state)
+                        alive[block] = most >= t_min
+                        pairs[tile] += 64 * count
+            chunks[tile] += 1
+            begin = end
+        _finish(tile_x, tile_y, background, state, image, left)
         tile = take_number(counter)
-        while tile < tiles:
-            pairs[tile], chunks[tile] = _composite_tile(
-                tile, tiles_x, tile_start, list_id, shape, paint, background, t_min,
-                chunk_start, kept, image, left,
-            )  # fmt: skip
-            tile = take_number(counter)

@@ -8,10 +8,21 @@ Every (tile, Gaussian) entry has its own slot of sums; a Gaussian's slots are ad
 their order. No sum depends on which thread did what, so gradients are equal to the last bit.
 """
 
-import numba
 import numpy as np
 
-from recon.jit import kernel, parallel_kernel
+from recon.jit import kernel
+from recon.lanes import (
+    choose,
+    fma,
+    lane_column,
+    lane_row,
+    largest,
+    load,
+    maximum,
+    splat,
+    store,
+    totals,
+)
 from recon.splat.composite import (
     CHUNK,
     FIELDS,
@@ -22,20 +33,8 @@ from recon.splat.composite import (
     select,
     whitened,
 )
-from recon.splat.lanes import (
-    choose,
-    fma,
-    lane_column,
-    lane_row,
-    largest,
-    load,
-    maximum,
-    splat,
-    store,
-    take_number,
-    totals,
-)
 from recon.splat.tiles import TILE
+from recon.threads import take_number
 
 SLOT = 16
 """Floats of a slot: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the tile's centre,
@@ -125,8 +124,8 @@ def _return_block(rows, chosen, count, block, alphas, lights, grads, behind, slo
 def _tile_gradients(tile_x, tile_y, grad_image, grad_left, background, grads, behind):
     """Gather a tile's d loss / d pixel, block by block, and B behind its last Gaussian."""
     height, width = grad_left.shape
-    grads[:] = _ZERO
-    behind[:] = _ZERO
+    for p in range(PIXELS):
+        grads[p] = grads[PIXELS + p] = grads[2 * PIXELS + p] = behind[p] = _ZERO
     for y in range(tile_y * TILE, min((tile_y + 1) * TILE, height)):
         for x in range(tile_x * TILE, min((tile_x + 1) * TILE, width)):
             p = block_pixel(x & 15, y & 15)
@@ -137,25 +136,13 @@ def _tile_gradients(tile_x, tile_y, grad_image, grad_left, background, grads, be
 
 
 @kernel
-def _tile_backward(
-    tile,
-    tiles_x,
-    tile_start,
-    list_id,
-    list_slot,
-    shape,
-    paint,
-    background,
-    t_min,
-    chunk_start,
-    chunks,
-    kept,
-    grad_image,
-    grad_left,
-    slots,
+def composite_backward(
+    counter, lists, projected, background, t_min, kept, chunks, grad_image, grad_left, slots
 ):
-    """Fill the slots of one tile."""
-    tile_x, tile_y = tile % tiles_x, tile // tiles_x
+    """Gradients of `composite`, summed per entry into slots float32 [entries * SLOT].
+
+    Arguments as there; grad_image [H, W, 3] and grad_left [H, W]: d loss / d (image, left).
+    """
     rows = np.empty(CHUNK * FIELDS, np.float32)
     bits = np.empty(CHUNK, np.intp)
     chosen = np.empty(CHUNK + 1, np.intp)
@@ -165,55 +152,33 @@ def _tile_backward(
     behind = np.empty(PIXELS, np.float32)
     sums = np.empty(CHUNK * SLOT, np.float32)
     floor = splat(t_min)
-    _tile_gradients(tile_x, tile_y, grad_image, grad_left, background, grads, behind)
-    start, stop = tile_start[tile], tile_start[tile + 1]
-    for chunk in range(chunks - 1, -1, -1):
-        begin = start + chunk * CHUNK
-        end = min(begin + CHUNK, stop)
-        gather(list_id, begin, end, shape, paint, tile_x, tile_y, bits, rows)
-        sums[: (end - begin) * SLOT] = _ZERO
-        light = (chunk_start[tile] + chunk) * PIXELS
-        for block in range(4):
-            count = select(bits, end - begin, block, chosen)
-            if count:
-                _walk_block(rows, chosen, count, block, floor, kept, light + 64 * block, alphas, lights, sums)
-                _return_block(rows, chosen, count, block, alphas, lights, grads, behind, sums)
-        for j in range(end - begin):
-            store(slots, SLOT * list_slot[begin + j], load(sums, SLOT * j))
-    for j in range(min(start + chunks * CHUNK, stop), stop):
-        store(slots, SLOT * list_slot[j], splat(_ZERO))
-
-
-@parallel_kernel
-def composite_backward(
-    threads,
-    counter,
-    tiles_x,
-    tile_start,
-    list_id,
-    list_slot,
-    shape,
-    paint,
-    background,
-    t_min,
-    chunk_start,
-    chunks,
-    kept,
-    grad_image,
-    grad_left,
-    slots,
-):
-    """Gradients of `composite`, summed per (tile, Gaussian) into slots float32 [entries * SLOT].
-
-    Arguments as `composite`; list_slot int32: each entry's slot; grad_image [H, W, 3] and
-    grad_left [H, W]: d loss / d (image, left).
-    """
-    tiles = len(tile_start) - 1
-    for _ in numba.prange(threads):
+    tile = take_number(counter)
+    while tile < len(chunks):
+        tile_x, tile_y = tile % lists.across, tile // lists.across
+        start, stop = lists.start[tile], lists.start[tile + 1]
+        if chunks[tile]:
+            _tile_gradients(tile_x, tile_y, grad_image, grad_left, background, grads, behind)
+        for chunk in range(chunks[tile] - 1, -1, -1):
+            begin = start + chunk * CHUNK
+            end = min(begin + CHUNK, stop)
+            gather(lists, projected, begin, end, tile_x, tile_y, bits, rows)
+            for j in range(end - begin):
+                store(sums, SLOT * j, splat(_ZERO))
+            for block in range(4):
+                at = (lists.chunk_start[tile] + chunk) * PIXELS + 64 * block
+                if _most(kept, at) >= t_min:
+                    count = select(bits, end - begin, block, chosen)
+                    _walk_block(rows, chosen, count, block, floor, kept, at, alphas, lights, sums)
+                    _return_block(rows, chosen, count, block, alphas, lights, grads, behind, sums)
+            for j in range(end - begin):
+                store(slots, SLOT * np.intp(lists.slot[begin + j]), load(sums, SLOT * j))
+        for j in range(min(start + chunks[tile] * CHUNK, stop), stop):
+            store(slots, SLOT * np.intp(lists.slot[j]), splat(_ZERO))
         tile = take_number(counter)
-        while tile < tiles:
-            _tile_backward(
-                tile, tiles_x, tile_start, list_id, list_slot, shape, paint, background, t_min,
-                chunk_start, chunks[tile], kept, grad_image, grad_left, slots,
-            )  # fmt: skip
-            tile = take_number(counter)
+
+
+@kernel
+def _most(light, at):
+    """The largest transmittance of a block."""
+    a = maximum(load(light, at), load(light, at + 16))
+    return largest(maximum(a, maximum(load(light, at + 32), load(light, at + 48))))

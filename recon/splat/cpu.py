@@ -6,16 +6,17 @@ from typing import Any
 import numpy as np
 import torch
 
-from recon.jit import running, thread_count
 from recon.splat import tiles
-from recon.splat.buffers import Array, Lease
+from recon.splat.buffers import Lease
 from recon.splat.camera import SplatCamera
 from recon.splat.composite import CHUNK, PIXELS, composite
 from recon.splat.composite_backward import SLOT, composite_backward
 from recon.splat.limits import Limits
-from recon.splat.project import BAD, parameters, project
+from recon.splat.project import parameters, project
 from recon.splat.project_backward import project_backward
 from recon.splat.render import Render, SplatStats
+from recon.splat.tables import BAD, Array, Entries, Lists, Projected
+from recon.threads import share, thread_count
 
 _T_LEAST = 1e-30
 """Smallest stopping transmittance in float32: below it products would lose digits to denormals."""
@@ -69,125 +70,113 @@ class _Rasterize(torch.autograd.Function):
     def forward(ctx: Any, *arguments: Any) -> tuple[torch.Tensor, torch.Tensor]:
         *tensors, call = arguments
         arrays = [_numpy(tensor) for tensor in tensors]
-        lease = Lease()
-        tables = _bin(arrays, call, lease)
-        image, left = _blend(arrays[5], call, lease, tables)
+        tables = _Tables(Lease(), arrays, call)
+        image, left = tables.blend(arrays[5])
         if call.keep:
             ctx.save_for_backward(*tensors, left)
-            ctx.call, ctx.lease, ctx.tables = call, lease, tables
+            ctx.tables = tables
             ctx.set_materialize_grads(False)
         return image, left
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
         *tensors, left = ctx.saved_tensors
-        height, width = left.shape
         image, light = gradients
-        if image is None:
-            image = torch.zeros(height, width, 3)
-        if light is None:
-            light = torch.zeros(height, width)
-        arrays = [_numpy(tensor) for tensor in tensors]
-        found = _gradients(arrays, ctx.call, ctx.lease, ctx.tables, _numpy(image), _numpy(light))
+        grad_image = np.zeros((*left.shape, 3), np.float32) if image is None else _numpy(image)
+        grad_left = np.zeros(left.shape, np.float32) if light is None else _numpy(light)
+        found = ctx.tables.gradients([_numpy(tensor) for tensor in tensors], grad_image, grad_left)
         back = None
         if ctx.needs_input_grad[5]:
-            sums = np.einsum("hw,hwc->c", left.numpy(), _numpy(image), dtype=np.float64)
+            sums = np.einsum("hw,hwc->c", left.numpy(), grad_image, dtype=np.float64)
             back = torch.from_numpy(sums.astype(np.float32))
         return (*found, back, None)
 
 
-def _bin(arrays: list[Array], call: _Call, lease: Lease) -> dict[str, Array]:
-    """Project all Gaussians and list them by tile; the tables of `project`, `emit` and `scatter`."""
-    n, width, height = len(arrays[0]), call.camera.width, call.camera.height
-    across, down = -(-width // tiles.TILE), -(-height // tiles.TILE)
-    get = lease.buffers.array
-    t = {
-        "k": parameters(call.camera, call.limits),
-        "shape": get("shape", (n, 8), np.float64),
-        "paint": get("paint", (n, 8), np.float32),
-        "box": get("box", (n, 4), np.int32),
-        "depth": get("depth", n, np.float32),
-        "radius": get("radius", n, np.float32),
-        "state": get("state", n, np.uint8),
-        "start": get("start", n + 1, np.int64),
-        "count": get("count", n, np.int32),
-        "slot": get("slot", n + 1, np.int64),
-        "tile_start": get("tile_start", across * down + 1, np.int64),
-    }
-    with running(0.1 * n):
-        project(
-            *arrays[:5], t["k"], width, height,
-            t["shape"], t["paint"], t["box"], t["depth"], t["radius"], t["state"],
+class _Tables:
+    """All tables of one render, from projection to the end of its backward pass."""
+
+    def __init__(self, lease: Lease, arrays: list[Array], call: _Call) -> None:
+        """Project all Gaussians and list them by tile."""
+        self.lease, self.call = lease, call
+        get = lease.buffers.array
+        n, width, height = len(arrays[0]), call.camera.width, call.camera.height
+        across, down = -(-width // tiles.TILE), -(-height // tiles.TILE)
+        self.parameters = parameters(call.camera, call.limits)
+        self.projected = Projected(
+            shape=get("shape", (n, 8), np.float64),
+            paint=get("paint", (n, 8), np.float32),
+            box=get("box", (n, 4), np.int32),
+            depth=get("depth", n, np.float32),
+            radius=get("radius", n, np.float32),
+            state=get("state", n, np.uint8),
+        )
+        share(project, 0.1 * n, *arrays[:5], self.parameters, width, height, self.projected)
+        state = self.projected.state
+        order = tiles.depth_order(self.projected.depth.view(np.uint32), state)
+        start = get("start", n + 1, np.int64)
+        room = tiles.capacities(self.projected.box, state, start)
+        self.entries = Entries(
+            start=start,
+            number=get("number", n, np.int32),
+            slot=get("slot", n + 1, np.int64),
+            tile=get("tile", room, np.int32),
+            bits=get("bits", room, np.uint8),
+        )
+        share(tiles.emit, 0.1 * n, self.projected, across, self.entries)
+        size = tiles.number_slots(self.entries.number, self.entries.slot)
+        tile_start = get("tile_start", across * down + 1, np.int64)
+        cursor = get("cursor", (thread_count(), across * down), np.int64)
+        share(tiles.count_entries, 0.005 * size, order, self.entries, cursor)
+        tiles.place_parts(cursor, tile_start)
+        chunks = -(-np.diff(tile_start) // CHUNK)
+        self.lists = Lists(
+            across=across,
+            start=tile_start,
+            id=get("id", size, np.uint32),
+            slot=get("list_slot", size, np.int32),
+            chunk_start=np.cumsum(chunks) - chunks,
+        )
+        share(tiles.scatter, 0.01 * size, order, self.entries, cursor, self.lists)
+        self.kept = get("kept", int(chunks.sum()) * PIXELS if call.keep else 0, np.float32)
+        self.chunks = get("chunks", across * down, np.int32)
+        self.t_min = np.float32(max(call.limits.t_min, _T_LEAST))
+        call.culled = int(np.count_nonzero(state == BAD))
+        call.visible = int(np.count_nonzero(self.entries.number))
+
+    def blend(self, background: Array) -> tuple[torch.Tensor, torch.Tensor]:
+        """The image [H, W, 3] and what is left of the light behind it [H, W]."""
+        width, height = self.call.camera.width, self.call.camera.height
+        pairs = self.lease.buffers.array("pairs", len(self.chunks), np.int64)
+        image, left = torch.empty(height, width, 3), torch.empty(height, width)
+        share(
+            composite, self._work(), self.lists, self.projected, background, self.t_min,
+            self.kept, image.numpy(), left.numpy(), pairs, self.chunks,
         )  # fmt: skip
-        order = tiles.depth_order(t["depth"], t["state"])
-        room = tiles.capacities(t["box"], t["state"], t["start"])
-        t["tile"] = get("tile", room, np.int32)
-        bits = get("bits", room, np.uint8)
-        tiles.emit(t["shape"], t["box"], t["state"], t["start"], across, t["tile"], bits, t["count"])
-        entries = tiles.slot_starts(t["count"], t["slot"])
-        t["list_id"] = get("list_id", entries, np.uint32)
-        t["list_slot"] = get("list_slot", entries, np.int32)
-        parts = thread_count()
-        cursor = get("cursor", (parts, across * down), np.int64)
-        tiles.scatter(
-            order, t["start"], t["count"], t["slot"], t["tile"], bits, parts, cursor,
-            t["tile_start"], t["list_id"], t["list_slot"],
+        self.call.pairs = int(pairs.sum())
+        return image, left
+
+    def gradients(self, arrays: list[Array], image: Array, left: Array) -> list[torch.Tensor]:
+        """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, left)."""
+        get = self.lease.buffers.array
+        n = len(arrays[0])
+        slots = get("slots", len(self.lists.id) * SLOT, np.float32)
+        found = [torch.empty(array.shape) for array in arrays[:5]]
+        screen, weight = get("screen", (n, 2), np.float32), get("weight", n, np.float32)
+        share(
+            composite_backward, self._work(), self.lists, self.projected, arrays[5], self.t_min,
+            self.kept, self.chunks, image, left, slots,
         )  # fmt: skip
-    call.culled = int(np.count_nonzero(t["state"] == BAD))
-    call.visible = int(np.count_nonzero(t["count"]))
-    return t
-
-
-def _blend(
-    background: Array, call: _Call, lease: Lease, t: dict[str, Array]
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Composite all tiles; adds the tables that the backward pass needs."""
-    width, height = call.camera.width, call.camera.height
-    count = len(t["tile_start"]) - 1
-    get = lease.buffers.array
-    chunks = -(-np.diff(t["tile_start"]) // CHUNK)
-    t["chunk_start"] = np.cumsum(chunks) - chunks
-    t["kept"] = get("kept", int(chunks.sum()) * PIXELS if call.keep else 0, np.float32)
-    t["chunks"] = get("chunks", count, np.int32)
-    pairs = get("pairs", count, np.int64)
-    image, left = torch.empty(height, width, 3), torch.empty(height, width)
-    with running(0.02 * len(t["list_id"]) + 0.005 * width * height):
-        composite(
-            thread_count(), np.zeros(1, np.int64), -(-width // tiles.TILE),
-            t["tile_start"], t["list_id"], t["shape"], t["paint"], background, _t_min(call),
-            t["chunk_start"], t["kept"], image.numpy(), left.numpy(), pairs, t["chunks"],
+        share(
+            project_backward, 0.1 * n, *arrays[:4], self.parameters, self.projected, self.entries,
+            self.lists.across, slots, *(gradient.numpy() for gradient in found), screen, weight,
         )  # fmt: skip
-    call.pairs = int(pairs.sum())
-    return image, left
+        if self.call.stats is not None:
+            _count(self.call.stats, self.call.camera, self.projected.radius, screen, weight)
+        return found
 
-
-def _t_min(call: _Call) -> np.float32:
-    return np.float32(max(call.limits.t_min, _T_LEAST))
-
-
-def _gradients(
-    arrays: list[Array], call: _Call, lease: Lease, t: dict[str, Array], image: Array, left: Array
-) -> list[torch.Tensor]:
-    """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, transmittance)."""
-    n, across = len(arrays[0]), -(-call.camera.width // tiles.TILE)
-    get = lease.buffers.array
-    slots = get("slots", len(t["list_id"]) * SLOT, np.float32)
-    found = [torch.empty(array.shape) for array in arrays[:5]]
-    screen, weight = get("screen", (n, 2), np.float32), get("weight", n, np.float32)
-    with running(0.05 * len(t["list_id"]) + 0.005 * left.size):
-        composite_backward(
-            thread_count(), np.zeros(1, np.int64), across,
-            t["tile_start"], t["list_id"], t["list_slot"], t["shape"], t["paint"], arrays[5], _t_min(call),
-            t["chunk_start"], t["chunks"], t["kept"], image, left, slots,
-        )  # fmt: skip
-    with running(0.1 * n):
-        project_backward(
-            *arrays[:4], t["k"], t["shape"], t["state"], slots, t["slot"], t["start"], t["tile"], across,
-            *(gradient.numpy() for gradient in found), screen, weight,
-        )  # fmt: skip
-    if call.stats is not None:
-        _count(call.stats, call.camera, t["radius"], screen, weight)
-    return found
+    def _work(self) -> float:
+        """Microseconds that compositing will take, roughly."""
+        return 0.05 * len(self.lists.id) + 0.003 * self.call.camera.width * self.call.camera.height
 
 
 def _count(stats: SplatStats, camera: SplatCamera, radius: Array, screen: Array, weight: Array) -> None:

@@ -7,12 +7,14 @@ the covariances of needles need more digits than float32 has.
 
 import math
 
-import numba
 import numpy as np
 
-from recon.jit import kernel, parallel_kernel
+from recon.jit import kernel
 from recon.splat.camera import Floats, SplatCamera
 from recon.splat.limits import ALPHA_FLOOR, Limits
+from recon.splat.tables import BAD, DRAWN, SKIPPED
+from recon.splat.tiles import TASK
+from recon.threads import take_number
 
 LENS = 12
 """Index in the parameter vector of fx fy cx cy k1 k2 p1 p2; before it rotation (9) and translation (3)."""
@@ -21,7 +23,6 @@ BOUNDS = 20
 LIMITS = 25
 """Index of near, blur, alpha_max, alpha_min, tau * luminance_reference (or inf), max_sigma^2."""
 
-SKIPPED, DRAWN, BAD = 0, 1, 2
 FOLD = math.sqrt(0.5 / math.log(2.0))
 """Whitened coordinates times this: exp(-(x^2 + y^2) / 2) = 2^-((FOLD x)^2 + (FOLD y)^2)."""
 
@@ -139,7 +140,7 @@ def _finite(value):
 
 @kernel
 def _project_one(mean, quat, scale, opacity, colour, k, shape, paint, box):
-    """Fill a Gaussian's rows of the tables described in `project`; returns (state, depth, radius)."""
+    """Fill a Gaussian's rows of Projected; returns (state, depth, radius)."""
     good = _finite(opacity) and opacity >= 0.0
     for i in range(3):
         good = good and _finite(mean[i]) and _finite(scale[i]) and scale[i] > 0.0 and _finite(colour[i])
@@ -200,22 +201,16 @@ def _project_one(mean, quat, scale, opacity, colour, k, shape, paint, box):
     return DRAWN, z, 3.0 * math.sqrt(middle + spread)
 
 
-@parallel_kernel
-def project(
-    means, quats, scales, opacities, colours, k, width, height, shape, paint, box, depth, radius, state
-):
-    """Project N Gaussians; float32 inputs as in `rasterize`, k from `parameters`.
-
-    shape float64 [N, 8]: pixel mean x, y; m11, m21, m22, reach (see `_project_one`); two spare.
-    paint float32 [N, 8]: red, green, blue, opacity, -reach; three spare.
-    box int32 [N, 4]: first and last column, first and last row of pixels that the ellipse may touch.
-    depth float32 [N] camera z; radius float32 [N] three sigma, px; state uint8 [N].
-    """
-    for i in numba.prange(len(means)):
-        box[i, 2], box[i, 3] = width, height
-        kind, z, r = _project_one(
-            means[i], quats[i], scales[i], opacities[i], colours[i], k, shape[i], paint[i], box[i]
-        )
-        state[i] = kind
-        depth[i] = z
-        radius[i] = r
+@kernel
+def project(counter, means, quats, scales, opacities, colours, k, width, height, out):
+    """Project N Gaussians; float32 inputs as in `rasterize`, k from `parameters`, out: Projected."""
+    n = len(means)
+    task = take_number(counter)
+    while task * TASK < n:
+        for i in range(task * TASK, min((task + 1) * TASK, n)):
+            out.box[i, 2], out.box[i, 3] = width, height
+            out.state[i], out.depth[i], out.radius[i] = _project_one(
+                means[i], quats[i], scales[i], opacities[i], colours[i], k,
+                out.shape[i], out.paint[i], out.box[i],
+            )  # fmt: skip
+        task = take_number(counter)

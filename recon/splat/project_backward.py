@@ -1,9 +1,7 @@
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 """The gradient of `project`: from sums over pixels to means, rotations, scales and opacities."""
 
-import numba
-
-from recon.jit import kernel, parallel_kernel
+from recon.jit import kernel
 from recon.splat.composite_backward import SLOT
 from recon.splat.project import (
     BOUNDS,
@@ -15,7 +13,8 @@ from recon.splat.project import (
     rotation,
     screen_axes,
 )
-from recon.splat.tiles import TILE
+from recon.splat.tiles import TASK, TILE
+from recon.threads import take_number
 
 
 @kernel
@@ -67,7 +66,7 @@ def _quat_gradient(g, unit, norm):
 
 
 @kernel
-def _backward_one(mean, quat, scale, opacity, k, shape, moments, grad_mean, grad_quat, grad_scale):
+def _backward_one(mean, quat, scale, opacity, k, moments, grad_mean, grad_quat, grad_scale):
     """Fill a Gaussian's gradients; returns d loss / d mean2d (x, y) and d loss / d opacity."""
     wx, wy, wz = float(mean[0]), float(mean[1]), float(mean[2])
     x = k[0] * wx + k[1] * wy + k[2] * wz + k[9]
@@ -156,47 +155,37 @@ def _backward_one(mean, quat, scale, opacity, k, shape, moments, grad_mean, grad
     return gx, gy, grad_opacity
 
 
-@parallel_kernel
+@kernel
 def project_backward(
-    means,
-    quats,
-    scales,
-    opacities,
-    k,
-    shape,
-    state,
-    slots,
-    slot,
-    start,
-    tile,
-    tiles_x,
-    grad_means,
-    grad_quats,
-    grad_scales,
-    grad_opacities,
-    grad_colours,
-    grad_screen,
-    weight,
-):
+    counter, means, quats, scales, opacities, k, projected, entries, across, slots,
+    grad_means, grad_quats, grad_scales, grad_opacities, grad_colours, grad_screen, weight,
+):  # fmt: skip
     """Gradients [N, ...] of all inputs, zero for Gaussians that were not drawn.
 
-    slot, start int64 [N + 1]: where a Gaussian's slots and its entries in `tile` begin.
-    grad_screen float32 [N, 2]: d loss / d mean2d; weight float32 [N]: largest blending weight.
+    slots: from `composite_backward`. grad_screen float32 [N, 2]: d loss / d mean2d; weight float32 [N]:
+    largest blending weight.
     """
-    for i in numba.prange(len(means)):
-        for j in range(3):
-            grad_means[i, j] = grad_scales[i, j] = grad_colours[i, j] = 0.0
-        for j in range(4):
-            grad_quats[i, j] = 0.0
-        grad_opacities[i] = grad_screen[i, 0] = grad_screen[i, 1] = weight[i] = 0.0
-        if state[i] == 1 and slot[i] < slot[i + 1]:
+    n = len(means)
+    task = take_number(counter)
+    while task * TASK < n:
+        for i in range(task * TASK, min((task + 1) * TASK, n)):
+            for j in range(3):
+                grad_means[i, j] = grad_scales[i, j] = grad_colours[i, j] = 0.0
+            for j in range(4):
+                grad_quats[i, j] = 0.0
+            grad_opacities[i] = grad_screen[i, 0] = grad_screen[i, 1] = weight[i] = 0.0
+            if entries.number[i] == 0:
+                continue
+            shape = projected.shape[i]
             moments, colour, peak = _moments(
-                slots, slot[i], slot[i + 1], tile, start[i], tiles_x, shape[i, 0], shape[i, 1]
-            )
+                slots, entries.slot[i], entries.slot[i + 1], entries.tile, entries.start[i], across,
+                shape[0], shape[1],
+            )  # fmt: skip
             weight[i] = peak
             grad_colours[i, 0], grad_colours[i, 1], grad_colours[i, 2] = colour
             if peak > 0.0:
                 grad_screen[i, 0], grad_screen[i, 1], grad_opacities[i] = _backward_one(
-                    means[i], quats[i], scales[i], opacities[i], k, shape[i], moments,
+                    means[i], quats[i], scales[i], opacities[i], k, moments,
                     grad_means[i], grad_quats[i], grad_scales[i],
                 )  # fmt: skip
+        task = take_number(counter)

@@ -7,35 +7,37 @@ pixel centre's row within a block's columns; a bit per block says which blocks.
 
 import math
 
-import numba
 import numpy as np
 
-from recon.jit import kernel, parallel_kernel
+from recon.jit import kernel
+from recon.splat.tables import DRAWN
+from recon.threads import take_number
 
 TILE = 16
 ID_BITS = 28
 """A list entry is the Gaussian's index, and above these bits its four block bits."""
 MAX_GAUSSIANS = 1 << ID_BITS
+TASK = 1024
+"""Gaussians that a thread takes at a time."""
 _SLACK = 1e-9
 """The ellipse is widened by this fraction, so that rounding never drops a pixel that it touches."""
 
 
 @kernel
-def depth_order(depth, state):
+def depth_order(bits, state):
     """Indices of the drawn Gaussians, nearest first, ties in order of index: int32 [V].
 
-    Stable radix sort, three passes of 11 bits, on the bits of the positive float32 depths.
+    Stable radix sort, three passes of 11 bits, on bits uint32 [N] of the positive float32 depths.
     """
-    bits = depth.view(np.uint32)
-    count = 0
+    drawn = 0
     for i in range(len(state)):
-        count += state[i] == 1
-    order, other = np.empty(count, np.int32), np.empty(count, np.int32)
-    keys, other_keys = np.empty(count, np.uint32), np.empty(count, np.uint32)
+        drawn += state[i] == DRAWN
+    order, other = np.empty(drawn, np.int32), np.empty(drawn, np.int32)
+    keys, other_keys = np.empty(drawn, np.uint32), np.empty(drawn, np.uint32)
     histogram = np.zeros((3, 2048), np.int64)
     n = 0
     for i in range(len(state)):
-        if state[i] == 1:
+        if state[i] == DRAWN:
             key = np.int64(bits[i])
             order[n], keys[n] = i, bits[i]
             n += 1
@@ -49,10 +51,9 @@ def depth_order(depth, state):
             size = histogram[step, digit]
             histogram[step, digit] = start
             start += size
-        for j in range(count):
-            digit = (np.int64(keys[j]) >> shift) & 2047
-            place = histogram[step, digit]
-            histogram[step, digit] += 1
+        for j in range(drawn):
+            place = histogram[step, (np.int64(keys[j]) >> shift) & 2047]
+            histogram[step, (np.int64(keys[j]) >> shift) & 2047] += 1
             other[place], other_keys[place] = order[j], keys[j]
         order, other = other, order
         keys, other_keys = other_keys, keys
@@ -124,64 +125,88 @@ def capacities(box, state, start):
     total = 0
     for i in range(len(state)):
         start[i] = total
-        if state[i] == 1:
+        if state[i] == DRAWN:
             across = (box[i, 1] >> 4) - (box[i, 0] >> 4) + 1
             total += across * ((box[i, 3] >> 4) - (box[i, 2] >> 4) + 1)
     start[len(state)] = total
     return total
 
 
-@parallel_kernel
-def emit(shape, box, state, start, tiles_x, tile, bits, count):
-    """Entries of every Gaussian i at start[i]: tile int32, block bits uint8; count int32 [N] of them."""
-    for i in numba.prange(len(state)):
-        count[i] = 0
-        if state[i] == 1:
-            here, end = start[i], start[i + 1]
-            count[i] = _emit_one(shape[i], box[i], tiles_x, tile[here:end], bits[here:end])
+@kernel
+def emit(counter, projected, across, entries):
+    """Write the entries (tile, bits, count) of every Gaussian."""
+    n = len(projected.state)
+    task = take_number(counter)
+    while task * TASK < n:
+        for i in range(task * TASK, min((task + 1) * TASK, n)):
+            entries.number[i] = 0
+            if projected.state[i] == DRAWN:
+                here, end = entries.start[i], entries.start[i + 1]
+                entries.number[i] = _emit_one(
+                    projected.shape[i],
+                    projected.box[i],
+                    across,
+                    entries.tile[here:end],
+                    entries.bits[here:end],
+                )
+        task = take_number(counter)
 
 
 @kernel
-def slot_starts(count, slot):
-    """slot int64 [N + 1]: the first gradient slot of each Gaussian; returns the number of entries."""
+def number_slots(number, slot):
+    """Fill slot int64 [N + 1]; returns the number of entries."""
     total = 0
-    for i in range(len(count)):
+    for i in range(len(number)):
         slot[i] = total
-        total += count[i]
-    slot[len(count)] = total
+        total += number[i]
+    slot[len(number)] = total
     return total
 
 
-@parallel_kernel
-def scatter(order, start, count, slot, tile, bits, parts, cursor, tile_start, list_id, list_slot):
-    """Sort the entries by tile, nearest first within a tile.
-
-    order: Gaussians by depth, cut in `parts` contiguous parts, each with its own row of counts in
-    cursor int64 [parts, tiles]; the result does not depend on `parts`. Out: tile_start int64 [tiles + 1],
-    list_id uint32 (index and block bits) and list_slot int32, [entries].
-    """
-    tiles = cursor.shape[1]
+@kernel
+def count_entries(counter, order, entries, cursor):
+    """cursor int64 [parts, tiles]: entries per tile, of each of `parts` contiguous parts of `order`."""
+    parts, tiles = cursor.shape
     size = (len(order) + parts - 1) // parts
-    for part in numba.prange(parts):
-        cursor[part, :] = 0
+    part = take_number(counter)
+    while part < parts:
+        for t in range(tiles):
+            cursor[part, t] = 0
         for j in range(part * size, min((part + 1) * size, len(order))):
-            i = order[j]
-            for e in range(start[i], start[i] + count[i]):
-                cursor[part, tile[e]] += 1
+            here = entries.start[order[j]]
+            for e in range(here, here + entries.number[order[j]]):
+                cursor[part, entries.tile[e]] += 1
+        part = take_number(counter)
+
+
+@kernel
+def place_parts(cursor, tile_start):
+    """Turn the counts into places: tile after tile, and in a tile part after part; fills tile_start."""
+    parts, tiles = cursor.shape
     total = 0
     for t in range(tiles):
         tile_start[t] = total
         for part in range(parts):
-            here = cursor[part, t]
+            size = cursor[part, t]
             cursor[part, t] = total
-            total += here
+            total += size
     tile_start[tiles] = total
-    for part in numba.prange(parts):
+
+
+@kernel
+def scatter(counter, order, entries, cursor, lists):
+    """Sort the entries by tile, nearest first within a tile: lists.id, lists.slot; the same for any parts."""
+    parts = len(cursor)
+    size = (len(order) + parts - 1) // parts
+    part = take_number(counter)
+    while part < parts:
         for j in range(part * size, min((part + 1) * size, len(order))):
             i = order[j]
-            for n in range(count[i]):
-                t = tile[start[i] + n]
+            here, slot = entries.start[i], entries.slot[i]
+            for n in range(entries.number[i]):
+                t = entries.tile[here + n]
                 place = cursor[part, t]
                 cursor[part, t] = place + 1
-                list_id[place] = np.uint32(i) | (np.uint32(bits[start[i] + n]) << np.uint32(ID_BITS))
-                list_slot[place] = slot[i] + n
+                lists.id[place] = np.uint32(i) | (np.uint32(entries.bits[here + n]) << np.uint32(ID_BITS))
+                lists.slot[place] = slot + n
+        part = take_number(counter)

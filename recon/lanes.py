@@ -341,14 +341,3 @@ def totals(typing_context, vectors):
         return rows[0]
 
     return lanes_type(vectors), generate
-
-
-@intrinsic
-def take_number(typing_context, counter):
-    """Add 1 to counter[0] (int64) and return its old value, atomically: how threads share out tiles."""
-
-    def generate(context, builder, signature, arguments):
-        pointer = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        return builder.atomic_rmw("add", pointer, ir.Constant(ir.IntType(64), 1), "monotonic")
-
-    return types.int64(counter), generate

@@ -1,0 +1,60 @@
+"""The tables that the kernels hand on to each other, as named tuples (Numba reads them as such)."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+
+
+class Projected(NamedTuple):
+    """What `project` finds out about each of N Gaussians."""
+
+    shape: Array
+    """float64 [N, 8]: pixel mean x, y; m11, m21, m22, reach: with (dx, dy) the offset from the mean,
+    alpha = opacity 2^-q, q = (m11 dx)^2 + (m21 dx + m22 dy)^2, drawn where q <= reach; two spare."""
+    paint: Array
+    """float32 [N, 8]: red, green, blue, opacity, -reach; three spare."""
+    box: Array
+    """int32 [N, 4]: first and last column, first and last row of pixels that the ellipse may touch."""
+    depth: Array
+    """float32 [N]: camera z."""
+    radius: Array
+    """float32 [N]: three sigma of the longer axis, px."""
+    state: Array
+    """uint8 [N]: SKIPPED, DRAWN or BAD."""
+
+
+class Entries(NamedTuple):
+    """The tiles of each Gaussian, Gaussian after Gaussian."""
+
+    start: Array
+    """int64 [N + 1]: where each Gaussian's entries may begin."""
+    number: Array
+    """int32 [N]: how many there are."""
+    slot: Array
+    """int64 [N + 1]: the number of its first entry when entries are counted without gaps."""
+    tile: Array
+    """int32 [capacity]"""
+    bits: Array
+    """uint8 [capacity]: which of the tile's four blocks it touches."""
+
+
+class Lists(NamedTuple):
+    """The Gaussians of each tile, nearest first."""
+
+    across: int
+    """Tiles in a row of tiles."""
+    start: Array
+    """int64 [tiles + 1]: where each tile's list begins."""
+    id: Array
+    """uint32 [entries]: the Gaussian, and above ID_BITS its block bits."""
+    slot: Array
+    """int32 [entries]: the entry's gradient slot."""
+    chunk_start: Array
+    """int64 [tiles]: where a tile's chunks begin, all tiles counted."""
+
+
+SKIPPED, DRAWN, BAD = np.uint8(0), np.uint8(1), np.uint8(2)
+"""Not in the image (or too faint); drawn; not finite or degenerate."""
