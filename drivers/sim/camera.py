@@ -22,7 +22,8 @@ from imaging.photo import encode_jpeg
 
 MAKE = "hdr-rig"
 HEADROOM = 4.0
-"""How far beyond the code 255 the sensor of a camera that develops its photographs still counts."""
+"""How far beyond the code 255 a camera that develops its photographs still counts: what four photosites
+hold that it bins to a pixel."""
 
 _EPOCH = datetime(2026, 1, 1, 12, 0, 0)
 _FRAME_SECONDS, _LATENCY = 60.0, 250e-6
@@ -225,7 +226,7 @@ class SimulatedCamera:
     def _photo(self, shot: _Shot) -> EncodedPhoto:
         """The photograph as the camera's own computer develops it.
 
-        Every pixel has all three colours, as if the mosaic had four times the pixels and were binned.
+        Every pixel has all three colours, from a mosaic of more photosites that it bins.
         """
         body, lens = self.body, self.body.optics.lens
         electrons, time = self._electrons(shot)

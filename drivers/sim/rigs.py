@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.camera import Camera
-from drivers.sim.camera import MAKE, Body, SimulatedCamera
+from drivers.sim.camera import HEADROOM, MAKE, Body, SimulatedCamera
 from drivers.sim.mounting import Mount, mounts, rig_from_world
 from drivers.sim.scene import Scene
 from drivers.sim.sensor import SensorModel
@@ -22,9 +22,10 @@ from imaging.records import CameraRecord
 Array = npt.NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
+# Lamp and shadows of the scene both fit: exposures 4 EV apart for a RAW sensor, 7/3 EV for 8-bit codes.
 RAW_BRACKET = tuple(Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 1000, 1 / 60, 1 / 4))
 LDR_BRACKET = tuple(
-    Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 1000, 1 / 250, 1 / 60, 1 / 15, 1 / 4)
+    Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 1000, 1 / 200, 1 / 40, 1 / 8, 0.6)
 )
 
 
@@ -177,14 +178,17 @@ class SimulatedRig:
 
 
 def _nominal(settings: Settings) -> SensorModel:
-    """A small industrial sensor: 10,300 electrons, just above white at ISO 100; 3 of read noise."""
-    bits = settings.bit_depth if settings.kind == "raw" else 14
+    """A small industrial sensor: a well of 10,300 electrons, just above white at ISO 100; 3 of read noise.
+
+    A camera that develops its photographs bins four photosites to a pixel.
+    """
+    bits, bins = (settings.bit_depth, 1.0) if settings.kind == "raw" else (14, HEADROOM)
     black = 2.0 ** (bits - 4)
     span = 2.0**bits - 1.0 - black
     return SensorModel(
-        gain=span / 9600.0,
+        gain=span / (bins * 9600.0),
         read_noise=3.0,
-        full_well=10_300.0,
+        full_well=bins * 10_300.0,
         black=(black, black, black, black),
         bit_depth=bits,
         prnu=0.005,
