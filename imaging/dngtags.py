@@ -58,6 +58,11 @@ def _check_complete(directory: Directory) -> None:
     tile_width, tile_height = (_number(directory, tag) for tag in (TILE_WIDTH, TILE_HEIGHT))
     if not width or not height:
         raise TiffError("the image has no size")
+    if ACTIVE_AREA in directory:
+        # LibRaw believes any area, and then gives more pixels than there are
+        top, left, bottom, right = (*integers(directory, ACTIVE_AREA), 0, 0, 0, 0)[:4]
+        if not (top < bottom <= height and left < right <= width):
+            raise TiffError("the active area is not in the image")
     if tile_width and tile_height:
         expected = -(-width // tile_width) * -(-height // tile_height)
         sizes = integers(directory, TILE_SIZES)
@@ -88,6 +93,11 @@ def image_tags(directories: Sequence[Directory]) -> Directory | None:
     mosaics = [d for d in directories if integers(d, PHOTOMETRIC) == (CFA_PHOTOMETRIC,)]
     largest = max(mosaics, key=lambda d: _number(d, WIDTH) * _number(d, HEIGHT), default=main)
     return {**main, **largest}
+
+
+def size(tags: Directory) -> tuple[int, int]:
+    """Height and width of the stored mosaic, px."""
+    return _number(tags, HEIGHT), _number(tags, WIDTH)
 
 
 def is_bayer(tags: Directory) -> bool:

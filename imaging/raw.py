@@ -107,6 +107,8 @@ def _decoded(path: Path, raw: rawpy.RawPy, tags: Directory | None) -> RawMosaic:
         pixels, pattern = raw.raw_image_visible, raw.raw_pattern
     except NotImplementedError:  # rawpy's answer to filters it does not know
         raise not_bayer from None
+    if tags is not None and raw.raw_image.shape != dngtags.size(tags):
+        raise _undecodable(path)
     if pattern is None or pattern.shape != (2, 2) or pixels.ndim != 2 or pixels.dtype != np.uint16:
         raise not_bayer
     letters = raw.color_desc.decode("ascii", "replace")
