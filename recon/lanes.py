@@ -89,7 +89,7 @@ def _binary(name: str) -> Any:
     return operation
 
 
-_add, _sub, _mul = _binary("fadd"), _binary("fsub"), _binary("fmul")
+_add, _sub, _mul, _div = _binary("fadd"), _binary("fsub"), _binary("fmul"), _binary("fdiv")
 
 
 @overload(operator.add)
@@ -110,6 +110,13 @@ def _overload_sub(a, b):
 def _overload_mul(a, b):
     if _accepts(a, b):
         return lambda a, b: _mul(a, b)
+    return None
+
+
+@overload(operator.truediv)
+def _overload_truediv(a, b):
+    if _accepts(a, b):
+        return lambda a, b: _div(a, b)
     return None
 
 
@@ -150,6 +157,53 @@ def store(typing_context, array, index, x):
         return context.get_dummy_value()
 
     return types.void(array, types.intp, lanes_type), generate
+
+
+def _first(builder, count):
+    """Mask of the first `count` lanes."""
+    numbers = ir.Constant(_VI, list(range(WIDTH)))
+    return builder.icmp_signed("<", numbers, _spread(builder, builder.trunc(count, _I)))
+
+
+@intrinsic
+def load_first(typing_context, array, index, count):
+    """Lanes from array[index : index + count], the others 0; what lies behind is not touched."""
+
+    def generate(context, builder, signature, arguments):
+        pointer = _address(context, builder, signature.args[0], arguments[0], arguments[1])
+        mask = _first(builder, arguments[2])
+        kind = ir.FunctionType(_VF, [pointer.type, _I, _VB, _VF])
+        function = builder.module.declare_intrinsic("llvm.masked.load.v16f32.p0", fnty=kind)
+        zeros = ir.Constant(_VF, [0.0] * WIDTH)
+        return builder.call(function, [pointer, ir.Constant(_I, 4), mask, zeros])
+
+    return lanes_type(array, types.intp, types.intp), generate
+
+
+@intrinsic
+def store_first(typing_context, array, index, count, x):
+    """Write the first `count` lanes to array[index : index + count]."""
+
+    def generate(context, builder, signature, arguments):
+        pointer = _address(context, builder, signature.args[0], arguments[0], arguments[1])
+        mask = _first(builder, arguments[2])
+        kind = ir.FunctionType(ir.VoidType(), [_VF, pointer.type, _I, _VB])
+        function = builder.module.declare_intrinsic("llvm.masked.store.v16f32.p0", fnty=kind)
+        builder.call(function, [arguments[3], pointer, ir.Constant(_I, 4), mask])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.intp, lanes_type), generate
+
+
+@intrinsic
+def keep_first(typing_context, count, x):
+    """`x` in the first `count` lanes, else 0."""
+
+    def generate(context, builder, signature, arguments):
+        zeros = ir.Constant(_VF, [0.0] * WIDTH)
+        return builder.select(_first(builder, arguments[0]), arguments[1], zeros)
+
+    return lanes_type(types.intp, lanes_type), generate
 
 
 def _call(builder: Any, name: str, result: Any, arguments: list[Any]) -> Any:
@@ -194,6 +248,7 @@ def _compare(how: str) -> Any:
 
 
 at_least = _compare(">=")
+above = _compare(">")
 
 
 @intrinsic
