@@ -15,6 +15,9 @@ from rig.words import duration, plain
 
 Clock = Callable[[], float]
 
+GRACE, INTERVAL = 1.0, 5.0
+"""Seconds until the first plain line of a stage, and between two of them."""
+
 
 class Meter(Protocol):
     """What a command reports to while it works."""
@@ -81,7 +84,7 @@ class Position:
 
 @dataclass
 class PlainMeter:
-    """Lines for logs: one a second after a stage began, then one every `interval` seconds.
+    """Lines for logs: one `grace` seconds after a stage began, then one every `interval` seconds.
 
     They come even if the stage says nothing, so that a silent stage can be told from a dead one;
     a stage that fails at once leaves only its error. `tick` is called by a thread (or a test).
@@ -89,8 +92,8 @@ class PlainMeter:
 
     stream: TextIO
     clock: Clock = time.monotonic
-    interval: float = 5.0
-    grace: float = 1.0
+    interval: float = INTERVAL
+    grace: float = GRACE
     position: Position = field(init=False)
     due: float = field(init=False, default=0.0)
     lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
@@ -136,7 +139,7 @@ def metering(stream: TextIO) -> Iterator[Meter]:
         with live_meter(stream) as live:
             yield live
         return
-    meter, over = PlainMeter(stream), threading.Event()
+    meter, over = PlainMeter(stream, grace=GRACE), threading.Event()
 
     def beat() -> None:
         while not over.wait(0.5):

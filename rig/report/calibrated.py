@@ -69,7 +69,6 @@ class Calibrated:
 
     summary: str
     registered: str
-    reprojection: str
     verdicts: tuple[Verdict, ...]
     unregistered: tuple[str, ...]
     lenses: tuple[LensRow, ...]
@@ -94,7 +93,6 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
         summary=f"{len(record.views)} of {counted(images, 'image')} with a pose, "
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
         registered=f"{len(record.views)} of {images}",
-        reprojection=f"{number(record.reprojection_px)} px",
         verdicts=tuple(_verdicts(session, record)),
         unregistered=record.unregistered,
         lenses=tuple(_lens_row(camera, record) for camera in record.cameras),

@@ -10,6 +10,7 @@ from rig.report.calibrated import calibrated, is_stale
 from rig.report.captured import captured
 from rig.report.page import Page, Tile, now, write_page
 from rig.report.provenance import provenance
+from rig.words import number
 
 
 def calibration_report(folder: Path, progress: Meter) -> Path:
@@ -23,9 +24,9 @@ def calibration_report(folder: Path, progress: Meter) -> Path:
         version=rig.__version__,
         made=now(),
         tiles=(
-            Tile(section.registered, "images with a pose"),
-            Tile(section.reprojection, "mean reprojection error"),
-            Tile(f"{record.points:,}", "scene points"),
+            Tile(section.registered, "", "images with a pose"),
+            Tile(number(record.reprojection_px), "px", "mean reprojection error"),
+            Tile(f"{record.points:,}", "", "scene points"),
         ),
         captured=captured(session, record, progress),
         calibrated=section,

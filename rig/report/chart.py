@@ -8,7 +8,7 @@ from typing import Literal
 from markupsafe import Markup, escape
 
 WIDTH, HEIGHT = 640, 300
-LEFT, RIGHT, TOP, BOTTOM = 64, 16, 14, 46
+LEFT, RIGHT, TOP, BOTTOM = 78, 18, 14, 48
 COLOURS = 8
 """Series colours that the style sheet has: `s0` ... `s7`."""
 
@@ -100,6 +100,7 @@ def chart(
     *,
     x_scale: Scale = "linear",
     y_scale: Scale = "linear",
+    x_zero: bool = False,
     y_zero: bool = False,
     shaded: tuple[float, float] | None = None,
     level: tuple[float, str] | None = None,
@@ -109,7 +110,7 @@ def chart(
     shaded: a range of x set off from the rest; level: a horizontal line with a name.
     """
     extra = [level[0]] if level else []
-    x_axis = Axis.around(x_label, [v for s in series for v in s.x], x_scale)
+    x_axis = Axis.around(x_label, [v for s in series for v in s.x], x_scale, x_zero)
     y_axis = Axis.around(y_label, [v for s in series for v in s.y] + extra, y_scale, y_zero)
     right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
 

@@ -102,7 +102,7 @@ def _against_truth(truth: Float, render: Float, stops: Sequence[float]) -> Itera
             _photo(developed(render, step), f"Render, {name}"),
         )
     yield (
-        _photo(compressed(truth), "Truth, whole range compressed"),
+        _photo(compressed(truth), "Truth, compressed"),
         _map(error_map(render, truth), "Error of the render"),
     )
 

@@ -32,6 +32,7 @@ class Tile:
     """A headline number."""
 
     value: str
+    unit: str
     label: str
 
 

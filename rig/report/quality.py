@@ -1,7 +1,7 @@
 """The section "What quality came out": metrics in plain words, views, errors by brightness, training."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,17 @@ from recon.model import ModelRecord
 from rig.report.calibrated import RungRow, rung_rows
 from rig.report.chart import Series, chart
 from rig.report.measures import BY_KEY, MEASURES
+from rig.report.page import Tile
 from rig.words import counted, duration, number, size
+
+HEADLINES = {
+    "hdr_psnr_mu_aligned": "HDR PSNR (µ-law) of held-out views",
+    "stops_median": "median error of light in held-out views",
+    "raw_psnr": "PSNR against held-out RAW files",
+    "ldr_psnr_oe": "PSNR of held-out photographs",
+    "ssim": "SSIM of held-out photographs",
+    "pose_rotation_deg": "median error of camera orientation",
+}
 
 
 @dataclass(frozen=True)
@@ -122,6 +132,7 @@ def _charts(folder: Path, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str
                 [Series("", seconds, [float(row["loss"]) for row in log])],
                 "training time, s",
                 "loss",
+                x_zero=True,
                 y_scale="log" if min(float(row["loss"]) for row in log) > 0 else "linear",
             ),
         )
@@ -133,6 +144,7 @@ def _charts(folder: Path, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str
                 [Series("", seconds, [float(row["gaussians"]) for row in log], colour=2)],
                 "training time, s",
                 "Gaussians",
+                x_zero=True,
                 y_zero=True,
             ),
         )
@@ -148,22 +160,15 @@ def _cost(model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[tuple[str,
         yield "Renders per second", number(metrics["render_fps"], 2)
 
 
-def tiles(model: ModelRecord, metrics: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
-    """The headline numbers: value and label."""
-    chosen = []
-    for key, label in (
-        ("hdr_psnr_mu_aligned", "HDR PSNR (µ-law) of held-out views"),
-        ("stops_median", "median error of light in held-out views"),
-        ("raw_psnr", "PSNR against held-out RAW files"),
-        ("ldr_psnr_oe", "PSNR of held-out photographs"),
-        ("ssim", "SSIM of held-out photographs"),
-        ("pose_rotation_deg", "median error of camera orientation"),
-    ):
-        if metrics.get(key) is not None:
-            measure = BY_KEY[key]
-            chosen.append(
-                (f"{measure.written(metrics[key])} {measure.unit}".replace(" °", "°").strip(), label)
-            )
-    chosen.append((duration(model.train_seconds), "training time"))
-    chosen.append((f"{model.gaussians:,}", "Gaussians"))
-    return chosen
+def tiles(model: ModelRecord, metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
+    """The headline numbers."""
+    measured = (
+        Tile(BY_KEY[key].written(metrics[key]), BY_KEY[key].unit, label)
+        for key, label in HEADLINES.items()
+        if metrics.get(key) is not None
+    )
+    return (
+        *measured,
+        Tile(duration(model.train_seconds), "", "training time"),
+        Tile(f"{model.gaussians:,}", "", "Gaussians"),
+    )

@@ -10,7 +10,7 @@ from rig.progress import Meter
 from rig.report.calibrated import calibrated, is_stale
 from rig.report.captured import captured
 from rig.report.comparisons import pictures
-from rig.report.page import Page, Tile, now, write_page
+from rig.report.page import Page, now, write_page
 from rig.report.provenance import provenance
 from rig.report.quality import quality, tiles
 from rig.sessions import session_of
@@ -29,7 +29,7 @@ def reconstruction_report(folder: Path, progress: Meter) -> Path:
         lead=section.lead + ".",
         version=rig.__version__,
         made=now(),
-        tiles=tuple(Tile(value, label) for value, label in tiles(opened.record, metrics)),
+        tiles=tiles(opened.record, metrics),
         pictures=pictures(opened, float(metrics.get("alignment_scale", 1.0)), progress),
         quality=section,
         captured=captured(session, record, progress),

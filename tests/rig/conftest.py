@@ -1,5 +1,6 @@
 """A toy session, calibrated from the simulator's truth: SfM needs more than 64x48 pixels."""
 
+import math
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -138,9 +139,11 @@ Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def rig(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Runs `rig ARGUMENTS` in this process: exit code, standard output, standard error."""
+def rig(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Runs `rig ARGUMENTS` in this process: exit code, standard output, standard error without progress."""
     from rig.__main__ import main
+
+    monkeypatch.setattr("rig.progress.GRACE", math.inf)
 
     def run(*arguments: str) -> tuple[int, str, str]:
         capsys.readouterr()

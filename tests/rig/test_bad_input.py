@@ -1,0 +1,290 @@
+"""Every command on everything that can be wrong: one sentence, exit 2 (3 if done in part), nothing left.
+
+The matrix is (what is wrong) x (every command that can meet it). Each case runs in a folder of its
+own, whose every file is compared before and after.
+"""
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imaging import store
+from imaging.photo import encode_jpeg
+
+ON_SESSION = {
+    "check": ["check", "{it}"],
+    "repair": ["check", "{it}", "--repair"],
+    "calibrate": ["calibrate", "{it}"],
+    "reconstruct": ["reconstruct", "{it}", "--quality", "draft", "--budget", "2s"],
+    "evaluate": ["evaluate", "{it}"],
+    "render": ["render", "{it}", "{out}"],
+}
+ON_PHOTOS = {"import": ["import", "{it}", "{out}"]}
+EVERY = ON_SESSION | ON_PHOTOS
+
+
+def tree(folder: Path) -> dict[str, str]:
+    """Every file and folder below, with a hash of each file's bytes; locks apart."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        if path.is_file()
+        else "folder"
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def fill(arguments: list[str], it: Path, out: Path) -> list[str]:
+    return [argument.format(it=it, out=out) for argument in arguments]
+
+
+def assert_refused(rig, arguments: list[str], where: Path, *, code: int = 2) -> str:
+    """The command ends with `code` and one sentence, and leaves `where` as it was; the sentence."""
+    before = tree(where)
+    given, out, err = rig(*arguments)
+    assert given == code, (out, err)
+    assert_one_sentence(err)
+    assert tree(where) == before
+    return err
+
+
+def assert_one_sentence(err: str) -> None:
+    assert err.count("\n") == 1, err
+    assert err.rstrip("\n").isprintable()
+    assert err.rstrip("\n").endswith((".", "!", "?"))
+    assert "Traceback" not in err
+    assert "defect" not in err
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_missing_folder(rig, tmp_path: Path, name: str) -> None:
+    it = tmp_path / "nowhere"
+    assert str(it) in assert_refused(rig, fill(EVERY[name], it, tmp_path / "out"), tmp_path)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_an_empty_folder(rig, tmp_path: Path, name: str) -> None:
+    it = tmp_path / "empty"
+    it.mkdir()
+    assert str(it) in assert_refused(rig, fill(EVERY[name], it, tmp_path / "out"), tmp_path)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_file_in_place_of_a_folder(rig, tmp_path: Path, name: str) -> None:
+    it = tmp_path / "file"
+    it.write_text("not a folder")
+    assert str(it) in assert_refused(rig, fill(EVERY[name], it, tmp_path / "out"), tmp_path)
+
+
+@pytest.mark.parametrize("arguments", [["demo", "{it}"], ["capture", "--sim", "toy", "{it}"]])
+def test_a_target_that_holds_something_else(rig, tmp_path: Path, arguments: list[str]) -> None:
+    it = tmp_path / "photos"
+    it.mkdir()
+    (it / "holiday.jpg").write_bytes(b"precious")
+    assert_refused(rig, fill(arguments, it, it), tmp_path)
+
+
+@pytest.mark.parametrize("arguments", [["demo", "{it}"], ["capture", "--sim", "toy", "{it}"]])
+def test_a_target_that_is_a_file(rig, tmp_path: Path, arguments: list[str]) -> None:
+    it = tmp_path / "file"
+    it.write_bytes(b"precious")
+    assert_refused(rig, fill(arguments, it, it), tmp_path)
+
+
+def test_a_target_of_an_import_inside_the_photos(rig, tmp_path: Path) -> None:
+    photograph(tmp_path / "a.jpg")
+    assert_refused(rig, ["import", str(tmp_path), str(tmp_path / "S")], tmp_path)
+
+
+# One image.
+
+
+def photograph(path: Path, seed: int = 0, size: int = 160) -> None:
+    """A JPEG of noise at several scales: texture, but nothing in common with another seed."""
+    rng = np.random.default_rng(seed)
+    pixels = np.kron(rng.integers(0, 256, (size // 8, size // 8, 3)), np.ones((8, 8, 1)))
+    path.write_bytes(encode_jpeg(pixels.astype(np.uint8), quality=95))
+
+
+@pytest.fixture
+def one_image(rig, tmp_path: Path) -> Path:
+    """A session of one photograph."""
+    (tmp_path / "photos").mkdir()
+    photograph(tmp_path / "photos" / "one.jpg")
+    code, _, err = rig("import", str(tmp_path / "photos"), str(tmp_path / "S"))
+    assert (code, err) == (0, "")
+    return tmp_path / "S"
+
+
+@pytest.mark.parametrize("name", ["calibrate", "reconstruct", "evaluate", "render"])
+def test_one_image_is_too_few(rig, one_image: Path, tmp_path: Path, name: str) -> None:
+    assert_refused(rig, fill(EVERY[name], one_image, tmp_path / "out"), tmp_path)
+
+
+def test_one_image_is_a_sound_session(rig, one_image: Path) -> None:
+    code, _, err = rig("check", str(one_image))
+    assert (code, err) == (0, "")
+
+
+# Images that do not overlap.
+
+
+@pytest.fixture
+def strangers(rig, tmp_path: Path) -> Path:
+    """A session of photographs that have nothing in common."""
+    (tmp_path / "photos").mkdir()
+    for seed in range(3):
+        photograph(tmp_path / "photos" / f"{seed}.jpg", seed)
+    code, _, err = rig("import", str(tmp_path / "photos"), str(tmp_path / "S"))
+    assert (code, err) == (0, "")
+    return tmp_path / "S"
+
+
+@pytest.mark.parametrize("name", ["calibrate", "reconstruct", "evaluate", "render"])
+def test_images_without_overlap(rig, strangers: Path, tmp_path: Path, name: str) -> None:
+    assert_refused(rig, fill(EVERY[name], strangers, tmp_path / "out"), tmp_path)
+
+
+def test_some_images_without_a_pose_are_listed_and_the_rest_stays(
+    rig, toy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What calibration leaves out is exit 3. SfM itself is made to say so: 64x48 pixels are too few."""
+    from imaging.calibration import read_calibration
+
+    record = read_calibration(toy)
+    partial = record.model_copy(update={"views": record.views[1:], "unregistered": ("cam0/0000",)})
+    monkeypatch.setattr("calib.calibrate.calibrate", lambda session, **options: partial)
+    code, out, err = rig("calibrate", str(toy), "--json")
+    assert code == 3
+    assert_one_sentence(err)
+    assert "cam0/0000" in err
+    assert json.loads(out)["unregistered"] == ["cam0/0000"]
+    assert json.loads(out)["missing"] in err
+
+
+# Damaged files.
+
+
+@pytest.fixture
+def toy(toy_template: Path, tmp_path: Path) -> Path:
+    """A captured and calibrated toy session."""
+    return Path(shutil.copytree(toy_template, tmp_path / "toy"))
+
+
+def truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-500])
+
+
+def text_instead(path: Path) -> None:
+    path.write_text("I am no picture.\n")
+
+
+def empty_instead(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+DAMAGES: dict[str, Callable[[Path], None]] = {
+    "truncated": truncate,
+    "text": text_instead,
+    "empty": empty_instead,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_import_of_nothing_but_a_damaged_dng(rig, toy_template: Path, tmp_path: Path, damage: str) -> None:
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    shutil.copy(toy_template / "raw" / "0000" / "cam0_1.dng", photos / "a.dng")
+    DAMAGES[damage](photos / "a.dng")
+    assert "a.dng" in assert_refused(rig, ["import", str(photos), str(tmp_path / "S")], tmp_path)
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_import_of_a_damaged_dng_among_sound_ones(
+    rig, toy_template: Path, tmp_path: Path, damage: str
+) -> None:
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    for name in ("a.dng", "b.dng"):
+        shutil.copy(toy_template / "raw" / "0000" / "cam0_1.dng", photos / name)
+    DAMAGES[damage](photos / "a.dng")
+    code, out, err = rig("import", str(photos), str(tmp_path / "S"), "--json")
+    assert code == 3
+    assert_one_sentence(err)
+    assert "a.dng" in err
+    assert json.loads(out)["shots"] == 1
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("name", ["calibrate", "reconstruct"])
+def test_a_session_with_a_damaged_dng(rig, toy: Path, tmp_path: Path, name: str, damage: str) -> None:
+    DAMAGES[damage](toy / "raw" / "0001" / "cam1_1.dng")
+    if name == "calibrate":
+        shutil.rmtree(toy / "calibration")
+    assert_refused(rig, fill(EVERY[name], toy, tmp_path / "out"), tmp_path)
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_check_names_a_damaged_dng_and_says_what_is_sound(rig, toy: Path, damage: str) -> None:
+    DAMAGES[damage](toy / "raw" / "0001" / "cam1_1.dng")
+    before = tree(toy)
+    code, out, err = rig("check", str(toy), "--json")
+    assert code == 3
+    assert_one_sentence(err)
+    assert "raw/0001/cam1_1.dng" in err
+    assert json.loads(out)["sound"] == 17
+    assert tree(toy) == before
+
+
+@pytest.mark.parametrize("name", ["check", "calibrate", "reconstruct", "evaluate", "render"])
+@pytest.mark.parametrize("file", ["session.json", "shots.jsonl"])
+def test_a_damaged_record_is_named(rig, toy: Path, tmp_path: Path, name: str, file: str) -> None:
+    (toy / file).write_text('{"schema_version": 1, "surprise": true}\n')
+    err = assert_refused(rig, fill(EVERY[name], toy, tmp_path / "out"), tmp_path)
+    assert name in ("evaluate", "render") or file in err
+
+
+@pytest.mark.parametrize("name", ["reconstruct"])
+def test_a_session_that_is_not_calibrated(rig, toy: Path, tmp_path: Path, name: str) -> None:
+    shutil.rmtree(toy / "calibration")
+    assert_refused(rig, fill(EVERY[name], toy, tmp_path / "out"), tmp_path)
+
+
+# A target that cannot be written.
+
+
+@pytest.fixture(params=[errno.EROFS, errno.ENOSPC, errno.EACCES], ids=["EROFS", "ENOSPC", "EACCES"])
+def refusing(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Makes the disk refuse every write of `imaging.store`: root ignores the permissions of files."""
+    number: int = request.param
+
+    def refuse(path: object, *arguments: object, **options: object) -> None:
+        raise OSError(number, os.strerror(number), str(path))
+
+    for name in ("mkdir", "write_bytes", "replace", "rename"):
+        monkeypatch.setattr(Path, name, refuse)
+    monkeypatch.setattr(store, "sync", refuse)
+    monkeypatch.setattr(os, "fsync", refuse)
+    return number
+
+
+WRITING = {
+    "demo": ["demo", "{out}"],
+    "capture": ["capture", "--sim", "toy", "{out}"],
+    "import": ["import", "{it}/raw/0000", "{out}"],
+    "calibrate": ["calibrate", "{it}"],
+    "reconstruct": ["reconstruct", "{it}", "--quality", "draft", "--budget", "2s"],
+}
+
+
+@pytest.mark.parametrize("name", WRITING)
+def test_a_target_that_cannot_be_written(rig, toy: Path, tmp_path: Path, refusing: int, name: str) -> None:
+    err = assert_refused(rig, fill(WRITING[name], toy, tmp_path / "out"), tmp_path)
+    if name != "calibrate":  # whose 64x48 pixels are refused before anything is to be written
+        assert os.strerror(refusing).lower() in err

@@ -1,0 +1,80 @@
+"""The wheel, installed elsewhere and run outside the repository."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PACKAGES = ("imaging", "drivers", "capture", "calib", "recon", "rig")
+
+
+def run(*command: str | Path, cwd: Path, path: Path | None = None) -> subprocess.CompletedProcess[str]:
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
+    if path is not None:
+        # Found before the editable installation, which an environment for development has.
+        environment["PYTHONPATH"] = str(path)
+    done = subprocess.run(
+        [str(part) for part in command],
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=180,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the wheel's contents, as pip unpacks them."""
+    work = tmp_path_factory.mktemp("wheel")
+    source = work / "source"
+    source.mkdir()
+    # A copy, so that the build leaves nothing in the repository.
+    for package in PACKAGES:
+        shutil.copytree(REPOSITORY / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(REPOSITORY / "pyproject.toml", source)
+    (source / "README.md").write_text("# rig\n")
+    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
+    run(*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", work, source, cwd=work)
+    (wheel,) = work.glob("hdr_rig-*.whl")
+    run(*pip, "install", "--no-deps", "--target", work / "site", wheel, cwd=work)
+    return work / "site"
+
+
+def test_the_wheel_holds_every_package_and_the_pages_of_the_reports(installed: Path) -> None:
+    for package in (*PACKAGES, "drivers/sim", "recon/methods", "recon/splat", "rig/commands", "rig/report"):
+        assert (installed / package / "__init__.py").is_file(), package
+    templates = {path.name for path in (REPOSITORY / "rig" / "report" / "templates").iterdir()}
+    assert {path.name for path in (installed / "rig" / "report" / "templates").iterdir()} == templates
+    assert not [name for name in ("tests", "bench", "docs") if (installed / name).exists()]
+    for package in PACKAGES:
+        assert (installed / package / "py.typed").is_file()
+
+
+def test_it_runs_outside_the_repository(installed: Path, tmp_path: Path) -> None:
+    done = run(sys.executable, "-m", "rig", "--version", cwd=tmp_path, path=installed)
+    assert done.stdout.startswith("rig ")
+
+
+def test_a_capture_and_a_page_can_be_made_with_it(installed: Path, tmp_path: Path) -> None:
+    """The page needs the templates, found as package data; the modules must be those of the wheel."""
+    code = """
+import rig, imaging, capture, rig.report.page
+from pathlib import Path
+home = Path(rig.__file__).parent.parent
+assert all(str(home) in module.__file__ for module in (imaging, capture, rig.report.page)), home
+print(home)
+rig.report.page.environment().get_template("page.html")
+from rig.__main__ import main
+assert main(["capture", "--sim", "toy", "S", "--frames", "1", "--json"]) == 0
+"""
+    done = run(sys.executable, "-c", code, cwd=tmp_path, path=installed)
+    assert done.stdout.splitlines()[0] == str(installed)
+    assert (tmp_path / "S" / "shots.jsonl").is_file()
