@@ -39,8 +39,8 @@ def rasterize_reference(
     means, quats, scales, opacities, colours = (
         tensor[kept].double() for tensor in (means, quats, scales, opacities, colours)
     )
-    mean2d, covariance, depth, drawn = _project(means, quats, scales, camera, limits)
-    deviation = covariance.detach()[:, [0, 1], [0, 1]].amax(dim=1).sqrt()
+    mean2d, ellipse, depth, drawn = _project(means, quats, scales, camera, limits)
+    deviation = ellipse.detach()[:, [0, 2]].amax(dim=1).sqrt()
     degenerate = drawn & ~(deviation <= limits.max_sigma)
     culled = len(finite) - len(kept) + int(degenerate.sum())
     floor = alpha_floor(colours, limits)
@@ -50,7 +50,7 @@ def rasterize_reference(
     # Ties in depth keep the order of the input, and depth is compared in float32, as in the fast paths.
     index = torch.nonzero(drawn)[:, 0]
     index = index[torch.sort(depth.detach()[index].float(), stable=True).indices]
-    mean2d, covariance, floor = mean2d[index], covariance[index], floor[index]
+    mean2d, ellipse, floor = mean2d[index], ellipse[index], floor[index]
     opacities, colours, ids = opacities[index], colours[index], kept[index]
     back = torch.zeros(3, dtype=torch.float64) if background is None else background.double()
     rows = camera.height * camera.width
@@ -61,7 +61,7 @@ def rasterize_reference(
         number = torch.arange(start, min(start + step, rows))
         pixels = torch.stack([number % camera.width, number // camera.width], dim=1) + 0.5
         image, alpha, peak, hit = checkpoint(
-            _composite, mean2d, covariance, opacities, colours, floor, back, pixels, limits.t_min,
+            _composite, mean2d, ellipse, opacities, colours, floor, back, pixels, limits.t_min,
             use_reentrant=False,
         )  # fmt: skip
         images.append(image)
@@ -69,7 +69,8 @@ def rasterize_reference(
         weight = torch.maximum(weight, peak)
         touched |= hit
     if stats is not None and mean2d.requires_grad:
-        deviation = torch.linalg.eigvalsh(covariance.detach())[:, -1].sqrt()
+        a, b, c, _ = ellipse.detach().unbind(dim=1)
+        deviation = (0.5 * (a + c) + (0.25 * (a - c) ** 2 + b**2).sqrt()).sqrt()
         half = mean2d.new_tensor([camera.width / 2, camera.height / 2])
         mean2d.register_hook(  # type: ignore[no-untyped-call]
             lambda gradient: _count(
@@ -98,7 +99,10 @@ def alpha_floor(colours: torch.Tensor, limits: Limits) -> torch.Tensor:
 def _project(
     means: torch.Tensor, quats: torch.Tensor, scales: torch.Tensor, camera: SplatCamera, limits: Limits
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Pixel means [N, 2], pixel covariances [N, 2, 2] with blur, depths [N], and whether to draw [N]."""
+    """Pixel means [N, 2], ellipses [N, 4], depths [N], and whether to draw [N].
+
+    An ellipse: the covariance's xx, xy and yy, px^2, with blur, and its determinant.
+    """
     motion = torch.from_numpy(np.asarray(camera.cam_from_world, np.float64))
     rotation = motion[:3, :3]
     points = means @ rotation.T + motion[:3, 3]
@@ -123,8 +127,12 @@ def _project(
         dim=1,
     )
     root = jacobian * inverse[:, None, None] @ rotation @ rotation_matrices(quats) * scales[:, None, :]
-    covariance = root @ root.transpose(1, 2) + limits.blur * torch.eye(2, dtype=torch.float64)
-    return mean2d, covariance, depth, drawn
+    a, b, c = (root[:, 0] ** 2).sum(1), (root[:, 0] * root[:, 1]).sum(1), (root[:, 1] ** 2).sum(1)
+    # a c - b^2 would lose all digits of a long needle; the sum of squared minors does not (Cauchy-Binet).
+    minors = torch.linalg.cross(root[:, 0], root[:, 1])
+    determinant = (minors**2).sum(1) + limits.blur * (a + c) + limits.blur**2
+    ellipse = torch.stack([a + limits.blur, b, c + limits.blur, determinant], dim=1)
+    return mean2d, ellipse, depth, drawn
 
 
 def _distort(u: torch.Tensor, v: torch.Tensor, camera: SplatCamera) -> tuple[torch.Tensor, ...]:
@@ -156,7 +164,7 @@ def rotation_matrices(quats: torch.Tensor) -> torch.Tensor:
 
 def _composite(
     mean2d: torch.Tensor,
-    covariance: torch.Tensor,
+    ellipse: torch.Tensor,
     opacities: torch.Tensor,
     colours: torch.Tensor,
     floor: torch.Tensor,
@@ -169,11 +177,10 @@ def _composite(
         image = background.expand(len(pixels), 3)
         none = torch.zeros(0, dtype=torch.float64)
         return image, torch.zeros(len(pixels), dtype=torch.float64), none, none.bool()
-    a, b, c = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
-    determinant = a * c - b * b
+    a, b, _, determinant = ellipse.unbind(dim=1)
     dx = pixels[:, :1] - mean2d[:, 0]
     dy = pixels[:, 1:] - mean2d[:, 1]
-    q = (c * dx * dx - 2 * b * dx * dy + a * dy * dy) / determinant  # [P, N]
+    q = dx * dx / a + (a * dy - b * dx) ** 2 / (a * determinant)  # [P, N], a sum of squares
     reach = 2 * torch.log(opacities.detach() / floor)
     hit = q.detach() <= reach
     alpha = torch.where(hit, opacities * torch.exp(-0.5 * q.clamp(max=200.0)), 0.0)
