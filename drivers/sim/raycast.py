@@ -4,11 +4,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from drivers.sim.compiling import compiled, compiled_parallel
+from drivers.sim.compiling import compiled
 from drivers.sim.lens import undistort
-from drivers.sim.solids import EPSILON, Triple, distance, hit, local, near_line, normal
+from drivers.sim.solids import EPSILON, Triple, distance, hit, local, material_at, near_line, normal
 from drivers.sim.texture import albedo
 
 LIGHT = np.dtype(
@@ -113,9 +112,9 @@ def radiance_of_ray(
     if index < 0:
         return 0.0, 0.0, 0.0
     solid = solids[index]
-    material = materials[solid.material]
     x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
     lx, ly, lz = local(solid, x, y, z)
+    material = materials[material_at(solid, lx, ly, lz)]
     red, green, blue = albedo(material, index, lx, ly, lz)
     if material.emission[0] > 0.0:
         return material.emission[0] * red, material.emission[1] * green, material.emission[2] * blue
@@ -150,7 +149,7 @@ def radiance_of_ray(
     return r, g, b
 
 
-@compiled_parallel
+@compiled
 def trace(
     solids: np.ndarray,
     materials: np.ndarray,
@@ -159,33 +158,20 @@ def trace(
     ambient: np.ndarray,
     origins: np.ndarray,
     directions: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Radiance [N, 3], distance [N] and solid index [N] for unit rays [N, 3], float64."""
-    count = origins.shape[0]
-    colour, depth, which = np.empty((count, 3)), np.empty(count), np.empty(count, np.int64)
-    for i in prange(count):
+    colour: np.ndarray,
+    depth: np.ndarray,
+    which: np.ndarray,
+) -> None:
+    """Fill radiance [N, 3], distance [N] and solid index [N] for unit rays [N, 3], float64."""
+    for i in range(origins.shape[0]):
         o, d = origins[i], directions[i]
         which[i], depth[i] = nearest(solids, o[0], o[1], o[2], d[0], d[1], d[2])
         colour[i, 0], colour[i, 1], colour[i, 2] = radiance_of_ray(
             solids, materials, lights, zones, ambient, o[0], o[1], o[2], d[0], d[1], d[2]
         )
-    return colour, depth, which
 
 
 @compiled
-def _direction(lens: np.ndarray, world_from_cam: np.ndarray, u: float, v: float) -> Triple:
-    """Unit direction in the world of the ray through a place on the pixel grid."""
-    m = world_from_cam
-    x, y = undistort((u - lens[2]) / lens[0], (v - lens[3]) / lens[1], lens[4], lens[5], lens[6], lens[7])
-    scale = 1.0 / math.sqrt(x * x + y * y + 1.0)
-    return (
-        (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * scale,
-        (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * scale,
-        (m[2, 0] * x + m[2, 1] * y + m[2, 2]) * scale,
-    )
-
-
-@compiled_parallel
 def render(
     solids: np.ndarray,
     materials: np.ndarray,
@@ -194,29 +180,41 @@ def render(
     ambient: np.ndarray,
     lens: np.ndarray,
     world_from_cam: np.ndarray,
-    width: int,
-    height: int,
     samples: int,
-) -> np.ndarray:
-    """Radiance averaged over every pixel from samples x samples rays, float32 [height, width, 3].
+    image: np.ndarray,
+    first: int,
+) -> None:
+    """Fill `image`, float32 [rows, width, 3], whose first row is row `first` of the view.
 
-    `lens` holds fx fy cx cy k1 k2 p1 p2. The rows are independent, so threads do not change a bit.
+    A pixel is the mean radiance of samples x samples rays through it. `lens` holds
+    fx fy cx cy k1 k2 p1 p2.
     """
-    image = np.empty((height, width, 3), np.float32)
     m = world_from_cam
-    ox, oy, oz = m[0, 3], m[1, 3], m[2, 3]
-    for row in prange(height):
+    rows, width, _ = image.shape
+    for row in range(rows):
         for column in range(width):
             r, g, b = 0.0, 0.0, 0.0
             for sample in range(samples * samples):
                 u = column + (sample % samples + 0.5) / samples
-                v = row + (sample // samples + 0.5) / samples
-                dx, dy, dz = _direction(lens, m, u, v)
+                v = first + row + (sample // samples + 0.5) / samples
+                x, y = undistort(
+                    (u - lens[2]) / lens[0], (v - lens[3]) / lens[1], lens[4], lens[5], lens[6], lens[7]
+                )
+                scale = 1.0 / math.sqrt(x * x + y * y + 1.0)
                 red, green, blue = radiance_of_ray(
-                    solids, materials, lights, zones, ambient, ox, oy, oz, dx, dy, dz
+                    solids,
+                    materials,
+                    lights,
+                    zones,
+                    ambient,
+                    m[0, 3],
+                    m[1, 3],
+                    m[2, 3],
+                    (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * scale,
+                    (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * scale,
+                    (m[2, 0] * x + m[2, 1] * y + m[2, 2]) * scale,
                 )
                 r, g, b = r + red, g + green, b + blue
             image[row, column, 0] = r / (samples * samples)
             image[row, column, 1] = g / (samples * samples)
             image[row, column, 2] = b / (samples * samples)
-    return image

@@ -2,14 +2,16 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from drivers.sim import raycast
+from drivers.sim.compiling import share
 from drivers.sim.lens import parameters
 from drivers.sim.raycast import DIM_ZONE, LIGHT
-from drivers.sim.solids import BOX, CYLINDER, SOLID, SPHERE
+from drivers.sim.solids import BOX, CYLINDER, ROOM, SOLID, SPHERE
 from drivers.sim.texture import MATERIAL
 from imaging.calibration import Lens
 
@@ -44,19 +46,14 @@ class Scene:
 
     def render(self, lens: Lens, cam_from_world: Array, samples: int = 4) -> npt.NDArray[np.float32]:
         """Radiance averaged over each pixel by samples x samples rays, float32 [H, W, 3]."""
-        image = raycast.render(
-            self.solids,
-            self.materials,
-            self.lights,
-            self.zones,
-            self.ambient,
-            parameters(lens),
-            np.linalg.inv(cam_from_world),
-            lens.width,
-            lens.height,
-            samples,
-        )
-        return np.asarray(image, np.float32)
+        image = np.empty((lens.height, lens.width, 3), np.float32)
+        values, world_from_cam = parameters(lens), np.linalg.inv(cam_from_world)
+
+        def rows(first: int, last: int) -> None:
+            raycast.render(*self._parts, values, world_from_cam, samples, image[first:last], first)
+
+        share(lens.height, 8, rows)
+        return image
 
     def brightened(self, factor: float) -> "Scene":
         """The same scene with all its light, lamps included, times a factor; 0 is darkness."""
@@ -68,21 +65,28 @@ class Scene:
         lights["intensity"] *= factor
         return Scene(self.solids, materials, lights, self.zones, self.ambient * factor)
 
+    @property
+    def _parts(self) -> tuple[Any, Any, Any, Any, Array]:
+        return self.solids, self.materials, self.lights, self.zones, self.ambient
+
     def _trace(
         self, origin: npt.ArrayLike, direction: npt.ArrayLike
     ) -> tuple[Array, Array, npt.NDArray[np.int64]]:
         towards = np.asarray(direction, np.float64)
         unit = towards / np.linalg.norm(towards, axis=-1, keepdims=True)
         start = np.broadcast_to(np.asarray(origin, np.float64), unit.shape)
-        colour, depth, which = raycast.trace(
-            self.solids,
-            self.materials,
-            self.lights,
-            self.zones,
-            self.ambient,
-            np.ascontiguousarray(start.reshape(-1, 3)),
-            np.ascontiguousarray(unit.reshape(-1, 3)),
-        )
+        origins = np.ascontiguousarray(start.reshape(-1, 3))
+        directions = np.ascontiguousarray(unit.reshape(-1, 3))
+        count = len(origins)
+        colour, depth, which = np.empty((count, 3)), np.empty(count), np.empty(count, np.int64)
+
+        def rays(first: int, last: int) -> None:
+            piece = slice(first, last)
+            raycast.trace(
+                *self._parts, origins[piece], directions[piece], colour[piece], depth[piece], which[piece]
+            )
+
+        share(count, 4096, rays)
         shape = unit.shape[:-1]
         return colour.reshape(unit.shape), depth.reshape(shape), which.reshape(shape)
 
@@ -137,6 +141,7 @@ class Builder:
             SPHERE: half[0],
             CYLINDER: math.hypot(half[0], half[2]),
             BOX: math.hypot(*half),
+            ROOM: math.hypot(*half),
         }[kind] * (1.0 + 1e-9)
         self._solids.append(entry)
 
@@ -169,6 +174,22 @@ class Builder:
     ) -> None:
         """An upright cylinder with flat ends."""
         self._solid(CYLINDER, material, centre, (radius, radius, height / 2), 0.0, blocks)
+
+    def room(
+        self,
+        materials: tuple[int, int, int, int, int, int],
+        low: tuple[float, float, float],
+        high: tuple[float, float, float],
+    ) -> None:
+        """The room that everything stands in, from corner to corner.
+
+        materials: of the walls at low and high x, at low and high y, of floor and ceiling; consecutive.
+        """
+        if materials != tuple(range(materials[0], materials[0] + 6)):
+            raise ValueError("the materials of a room are added one after the other")
+        centre = ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2)
+        half = ((high[0] - low[0]) / 2, (high[1] - low[1]) / 2, (high[2] - low[2]) / 2)
+        self._solid(ROOM, materials[0], centre, half, 0.0, False)
 
     def light(
         self, place: tuple[float, float, float], intensity: tuple[float, float, float], radius: float = 0.0

@@ -1,4 +1,7 @@
-"""Spheres, boxes turned about the vertical, and upright cylinders: where a ray meets them, in float64."""
+"""Spheres, boxes turned about the vertical, upright cylinders, and a room around them all.
+
+Where a ray meets them, which way the surface faces there and how far away it is, in float64.
+"""
 
 import math
 from typing import Any
@@ -7,12 +10,12 @@ import numpy as np
 
 from drivers.sim.compiling import compiled
 
-SPHERE, BOX, CYLINDER = range(3)
+SPHERE, BOX, CYLINDER, ROOM = range(4)
 
 SOLID = np.dtype(
     [
         ("kind", np.int64),
-        ("material", np.int64),
+        ("material", np.int64),  # of a room the first of six: low and high x, y, z
         ("blocks", np.int64),  # 1: casts shadows; walls and lamps do not
         ("cx", np.float64),  # centre, m
         ("cy", np.float64),
@@ -63,13 +66,21 @@ def hit(solid: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: f
     x, y, z = ox - solid.cx, oy - solid.cy, oz - solid.cz
     if solid.kind == SPHERE:
         near, far = _round(x, y, z, dx, dy, dz, solid.hx)
+    elif solid.kind == ROOM:
+        # From inside only: along each axis the wall that the ray runs towards.
+        tx = (math.copysign(solid.hx, dx) - x) / dx if dx != 0.0 else math.inf
+        ty = (math.copysign(solid.hy, dy) - y) / dy if dy != 0.0 else math.inf
+        tz = (math.copysign(solid.hz, dz) - z) / dz if dz != 0.0 else math.inf
+        return min(tx, ty, tz)
     elif solid.kind == BOX:
         lx, ly = solid.cos * x + solid.sin * y, solid.cos * y - solid.sin * x
         ex, ey = solid.cos * dx + solid.sin * dy, solid.cos * dy - solid.sin * dx
-        near, far = _slab(lx, ex, solid.hx)
-        a, b = _slab(ly, ey, solid.hy)
+        near, far = _slab(z, dz, solid.hz)
+        a, b = _slab(lx, ex, solid.hx)
         near, far = max(near, a), min(far, b)
-        a, b = _slab(z, dz, solid.hz)
+        if near > far:
+            return math.inf
+        a, b = _slab(ly, ey, solid.hy)
         near, far = max(near, a), min(far, b)
     else:
         near, far = _round(x, y, 0.0, dx, dy, 0.0, solid.hx)
@@ -122,11 +133,25 @@ def normal(solid: Any, x: float, y: float, z: float) -> Triple:
 
 
 @compiled
+def material_at(solid: Any, lx: float, ly: float, lz: float) -> int:
+    """Index of the material at a local point on the surface."""
+    first = int(solid.material)
+    if solid.kind != ROOM:
+        return first
+    gx, gy, gz = solid.hx - abs(lx), solid.hy - abs(ly), solid.hz - abs(lz)
+    if gz <= gx and gz <= gy:
+        return first + 4 + (lz > 0.0)
+    return first + (lx > 0.0) if gx <= gy else first + 2 + (ly > 0.0)
+
+
+@compiled
 def distance(solid: Any, x: float, y: float, z: float) -> float:
-    """Distance from a world point to the solid, m; zero or less inside."""
+    """Distance from a world point to the solid, m; zero or less inside (of a room: outside)."""
     lx, ly, lz = local(solid, x, y, z)
     if solid.kind == SPHERE:
         return math.sqrt(lx * lx + ly * ly + lz * lz) - float(solid.hx)
+    if solid.kind == ROOM:
+        return float(min(solid.hx - abs(lx), solid.hy - abs(ly), solid.hz - abs(lz)))
     if solid.kind == CYLINDER:
         gx, gy, gz = math.sqrt(lx * lx + ly * ly) - solid.hx, -1.0, abs(lz) - solid.hz
     else:

@@ -33,12 +33,10 @@ def demo_scene() -> Scene:
 
 
 def _room(build: Builder) -> None:
-    floor = build.material(
-        WOOD, (0.16, 0.55, 1.0), (0.20, 0.11, 0.06), (0.38, 0.23, 0.12), (0.55, 0.38, 0.22), edge=0.2
-    )
-    sage = build.material(
-        MOTTLE, 0.12, (0.13, 0.19, 0.14), (0.34, 0.42, 0.33), (0.62, 0.66, 0.54), warp=1.0, detail=0.3
-    )
+    def plain() -> int:
+        return build.material(MOTTLE, 0.4, (0.4, 0.4, 0.38), (0.5, 0.5, 0.48), (0.6, 0.6, 0.58))
+
+    behind = plain()
     brick = build.material(
         BRICKS,
         (1e6, 0.24, 0.12),
@@ -48,15 +46,16 @@ def _room(build: Builder) -> None:
         edge=0.09,
         detail=0.3,
     )
-    plain = build.material(MOTTLE, 0.4, (0.4, 0.4, 0.38), (0.5, 0.5, 0.48), (0.6, 0.6, 0.58))
-    size, corner = 4.4, 1.15
-    middle, thick = corner - size / 2, 0.2
-    build.box(floor, (middle, middle, -thick / 2), (size + 1, size + 1, thick), blocks=False)
-    build.box(plain, (middle, middle, 2.6 + thick / 2), (size + 1, size + 1, thick), blocks=False)
-    build.box(sage, (middle, corner + thick / 2, 1.3), (size + 1, thick, 2.6), blocks=False)
-    build.box(brick, (corner + thick / 2, middle, 1.3), (thick, size + 1, 2.6), blocks=False)
-    build.box(plain, (middle, corner - size - thick / 2, 1.3), (size + 1, thick, 2.6), blocks=False)
-    build.box(plain, (corner - size - thick / 2, middle, 1.3), (thick, size + 1, 2.6), blocks=False)
+    beside = plain()
+    sage = build.material(
+        MOTTLE, 0.12, (0.13, 0.19, 0.14), (0.34, 0.42, 0.33), (0.62, 0.66, 0.54), warp=1.0, detail=0.3
+    )
+    floor = build.material(
+        WOOD, (0.16, 0.55, 1.0), (0.20, 0.11, 0.06), (0.38, 0.23, 0.12), (0.55, 0.38, 0.22), edge=0.2
+    )
+    corner = 1.15
+    walls = (behind, brick, beside, sage, floor, plain())
+    build.room(walls, (corner - 4.4, corner - 4.4, 0.0), (corner, corner, 2.6))
     picture = build.material(
         TILES,
         (0.13, 1.0, 0.11),

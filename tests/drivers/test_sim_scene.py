@@ -91,6 +91,27 @@ def test_depth_of_a_cylinder_is_analytic() -> None:
     np.testing.assert_allclose(only(build).depth(o, d), best, rtol=1e-9)
 
 
+def test_a_room_is_closed_and_every_wall_has_its_material() -> None:
+    build = Builder()
+    shades = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    walls = [build.material(MOTTLE, 1.0, (s, s, s), detail=0.0) for s in shades]
+    low, high = np.array((-1.0, -2.0, 0.0)), np.array((3.0, 1.0, 2.5))
+    build.room(tuple(walls), tuple(low), tuple(high))
+    scene = only(build)
+    rng = np.random.default_rng(5)
+    o, d = rng.uniform(low, high, (3000, 3)), rng.normal(size=(3000, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    exits = (np.where(d > 0, high, low) - o) / d
+    axis = exits.argmin(axis=1)
+    np.testing.assert_allclose(scene.depth(o, d), exits.min(axis=1), rtol=1e-9)
+    expected = np.array(shades)[2 * axis + (d[np.arange(3000), axis] > 0)]
+    # Ambient light only, dimmed alike in all colours towards the corners.
+    open_wall = scene.radiance((1.0, -0.5, 1.2), np.array((1.0, 0.0, 0.0)))
+    np.testing.assert_allclose(open_wall, 0.2, rtol=1e-9)
+    ratio = scene.radiance(o, d)[:, 0] / expected
+    assert np.all((ratio > 0.2) & (ratio <= 1.0 + 1e-9))
+
+
 def lit_floor(*, blocker: bool = False, **options: float) -> Scene:
     build = Builder()
     build.box(grey(build, **options), (0, 0, -0.5), (40, 40, 1))
