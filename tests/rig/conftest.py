@@ -1,6 +1,7 @@
 """A toy session, calibrated from the simulator's truth: SfM needs more than 64x48 pixels."""
 
 import math
+import shutil
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -133,6 +134,41 @@ def toy_template(tmp_path_factory: pytest.TempPathFactory) -> Path:
     capture_simulated("toy", folder, seed=3)
     calibrated_from_truth(folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def scene_template(toy_template: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with a scene, trained for a moment, evaluated and reported; copy it before changing it."""
+    from rig.commands.reconstruct import run_reconstruct
+
+    session = Path(shutil.copytree(toy_template, tmp_path_factory.mktemp("scene") / "toy"))
+    run_reconstruct(session, Silence(), method="auto", quality="draft", budget=1.0, seed=0, name=None)
+    return session
+
+
+class Silence:
+    """A meter that shows nothing."""
+
+    def begin(self, stage: str) -> None:
+        """Nothing."""
+
+    def __call__(self, message: str, done: int, total: int) -> None:
+        """Nothing."""
+
+    def say(self, line: str) -> None:
+        """Nothing."""
+
+
+@pytest.fixture
+def toy(toy_template: Path, tmp_path: Path) -> Path:
+    """A captured and calibrated toy session of one's own."""
+    return Path(shutil.copytree(toy_template, tmp_path / "toy"))
+
+
+@pytest.fixture
+def scene(scene_template: Path, tmp_path: Path) -> Path:
+    """A reconstructed toy session of one's own."""
+    return Path(shutil.copytree(scene_template, tmp_path / "toy"))
 
 
 Run = Callable[..., tuple[int, str, str]]

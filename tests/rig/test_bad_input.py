@@ -171,12 +171,6 @@ def test_some_images_without_a_pose_are_listed_and_the_rest_stays(
 # Damaged files.
 
 
-@pytest.fixture
-def toy(toy_template: Path, tmp_path: Path) -> Path:
-    """A captured and calibrated toy session."""
-    return Path(shutil.copytree(toy_template, tmp_path / "toy"))
-
-
 def truncate(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-500])
 
@@ -222,12 +216,14 @@ def test_import_of_a_damaged_dng_among_sound_ones(
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-@pytest.mark.parametrize("name", ["calibrate", "reconstruct"])
-def test_a_session_with_a_damaged_dng(rig, toy: Path, tmp_path: Path, name: str, damage: str) -> None:
-    DAMAGES[damage](toy / "raw" / "0001" / "cam1_1.dng")
+@pytest.mark.parametrize("name", ["calibrate", "reconstruct", "evaluate", "render"])
+def test_a_session_with_a_damaged_dng(rig, scene: Path, tmp_path: Path, name: str, damage: str) -> None:
+    DAMAGES[damage](scene / "raw" / "0001" / "cam1_1.dng")
+    if name in ("calibrate", "reconstruct"):
+        shutil.rmtree(scene / "reconstructions")
     if name == "calibrate":
-        shutil.rmtree(toy / "calibration")
-    assert_refused(rig, fill(EVERY[name], toy, tmp_path / "out"), tmp_path)
+        shutil.rmtree(scene / "calibration")
+    assert "cam1_1.dng" in assert_refused(rig, fill(EVERY[name], scene, tmp_path / "out"), tmp_path)
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
@@ -242,12 +238,46 @@ def test_check_names_a_damaged_dng_and_says_what_is_sound(rig, toy: Path, damage
     assert tree(toy) == before
 
 
-@pytest.mark.parametrize("name", ["check", "calibrate", "reconstruct", "evaluate", "render"])
-@pytest.mark.parametrize("file", ["session.json", "shots.jsonl"])
-def test_a_damaged_record_is_named(rig, toy: Path, tmp_path: Path, name: str, file: str) -> None:
-    (toy / file).write_text('{"schema_version": 1, "surprise": true}\n')
-    err = assert_refused(rig, fill(EVERY[name], toy, tmp_path / "out"), tmp_path)
-    assert name in ("evaluate", "render") or file in err
+DAMAGED_RECORDS = {
+    "session.json": ["check", "repair", "calibrate", "reconstruct", "evaluate", "render"],
+    "shots.jsonl": ["calibrate", "reconstruct", "evaluate", "render"],
+    "calibration/calibration.json": ["reconstruct", "evaluate", "render"],
+    "reconstructions/nh-3dgs/model.json": ["evaluate", "render"],
+}
+
+
+@pytest.mark.parametrize(
+    ("file", "name"), [(file, name) for file, names in DAMAGED_RECORDS.items() for name in names]
+)
+@pytest.mark.parametrize("content", ['{"schema_version": 1, "surprise": true}\n', "not JSON\n"])
+def test_a_damaged_record_is_named(
+    rig, scene: Path, tmp_path: Path, name: str, file: str, content: str
+) -> None:
+    (scene / file).write_text(content)
+    assert file in assert_refused(rig, fill(EVERY[name], scene, tmp_path / "out"), tmp_path)
+
+
+def test_a_record_of_a_later_version_says_so(rig, scene: Path, tmp_path: Path) -> None:
+    (scene / "session.json").write_text('{"schema_version": 2}\n')
+    for name in ON_SESSION:
+        err = assert_refused(rig, fill(ON_SESSION[name], scene, tmp_path / "out"), tmp_path)
+        assert "schema version 2" in err
+
+
+def test_a_reconstruction_of_another_calibration_is_refused(rig, scene: Path, tmp_path: Path) -> None:
+    path = scene / "calibration" / "calibration.json"
+    store.write_json(path, store.read_json(path) | {"reprojection_px": 0.5})
+    for name in ("evaluate", "render"):
+        assert "reconstruct again" in assert_refused(
+            rig, fill(EVERY[name], scene, tmp_path / "out"), tmp_path
+        )
+
+
+def test_a_damaged_checkpoint_is_named(rig, scene: Path, tmp_path: Path) -> None:
+    truncate(scene / "reconstructions" / "nh-3dgs" / "checkpoint.safetensors")
+    for name in ("evaluate", "render"):
+        err = assert_refused(rig, fill(EVERY[name], scene, tmp_path / "out"), tmp_path)
+        assert "checkpoint.safetensors" in err
 
 
 @pytest.mark.parametrize("name", ["reconstruct"])
@@ -275,6 +305,8 @@ def refusing(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 
 WRITING = {
+    "evaluate": ["evaluate", "{it}"],
+    "render": ["render", "{it}", "{out}"],
     "demo": ["demo", "{out}"],
     "capture": ["capture", "--sim", "toy", "{out}"],
     "import": ["import", "{it}/raw/0000", "{out}"],
@@ -284,7 +316,9 @@ WRITING = {
 
 
 @pytest.mark.parametrize("name", WRITING)
-def test_a_target_that_cannot_be_written(rig, toy: Path, tmp_path: Path, refusing: int, name: str) -> None:
-    err = assert_refused(rig, fill(WRITING[name], toy, tmp_path / "out"), tmp_path)
+def test_a_target_that_cannot_be_written(rig, scene: Path, tmp_path: Path, refusing: int, name: str) -> None:
+    if name == "reconstruct":
+        shutil.rmtree(scene / "reconstructions")
+    err = assert_refused(rig, fill(WRITING[name], scene, tmp_path / "out"), tmp_path)
     if name != "calibrate":  # whose 64x48 pixels are refused before anything is to be written
         assert os.strerror(refusing).lower() in err

@@ -16,11 +16,6 @@ def quiet(message: str, done: int, total: int) -> None:
     """No progress."""
 
 
-@pytest.fixture
-def toy(toy_template: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(toy_template, tmp_path / "toy"))
-
-
 def edited(path: Path, **changes: object) -> None:
     store.write_json(path, store.read_json(path) | changes)
 

@@ -1,0 +1,190 @@
+"""A toy session through every command, and the demo through its stages."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from imaging import store
+from rig.commands import demo
+from rig.running import Outcome
+
+from .conftest import Silence, calibrated_from_truth
+from .pages import Page, assert_self_contained
+
+
+def told(rig, *arguments: str) -> dict:
+    """The JSON of a command that has to succeed."""
+    code, out, err = rig(*arguments, "--json")
+    assert (code, err) == (0, "")
+    value = json.loads(out)
+    assert value["exit_code"] == 0
+    return value
+
+
+def test_capture_plan_check_and_resume(rig, tmp_path: Path) -> None:
+    folder = tmp_path / "S"
+    planned = told(rig, "capture", "--sim", "toy", str(folder), "--dry-run", "--frames", "2")
+    assert not folder.exists()
+    taken = told(rig, "capture", "--sim", "toy", str(folder), "--frames", "2", "--seed", "5")
+    assert planned["shots"] == taken["taken"] == 2 * 2 * len(planned["bracket"])
+    assert told(rig, "check", str(folder))["problems"] == []
+
+    (folder / "raw" / "0001" / "cam1_0.dng").unlink()
+    lines = (folder / "shots.jsonl").read_text().splitlines(keepends=True)
+    (folder / "shots.jsonl").write_text("".join(line for line in lines if "0001/cam1_0.dng" not in line))
+    resumed = told(rig, "capture", "--sim", "toy", str(folder), "--seed", "5", "--resume")
+    assert (resumed["taken"], resumed["kept"]) == (1, taken["taken"] - 1)
+
+
+def test_the_bracket_can_be_chosen(rig, tmp_path: Path) -> None:
+    folder = str(tmp_path / "S")
+    told(rig, "capture", "--sim", "toy", folder, "--frames", "1", "--bracket", "3,-3")
+    exposures = told(rig, "check", folder)["exposures"]
+    times = sorted({one["exposure"]["time"] for one in exposures})
+    assert len(times) == 2
+    assert times[1] / times[0] == pytest.approx(64, rel=0.05)
+
+
+def test_repair_brings_back_a_lost_index(rig, toy: Path) -> None:
+    (toy / "shots.jsonl").write_text("")
+    assert rig("check", str(toy))[0] == 2
+    repaired = told(rig, "check", str(toy), "--repair")
+    assert len(repaired["repaired"]["added"]) == repaired["sound"] == 18
+
+
+def test_import_of_captured_files(rig, toy: Path, tmp_path: Path) -> None:
+    value = told(rig, "import", str(toy / "raw"), str(tmp_path / "I"))
+    assert (value["cameras"], value["shots"]) == (2, 18)
+    assert value["guesses"]
+
+
+def test_reconstruct_evaluate_and_render(rig, scene: Path, tmp_path: Path) -> None:
+    recon = scene / "reconstructions" / "nh-3dgs"
+    before = store.read_json(recon / "metrics.json")
+    value = told(rig, "evaluate", str(scene))
+    assert value["reconstruction"] == str(recon)
+    assert value["metrics"]["hdr_psnr_mu_aligned"] == pytest.approx(before["hdr_psnr_mu_aligned"])
+    assert value["metrics"]["views"]
+
+    files = told(rig, "render", str(recon), str(tmp_path / "out"))["files"]
+    assert all(Path(file).is_file() for file in files)
+    assert {Path(file).stem for file in files if file.endswith(".exr")} == {
+        f"{frame:04d}_cam{camera}" for frame in range(3) for camera in range(2)
+    }
+
+    page = Page.read(recon / "report.html")
+    assert_self_contained(page)
+    for words in (
+        f"{before['hdr_psnr_mu_aligned']:.2f}",
+        "Held-out views, which the training never saw, beside the simulator's true light",
+        "0001/cam0",
+        "Truth, middle exposure",
+        "rig reconstruct toy --method nh-3dgs --quality draft --seed 0 --budget 1s",
+        "What was captured",
+        "What was calibrated",
+    ):
+        assert words in page.text, words
+    # 3 exposures and their compressed truth above render and error map; 6 views of the contact sheet.
+    assert len(page.all("img")) == 8 + 6
+
+
+def test_without_truth_the_photograph_is_shown_beside_the_render(rig, scene: Path) -> None:
+    shutil.rmtree(scene / "truth")
+    value = told(rig, "evaluate", str(scene))
+    assert "hdr_psnr_mu" not in value["metrics"]
+    assert "raw_psnr" in value["metrics"]
+    page = Page.read(Path(value["report"]))
+    assert_self_contained(page)
+    assert "beside the photographs themselves" in page.text
+    assert page.text.count("Photograph, ") == page.text.count("Render, ") == 3
+
+
+def test_developed_photographs_end_to_end(rig, tmp_path: Path) -> None:
+    folder = tmp_path / "ldr"
+    told(rig, "capture", "--sim", "toy-ldr", str(folder))
+    calibrated_from_truth(folder)
+    value = told(rig, "reconstruct", str(folder), "--quality", "draft", "--budget", "1s")
+    assert value["metrics"]["method"] == "hdr-gs"
+    assert value["metrics"]["ldr_psnr_oe"] > 10
+    assert_self_contained(Page.read(Path(value["report"])))
+
+
+def test_a_scene_of_too_few_views_says_that_nothing_was_measured(rig, tmp_path: Path) -> None:
+    folder = tmp_path / "S"
+    told(rig, "capture", "--sim", "toy", str(folder), "--frames", "1")
+    calibrated_from_truth(folder)
+    code, out, err = rig("reconstruct", str(folder), "--quality", "draft", "--budget", "1s")
+    assert (code, err) == (0, "")
+    assert "no view was held out" in out
+    page = Page.read(folder / "reconstructions" / "nh-3dgs" / "report.html")
+    assert "Training views: none was held out" in page.text
+
+
+class Steps:
+    """Stands in for the stages of the demo, which take minutes; notes what was asked of them."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, out: Path) -> None:
+        self.calls: list[str] = []
+        recon = str(out / "reconstructions" / "demo")
+        metrics = {
+            "hdr_psnr_mu_aligned": 39.71,
+            "stops_median": 0.131,
+            "pose_rotation_deg": 0.05,
+            "pose_translation_relative": 0.004,
+        }
+        self.note(monkeypatch, "run_capture", Outcome({}, ["72 of 72 shots"]))
+        registered = {"registered": 24, "images": 24, "reprojection_px": 0.2}
+        self.note(monkeypatch, "run_calibrate", Outcome(registered, ["24 of 24"]))
+        self.note(monkeypatch, "calibration_outcome", Outcome(registered, ["24 of 24"]))
+        self.note(monkeypatch, "run_training", Outcome({"reconstruction": recon}, ["trained"]))
+        self.note(
+            monkeypatch,
+            "run_evaluate",
+            Outcome({"metrics": metrics, "report": f"{recon}/report.html"}, ["39.7"]),
+        )
+
+    def note(self, monkeypatch: pytest.MonkeyPatch, name: str, outcome: Outcome) -> None:
+        def stand_in(*arguments: object, **options: object) -> Outcome:
+            self.calls.append(f"{name} resume" if options.get("resume") else name)
+            self.budget = options.get("budget", getattr(self, "budget", None))
+            return outcome
+
+        monkeypatch.setattr(demo, name, stand_in)
+
+
+def test_the_demo_ends_with_the_headline_numbers_and_the_report(
+    rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "demo"
+    steps = Steps(monkeypatch, out)
+    code, text, _ = rig("demo", str(out))
+    assert code == 0
+    assert steps.calls == ["run_capture", "run_calibrate", "run_training", "run_evaluate"]
+    assert steps.budget <= 90
+    lines = text.splitlines()
+    assert "0.050 degrees, 0.40 % of the rig's size" in lines[0]
+    assert "39.7 dB" in lines[1]
+    assert "0.131 stops" in lines[1]
+    assert lines[-1] == f"Report: {out}/reconstructions/demo/report.html"
+    assert [name for name in ("capture", "calibrate", "reconstruct", "evaluate") if name in lines[2]] == [
+        "capture",
+        "calibrate",
+        "reconstruct",
+        "evaluate",
+    ]
+
+
+def test_a_demo_that_was_stopped_goes_on_where_it_was(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = Steps(monkeypatch, toy)
+    demo.run_demo(toy, Silence())
+    assert steps.calls == ["run_capture resume", "calibration_outcome", "run_training", "run_evaluate"]
+
+
+def test_a_demo_with_new_shots_is_calibrated_again(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = (toy / "shots.jsonl").read_text().splitlines(keepends=True)
+    (toy / "shots.jsonl").write_text("".join(lines[:-1]))
+    steps = Steps(monkeypatch, toy)
+    demo.run_demo(toy, Silence())
+    assert "run_calibrate" in steps.calls
