@@ -64,3 +64,6 @@ class Limits:
 
 ALPHA_FLOOR = 2.0**-64
 """No alpha floor is below this: float32 exponents stay in range, and less is invisible at any contrast."""
+
+QUAT_LEAST = 1e-20
+"""A quaternion with no component as large as this has no direction: its gradient would overflow."""

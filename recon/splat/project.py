@@ -11,7 +11,7 @@ import numpy as np
 
 from recon.jit import kernel
 from recon.splat.camera import Floats, SplatCamera
-from recon.splat.limits import ALPHA_FLOOR, Limits
+from recon.splat.limits import ALPHA_FLOOR, QUAT_LEAST, Limits
 from recon.splat.tables import BAD, DRAWN, SKIPPED
 from recon.splat.tiles import TASK
 from recon.threads import take_number
@@ -147,11 +147,11 @@ def _project_one(mean, quat, scale, opacity, colour, k, shape, paint, box):
     turned = False
     for i in range(4):
         good = good and _finite(quat[i])
-        turned = turned or quat[i] != 0.0
+        turned = turned or abs(quat[i]) >= QUAT_LEAST
     if not (good and turned):
         return BAD, 0.0, 0.0
 
-    wx, wy, wz = float(mean[0]), float(mean[1]), float(mean[2])
+    wx, wy, wz = np.float64(mean[0]), np.float64(mean[1]), np.float64(mean[2])
     x = k[0] * wx + k[1] * wy + k[2] * wz + k[9]
     y = k[3] * wx + k[4] * wy + k[5] * wz + k[10]
     z = k[6] * wx + k[7] * wy + k[8] * wz + k[11]
@@ -161,18 +161,20 @@ def _project_one(mean, quat, scale, opacity, colour, k, shape, paint, box):
     u, v = tangents[0], tangents[1]
     if not u * u + v * v < k[BOUNDS + 4]:
         return SKIPPED, 0.0, 0.0
-    matrix, _, _ = rotation(float(quat[0]), float(quat[1]), float(quat[2]), float(quat[3]))
-    m = root_covariance(axes, matrix, float(scale[0]), float(scale[1]), float(scale[2]))
+    matrix, _, _ = rotation(
+        np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
+    )
+    m = root_covariance(axes, matrix, np.float64(scale[0]), np.float64(scale[1]), np.float64(scale[2]))
     a, b, c, determinant = covariance(m, k[LIMITS + 1])
     if not (max(a, c) <= k[LIMITS + 5] and determinant < math.inf):
         return BAD, 0.0, 0.0
 
-    brightest = max(max(float(colour[0]), float(colour[1])), float(colour[2]))
+    brightest = max(max(np.float64(colour[0]), np.float64(colour[1])), np.float64(colour[2]))
     floor = k[LIMITS + 3]
     if brightest > 0.0:
         floor = min(floor, k[LIMITS + 4] / brightest)
     floor = max(floor, ALPHA_FLOOR)
-    o = min(float(opacity), k[LIMITS + 2])
+    o = min(np.float64(opacity), k[LIMITS + 2])
     if not o >= floor:
         return SKIPPED, 0.0, 0.0
     reach = math.log2(o / floor)

@@ -1,6 +1,8 @@
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 """The gradient of `project`: from sums over pixels to means, rotations, scales and opacities."""
 
+import numpy as np
+
 from recon.jit import kernel
 from recon.splat.composite_backward import SLOT
 from recon.splat.project import (
@@ -38,8 +40,8 @@ def _moments(slots, first, last, tile, entry, tiles_x, px, py):
         ox = (t % tiles_x) * TILE + 0.5 * TILE - px
         oy = (t // tiles_x) * TILE + 0.5 * TILE - py
         at = SLOT * slot
-        m = float(slots[at])
-        mx, my = float(slots[at + 1]), float(slots[at + 2])
+        m = np.float64(slots[at])
+        mx, my = np.float64(slots[at + 1]), np.float64(slots[at + 2])
         s += m
         sx += mx + ox * m
         sy += my + oy * m
@@ -49,7 +51,7 @@ def _moments(slots, first, last, tile, entry, tiles_x, px, py):
         red += slots[at + 6]
         green += slots[at + 7]
         blue += slots[at + 8]
-        peak = max(peak, float(slots[at + 9]))
+        peak = max(peak, np.float64(slots[at + 9]))
     return (s, sx, sy, sxx, sxy, syy), (red, green, blue), peak
 
 
@@ -68,13 +70,15 @@ def _quat_gradient(g, unit, norm):
 @kernel
 def _backward_one(mean, quat, scale, opacity, k, moments, grad_mean, grad_quat, grad_scale):
     """Fill a Gaussian's gradients; returns d loss / d mean2d (x, y) and d loss / d opacity."""
-    wx, wy, wz = float(mean[0]), float(mean[1]), float(mean[2])
+    wx, wy, wz = np.float64(mean[0]), np.float64(mean[1]), np.float64(mean[2])
     x = k[0] * wx + k[1] * wy + k[2] * wz + k[9]
     y = k[3] * wx + k[4] * wy + k[5] * wz + k[10]
     z = k[6] * wx + k[7] * wy + k[8] * wz + k[11]
     axes, tangents, lens = screen_axes(x, y, z, k)
-    r, unit, norm = rotation(float(quat[0]), float(quat[1]), float(quat[2]), float(quat[3]))
-    sx, sy, sz = float(scale[0]), float(scale[1]), float(scale[2])
+    r, unit, norm = rotation(
+        np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
+    )
+    sx, sy, sz = np.float64(scale[0]), np.float64(scale[1]), np.float64(scale[2])
     m = root_covariance(axes, r, sx, sy, sz)
     a, b, c, determinant = covariance(m, k[LIMITS + 1])
     ia, ib, ic = c / determinant, -b / determinant, a / determinant
@@ -89,7 +93,7 @@ def _backward_one(mean, quat, scale, opacity, k, moments, grad_mean, grad_quat, 
     gc = 0.5 * (h10 * ib + h11 * ic)
     grad_opacity = 0.0
     if opacity <= k[LIMITS + 2] and opacity > 0.0:
-        grad_opacity = s / float(opacity)
+        grad_opacity = s / np.float64(opacity)
 
     # C = M M^T + blur: d loss / d M = 2 G M, M = A R S.
     p0, p1, p2 = 2.0 * (ga * m[0] + gb * m[3]), 2.0 * (ga * m[1] + gb * m[4]), 2.0 * (ga * m[2] + gb * m[5])

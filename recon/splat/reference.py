@@ -9,7 +9,7 @@ import torch
 from torch.utils.checkpoint import checkpoint
 
 from recon.splat.camera import SplatCamera
-from recon.splat.limits import ALPHA_FLOOR, Limits
+from recon.splat.limits import ALPHA_FLOOR, QUAT_LEAST, Limits
 from recon.splat.render import Render, SplatStats
 
 _CHUNK = 1 << 20
@@ -32,7 +32,7 @@ def rasterize_reference(
     finite = (
         torch.isfinite(torch.cat([means, quats, scales, opacities[:, None], colours], dim=1)).all(dim=1)
         & (scales > 0).all(dim=1)
-        & ((quats != 0).any(dim=1))
+        & (quats.abs() >= QUAT_LEAST).any(dim=1)
         & (opacities >= 0)
     )
     kept = torch.nonzero(finite)[:, 0]

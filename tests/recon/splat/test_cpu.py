@@ -1,0 +1,168 @@
+"""The Numba rasteriser against the dense float64 oracle with the same cut-offs."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import recon.threads as threads
+from recon.splat import Render, SplatCamera, SplatStats
+
+NAMES = ("means", "quats", "scales", "opacities", "colours", "background")
+
+
+def loss(render: Any, seed: int = 0) -> torch.Tensor:
+    """A smooth function of image and alpha, with another gradient at every pixel."""
+    rng = np.random.default_rng(seed)
+    image, alpha = render.image, render.alpha
+    a = torch.tensor(rng.normal(size=tuple(image.shape)), dtype=image.dtype)
+    b = torch.tensor(rng.normal(size=tuple(alpha.shape)), dtype=image.dtype)
+    return (a * torch.log1p(image)).sum() + (b * alpha).sum()
+
+
+def test_equals_oracle(scene: Any) -> None:
+    """Image, gradients and statistics."""
+    count = len(scene.means)
+    fast, truth = scene.tensors(torch.float32), scene.tensors(torch.float64)
+    ours, theirs = SplatStats(count), SplatStats(count)
+    render, expected = scene.render(fast, ours), scene.render(truth, theirs)
+    same_image(render, expected, scene.camera)
+    loss(render).backward()
+    loss(expected).backward()
+    for name, a, b in zip(NAMES, fast, truth, strict=False):
+        same_gradient(name, a.grad, b.grad)
+    assert np.count_nonzero(ours.seen != theirs.seen) <= 0.02 * count
+    for name in ("gradient", "radius", "weight"):
+        a, b = getattr(ours, name), getattr(theirs, name)
+        assert np.linalg.norm(a - b) <= 1e-3 * np.linalg.norm(b), name
+
+
+def same_image(render: Render, expected: Render, camera: SplatCamera) -> None:
+    image, truth = render.image.detach().double(), expected.image.detach()
+    error = ((image - truth).abs() / (truth.abs() + 1e-6 * truth.abs().max() + 1e-30)).flatten()
+    # A pixel at the very edge of a Gaussian may fall on either side of a cut-off; hence no maximum.
+    assert error.mean() < 1e-5
+    assert torch.quantile(error, 0.99) < 1e-5
+    assert (render.alpha.double() - expected.alpha).abs().mean() < 1e-6
+    assert render.culled == expected.culled == 0
+    assert render.visible >= expected.visible
+    blocks = -(-camera.width // 8) * -(-camera.height // 8)
+    assert 64 * expected.visible <= render.pairs <= 64 * blocks * render.visible
+
+
+def same_gradient(name: str, ours: torch.Tensor | None, theirs: torch.Tensor | None) -> None:
+    assert ours is not None, name
+    assert torch.isfinite(ours).all(), name
+    if theirs is None or not theirs.any():
+        assert not ours.any(), name
+        return
+    error = (ours.double() - theirs).abs()
+    assert error.norm() < 1e-3 * theirs.norm(), name
+    assert error.median() < 1e-5 * theirs.abs().mean(), name
+
+
+def test_statistics_add_up_over_renders(scene_of: Any) -> None:
+    scene = scene_of("lens")
+    found = []
+    for seeds in ((0,), (1,), (0, 1)):
+        stats = SplatStats(len(scene.means))
+        for seed in seeds:
+            loss(scene.render(scene.tensors(torch.float32), stats), seed).backward()
+        found.append(stats)
+    first, second, both = found
+    assert np.array_equal(first.seen + second.seen, both.seen)
+    assert both.seen.max() == 2
+    np.testing.assert_allclose(first.gradient + second.gradient, both.gradient, rtol=1e-6)
+    np.testing.assert_array_equal(np.maximum(first.weight, second.weight), both.weight)
+    np.testing.assert_allclose(both.mean_gradient(), both.gradient / np.maximum(both.seen, 1), rtol=1e-6)
+
+
+def test_gradient_of_the_image_alone_and_of_alpha_alone(scene_of: Any) -> None:
+    scene = scene_of("lens")
+    for part in ("image", "alpha"):
+        fast, truth = scene.tensors(torch.float32), scene.tensors(torch.float64)
+        for tensors in (fast, truth):
+            (getattr(scene.render(tensors), part) ** 2).sum().backward()
+        for name, ours, theirs in zip(NAMES[:4], fast, truth, strict=False):
+            assert (ours.grad.double() - theirs.grad).norm() < 1e-4 * theirs.grad.norm(), (part, name)
+
+
+@pytest.mark.parametrize("name", ["many", "needles", "big", "200x9"])
+def test_thread_count_changes_no_bit(scene_of: Any, name: str) -> None:
+    scene = scene_of(name)
+    before, results = threads.thread_count(), []
+    try:
+        for count in (1, 2, 3):
+            threads.set_threads(count)
+            stats = SplatStats(len(scene.means))
+            tensors = scene.tensors(torch.float32)
+            render = scene.render(tensors, stats)
+            loss(render).backward()
+            arrays = [render.image, render.alpha, *(t.grad for t in tensors)]
+            found = [a.detach().numpy().tobytes() for a in arrays if a is not None]
+            results.append([*found, stats.gradient.tobytes(), stats.weight.tobytes()])
+    finally:
+        threads.set_threads(before)
+    assert results[0] == results[1] == results[2]
+
+
+def test_same_call_gives_the_same_bits(scene_of: Any) -> None:
+    scene = scene_of("many")
+    renders = [scene.render(scene.tensors(torch.float32, grad=False)).image.numpy() for _ in range(2)]
+    assert renders[0].tobytes() == renders[1].tobytes()
+
+
+def test_several_renders_alive_at_once(scene_of: Any) -> None:
+    """Their tables must not be shared: a batch of views is rendered before one backward pass."""
+    first, second = scene_of("lens"), scene_of("many")
+    alone = []
+    for scene in (first, second):
+        tensors = scene.tensors(torch.float32)
+        loss(scene.render(tensors)).backward()
+        alone.append([t.grad for t in tensors])
+    a, b = first.tensors(torch.float32), second.tensors(torch.float32)
+    (loss(first.render(a)) + loss(second.render(b))).backward()
+    for expected, tensors in zip(alone, (a, b), strict=True):
+        assert all(torch.equal(x, t.grad) for x, t in zip(expected, tensors, strict=True))
+
+
+def test_backward_twice_gives_the_gradient_twice(scene_of: Any) -> None:
+    scene = scene_of("background")
+    tensors = scene.tensors(torch.float32)
+    value = loss(scene.render(tensors))
+    value.backward(retain_graph=True)
+    once = [t.grad.clone() for t in tensors]
+    value.backward()
+    assert all(torch.equal(2 * x, t.grad) for x, t in zip(once, tensors, strict=True))
+
+
+def test_strided_and_partly_constant_inputs(scene_of: Any) -> None:
+    scene = scene_of("plain")
+    plain = scene.tensors(torch.float32)
+    loss(scene.render(plain)).backward()
+    tensors = scene.tensors(torch.float32, grad=False)
+    wide = torch.zeros(len(tensors[0]), 6)
+    wide[:, ::2] = tensors[0]
+    wide.requires_grad_()
+    loss(scene.render([wide[:, ::2], *tensors[1:]])).backward()
+    assert torch.equal(wide.grad[:, ::2], plain[0].grad)
+
+
+def test_no_gradient_keeps_no_memory(scene_of: Any) -> None:
+    scene = scene_of("plain")
+    with torch.no_grad():
+        render = scene.render(scene.tensors(torch.float32))
+    assert not render.image.requires_grad
+    assert torch.equal(render.image, scene.render(scene.tensors(torch.float32)).image)
+
+
+def test_wrong_shapes_and_dtypes_are_named(scene_of: Any) -> None:
+    scene = scene_of("plain")
+    tensors = scene.tensors(torch.float32, grad=False)
+    with pytest.raises(ValueError, match="quats has shape"):
+        scene.render([tensors[0], tensors[1][:, :3], *tensors[2:]])
+    with pytest.raises(ValueError, match=r"opacities is torch\.float64"):
+        scene.render([*tensors[:3], tensors[3].double(), tensors[4]])
+    with pytest.raises(ValueError, match="stats counts 3"):
+        scene.render(tensors, SplatStats(3))
