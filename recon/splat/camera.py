@@ -70,24 +70,35 @@ class SplatCamera:
 
     def tangent_bounds(self, margin: float) -> tuple[float, float, float, float]:
         """(u_min, u_max, v_min, v_max) of the undistorted field of view, widened by `margin` half widths."""
-        ends = np.linspace(0.0, 1.0, 33)
-        near, far = np.zeros(33), np.ones(33)
-        border = np.concatenate([(ends, near), (ends, far), (near, ends), (far, ends)], axis=1).T
-        pixels = border * [self.width, self.height]
-        target = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
-        tangents = self._undistort(target)
-        low, high = tangents.min(axis=0), tangents.max(axis=0)
+        low, high = self._field_of_view
         half = 0.5 * margin * (high - low)
         (u_min, v_min), (u_max, v_max) = low - half, high + half
         return float(u_min), float(u_max), float(v_min), float(v_max)
 
+    @cached_property
+    def _field_of_view(self) -> tuple[Floats, Floats]:
+        """Least and largest undistorted tangents on the border of the image, each [2]."""
+        ends = np.linspace(0.0, 1.0, 17)
+        near, far = np.zeros(17), np.ones(17)
+        border = np.concatenate([(ends, near), (ends, far), (near, ends), (far, ends)], axis=1).T
+        pixels = border * [self.width, self.height]
+        tangents = self._undistort((pixels - [self.cx, self.cy]) / [self.fx, self.fy])
+        return tangents.min(axis=0), tangents.max(axis=0)
+
     def _undistort(self, target: Floats) -> Floats:
-        """Fixed-point inverse of `distort`, kept inside the monotone radius; [n, 2] to [n, 2]."""
-        limit = np.sqrt(self.monotone_radius2)
-        points = target.copy()
-        for _ in range(50):
-            radius = np.linalg.norm(points, axis=-1, keepdims=True)
-            points = points * np.minimum(1.0, limit / np.maximum(radius, 1e-30))
-            points = points + 0.7 * (target - self.distort(points))
-        radius = np.linalg.norm(points, axis=-1, keepdims=True)
-        return np.asarray(points * np.minimum(1.0, limit / np.maximum(radius, 1e-30)))
+        """Inverse of `distort` within the monotone radius, [n, 2] to [n, 2]; finite for any lens."""
+        size = float(np.abs(target).max())
+        limit = min(np.sqrt(self.monotone_radius2), 10.0 * size + 10.0)
+        points = np.zeros_like(target)
+        for _ in range(6):  # the tangential part is small: taken from the last estimate
+            u, v = points[:, 0], points[:, 1]
+            radial = 1 + (u * u + v * v) * (self.k1 + (u * u + v * v) * self.k2)
+            wanted = target - (self.distort(points) - points * radial[:, None])
+            length = np.maximum(np.linalg.norm(wanted, axis=1), 1e-30)
+            low, high = np.zeros(len(target)), np.full(len(target), limit)
+            for _ in range(40):
+                r = 0.5 * (low + high)
+                short = r * (1 + r * r * (self.k1 + r * r * self.k2)) < length
+                low, high = np.where(short, r, low), np.where(short, high, r)
+            points = wanted * (0.5 * (low + high) / length)[:, None]
+        return points
