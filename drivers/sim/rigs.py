@@ -15,6 +15,7 @@ from drivers.sim.mounting import Mount, mounts, rig_from_world
 from drivers.sim.scene import Scene
 from drivers.sim.sensor import SensorModel
 from drivers.sim.tabletop import demo_scene
+from drivers.sim.truth import write_truth
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.records import CameraRecord
@@ -154,8 +155,6 @@ class SimulatedRig:
 
     def write_truth(self, session: Path, progress: Progress = lambda message, done, total: None) -> None:
         """Write `truth/` of a session: see drivers.sim.truth."""
-        from drivers.sim.truth import write_truth
-
         write_truth(self, session, progress)
 
     def _view(self, index: int) -> Callable[[int], npt.NDArray[np.float32]]:
