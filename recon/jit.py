@@ -20,7 +20,7 @@ import numba
 Kernel = Callable[..., Any]
 
 _FLAGS = {"contract", "nsz", "arcp"}
-_SOURCES = ("jit.py", "lanes.py", "threads.py", "ssim*.py", "splat/*.py")
+_SOURCES = ("jit.py", "threads.py", "ssim.py", "lanes/*.py", "splat/*.py")
 
 
 def cache_folder() -> Path:
