@@ -1,11 +1,13 @@
 """The face of the toolkit: the `rig` command, its reports and its public API.
 
     import rig
+    from pathlib import Path
 
     rig.capture_simulated("demo", Path("S"), seed=0)
     rig.calibrate(Path("S"))
-    scene = rig.reconstruct(Path("S"), method="nh-3dgs", quality="draft")
+    scene = rig.reconstruct(Path("S"), quality="draft")
     print(rig.evaluate(scene)["hdr_psnr_mu_aligned"])
+    rig.reconstruction_report(scene)
 
 `import rig` loads nothing heavy: each name below is fetched from its stage when it is first used.
 """
@@ -14,60 +16,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from calib.calibrate import calibrate as calibrate
-
-    from capture.check import check as check
-    from capture.check import repair as repair
-    from capture.photos import import_photos as import_photos
-    from capture.simulated import capture_simulated as capture_simulated
-    from imaging.calibration import read_calibration as read_calibration
-    from imaging.dng import write_dng as write_dng
-    from imaging.errors import (
-        InputError as InputError,
-    )
-    from imaging.errors import (
-        PartialError as PartialError,
-    )
-    from imaging.errors import (
-        RigError as RigError,
-    )
-    from imaging.errors import (
-        StorageError as StorageError,
-    )
-    from imaging.exposure import Exposure as Exposure
-    from imaging.exr import read_exr as read_exr
-    from imaging.exr import write_exr as write_exr
-    from imaging.mosaic import RawMosaic as RawMosaic
-    from imaging.photo import read_photo as read_photo
-    from imaging.raw import read_raw as read_raw
-    from imaging.session import Session as Session
-    from recon.evaluate import evaluate as evaluate
-    from recon.reconstruct import reconstruct as reconstruct
-    from recon.renders import render as render
-
-_HOMES = {
-    "capture_simulated": "capture.simulated",
-    "import_photos": "capture.photos",
-    "check": "capture.check",
-    "repair": "capture.check",
-    "calibrate": "calib.calibrate",
-    "reconstruct": "recon.reconstruct",
-    "evaluate": "recon.evaluate",
-    "render": "recon.renders",
-    "Session": "imaging.session",
-    "read_calibration": "imaging.calibration",
-    "Exposure": "imaging.exposure",
-    "RawMosaic": "imaging.mosaic",
-    "read_raw": "imaging.raw",
-    "write_dng": "imaging.dng",
-    "read_photo": "imaging.photo",
-    "read_exr": "imaging.exr",
-    "write_exr": "imaging.exr",
-    "RigError": "imaging.errors",
-    "InputError": "imaging.errors",
-    "StorageError": "imaging.errors",
-    "PartialError": "imaging.errors",
-}
+    from calib.calibrate import calibrate
+    from capture.check import check, repair
+    from capture.photos import import_photos
+    from capture.simulated import capture_simulated
+    from imaging.calibration import read_calibration
+    from imaging.dng import write_dng
+    from imaging.errors import InputError, PartialError, RigError, StorageError
+    from imaging.exposure import Exposure
+    from imaging.exr import read_exr, write_exr
+    from imaging.mosaic import RawMosaic
+    from imaging.photo import read_photo
+    from imaging.raw import read_raw
+    from imaging.session import Session
+    from recon.evaluate import evaluate
+    from recon.reconstruct import reconstruct
+    from recon.renders import render
+    from rig.report.calibration_page import calibration_report
+    from rig.report.reconstruction_page import reconstruction_report
 
 __all__ = [
     "Exposure",
@@ -78,6 +44,7 @@ __all__ = [
     "Session",
     "StorageError",
     "calibrate",
+    "calibration_report",
     "capture_simulated",
     "check",
     "evaluate",
@@ -87,11 +54,38 @@ __all__ = [
     "read_photo",
     "read_raw",
     "reconstruct",
+    "reconstruction_report",
     "render",
     "repair",
     "write_dng",
     "write_exr",
 ]
+
+_HOMES = {
+    "Exposure": "imaging.exposure",
+    "InputError": "imaging.errors",
+    "PartialError": "imaging.errors",
+    "RawMosaic": "imaging.mosaic",
+    "RigError": "imaging.errors",
+    "Session": "imaging.session",
+    "StorageError": "imaging.errors",
+    "calibrate": "calib.calibrate",
+    "calibration_report": "rig.report.calibration_page",
+    "capture_simulated": "capture.simulated",
+    "check": "capture.check",
+    "evaluate": "recon.evaluate",
+    "import_photos": "capture.photos",
+    "read_calibration": "imaging.calibration",
+    "read_exr": "imaging.exr",
+    "read_photo": "imaging.photo",
+    "read_raw": "imaging.raw",
+    "reconstruct": "recon.reconstruct",
+    "reconstruction_report": "rig.report.reconstruction_page",
+    "render": "recon.renders",
+    "repair": "capture.check",
+    "write_dng": "imaging.dng",
+    "write_exr": "imaging.exr",
+}
 
 
 def __getattr__(name: str) -> Any:
@@ -107,4 +101,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOMES, "__version__"])
+    return sorted({*globals(), *_HOMES, "__version__"})

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import typer
 
 from rig.cli import app
-from rig.failures import explained
+from rig.failures import STOPPED, explained
 from rig.running import Outcome, deliver, print_json
 from rig.streams import debugging
 
@@ -25,6 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         outcome = typer.main.get_command(app).main(words, prog_name="rig", standalone_mode=False)
         if isinstance(outcome, Outcome):
             return deliver(outcome, name, as_json)
+        if outcome == STOPPED:
+            raise KeyboardInterrupt
         sys.stdout.flush()
         return int(outcome or 0)
     except BaseException as error:

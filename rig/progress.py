@@ -19,6 +19,14 @@ GRACE, INTERVAL = 1.0, 5.0
 """Seconds until the first plain line of a stage, and between two of them."""
 
 
+Progress = Callable[[str, int, int], None]
+"""What a stage calls: message, done, total."""
+
+
+def unreported(message: str, done: int, total: int) -> None:
+    """For those who do not want to know."""
+
+
 class Meter(Protocol):
     """What a command reports to while it works."""
 

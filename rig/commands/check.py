@@ -6,7 +6,7 @@ import typer
 
 from rig.commands.options import JsonOption, SessionArgument
 from rig.running import Outcome, running
-from rig.words import counted, number
+from rig.words import counted
 
 
 def check(
@@ -37,10 +37,10 @@ def check(
         lines += [f"  left alone: {line}" for line in repaired.left]
         lines += [f"  the index as it was: {repaired.backup}"] if repaired.backup else []
     for one in report.exposures:
-        clipped = "/".join(number(100 * share, 2) for share in one.clipped)
+        clipped = "/".join(f"{100 * share:.2g}" for share in one.clipped)
         lines.append(
             f"  {one.camera}, {one.exposure or 'exposure not stated'}: {counted(one.shots, 'shot')}, "
-            f"{clipped} % of R/G/B clipped, {number(100 * one.black, 2)} % black"
+            f"{clipped} % of R/G/B clipped, {100 * one.black:.2g} % black"
         )
     lines += [f"  {problem.message}" for problem in report.problems]
     missing = None

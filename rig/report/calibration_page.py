@@ -5,7 +5,7 @@ from pathlib import Path
 import rig
 from imaging.calibration import read_calibration
 from imaging.session import Session
-from rig.progress import Meter
+from rig.progress import Progress, unreported
 from rig.report.calibrated import calibrated, is_stale
 from rig.report.captured import captured
 from rig.report.page import Page, Tile, now, write_page
@@ -13,7 +13,7 @@ from rig.report.provenance import provenance
 from rig.words import number
 
 
-def calibration_report(folder: Path, progress: Meter) -> Path:
+def calibration_report(folder: Path, progress: Progress = unreported) -> Path:
     """Write SESSION/calibration/report.html; the session is at `folder`."""
     session, record = Session.open(folder), read_calibration(folder)
     section = calibrated(session, record, is_stale(session, record))

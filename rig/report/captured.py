@@ -9,7 +9,7 @@ from imaging.calibration import CalibrationRecord
 from imaging.exposure import Exposure
 from imaging.records import ShotRecord
 from imaging.session import Session
-from rig.progress import Meter
+from rig.progress import Progress
 from rig.report.shots import Looks, Thumbnail, look_at
 from rig.words import counted, number
 
@@ -68,7 +68,7 @@ class Captured:
 KINDS = {"raw": "RAW mosaic", "ldr": "developed photo", "hdr": "linear EXR"}
 
 
-def captured(session: Session, calibration: CalibrationRecord | None, progress: Meter) -> Captured:
+def captured(session: Session, calibration: CalibrationRecord | None, progress: Progress) -> Captured:
     """Read the session for the page."""
     shots = session.shots("scene")
     looks = look_at(session, progress)

@@ -15,7 +15,7 @@ from recon.model import Opened
 from recon.pixels import Shot
 from recon.renders import radiance
 from recon.truth import has_truth, true_radiance
-from rig.progress import Meter
+from rig.progress import Progress
 from rig.report.pictures import (
     MAP_STOPS,
     Bytes,
@@ -61,9 +61,10 @@ class Pictures:
     views: tuple[Comparison, ...]
     bar: str
     bar_stops: str
+    reference: str
 
 
-def pictures(opened: Opened, scale: float, progress: Meter) -> Pictures | None:
+def pictures(opened: Opened, scale: float, progress: Progress) -> Pictures | None:
     """Draw held-out views (training views if none is held out, and says so); None without any view.
 
     scale: the one factor that the evaluation aligned all renders with.
@@ -90,6 +91,7 @@ def pictures(opened: Opened, scale: float, progress: Meter) -> Pictures | None:
         views=tuple(compared),
         bar=colour_bar(),
         bar_stops=f"{MAP_STOPS:g}",
+        reference="truth" if known else "photograph",
     )
 
 
@@ -108,23 +110,20 @@ def _against_truth(truth: Float, render: Float, stops: Sequence[float]) -> Itera
 
 
 def _against_shots(opened: Opened, view: View) -> Iterable[tuple[Picture, ...]]:
-    """The photographs of a view beside what the model says they should be."""
+    """The photographs of a view beside what the model says they should be: at most three of a bracket."""
     image = opened.render(view.lens)
     count = len(view.shots)
-    chosen = sorted({0, count // 2, count - 1})
-    pairs = []
-    for index in chosen:
-        shot = view.shots[index]
-        predicted = opened.training.method.observation.predict(image, view, shot.k).detach().numpy()
-        pairs.append((shot, predicted))
     middle = view.shots[count // 2]
-    for shot, predicted in pairs:
-        name = "" if count == 1 else ", " + _relative(float(np.log2(shot.k / middle.k)))
-        top = _photo(_as_shown(shot.pixels, view), f"Photograph{name}")
-        below = _photo(_as_shown(predicted, view), f"Render{name}")
-        yield from [(top,), (below,)] if count == 1 else [(top, below)]
-    worst = [_map(_shot_error(shot, predicted, view), "Error of the render") for shot, predicted in pairs]
-    yield (worst[chosen.index(count // 2)],)
+    errors = []
+    for shot in [view.shots[index] for index in sorted({0, count // 2, count - 1})]:
+        predicted = opened.training.method.observation.predict(image, view, shot.k).detach().numpy()
+        name = "" if count == 1 else f", {_relative(float(np.log2(shot.k / middle.k)))}"
+        photograph = _photo(_as_shown(shot.pixels, view), f"Photograph{name}")
+        render = _photo(_as_shown(predicted, view), f"Render{name}")
+        errors.append(_map(_shot_error(shot, predicted, view), f"Error{name}"))
+        yield from [(photograph,), (render,)] if count == 1 else [(photograph, render)]
+    # The shortest exposure tells of little but the highlights.
+    yield tuple(errors[-2:])
 
 
 def _as_shown(pixels: Float, view: View) -> Bytes:

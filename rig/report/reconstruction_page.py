@@ -6,7 +6,7 @@ import rig
 from imaging import store
 from imaging.session import Session
 from recon.model import open_model
-from rig.progress import Meter
+from rig.progress import Progress, unreported
 from rig.report.calibrated import calibrated, is_stale
 from rig.report.captured import captured
 from rig.report.comparisons import pictures
@@ -16,7 +16,7 @@ from rig.report.quality import quality, tiles
 from rig.sessions import session_of
 
 
-def reconstruction_report(folder: Path, progress: Meter) -> Path:
+def reconstruction_report(folder: Path, progress: Progress = unreported) -> Path:
     """Write report.html into a reconstruction that was evaluated: all, from the capture to the quality."""
     session = Session.open(session_of(folder))
     metrics = store.read_json(folder / "metrics.json")

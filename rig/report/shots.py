@@ -15,7 +15,7 @@ from imaging.photo import read_photo
 from imaging.raw import read_raw
 from imaging.records import ShotRecord
 from imaging.session import Session, brackets
-from rig.progress import Meter
+from rig.progress import Progress
 from rig.report.pictures import developed, fitted, jpeg_uri, three_exposures
 
 Float = npt.NDArray[np.float32]
@@ -58,7 +58,7 @@ class Looks:
     unreadable: tuple[str, ...]
 
 
-def look_at(session: Session, progress: Meter) -> Looks:
+def look_at(session: Session, progress: Progress) -> Looks:
     """Read an even choice of a session's views."""
     groups = brackets(session.shots("scene"))
     keys = sorted(groups)

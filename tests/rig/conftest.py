@@ -32,6 +32,7 @@ def calibrated_from_truth(session: Path) -> CalibrationRecord:
     opened = Session.open(session)
     rig = simulate(truth["rig"], truth["seed"])
     cameras, views, points = [], [], []
+    raw = truth["response"] is None
     for name, camera in truth["cameras"].items():
         cameras.append(
             CameraCalibration(
@@ -39,13 +40,11 @@ def calibrated_from_truth(session: Path) -> CalibrationRecord:
                 serial=camera["serial"],
                 lens=Lens.model_validate(camera["lens"]),
                 cam_from_rig=Pose.model_validate(camera["cam_from_rig"]),
-                noise=SensorNoise.model_validate(camera["noise"])
-                if "dng" in truth["exposures"][0]["file"]
-                else None,
+                noise=SensorNoise.model_validate(camera["noise"]) if raw else None,
                 response=_response(truth),
                 vignetting=tuple(camera["vignetting"]),
                 gain=camera["gain"],
-                camera_from_rec709=camera["camera_from_rec709"],
+                camera_from_rec709=camera["camera_from_rec709"] if raw else None,
             )
         )
     for entry in truth["frames"]:
