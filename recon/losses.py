@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from recon.ssim import ssim_loss
+from recon.ssim import photometric_loss
 
 MU = 5000.0
 
@@ -53,8 +53,5 @@ class Photometric:
     ssim_weight: float = 0.2
 
     def __call__(self, prediction: Tensor, target: Tensor) -> Tensor:
-        """The loss, a scalar, differentiable in the prediction."""
-        loss: Tensor = (1 - self.ssim_weight) * (prediction - target).abs().mean()
-        if self.ssim_weight > 0:
-            loss = loss + self.ssim_weight * ssim_loss(prediction, target)
-        return loss
+        """The loss, a scalar, float32, differentiable in the prediction."""
+        return photometric_loss(prediction, target, self.ssim_weight)

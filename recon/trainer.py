@@ -120,7 +120,8 @@ def train(
     density = Density(plan.density, training.light.reference)
     renderer = training.renderer()
     started = time.monotonic() - training.seconds
-    saved, total, running = time.monotonic(), plan.iterations, 0.0
+    saved, total = time.monotonic(), plan.iterations
+    losses: list[float] = []
 
     with deferred() as interrupt:
         while training.iteration < min(total, until or total):
@@ -142,7 +143,7 @@ def train(
             loss.backward()  # type: ignore[no-untyped-call]
             training.optimizer.step()
             training.iteration += 1
-            running += float(loss.detach())
+            losses.append(float(loss.detach()))
 
             if density.due(training.iteration, total):
                 generator = torch.Generator().manual_seed(_seed(plan.seed, 1, training.iteration))
@@ -154,7 +155,7 @@ def train(
 
             training.seconds = time.monotonic() - started
             if training.iteration % plan.log_every == 0 or training.iteration == total:
-                mean = running / ((training.iteration - 1) % plan.log_every + 1)
+                mean = float(np.mean(losses))
                 log(
                     {
                         "iteration": training.iteration,
@@ -166,7 +167,7 @@ def train(
                 if progress:
                     speed = training.iteration / max(training.seconds, 1e-9)
                     progress(f"training, loss {mean:.4f}, {speed:.1f} it/s", training.iteration, total)
-                running = 0.0
+                losses = []
             if interrupt.asked or time.monotonic() - saved > plan.checkpoint_seconds:
                 save()
                 saved = time.monotonic()

@@ -1,0 +1,238 @@
+"""The whole stage on a toy session, and its metrics on models whose quality is known."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import torch
+
+import recon.reconstruct as stage
+from imaging import metrics
+from imaging.errors import InputError, ReconstructionError, RigError
+from imaging.exr import read_exr
+from recon.evaluate import evaluate, render
+from recon.model import Opened, open_model, read_model
+from recon.ply import read_ply
+from recon.reconstruct import Quality, reconstruct
+from recon.truth import true_radiance
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    monkeypatch.setitem(stage.QUALITIES, "draft", Quality(60, 800, 64))
+
+
+@pytest.fixture(scope="module")
+def trained(toy, tmp_path_factory):
+    """A session with a finished reconstruction; not to be changed."""
+    session = shutil.copytree(toy, tmp_path_factory.mktemp("trained") / "session")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(stage.QUALITIES, "draft", Quality(60, 800, 64))
+        return reconstruct(session, quality="draft")
+
+
+def copied(trained, tmp_path):
+    session = shutil.copytree(trained.parent.parent, tmp_path / "session")
+    return session / "reconstructions" / trained.name
+
+
+def test_everything_is_there_and_says_what_it_is(trained):
+    assert trained.name == "nh-3dgs"
+    record = read_model(trained)
+    assert record.settings.method == "nh-3dgs"
+    assert record.settings.iterations == 60
+    assert len(record.training_views) == 5
+    assert record.held_out == ("0001/cam0",) or len(record.held_out) == 1
+    assert {"linear light", "vignetting", "distortion"} <= {rung.name for rung in record.rungs}
+    assert record.gaussians == 800
+    assert len(read_ply(trained / "splats.ply")["x"]) == 800
+    lines = [json.loads(line) for line in (trained / "train.jsonl").read_text().splitlines()]
+    assert [line["iteration"] for line in lines] == [50, 60]
+    assert not list(trained.glob(".*"))
+
+
+def test_a_finished_training_is_not_done_again(trained):
+    before = (trained / "checkpoint.safetensors").read_bytes()
+    stamp = (trained / "model.json").stat().st_mtime_ns
+    assert reconstruct(trained.parent.parent, quality="draft") == trained
+    assert (trained / "model.json").stat().st_mtime_ns == stamp
+    assert (trained / "checkpoint.safetensors").read_bytes() == before
+
+
+def test_a_stopped_training_ends_like_one_that_was_not(trained, session_copy):
+    """Interrupted by the user half-way; the same command goes on."""
+
+    def impatient(message, done, total):
+        if message.startswith("training"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(session_copy, quality="draft", progress=impatient)
+    folder = session_copy / "reconstructions" / "nh-3dgs"
+    assert not (folder / "model.json").exists()
+    reconstruct(session_copy, quality="draft")
+    one, two = (
+        {name: values.tobytes() for name, values in read_ply(path / "splats.ply").items()}
+        for path in (trained, folder)
+    )
+    assert one == two
+
+
+def test_metrics_have_their_names_and_no_nan(trained, tmp_path):
+    folder = copied(trained, tmp_path)
+    result = evaluate(folder)
+    text = (folder / "metrics.json").read_text()
+    assert json.loads(text, parse_constant=pytest.fail) == json.loads(json.dumps(result))
+    expected = {
+        "hdr_psnr_mu", "hdr_psnr_mu_aligned", "hdr_psnr_mu_dark", "stops_median", "pu21_psnr", "raw_psnr",
+        "relative_error_by_decade", "pose_rotation_deg", "pose_rotation_deg_max", "pose_translation_relative",
+        "pose_translation_relative_max", "exposure_ratio_error", "gain_error", "gaussians", "size_bytes",
+        "train_seconds", "iterations", "render_fps", "views", "held_out",
+    }  # fmt: skip
+    assert expected <= set(result)
+    assert result["gaussians"] == 800
+    assert result["size_bytes"] == (folder / "splats.ply").stat().st_size
+    (row,) = result["views"]
+    assert row["view"] == result["held_out"][0]
+    assert row["hdr_psnr_mu_aligned"] == pytest.approx(result["hdr_psnr_mu_aligned"])
+    view = open_model(folder).view(row["view"])
+    image = read_exr(folder / "renders" / f"{view.frame:04d}_{view.camera}.exr").rgb()
+    truth = true_radiance(folder.parent.parent, view)
+    assert metrics.hdr_psnr_mu(image, truth) == pytest.approx(result["hdr_psnr_mu"], abs=1e-3)
+    assert "chromaticities" in read_exr(folder / "renders" / f"{view.frame:04d}_{view.camera}.exr").attributes
+
+
+def test_a_perfect_model_reaches_the_caps(trained, tmp_path, monkeypatch):
+    folder = copied(trained, tmp_path)
+
+    def perfect(self, camera):
+        view = next(view for view in self.dataset.views if view.lens is camera)
+        light = true_radiance(self.dataset.session, view)
+        return torch.from_numpy(light) / self.record.normaliser
+
+    monkeypatch.setattr(Opened, "render", perfect)
+    result = evaluate(folder)
+    assert result["hdr_psnr_mu"] > 110
+    assert result["hdr_psnr_mu_aligned"] > 110
+    assert result["pu21_psnr"] > 100
+    assert result["stops_median"] < 1e-5
+    assert all(entry["p95"] < 1e-5 for entry in result["relative_error_by_decade"])
+    # What is left is the noise of the held-out shots themselves.
+    assert 30 < result["raw_psnr"] < 60
+
+
+def test_a_model_twice_too_bright_is_right_after_alignment(trained, tmp_path, monkeypatch):
+    folder = copied(trained, tmp_path)
+
+    def bright(self, camera):
+        view = next(view for view in self.dataset.views if view.lens is camera)
+        return 2 * torch.from_numpy(true_radiance(self.dataset.session, view)) / self.record.normaliser
+
+    monkeypatch.setattr(Opened, "render", bright)
+    result = evaluate(folder)
+    assert result["alignment_scale"] == pytest.approx(0.5, rel=1e-5)
+    assert result["hdr_psnr_mu"] < 35
+    assert result["hdr_psnr_mu_aligned"] > 110
+
+
+def test_renders_of_named_views_at_several_exposures(trained, tmp_path):
+    files = render(trained, tmp_path / "out", views=["0000/cam0", "0002/cam1"], stops=(-3, 0, 3))
+    assert [file.name for file in files if file.suffix == ".exr"] == ["0000_cam0.exr", "0002_cam1.exr"]
+    assert {file.name for file in files if "0000" in file.name and file.suffix == ".png"} == {
+        "0000_cam0_-3ev.png", "0000_cam0_+0ev.png", "0000_cam0_+3ev.png"
+    }  # fmt: skip
+    assert all(file.is_file() for file in files)
+    image = read_exr(tmp_path / "out" / "0000_cam0.exr").rgb()
+    truth = read_exr(trained.parent.parent / "truth" / "0000" / "cam0.exr").rgb()
+    assert metrics.stops_median(image, truth) < 0.7
+
+
+def test_a_budget_becomes_a_number_of_iterations(session_copy):
+    folder = reconstruct(session_copy, quality="draft", budget=6.0)
+    record = read_model(folder)
+    assert record.settings.budget == 6.0
+    assert record.settings.iterations >= 50
+    assert record.settings.iterations != 60
+    assert open_model(folder).training.iteration == record.settings.iterations
+
+
+def test_photographs_choose_hdr_gs_and_linear_ones_do_not(toy_ldr, tmp_path):
+    session = shutil.copytree(toy_ldr, tmp_path / "session")
+    folder = reconstruct(session, quality="draft")
+    assert folder.name == "hdr-gs"
+    result = evaluate(folder)
+    assert {"ldr_psnr_oe", "ssim", "response_rmse", "hdr_psnr_mu_aligned"} <= set(result)
+    assert result["response_rmse"] < 0.1
+    with pytest.raises(ReconstructionError, match="developed photographs"):
+        reconstruct(session, quality="draft", method="nh-3dgs")
+
+
+def only_first_step(session):
+    lines = (session / "shots.jsonl").read_text().splitlines()
+    (session / "shots.jsonl").write_text("".join(x + "\n" for x in lines if json.loads(x)["step"] == 2))
+
+
+def test_photographs_of_one_exposure_are_plain_3dgs_in_display_values(toy_ldr, tmp_path):
+    session = shutil.copytree(toy_ldr, tmp_path / "session")
+    only_first_step(session)
+    folder = reconstruct(session, quality="draft")
+    assert folder.name == "vanilla"
+    result = evaluate(folder)
+    assert result["ldr_psnr_oe"] > 15
+    assert "response_rmse" in result
+
+
+def keep_views(session, count):
+    path = session / "calibration" / "calibration.json"
+    record = json.loads(path.read_text())
+    record["views"] = record["views"][:count]
+    path.write_text(json.dumps(record))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_too_few_views_hold_nothing_out_and_say_so(session_copy, count):
+    keep_views(session_copy, count)
+    folder = reconstruct(session_copy, quality="draft")
+    result = evaluate(folder)
+    assert result["held_out"] == []
+    assert "too few" in result["held_out_note"]
+    assert "hdr_psnr_mu_aligned" not in result
+    assert all(file.stat().st_size for file in render(folder, session_copy / "out"))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"method": "hdr-gs"}, "no tone curve"),
+        ({"budget": -1.0}, "no time to train"),
+        ({"budget": float("nan")}, "no time to train"),
+        ({"seed": -1}, "out of range"),
+        ({"name": "../elsewhere"}, "leads out of"),
+    ],
+)
+def test_bad_usage_is_one_sentence(toy, options, words):
+    with pytest.raises(RigError, match=words):
+        reconstruct(toy, quality="draft", **options)
+    assert not (toy / "reconstructions").exists()
+
+
+def test_what_is_no_reconstruction_is_refused(toy, trained, tmp_path):
+    with pytest.raises(ReconstructionError, match="no finished reconstruction"):
+        evaluate(toy)
+    with pytest.raises(InputError):
+        reconstruct(tmp_path)
+    folder = copied(trained, tmp_path)
+    keep_views(folder.parent.parent, 5)
+    with pytest.raises(ReconstructionError, match="calibrated again"):
+        evaluate(folder)
+    with pytest.raises(ReconstructionError, match="no view"):
+        render(trained, tmp_path / "out", views=["0009/cam7"])
+
+
+def test_other_settings_replace_what_was_there(trained, tmp_path):
+    folder = copied(trained, tmp_path)
+    before = np.array(read_ply(folder / "splats.ply")["x"])
+    reconstruct(folder.parent.parent, quality="draft", seed=5)
+    assert read_model(folder).settings.seed == 5
+    assert not np.array_equal(before, read_ply(folder / "splats.ply")["x"])
