@@ -1,0 +1,73 @@
+"""The pictures that features are found in: radiance, log-encoded and locally normalised.
+
+SIFT on linear light finds nothing in the dark; on the logarithm of merged radiance, less its local
+mean, dim and bright parts of a scene look alike (Rana 2016, Suma 2016 recommend local operators).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from imaging.merge import Merged
+
+Float = npt.NDArray[np.float32]
+
+MAX_WIDTH = 1600
+"""Wider images are reduced to it for features."""
+MIN_WIDTH = 640
+"""Narrower ones are enlarged to it, inside the feature extractor only: SIFT's first octave is coarse."""
+LOCAL_SHARE = 0.8
+"""Of the local mean that is taken away; all of it would leave halos as the only large features."""
+_BINOMIAL = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 16
+
+
+@dataclass(frozen=True, eq=False)
+class Preview:
+    """A picture of one view for feature detection.
+
+    image: float32 [h, w] in 0..1. contrast: log2 range between its 0.5 and 99.5 percentile, stops;
+    0 for a picture without any structure.
+    """
+
+    image: Float
+    contrast: float
+
+
+def preview(merged: Merged) -> Preview:
+    """The feature picture of merged radiance [H, W] (mosaic) or [H, W, 3], at most MAX_WIDTH wide."""
+    luminance, sigma = _luminance(merged)
+    height, width = luminance.shape
+    if width > MAX_WIDTH:
+        size = (MAX_WIDTH, max(1, round(height * MAX_WIDTH / width)))
+        luminance = cv2.resize(luminance, size, interpolation=cv2.INTER_AREA)
+        sigma = cv2.resize(sigma, size, interpolation=cv2.INTER_AREA)
+    # The noise of the darkest fifth is the floor: below it there is nothing to see.
+    floor = float(np.median(sigma[sigma <= np.percentile(sigma, 20)]))
+    floor = max(floor, 1e-6 * float(np.max(luminance, initial=0.0)), 1e-30)
+    stops = np.log2(np.maximum(luminance, -floor) + 2 * floor)
+    flat = stops - LOCAL_SHARE * ndimage.gaussian_filter(stops, max(stops.shape[1] / 40, 1.0))
+    low, high = (float(value) for value in np.percentile(flat, (0.5, 99.5)))
+    image = np.clip((flat - low) / max(high - low, 1e-6), 0.0, 1.0).astype(np.float32)
+    return Preview(image, high - low)
+
+
+def enlargement(width: int) -> int:
+    """Whole factor by which the feature extractor sees a picture of this width enlarged."""
+    return max(1, round(MIN_WIDTH / width)) if width < MIN_WIDTH else 1
+
+
+def _luminance(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Brightness and its noise, [H, W]; a mosaic is smoothed over its 2x2 tiles, so that no checker stays."""
+    known = merged.valid | merged.clipped | merged.dark
+    radiance = np.where(known, merged.radiance, 0.0).astype(np.float64)
+    if merged.sigma is None:
+        sigma = np.zeros(radiance.shape)
+    else:
+        sigma = np.where(np.isfinite(merged.sigma), merged.sigma, 0.0).astype(np.float64)
+    if radiance.ndim == 3:
+        return radiance.mean(-1), np.sqrt((sigma**2).sum(-1)) / 3
+    smooth = ndimage.convolve(radiance, _BINOMIAL, mode="mirror")
+    return smooth, np.sqrt(ndimage.convolve(sigma**2, _BINOMIAL**2, mode="mirror"))
