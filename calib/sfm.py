@@ -178,9 +178,15 @@ def _adjust(reconstruction: Any, scale: float, threads: int) -> None:
     options.refine_principal_point = False
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.loss_function_scale = scale
-    options.ceres.solver_options.num_threads = threads
-    options.ceres.solver_options.max_num_iterations = 100
-    pycolmap.bundle_adjustment(reconstruction, options)
+    solver = options.ceres.solver_options
+    solver.num_threads = threads
+    solver.max_num_iterations = 50
+    solver.function_tolerance = 1e-6
+    config = pycolmap.BundleAdjustmentConfig()
+    for image in reconstruction.reg_image_ids():
+        config.add_image(image)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, config, reconstruction).solve()
 
 
 def _cut(reconstruction: Any, least: float) -> float:

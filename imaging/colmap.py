@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import pycolmap
+import pycolmap as pycolmap
 
 from imaging.errors import InputError
 

@@ -1,0 +1,189 @@
+"""Falloff towards the corners, and cameras of unequal sensitivity, from points that several views see.
+
+A scene point is as bright in every view (away from gloss), so what differs between the views of its
+track is the lens and the camera: `ln E = ln L_point + ln gain_camera + ln V(r)`. Points are eliminated by
+taking each track's mean away; what is left is a small robust least-squares problem (Goldman, "Vignette
+and exposure calibration and compensation", 2010, gives the model).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.records import Rung
+
+Array = npt.NDArray[np.float64]
+Coefficients = tuple[float, float, float]
+
+FEWEST_TRACKS = 100
+ROUNDS = 8
+HUBER = 1.5
+"""Residuals beyond this many standard deviations count linearly: gloss, occlusion, wrong matches."""
+FOLDS = 5
+DARKEST = 0.2
+"""No lens loses more than this leaves."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Brightness of scene points in the views that see them; rows are observations.
+
+    point: int [N], which scene point; camera: int [N]; radius: float64 [N], 1 at the corner of the
+    image; brightness: float64 [N], natural log of merged luminance.
+    """
+
+    point: npt.NDArray[np.int64]
+    camera: npt.NDArray[np.int64]
+    radius: Array
+    brightness: Array
+
+    def part(self, keep: npt.NDArray[np.bool_]) -> "Tracks":
+        """The observations that `keep` [N] names."""
+        return Tracks(self.point[keep], self.camera[keep], self.radius[keep], self.brightness[keep])
+
+
+@dataclass(frozen=True)
+class Falloff:
+    """What was found, by camera name."""
+
+    vignetting: dict[str, Coefficients]
+    gain: dict[str, float]
+    rungs: tuple[Rung, ...]
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """Which terms a fit has: a falloff for each group of cameras, a gain for each camera."""
+
+    lenses: tuple[int, ...]
+    """Group of each camera; empty: no falloff."""
+    gains: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    polynomials: Array
+    log_gain: Array
+    scale: float
+
+
+def estimate(tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str]) -> Falloff:
+    """Falloff and gains that held-out tracks ask for, and nothing else.
+
+    cameras: names, in the order of `Tracks.camera`; models: of each camera, by name. Cameras of one
+    model share a falloff unless their own predict held-out tracks better.
+    """
+    count = len(cameras)
+    none = _Shape((), gains=False)
+    nothing = Falloff(dict.fromkeys(cameras, (0.0, 0.0, 0.0)), dict.fromkeys(cameras, 1.0), ())
+    _, tracks_of = np.unique(tracks.point, return_inverse=True)
+    if len(np.unique(tracks_of)) < FEWEST_TRACKS:
+        reason = f"fewer than {FEWEST_TRACKS} scene points are seen well in several views"
+        return Falloff(
+            nothing.vignetting, nothing.gain, (Rung(name="vignetting", taken=False, reason=reason),)
+        )
+    groups = {model: index for index, model in enumerate(dict.fromkeys(models[name] for name in cameras))}
+    shared = tuple(groups[models[name]] for name in cameras)
+    shape, rungs = none, []
+
+    def climb(name: str, taller: _Shape, what: str) -> None:
+        nonlocal shape
+        gain, error = _gain(tracks, shape, taller, count)
+        rung = Rung.judged(name, gain, error, "robust whitened loss per held-out track", what)
+        rungs.append(rung)
+        if rung.taken:
+            shape = taller
+
+    climb("vignetting", _Shape(shared, shape.gains), "one falloff for each camera model")
+    if count > 1:
+        climb("camera_gain", _Shape(shape.lenses, gains=True), "a sensitivity for each camera")
+    if shape.lenses and count > len(groups):
+        climb("vignetting_each_camera", _Shape(tuple(range(count)), shape.gains), "a falloff for each camera")
+    found = _fit(tracks, shape, count)
+    vignetting = nothing.vignetting
+    if shape.lenses:
+        vignetting = {name: _row(found.polynomials[shape.lenses[i]]) for i, name in enumerate(cameras)}
+    gain = {name: float(np.exp(found.log_gain[i])) for i, name in enumerate(cameras)}
+    return Falloff(vignetting, gain, tuple(rungs))
+
+
+def _row(values: Array) -> Coefficients:
+    a, b, c = (float(value) for value in values)
+    return a, b, c
+
+
+def _gain(tracks: Tracks, low: _Shape, high: _Shape, cameras: int) -> tuple[float, float]:
+    """By how much `high` predicts held-out tracks better than `low`, and the standard error of that."""
+    _, own = np.unique(tracks.point, return_inverse=True)
+    fold = own % FOLDS
+    differences = []
+    for held in range(FOLDS):
+        rest, test = tracks.part(fold != held), tracks.part(fold == held)
+        fits = [_fit(rest, shape, cameras) for shape in (low, high)]
+        scale = fits[0].scale
+        losses = [_loss(test, fit, shape, scale) for fit, shape in zip(fits, (low, high), strict=True)]
+        differences.append(losses[0] - losses[1])
+    gains = np.concatenate(differences)
+    return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+
+
+def _loss(tracks: Tracks, fit: _Fit, shape: _Shape, scale: float) -> Array:
+    """Mean Huber loss of each track under a fit."""
+    residual = _residual(tracks, fit, shape)
+    _, own = np.unique(tracks.point, return_inverse=True)
+    whitened = np.abs(_demeaned(residual[:, None], np.ones(len(residual)), own)[:, 0]) / scale
+    loss = np.where(whitened < HUBER, 0.5 * whitened**2, HUBER * (whitened - 0.5 * HUBER))
+    return np.asarray(np.bincount(own, loss) / np.bincount(own))
+
+
+def _fit(tracks: Tracks, shape: _Shape, cameras: int) -> _Fit:
+    """Gauss-Newton on the polynomials, re-weighted by Huber's function."""
+    lenses = max(shape.lenses, default=-1) + 1
+    fit = _Fit(np.zeros((lenses, 3)), np.zeros(cameras), 1.0)
+    _, own = np.unique(tracks.point, return_inverse=True)
+    weight = np.ones(len(own))
+    powers = tracks.radius[:, None] ** np.array([2, 4, 6])
+    lens = np.array(shape.lenses or [0] * cameras)[tracks.camera]
+    for _ in range(ROUNDS):
+        residual = _demeaned(_residual(tracks, fit, shape)[:, None], weight, own)[:, 0]
+        scale = max(float(1.4826 * np.median(np.abs(residual))), 1e-6)
+        weight = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-12))
+        columns = []
+        if lenses:
+            slope = powers / _falloff(tracks, fit, shape)[:, None]
+            columns += [np.where((lens == g)[:, None], slope, 0.0) for g in range(lenses)]
+        if shape.gains:
+            columns.append((tracks.camera[:, None] == np.arange(cameras)).astype(np.float64))
+        if not columns:
+            return _Fit(fit.polynomials, fit.log_gain, scale)
+        design = _demeaned(np.concatenate(columns, axis=1), weight, own)
+        residual = _demeaned(_residual(tracks, fit, shape)[:, None], weight, own)[:, 0]
+        normal = design.T @ (design * weight[:, None])
+        # A trace of ridge settles the gauge of the gains and what the radii seen leave open.
+        normal += 1e-9 * max(float(np.trace(normal)), 1e-12) * np.eye(len(normal))
+        step = np.linalg.solve(normal, design.T @ (weight * residual))
+        polynomials = fit.polynomials + step[: 3 * lenses].reshape(lenses, 3)
+        log_gain = fit.log_gain + (step[3 * lenses :] if shape.gains else 0.0)
+        fit = _Fit(polynomials, log_gain - log_gain.mean(), scale)
+    return fit
+
+
+def _falloff(tracks: Tracks, fit: _Fit, shape: _Shape) -> Array:
+    if not shape.lenses:
+        return np.ones(len(tracks.radius))
+    own = fit.polynomials[np.array(shape.lenses)[tracks.camera]]
+    powers = tracks.radius[:, None] ** np.array([2, 4, 6])
+    return np.asarray(np.maximum(1.0 + (own * powers).sum(1), DARKEST))
+
+
+def _residual(tracks: Tracks, fit: _Fit, shape: _Shape) -> Array:
+    return np.asarray(tracks.brightness - np.log(_falloff(tracks, fit, shape)) - fit.log_gain[tracks.camera])
+
+
+def _demeaned(values: Array, weight: Array, own: npt.NDArray[np.int64]) -> Array:
+    """Values [N, C] less the weighted mean of their track."""
+    total = np.bincount(own, weight)
+    means = np.stack([np.bincount(own, weight * column) / total for column in values.T], axis=1)
+    return np.asarray(values - means[own])
