@@ -13,7 +13,7 @@ from rig.words import counted, number
 if TYPE_CHECKING:
     from imaging.calibration import CalibrationRecord
 
-Part = Literal["sensor", "response", "colour", "poses"]
+Part = Literal["response", "poses"]
 
 
 def calibrate(

@@ -1,0 +1,82 @@
+"""How bright each scene point is in each view that sees it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from calib.features import Key
+from calib.sfm import Model
+from calib.vignetting import Tracks
+from imaging.calibration import Lens
+from imaging.cfa import demosaic
+from imaging.merge import Merged
+
+Array = npt.NDArray[np.float64]
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Of linear Rec.709."""
+LEAST_SNR = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Smoothed luminance of a view [h, w], at a fraction of its pixels, and where it can be trusted."""
+
+    luminance: npt.NDArray[np.float32]
+    trusted: npt.NDArray[np.bool_]
+
+
+def light(merged: Merged, camera_from_rec709: Array | None) -> Light:
+    """Luminance of merged radiance; each value is a mean over some pixels, since a corner point lies on
+    an edge, where a single pixel says more about its place than about its brightness."""
+    if merged.radiance.ndim == 2:
+        assert merged.cfa is not None
+        rgb, each = demosaic(np.nan_to_num(merged.radiance), merged.cfa, merged.valid)
+        known = np.asarray(each.all(axis=-1))
+        window = 5
+    else:
+        rgb, known = np.nan_to_num(merged.radiance), np.asarray(merged.valid.all(axis=-1))
+        window = max(5, merged.radiance.shape[1] // 300)
+    if camera_from_rec709 is not None:
+        rgb = rgb @ np.linalg.inv(camera_from_rec709).T.astype(np.float32)
+    luminance = ndimage.uniform_filter((rgb @ LUMINANCE).astype(np.float32), window)
+    trusted = ndimage.minimum_filter(known, window) & (luminance > 0)
+    if merged.sigma is not None:
+        sigma = merged.sigma if merged.sigma.ndim == 2 else merged.sigma.mean(-1)
+        noise = ndimage.uniform_filter(np.nan_to_num(sigma, posinf=1e30), window) / window
+        trusted &= luminance > LEAST_SNR * noise
+    return Light(luminance, np.asarray(trusted))
+
+
+def brightness(model: Model, views: Mapping[Key, Light], cameras: Sequence[str]) -> Tracks:
+    """Observations of all scene points that two views or more see well, in order of points and views."""
+    rows: list[tuple[int, int, float, float]] = []
+    names = {index: model.reconstruction.image(index).name for index in model.reconstruction.reg_image_ids()}
+    for number, key in enumerate(sorted(model.reconstruction.points3D)):
+        for element in sorted(
+            model.reconstruction.points3D[key].track.elements, key=lambda one: one.image_id
+        ):
+            camera, file = names[element.image_id].split("/")
+            view = views[camera, int(file.removesuffix(".png"))]
+            x, y = np.ravel(model.reconstruction.image(element.image_id).point2D(element.point2D_idx).xy)
+            lens = model.lenses[camera]
+            height, width = view.luminance.shape
+            column = min(int(x * width / lens.width), width - 1)
+            row = min(int(y * height / lens.height), height - 1)
+            if view.trusted[row, column]:
+                value = float(np.log(view.luminance[row, column]))
+                rows.append((number, cameras.index(camera), _radius(x, y, lens), value))
+    table = np.array(rows, np.float64).reshape(-1, 4)
+    point = table[:, 0].astype(np.int64)
+    seen = np.bincount(point, minlength=1)[point] >= 2
+    tracks = Tracks(point, table[:, 1].astype(np.int64), table[:, 2], table[:, 3])
+    return tracks.part(seen)
+
+
+def _radius(x: float, y: float, lens: Lens) -> float:
+    """Distance from the centre of the image, 1 at its corner."""
+    return float(
+        np.hypot(x - lens.width / 2, y - lens.height / 2) / np.hypot(lens.width / 2, lens.height / 2)
+    )
