@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from recon.splat.tables import Array
 
+_LINE = 64
 _free: list["Buffers"] = []
 
 
@@ -27,8 +28,9 @@ class Buffers:
         need = math.prod(sizes) * kind.itemsize
         held = self._bytes.get(name)
         if held is None or len(held) < need:
-            # A quarter more, so that a slowly growing scene does not ask every time.
-            held = np.empty(need + need // 4 + 64, np.uint8)
+            # A quarter more, so that a slowly growing scene does not ask every time; from a cache line on.
+            whole = np.empty(need + need // 4 + _LINE, np.uint8)
+            held = whole[-whole.ctypes.data % _LINE :]
             self._bytes[name] = held
         return held[:need].view(kind).reshape(sizes)
 

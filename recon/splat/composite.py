@@ -27,6 +27,7 @@ from recon.lanes import (
     splat,
     store,
 )
+from recon.splat.tables import PAINT
 from recon.splat.tiles import ID_BITS, TILE
 from recon.threads import take_number
 
@@ -69,11 +70,11 @@ def gather(lists, projected, begin, end, tile_x, tile_y, bits, rows):
         rows[at + 2] = shape[i, 2]
         rows[at + 3] = shape[i, 3]
         rows[at + 4] = shape[i, 4]
-        rows[at + 5] = paint[i, 4]
-        rows[at + 6] = paint[i, 3]
-        rows[at + 7] = paint[i, 0]
-        rows[at + 8] = paint[i, 1]
-        rows[at + 9] = paint[i, 2]
+        rows[at + 5] = paint[i, PAINT]
+        rows[at + 6] = paint[i, PAINT + 1]
+        rows[at + 7] = paint[i, PAINT + 2]
+        rows[at + 8] = paint[i, PAINT + 3]
+        rows[at + 9] = paint[i, PAINT + 4]
 
 
 @kernel

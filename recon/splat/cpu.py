@@ -102,15 +102,16 @@ class _Tables:
         n, width, height = len(arrays[0]), call.camera.width, call.camera.height
         across, down = -(-width // tiles.TILE), -(-height // tiles.TILE)
         self.parameters = parameters(call.camera, call.limits)
+        shape = get("shape", (n, 8), np.float64)
         self.projected = Projected(
-            shape=get("shape", (n, 8), np.float64),
-            paint=get("paint", (n, 8), np.float32),
+            shape=shape,
+            paint=shape.view(np.float32),
             box=get("box", (n, 4), np.int32),
             depth=get("depth", n, np.float32),
             radius=get("radius", n, np.float32),
             state=get("state", n, np.uint8),
         )
-        share(project, 0.1 * n, *arrays[:5], self.parameters, width, height, self.projected)
+        share(project, 0.1 * n, *arrays[:5], self.parameters, self.projected)
         state = self.projected.state
         order = tiles.depth_order(self.projected.depth.view(np.uint32), state)
         start = get("start", n + 1, np.int64)
@@ -167,7 +168,7 @@ class _Tables:
             self.kept, self.chunks, image, left, slots,
         )  # fmt: skip
         share(
-            project_backward, 0.1 * n, *arrays[:4], self.parameters, self.projected, self.entries,
+            project_backward, 0.1 * n, *arrays[:5], self.parameters, self.projected, self.entries,
             self.lists.across, slots, *(gradient.numpy() for gradient in found), screen, weight,
         )  # fmt: skip
         if self.call.stats is not None:

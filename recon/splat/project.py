@@ -1,8 +1,8 @@
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 """From a Gaussian in the world to an ellipse in the image: the forward half of EWA splatting.
 
-Computed in float64, a Gaussian at a time: it is a small part of the work, and positions in pixels and
-the covariances of needles need more digits than float32 has.
+Computed in float64, eight Gaussians at a time: positions in pixels and the covariances of needles need
+more digits than float32 has. The functions here work on lanes; `k` is the vector of `parameters`.
 """
 
 import math
@@ -10,9 +10,26 @@ import math
 import numpy as np
 
 from recon.jit import kernel
+from recon.lanes import (
+    WIDTH_64,
+    above,
+    at_least,
+    both,
+    ceiling,
+    choose,
+    floor,
+    load,
+    maximum,
+    minimum,
+    minus,
+    root,
+    splat,
+    split_exponent,
+    store,
+)
 from recon.splat.camera import Floats, SplatCamera
 from recon.splat.limits import ALPHA_FLOOR, QUAT_LEAST, Limits
-from recon.splat.tables import BAD, DRAWN, SKIPPED
+from recon.splat.tables import DRAWN, PAINT
 from recon.splat.tiles import TASK
 from recon.threads import take_number
 
@@ -21,14 +38,19 @@ LENS = 12
 BOUNDS = 20
 """Index of u_min u_max v_min v_max, the clamp of the Jacobian, then the squared monotone radius."""
 LIMITS = 25
-"""Index of near, blur, alpha_max, alpha_min, tau * luminance_reference (or inf), max_sigma^2."""
+"""Index of near, blur, alpha_max, alpha_min, tau * luminance_reference (or inf), max_sigma^2, and of the
+width and the height of the image."""
 
 FOLD = math.sqrt(0.5 / math.log(2.0))
 """Whitened coordinates times this: exp(-(x^2 + y^2) / 2) = 2^-((FOLD x)^2 + (FOLD y)^2)."""
+INPUTS = 14
+"""Numbers of a Gaussian: mean 3, quaternion 4, scale 3, opacity, colour 3."""
+_OUTPUTS = 14
+_LOG = 2.0 / math.log(2.0)
 
 
 def parameters(camera: SplatCamera, limits: Limits) -> Floats:
-    """All that the projection needs to know of camera and limits, as float64 [31]."""
+    """All that the projection needs to know of camera and limits, as float64 [33]."""
     motion = np.asarray(camera.cam_from_world, np.float64)
     reference = limits.luminance_reference
     return np.array(
@@ -41,7 +63,32 @@ def parameters(camera: SplatCamera, limits: Limits) -> Floats:
             *(limits.near, limits.blur, limits.alpha_max, limits.alpha_min),
             math.inf if reference is None else limits.tau * reference,
             limits.max_sigma**2,
+            *(camera.width, camera.height),
         ]
+    )
+
+
+@kernel
+def read_eight(means, quats, scales, opacities, colours, ids, values):
+    """Gaussians ids int64 [8] as float64 [INPUTS * 8], number by number, so that lanes can load them."""
+    for j in range(WIDTH_64):
+        i = ids[j]
+        for a in range(3):
+            values[a * 8 + j] = means[i, a]
+            values[(7 + a) * 8 + j] = scales[i, a]
+            values[(11 + a) * 8 + j] = colours[i, a]
+        for a in range(4):
+            values[(3 + a) * 8 + j] = quats[i, a]
+        values[80 + j] = opacities[i]
+
+
+@kernel
+def to_camera(x, y, z, k):
+    """World to camera coordinates."""
+    return (
+        k[0] * x + k[1] * y + k[2] * z + k[9],
+        k[3] * x + k[4] * y + k[5] * z + k[10],
+        k[6] * x + k[7] * y + k[8] * z + k[11],
     )
 
 
@@ -49,53 +96,53 @@ def parameters(camera: SplatCamera, limits: Limits) -> Floats:
 def distort(u, v, k):
     """Distorted tangents and their derivatives: x, y, dx/du, dx/dv = dy/du, dy/dv."""
     k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
-    r2 = u * u + v * v
+    uu, vv, uv = u * u, v * v, u * v
+    r2 = uu + vv
     radial = 1.0 + r2 * (k1 + r2 * k2)
-    slope = 2.0 * k1 + 4.0 * k2 * r2
-    x = u * radial + 2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u)
-    y = v * radial + p1 * (r2 + 2.0 * v * v) + 2.0 * p2 * u * v
-    xu = radial + slope * u * u + 2.0 * p1 * v + 6.0 * p2 * u
-    yv = radial + slope * v * v + 6.0 * p1 * v + 2.0 * p2 * u
-    xv = slope * u * v + 2.0 * p1 * u + 2.0 * p2 * v
+    slope = 2.0 * k1 + (4.0 * k2) * r2
+    x = u * radial + (2.0 * p1) * uv + p2 * (r2 + 2.0 * uu)
+    y = v * radial + p1 * (r2 + 2.0 * vv) + (2.0 * p2) * uv
+    xu = radial + slope * uu + (2.0 * p1) * v + (6.0 * p2) * u
+    yv = radial + slope * vv + (6.0 * p1) * v + (2.0 * p2) * u
+    xv = slope * uv + (2.0 * p1) * u + (2.0 * p2) * v
     return x, y, xu, xv, yv
 
 
 @kernel
-def rotation(qw, qx, qy, qz):
-    """Rotation matrix of a quaternion, row-major, and the unit quaternion with the norm it had."""
-    largest = max(max(abs(qw), abs(qx)), max(abs(qy), abs(qz)))
-    w, x, y, z = qw / largest, qx / largest, qy / largest, qz / largest
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    w, x, y, z = w / norm, x / norm, y / norm, z / norm
-    matrix = (
-        1.0 - 2.0 * (y * y + z * z),
-        2.0 * (x * y - w * z),
-        2.0 * (x * z + w * y),
-        2.0 * (x * y + w * z),
-        1.0 - 2.0 * (x * x + z * z),
-        2.0 * (y * z - w * x),
-        2.0 * (x * z - w * y),
-        2.0 * (y * z + w * x),
-        1.0 - 2.0 * (x * x + y * y),
+def rotation(w, x, y, z):
+    """Rotation matrix, row-major, of a quaternion of any length."""
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    xx, yy, zz = s * x * x, s * y * y, s * z * z
+    xy, xz, yz = s * x * y, s * x * z, s * y * z
+    wx, wy, wz = s * w * x, s * w * y, s * w * z
+    return (
+        (1.0 - yy) - zz,
+        xy - wz,
+        xz + wy,
+        xy + wz,
+        (1.0 - xx) - zz,
+        yz - wx,
+        xz - wy,
+        yz + wx,
+        (1.0 - xx) - yy,
     )
-    return matrix, (w, x, y, z), norm * largest
 
 
 @kernel
 def screen_axes(x, y, z, k):
     """A = J W [2, 3]: how a small world offset moves the projection, at a camera point, px per unit.
 
-    Also the tangents u, v, the clamped ones, and the derivative E of the lens at the clamped ones.
+    Also the tangents u, v, the clamped ones, 1 / z, and the derivative E of the lens at the clamped ones.
     """
     inverse = 1.0 / z
     u, v = x * inverse, y * inverse
-    uc = min(max(u, k[BOUNDS]), k[BOUNDS + 1])
-    vc = min(max(v, k[BOUNDS + 2]), k[BOUNDS + 3])
+    uc = minimum(maximum(u, k[BOUNDS]), k[BOUNDS + 1])
+    vc = minimum(maximum(v, k[BOUNDS + 2]), k[BOUNDS + 3])
     _, _, xu, xv, yv = distort(uc, vc, k)
     fx, fy = k[LENS], k[LENS + 1]
     e00, e01, e10, e11 = fx * xu, fx * xv, fy * xv, fy * yv
-    j00, j01, j02 = inverse * e00, inverse * e01, -inverse * (e00 * uc + e01 * vc)
-    j10, j11, j12 = inverse * e10, inverse * e11, -inverse * (e10 * uc + e11 * vc)
+    j00, j01, j02 = inverse * e00, inverse * e01, minus(inverse * (e00 * uc + e01 * vc))
+    j10, j11, j12 = inverse * e10, inverse * e11, minus(inverse * (e10 * uc + e11 * vc))
     axes = (
         j00 * k[0] + j01 * k[3] + j02 * k[6],
         j00 * k[1] + j01 * k[4] + j02 * k[7],
@@ -104,7 +151,7 @@ def screen_axes(x, y, z, k):
         j10 * k[1] + j11 * k[4] + j12 * k[7],
         j10 * k[2] + j11 * k[5] + j12 * k[8],
     )
-    return axes, (u, v, uc, vc), (e00, e01, e10, e11)
+    return axes, (u, v, uc, vc, inverse), (e00, e01, e10, e11)
 
 
 @kernel
@@ -134,85 +181,118 @@ def covariance(m, blur):
 
 
 @kernel
-def _finite(value):
-    return abs(value) < math.inf
+def _log2(x):
+    """log2 to 1e-12, by the series of artanh, for positive normal numbers."""
+    m, e = split_exponent(x)
+    z = (m - 1.0) / (m + 1.0)
+    s = z * z
+    series = 1.0 / 9 + s * (1.0 / 11 + s * (1.0 / 13))
+    return e + _LOG * z * (1.0 + s * (1.0 / 3 + s * (1.0 / 5 + s * (1.0 / 7 + s * series))))
 
 
 @kernel
-def _project_one(mean, quat, scale, opacity, colour, k, shape, paint, box):
-    """Fill a Gaussian's rows of Projected; returns (state, depth, radius)."""
-    good = _finite(opacity) and opacity >= 0.0
-    for i in range(3):
-        good = good and _finite(mean[i]) and _finite(scale[i]) and scale[i] > 0.0 and _finite(colour[i])
-    turned = False
-    for i in range(4):
-        good = good and _finite(quat[i])
-        turned = turned or abs(quat[i]) >= QUAT_LEAST
-    if not (good and turned):
-        return BAD, 0.0, 0.0
+def _sound(values):
+    """Mask: all numbers finite, scales positive, opacity not negative, quaternion with a direction."""
+    nothing = splat(0.0)
+    for a in range(INPUTS):
+        nothing = nothing + load(values, a * 8) * 0.0
+    smallest = minimum(minimum(load(values, 56), load(values, 64)), load(values, 72))
+    turned = splat(0.0)
+    for a in range(3, 7):
+        q = load(values, a * 8)
+        turned = maximum(turned, maximum(q, minus(q)))
+    shaped = both(above(smallest, 0.0), at_least(turned, QUAT_LEAST))
+    # Zero times a number that is not finite is NaN, which is not at least zero.
+    return both(both(at_least(nothing, 0.0), at_least(load(values, 80), 0.0)), shaped)
 
-    wx, wy, wz = np.float64(mean[0]), np.float64(mean[1]), np.float64(mean[2])
-    x = k[0] * wx + k[1] * wy + k[2] * wz + k[9]
-    y = k[3] * wx + k[4] * wy + k[5] * wz + k[10]
-    z = k[6] * wx + k[7] * wy + k[8] * wz + k[11]
-    if not z >= k[LIMITS]:
-        return SKIPPED, 0.0, 0.0
+
+@kernel
+def _opacity_and_reach(values, k):
+    """Clamped opacity, and log2 of how far above its floor it is."""
+    brightest = maximum(maximum(load(values, 88), load(values, 96)), load(values, 104))
+    ceiling_ = choose(above(brightest, 0.0), k[LIMITS + 4] / brightest, k[LIMITS + 3])
+    lowest = maximum(minimum(ceiling_, k[LIMITS + 3]), ALPHA_FLOOR)
+    o = minimum(load(values, 80), k[LIMITS + 2])
+    seen = at_least(o, lowest)
+    return seen, o, maximum(_log2(choose(seen, o / lowest, splat(1.0))), 0.0)
+
+
+@kernel
+def _project_eight(values, k, out):
+    """Fill out float64 [_OUTPUTS * 8] with, eight at a time: state, camera z, three-sigma radius, the five
+    numbers of Projected.shape, the reach, the opacity, the four of Projected.box.
+    """
+    sound = _sound(values)
+    x, y, z = to_camera(load(values, 0), load(values, 8), load(values, 16), k)
     axes, tangents, _ = screen_axes(x, y, z, k)
     u, v = tangents[0], tangents[1]
-    if not u * u + v * v < k[BOUNDS + 4]:
-        return SKIPPED, 0.0, 0.0
-    matrix, _, _ = rotation(
-        np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
-    )
-    m = root_covariance(axes, matrix, np.float64(scale[0]), np.float64(scale[1]), np.float64(scale[2]))
+    ahead = both(at_least(z, k[LIMITS]), above(k[BOUNDS + 4], u * u + v * v))
+    r = rotation(load(values, 24), load(values, 32), load(values, 40), load(values, 48))
+    m = root_covariance(axes, r, load(values, 56), load(values, 64), load(values, 72))
     a, b, c, determinant = covariance(m, k[LIMITS + 1])
-    if not (max(a, c) <= k[LIMITS + 5] and determinant < math.inf):
-        return BAD, 0.0, 0.0
-
-    brightest = max(max(np.float64(colour[0]), np.float64(colour[1])), np.float64(colour[2]))
-    floor = k[LIMITS + 3]
-    if brightest > 0.0:
-        floor = min(floor, k[LIMITS + 4] / brightest)
-    floor = max(floor, ALPHA_FLOOR)
-    o = min(np.float64(opacity), k[LIMITS + 2])
-    if not o >= floor:
-        return SKIPPED, 0.0, 0.0
-    reach = math.log2(o / floor)
+    sane = both(at_least(k[LIMITS + 5], maximum(a, c)), above(math.inf, determinant))
+    seen, o, reach = _opacity_and_reach(values, k)
 
     # q = (m11 dx)^2 + (m21 dx + m22 dy)^2 with the factor FOLD^2; the ellipse is q <= reach.
-    m11 = FOLD / math.sqrt(a)
-    m22 = FOLD * math.sqrt(a / determinant)
-    m21 = -FOLD * b / math.sqrt(a * determinant)
+    deviation, across = root(a), root(reach)
+    m11 = FOLD / deviation
+    m22 = FOLD * root(a / determinant)
+    m21 = minus(m22 * b / a)
     dx, dy, _, _, _ = distort(u, v, k)
     px, py = k[LENS] * dx + k[LENS + 2], k[LENS + 1] * dy + k[LENS + 3]
-    rx = math.sqrt(reach * a) / FOLD
-    ry = math.sqrt(reach * c) / FOLD
-    width, height = box[2], box[3]
-    first_x = math.ceil(max(px - rx - 0.5, 0.0))
-    last_x = math.floor(min(px + rx - 0.5, width - 1.0))
-    first_y = math.ceil(max(py - ry - 0.5, 0.0))
-    last_y = math.floor(min(py + ry - 0.5, height - 1.0))
-    if not (first_x <= last_x and first_y <= last_y):
-        return SKIPPED, 0.0, 0.0
-    box[0], box[1], box[2], box[3] = first_x, last_x, first_y, last_y
-    shape[0], shape[1], shape[2], shape[3], shape[4], shape[5] = px, py, m11, m21, m22, reach
-    paint[0], paint[1], paint[2] = colour[0], colour[1], colour[2]
-    paint[3], paint[4] = o, -reach
-    middle = 0.5 * (a + c)
-    spread = math.sqrt(max(0.25 * (a - c) * (a - c) + b * b, 0.0))
-    return DRAWN, z, 3.0 * math.sqrt(middle + spread)
+    rx, ry = across * deviation * (1.0 / FOLD), across * root(c) * (1.0 / FOLD)
+    first_x = ceiling(maximum(px - rx - 0.5, 0.0))
+    last_x = floor(minimum(px + rx - 0.5, k[LIMITS + 6] - 1.0))
+    first_y = ceiling(maximum(py - ry - 0.5, 0.0))
+    last_y = floor(minimum(py + ry - 0.5, k[LIMITS + 7] - 1.0))
+    seen = both(seen, both(at_least(last_x, first_x), at_least(last_y, first_y)))
+    half = 0.5 * (a - c)
+    radius = 3.0 * root(0.5 * (a + c) + root(half * half + b * b))
+
+    state = choose(sane, choose(seen, splat(1.0), 0.0), splat(2.0))
+    state = choose(sound, choose(ahead, state, 0.0), splat(2.0))
+    store(out, 0, state)
+    store(out, 8, z)
+    store(out, 16, radius)
+    store(out, 24, px)
+    store(out, 32, py)
+    store(out, 40, m11)
+    store(out, 48, m21)
+    store(out, 56, m22)
+    store(out, 64, reach)
+    store(out, 72, o)
+    store(out, 80, first_x)
+    store(out, 88, last_x)
+    store(out, 96, first_y)
+    store(out, 104, last_y)
 
 
 @kernel
-def project(counter, means, quats, scales, opacities, colours, k, width, height, out):
-    """Project N Gaussians; float32 inputs as in `rasterize`, k from `parameters`, out: Projected."""
+def project(counter, means, quats, scales, opacities, colours, k, out):
+    """Project N Gaussians; float32 inputs as in `rasterize`, out: Projected."""
     n = len(means)
+    ids = np.empty(8, np.int64)
+    values, found = np.empty(INPUTS * 8), np.empty(_OUTPUTS * 8)
     task = take_number(counter)
     while task * TASK < n:
-        for i in range(task * TASK, min((task + 1) * TASK, n)):
-            out.box[i, 2], out.box[i, 3] = width, height
-            out.state[i], out.depth[i], out.radius[i] = _project_one(
-                means[i], quats[i], scales[i], opacities[i], colours[i], k,
-                out.shape[i], out.paint[i], out.box[i],
-            )  # fmt: skip
+        stop = min((task + 1) * TASK, n)
+        for first in range(task * TASK, stop, 8):
+            for j in range(8):
+                ids[j] = min(first + j, stop - 1)
+            read_eight(means, quats, scales, opacities, colours, ids, values)
+            _project_eight(values, k, found)
+            for j in range(min(8, stop - first)):
+                i = first + j
+                state = np.uint8(found[j])
+                out.state[i] = state
+                if state == DRAWN:
+                    out.depth[i] = found[8 + j]
+                    out.radius[i] = found[16 + j]
+                    for a in range(5):
+                        out.shape[i, a] = found[24 + 8 * a + j]
+                    out.paint[i, PAINT], out.paint[i, PAINT + 1] = -found[64 + j], found[72 + j]
+                    for a in range(3):
+                        out.paint[i, PAINT + 2 + a] = colours[i, a]
+                    for a in range(4):
+                        out.box[i, a] = int(found[80 + 8 * a + j])
         task = take_number(counter)

@@ -12,10 +12,11 @@ class Projected(NamedTuple):
     """What `project` finds out about each of N Gaussians."""
 
     shape: Array
-    """float64 [N, 8]: pixel mean x, y; m11, m21, m22, reach: with (dx, dy) the offset from the mean,
-    alpha = opacity 2^-q, q = (m11 dx)^2 + (m21 dx + m22 dy)^2, drawn where q <= reach; two spare."""
+    """float64 [N, 8]: pixel mean x, y; m11, m21, m22; the last three are `paint`. With (dx, dy) the offset
+    from the mean, alpha = opacity 2^-q, q = (m11 dx)^2 + (m21 dx + m22 dy)^2, drawn where q <= reach."""
     paint: Array
-    """float32 [N, 8]: red, green, blue, opacity, -reach; three spare."""
+    """float32 [N, 16], the same memory (a Gaussian is one cache line): from column PAINT on -reach,
+    opacity, red, green, blue."""
     box: Array
     """int32 [N, 4]: first and last column, first and last row of pixels that the ellipse may touch."""
     depth: Array
@@ -55,6 +56,8 @@ class Lists(NamedTuple):
     chunk_start: Array
     """int64 [tiles]: where a tile's chunks begin, all tiles counted."""
 
+
+PAINT = 10
 
 SKIPPED, DRAWN, BAD = np.uint8(0), np.uint8(1), np.uint8(2)
 """Not in the image (or too faint); drawn; not finite or degenerate."""

@@ -10,7 +10,20 @@ import math
 import numpy as np
 
 from recon.jit import kernel
-from recon.splat.tables import DRAWN
+from recon.lanes import (
+    at_least,
+    both,
+    ceiling,
+    choose,
+    floor,
+    lane_number,
+    maximum,
+    minimum,
+    root,
+    splat,
+    store,
+)
+from recon.splat.tables import DRAWN, PAINT
 from recon.threads import take_number
 
 TILE = 16
@@ -19,7 +32,7 @@ ID_BITS = 28
 MAX_GAUSSIANS = 1 << ID_BITS
 TASK = 1024
 """Gaussians that a thread takes at a time."""
-_SLACK = 1e-9
+_SLACK = 1e-6
 """The ellipse is widened by this fraction, so that rounding never drops a pixel that it touches."""
 
 
@@ -61,62 +74,61 @@ def depth_order(bits, state):
 
 
 @kernel
-def _rows(low_x, high_x, m11, m21, m22, reach):
-    """(lowest, highest) dy of the ellipse over dx in [low_x, high_x]; (1, 0) where there is none.
+def _column_blocks(column, edges, first_row, last_row, out):
+    """First and last row of blocks that an ellipse reaches, in eight columns of blocks from `column` on.
 
-    The upper edge is dy(dx) = (-m21 dx + sqrt(reach - (m11 dx)^2)) / m22, concave, so its largest value
-    on an interval is at the interval's point nearest to the top of the ellipse; the lower edge mirrors it.
+    out float64 [16]: the eight first, then the eight last; first above last where there is none.
+    The ellipse is cut to pixel centres: a column is an interval of dx from its first to its last pixel.
+    The upper edge is dy(dx) = slope dx + sqrt(reach - (m11 dx)^2) / m22, concave, so its largest value on
+    an interval is at the interval's point nearest to the top of the ellipse; the lower edge mirrors it.
     """
+    px, py, m11, inverse, slope, reach, half, top = edges
+    left = lane_number() * 8.0 + (8.0 * column + 0.5 - px)
+    low_x, high_x = maximum(left, -half), minimum(left + 7.0, half)
+    x = minimum(maximum(splat(top), low_x), high_x)
+    y = root(maximum(reach - (x * m11) * (x * m11), 0.0)) * inverse + x * slope
+    last = floor(minimum(y + (py - 0.5), last_row))
+    x = minimum(maximum(splat(-top), low_x), high_x)
+    y = x * slope - root(maximum(reach - (x * m11) * (x * m11), 0.0)) * inverse
+    first = ceiling(maximum(y + (py - 0.5), first_row))
+    reached = both(at_least(high_x, low_x), at_least(last, first))
+    store(out, 0, choose(reached, floor(first * 0.125), 1e9))
+    store(out, 8, choose(reached, floor(last * 0.125), -1.0))
+
+
+@kernel
+def _emit_one(shape, paint, box, i, across, tile, bits, begin, blocks):
+    """Write the tiles and block bits of Gaussian i from index `begin` on; returns how many.
+
+    blocks float64 [16]: scratch. One element more than the result may be written to tile and bits.
+    """
+    px, py, m11, m21, m22 = shape[i, 0], shape[i, 1], shape[i, 2], shape[i, 3], shape[i, 4]
+    reach = _SLACK - (1.0 + _SLACK) * paint[i, PAINT]
     half = math.sqrt(reach) / m11
-    low_x, high_x = max(low_x, -half), min(high_x, half)
-    if low_x > high_x:
-        return 1.0, 0.0
     top = -half * m21 / math.sqrt(m11 * m11 + m21 * m21)
-    x = min(max(top, low_x), high_x)
-    high = (-m21 * x + math.sqrt(max(reach - (m11 * x) * (m11 * x), 0.0))) / m22
-    x = min(max(-top, low_x), high_x)
-    low = (-m21 * x - math.sqrt(max(reach - (m11 * x) * (m11 * x), 0.0))) / m22
-    return low, high
-
-
-@kernel
-def _block_rows(column, px, py, m11, m21, m22, reach, first_row, last_row):
-    """First and last row of blocks that the ellipse reaches in a column of blocks; (1, 0) for none."""
-    left = 8 * column + 0.5 - px
-    low, high = _rows(left, left + 7.0, m11, m21, m22, reach)
-    if low > high:
-        return 1, 0
-    first = math.ceil(max(py + low - 0.5, float(first_row)))
-    last = math.floor(min(py + high - 0.5, float(last_row)))
-    if first > last:
-        return 1, 0
-    return int(first) >> 3, int(last) >> 3
-
-
-@kernel
-def _emit_one(shape, box, tiles_x, tile, bits):
-    """Write the tiles and block bits of one Gaussian; returns how many."""
-    px, py, m11, m21, m22 = shape[0], shape[1], shape[2], shape[3], shape[4]
-    reach = shape[5] * (1.0 + _SLACK) + _SLACK
-    n = 0
-    for tx in range(box[0] >> 4, (box[1] >> 4) + 1):
-        a0, a1 = _block_rows(2 * tx, px, py, m11, m21, m22, reach, box[2], box[3])
-        b0, b1 = _block_rows(2 * tx + 1, px, py, m11, m21, m22, reach, box[2], box[3])
-        if a0 > a1 and b0 > b1:
-            continue
-        first = min(a0, b0) if a0 <= a1 and b0 <= b1 else (a0 if a0 <= a1 else b0)
-        last = max(a1, b1) if a0 <= a1 and b0 <= b1 else (a1 if a0 <= a1 else b1)
-        for ty in range(first >> 1, (last >> 1) + 1):
-            upper, lower = 2 * ty, 2 * ty + 1
-            mask = (a0 <= upper) & (upper <= a1)
-            mask += 2 * ((b0 <= upper) & (upper <= b1))
-            mask += 4 * ((a0 <= lower) & (lower <= a1))
-            mask += 8 * ((b0 <= lower) & (lower <= b1))
-            if mask:
-                tile[n] = ty * tiles_x + tx
+    inverse = 1.0 / m22
+    edges = (px, py, m11, inverse, -m21 * inverse, reach, half, top)
+    first_row, last_row = np.float64(box[i, 2]), np.float64(box[i, 3])
+    first_tile, last_tile = box[i, 0] >> 4, box[i, 1] >> 4
+    n = begin
+    for start in range(first_tile, last_tile + 1, 4):
+        _column_blocks(np.float64(2 * start), edges, first_row, last_row, blocks)
+        for t in range(min(4, last_tile + 1 - start)):
+            a0, b0 = int(blocks[2 * t]), int(blocks[2 * t + 1])
+            a1, b1 = int(blocks[8 + 2 * t]), int(blocks[9 + 2 * t])
+            for row in range(min(a0, b0) >> 1, (max(a1, b1) >> 1) + 1):
+                upper, lower = 2 * row, 2 * row + 1
+                mask = (
+                    ((a0 <= upper) & (upper <= a1))
+                    + 2 * ((b0 <= upper) & (upper <= b1))
+                    + 4 * ((a0 <= lower) & (lower <= a1))
+                    + 8 * ((b0 <= lower) & (lower <= b1))
+                )
+                # Written in any case and kept if there is a block: cheaper than a branch.
+                tile[n] = row * across + start + t
                 bits[n] = mask
-                n += 1
-    return n
+                n += mask != 0
+    return n - begin
 
 
 @kernel
@@ -127,7 +139,7 @@ def capacities(box, state, start):
         start[i] = total
         if state[i] == DRAWN:
             across = (box[i, 1] >> 4) - (box[i, 0] >> 4) + 1
-            total += across * ((box[i, 3] >> 4) - (box[i, 2] >> 4) + 1)
+            total += across * ((box[i, 3] >> 4) - (box[i, 2] >> 4) + 1) + 1
     start[len(state)] = total
     return total
 
@@ -136,19 +148,16 @@ def capacities(box, state, start):
 def emit(counter, projected, across, entries):
     """Write the entries (tile, bits, count) of every Gaussian."""
     n = len(projected.state)
+    blocks = np.empty(16)
     task = take_number(counter)
     while task * TASK < n:
         for i in range(task * TASK, min((task + 1) * TASK, n)):
             entries.number[i] = 0
             if projected.state[i] == DRAWN:
-                here, end = entries.start[i], entries.start[i + 1]
                 entries.number[i] = _emit_one(
-                    projected.shape[i],
-                    projected.box[i],
-                    across,
-                    entries.tile[here:end],
-                    entries.bits[here:end],
-                )
+                    projected.shape, projected.paint, projected.box, i, across,
+                    entries.tile, entries.bits, entries.start[i], blocks,
+                )  # fmt: skip
         task = take_number(counter)
 
 

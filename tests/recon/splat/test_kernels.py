@@ -16,7 +16,7 @@ import torch
 import recon.threads as threads
 from recon import lanes
 from recon.jit import cache_folder, kernel
-from recon.splat import SplatCamera, rasterize, tiles
+from recon.splat import SplatCamera, rasterize, tables, tiles
 from recon.splat.composite import cover
 from recon.threads import share, take_number
 
@@ -119,9 +119,10 @@ def test_every_touched_pixel_is_listed_and_no_far_one() -> None:
         expected = padded.reshape(10, 8, 20, 8).any(axis=(1, 3))
         found = np.zeros((10, 20), bool)
         if box[0] <= box[1] and box[2] <= box[3]:
-            tile, bits = np.empty(100, np.int32), np.empty(100, np.uint8)
-            shape = np.array([*mean, m11, m21, m22, reach, 0, 0])
-            n = tiles._emit_one(shape, box, 10, tile, bits)
+            tile, bits = np.empty(101, np.int32), np.empty(101, np.uint8)
+            shape = np.array([[*mean, m11, m21, m22]])
+            paint = np.full((1, tables.PAINT + 1), -reach, np.float32)
+            n = tiles._emit_one(shape, paint, box[None], 0, 10, tile, bits, 0, np.empty(16))
             assert len(set(tile[:n])) == n
             for t, mask in zip(tile[:n], bits[:n], strict=True):
                 for block in range(4):
