@@ -1,0 +1,270 @@
+"""How fast the CPU rasteriser is, against the same algorithm in plain torch, in one run.
+
+    python bench/splat.py [--quick] [--json] [--write] [--threads N] [--seed 0]
+
+Times are wall-clock, the least of several runs (the machine may be shared); beside them the processor time
+of our process. --quick leaves out the scaling from 1,000 to 1,000,000 Gaussians. --write puts the tables
+into bench/results/splat.md and the first into README.md.
+"""
+
+import argparse
+import json
+import os
+import platform
+import resource
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import peers
+import torch
+from workloads import view, workload
+
+from imaging import store
+from recon import threads
+from recon.splat import Limits, Render, rasterize
+from recon.ssim import photometric_loss
+from recon.warm_up import warm_up
+
+HERE = Path(__file__).parent
+BEGIN, END = "<!-- bench:splat -->", "<!-- /bench -->"
+CUTS = {
+    "3DGS: alpha 1/255, T 1e-4": Limits.gsplat(),
+    "alpha 1/255, T 1e-8 (default)": Limits(),
+    "luminance-aware over 2^20": Limits.for_scene(2.0**-20, 1.0),
+    "alpha 1e-6, T 1e-8": Limits(alpha_min=1e-6),
+}
+
+
+def least(run: Callable[[], Any], seconds: float) -> tuple[float, float]:
+    """Least wall-clock and processor time of a call, ms, repeated for `seconds` and at least 3 times."""
+    wall, used, end, count = [], [], time.perf_counter() + seconds, 0
+    while count < 3 or time.perf_counter() < end:
+        count += 1
+        start, clock = time.perf_counter(), time.process_time()
+        run()
+        wall.append(time.perf_counter() - start)
+        used.append(time.process_time() - clock)
+    return 1e3 * min(wall), 1e3 * min(used)
+
+
+def ours(name: str, count: int, width: int, height: int, limits: Limits, seed: int, seconds: float) -> Any:
+    """Forward, and forward with backward, of one workload."""
+    tensors, camera = workload(name, count, seed), view(name, width, height)
+    pull = torch.randn(height, width, 3, generator=torch.Generator().manual_seed(seed))
+    found: list[Render] = []
+
+    def forward() -> None:
+        with torch.no_grad():
+            found[:] = [rasterize(*tensors, camera, limits=limits)]
+
+    def both() -> None:
+        for tensor in tensors:
+            tensor.grad = None
+        rasterize(*tensors, camera, limits=limits).image.backward(pull)
+
+    forward_ms, _ = least(forward, seconds / 2)
+    both_ms, used = least(both, seconds)
+    render = found[0]
+    return {
+        "workload": name,
+        "gaussians": count,
+        "size": f"{width}x{height}",
+        "visible": render.visible,
+        "pairs_per_pixel": round(render.pairs / (width * height), 1),
+        "forward_ms": round(forward_ms, 2),
+        "both_ms": round(both_ms, 2),
+        "both_processor_ms": round(used, 2),
+        "forward_pairs_per_s": round(render.pairs / forward_ms * 1e3 / 1e9, 2),
+        "backward_pairs_per_s": round(render.pairs / (both_ms - forward_ms) * 1e3 / 1e9, 2),
+    }
+
+
+def peer(count: int, width: int, height: int, seed: int, rounds: int) -> Any:
+    """The torch tile loop on the same workload, with the thread count that suits it better."""
+    tensors, camera = workload("object", count, seed), view("object", width, height)
+    pull = torch.randn(height, width, 3, generator=torch.Generator().manual_seed(seed))
+    lists = peers.tile_lists(tensors, camera)
+    image = rasterize(*tensors, camera, limits=Limits.gsplat()).image.detach()
+    best, difference, before = (float("inf"), 0.0, 0), 0.0, torch.get_num_threads()
+    for count_threads in sorted({1, before}):
+        torch.set_num_threads(count_threads)
+        for _ in range(rounds):
+            start = time.perf_counter()
+            theirs = peers.torch_tiles(tensors, camera, lists)
+            middle = time.perf_counter()
+            theirs.backward(pull)
+            end = time.perf_counter()
+            best = min(best, (1e3 * (end - start), 1e3 * (middle - start), count_threads))
+            difference = float((theirs.detach() - image).abs().mean())
+    torch.set_num_threads(before)
+    both, forward, used = best
+    return {
+        "forward_ms": round(forward, 1),
+        "both_ms": round(both, 1),
+        "torch_threads": used,
+        "mean_difference": difference,
+    }
+
+
+def step(count: int, width: int, height: int, seed: int, seconds: float) -> Any:
+    """Milliseconds of each part of a whole training step: render, L1 + SSIM, backward, Adam."""
+    tensors, camera = workload("object", count, seed), view("object", width, height)
+    target = torch.rand(3, height, width, generator=torch.Generator().manual_seed(seed))
+    optimizer = torch.optim.Adam([{"params": [tensor]} for tensor in tensors], lr=0.0, fused=True)
+    marks: list[list[float]] = []
+
+    def run() -> None:
+        times = [time.perf_counter()]
+        image = rasterize(*tensors, camera, limits=Limits.gsplat()).image
+        times.append(time.perf_counter())
+        loss = photometric_loss(image.permute(2, 0, 1), target, 0.2)
+        times.append(time.perf_counter())
+        loss.backward()
+        times.append(time.perf_counter())
+        optimizer.step()
+        optimizer.zero_grad()
+        times.append(time.perf_counter())
+        marks.append(np.diff(times).tolist())
+
+    total, _ = least(run, seconds)
+    parts = dict(zip(("render", "loss", "backward", "adam"), np.min(marks, axis=0) * 1e3, strict=True))
+    return {"total_ms": round(total, 2), **{name: round(float(ms), 2) for name, ms in parts.items()}}
+
+
+def machine() -> dict[str, Any]:
+    """What ran, and how busy it was."""
+    names = [line.split(":")[1].strip() for line in _lines("/proc/cpuinfo") if line.startswith("model name")]
+    return {
+        "processor": names[0] if names else platform.processor(),
+        "threads": threads.thread_count(),
+        "load_at_start": round(os.getloadavg()[0], 1),
+        "python": platform.python_version(),
+        **{name: version(name) for name in ("torch", "numba", "numpy")},
+    }
+
+
+def _lines(path: str) -> list[str]:
+    try:
+        return Path(path).read_text().splitlines()
+    except OSError:
+        return []
+
+
+def measure(quick: bool, seed: int) -> dict[str, Any]:
+    seconds = 1.0 if quick else 4.0
+    result: dict[str, Any] = {"machine": machine(), "seed": seed, "quick": quick}
+    kept = time.perf_counter()
+    warm_up(lambda message, done, total: None)
+    result["warm_up_s"] = round(time.perf_counter() - kept, 2)
+    gsplat = Limits.gsplat()
+    sizes = [(10_000, 320, 240), (50_000, 640, 480), (200_000, 960, 720)]
+    result["ours"] = [
+        ours(name, *size, gsplat, seed, seconds) for name in ("object", "room") for size in sizes
+    ]
+    result["peer"] = peer(50_000, 640, 480, seed, 1 if quick else 3)
+    mine = next(row for row in result["ours"] if row["gaussians"] == 50_000)
+    result["times_faster"] = round(result["peer"]["both_ms"] / mine["both_ms"], 1)
+    result["cuts"] = {
+        label: ours("object", 50_000, 640, 480, limits, seed, seconds) for label, limits in CUTS.items()
+    }
+    result["step"] = step(50_000, 640, 480, seed, seconds)
+    if not quick:
+        result["scaling"] = []
+        for count in (1_000, 10_000, 100_000, 1_000_000):
+            row = ours("object", count, 640, 480, gsplat, seed, seconds)
+            row["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+            result["scaling"].append(row)
+    result["machine"]["load_at_end"] = round(os.getloadavg()[0], 1)
+    return result
+
+
+def headline(result: dict[str, Any]) -> str:
+    """The README's table."""
+    mine = next(row for row in result["ours"] if row["gaussians"] == 50_000)
+    peer_ms, m = result["peer"], result["machine"]
+    return "\n".join(
+        [
+            "| | forward, ms | forward + backward, ms |",
+            "|---|---|---|",
+            f"| `recon.splat`, {m['threads']} threads | {mine['forward_ms']} | {mine['both_ms']} |",
+            f"| plain torch, loop over tiles | {peer_ms['forward_ms']} | {peer_ms['both_ms']} |",
+            "",
+            f"{result['times_faster']} times faster. {m['processor']}, load {m['load_at_start']} to "
+            f"{m['load_at_end']}, Python {m['python']}, torch {m['torch']}, numba {m['numba']}, "
+            f"seed {result['seed']}.",
+        ]
+    )
+
+
+def report(result: dict[str, Any]) -> str:
+    """All tables, in Markdown."""
+    text = [
+        "# The CPU rasteriser",
+        "",
+        "Generated by `python bench/splat.py --write`. Times are the least of several runs.",
+        "",
+        "## 50,000 Gaussians at 640x480 (`object`), cut-offs of 3DGS",
+        "",
+        headline(result),
+        "",
+        f"Mean difference of the two images: {result['peer']['mean_difference']:.1e}. The peer's tile lists "
+        "are made by our kernels outside its timing; torch had the thread count that suits it better: "
+        f"{result['peer']['torch_threads']}.",
+        "",
+        "## Workloads, cut-offs of 3DGS",
+        "",
+    ]
+    columns = ["workload", "gaussians", "size", "visible", "pairs_per_pixel", "forward_ms", "both_ms"]
+    columns += ["both_processor_ms", "forward_pairs_per_s", "backward_pairs_per_s"]
+    text += _table(result["ours"], columns)
+    text += [
+        "",
+        "Pairs per second in units of 1e9; the times hold projection, sorting and torch as well.",
+        "",
+    ]
+    text += ["## Cut-offs (50,000 Gaussians, 640x480, `object`)", ""]
+    cut_rows = [{"cut_off": label, **row} for label, row in result["cuts"].items()]
+    text += _table(cut_rows, ["cut_off", "pairs_per_pixel", "forward_ms", "both_ms"])
+    text += ["", "## A training step (50,000 Gaussians, 640x480; least of each part), ms", ""]
+    text += _table([result["step"]], list(result["step"]))
+    if "scaling" in result:
+        text += ["", "## Scaling (`object`, 640x480)", ""]
+        text += _table(
+            result["scaling"], ["gaussians", "pairs_per_pixel", "forward_ms", "both_ms", "peak_mb"]
+        )
+    return "\n".join(text) + "\n"
+
+
+def _table(rows: list[dict[str, Any]], columns: list[str]) -> list[str]:
+    head = ["| " + " | ".join(c.replace("_", " ") for c in columns) + " |", "|" + "---|" * len(columns)]
+    return head + ["| " + " | ".join(str(row[c]) for c in columns) + " |" for row in rows]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    for flag in ("--quick", "--json", "--write"):
+        parser.add_argument(flag, action="store_true")
+    parser.add_argument("--threads", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    if options.threads:
+        threads.set_threads(options.threads)
+        torch.set_num_threads(options.threads)
+    result = measure(options.quick, options.seed)
+    print(json.dumps(result, indent=1) if options.json else report(result))
+    if options.write:
+        store.write_bytes(HERE / "results" / "splat.md", report(result).encode())
+        readme = HERE.parent / "README.md"
+        text = readme.read_text()
+        if BEGIN in text:
+            before, rest = text.split(BEGIN, 1)
+            after = rest.split(END, 1)[1]
+            store.write_bytes(readme, f"{before}{BEGIN}\n{headline(result)}\n{END}{after}".encode())
+
+
+if __name__ == "__main__":
+    main()
