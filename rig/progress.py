@@ -54,6 +54,7 @@ class Position:
     total: int = 0
     began: float = 0.0
     pace_from: tuple[float, int] = (0.0, 0)
+    moved: float = 0.0
 
     def begin(self, stage: str) -> None:
         """Start a stage from nothing."""
@@ -66,18 +67,22 @@ class Position:
         if total != self.total or done < self.done:
             self.pace_from = (self.clock(), done)
         self.message, self.done, self.total = message, done, total
+        self.moved = self.clock()
 
     def elapsed(self) -> float:
         """Seconds since the stage began."""
         return self.clock() - self.began
 
     def remaining(self) -> float | None:
-        """Seconds that this part will still take; None while there is nothing to tell it from."""
+        """Seconds that this part will still take; None while there is nothing to tell it from.
+
+        The pace is that up to the last report: it does not fall while the next one is under way.
+        """
         since, done = self.pace_from
-        spent, made = self.clock() - since, self.done - done
+        spent, made = self.moved - since, self.done - done
         if self.total <= 0 or made <= 0 or spent < 1.0:
             return None
-        return spent / made * (self.total - self.done)
+        return max(spent / made * (self.total - self.done) - (self.clock() - self.moved), 0.0)
 
     def counted(self) -> str:
         """`3/24`, or nothing where the length is not known."""

@@ -30,9 +30,13 @@ def find_reconstruction(path: Path) -> Path:
 
 
 def calibration_is_current(session: Path) -> bool:
-    """Whether a session has a calibration, made from the shots that it has now."""
+    """Whether a session has a calibration with poses, made from the shots that it has now."""
     path, shots = session / "calibration" / "calibration.json", session / "shots.jsonl"
     if not path.is_file() or not shots.is_file():
         return False
     record = store.read_json(path)
-    return isinstance(record, dict) and record.get("shots_sha256") == store.sha256(shots)
+    return (
+        isinstance(record, dict)
+        and bool(record.get("views"))
+        and record.get("shots_sha256") == store.sha256(shots)
+    )

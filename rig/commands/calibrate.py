@@ -18,7 +18,9 @@ Part = Literal["response", "poses"]
 
 def calibrate(
     session: SessionArgument,
-    only: Annotated[Part | None, typer.Option(help="Redo one part of an existing calibration.")] = None,
+    only: Annotated[
+        Part | None, typer.Option(help="Redo this part and keep the rest; response needs no poses.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> Outcome:
     """Find out what the cameras did.
@@ -42,7 +44,7 @@ def run_calibrate(session: Path, meter: Meter, only: Part | None = None) -> Outc
     from rig.report.calibration_page import calibration_report
 
     calibration_report(session, meter)
-    return told(session, record)
+    return told_response(session, record) if only == "response" else told(session, record)
 
 
 def calibration_outcome(session: Path) -> Outcome:
@@ -50,6 +52,16 @@ def calibration_outcome(session: Path) -> Outcome:
     from imaging.calibration import read_calibration
 
     return told(session, read_calibration(session))
+
+
+def told_response(session: Path, record: "CalibrationRecord") -> Outcome:
+    """A calibration of the response alone as an outcome."""
+    report = session / "calibration" / "report.html"
+    evidence = {camera.name: camera.response.evidence for camera in record.cameras}
+    responses = {camera.name: camera.response.kind for camera in record.cameras}
+    lines = [f"{session}: {name}: {responses[name]}, {why}" for name, why in evidence.items()]
+    data = {"session": str(session), "responses": responses, "report": str(report)}
+    return Outcome(data, [*lines, f"Report: {report}"])
 
 
 def told(session: Path, record: "CalibrationRecord") -> Outcome:

@@ -18,7 +18,7 @@ from imaging.records import Rung
 from imaging.session import Session
 from rig.report.calibration_charts import charts
 from rig.report.topview import top_view
-from rig.words import counted, number
+from rig.words import counted, number, sentence
 
 Grade = Literal["pass", "warn", "fail"]
 
@@ -75,7 +75,8 @@ class Calibrated:
     top: Markup | None
     charts: tuple[tuple[str, str, Markup], ...]
     """Heading, explanation, drawing."""
-    responses: tuple[tuple[str, str], ...]
+    responses: tuple[tuple[str, str, str], ...]
+    """Cameras, kind, evidence."""
     rungs: tuple[RungRow, ...]
     stale: bool
 
@@ -98,7 +99,7 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
         lenses=tuple(_lens_row(camera, record) for camera in record.cameras),
         top=_top(record, points),
         charts=tuple(charts(session, record, points)),
-        responses=tuple(dict.fromkeys((_kind(c), c.response.evidence) for c in record.cameras)),
+        responses=tuple(_responses(record)),
         rungs=rung_rows(record.rungs),
         stale=stale,
     )
@@ -113,6 +114,9 @@ def _points(folder: Path) -> SparsePoints | None:
 
 
 def _verdicts(session: Session, record: CalibrationRecord) -> Iterable[Verdict]:
+    if not record.views:
+        yield Verdict("warn", "No poses yet: run rig calibrate without --only")
+        return
     error = record.reprojection_px
     if error is not None:
         grade: Grade = "pass" if error < GOOD_PX else "warn" if error < POOR_PX else "fail"
@@ -161,7 +165,9 @@ def _lens_row(camera: CameraCalibration, record: CalibrationRecord) -> LensRow:
         or "none"
         if lens
         else "n/a",
-        corner=f"{math.log2(corner):+.2f} stops" if corner > 0 and any(camera.vignetting) else "none",
+        corner=f"{math.log2(corner):+.2f} stops".replace("-", "−")
+        if corner > 0 and any(camera.vignetting)
+        else "none",
         gain=f"{camera.gain:.4f}",
         noise=f"K {number(noise.gain)} DN/e⁻, read {number(noise.read_noise)} e⁻" if noise else "not known",
     )
@@ -175,11 +181,20 @@ def _top(record: CalibrationRecord, points: SparsePoints | None) -> Markup | Non
     return top_view(poses, cloud, "Cameras and scene points seen from above")
 
 
+def _responses(record: CalibrationRecord) -> Iterable[tuple[str, str, str]]:
+    """Each response once, with the cameras that have it."""
+    cameras: dict[tuple[str, str], list[str]] = {}
+    for camera in record.cameras:
+        cameras.setdefault((_kind(camera), camera.response.evidence), []).append(camera.name)
+    for (kind, evidence), names in cameras.items():
+        yield ", ".join(names), kind, sentence(f"{evidence[:1].upper()}{evidence[1:]}")
+
+
 def _kind(camera: CameraCalibration) -> str:
     return {
-        "linear": "Linear",
+        "linear": "linear",
         "srgb": "sRGB, assumed and not measured",
-        "curve": "Curve, measured from overlapping exposures",
+        "curve": "a curve, measured from overlapping exposures",
     }[camera.response.kind]
 
 

@@ -12,6 +12,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -106,9 +107,12 @@ def test_a_target_of_an_import_inside_the_photos(rig, tmp_path: Path) -> None:
 
 
 def photograph(path: Path, seed: int = 0, size: int = 160) -> None:
-    """A JPEG of noise at several scales: texture, but nothing in common with another seed."""
+    """A JPEG of blobs of several sizes: texture, but nothing in common with another seed."""
     rng = np.random.default_rng(seed)
-    pixels = np.kron(rng.integers(0, 256, (size // 8, size // 8, 3)), np.ones((8, 8, 1)))
+    layers = [
+        cv2.GaussianBlur(rng.normal(size=(size, size, 3)), (0, 0), blur) * blur for blur in (1, 2, 4, 8)
+    ]
+    pixels = np.clip(128 + 90 * sum(layers), 0, 255)
     path.write_bytes(encode_jpeg(pixels.astype(np.uint8), quality=95))
 
 

@@ -58,6 +58,22 @@ def test_a_new_part_starts_a_new_pace() -> None:
     assert position.elapsed() == pytest.approx(102)
 
 
+def test_the_time_left_falls_while_the_next_report_is_under_way() -> None:
+    clock = FakeClock()
+    position = Position(clock)
+    position.begin("train")
+    position.move("iterations", 0, 10)
+    clock.now += 10
+    position.move("iterations", 5, 10)
+    left = []
+    for _ in range(3):
+        left.append(position.remaining())
+        clock.now += 4
+    assert left == pytest.approx([10, 6, 2])
+    clock.now += 4
+    assert position.remaining() == 0
+
+
 def test_an_unknown_length_has_no_count_and_no_time_left() -> None:
     clock = FakeClock()
     position = Position(clock)
