@@ -32,6 +32,7 @@ ID_BITS = 28
 MAX_GAUSSIANS = 1 << ID_BITS
 TASK = 1024
 """Gaussians that a thread takes at a time."""
+_BATCH = 64
 _SLACK = 1e-6
 """The ellipse is widened by this fraction, so that rounding never drops a pixel that it touches."""
 
@@ -74,61 +75,82 @@ def depth_order(bits, state):
 
 
 @kernel
-def _column_blocks(column, edges, first_row, last_row, out):
-    """First and last row of blocks that an ellipse reaches, in eight columns of blocks from `column` on.
+def _column_blocks(projected, i, first_tile, out, at):
+    """First and last row of blocks that Gaussian i reaches, in the eight columns of blocks of four tiles.
 
-    out float64 [16]: the eight first, then the eight last; first above last where there is none.
+    out float64 [at : at + 16]: the eight first, then the eight last; first above last where there is none.
     The ellipse is cut to pixel centres: a column is an interval of dx from its first to its last pixel.
-    The upper edge is dy(dx) = slope dx + sqrt(reach - (m11 dx)^2) / m22, concave, so its largest value on
+    The upper edge is dy(dx) = (-m21 dx + sqrt(reach - (m11 dx)^2)) / m22, concave, so its largest value on
     an interval is at the interval's point nearest to the top of the ellipse; the lower edge mirrors it.
     """
-    px, py, m11, inverse, slope, reach, half, top = edges
-    left = lane_number() * 8.0 + (8.0 * column + 0.5 - px)
+    shape, box = projected.shape, projected.box
+    px, py, m11, m21 = shape[i, 0], shape[i, 1], shape[i, 2], shape[i, 3]
+    reach = _SLACK - (1.0 + _SLACK) * projected.paint[i, PAINT]
+    half = math.sqrt(reach) / m11
+    top = -half * m21 / math.sqrt(m11 * m11 + m21 * m21)
+    inverse = 1.0 / shape[i, 4]
+    slope = -m21 * inverse
+    left = lane_number() * 8.0 + (16.0 * first_tile + 0.5 - px)
     low_x, high_x = maximum(left, -half), minimum(left + 7.0, half)
     x = minimum(maximum(splat(top), low_x), high_x)
     y = root(maximum(reach - (x * m11) * (x * m11), 0.0)) * inverse + x * slope
-    last = floor(minimum(y + (py - 0.5), last_row))
+    last = floor(minimum(y + (py - 0.5), np.float64(box[i, 3])))
     x = minimum(maximum(splat(-top), low_x), high_x)
     y = x * slope - root(maximum(reach - (x * m11) * (x * m11), 0.0)) * inverse
-    first = ceiling(maximum(y + (py - 0.5), first_row))
+    first = ceiling(maximum(y + (py - 0.5), np.float64(box[i, 2])))
     reached = both(at_least(high_x, low_x), at_least(last, first))
-    store(out, 0, choose(reached, floor(first * 0.125), 1e9))
-    store(out, 8, choose(reached, floor(last * 0.125), -1.0))
+    store(out, at, choose(reached, floor(first * 0.125), 1e9))
+    store(out, at + 8, choose(reached, floor(last * 0.125), -1.0))
 
 
 @kernel
-def _emit_one(shape, paint, box, i, across, tile, bits, begin, blocks):
-    """Write the tiles and block bits of Gaussian i from index `begin` on; returns how many.
+def _emit_tiles(blocks, at, first_tile, count, across, tile, bits, n):
+    """Write the entries of `count` (at most 4) tile columns from index n on; returns the next index.
 
-    blocks float64 [16]: scratch. One element more than the result may be written to tile and bits.
+    One element more may be written to tile and bits.
     """
-    px, py, m11, m21, m22 = shape[i, 0], shape[i, 1], shape[i, 2], shape[i, 3], shape[i, 4]
-    reach = _SLACK - (1.0 + _SLACK) * paint[i, PAINT]
-    half = math.sqrt(reach) / m11
-    top = -half * m21 / math.sqrt(m11 * m11 + m21 * m21)
-    inverse = 1.0 / m22
-    edges = (px, py, m11, inverse, -m21 * inverse, reach, half, top)
-    first_row, last_row = np.float64(box[i, 2]), np.float64(box[i, 3])
-    first_tile, last_tile = box[i, 0] >> 4, box[i, 1] >> 4
-    n = begin
-    for start in range(first_tile, last_tile + 1, 4):
-        _column_blocks(np.float64(2 * start), edges, first_row, last_row, blocks)
-        for t in range(min(4, last_tile + 1 - start)):
-            a0, b0 = int(blocks[2 * t]), int(blocks[2 * t + 1])
-            a1, b1 = int(blocks[8 + 2 * t]), int(blocks[9 + 2 * t])
-            for row in range(min(a0, b0) >> 1, (max(a1, b1) >> 1) + 1):
-                upper, lower = 2 * row, 2 * row + 1
-                mask = (
-                    ((a0 <= upper) & (upper <= a1))
-                    + 2 * ((b0 <= upper) & (upper <= b1))
-                    + 4 * ((a0 <= lower) & (lower <= a1))
-                    + 8 * ((b0 <= lower) & (lower <= b1))
-                )
-                # Written in any case and kept if there is a block: cheaper than a branch.
-                tile[n] = row * across + start + t
-                bits[n] = mask
-                n += mask != 0
-    return n - begin
+    for t in range(count):
+        a0, b0 = int(blocks[at + 2 * t]), int(blocks[at + 2 * t + 1])
+        a1, b1 = int(blocks[at + 8 + 2 * t]), int(blocks[at + 9 + 2 * t])
+        for row in range(min(a0, b0) >> 1, (max(a1, b1) >> 1) + 1):
+            upper, lower = 2 * row, 2 * row + 1
+            mask = (
+                ((a0 <= upper) & (upper <= a1))
+                + 2 * ((b0 <= upper) & (upper <= b1))
+                + 4 * ((a0 <= lower) & (lower <= a1))
+                + 8 * ((b0 <= lower) & (lower <= b1))
+            )
+            # Written in any case and kept if there is a block: cheaper than a branch.
+            tile[n] = row * across + first_tile + t
+            bits[n] = mask
+            n += mask != 0
+    return n
+
+
+@kernel
+def _emit_batch(projected, across, entries, first, count, blocks):
+    """Entries of Gaussians first .. first + count - 1. blocks float64 [16 * count]: scratch.
+
+    All ellipses are cut before the first is listed: listing branches on what was cut, and a branch that
+    the processor guessed wrong would throw away its work on the next ellipses.
+    """
+    box = projected.box
+    for j in range(count):
+        if projected.state[first + j] == DRAWN:
+            _column_blocks(projected, first + j, np.float64(box[first + j, 0] >> 4), blocks, 16 * j)
+    for j in range(count):
+        i = first + j
+        entries.number[i] = 0
+        if projected.state[i] == DRAWN:
+            begin, tile, last_tile = entries.start[i], box[i, 0] >> 4, box[i, 1] >> 4
+            end = _emit_tiles(
+                blocks, 16 * j, tile, min(4, last_tile + 1 - tile), across, entries.tile, entries.bits, begin
+            )
+            for more in range(tile + 4, last_tile + 1, 4):
+                _column_blocks(projected, i, np.float64(more), blocks, 16 * j)
+                columns = min(4, last_tile + 1 - more)
+                end = _emit_tiles(blocks, 16 * j, more, columns, across, entries.tile, entries.bits, end)
+            entries.number[i] = end - begin
 
 
 @kernel
@@ -146,18 +168,14 @@ def capacities(box, state, start):
 
 @kernel
 def emit(counter, projected, across, entries):
-    """Write the entries (tile, bits, count) of every Gaussian."""
+    """Write the entries (tile, bits, number) of every Gaussian."""
     n = len(projected.state)
-    blocks = np.empty(16)
+    blocks = np.empty(16 * _BATCH)
     task = take_number(counter)
     while task * TASK < n:
-        for i in range(task * TASK, min((task + 1) * TASK, n)):
-            entries.number[i] = 0
-            if projected.state[i] == DRAWN:
-                entries.number[i] = _emit_one(
-                    projected.shape, projected.paint, projected.box, i, across,
-                    entries.tile, entries.bits, entries.start[i], blocks,
-                )  # fmt: skip
+        stop = min((task + 1) * TASK, n)
+        for first in range(task * TASK, stop, _BATCH):
+            _emit_batch(projected, across, entries, first, min(_BATCH, stop - first), blocks)
         task = take_number(counter)
 
 

@@ -119,10 +119,16 @@ def test_every_touched_pixel_is_listed_and_no_far_one() -> None:
         expected = padded.reshape(10, 8, 20, 8).any(axis=(1, 3))
         found = np.zeros((10, 20), bool)
         if box[0] <= box[1] and box[2] <= box[3]:
+            shape = np.zeros((1, 8))
+            shape[0, :5] = (*mean, m11, m21, m22)
+            paint = shape.view(np.float32)
+            paint[0, tables.PAINT] = -reach
+            none = np.zeros(1, np.float32)
+            projected = tables.Projected(shape, paint, box[None], none, none, np.ones(1, np.uint8))
+            start, number = np.zeros(2, np.int64), np.zeros(1, np.int32)
             tile, bits = np.empty(101, np.int32), np.empty(101, np.uint8)
-            shape = np.array([[*mean, m11, m21, m22]])
-            paint = np.full((1, tables.PAINT + 1), -reach, np.float32)
-            n = tiles._emit_one(shape, paint, box[None], 0, 10, tile, bits, 0, np.empty(16))
+            share(tiles.emit, 0, projected, 10, tables.Entries(start, number, start, tile, bits))
+            n = number[0]
             assert len(set(tile[:n])) == n
             for t, mask in zip(tile[:n], bits[:n], strict=True):
                 for block in range(4):
