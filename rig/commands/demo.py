@@ -88,9 +88,16 @@ def _capture(out: Path, meter: Meter) -> Outcome:
 
 def _poses(metrics: dict[str, Any]) -> list[str]:
     """The error of the poses in one line, if it was measured."""
-    rotation, position = (metrics.get(key) for key in ("pose_rotation_deg", "pose_translation_relative"))
-    if not isinstance(rotation, int | float) or not isinstance(position, int | float):
+    rotation, position = metrics.get("pose_rotation_deg"), metrics.get("pose_translation_relative")
+    if rotation is None or position is None:
         return []
+    most = ""
+    if "pose_rotation_deg_max" in metrics and "pose_translation_relative_max" in metrics:
+        most = (
+            f"; at most {number(metrics['pose_rotation_deg_max'], 2)} degrees and "
+            f"{number(100 * metrics['pose_translation_relative_max'], 2)} %"
+        )
     return [
-        f"Poses: {number(rotation, 2)} degrees, {number(100 * position, 2)} % of the rig's size off (median)"
+        f"Poses: off by {number(rotation, 2)} degrees and {number(100 * position, 2)} % "
+        f"of the rig's size (median{most})"
     ]

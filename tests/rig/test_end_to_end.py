@@ -60,6 +60,18 @@ def test_import_of_captured_files(rig, toy: Path, tmp_path: Path) -> None:
     assert value["guesses"]
 
 
+def test_the_response_alone(rig, toy: Path) -> None:
+    shutil.rmtree(toy / "calibration")
+    value = told(rig, "calibrate", str(toy), "--only", "response")
+    assert value["responses"] == {"cam0": "linear", "cam1": "linear"}
+    page = Page.read(Path(value["report"]))
+    assert_self_contained(page)
+    assert "No poses yet: run rig calibrate without --only" in page.text
+    code, _, err = rig("reconstruct", str(toy))
+    assert code == 2
+    assert "no view with a pose" in err
+
+
 def test_reconstruct_evaluate_and_render(rig, scene: Path, tmp_path: Path) -> None:
     recon = scene / "reconstructions" / "nh-3dgs"
     before = store.read_json(recon / "metrics.json")
@@ -132,7 +144,9 @@ class Steps:
             "hdr_psnr_mu_aligned": 39.71,
             "stops_median": 0.131,
             "pose_rotation_deg": 0.05,
+            "pose_rotation_deg_max": 0.09,
             "pose_translation_relative": 0.004,
+            "pose_translation_relative_max": 0.008,
         }
         self.note(monkeypatch, "run_capture", Outcome({}, ["72 of 72 shots"]))
         registered = {"registered": 24, "images": 24, "reprojection_px": 0.2}
@@ -164,7 +178,9 @@ def test_the_demo_ends_with_the_headline_numbers_and_the_report(
     assert steps.calls == ["run_capture", "run_calibrate", "run_training", "run_evaluate"]
     assert steps.budget <= 90
     lines = text.splitlines()
-    assert "0.050 degrees, 0.40 % of the rig's size" in lines[0]
+    assert lines[0] == (
+        "Poses: off by 0.050 degrees and 0.40 % of the rig's size (median; at most 0.090 degrees and 0.80 %)"
+    )
     assert "39.7 dB" in lines[1]
     assert "0.131 stops" in lines[1]
     assert lines[-1] == f"Report: {out}/reconstructions/demo/report.html"
