@@ -4,6 +4,7 @@ Stages call `progress(message, done, total)`; total 0 means that the length is n
 is drawn by a thread, so that it moves while a stage is silent.
 """
 
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -146,7 +147,7 @@ class PlainMeter:
 @contextmanager
 def metering(stream: TextIO) -> Iterator[Meter]:
     """A meter on `stream`, drawn until the block ends: live if it is a terminal, else plain lines."""
-    if stream.isatty():
+    if stream.isatty() and os.environ.get("TERM") not in ("dumb", "unknown"):
         from rig.live import live_meter
 
         with live_meter(stream) as live:

@@ -21,7 +21,7 @@ def charts(
 ) -> Iterable[tuple[str, str, Markup]]:
     """Every chart that this calibration gives something to draw: heading, explanation, drawing."""
     ratios = _ratio_series(session, record)
-    if ratios:
+    if any(stops for series in ratios for stops in series.y):
         yield (
             "Exposure: label against estimate",
             "How far each shot's exposure, estimated from overlapping pixels, lies from what its file says. "

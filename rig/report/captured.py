@@ -59,6 +59,7 @@ class Captured:
     cameras: tuple[CameraRow, ...]
     steps: tuple[StepRow, ...]
     thumbnails: tuple[Thumbnail, ...]
+    merged: bool
     looked: str
     advice: tuple[str, ...]
     retries: int
@@ -83,6 +84,7 @@ def captured(session: Session, calibration: CalibrationRecord | None, progress: 
         cameras=tuple(_camera_rows(session, shots)),
         steps=tuple(_step_row(step, group, looks, calibration) for step, group in steps.items()),
         thumbnails=looks.thumbnails,
+        merged=looks.merged,
         looked="every view"
         if looks.views == looks.of_views
         else f"{looks.views} of {looks.of_views} views, evenly chosen",

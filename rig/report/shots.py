@@ -30,12 +30,16 @@ CLIPPED, DARK = 0.996, 0.004
 
 @dataclass(frozen=True)
 class Look:
-    """A shot's file: share of samples that are clipped, share that is dark; linear rgb at low resolution."""
+    """A shot's file: share of samples that are clipped, share that is dark; linear rgb at low resolution.
+
+    developed: whether the camera made a picture of it, which is then shown as it is.
+    """
 
     clipped: float
     dark: float
     rgb: Float
     valid: Bool
+    developed: bool = False
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,7 @@ class Looks:
 
     shares: dict[str, tuple[float, float]]
     thumbnails: tuple[Thumbnail, ...]
+    merged: bool
     views: int
     of_views: int
     unreadable: tuple[str, ...]
@@ -81,8 +86,9 @@ def look_at(session: Session, progress: Progress) -> Looks:
             shares[shot.file] = (look.clipped, look.dark)
             looks.append((shot, look))
         if looks:
-            thumbnails.append(Thumbnail(jpeg_uri(_merged(looks), 80), camera, frame))
-    return Looks(shares, tuple(thumbnails), len(chosen), len(keys), tuple(unreadable))
+            thumbnails.append(Thumbnail(jpeg_uri(_thumbnail(looks), 80), camera, frame))
+    merged = any(len(groups[key]) > 1 for key in chosen)
+    return Looks(shares, tuple(thumbnails), merged, len(chosen), len(keys), tuple(unreadable))
 
 
 def read_look(session: Session, shot: ShotRecord) -> Look:
@@ -101,7 +107,8 @@ def read_look(session: Session, shot: ShotRecord) -> Look:
     codes = read_photo(path).pixels
     clipped = codes > CLIPPED
     linear = np.asarray(srgb_decode(codes), np.float32)
-    return Look(float(clipped.mean()), float((codes < DARK).mean()), *_reduced(linear, np.all(~clipped, -1)))
+    reduced = _reduced(linear, np.all(~clipped, -1))
+    return Look(float(clipped.mean()), float((codes < DARK).mean()), *reduced, developed=True)
 
 
 def _binned(signal: Float, valid: Bool, cfa: Cfa) -> tuple[Float, Bool]:
@@ -123,6 +130,13 @@ def _reduced(rgb: Float, valid: Bool) -> tuple[Float, Bool]:
     mean = cut.reshape(height, factor, width, factor, 3).mean((1, 3))
     trusted = valid[: height * factor, : width * factor].reshape(height, factor, width, factor)
     return np.asarray(mean, np.float32), np.asarray(trusted.all((1, 3)), np.bool_)
+
+
+def _thumbnail(looks: Sequence[tuple[ShotRecord, Look]]) -> npt.NDArray[np.uint8]:
+    """A view as one picture: a single photograph as it is, else its bracket merged."""
+    if len(looks) == 1 and looks[0][1].developed:
+        return fitted(developed(looks[0][1].rgb, 0.0), THUMBNAIL_WIDTH)
+    return _merged(looks)
 
 
 def _merged(looks: Sequence[tuple[ShotRecord, Look]]) -> npt.NDArray[np.uint8]:

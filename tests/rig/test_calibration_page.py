@@ -1,13 +1,20 @@
 """calibration/report.html: what it says is what the records say, and nothing in them can break it."""
 
+import base64
 import json
 import shutil
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
+from capture.simulated import capture_simulated
 from imaging import store
+from imaging.photo import read_photo
+from imaging.session import Session
 from rig.report.calibration_page import calibration_report
+from rig.report.shots import look_at
 
 from .pages import Page, assert_self_contained
 
@@ -85,14 +92,33 @@ def test_the_verdict_holds_the_number_against_a_threshold(toy: Path, error: floa
 
 def test_a_wrong_exposure_label_is_marked_with_its_ratio(toy: Path) -> None:
     path = toy / "calibration" / "calibration.json"
-    record = store.read_json(path)
-    scale = {
-        file: k * (1.25 if file.endswith("_2.dng") else 1.01) for file, k in record["exposure_scale"].items()
-    }
+    labels = {shot.file: shot.reported.scale for shot in Session.open(toy).shots()}
+    scale = {file: k * (1.25 if file.endswith("_2.dng") else 1.01) for file, k in labels.items()}
     edited(path, exposure_scale=scale)
     html = calibration_report(toy, quiet).read_text(encoding="utf-8")
     assert 'class="n mark">1.250<' in html
     assert 'class="n">1.010<' in html
+
+
+def test_labels_that_are_taken_as_they_are_need_no_chart(toy: Path) -> None:
+    labels = {shot.file: shot.reported.scale for shot in Session.open(toy).shots()}
+    edited(toy / "calibration" / "calibration.json", exposure_scale=labels)
+    page = Page.read(calibration_report(toy, quiet))
+    assert "Exposure: label against estimate" not in page.text
+
+
+def test_a_single_photograph_is_shown_as_it_is(tmp_path: Path) -> None:
+    folder = tmp_path / "ldr"
+    capture_simulated("toy-ldr", folder, frames=1, bracket=(0.0,))
+    session = Session.open(folder)
+    looks = look_at(session, quiet)
+    assert not looks.merged
+    shot = session.shots()[0]
+    thumbnail = next(one for one in looks.thumbnails if one.camera == shot.camera)
+    data = np.frombuffer(base64.b64decode(thumbnail.uri.split(",", 1)[1]), np.uint8)
+    shown = cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1].astype(float)
+    codes = 255 * read_photo(session.file(shot)).pixels
+    assert np.abs(shown - codes).mean() < 6  # merged and compressed it would be above 30
 
 
 def test_shots_added_since_are_told(toy: Path) -> None:

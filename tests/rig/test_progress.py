@@ -141,9 +141,13 @@ def test_on_a_terminal_the_line_is_drawn_without_markup() -> None:
     assert "kept [b]line[/b]" in text
 
 
-def test_the_kind_of_stream_decides() -> None:
+def test_the_kind_of_stream_decides(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
     with metering(Terminal()) as live:
         assert not isinstance(live, PlainMeter)
+    monkeypatch.setenv("TERM", "dumb")
+    with metering(Terminal()) as dumb:
+        assert isinstance(dumb, PlainMeter)
     with metering(io.StringIO()) as plain:
         assert isinstance(plain, PlainMeter)
 
