@@ -6,15 +6,17 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 Array = npt.NDArray[np.float64]
+Codes = npt.NDArray[np.float32]
 
 LOWEST, HIGHEST = 5.0, 248.0
 """Mean codes of a patch, of 255, between which it is used: beyond, rounding and clipping bias it."""
 CLIPPED = (0.5, 254.5)
 """No code of a patch may lie beyond these. Stricter, and patches would be chosen by their noise."""
 BINS = 64
+WIDEST = 400
+"""Patches in a row, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,30 +45,50 @@ class Samples:
         return cls(np.concatenate(codes), np.concatenate(scales), np.concatenate(groups))
 
 
-def sample(codes: npt.NDArray[np.floating], log_k: Array, count: int) -> Samples:
-    """Choose photosites of one view: means of smooth 3x3 patches, all brightnesses alike.
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """A photograph in square patches: mean, smallest and largest code of each, float32 [h, w, 3], 0..255."""
 
-    codes: [S, H, W, 3] in 0..255; log_k: [S]; count: how many, at most. Smooth, because at edges compression
-    and the smallest motion change a code; patches, because the noise of single codes bends the curve;
-    of all brightnesses, because the curve has to be known there.
+    mean: Codes
+    low: Codes
+    high: Codes
+
+
+def patches(pixels: npt.NDArray[np.floating]) -> Patches:
+    """Cut a photograph [H, W, 3], 0..1, into patches of 3x3 pixels, larger ones in larger photographs.
+
+    Patches, because the noise of single codes would bend the curve.
     """
-    steps, height, width, _ = codes.shape
-    window = (1, 3, 3, 1)
-    mean = ndimage.uniform_filter(codes, window)
-    inside = (mean >= LOWEST) & (ndimage.minimum_filter(codes, window) >= CLIPPED[0])
-    inside &= (mean <= HIGHEST) & (ndimage.maximum_filter(codes, window) <= CLIPPED[1])
-    grey = mean.mean(-1)
+    size = max(3, pixels.shape[1] // WIDEST)
+    height, width = pixels.shape[0] // size, pixels.shape[1] // size
+    cut = 255.0 * pixels[: height * size, : width * size].reshape(height, size, width, size, 3)
+    return Patches(
+        cut.mean((1, 3)).astype(np.float32),
+        cut.min((1, 3)).astype(np.float32),
+        cut.max((1, 3)).astype(np.float32),
+    )
+
+
+def sample(exposures: Sequence[Patches], log_k: Array, count: int) -> Samples:
+    """Choose patches of one view in several exposures: smooth places, all brightnesses alike.
+
+    log_k: [S]; count: how many, at most. Smooth, because at edges compression and the smallest motion change
+    a code; of all brightnesses, because the curve has to be known there.
+    """
+    mean = np.stack([e.mean for e in exposures]).astype(np.float64)
+    low, high = np.stack([e.low for e in exposures]), np.stack([e.high for e in exposures])
+    inside = (mean >= LOWEST) & (low >= CLIPPED[0]) & (mean <= HIGHEST) & (high <= CLIPPED[1])
     usable = inside.all(-1).sum(0) >= 2
-    usable[[0, -1]] = usable[:, [0, -1]] = False
     if usable.any():
-        rough = np.sum([ndimage.maximum_filter(g, 5) - ndimage.minimum_filter(g, 5) for g in grey], axis=0)
+        rough = (high - low).mean(-1).sum(0)
         usable &= rough <= np.median(rough[usable])
+    height, width = usable.shape
     # The sum of the codes rises with brightness even where single exposures are clipped.
-    picked = _evenly(grey.sum(0).ravel(), np.flatnonzero(usable), count)
+    picked = _evenly(mean.mean(-1).sum(0).ravel(), np.flatnonzero(usable), count)
     row, column = np.divmod(picked, width)
     return Samples(
-        np.where(inside, mean, np.nan).reshape(steps, -1, 3)[:, picked].transpose(1, 0, 2),
-        np.broadcast_to(log_k, (len(picked), steps)).copy(),
+        np.where(inside, mean, np.nan).reshape(len(exposures), -1, 3)[:, picked].transpose(1, 0, 2),
+        np.broadcast_to(log_k, (len(picked), len(exposures))).copy(),
         (row * 4 // height) * 4 + column * 4 // width,
     )
 

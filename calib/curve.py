@@ -165,7 +165,7 @@ def fit(channels: Sequence[Channel], smoothness: float | None, noise: Sequence[N
             own_normal, own_right = _equations(channel, knots, robust[index] / sigma**2)
             normal[np.ix_(columns, columns)] += own_normal
             right[columns] += own_right
-        solved = np.linalg.solve(normal, right)
+        solved: Array = np.asarray(np.linalg.solve(normal, right), np.float64)
         models = [
             Model(solved[own] if knots else np.zeros(KNOTS), solved[count - len(steps) :])
             for own in _blocks(len(channels), knots)

@@ -1,6 +1,6 @@
 """Features of every view and what of them two views share, written to a COLMAP database in memory."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -10,21 +10,37 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.previews import enlargement
+from calib.views import Progress
 from imaging.colmap import pycolmap
 
 Float = npt.NDArray[np.float32]
-Progress = Callable[[str, int, int], None]
 Key = tuple[str, int]
 """Camera name and frame."""
 
 PEAK_THRESHOLD = 0.002
 """Of SIFT; the usual 0.0067 leaves too few features in 320 pixels and costs a third of a degree."""
 MOST_FEATURES = 6000
+"""In one picture; SIFT keeps the largest."""
+PIXELS_EACH = 36
+"""A small picture has at most one feature to so many of its pixels: more of them are noise."""
 RATIO = 0.8
 """Lowe's ratio of nearest to second nearest, angles between descriptors."""
 FARTHEST = 0.7
 """Largest angle between descriptors that match, radians."""
 FEWEST_MATCHES = 15
+PLANAR_SHARE = 0.85
+"""Of the matches of a pair that one homography explains, above which they show a plane or a turn."""
+
+
+def image_name(key: Key) -> str:
+    """Name of a view's preview, and of its image in the COLMAP model."""
+    return f"{key[0]}/{key[1]:04d}.png"
+
+
+def key_of(name: str) -> Key:
+    """The inverse of `image_name`."""
+    camera, file = name.split("/")
+    return camera, int(file.removesuffix(".png"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,36 +53,47 @@ class Features:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two views that share matches: how many, how many fit an epipolar geometry, how many a homography."""
+    """Two views that share matches: points [M, 2] of each, px, that fit an epipolar geometry."""
 
-    matches: int
-    inliers: int
-    planar: float
-    """Share of the inliers that a single homography explains as well: near 1 for a pure rotation."""
+    one: npt.NDArray[np.float64]
+    other: npt.NDArray[np.float64]
+
+    def parallax(self, size: tuple[int, int], max_error: float) -> float:
+        """How far the matches are from those of a camera that only turns: 0 for a pure rotation.
+
+        A turn moves the picture by a homography `K R K^-1`; a flat scene seen from two places by one
+        that no focal length makes a rotation. inf where no homography explains the matches. size: of
+        the pictures, px.
+        """
+        cv2.setRNGSeed(0)
+        homography, mask = cv2.findHomography(self.one, self.other, cv2.RANSAC, max_error)
+        if homography is None or float(np.mean(mask)) < PLANAR_SHARE:
+            return float("inf")
+        spreads = []
+        for focal in max(size) * np.geomspace(0.4, 5.0, 300):
+            camera = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
+            values = np.linalg.svd(np.linalg.inv(camera) @ homography @ camera, compute_uv=False)
+            spreads.append(values[0] / max(values[2], 1e-12) - 1)
+        return float(min(spreads))
 
 
-def extract(pictures: Mapping[Key, Float], threads: int, progress: Progress) -> dict[Key, Features]:
-    """SIFT features of pictures, float32 [h, w] in 0..1."""
+def extract(picture: Float, threads: int) -> Features:
+    """SIFT features of one picture, float32 [h, w] in 0..1."""
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads = threads
     options.use_gpu = False
     options.sift.peak_threshold = PEAK_THRESHOLD
-    options.sift.max_num_features = MOST_FEATURES
+    options.sift.max_num_features = min(MOST_FEATURES, max(picture.size // PIXELS_EACH, 500))
+    scale = enlargement(picture.shape[1])
+    if scale > 1:
+        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+    picture = np.ascontiguousarray(np.clip(picture, 0.0, 1.0), np.float32)
     extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
-    found = {}
-    for done, (key, picture) in enumerate(pictures.items()):
-        progress("finding features", done, len(pictures))
-        scale = enlargement(picture.shape[1])
-        if scale > 1:
-            picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
-        picture = np.ascontiguousarray(np.clip(picture, 0.0, 1.0), np.float32)
-        keypoints, descriptors = extractor.extract_from_float32_array(picture)
-        points = np.array(pycolmap.keypoints_to_matrix(keypoints), np.float64).reshape(-1, 4)[:, :2]
-        vectors = np.asarray(descriptors.data).astype(np.float32).reshape(len(points), -1)
-        vectors /= np.linalg.norm(vectors, axis=1, keepdims=True) + 1e-9
-        found[key] = Features(points / scale, vectors)
-    progress("finding features", len(pictures), len(pictures))
-    return found
+    keypoints, descriptors = extractor.extract_from_float32_array(picture)
+    points = np.array(pycolmap.keypoints_to_matrix(keypoints), np.float64).reshape(-1, 4)[:, :2]
+    vectors = np.asarray(descriptors.data).astype(np.float32).reshape(len(points), -1)
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True) + 1e-9
+    return Features(points / scale, vectors)
 
 
 def match(one: Features, other: Features) -> npt.NDArray[np.uint32]:
@@ -116,7 +143,7 @@ def fill_database(
         rigs[name] = database.write_rig(rig)
     for (name, frame), own in features.items():
         image = pycolmap.Image()
-        image.name = f"{name}/{frame:04d}.png"
+        image.name = image_name((name, frame))
         image.camera_id = cameras[name].camera_id
         index = images[name, frame] = database.write_image(image)
         instant = pycolmap.Frame()
@@ -139,17 +166,9 @@ def fill_database(
             cameras[a[0]], features[a].points, cameras[b[0]], features[b].points, matches, options
         )
         database.write_matches(images[a], images[b], matches)
-        inliers = len(geometry.inlier_matches)
-        if inliers >= FEWEST_MATCHES:
+        inliers = np.asarray(geometry.inlier_matches)
+        if len(inliers) >= FEWEST_MATCHES:
             database.write_two_view_geometry(images[a], images[b], geometry)
-            pairs[a, b] = Pair(len(matches), inliers, _planar(features[a], features[b], geometry, max_error))
+            pairs[a, b] = Pair(features[a].points[inliers[:, 0]], features[b].points[inliers[:, 1]])
     progress("matching", len(every), len(every))
     return pairs
-
-
-def _planar(one: Features, other: Features, geometry: Any, max_error: float) -> float:
-    index = np.asarray(geometry.inlier_matches)
-    source, target = one.points[index[:, 0]], other.points[index[:, 1]]
-    cv2.setRNGSeed(0)
-    _, mask = cv2.findHomography(source, target, cv2.RANSAC, max_error)
-    return 0.0 if mask is None else float(np.mean(mask))

@@ -4,8 +4,6 @@ SIFT on linear light finds nothing in the dark; on the logarithm of merged radia
 mean, dim and bright parts of a scene look alike (Rana 2016, Suma 2016 recommend local operators).
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -24,20 +22,11 @@ LOCAL_SHARE = 0.8
 _BINOMIAL = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 16
 
 
-@dataclass(frozen=True, eq=False)
-class Preview:
-    """A picture of one view for feature detection.
+def preview(merged: Merged) -> Float:
+    """The feature picture of merged radiance [H, W] (mosaic) or [H, W, 3]: float32 [h, w] in 0..1.
 
-    image: float32 [h, w] in 0..1. contrast: log2 range between its 0.5 and 99.5 percentile, stops;
-    0 for a picture without any structure.
+    At most MAX_WIDTH wide; grey where the view shows nothing.
     """
-
-    image: Float
-    contrast: float
-
-
-def preview(merged: Merged) -> Preview:
-    """The feature picture of merged radiance [H, W] (mosaic) or [H, W, 3], at most MAX_WIDTH wide."""
     luminance, sigma = _luminance(merged)
     height, width = luminance.shape
     if width > MAX_WIDTH:
@@ -50,8 +39,9 @@ def preview(merged: Merged) -> Preview:
     stops = np.log2(np.maximum(luminance, -floor) + 2 * floor)
     flat = stops - LOCAL_SHARE * ndimage.gaussian_filter(stops, max(stops.shape[1] / 40, 1.0))
     low, high = (float(value) for value in np.percentile(flat, (0.5, 99.5)))
-    image = np.clip((flat - low) / max(high - low, 1e-6), 0.0, 1.0).astype(np.float32)
-    return Preview(image, high - low)
+    if high - low < 1e-6:
+        return np.full(flat.shape, 0.5, np.float32)
+    return np.asarray(np.clip((flat - low) / (high - low), 0.0, 1.0), np.float32)
 
 
 def enlargement(width: int) -> int:

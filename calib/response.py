@@ -18,8 +18,6 @@ ripples of that period, so only smoothness keeps them out, and no held-out sampl
 FOLDS = 3
 FEWEST = 300
 """Photosites below which nothing is measured."""
-SITES = 8000
-"""Photosites that are enough: the curve has few unknowns, and more would only take time."""
 NODES = np.unique(np.concatenate([np.arange(1, 24, 2), np.arange(24, 248, 8), np.arange(248, 256)])).astype(
     float
 )

@@ -1,25 +1,39 @@
 """Structure from motion: poses, lenses and scene points from features, with the rig as a constraint."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from calib.features import Features, Key, Pair, Progress, fill_database
+from calib.adjust import Free, adjust, cut, misses, opencv_parameters
+from calib.features import FEWEST_MATCHES, Features, Key, Pair, fill_database, key_of
+from calib.lens_ladder import climb
+from calib.views import Progress
 from imaging.calibration import Lens, Pose
 from imaging.colmap import pycolmap
 from imaging.errors import CalibrationError
+from imaging.records import Rung
 
 MAX_ERROR = 4.0
 """Of a correspondence, px, in pictures of 1280 px or wider; less in smaller ones, at least half of it."""
 FEWEST_FEATURES = 40
 """A view with fewer cannot be placed."""
-ROTATION_SHARE = 0.85
-"""Of the inliers of a pair that one homography explains, above which there is no baseline to see."""
-ROUNDS = 3
-"""Of cutting outliers and adjusting again."""
+LEAST_PARALLAX = 0.01
+"""Views that show less than this, in the median of their pairs, were taken from one place."""
+FEWEST_FRAMES = 2
+"""Frames that have to show two cameras of a rig before one place of each in the rig is better than two."""
+MOST_ASKED = 40
+"""Pairs of views that are asked whether they show depth."""
+ROUNDS = 4
+"""Of adjusting and cutting outliers."""
+LOOSE = 1.5
+"""Tied cameras may miss by this much more than free ones; beyond, they are not rigidly mounted."""
+_NO_START = (
+    "{} pairs of views match, but no two of them give a start from which the others can be placed: take "
+    "more views, at most 30 degrees apart, that overlap by two thirds."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +41,8 @@ class Model:
     """What structure from motion found; lenses and errors in pixels of the pictures.
 
     reconstruction: the pycolmap model. poses: cam_from_world of every registered view. cam_from_rig: of
-    every camera, if the rig constraint held. points: scene points that each view sees.
+    every camera, if the rig constraint held. points: scene points that each view sees. rungs: the
+    ladder of rig and lens.
     """
 
     reconstruction: Any
@@ -36,7 +51,12 @@ class Model:
     cam_from_rig: dict[str, Pose]
     points: dict[Key, int]
     reprojection_px: float
-    rigged: bool
+    rungs: tuple[Rung, ...]
+
+    @property
+    def rigged(self) -> bool:
+        """Whether cameras are tied to each other."""
+        return any(rung.name == "rig_constraint" and rung.taken for rung in self.rungs)
 
 
 def solve(
@@ -46,49 +66,93 @@ def solve(
     threads: int,
     progress: Progress,
     *,
-    focal_known: bool = False,
+    focal_known: Collection[str] = (),
+    blank: Mapping[Key, str] | None = None,
 ) -> Model:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
 
     features: of every view, in picture pixels. cameras: a first guess of each lens, at picture size.
-    rigs: names of cameras that are rigidly mounted to each other. focal_known: the guesses come from a
-    file's focal length rather than from nothing.
+    rigs: names of cameras that are rigidly mounted to each other. focal_known: cameras whose guess comes
+    from a file's focal length rather than from nothing. blank: why a view shows nothing, of those that
+    do not.
     """
-    _refuse_hopeless(features)
+    refuse_hopeless(features, blank or {})
     width = max(lens.width for lens in cameras.values())
     max_error = MAX_ERROR * min(max(width / 1280, 0.5), 1.0)
     database = pycolmap.Database.open(":memory:")
-    models = {name: _camera(lens, focal_known) for name, lens in cameras.items()}
+    models = {name: _camera(lens, name in focal_known) for name, lens in cameras.items()}
     pairs = fill_database(database, models, features, max_error, progress)
     if not pairs:
         raise CalibrationError(
             "No two views share enough of the scene to be placed: take views that overlap by two thirds."
         )
+    _refuse_turning(pairs, cameras, max_error)
     reconstruction = _map(database, len(features), max_error, threads, progress)
-    if reconstruction is None:
-        raise CalibrationError(_why_no_model(pairs))
-    rigged = _rig(database, reconstruction, rigs)
-    progress("adjusting", 0, ROUNDS + 1)
-    _adjust(reconstruction, 0.25 * max_error / 2, threads)
+    if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
+        raise CalibrationError(_NO_START.format(len(pairs)))
+    alone = misses(reconstruction).typical
+    loose = pycolmap.Reconstruction(reconstruction)
+    rung = _rig(database, reconstruction, rigs)
+    free = Free()
+    typical = _polish(reconstruction, free, max_error, threads, progress)
+    if rung.taken and typical > LOOSE * max(alone, 0.1):
+        reconstruction = loose
+        reason = (
+            f"the cameras moved against each other: tied together, points miss by {typical:.2f} px "
+            f"instead of {alone:.2f} px"
+        )
+        rung = Rung(name="rig_constraint", taken=False, reason=reason)
+        typical = _polish(reconstruction, free, max_error, threads, progress)
+    if reconstruction.num_points3D() < FEWEST_MATCHES:
+        raise CalibrationError(_NO_START.format(len(pairs)))
+    free, rungs = climb(reconstruction, typical, threads, progress)
+    adjust(reconstruction, free, typical, threads)
+    return _model(reconstruction, cameras, rung, rungs)
+
+
+def _polish(reconstruction: Any, free: Free, max_error: float, threads: int, progress: Progress) -> float:
+    """Adjust robustly and drop what misses, a few times; returns the typical miss, px.
+
+    The scale of the loss follows the data: sub-pixel corners deserve more than a fixed pixel.
+    """
+    typical = 0.125 * max_error
     for turn in range(ROUNDS):
-        progress("adjusting", turn + 1, ROUNDS + 1)
-        # The scale of the robust loss follows the data: sub-pixel corners deserve more than a fixed pixel.
-        typical = _cut(reconstruction, least=0.15 * max_error)
-        _adjust(reconstruction, typical, threads)
-    progress("adjusting", ROUNDS + 1, ROUNDS + 1)
-    return _model(reconstruction, cameras, rigged)
+        progress("adjusting", turn, ROUNDS)
+        adjust(reconstruction, free, typical, threads)
+        typical = cut(reconstruction, least=0.15 * max_error)
+    progress("adjusting", ROUNDS, ROUNDS)
+    return typical
 
 
-def _refuse_hopeless(features: Mapping[Key, Features]) -> None:
+def refuse_hopeless(features: Mapping[Key, Features], blank: Mapping[Key, str]) -> None:
+    """CalibrationError when fewer than two views have anything to hold on to, naming the commonest cause."""
     if len(features) < 2:
         raise CalibrationError(
             "One view alone has no pose: take more views of the same scene from other places."
         )
-    blank = [name for name, own in features.items() if len(own.points) < FEWEST_FEATURES]
-    if len(features) - len(blank) < 2:
+    lost = {key: blank.get(key, "without texture or blurred") for key, own in features.items()
+            if key in blank or len(own.points) < FEWEST_FEATURES}  # fmt: skip
+    if len(features) - len(lost) < 2:
+        causes = list(lost.values())
+        cause = max(sorted(set(causes)), key=causes.count)
+        mend = {"black": "expose longer or light the scene", "saturated": "expose shorter"}
         raise CalibrationError(
-            f"{len(blank)} of {len(features)} views show no texture to hold on to (black, saturated, "
-            "blurred or blank): expose for the scene or add texture to it."
+            f"{len(lost)} of {len(features)} views show nothing to hold on to, {causes.count(cause)} of them "
+            f"are {cause}: {mend.get(cause, 'focus, hold still, or put texture into the scene')}."
+        )
+
+
+def _refuse_turning(
+    pairs: Mapping[tuple[Key, Key], Pair], cameras: Mapping[str, Lens], max_error: float
+) -> None:
+    """CalibrationError when all views were taken from one place, of which no model can be made."""
+    every = list(pairs.items())[:: max(len(pairs) // MOST_ASKED, 1)]
+    sizes = {name: (lens.width, lens.height) for name, lens in cameras.items()}
+    shown = [pair.parallax(sizes[one[0]], max_error) for (one, _), pair in every]
+    if float(np.median(shown)) < LEAST_PARALLAX:
+        raise CalibrationError(
+            "The views match but show no depth, as if the camera had turned on the spot: move it sideways "
+            "between views."
         )
 
 
@@ -132,104 +196,62 @@ def _map(database: Any, views: int, max_error: float, threads: int, progress: Pr
     return max(models, key=lambda model: model.num_reg_images(), default=None)
 
 
-def _why_no_model(pairs: Mapping[tuple[Key, Key], Pair]) -> str:
-    planar = float(np.median([pair.planar for pair in pairs.values()]))
-    if planar > ROTATION_SHARE:
-        return (
-            f"The views match but show no depth (one homography explains {100 * planar:.0f} % of the "
-            "matches): move the camera sideways between views instead of turning it on the spot."
-        )
-    return (
-        f"Only {len(pairs)} pairs of views match and no two of them give a stable start: take more views, "
-        "at most 30 degrees apart, that overlap by two thirds."
-    )
-
-
-def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]]) -> bool:
-    """Tie the cameras of each rig together, where a frame shows each with the rig's reference camera."""
-    registered: dict[str, set[str]] = {}
+def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]]) -> Rung:
+    """Tie the cameras of each rig together, those that several frames show with a common reference camera."""
+    frames: dict[str, set[int]] = {}
     for index in reconstruction.reg_image_ids():
-        camera, frame = reconstruction.image(index).name.split("/")
-        registered.setdefault(camera, set()).add(frame)
+        camera, frame = key_of(reconstruction.image(index).name)
+        frames.setdefault(camera, set()).add(frame)
     configs = []
     for names in rigs:
-        frames = [registered.get(name, set()) for name in names]
-        if len(names) < 2 or not all(len(own & frames[0]) >= 2 for own in frames):
+        seen = [name for name in names if name in frames]
+        tied = {
+            name: [other for other in seen if len(frames[other] & frames[name]) >= FEWEST_FRAMES]
+            for name in seen
+        }
+        reference = max(seen, key=lambda name: len(tied[name]), default=None)
+        if reference is None or len(tied[reference]) < 2:
             continue
-        config = pycolmap.RigConfig()
         members = []
-        for name in names:
+        for name in tied[reference]:
             member = pycolmap.RigConfigCamera()
             member.image_prefix = f"{name}/"
-            member.ref_sensor = name == names[0]
+            member.ref_sensor = name == reference
             members.append(member)
+        config = pycolmap.RigConfig()
         config.cameras = members
         configs.append(config)
-    if configs:
-        pycolmap.apply_rig_config(configs, database, reconstruction)
-    return bool(configs)
+    if not configs:
+        reason = f"no {FEWEST_FRAMES} frames show two cameras of one rig together"
+        return Rung(name="rig_constraint", taken=False, reason=reason)
+    pycolmap.apply_rig_config(configs, database, reconstruction)
+    reason = "the session says that the cameras are mounted to each other, and several frames show them so"
+    return Rung(name="rig_constraint", taken=True, reason=reason)
 
 
-def _adjust(reconstruction: Any, scale: float, threads: int) -> None:
-    """Bundle adjustment with a Cauchy loss of `scale` px. The principal point stays in the middle:
-    on an arc it cannot be told from a turn of the camera."""
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
-    options.refine_principal_point = False
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = scale
-    solver = options.ceres.solver_options
-    solver.num_threads = threads
-    solver.max_num_iterations = 50
-    solver.function_tolerance = 1e-6
-    config = pycolmap.BundleAdjustmentConfig()
-    for image in reconstruction.reg_image_ids():
-        config.add_image(image)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    pycolmap.create_default_bundle_adjuster(options, config, reconstruction).solve()
-
-
-def _cut(reconstruction: Any, least: float) -> float:
-    """Drop observations that miss by more than four times the median; returns the median, px."""
-    where, miss = [], []
-    for key, point in reconstruction.points3D.items():
-        for element in point.track.elements:
-            image = reconstruction.image(element.image_id)
-            seen = image.project_point(point.xyz)
-            own = np.ravel(image.point2D(element.point2D_idx).xy)
-            where.append((key, element.image_id, element.point2D_idx))
-            miss.append(np.inf if seen is None else float(np.linalg.norm(np.ravel(seen) - own)))
-    typical = float(np.median(miss))
-    for (_, image_id, index), error in zip(where, miss, strict=True):
-        far = error > max(4 * typical, least)
-        if far and reconstruction.image(image_id).point2D(index).has_point3D():
-            reconstruction.delete_observation(image_id, index)
-    return max(typical, 0.02)
-
-
-def _model(reconstruction: Any, cameras: Mapping[str, Lens], rigged: bool) -> Model:
+def _model(
+    reconstruction: Any, cameras: Mapping[str, Lens], rig_rung: Rung, lens_rungs: Sequence[Rung]
+) -> Model:
     poses: dict[Key, Pose] = {}
     points: dict[Key, int] = {}
     lenses: dict[str, Lens] = {}
     mounted: dict[str, Pose] = {}
     for index in sorted(reconstruction.reg_image_ids()):
         image = reconstruction.image(index)
-        name, file = image.name.split("/")
-        key = (name, int(file.removesuffix(".png")))
+        key = key_of(image.name)
+        name = key[0]
         poses[key] = _pose(image.cam_from_world())
         points[key] = int(image.num_points3D)
         lenses[name] = _lens(reconstruction.cameras[image.camera_id], cameras[name])
-        if rigged:
-            rig = reconstruction.rigs[image.frame.rig_id]
-            sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, image.camera_id)
-            if rig.is_ref_sensor(sensor):
-                mounted[name] = Pose(quaternion=(1, 0, 0, 0), translation=(0, 0, 0))
-            else:
-                mounted[name] = _pose(rig.sensor_from_rig(sensor))
+        rig = reconstruction.rigs[image.frame.rig_id]
+        sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, image.camera_id)
+        if rig.num_sensors() > 1:
+            still = Pose(quaternion=(1, 0, 0, 0), translation=(0, 0, 0))
+            mounted[name] = still if rig.is_ref_sensor(sensor) else _pose(rig.sensor_from_rig(sensor))
     reconstruction.update_point_3d_errors()
     return Model(
         reconstruction, lenses, poses, mounted, points,
-        float(reconstruction.compute_mean_reprojection_error()), rigged,
+        float(reconstruction.compute_mean_reprojection_error()), (rig_rung, *lens_rungs),
     )  # fmt: skip
 
 
@@ -240,10 +262,9 @@ def _pose(motion: Any) -> Pose:
 
 
 def _lens(camera: Any, guess: Lens) -> Lens:
-    focal, cx, cy, k1 = (float(value) for value in camera.params)
-    return guess.model_copy(
-        update={"model": "SIMPLE_RADIAL", "fx": focal, "fy": focal, "cx": cx, "cy": cy, "k1": k1}
-    )
+    names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
+    terms = dict(zip(names, opencv_parameters(camera), strict=True))
+    return guess.model_copy(update={"model": camera.model_name, **terms})
 
 
 def centres(poses: Sequence[Pose]) -> npt.NDArray[np.float64]:

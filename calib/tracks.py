@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from calib.features import Key
+from calib.features import Key, key_of
 from calib.sfm import Model
 from calib.vignetting import Tracks
 from imaging.calibration import Lens
@@ -50,24 +50,32 @@ def light(merged: Merged, camera_from_rec709: Array | None) -> Light:
     return Light(luminance, np.asarray(trusted))
 
 
-def brightness(model: Model, views: Mapping[Key, Light], cameras: Sequence[str]) -> Tracks:
-    """Observations of all scene points that two views or more see well, in order of points and views."""
+def brightness_at(view: Light, points: Array, width: int, height: int) -> Array:
+    """Natural log of luminance at points [K, 2] of a picture of `width` x `height`; NaN where not trusted."""
+    rows, columns = view.luminance.shape
+    row = np.clip((points[:, 1] * rows / height).astype(np.intp), 0, rows - 1)
+    column = np.clip((points[:, 0] * columns / width).astype(np.intp), 0, columns - 1)
+    value = np.where(view.trusted[row, column], view.luminance[row, column], np.nan)
+    return np.asarray(np.log(value), np.float64)
+
+
+def tracks_of(model: Model, brightness: Mapping[Key, Array], cameras: Sequence[str]) -> Tracks:
+    """Observations of all scene points that two views or more see well, in order of points and views.
+
+    brightness: of each feature of each view, as `brightness_at` gives it; cameras: names, in the order that
+    `Tracks.camera` counts.
+    """
     rows: list[tuple[int, int, float, float]] = []
-    names = {index: model.reconstruction.image(index).name for index in model.reconstruction.reg_image_ids()}
-    for number, key in enumerate(sorted(model.reconstruction.points3D)):
-        for element in sorted(
-            model.reconstruction.points3D[key].track.elements, key=lambda one: one.image_id
-        ):
-            camera, file = names[element.image_id].split("/")
-            view = views[camera, int(file.removesuffix(".png"))]
-            x, y = np.ravel(model.reconstruction.image(element.image_id).point2D(element.point2D_idx).xy)
-            lens = model.lenses[camera]
-            height, width = view.luminance.shape
-            column = min(int(x * width / lens.width), width - 1)
-            row = min(int(y * height / lens.height), height - 1)
-            if view.trusted[row, column]:
-                value = float(np.log(view.luminance[row, column]))
-                rows.append((number, cameras.index(camera), _radius(x, y, lens), value))
+    images = {index: model.reconstruction.image(index) for index in model.reconstruction.reg_image_ids()}
+    keys = {index: key_of(image.name) for index, image in images.items()}
+    for number, point in enumerate(sorted(model.reconstruction.points3D)):
+        track = model.reconstruction.points3D[point].track
+        for element in sorted(track.elements, key=lambda one: one.image_id):
+            key = keys[element.image_id]
+            value = float(brightness[key][element.point2D_idx])
+            if np.isfinite(value):
+                x, y = np.ravel(images[element.image_id].point2D(element.point2D_idx).xy)
+                rows.append((number, cameras.index(key[0]), _radius(x, y, model.lenses[key[0]]), value))
     table = np.array(rows, np.float64).reshape(-1, 4)
     point = table[:, 0].astype(np.int64)
     seen = np.bincount(point, minlength=1)[point] >= 2

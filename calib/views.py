@@ -27,9 +27,9 @@ class View:
         return f"{self.camera.name}/{self.frame:04d}"
 
     @property
-    def image_name(self) -> str:
-        """Name of its preview, and of its image in the COLMAP model."""
-        return f"{self.name}.png"
+    def key(self) -> tuple[str, int]:
+        """Camera name and frame."""
+        return self.camera.name, self.frame
 
 
 def scene_views(session: Session) -> list[View]:

@@ -145,3 +145,8 @@ def read_calibration(session: Path) -> CalibrationRecord:
     """The calibration of a session folder; InputError if there is none or it is damaged."""
     path = session / "calibration" / "calibration.json"
     return parse(CalibrationRecord, store.read_json(path), path)
+
+
+def is_stale(session: Path, record: CalibrationRecord) -> bool:
+    """Whether shots were added to the session folder, or taken away, after it was calibrated."""
+    return store.sha256(session / "shots.jsonl") != record.shots_sha256

@@ -20,6 +20,8 @@ Bool = npt.NDArray[np.bool_]
 
 SATURATED_CODE = 254 / 255
 DARK_CODE = 1 / 255
+_TABLE = 65_536
+"""Entries of the tables that stand in for curves: one for each code of 16 bits."""
 CODE_NOISE = 1 / 255
 """Standard deviation assumed of a developed code value: sensor noise, compression and rounding together."""
 
@@ -49,14 +51,21 @@ class CodeSignalNoise:
 
     def __init__(self, response: Response) -> None:
         codes = np.linspace(0.0, 1.0, 256)
-        self._light = decode(np.repeat(codes[:, None], 3, axis=1), response).astype(np.float64).T
-        slope = np.gradient(self._light, codes, axis=1)
-        self._variance = np.maximum(CODE_NOISE * slope, 1e-9) ** 2
+        light = decode(np.repeat(codes[:, None], 3, axis=1), response).astype(np.float64).T
+        variance = np.maximum(CODE_NOISE * np.gradient(light, codes, axis=1), 1e-9) ** 2
+        # Looked up by the square root of the light, in which every curve is told evenly enough.
+        self._top = np.sqrt(np.maximum(light[:, -1], 1e-30)).astype(np.float32)
+        places = np.linspace(0.0, 1.0, _TABLE)
+        self._tables = [
+            np.interp((places * top) ** 2, own, spread).astype(np.float32)
+            for top, own, spread in zip(self._top, light, variance, strict=True)
+        ]
 
     def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
         """Variance at a mean signal [..., 3]."""
-        channels = [np.interp(mean[..., c], self._light[c], self._variance[c]) for c in range(3)]
-        return np.stack(channels, axis=-1)
+        root = np.sqrt(np.maximum(mean, 0.0)) / self._top * (_TABLE - 1)
+        place = np.clip(np.rint(root), 0, _TABLE - 1).astype(np.intp)
+        return np.stack([self._tables[c][place[..., c]] for c in range(3)], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +116,12 @@ def from_codes(codes: npt.NDArray[np.floating], k: float, response: Response) ->
     A code at either end of the scale, or beyond the measured part of the curve, only bounds the light.
     """
     low, high = response.valid if response.kind == "curve" else (0.0, 1.0)
+    # The codes of 8 and of 16 bits all lie on this grid, so that a look-up is exact, and many times faster.
+    grid = np.linspace(0.0, 1.0, _TABLE)
+    table = decode(np.repeat(grid[:, None], 3, axis=1), response)
+    place = np.rint(np.clip(codes, 0.0, 1.0) * (_TABLE - 1)).astype(np.intp)
     return LinearFrame(
-        signal=decode(codes, response),
+        signal=np.stack([table[:, c][place[..., c]] for c in range(3)], axis=-1),
         k=k,
         saturated=codes >= min(SATURATED_CODE, high),
         dark=codes <= max(DARK_CODE, low),

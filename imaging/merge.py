@@ -51,6 +51,8 @@ def merge_bracket(frames: Sequence[LinearFrame]) -> Merged:
         raise ValueError("merging takes one frame or more, all of one shape")
     if not all(np.isfinite(f.k) and f.k > 0 for f in frames):
         raise ValueError("exposure scales are positive and finite")
+    if len(frames) == 1:
+        return _single(frames[0])
     ordered = sorted(frames, key=lambda f: f.k)
     shape = ordered[0].signal.shape
     known = all(f.noise is not None for f in ordered)
@@ -60,6 +62,19 @@ def merge_bracket(frames: Sequence[LinearFrame]) -> Merged:
         rows = slice(top, min(top + ROWS, shape[0]))
         radiance[rows], sigma[rows], masks[:, rows] = _merge_rows(ordered, rows, known)
     return Merged(radiance, sigma if known else None, masks[0], masks[1], masks[2], cfa=ordered[0].cfa)
+
+
+def _single(frame: LinearFrame) -> Merged:
+    """One frame is its own weighted mean, whatever the weight."""
+    number = frame.valid & np.isfinite(frame.signal)
+    usable = number & ~frame.saturated & ~frame.dark
+    clipped = number & frame.saturated
+    sigma = None
+    if frame.noise is not None:
+        deviation = np.sqrt(frame.noise.variance(frame.signal)) / frame.k
+        sigma = np.where(usable, deviation, np.where(number, np.inf, np.nan)).astype(np.float32)
+    radiance = np.where(number, frame.signal / np.float32(frame.k), np.float32(np.nan)).astype(np.float32)
+    return Merged(radiance, sigma, usable, clipped, number & ~usable & ~clipped, cfa=frame.cfa)
 
 
 def _merge_rows(frames: Sequence[LinearFrame], rows: slice, known: bool) -> tuple[Array, Array, Bool]:

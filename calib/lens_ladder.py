@@ -1,0 +1,94 @@
+"""Which terms a lens needs: those that make held-out scene points project better, and no others.
+
+A lens with more terms than the views can tell apart fits its own errors and bends the poses.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from calib.adjust import Array, Free, adjust, misses
+from calib.views import Progress
+from imaging.colmap import pycolmap
+from imaging.records import Rung
+
+FEWEST_VIEWS = 4
+HELD_OUT = 3
+"""One scene point in so many is held out."""
+MOST_POINTS = 4000
+"""Scene points that are enough to judge by: those seen in most views."""
+
+
+def climb(
+    reconstruction: Any, scale: float, threads: int, progress: Progress
+) -> tuple[Free, tuple[Rung, ...]]:
+    """Try each term on top of those already taken; scale: the typical miss, px. Changes nothing."""
+    free = Free()
+    if reconstruction.num_reg_images() < FEWEST_VIEWS:
+        reason = f"fewer than {FEWEST_VIEWS} views cannot judge more than focal length and one radial term"
+        return free, (Rung(name="lens_terms", taken=False, reason=reason),)
+    sample = _judges(reconstruction)
+    below = _held_out(sample, free, scale, threads)
+    trials = (
+        ("lens_principal_point", replace(free, principal_point=True), "a principal point off the middle"),
+        ("lens_radial_2", replace(free, model="RADIAL"), "a second radial term"),
+        ("lens_tangential", replace(free, model="OPENCV"), "tangential terms and two focal lengths"),
+    )
+    rungs = []
+    for done, (name, wanted, what) in enumerate(trials):
+        progress("judging the lens", done, len(trials))
+        higher = replace(
+            wanted, principal_point=wanted.principal_point or free.principal_point,
+            model=free.model if name == "lens_principal_point" else wanted.model,
+        )  # fmt: skip
+        above = _held_out(sample, higher, scale, threads)
+        gain = below - above
+        rung = Rung.judged(
+            name,
+            float(gain.mean()),
+            float(gain.std(ddof=1) / np.sqrt(len(gain))),
+            "Cauchy loss per held-out observation, over views",
+            f"{what}, common to all images of a camera",
+        )
+        rungs.append(rung)
+        if rung.taken:
+            free, below = higher, above
+    progress("judging the lens", len(trials), len(trials))
+    return free, tuple(rungs)
+
+
+def _judges(reconstruction: Any) -> Any:
+    """A copy with only the points that are seen in most views."""
+    sample = pycolmap.Reconstruction(reconstruction)
+    lengths = {key: point.track.length() for key, point in sample.points3D.items()}
+    for key in sorted(lengths, key=lambda key: (-lengths[key], key))[MOST_POINTS:]:
+        sample.delete_point3D(key)
+    return sample
+
+
+def _held_out(sample: Any, free: Free, scale: float, threads: int) -> Array:
+    """Mean loss of each view on held-out points, [views], after adjusting to the others."""
+    keys = sorted(sample.points3D)
+    training, testing = pycolmap.Reconstruction(sample), pycolmap.Reconstruction(sample)
+    for order, key in enumerate(keys):
+        (training if order % HELD_OUT == 0 else testing).delete_point3D(key)
+    adjust(training, free, scale, threads)
+    for index, camera in training.cameras.items():
+        testing.cameras[index].model = camera.model
+        testing.cameras[index].params = camera.params
+    for index, rig in training.rigs.items():
+        for sensor in rig.non_ref_sensors:
+            testing.rigs[index].set_sensor_from_rig(sensor, rig.sensor_from_rig(sensor))
+    for index, frame in training.frames.items():
+        if frame.has_pose():
+            testing.frames[index].rig_from_world = frame.rig_from_world
+    adjust(testing, free, scale, threads, points_only=True)
+    found = misses(testing)
+    loss = np.log1p(np.minimum(found.error / scale, 1e3) ** 2)
+    views = np.array(sorted(sample.reg_image_ids()))
+    place = np.searchsorted(views, found.image)
+    count = np.bincount(place, minlength=len(views))
+    total = np.bincount(place, weights=loss, minlength=len(views))
+    # A view that sees none of the held-out points says nothing for or against a lens.
+    return np.asarray(np.divide(total, count, out=np.zeros(len(views)), where=count > 0))

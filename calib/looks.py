@@ -1,0 +1,75 @@
+"""What is taken from the images of one view, so that no more than one view's images are held at a time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.features import Features, extract
+from calib.previews import preview
+from calib.tracks import brightness_at, light
+from calib.views import View, read_view
+from imaging.calibration import Response
+from imaging.merge import Merged, merge_bracket
+from imaging.mosaic import Matrix
+from imaging.photo import encode_png
+from imaging.session import Session
+
+BLANK_SHARE = 0.95
+"""Of an image that is black or saturated, above which the view shows nothing."""
+LEAST_SNR = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """One view after its images were looked at.
+
+    png: the feature picture, 8 bits; width, height: its size. brightness: float64 [K], natural log of
+    the luminance around each feature, NaN where it is not known well. blank: why the view shows
+    nothing, 'black' or 'saturated'; None if it shows something.
+    """
+
+    png: bytes
+    width: int
+    height: int
+    features: Features
+    brightness: npt.NDArray[np.float64]
+    blank: str | None
+
+
+def look(
+    session: Session,
+    view: View,
+    scale: Mapping[str, float],
+    response: Response,
+    camera_from_rec709: Matrix | None,
+    threads: int,
+) -> Look:
+    """Merge the exposures of a view, find its features and how bright the scene is around them."""
+    merged = merge_bracket(read_view(session, view, scale, response))
+    picture = preview(merged)
+    height, width = picture.shape
+    blank = _blank(merged)
+    found = extract(picture, threads)
+    matrix = None if camera_from_rec709 is None else np.array(camera_from_rec709)
+    return Look(
+        png=encode_png(np.rint(255.0 * picture).astype(np.uint8)),
+        width=width,
+        height=height,
+        features=found,
+        brightness=brightness_at(light(merged, matrix), found.points, width, height),
+        blank=blank,
+    )
+
+
+def _blank(merged: Merged) -> str | None:
+    if merged.clipped.mean() > BLANK_SHARE:
+        return "saturated"
+    if merged.dark.mean() > BLANK_SHARE:
+        return "black"
+    if merged.sigma is not None:
+        dim = merged.valid & (merged.radiance < LEAST_SNR * merged.sigma)
+        if (dim | merged.dark).mean() > BLANK_SHARE:
+            return "black"
+    return None

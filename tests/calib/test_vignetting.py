@@ -1,0 +1,69 @@
+"""Falloff and sensitivities against what made the data."""
+
+import numpy as np
+import pytest
+
+from calib.vignetting import Tracks, estimate
+
+NAMES = ["a", "b", "c", "d"]
+MODELS = dict.fromkeys(NAMES, "one model")
+
+
+def made(polynomials, gains, noise=0.05, outliers=0.1, points=1500, seed=0):
+    rng = np.random.default_rng(seed)
+    brightness = rng.normal(0, 2, points)
+    point = np.repeat(np.arange(points), 6)
+    camera = rng.integers(0, 4, len(point))
+    radius = rng.uniform(0, 1, len(point))
+    falloff = 1 + (np.asarray(polynomials)[camera] * radius[:, None] ** np.array([2, 4, 6])).sum(1)
+    value = brightness[point] + np.log(falloff * np.asarray(gains)[camera]) + rng.normal(0, noise, len(point))
+    wrong = rng.random(len(point)) < outliers
+    value[wrong] += rng.normal(0, 1, int(wrong.sum()))
+    return Tracks(point, camera, radius, value)
+
+
+def taken(falloff):
+    return {rung.name: rung.taken for rung in falloff.rungs}
+
+
+def test_shared_falloff_and_gains_are_found_through_outliers():
+    gains = np.array([0.98, 1.0, 1.03, 0.99])
+    found = estimate(made([(-0.32, 0.09, -0.02)] * 4, gains), NAMES, MODELS)
+    assert taken(found)["vignetting"]
+    assert taken(found)["camera_gain"]
+    relative = np.array([found.gain[name] for name in NAMES])
+    assert relative / relative.mean() == pytest.approx(gains / gains.mean(), abs=0.004)
+    radius = np.linspace(0, 1, 11)
+    for name in NAMES:
+        a, b, c = found.vignetting[name]
+        value = 1 + a * radius**2 + b * radius**4 + c * radius**6
+        truth = 1 - 0.32 * radius**2 + 0.09 * radius**4 - 0.02 * radius**6
+        assert value == pytest.approx(truth, abs=0.012)
+
+
+def test_cameras_that_differ_get_a_falloff_each():
+    found = estimate(made([(-0.5, 0, 0), (-0.1, 0, 0), (-0.3, 0, 0), (0, 0, 0)], [1] * 4), NAMES, MODELS)
+    assert taken(found)["vignetting_each_camera"]
+    corner = [1 + sum(found.vignetting[name]) for name in NAMES]
+    assert corner == pytest.approx([0.5, 0.9, 0.7, 1.0], abs=0.03)
+
+
+def test_nothing_is_modelled_where_nothing_is_there():
+    """At most one of the rungs may be taken by chance in five trials of two."""
+    by_chance = 0
+    for seed in range(5):
+        found = estimate(made(np.zeros((4, 3)), [1] * 4, seed=seed), NAMES, MODELS)
+        by_chance += taken(found)["vignetting"] + taken(found)["camera_gain"]
+        assert abs(sum(found.vignetting["a"])) < 0.02
+    assert by_chance <= 3
+
+
+def test_too_few_points_leave_it_open():
+    found = estimate(made([(-0.32, 0.09, -0.02)] * 4, [1] * 4, points=50), NAMES, MODELS)
+    assert found.vignetting["a"] == (0.0, 0.0, 0.0)
+    assert "fewer than 100" in found.rungs[0].reason
+
+
+def test_no_observations_at_all():
+    empty = Tracks(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty(0))
+    assert estimate(empty, NAMES, MODELS).gain == dict.fromkeys(NAMES, 1.0)
