@@ -70,9 +70,9 @@ class LuminanceChromaticity:
     pull: float = 1e-3
     floor: float = 2.0**-20
     stops: float = 17.0
-    luminance_rate: Rate = Rate(0.05, 0.005)
-    chroma_rate: Rate = Rate(0.02, 0.002)
-    rest_rate: Rate = Rate(0.002, 0.0005)
+    luminance_rate: Rate = Rate(0.03, 0.003)
+    chroma_rate: Rate = Rate(0.03, 0.003)
+    rest_rate: Rate = Rate(0.004, 0.0008)
 
     @property
     def rates(self) -> dict[str, Rate]:

@@ -16,10 +16,10 @@ GEOMETRY = ("means", "log_scales", "quats", "opacity_logits")
 class GeometryRates:
     """Learning rates of where the Gaussians are; that of the means is in units of the scene's extent."""
 
-    means: Rate = Rate(1.6e-4, 1.6e-6)
-    log_scales: Rate = Rate(5e-3, 5e-3)
-    quats: Rate = Rate(1e-3, 1e-3)
-    opacity_logits: Rate = Rate(5e-2, 5e-2)
+    means: Rate = Rate(1e-3, 5e-5)
+    log_scales: Rate = Rate(4e-2, 5e-3)
+    quats: Rate = Rate(1e-2, 1e-3)
+    opacity_logits: Rate = Rate(1e-1, 2e-2)
 
     def all(self, extent: float) -> dict[str, Rate]:
         """The rate of every geometric parameter, in world units."""

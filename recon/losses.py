@@ -16,7 +16,8 @@ class _MuLaw(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, signal: Tensor) -> Tensor:
         ctx.save_for_backward(signal)
-        return torch.log1p(MU * signal.abs()).copysign_(signal).mul_(1 / math.log1p(MU))
+        curve: Tensor = torch.log1p(MU * signal.abs()).copysign_(signal).mul_(1 / math.log1p(MU))
+        return curve
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> Tensor:
@@ -50,7 +51,7 @@ class Photometric:
     NH-3DGS prints w = 0.8 (arXiv 2511.12895), 3DGS 0.2 (arXiv 2308.04079).
     """
 
-    ssim_weight: float = 0.2
+    ssim_weight: float = 0.05
 
     def __call__(self, prediction: Tensor, target: Tensor) -> Tensor:
         """The loss, a scalar, float32, differentiable in the prediction."""

@@ -30,7 +30,7 @@ class Schedule:
     """
 
     degrees: tuple[float, ...] = (0.3, 0.6)
-    opacity_weight: float = 1e-3
+    opacity_weight: float = 0.0
 
     def degree(self, progress: float) -> int:
         """Degree of the harmonics in use."""

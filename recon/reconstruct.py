@@ -45,7 +45,7 @@ QUALITIES: dict[str, Quality] = {
     "best": Quality(10_000, 60_000, 1280),
 }
 
-START_SHARE = 0.75
+START_SHARE = 0.5
 """Share of the largest number of Gaussians that training starts with; the rest grows where it is wrong."""
 
 

@@ -85,7 +85,7 @@ def gaussians_at(
     appearance: Appearance,
     units: Callable[[torch.Tensor], torch.Tensor],
     *,
-    opacity: float = 0.3,
+    opacity: float = 0.7,
     size: float = 0.6,
 ) -> Gaussians:
     """Round Gaussians at the points, as large as the distance to their neighbours.
