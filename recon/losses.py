@@ -22,7 +22,8 @@ class _MuLaw(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> Tensor:
         (signal,) = ctx.saved_tensors
-        return gradients[0] * (MU / math.log1p(MU)) / (1 + MU * signal.abs())
+        slope: Tensor = gradients[0] * (MU / math.log1p(MU)) / (1 + MU * signal.abs())
+        return slope
 
 
 def mu_law(signal: Tensor) -> Tensor:

@@ -25,6 +25,7 @@ from recon.ply import write_ply
 from recon.radiance import light_of, radiance_image
 from recon.start import gaussians_at, start_points
 from recon.trainer import Plan, Training, train
+from recon.warm_up import warm_up
 
 MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
 QualityName = Literal["draft", "standard", "best"]
@@ -128,6 +129,7 @@ def _checkpoint(folder: Path, wanted: Settings, dataset: Dataset) -> Checkpoint 
 
 def _begin(folder: Path, dataset: Dataset, wanted: Settings, progress: Progress) -> tuple[Training, Settings]:
     """Gaussians at their start; what an earlier training left in the folder is removed."""
+    warm_up(progress)
     started = time.monotonic()
     images = [radiance_image(view) for view in dataset.train]
     light = light_of(dataset, images)
