@@ -100,8 +100,8 @@ class LuminanceChromaticity:
         span = self.stops * math.log(2)
         # Straight-through: a Gaussian beyond the span is shown at its end and keeps its gradient.
         ln_light = ln_light + (ln_light.clamp(middle - span, middle + span) - ln_light).detach()
-        chroma = torch.cat([parameters["chroma_dc"], parameters["chroma_rest"]], 1)
-        return ln_light.exp()[:, None] * torch.sigmoid(series(chroma, directions, degree))
+        chroma = series(parameters["chroma_dc"], parameters["chroma_rest"], directions, degree)
+        return ln_light.exp()[:, None] * torch.sigmoid(chroma)
 
     def luminance(self, parameters: Parameters) -> Tensor:
         """L itself."""
@@ -134,8 +134,8 @@ class SoftplusRadiance:
 
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
         """The series through the softplus."""
-        sh = torch.cat([parameters["sh_dc"], parameters["sh_rest"]], 1)
-        return softplus(series(sh, directions, degree), beta=self.beta)
+        value = series(parameters["sh_dc"], parameters["sh_rest"], directions, degree)
+        return softplus(value, beta=self.beta)
 
     def luminance(self, parameters: Parameters) -> Tensor:
         """The largest channel of the constant term."""
@@ -167,8 +167,8 @@ class PlainHarmonics:
 
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
         """The series plus one half, cut off at zero."""
-        sh = torch.cat([parameters["sh_dc"], parameters["sh_rest"]], 1)
-        return (series(sh, directions, degree) + 0.5).clamp_min(0.0)
+        value = series(parameters["sh_dc"], parameters["sh_rest"], directions, degree)
+        return (value + 0.5).clamp_min(0.0)
 
     def luminance(self, parameters: Parameters) -> Tensor:
         """The largest channel of the constant term."""
@@ -201,8 +201,8 @@ class LogRadiance:
 
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
         """The exponential of the series, which is kept below 2^30."""
-        log = torch.cat([parameters["log_dc"], parameters["log_rest"]], 1)
-        return series(log, directions, degree).clamp_max(20.0).exp()
+        value = series(parameters["log_dc"], parameters["log_rest"], directions, degree)
+        return value.clamp_max(20.0).exp()
 
     def luminance(self, parameters: Parameters) -> Tensor:
         """The largest channel of the constant term."""

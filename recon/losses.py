@@ -13,17 +13,28 @@ MU = 5000.0
 
 
 class _MuLaw(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, signal: Tensor) -> Tensor:
-        ctx.save_for_backward(signal)
-        curve: Tensor = torch.log1p(MU * signal.abs()).copysign_(signal).mul_(1 / math.log1p(MU))
-        return curve
+    """mu-law of `signal * scales`, cut off at `ceiling`, in few passes over memory."""
 
     @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
-        (signal,) = ctx.saved_tensors
-        slope: Tensor = gradients[0] * (MU / math.log1p(MU)) / (1 + MU * signal.abs())
-        return slope
+    def forward(ctx: Any, signal: Tensor, scales: Tensor, ceiling: Tensor | None) -> Tensor:
+        exposed = signal * scales
+        bend = exposed.abs().mul_(MU).add_(1)
+        value = bend.log().mul_(1 / math.log1p(MU)).copysign_(exposed)
+        below = None
+        if ceiling is not None:
+            below = value <= ceiling
+            value = torch.minimum(value, ceiling, out=value)
+        ctx.save_for_backward(bend, scales, below)
+        return value
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        bend, scales, below = ctx.saved_tensors
+        slope = gradients[0] * scales
+        slope.mul_(MU / math.log1p(MU)).div_(bend)
+        if below is not None:
+            slope.mul_(below)
+        return slope.sum(0), None, None
 
 
 def mu_law(signal: Tensor) -> Tensor:
@@ -32,7 +43,16 @@ def mu_law(signal: Tensor) -> Tensor:
     Odd, since black-subtracted RAW goes below zero in the dark; its slope at 0 is that of both sides,
     so that a Gaussian that shows exactly nothing still has a gradient. Differentiable everywhere.
     """
-    result: Tensor = _MuLaw.apply(signal)  # type: ignore[no-untyped-call]
+    return exposed_mu_law(signal, torch.ones(1, dtype=signal.dtype).reshape([1] * (signal.ndim + 1)), None)[0]
+
+
+def exposed_mu_law(signal: Tensor, scales: Tensor, ceiling: Tensor | None) -> Tensor:
+    """Odd mu-law of one signal at several exposures: [J, ...] of `signal` [...] times `scales` [J, 1, ...].
+
+    ceiling [J, ...]: nothing above it is told apart from it, and such values have no gradient; infinite
+    where there is no such limit. Differentiable in the signal.
+    """
+    result: Tensor = _MuLaw.apply(signal, scales, ceiling)  # type: ignore[no-untyped-call]
     return result
 
 

@@ -11,11 +11,12 @@ from typing import Literal, Protocol
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import conv2d
 
 from imaging.cfa import Cfa
 from recon.appearance import Rate
 from recon.dataset import View
-from recon.losses import at_most, mu_law
+from recon.losses import exposed_mu_law, mu_law
 
 
 class Observation(Protocol):
@@ -73,21 +74,28 @@ def through_filter(image: Tensor, matrix: Tensor, cfa: Cfa | None) -> Tensor:
     two greens stay apart; only the channel that the site lets through is computed.
     """
     if cfa is None:
-        return (image @ matrix.T).movedim(2, 0)
-    rows = matrix[torch.from_numpy(cfa.pattern.reshape(-1).astype(np.int64))]
-    return (split(image) * rows[:, None, None, :]).sum(-1)
+        return conv2d(image.movedim(2, 0)[None], matrix[:, :, None, None])[0]
+    # A convolution in steps of one tile: kernel p sees nothing but site p of the tile.
+    kernels = matrix.new_zeros(4, 3, 2, 2)
+    for site, channel in enumerate(cfa.pattern.reshape(-1)):
+        kernels[site, :, site // 2, site % 2] = matrix[int(channel)]
+    return conv2d(image.movedim(2, 0)[None], kernels, stride=2)[0]
 
 
 @dataclass(frozen=True)
 class _Prepared:
-    """What of a view does not change: planes of falloff, target, saturation, and scales [P, 1, 1]."""
+    """What of a view does not change, for J shots of P planes.
+
+    falloff [P, h, w]; scales [J, 1, 1, 1]; target, ceiling and valid [J, P, h, w]: the ceiling is the
+    target where that is saturated, else infinite; valid is None where every sample is.
+    """
 
     matrix: Tensor
     falloff: Tensor
-    target: Tensor
-    saturated: Tensor
-    valid: Tensor | None
     scales: Tensor
+    target: Tensor
+    ceiling: Tensor
+    valid: Tensor | None
 
 
 @dataclass
@@ -117,11 +125,10 @@ class LinearLight:
         """All shots of the bracket, darkest first: [shots * 4, H/2, W/2], or [shots * 3, H, W]."""
         known = self._prepared.get(view.name) or self._prepared.setdefault(view.name, self._prepare(view))
         light = through_filter(image, known.matrix, view.sensor.cfa) * known.falloff
-        prediction = mu_law((light[None] * known.scales).flatten(0, 1))
-        prediction = at_most(prediction, known.target, known.saturated)
+        prediction = exposed_mu_law(light, known.scales, known.ceiling)
         if known.valid is not None:
             prediction = torch.where(known.valid, prediction, known.target)
-        return prediction, known.target
+        return prediction.flatten(0, 1), known.target.flatten(0, 1)
 
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
         """The signal x: [H, W] for a mosaic, [H, W, 3] without CFA."""
@@ -158,15 +165,15 @@ class LinearLight:
         scales = [self.normaliser * shot.k for shot in view.shots]
         # In scene units every shot is divided by its own scale again: one mu-law for the whole scene.
         units = [scale if self.space == "scene" else 1.0 for scale in scales]
-        targets = [mu_law(planes(shot.pixels) / unit) for shot, unit in zip(view.shots, units, strict=True)]
-        valid = torch.cat([planes(shot.valid) for shot in view.shots])
+        pairs = list(zip(view.shots, scales, units, strict=True))
+        target = torch.stack([mu_law(planes(shot.pixels) / unit) for shot, _, unit in pairs])
+        saturated = torch.stack([planes(shot.saturated) for shot in view.shots])
+        valid = torch.stack([planes(shot.valid) for shot in view.shots])
         return _Prepared(
             matrix=torch.from_numpy(sensor.camera_from_rec709.astype(np.float32)),
             falloff=split(falloff) if mosaicked else falloff[None],
-            target=torch.cat(targets).contiguous(),
-            saturated=torch.cat([planes(shot.saturated) for shot in view.shots]).contiguous(),
-            valid=None if bool(valid.all()) else valid.contiguous(),
-            scales=torch.tensor([scale / unit for scale, unit in zip(scales, units, strict=True)])[
-                :, None, None, None
-            ],
+            scales=torch.tensor([scale / unit for _, scale, unit in pairs])[:, None, None, None],
+            target=target,
+            ceiling=torch.where(saturated, target, torch.inf),
+            valid=None if bool(valid.all()) else valid,
         )

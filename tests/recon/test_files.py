@@ -58,7 +58,7 @@ def test_ply_holds_radiance_beyond_one_and_its_harmonics_are_near_the_appearance
     directions = torch.nn.functional.normalize(
         torch.randn(7, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64), dim=1
     )
-    shown = series(harmonics, directions, 2)
+    shown = series(harmonics[:, :1], harmonics[:, 1:], directions, 2)
     wanted = appearance.colours(gaussians.parameters, directions.float(), 2)
     assert wanted.max() > 10
     np.testing.assert_allclose(shown, wanted, rtol=0.08, atol=0.02 * float(wanted.max()))
