@@ -28,11 +28,12 @@ def provenance(
     calibration: CalibrationRecord | None,
     model: "ModelRecord | None",
     version: str,
+    name: str | None = None,
 ) -> Provenance:
-    """Collect it from the records of the session."""
+    """Collect it from the records of the session; `name` is the reconstruction's folder."""
     return Provenance(
         rows=tuple(_rows(session, calibration, model, version)),
-        commands=tuple(_commands(session, calibration is not None, model)),
+        commands=tuple(_commands(session, calibration is not None, model, name)),
     )
 
 
@@ -65,7 +66,7 @@ def _rows(
             if value is not None:
                 yield f"Training: {name.replace('_', ' ')}", str(value)
         yield "Trained on calibration", model.calibration_sha256
-        yield "Light is relative to", model.radiance
+        yield "Unit of light", model.radiance
         yield "Versions of the training", _versions(model.versions)
     yield (
         "This page",
@@ -77,7 +78,9 @@ def _versions(versions: Mapping[str, str]) -> str:
     return ", ".join(f"{name} {value}" for name, value in sorted(versions.items()))
 
 
-def _commands(session: Session, calibrated: bool, model: "ModelRecord | None") -> Iterable[str]:
+def _commands(
+    session: Session, calibrated: bool, model: "ModelRecord | None", reconstruction: str | None
+) -> Iterable[str]:
     record = session.record
     name = shlex.quote(record.name)
     if record.origin.startswith("sim:"):
@@ -90,7 +93,8 @@ def _commands(session: Session, calibrated: bool, model: "ModelRecord | None") -
         chosen = model.settings
         options = f"--method {chosen.method} --quality {chosen.quality} --seed {chosen.seed}"
         budget = "" if chosen.budget is None else f" --budget {chosen.budget:g}s"
-        yield f"rig reconstruct {name} {options}{budget}"
+        own = "" if reconstruction in (None, chosen.method) else f" --name {shlex.quote(str(reconstruction))}"
+        yield f"rig reconstruct {name} {options}{budget}{own}"
 
 
 def _source(session: Session) -> str:

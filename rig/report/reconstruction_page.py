@@ -34,7 +34,7 @@ def reconstruction_report(folder: Path, progress: Progress = unreported) -> Path
         quality=section,
         captured=captured(session, record, progress),
         calibrated=calibrated(session, record, is_stale(session, record)),
-        provenance=provenance(session, record, opened.record, rig.__version__),
+        provenance=provenance(session, record, opened.record, rig.__version__, folder.resolve().name),
     )
     path = folder / "report.html"
     write_page(path, page)

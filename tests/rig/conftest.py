@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -136,13 +136,23 @@ def toy_template(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _small_scenes() -> Iterator[None]:
+    """A draft of a few Gaussians and iterations: these tests look at commands and pages, not at quality."""
+    from recon.reconstruct import QUALITIES, Quality
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(QUALITIES, "draft", Quality(iterations=20, gaussians=400, width=320))
+        yield
+
+
 @pytest.fixture(scope="session")
 def scene_template(toy_template: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same with a scene, trained for a moment, evaluated and reported; copy it before changing it."""
     from rig.commands.reconstruct import run_reconstruct
 
     session = Path(shutil.copytree(toy_template, tmp_path_factory.mktemp("scene") / "toy"))
-    run_reconstruct(session, Silence(), method="auto", quality="draft", budget=1.0, seed=0, name=None)
+    run_reconstruct(session, Silence(), method="auto", quality="draft", budget=None, seed=0, name=None)
     return session
 
 

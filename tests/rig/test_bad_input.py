@@ -23,7 +23,7 @@ ON_SESSION = {
     "check": ["check", "{it}"],
     "repair": ["check", "{it}", "--repair"],
     "calibrate": ["calibrate", "{it}"],
-    "reconstruct": ["reconstruct", "{it}", "--quality", "draft", "--budget", "2s"],
+    "reconstruct": ["reconstruct", "{it}", "--quality", "draft"],
     "evaluate": ["evaluate", "{it}"],
     "render": ["render", "{it}", "{out}"],
 }
@@ -315,7 +315,7 @@ WRITING = {
     "capture": ["capture", "--sim", "toy", "{out}"],
     "import": ["import", "{it}/raw/0000", "{out}"],
     "calibrate": ["calibrate", "{it}"],
-    "reconstruct": ["reconstruct", "{it}", "--quality", "draft", "--budget", "2s"],
+    "reconstruct": ["reconstruct", "{it}", "--quality", "draft"],
 }
 
 

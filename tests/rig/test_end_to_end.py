@@ -93,7 +93,7 @@ def test_reconstruct_evaluate_and_render(rig, scene: Path, tmp_path: Path) -> No
         "Held-out views, which the training never saw, beside the simulator's true light",
         "0001/cam0",
         "Truth, middle exposure",
-        "rig reconstruct toy --method nh-3dgs --quality draft --seed 0 --budget 1s",
+        "rig reconstruct toy --method nh-3dgs --quality draft --seed 0",
         "What was captured",
         "What was calibrated",
     ):
@@ -117,9 +117,9 @@ def test_developed_photographs_end_to_end(rig, tmp_path: Path) -> None:
     folder = tmp_path / "ldr"
     told(rig, "capture", "--sim", "toy-ldr", str(folder))
     calibrated_from_truth(folder)
-    value = told(rig, "reconstruct", str(folder), "--quality", "draft", "--budget", "1s")
+    value = told(rig, "reconstruct", str(folder), "--quality", "draft")
     assert value["metrics"]["method"] == "hdr-gs"
-    assert value["metrics"]["ldr_psnr_oe"] > 10
+    assert value["metrics"]["ldr_psnr_oe"] > 5
     assert_self_contained(Page.read(Path(value["report"])))
 
 
@@ -127,7 +127,7 @@ def test_a_scene_of_too_few_views_says_that_nothing_was_measured(rig, tmp_path: 
     folder = tmp_path / "S"
     told(rig, "capture", "--sim", "toy", str(folder), "--frames", "1")
     calibrated_from_truth(folder)
-    code, out, err = rig("reconstruct", str(folder), "--quality", "draft", "--budget", "1s")
+    code, out, err = rig("reconstruct", str(folder), "--quality", "draft")
     assert (code, err) == (0, "")
     assert "no view was held out" in out
     page = Page.read(folder / "reconstructions" / "nh-3dgs" / "report.html")

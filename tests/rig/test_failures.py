@@ -1,12 +1,14 @@
 """Every failure becomes one sentence and the right exit code."""
 
 import errno
+import json
 import os
+import signal
 from pathlib import Path
 
 import pytest
 
-from imaging import errors
+from imaging import errors, store
 from rig.failures import explained
 
 
@@ -86,6 +88,27 @@ def test_rig_debug_lets_the_traceback_through(rig, monkeypatch, tmp_path: Path) 
     monkeypatch.setattr("capture.check.check", lambda session, progress: [][1])
     with pytest.raises(IndexError):
         rig("check", str(tmp_path))
+
+
+def test_ctrl_c_in_a_capture_leaves_what_resume_completes(rig, monkeypatch, tmp_path: Path) -> None:
+    """A true SIGINT, sent when the fifth shot is on the disk."""
+    append, lines = store.append_line, []
+
+    def append_and_interrupt(path: Path, value: object) -> None:
+        append(path, value)
+        lines.append(value)
+        if len(lines) == 1 + 5:  # the plan, and five shots
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(store, "append_line", append_and_interrupt)
+    capture = ["capture", "--sim", "toy", str(tmp_path / "S"), "--json"]
+    code, out, err = rig(*capture)
+    assert code == json.loads(out)["exit_code"] == 130
+    assert "--resume" in err
+    code, out, err = rig(*capture, "--resume")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["kept"] == 5
+    assert json.loads(out)["taken"] == json.loads(out)["planned"] - 5
 
 
 def test_ctrl_c_says_how_to_go_on(rig, monkeypatch, tmp_path: Path) -> None:
