@@ -19,7 +19,7 @@ import numba
 
 Kernel = Callable[..., Any]
 
-_FLAGS = {"contract", "nsz", "arcp"}
+_OPTIONS: dict[str, Any] = {"fastmath": {"contract", "nsz", "arcp"}, "error_model": "numpy"}
 _SOURCES = ("jit.py", "threads.py", "ssim.py", "lanes/*.py", "splat/*.py")
 
 
@@ -52,6 +52,12 @@ if _CACHE:
 
 
 def kernel(function: Kernel) -> Kernel:
-    """Compile a function at its first call; it releases the GIL and checks no index."""
-    compiled: Kernel = numba.njit(cache=_CACHE, fastmath=_FLAGS, nogil=True, error_model="numpy")(function)
+    """Compile a function that Python calls, at its first call; it releases the GIL and checks no index."""
+    compiled: Kernel = numba.njit(cache=_CACHE, nogil=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
+    return compiled
+
+
+def inlined(function: Kernel) -> Kernel:
+    """Compile a function that only kernels call: inlined in them and kept with them, not by itself."""
+    compiled: Kernel = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
     return compiled

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from recon.jit import kernel
+from recon.jit import inlined, kernel
 from recon.lanes import (
     WIDTH,
     above,
@@ -51,12 +51,12 @@ _TAPS = np.concatenate([np.zeros(GROUP - 1), window(), np.zeros(GROUP - 1)]).ast
 """With zeros around: tap of source row i for row j of a group is _TAPS[GROUP - 1 + i - j]."""
 
 
-@kernel
+@inlined
 def _zeros():
     return splat(_ZERO)
 
 
-@kernel
+@inlined
 def _row(array, at, count):
     """Sixteen values, or the `count` that are left of a row and zeros."""
     if count >= WIDTH:
@@ -64,13 +64,13 @@ def _row(array, at, count):
     return load_first(array, at, count)
 
 
-@kernel
+@inlined
 def _add_pair(sums, tap, x, y, squares, product):
     a, b, c, d = sums
     return fma(x, tap, a), fma(y, tap, b), fma(squares, tap, c), fma(product, tap, d)
 
 
-@kernel
+@inlined
 def _down_images(x, y, plane, first, height, width, taps, stride, out):
     """Filter x, y, x^2 + y^2 and x y down the columns at rows first .. first + 3.
 
@@ -96,7 +96,7 @@ def _down_images(x, y, plane, first, height, width, taps, stride, out):
         _store_maps(out, WIDTH + c + 12 * stride, stride, s3)
 
 
-@kernel
+@inlined
 def _store_maps(out, at, stride, maps):
     a, b, c, d = maps
     store(out, at, a)
@@ -105,7 +105,7 @@ def _store_maps(out, at, stride, maps):
     store(out, at + 3 * stride, d)
 
 
-@kernel
+@inlined
 def _across(rows, at, taps):
     """Filter along a row, at sixteen columns."""
     result = load(rows, at) * taps[8]
@@ -114,7 +114,7 @@ def _across(rows, at, taps):
     return result
 
 
-@kernel
+@inlined
 def _structure(rows, at, stride, taps):
     """SSIM at sixteen pixels and its derivatives by mean x, mean of squares, mean of products."""
     mx, my = _across(rows, at, taps), _across(rows, at + stride, taps)
@@ -131,7 +131,7 @@ def _structure(rows, at, stride, taps):
     return f, by_mean, by_squares, _TWO * a * inverse
 
 
-@kernel
+@inlined
 def _strip_values(x, y, plane, start, stop, height, width, taps, stride, rows, parts, alike, apart, base):
     """Derivatives of SSIM at rows start - 5 .. stop + 4 into parts [rows, 3, stride], and the sums of rows.
 
@@ -165,13 +165,13 @@ def _strip_values(x, y, plane, start, stop, height, width, taps, stride, rows, p
                 apart[base + row] = total(distance)
 
 
-@kernel
+@inlined
 def _add_three(sums, tap, x, y, z):
     a, b, c = sums
     return fma(x, tap, a), fma(y, tap, b), fma(z, tap, c)
 
 
-@kernel
+@inlined
 def _store_three(out, at, stride, maps):
     a, b, c = maps
     store(out, at, a)
@@ -179,7 +179,7 @@ def _store_three(out, at, stride, maps):
     store(out, at + 2 * stride, c)
 
 
-@kernel
+@inlined
 def _down_parts(parts, local, first, height, width, taps, stride, out):
     """Filter the three derivatives down the columns at rows first .. first + 3 (local: index of `first`)."""
     for c in range(0, width, WIDTH):
@@ -201,7 +201,7 @@ def _down_parts(parts, local, first, height, width, taps, stride, out):
         _store_three(out, WIDTH + c + 12 * stride, stride, s3)
 
 
-@kernel
+@inlined
 def _strip_gradient(x, y, plane, start, stop, height, width, taps, stride, rows, parts, like, near, gradient):
     """d loss / d x at rows start .. stop - 1; like, near: weights of SSIM and L1, per pixel."""
     for first in range(start, stop, GROUP):

@@ -18,7 +18,7 @@ def warm_up(progress: Progress) -> None:
     The first time on a machine this compiles for some ten to twenty seconds; the result is kept on disk
     (see `recon.jit`) and loaded in a fraction of a second afterwards. progress: (message, done, total).
     """
-    kept = cache_folder().exists()
+    kept = any(cache_folder().rglob("*.nbi"))
     doing = "loading" if kept else "compiling, once on this machine,"
     camera = SplatCamera(np.eye(4), fx=20.0, fy=20.0, cx=8.0, cy=8.0, width=16, height=16)
     means = torch.tensor([[0.0, 0.0, 2.0]], requires_grad=True)

@@ -1,51 +1,43 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
+# mypy: allow-subclassing-any
 """Operations lane by lane."""
 
 import operator
+from typing import ClassVar
 
-from numba.extending import intrinsic, overload
+from numba import types
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin
 
 from recon.lanes.kinds import DOUBLES, MASKS, LanesType, MaskType, as_lanes, call, common
 
 
-def _binary(name: str):
-    @intrinsic
-    def operation(typing_context, a, b):
-        kind = common(a, b)
-        if kind is None:
-            return None
+def _operator(function, name: str) -> None:
+    """Teach Numba an operator of Python on lanes; directly, since an @overload compiles a function each."""
 
-        def generate(context, builder, signature, arguments):
-            left, right = (as_lanes(builder, x, kind) for x in arguments)
-            # Kernels on float32 say where they fuse; those on float64 leave it to LLVM.
-            return getattr(builder, name)(left, right, flags=("contract",) if kind == DOUBLES else ())
+    @infer_global(function)
+    class _Typing(AbstractTemplate):
+        # More special than Numba's own templates, which are many: tried before them.
+        metadata: ClassVar[dict[str, str]] = {"target": "cpu"}
 
-        return kind(a, b), generate
+        def generic(self, args, kws):
+            kind = common(*args) if len(args) == 2 and not kws else None
+            return None if kind is None else signature(kind, *args)
 
-    return operation
+    def generate(context, builder, sig, arguments):
+        kind = sig.return_type
+        left, right = (as_lanes(builder, x, kind) for x in arguments)
+        # Kernels on float32 say where they fuse; those on float64 leave it to LLVM.
+        return getattr(builder, name)(left, right, flags=("contract",) if kind == DOUBLES else ())
 
-
-_add, _sub, _mul, _div = _binary("fadd"), _binary("fsub"), _binary("fmul"), _binary("fdiv")
-
-
-@overload(operator.add)
-def _overload_add(a, b):
-    return (lambda a, b: _add(a, b)) if common(a, b) else None
+    for kinds in ((LanesType, LanesType), (LanesType, types.Float), (types.Float, LanesType)):
+        lower_builtin(function, *kinds)(generate)
 
 
-@overload(operator.sub)
-def _overload_sub(a, b):
-    return (lambda a, b: _sub(a, b)) if common(a, b) else None
-
-
-@overload(operator.mul)
-def _overload_mul(a, b):
-    return (lambda a, b: _mul(a, b)) if common(a, b) else None
-
-
-@overload(operator.truediv)
-def _overload_truediv(a, b):
-    return (lambda a, b: _div(a, b)) if common(a, b) else None
+_operator(operator.add, "fadd")
+_operator(operator.sub, "fsub")
+_operator(operator.mul, "fmul")
+_operator(operator.truediv, "fdiv")
 
 
 @intrinsic

@@ -1,4 +1,5 @@
-# mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators, allow-subclassing-any
+# mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
+# mypy: allow-subclassing-any
 """The Numba types of lanes and masks, and what every operation on them needs."""
 
 from llvmlite import ir  # type: ignore[import-untyped]

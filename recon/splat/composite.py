@@ -8,7 +8,7 @@ chunk the transmittances are kept, so that the backward pass can start anywhere 
 
 import numpy as np
 
-from recon.jit import kernel
+from recon.jit import inlined, kernel
 from recon.lanes import (
     WIDTH,
     at_least,
@@ -49,7 +49,7 @@ _P3 = np.float32(0.009666245430707932)
 _P4 = np.float32(0.0013333539245650172)
 
 
-@kernel
+@inlined
 def gather(lists, projected, begin, end, tile_x, tile_y, bits, rows):
     """Copy what a tile needs of entries begin..end to rows float32 [CHUNK * FIELDS].
 
@@ -77,7 +77,7 @@ def gather(lists, projected, begin, end, tile_x, tile_y, bits, rows):
         rows[at + 9] = paint[i, PAINT + 4]
 
 
-@kernel
+@inlined
 def select(bits, count, block, chosen):
     """Indices of the chunk's Gaussians that touch a block, without a branch; returns how many."""
     n = 0
@@ -87,7 +87,7 @@ def select(bits, count, block, chosen):
     return n
 
 
-@kernel
+@inlined
 def whitened(rows, at, block):
     """-y1^2 and y2 of the first two rows of a block, and the step of y2 to the next two."""
     m11, m21, m22 = rows[at + 2], rows[at + 3], rows[at + 4]
@@ -99,7 +99,7 @@ def whitened(rows, at, block):
     return minus(y1 * y1), y2, splat(_TWO * m22)
 
 
-@kernel
+@inlined
 def cover(quadratic, y2, light, opacity, reach, t_min):
     """(touched, alpha, 1 - alpha) of a Gaussian at sixteen pixels with transmittance `light`.
 
@@ -116,7 +116,7 @@ def cover(quadratic, y2, light, opacity, reach, t_min):
     return touched, fma(part, p, s), fma(minus(part), p, splat(_ONE) - s)
 
 
-@kernel
+@inlined
 def _blend(q, y2, t, r, g, b, rows, at, t_min):
     """One Gaussian over one vector: the new transmittance and colour."""
     touched, alpha, through = cover(q, y2, t, splat(rows[at + 6]), splat(rows[at + 5]), t_min)
@@ -125,7 +125,7 @@ def _blend(q, y2, t, r, g, b, rows, at, t_min):
     return t, fma(w, rows[at + 7], r), fma(w, rows[at + 8], g), fma(w, rows[at + 9], b)
 
 
-@kernel
+@inlined
 def _blend_block(rows, chosen, count, block, t_min, state):
     """Blend the chosen Gaussians over a block; returns the largest transmittance left.
 
@@ -172,13 +172,13 @@ def _blend_block(rows, chosen, count, block, t_min, state):
     return largest(maximum(maximum(t0, t1), maximum(t2, t3)))
 
 
-@kernel
+@inlined
 def block_pixel(x, y):
     """Where pixel (x, y) of a tile lies in its block-wise planes."""
     return ((y >> 3) * 2 + (x >> 3)) * 64 + (y & 7) * 8 + (x & 7)
 
 
-@kernel
+@inlined
 def _begin(tile_x, tile_y, height, width, state, alive):
     """Nothing blended yet; pixels outside the image count as finished."""
     for p in range(4 * PIXELS):
@@ -192,7 +192,7 @@ def _begin(tile_x, tile_y, height, width, state, alive):
             alive[p >> 6] = 1
 
 
-@kernel
+@inlined
 def _finish(tile_x, tile_y, background, state, image, left):
     """Write a tile's pixels, over the background."""
     height, width = left.shape

@@ -10,7 +10,7 @@ their order. No sum depends on which thread did what, so gradients are equal to 
 
 import numpy as np
 
-from recon.jit import kernel
+from recon.jit import inlined, kernel
 from recon.lanes import (
     choose,
     fma,
@@ -43,7 +43,7 @@ _ZERO = np.float32(0.0)
 _HALF_TILE = np.float32(TILE / 2 - 0.5)
 
 
-@kernel
+@inlined
 def _walk(q, y2, light, rows, at, t_min, alphas, lights, place):
     """Forward over one vector: store alpha (0 where not touched) and the transmittance before it."""
     touched, alpha, through = cover(q, y2, light, splat(rows[at + 6]), splat(rows[at + 5]), t_min)
@@ -53,7 +53,7 @@ def _walk(q, y2, light, rows, at, t_min, alphas, lights, place):
     return choose(touched, light * through, light), alpha * light
 
 
-@kernel
+@inlined
 def _walk_block(rows, chosen, count, block, t_min, light, at_light, alphas, lights, slots):
     """Forward over a block from the kept transmittances; largest weights go to the slots."""
     t0, t1 = load(light, at_light), load(light, at_light + 16)
@@ -74,7 +74,7 @@ def _walk_block(rows, chosen, count, block, t_min, light, at_light, alphas, ligh
         slots[slot] = max(slots[slot], peak)
 
 
-@kernel
+@inlined
 def _return(rows, at, alphas, lights, place, pixel, grads, behind):
     """Backward over one vector: (s, the new B, w g for each channel)."""
     alpha = load(alphas, place)
@@ -86,7 +86,7 @@ def _return(rows, at, alphas, lights, place, pixel, grads, behind):
     return w * d, fma(alpha, d, behind), w * gr, w * gg, w * gb
 
 
-@kernel
+@inlined
 def _return_block(rows, chosen, count, block, alphas, lights, grads, behind, slots):
     """Backward over a block: adds to the slots of the chosen Gaussians, moves B in front of them."""
     p = 64 * block
@@ -120,7 +120,7 @@ def _return_block(rows, chosen, count, block, alphas, lights, grads, behind, slo
     store(behind, p + 48, b3)
 
 
-@kernel
+@inlined
 def _tile_gradients(tile_x, tile_y, grad_image, grad_left, background, grads, behind):
     """Gather a tile's d loss / d pixel, block by block, and B behind its last Gaussian."""
     height, width = grad_left.shape
@@ -177,7 +177,7 @@ def composite_backward(
         tile = take_number(counter)
 
 
-@kernel
+@inlined
 def _most(light, at):
     """The largest transmittance of a block."""
     a = maximum(load(light, at), load(light, at + 16))

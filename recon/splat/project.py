@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from recon.jit import kernel
+from recon.jit import inlined, kernel
 from recon.lanes import (
     WIDTH_64,
     above,
@@ -68,7 +68,7 @@ def parameters(camera: SplatCamera, limits: Limits) -> Floats:
     )
 
 
-@kernel
+@inlined
 def read_eight(means, quats, scales, opacities, colours, ids, values):
     """Gaussians ids int64 [8] as float64 [INPUTS * 8], number by number, so that lanes can load them."""
     for j in range(WIDTH_64):
@@ -82,7 +82,7 @@ def read_eight(means, quats, scales, opacities, colours, ids, values):
         values[80 + j] = opacities[i]
 
 
-@kernel
+@inlined
 def to_camera(x, y, z, k):
     """World to camera coordinates."""
     return (
@@ -92,7 +92,7 @@ def to_camera(x, y, z, k):
     )
 
 
-@kernel
+@inlined
 def distort(u, v, k):
     """Distorted tangents and their derivatives: x, y, dx/du, dx/dv = dy/du, dy/dv."""
     k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
@@ -108,7 +108,7 @@ def distort(u, v, k):
     return x, y, xu, xv, yv
 
 
-@kernel
+@inlined
 def rotation(w, x, y, z):
     """Rotation matrix, row-major, of a quaternion of any length."""
     s = 2.0 / (w * w + x * x + y * y + z * z)
@@ -128,7 +128,7 @@ def rotation(w, x, y, z):
     )
 
 
-@kernel
+@inlined
 def screen_axes(x, y, z, k):
     """A = J W [2, 3]: how a small world offset moves the projection, at a camera point, px per unit.
 
@@ -154,7 +154,7 @@ def screen_axes(x, y, z, k):
     return axes, (u, v, uc, vc, inverse), (e00, e01, e10, e11)
 
 
-@kernel
+@inlined
 def root_covariance(axes, r, sx, sy, sz):
     """M = A R S [2, 3], whose M M^T is the projected covariance before blur."""
     a0, a1, a2, b0, b1, b2 = axes
@@ -168,7 +168,7 @@ def root_covariance(axes, r, sx, sy, sz):
     )
 
 
-@kernel
+@inlined
 def covariance(m, blur):
     """Entries a, b, c of M M^T + blur I and its determinant, without cancellation (Cauchy-Binet)."""
     m0, m1, m2, n0, n1, n2 = m
@@ -180,7 +180,7 @@ def covariance(m, blur):
     return a + blur, b, c + blur, determinant
 
 
-@kernel
+@inlined
 def _log2(x):
     """log2 to 1e-12, by the series of artanh, for positive normal numbers."""
     m, e = split_exponent(x)
@@ -190,7 +190,7 @@ def _log2(x):
     return e + _LOG * z * (1.0 + s * (1.0 / 3 + s * (1.0 / 5 + s * (1.0 / 7 + s * series))))
 
 
-@kernel
+@inlined
 def _sound(values):
     """Mask: all numbers finite, scales positive, opacity not negative, quaternion with a direction."""
     nothing = splat(0.0)
@@ -206,7 +206,7 @@ def _sound(values):
     return both(both(at_least(nothing, 0.0), at_least(load(values, 80), 0.0)), shaped)
 
 
-@kernel
+@inlined
 def _opacity_and_reach(values, k):
     """Clamped opacity, and log2 of how far above its floor it is."""
     brightest = maximum(maximum(load(values, 88), load(values, 96)), load(values, 104))
@@ -217,7 +217,7 @@ def _opacity_and_reach(values, k):
     return seen, o, maximum(_log2(choose(seen, o / lowest, splat(1.0))), 0.0)
 
 
-@kernel
+@inlined
 def _project_eight(values, k, out):
     """Fill out float64 [_OUTPUTS * 8] with, eight at a time: state, camera z, three-sigma radius, the five
     numbers of Projected.shape, the reach, the opacity, the four of Projected.box.

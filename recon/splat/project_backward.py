@@ -6,7 +6,7 @@ As there, in float64 and eight Gaussians at a time.
 
 import numpy as np
 
-from recon.jit import kernel
+from recon.jit import inlined, kernel
 from recon.lanes import above, at_least, both, choose, load, minus, root, store
 from recon.splat.composite_backward import SLOT
 from recon.splat.project import (
@@ -32,7 +32,7 @@ _OUTPUTS = 13
 """Gradients of mean 3, quaternion 4, scale 3, opacity, and of the pixel mean 2."""
 
 
-@kernel
+@inlined
 def _add_slots(slots, first, last, tile, entry, across, px, py, moments, j, colour):
     """Add up a Gaussian's slots in their order: lane j of moments, colour [3]; returns the largest weight."""
     s = sx = sy = sxx = sxy = syy = red = green = blue = peak = 0.0
@@ -58,7 +58,7 @@ def _add_slots(slots, first, last, tile, entry, across, px, py, moments, j, colo
     return peak
 
 
-@kernel
+@inlined
 def _lens_curvature(u, v, k):
     """Second derivatives of the distorted tangents: xuu, xuv, xvv = yuv, yvv (yuu = xuv)."""
     k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
@@ -70,7 +70,7 @@ def _lens_curvature(u, v, k):
     return xuu, xuv, xvv, yvv
 
 
-@kernel
+@inlined
 def _quat_gradient(g, w, x, y, z):
     """d loss / d quaternion from d loss / d rotation matrix (row-major), through the normalisation."""
     inverse = 1.0 / root(w * w + x * x + y * y + z * z)
@@ -88,7 +88,7 @@ def _quat_gradient(g, w, x, y, z):
     )
 
 
-@kernel
+@inlined
 def _ellipse_gradient(moments, a, b, c, determinant):
     """d loss / d mean2d (2) and d loss / d covariance (xx, xy, yy; the xy entry counts twice)."""
     ia, ib, ic = c / determinant, minus(b) / determinant, a / determinant
@@ -103,7 +103,7 @@ def _ellipse_gradient(moments, a, b, c, determinant):
     )
 
 
-@kernel
+@inlined
 def _axes_gradient(p, q, r, k):
     """d loss / d J [2, 3] from d loss / d M, rows p and q already times the scales: dM (R S)^T W^T."""
     a0, b0 = p[0] * r[0] + p[1] * r[1] + p[2] * r[2], q[0] * r[0] + q[1] * r[1] + q[2] * r[2]
@@ -119,7 +119,7 @@ def _axes_gradient(p, q, r, k):
     )
 
 
-@kernel
+@inlined
 def _point_gradient(jacobian, centre, tangents, lens, k):
     """d loss / d camera point from d loss / d J and d loss / d mean2d; J = E [I, -(uc, vc)] / z."""
     j00, j01, j02, j10, j11, j12 = jacobian
@@ -142,7 +142,7 @@ def _point_gradient(jacobian, centre, tangents, lens, k):
     return inverse * gu, inverse * gv, depth
 
 
-@kernel
+@inlined
 def _backward_eight(values, moments, k, out):
     """Fill out float64 [_OUTPUTS * 8] from the Gaussians and their moments."""
     x, y, z = to_camera(load(values, 0), load(values, 8), load(values, 16), k)

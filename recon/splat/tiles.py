@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from recon.jit import kernel
+from recon.jit import inlined, kernel
 from recon.lanes import (
     at_least,
     both,
@@ -74,7 +74,7 @@ def depth_order(bits, state):
     return order
 
 
-@kernel
+@inlined
 def _column_blocks(projected, i, first_tile, out, at):
     """First and last row of blocks that Gaussian i reaches, in the eight columns of blocks of four tiles.
 
@@ -103,7 +103,7 @@ def _column_blocks(projected, i, first_tile, out, at):
     store(out, at + 8, choose(reached, floor(last * 0.125), -1.0))
 
 
-@kernel
+@inlined
 def _emit_tiles(blocks, at, first_tile, count, across, tile, bits, n):
     """Write the entries of `count` (at most 4) tile columns from index n on; returns the next index.
 
@@ -127,7 +127,7 @@ def _emit_tiles(blocks, at, first_tile, count, across, tile, bits, n):
     return n
 
 
-@kernel
+@inlined
 def _emit_batch(projected, across, entries, first, count, blocks):
     """Entries of Gaussians first .. first + count - 1. blocks float64 [16 * count]: scratch.
 
