@@ -1,6 +1,6 @@
 """Small scenes for the rasteriser, by name: what each is meant to catch is said beside it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -143,6 +143,15 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "behind": lambda: Scene(**_behind(), camera=camera(), background=BACK),
     "inside": lambda: Scene(**_inside(), camera=camera(turn=0.0), background=BACK),
 }
+
+
+@pytest.fixture(autouse=True)
+def one_torch_thread() -> Iterator[None]:
+    """The oracle's operations are too small to share: threads only wait for each other."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
 
 
 @pytest.fixture(params=list(SCENES))
