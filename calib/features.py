@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from calib.matching import match
 from calib.previews import enlargement
 from calib.views import Progress
 from imaging.colmap import pycolmap
@@ -23,10 +24,6 @@ MOST_FEATURES = 6000
 """In one picture; SIFT keeps the largest."""
 PIXELS_EACH = 36
 """A small picture has at most one feature to so many of its pixels: more of them are noise."""
-RATIO = 0.8
-"""Lowe's ratio of nearest to second nearest, angles between descriptors."""
-FARTHEST = 0.7
-"""Largest angle between descriptors that match, radians."""
 FEWEST_MATCHES = 15
 PLANAR_SHARE = 0.85
 """Of the matches of a pair that one homography explains, above which they show a plane or a turn."""
@@ -96,32 +93,6 @@ def extract(picture: Float, threads: int) -> Features:
     return Features(points / scale, vectors)
 
 
-def match(one: Features, other: Features) -> npt.NDArray[np.uint32]:
-    """Pairs of indices [M, 2] of features that are each other's nearest, by Lowe's ratio test both ways.
-
-    One matrix product per pair of views: many times faster on a CPU than COLMAP's own matcher.
-    """
-    if len(one.points) < 2 or len(other.points) < 2:
-        return np.empty((0, 2), np.uint32)
-    cosine = one.descriptors @ other.descriptors.T
-    rows, columns = np.arange(len(cosine)), np.arange(cosine.shape[1])
-    right, back = cosine.argmax(1), cosine.argmax(0)
-    best, best_back = cosine[rows, right], cosine[back, columns]
-    cosine[rows, right] = -1
-    second = cosine.max(1)
-    cosine[rows, right] = best
-    cosine[back, columns] = -1
-    second_back = cosine.max(0)
-
-    def angle(value: Float) -> Float:
-        return np.asarray(np.arccos(np.clip(value, -1, 1)), np.float32)
-
-    good = (angle(best) < FARTHEST) & (angle(best) < RATIO * angle(second))
-    good_back = angle(best_back) < RATIO * angle(second_back)
-    keep = good & (back[right] == rows) & good_back[right]
-    return np.stack([rows[keep], right[keep]], axis=1).astype(np.uint32)
-
-
 def fill_database(
     database: Any,
     cameras: Mapping[str, Any],
@@ -159,7 +130,7 @@ def fill_database(
     every = list(combinations(features, 2))
     for done, (a, b) in enumerate(every):
         progress("matching", done, len(every))
-        matches = match(features[a], features[b])
+        matches = match(features[a].descriptors, features[b].descriptors)
         if len(matches) < FEWEST_MATCHES:
             continue
         geometry = pycolmap.estimate_two_view_geometry(

@@ -16,7 +16,7 @@ from imaging.records import Rung
 FEWEST_VIEWS = 4
 HELD_OUT = 3
 """One scene point in so many is held out."""
-MOST_POINTS = 4000
+MOST_POINTS = 2000
 """Scene points that are enough to judge by: those seen in most views."""
 
 

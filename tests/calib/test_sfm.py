@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from calib.features import Features, Pair, match
+from calib.features import Features, Pair
+from calib.matching import match
 from calib.sfm import centres, solve
 from imaging.calibration import Lens
 from imaging.errors import CalibrationError
@@ -44,11 +45,11 @@ def arc(count, offset=(0.0, 0.0, 0.0)):
 
 def test_matching_finds_the_same_points():
     first, second = seen(*arc(2)[0], seed=1), seen(*arc(2)[1], seed=2)
-    pairs = match(first, second)
+    pairs = match(first.descriptors, second.descriptors)
     assert len(pairs) > 400
     products = (first.descriptors[pairs[:, 0]] * second.descriptors[pairs[:, 1]]).sum(1)
     assert products.min() > 0.9
-    assert len(match(first, Features(np.empty((0, 2)), np.empty((0, 128), np.float32)))) == 0
+    assert len(match(first.descriptors, np.empty((0, 128), np.float32))) == 0
 
 
 def test_a_rig_on_an_arc_is_placed():
