@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from imaging.errors import PartialError
 from rig.commands.options import JsonOption, SessionArgument
 from rig.progress import Meter
 from rig.running import Outcome, leaving_nothing, running
@@ -13,13 +14,13 @@ from rig.words import counted, number
 if TYPE_CHECKING:
     from imaging.calibration import CalibrationRecord
 
-Part = Literal["response", "poses"]
+Part = Literal["sensor", "response", "colour", "poses"]
 
 
 def calibrate(
     session: SessionArgument,
     only: Annotated[
-        Part | None, typer.Option(help="Redo this part and keep the rest; response needs no poses.")
+        Part | None, typer.Option(help="Redo this part and keep the rest; all but poses need no poses.")
     ] = None,
     as_json: JsonOption = False,
 ) -> Outcome:
@@ -39,12 +40,16 @@ def run_calibrate(session: Path, meter: Meter, only: Part | None = None) -> Outc
     folder = session / "calibration"
     with leaving_nothing(folder, unless=lambda path: (path / "calibration.json").is_file()):
         from calib.calibrate import calibrate as calibrate_session
+        from rig.report.calibration_page import calibration_report
 
-        record = calibrate_session(session, only=only, progress=meter)
-    from rig.report.calibration_page import calibration_report
-
+        try:
+            record = calibrate_session(session, only=only, progress=meter)
+        except PartialError:
+            # What was found has its page too; the error says what is missing.
+            calibration_report(session, meter)
+            raise
     calibration_report(session, meter)
-    return told_response(session, record) if only == "response" else told(session, record)
+    return told_cameras(session, record) if only and not record.views else told(session, record)
 
 
 def calibration_outcome(session: Path) -> Outcome:
@@ -54,8 +59,8 @@ def calibration_outcome(session: Path) -> Outcome:
     return told(session, read_calibration(session))
 
 
-def told_response(session: Path, record: "CalibrationRecord") -> Outcome:
-    """A calibration of the response alone as an outcome."""
+def told_cameras(session: Path, record: "CalibrationRecord") -> Outcome:
+    """A calibration of cameras without poses as an outcome."""
     report = session / "calibration" / "report.html"
     evidence = {camera.name: camera.response.evidence for camera in record.cameras}
     responses = {camera.name: camera.response.kind for camera in record.cameras}

@@ -68,6 +68,7 @@ class Calibrated:
     """Everything the section shows."""
 
     summary: str
+    posed: bool
     registered: str
     verdicts: tuple[Verdict, ...]
     unregistered: tuple[str, ...]
@@ -92,7 +93,10 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
     images = len(record.views) + len(record.unregistered)
     return Calibrated(
         summary=f"{len(record.views)} of {counted(images, 'image')} with a pose, "
-        f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
+        f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px"
+        if record.views
+        else "Exposures and cameras; no image has a pose",
+        posed=bool(record.views),
         registered=f"{len(record.views)} of {images}",
         verdicts=tuple(_verdicts(session, record)),
         unregistered=record.unregistered,
@@ -115,7 +119,7 @@ def _points(folder: Path) -> SparsePoints | None:
 
 def _verdicts(session: Session, record: CalibrationRecord) -> Iterable[Verdict]:
     if not record.views:
-        yield Verdict("warn", "No poses yet: run rig calibrate without --only")
+        yield Verdict("warn", "No image has a pose: only what needs none was measured")
         return
     error = record.reprojection_px
     if error is not None:

@@ -25,7 +25,11 @@ def calibration_report(folder: Path, progress: Progress = unreported) -> Path:
         made=now(),
         tiles=(
             Tile(section.registered, "", "images with a pose"),
-            Tile(number(record.reprojection_px), "px", "mean reprojection error"),
+            Tile(
+                number(record.reprojection_px),
+                "px" if record.reprojection_px is not None else "",
+                "mean reprojection error",
+            ),
             Tile(f"{record.points:,}", "", "scene points"),
         ),
         captured=captured(session, record, progress),

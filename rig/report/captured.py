@@ -187,4 +187,4 @@ def _advice(steps: dict[int, list[ShotRecord]], looks: Looks, views: int) -> Ite
                 "add a longer one to lift the shadows above the noise."
             )
     if views < 8:
-        yield f"{counted(views, 'view')} are few: a scene gets reliable from about 20 overlapping views on."
+        yield f"This is few for a scene ({counted(views, 'view')}): from about 20 overlapping views on it gets reliable."

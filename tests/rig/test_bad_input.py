@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from imaging import store
+from imaging.errors import PartialError
 from imaging.photo import encode_jpeg
 
 ON_SESSION = {
@@ -170,6 +171,17 @@ def test_some_images_without_a_pose_are_listed_and_the_rest_stays(
     assert "cam0/0000" in err
     assert json.loads(out)["unregistered"] == ["cam0/0000"]
     assert json.loads(out)["missing"] in err
+
+
+def test_a_calibration_in_part_has_its_page(rig, toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def in_part(session: Path, **options: object) -> None:
+        raise PartialError(f"{session}: the response is measured, but no view has a pose: take more views.")
+
+    monkeypatch.setattr("calib.calibrate.calibrate", in_part)
+    code, out, err = rig("calibrate", str(toy))
+    assert (code, out) == (3, "")
+    assert_one_sentence(err)
+    assert (toy / "calibration" / "report.html").is_file()
 
 
 # Damaged files.
