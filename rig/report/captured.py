@@ -187,4 +187,4 @@ def _advice(steps: dict[int, list[ShotRecord]], looks: Looks, views: int) -> Ite
                 "add a longer one to lift the shadows above the noise."
             )
     if views < 8:
-        yield f"This is few for a scene ({counted(views, 'view')}): from about 20 overlapping views on it gets reliable."
+        yield f"{counted(views, 'view')} can hardly make a scene: take 20 or more that overlap."
