@@ -29,7 +29,8 @@ def cache_folder() -> Path:
     if given:
         base = Path(given)
     else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hdr-rig" / "numba"
+        caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+        base = Path(caches) / "hdr-rig" / "numba"
     digest = hashlib.sha256(numba.__version__.encode())
     here = Path(__file__).parent
     for pattern in _SOURCES:

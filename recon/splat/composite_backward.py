@@ -55,13 +55,17 @@ def _walk(q, y2, light, rows, at, t_min, alphas, lights, place):
 
 @inlined
 def _walk_block(rows, chosen, count, block, t_min, light, at_light, alphas, lights, slots):
-    """Forward over a block from the kept transmittances; largest weights go to the slots."""
+    """Forward over a block from the kept transmittances; largest weights go to the slots.
+
+    Leaves in `chosen` only the Gaussians that touched a pixel here, and returns how many.
+    """
+    touched = 0
     t0, t1 = load(light, at_light), load(light, at_light + 16)
     t2, t3 = load(light, at_light + 32), load(light, at_light + 48)
     for n in range(count):
         at = chosen[n] * FIELDS
         q, y2, step = whitened(rows, at, block)
-        p = 64 * n
+        p = 64 * touched
         t0, w0 = _walk(q, y2, t0, rows, at, t_min, alphas, lights, p)
         y2 = y2 + step
         t1, w1 = _walk(q, y2, t1, rows, at, t_min, alphas, lights, p + 16)
@@ -72,6 +76,9 @@ def _walk_block(rows, chosen, count, block, t_min, light, at_light, alphas, ligh
         peak = largest(maximum(maximum(w0, w1), maximum(w2, w3)))
         slot = chosen[n] * SLOT + 9
         slots[slot] = max(slots[slot], peak)
+        chosen[touched] = chosen[n]
+        touched += peak > _ZERO
+    return touched
 
 
 @inlined
@@ -168,7 +175,7 @@ def composite_backward(
                 at = (lists.chunk_start[tile] + chunk) * PIXELS + 64 * block
                 if _most(kept, at) >= t_min:
                     count = select(bits, end - begin, block, chosen)
-                    _walk_block(rows, chosen, count, block, floor, kept, at, alphas, lights, sums)
+                    count = _walk_block(rows, chosen, count, block, floor, kept, at, alphas, lights, sums)
                     _return_block(rows, chosen, count, block, alphas, lights, grads, behind, sums)
             for j in range(end - begin):
                 store(slots, SLOT * np.intp(lists.slot[begin + j]), load(sums, SLOT * j))

@@ -15,8 +15,10 @@ class Limits:
     """
 
     alpha_max: float = 1.0
-    """Opacities above it count as it. 1 is safe: no gradient here divides by `1 - alpha`. One layer of
-    1 - 2^-24, the next float32 below, would still leak 6 % of a card in front of a 2^20 brighter plane."""
+    """Opacities above it are drawn as it, and keep the gradient that it has, so that they can come back.
+    (3DGS clamps alpha, pixel by pixel, which differs by at most 1 - alpha_max.) 1 is safe: no gradient here
+    divides by `1 - alpha`. One layer of 1 - 2^-24, the next float32 below, would still leak 6 % of a card
+    in front of a 2^20 brighter plane."""
     t_min: float = 1e-8
     """A pixel is finished when its transmittance falls below this; the layer that crosses it still counts."""
     alpha_min: float = 1.0 / 255.0

@@ -7,7 +7,7 @@ As there, in float64 and eight Gaussians at a time.
 import numpy as np
 
 from recon.jit import inlined, kernel
-from recon.lanes import above, at_least, both, choose, load, minus, root, store
+from recon.lanes import above, at_least, both, choose, load, minimum, minus, root, store
 from recon.splat.composite_backward import SLOT
 from recon.splat.project import (
     BOUNDS,
@@ -155,9 +155,8 @@ def _backward_eight(values, moments, k, out):
     centre, (ga, gb, gc) = _ellipse_gradient(moments, a, b, c, determinant)
     store(out, 88, centre[0])
     store(out, 96, centre[1])
-    o = load(values, 80)
-    free = both(at_least(k[LIMITS + 2], o), above(o, 0.0))
-    store(out, 80, choose(free, load(moments, 0) / o, 0.0))
+    o = minimum(load(values, 80), k[LIMITS + 2])
+    store(out, 80, choose(above(o, 0.0), load(moments, 0) / o, 0.0))
 
     # C = M M^T + blur: d loss / d M = 2 G M, M = A R S.
     p = (2.0 * (ga * m[0] + gb * m[3]), 2.0 * (ga * m[1] + gb * m[4]), 2.0 * (ga * m[2] + gb * m[5]))

@@ -44,7 +44,7 @@ def rasterize_reference(
     degenerate = drawn & ~(deviation <= limits.max_sigma)
     culled = len(finite) - len(kept) + int(degenerate.sum())
     floor = alpha_floor(colours, limits)
-    opacities = opacities.clamp(max=limits.alpha_max)
+    opacities = opacities + (opacities.clamp(max=limits.alpha_max) - opacities).detach()
     drawn = drawn & ~degenerate & (opacities.detach() >= floor)
 
     # Ties in depth keep the order of the input, and depth is compared in float32, as in the fast paths.

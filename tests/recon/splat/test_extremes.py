@@ -253,6 +253,43 @@ def test_long_thin_image_and_a_million_gaussians() -> None:
     assert render.alpha[8].mean() > 0.5
 
 
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_opacity_above_the_largest_alpha_keeps_its_gradient(scene_of: Any, dtype: torch.dtype) -> None:
+    scene = scene_of("plain")
+    scene.limits = replace(scene.limits, alpha_max=0.75)
+    scene.opacities[3:6] = torch.tensor([0.75, 0.9, 1.5])
+    found = []
+    for opacities in (scene.opacities, scene.opacities.clamp(max=0.75)):
+        scene.opacities = opacities
+        tensors = scene.tensors(dtype)
+        render = scene.render(tensors)
+        render.image.sum().backward()
+        found.append((render.image.detach(), tensors[3].grad))
+    assert torch.equal(found[0][0], found[1][0])
+    assert torch.equal(found[0][1], found[1][1])
+    assert found[0][1][3:6].any()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_nothing_is_folded_back_into_the_image(dtype: torch.dtype) -> None:
+    """Beyond the radius where distortion stops growing, the polynomial would put Gaussians in the image."""
+    camera = SplatCamera(np.eye(4), fx=20, fy=20, cx=12, cy=9, width=24, height=18, k1=-0.5)
+    outside = np.array([1.2, 0.0])
+    assert 0 < camera.distort(outside)[0] * 20 + 12 < 24
+    for tangent, seen in ((1.2, 0), (0.3, 1)):
+        tensors = [
+            torch.tensor([[2 * tangent, 0.0, 2.0]], dtype=dtype),
+            torch.tensor([[1.0, 0.0, 0.0, 0.0]], dtype=dtype),
+            torch.full((1, 3), 0.05, dtype=dtype),
+            torch.full((1,), 0.9, dtype=dtype),
+            torch.ones(1, 3, dtype=dtype),
+        ]
+        render = rasterize(*tensors, camera)
+        assert render.visible == seen
+        assert render.culled == 0
+        assert bool(render.image.any()) == bool(seen)
+
+
 def test_limits_refuse_nonsense() -> None:
     for options in ({"alpha_max": 1.5}, {"t_min": -1.0}, {"blur": 0.0}, {"luminance_reference": math.nan}):
         with pytest.raises(ValueError, match=next(iter(options))):

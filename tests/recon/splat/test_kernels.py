@@ -19,6 +19,7 @@ from recon.jit import cache_folder, kernel
 from recon.splat import SplatCamera, rasterize, tables, tiles
 from recon.splat.composite import cover
 from recon.threads import share, take_number
+from recon.warm_up import warm_up
 
 
 @kernel
@@ -225,6 +226,13 @@ def test_kernels_compile_without_a_place_for_the_cache(tmp_path: Path) -> None:
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120
     )
     assert result.stdout.strip() == "3", result.stderr
+
+
+def test_warm_up_says_what_it_does() -> None:
+    said: list[tuple[str, int, int]] = []
+    warm_up(lambda message, done, total: said.append((message, done, total)))
+    assert [(done, total) for _, done, total in said] == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    assert all(message.strip() for message, _, _ in said)
 
 
 def test_kernels_are_strict_about_nan() -> None:

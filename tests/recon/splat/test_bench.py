@@ -1,0 +1,40 @@
+"""The peer that bench/splat.py measures against computes what we compute."""
+
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import torch
+
+from recon.splat import Limits, rasterize
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> tuple[ModuleType, ModuleType]:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "bench"))
+    names = ("workloads", "peers")
+    for name in names:
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    return importlib.import_module("workloads"), importlib.import_module("peers")
+
+
+@pytest.mark.parametrize("name", ["object", "room"])
+def test_peer_agrees(bench: tuple[ModuleType, ModuleType], name: str) -> None:
+    workloads, peers = bench
+    tensors, camera = workloads.workload(name, 1500), workloads.view(name, 70, 50)
+    pull = torch.randn(50, 70, 3, generator=torch.Generator().manual_seed(0))
+    images, gradients = [], []
+    for render in (
+        lambda: rasterize(*tensors, camera, limits=Limits.gsplat()).image,
+        lambda: peers.torch_tiles(tensors, camera, peers.tile_lists(tensors, camera)),
+    ):
+        image = render()
+        images.append(image.detach())
+        gradients.append(torch.autograd.grad(image, tensors, pull))
+    assert images[0].mean() > 0.05
+    assert (images[0] - images[1]).abs().mean() < 1e-5
+    for ours, theirs in zip(*gradients, strict=True):
+        # The peer clamps alpha, we clamp the opacity: at most 1e-3 of either.
+        assert (ours - theirs).norm() < 2e-3 * theirs.norm()
