@@ -39,7 +39,7 @@ def start_points(
     rng: np.random.Generator,
     progress: Progress | None = None,
 ) -> Start:
-    """At most about `count` coloured points: the SfM points, then points of the plane sweep.
+    """At most `count` coloured points: SfM points (as many as fit), then points of the plane sweep.
 
     `images` are the radiance images of the training views. ReconstructionError when calibration left
     fewer than 8 points, since then nothing says where the scene is.
@@ -54,6 +54,8 @@ def start_points(
             f"{dataset.session} has {len(sparse)} scene points in calibration/colmap, too few to start from: "
             "take images that overlap more and show more texture, and calibrate again."
         )
+    if len(sparse) > count:
+        sparse = sparse[np.sort(rng.choice(len(sparse), size=count, replace=False))]
     maps = sweep(dataset.train, [rgb for rgb, _ in images], sparse, progress=progress)
     dense = sample(maps, max(count - len(sparse), 0), rng)
     xyz = np.concatenate([sparse, dense])
