@@ -3,6 +3,8 @@
 # pycolmap 4.2's shared object interposes the system's zlib; unless zlib was loaded before it, the
 # next compression anywhere in the process aborts.
 import zlib  # noqa: F401  # isort: skip
+import signal
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +16,10 @@ from imaging.errors import InputError
 
 pycolmap.logging.minloglevel = 2
 pycolmap.logging.logtostderr = True
+if threading.current_thread() is threading.main_thread():
+    # glog answers SIGTERM with a stack trace; whoever ends us wants the handler that was there before.
+    _handler = signal.getsignal(signal.SIGTERM)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL if _handler is None else _handler)
 
 
 @dataclass(frozen=True)

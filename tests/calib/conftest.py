@@ -1,0 +1,92 @@
+"""Sessions that the tests of calibration share: one simulated and calibrated, others made to measure."""
+
+import os
+import shutil
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imaging import store
+from imaging.exposure import Exposure
+from imaging.mosaic import RawMosaic
+from imaging.photo import encode_jpeg
+from imaging.records import CameraRecord, SessionRecord, ShotRecord
+from imaging.session import Session
+
+
+def silent(message: str, done: int, total: int) -> None:
+    """A progress meter that shows nothing."""
+
+
+@pytest.fixture(scope="session")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo's rig at three of its six positions, captured and calibrated; copy it before changing it."""
+    from calib.calibrate import calibrate
+    from capture.simulated import capture_simulated
+
+    folder = tmp_path_factory.mktemp("arm") / "session"
+    capture_simulated("demo", folder, seed=1, frames=3)
+    calibrate(folder, progress=silent)
+    return folder
+
+
+@pytest.fixture
+def own_arm(arm: Path, tmp_path: Path) -> Path:
+    """The same, of one's own."""
+    return Path(shutil.copytree(arm, tmp_path / "session"))
+
+
+@pytest.fixture(scope="session")
+def real() -> Path:
+    """The folder of real data; skips without it."""
+    folder = os.environ.get("RIG_DATA")
+    if not folder:
+        pytest.skip("RIG_DATA names no folder of real data")
+    return Path(folder)
+
+
+def make_session(
+    folder: Path,
+    views: Sequence[Sequence[tuple[np.ndarray | RawMosaic, Exposure | None]]],
+    *,
+    cameras: Sequence[str] | None = None,
+) -> Path:
+    """A session whose view i holds the given exposures: uint8 [H, W, 3] as JPEG, or mosaics as DNG.
+
+    cameras: of each view, frames being counted for each; one camera when None.
+    """
+    from imaging.dng import write_dng
+
+    names = list(cameras or ["cam"] * len(views))
+    kind = "raw" if isinstance(views[0][0][0], RawMosaic) else "ldr"
+    records = tuple(
+        CameraRecord(name=name, serial=name, make="Maker", model="One", kind=kind)
+        for name in sorted(set(names))
+    )
+    session = Session.create(
+        folder, SessionRecord(name="made", created=datetime.now(UTC), origin="test", cameras=records)
+    )
+    counts = dict.fromkeys(names, 0)
+    for name, exposures in zip(names, views, strict=True):
+        frame = counts[name]
+        counts[name] += 1
+        for step, (image, exposure) in enumerate(exposures):
+            suffix = "dng" if isinstance(image, RawMosaic) else "jpg"
+            file = f"raw/{frame:04d}/{name}_{step}.{suffix}"
+            if isinstance(image, RawMosaic):
+                store.make_folder((folder / file).parent)
+                write_dng(folder / file, image)
+                height, width = image.pixels.shape
+            else:
+                store.write_bytes(folder / file, encode_jpeg(image, 98))
+                height, width = image.shape[:2]
+            session.append_shot(
+                ShotRecord(
+                    kind="scene", plan="test", camera=name, frame=frame, step=step, file=file,
+                    sha256=store.sha256(folder / file), reported=exposure, width=width, height=height,
+                )
+            )  # fmt: skip
+    return folder

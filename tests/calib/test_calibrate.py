@@ -1,0 +1,245 @@
+"""A simulated session against its truth, and what becomes of a calibration when things go wrong."""
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib import sfm
+from calib.adjust import Free
+from calib.calibrate import _known_light, calibrate
+from calib.features import Key
+from calib.looks import Look, look
+from calib.views import scene_views
+from imaging import store
+from imaging.calibration import Pose, is_stale, read_calibration
+from imaging.colmap import pycolmap, read_points
+from imaging.errors import InputError
+from imaging.session import Session
+from recon.truth import calibration_errors
+
+from .conftest import silent
+
+TRUE_POSE_DEG, TRUE_POSE_RELATIVE = 0.1, 0.01
+
+
+def truth_of(session: Path) -> dict:
+    return json.loads((session / "truth" / "truth.json").read_text())
+
+
+def bytes_of(folder: Path) -> dict[str, str]:
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_poses_and_exposures_are_those_of_the_simulator(arm: Path) -> None:
+    record = read_calibration(arm)
+    assert len(record.views) == 12
+    assert record.unregistered == ()
+    errors = calibration_errors(arm, record)
+    assert errors["pose_rotation_deg"] < TRUE_POSE_DEG
+    assert errors["pose_rotation_deg_max"] < 2 * TRUE_POSE_DEG
+    assert errors["pose_translation_relative"] < TRUE_POSE_RELATIVE
+    assert errors["pose_translation_relative_max"] < TRUE_POSE_RELATIVE
+    assert errors["exposure_ratio_error_max"] < 2e-3
+    assert record.reprojection_px is not None
+    assert record.reprojection_px < 0.3
+
+
+def test_lens_falloff_and_gain_are_those_of_the_simulator(arm: Path) -> None:
+    record, truth = read_calibration(arm), truth_of(arm)["cameras"]
+    radius = np.linspace(0.0, 0.9, 10)[:, None] ** np.array([2, 4, 6])
+    for camera in record.cameras:
+        lens, true = camera.lens, truth[camera.name]
+        assert lens is not None
+        assert (lens.width, lens.height) == (320, 240)
+        assert lens.fx == pytest.approx(true["lens"]["fx"], rel=0.01)
+        assert lens.k1 == pytest.approx(true["lens"]["k1"], abs=0.02)
+        fall = 1 + radius @ np.array(camera.vignetting)
+        np.testing.assert_allclose(fall, 1 + radius @ np.array(true["vignetting"]), atol=0.04)
+        assert camera.noise is not None
+        assert camera.noise.gain == pytest.approx(true["noise"]["gain"], rel=0.03)
+        np.testing.assert_allclose(camera.camera_from_rec709, true["camera_from_rec709"], atol=2e-3)
+    gains = np.log([[camera.gain, truth[camera.name]["gain"]] for camera in record.cameras])
+    gains -= gains.mean(0)
+    np.testing.assert_allclose(gains[:, 0], gains[:, 1], atol=0.015)
+
+
+def test_raw_is_found_linear_and_says_by_how_much(arm: Path) -> None:
+    record = read_calibration(arm)
+    for camera in record.cameras:
+        assert camera.response.kind == "linear"
+        assert "straight line" in camera.response.evidence
+    rungs = {rung.name: rung for rung in record.rungs}
+    assert not rungs["response_curve"].taken
+    assert rungs["response_curve"].gain is not None
+    assert rungs["response_curve"].gain < 1.0
+    assert rungs["rig_constraint"].taken
+    assert rungs["vignetting"].taken
+    assert rungs["exposure_ratios"].taken
+    assert not rungs["exposure_per_shot"].taken
+
+
+def test_cameras_of_the_rig_keep_one_place_in_it(arm: Path) -> None:
+    record = read_calibration(arm)
+    poses = {(v.camera, v.frame): v.cam_from_world.matrix() for v in record.views}
+    for frame in range(3):
+        rig = [
+            np.linalg.inv(camera.cam_from_rig.matrix()) @ poses[camera.name, frame]
+            for camera in record.cameras
+            if camera.cam_from_rig is not None
+        ]
+        assert len(rig) == 4
+        np.testing.assert_allclose(rig, np.broadcast_to(rig[0], (4, 4, 4)), atol=1e-6)
+
+
+def test_the_colmap_model_names_the_previews_and_projects_onto_them(arm: Path) -> None:
+    record = read_calibration(arm)
+    folder = arm / "calibration"
+    model = pycolmap.Reconstruction(str(folder / "colmap"))
+    names = {image.name for image in model.images.values()}
+    assert names == {f"{v.camera}/{v.frame:04d}.png" for v in record.views}
+    assert all((folder / "previews" / name).is_file() for name in names)
+    points = read_points(folder / "colmap")
+    assert len(points.xyz) == record.points > 500
+    assert points.views.min() >= 2
+    # The record's own pose and lens put the model's points where the model's features are.
+    view = record.views[0]
+    lens = record.camera(view.camera).lens
+    assert lens is not None
+    image = model.find_image_with_name(f"{view.camera}/{view.frame:04d}.png")
+    own = [point for point in image.points2D if point.has_point3D()]
+    world = np.array([model.points3D[point.point3D_id].xyz for point in own])
+    motion = view.cam_from_world.matrix()
+    x, y, z = (world @ motion[:3, :3].T + motion[:3, 3]).T
+    square = (x**2 + y**2) / z**2
+    radial = 1 + square * (lens.k1 + lens.k2 * square)
+    pixel = np.stack([lens.fx * radial * x / z + lens.cx, lens.fy * radial * y / z + lens.cy], 1)
+    miss = np.linalg.norm(pixel - np.array([np.ravel(point.xy) for point in own]), axis=1)
+    assert len(own) == view.points
+    assert np.median(miss) < 0.5
+
+
+def test_new_shots_make_it_stale(own_arm: Path) -> None:
+    record = read_calibration(own_arm)
+    assert not is_stale(own_arm, record)
+    shots = own_arm / "shots.jsonl"
+    shots.write_bytes(shots.read_bytes()[: -len(shots.read_bytes().splitlines(keepends=True)[-1])])
+    assert is_stale(own_arm, record)
+    with pytest.raises(InputError, match="without --only"):
+        calibrate(own_arm, only="response", progress=silent)
+
+
+@pytest.mark.parametrize("part", ["response", "sensor", "colour"])
+def test_one_part_is_measured_again_and_the_rest_stays(own_arm: Path, part: str) -> None:
+    before = read_calibration(own_arm)
+    spoiled = before.model_copy(
+        update={
+            "cameras": tuple(
+                camera.model_copy(
+                    update={
+                        "noise": None,
+                        "camera_from_rec709": None,
+                        "response": camera.response.model_copy(update={"evidence": "spoiled"}),
+                    }
+                )
+                for camera in before.cameras
+            )
+        }
+    )
+    path = own_arm / "calibration" / "calibration.json"
+    store.write_json(path, spoiled.model_dump(mode="json"))
+    after = calibrate(own_arm, only=part, progress=silent)
+    assert after == read_calibration(own_arm)
+    assert after.views == before.views
+    for then, now in zip(before.cameras, after.cameras, strict=True):
+        assert now.lens == then.lens
+        assert (now.response == then.response) == (part == "response")
+        assert (now.noise == then.noise) == (part == "sensor")
+        assert (now.camera_from_rec709 == then.camera_from_rec709) == (part == "colour")
+    assert sorted(r.name for r in after.rungs) == sorted(r.name for r in before.rungs)
+
+
+def test_response_alone_needs_no_poses(own_arm: Path) -> None:
+    shutil.rmtree(own_arm / "calibration")
+    record = calibrate(own_arm, only="response", progress=silent)
+    assert record.views == ()
+    assert len(record.unregistered) == 12
+    assert calibration_errors(own_arm, record)["exposure_ratio_error_max"] < 2e-3
+
+
+class Stopped(Exception):
+    """What a test raises in the middle of things."""
+
+
+@pytest.fixture(scope="module")
+def looks(arm: Path) -> dict[Key, Look]:
+    """What calibration sees in six views; finding it again for each test would take longest of all."""
+    record, session = read_calibration(arm), Session.open(arm)
+    return {
+        view.key: look(
+            session, view, record.exposure_scale, record.camera(view.camera.name).response, None, threads=2
+        )
+        for view in scene_views(session)
+        if view.camera.name != "cam3" and view.frame < 2
+    }
+
+
+@pytest.fixture
+def small(own_arm: Path, looks: dict[Key, Look], monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A session of six views, of which all that comes before the poses is known."""
+    shots = store.read_lines(own_arm / "shots.jsonl")
+    (own_arm / "shots.jsonl").unlink()
+    for shot in shots:
+        if (shot["camera"], shot["frame"]) in looks:
+            store.append_line(own_arm / "shots.jsonl", shot)
+    record = read_calibration(own_arm)
+    monkeypatch.setattr("calib.calibrate.look", lambda session, view, *rest: looks[view.key])
+    monkeypatch.setattr("calib.radiometry.measure", lambda *rest: _known_light(record))
+    monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
+    return own_arm
+
+
+@pytest.mark.parametrize(
+    ("stage", "error"), [("placing views", KeyboardInterrupt), ("writing the calibration", Stopped)]
+)
+def test_stopped_half_way_the_old_calibration_stays(
+    small: Path, stage: str, error: type[BaseException]
+) -> None:
+    """A callback from inside the mapper is stopped as well: that is where Ctrl-C is noticed."""
+    before = bytes_of(small)
+
+    def stop(message: str, done: int, total: int) -> None:
+        if message == stage and (done > 0 or not stage.startswith("placing")):
+            raise error
+
+    with pytest.raises(error):
+        calibrate(small, progress=stop)
+    assert bytes_of(small) == before
+    assert not list(small.glob(".*"))
+
+
+def test_the_same_session_gives_the_same_calibration(small: Path) -> None:
+    first, second = (calibrate(small, progress=silent) for _ in range(2))
+    assert len(first.views) == 6
+    assert second.model_copy(update={"created": first.created}) == first
+
+
+def test_a_camera_without_a_shot_is_listed_with_nothing_known(small: Path) -> None:
+    record = calibrate(small, progress=silent)
+    assert record.camera("cam3").lens is None
+    assert record.camera("cam3").cam_from_rig is None
+    assert {view.camera for view in record.views} == {"cam0", "cam1", "cam2"}
+
+
+def test_pose_of_a_pycolmap_motion() -> None:
+    motion = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.1, -0.7, 0.1, 0.7])), np.array([1.0, 2.0, 3.0]))
+    pose = sfm._pose(motion)
+    assert isinstance(pose, Pose)
+    np.testing.assert_allclose(pose.matrix()[:3], motion.matrix(), atol=1e-12)
