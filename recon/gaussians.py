@@ -92,6 +92,11 @@ class Renderer:
         )
 
 
+TAU = 0.03
+"""A cut-off may change a pixel by this share of the dimmest radiance that matters: of a Gaussian's rim
+that is one photo-electron or less, and a third fewer pixels to blend than at a thousandth."""
+
+
 def limits_for(reference: float | None) -> Limits:
     """The cut-offs for a scene whose dimmest radiance that matters is `reference`, in scene units."""
-    return replace(Limits(), luminance_reference=reference)
+    return replace(Limits(), luminance_reference=reference, tau=TAU)

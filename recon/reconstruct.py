@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import torch
 
 from imaging import store
 from imaging.errors import InputError, ReconstructionError
@@ -24,6 +23,7 @@ from recon.pixels import Progress
 from recon.ply import write_ply
 from recon.radiance import light_of, radiance_image
 from recon.start import gaussians_at, start_points
+from recon.threads import thread_count
 from recon.trainer import Plan, Training, train
 from recon.warm_up import warm_up
 
@@ -208,7 +208,7 @@ def _write(
         held_out=tuple(view.name for view in dataset.held_out),
         gaussians=len(training.gaussians),
         train_seconds=round(training.seconds, 3),
-        threads=torch.get_num_threads(),
+        threads=thread_count(),
         loss=loss,
         rungs=ladder,
     )

@@ -16,6 +16,7 @@ from recon.interrupt import deferred
 from recon.method import Light, Method
 from recon.pixels import Progress
 from recon.splat import SplatStats
+from recon.torch_threads import torch_on_one_thread
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ def train(
     saved, total = time.monotonic(), plan.iterations
     losses: list[float] = []
 
-    with deferred() as interrupt:
+    with torch_on_one_thread(), deferred() as interrupt:
         while training.iteration < min(total, until or total):
             done = training.iteration / total
             for group in training.optimizer.param_groups:
