@@ -111,7 +111,8 @@ def _with_poses(
         )
     progress("finding features", len(views), len(views))
     try:
-        model = _placed(session, looks, found, threads, progress)
+        # One thread: Ceres adds up in the order its threads finish, and the same session should give the same poses.
+        model = _placed(session, looks, found, 1, progress)
     except CalibrationError as error:
         cause = f"{str(error)[0].lower()}{str(error)[1:]}"
         if not light.measured or _has_poses(session):
