@@ -111,7 +111,7 @@ def _with_poses(
         )
     progress("finding features", len(views), len(views))
     try:
-        # One thread: Ceres adds up in the order its threads finish, and the same session should give the same poses.
+        # One thread: Ceres adds up in the order in which its threads finish.
         model = _placed(session, looks, found, 1, progress)
     except CalibrationError as error:
         cause = f"{str(error)[0].lower()}{str(error)[1:]}"
