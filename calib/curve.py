@@ -46,6 +46,7 @@ def _srgb(codes: Array) -> Array:
 
 _GRID = np.arange(0.0, 255.0 + 1 / 16, 1 / 8)
 _SPLINES = _design(_GRID)
+_SPARSE = sparse.csr_array(_SPLINES)
 _SRGB = _srgb(np.maximum(_GRID, 0.25))
 
 
@@ -156,13 +157,14 @@ def fit(channels: Sequence[Channel], smoothness: float | None, noise: Sequence[N
         for own in _blocks(len(channels), knots):
             prior[own, own] = smoothness * bend.T @ bend + middle.T @ middle + 1e-6 * np.eye(KNOTS)
     sigmas = [own.of(channel) for channel, own in zip(channels, noise, strict=True)]
+    bases = [_basis(channel, knots) for channel in channels]
     robust = [np.ones(len(channel.code)) for channel in channels]
     models: list[Model] = []
     for _ in range(ITERATIONS):
         normal, right = prior.copy(), np.zeros(count)
         for index, (channel, sigma) in enumerate(zip(channels, sigmas, strict=True)):
             columns = np.r_[index * knots : (index + 1) * knots, count - len(steps) : count]
-            own_normal, own_right = _equations(channel, knots, robust[index] / sigma**2)
+            own_normal, own_right = _equations(channel, bases[index], robust[index] / sigma**2)
             normal[np.ix_(columns, columns)] += own_normal
             right[columns] += own_right
         solved: Array = np.asarray(np.linalg.solve(normal, right), np.float64)
@@ -190,16 +192,27 @@ def _blocks(count: int, knots: int) -> list[slice]:
     return [slice(index * knots, (index + 1) * knots) for index in range(count)]
 
 
-def _equations(channel: Channel, knots: int, weight: Array) -> tuple[Array, Array]:
+def _equations(channel: Channel, basis: sparse.csr_array, weight: Array) -> tuple[Array, Array]:
     """Normal matrix and right side of one channel, its photosites' light eliminated."""
-    exposures = np.zeros((len(channel.code), len(channel.steps)))
-    exposures[np.arange(len(channel.code)), channel.step] = -1.0
-    basis = np.concatenate([_splines(channel.code), exposures], axis=1) if knots else exposures
+    weighted = sparse.diags_array(weight) @ basis
     known = np.interp(channel.code, _GRID, _SRGB) - channel.log_k
-    centred = basis - _centres(channel, basis, weight)
-    weighted = centred * weight[:, None]
-    goal = known - _mean(channel, known, weight)[channel.site]
-    return weighted.T @ centred, -weighted.T @ goal
+    samples = np.arange(len(channel.code))
+    ones = np.ones(len(samples))
+    owned = sparse.csr_array((ones, (channel.site, samples)), (len(channel.group), len(samples)))
+    sums = (owned @ weighted).toarray()
+    total = owned @ weight
+    normal = (basis.T @ weighted).toarray() - sums.T @ (sums / total[:, None])
+    right = weighted.T @ known - sums.T @ (owned @ (weight * known) / total)
+    return np.asarray(normal), np.asarray(-right)
+
+
+def _basis(channel: Channel, knots: int) -> sparse.csr_array:
+    """What each sample's residual is made of: splines at its code, and its exposure."""
+    rows = np.arange(len(channel.code))
+    steps = sparse.csr_array((-np.ones(len(rows)), (rows, channel.step)), (len(rows), len(channel.steps)))
+    if not knots:
+        return steps
+    return sparse.hstack([_SPARSE[np.rint(channel.code * 8).astype(np.intp)], steps], format="csr")
 
 
 def noise_of(channel: Channel) -> Noise:
@@ -255,10 +268,3 @@ def _mean(channel: Channel, value: Array, weight: Array) -> Array:
     count = len(channel.group)
     total = np.bincount(channel.site, weights=weight, minlength=count)
     return np.asarray(np.bincount(channel.site, weights=weight * value, minlength=count) / total)
-
-
-def _centres(channel: Channel, basis: Array, weight: Array) -> Array:
-    """The photosites' weighted means of the basis, one row per sample."""
-    rows = np.arange(len(channel.site))
-    average = sparse.csr_array((weight, (channel.site, rows)), (len(channel.group), len(rows)))
-    return np.asarray((average @ basis / average.sum(axis=1)[:, None])[channel.site])

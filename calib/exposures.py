@@ -24,9 +24,13 @@ Key = float
 
 @dataclass(frozen=True)
 class Exposures:
-    """scale: k of each shot's file, s; linearity: of each camera that has overlapping exposures."""
+    """scale: k of each shot's file, s; linearity: of each camera that has overlapping exposures.
+
+    measured: whether any scale is more than its label.
+    """
 
     scale: dict[str, float]
+    measured: bool
     linearity: dict[str, Linearity]
     rungs: tuple[Rung, ...]
 
@@ -91,7 +95,7 @@ def estimate(session: Session, views: Sequence[View], progress: Progress) -> Exp
             for shot in view.shots:
                 scale[shot.file] = float(np.exp(result.scale[frame, _key(shot)]))
     lines = {name: result.linearity for name, result in solved.items() if result.linearity is not None}
-    return Exposures(scale, lines, _rungs(list(solved.values())))
+    return Exposures(scale, bool(solved), lines, _rungs(list(solved.values())))
 
 
 def _key(shot: ShotRecord) -> Key:

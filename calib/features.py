@@ -88,7 +88,7 @@ def extract(picture: Float, threads: int) -> Features:
     extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
     keypoints, descriptors = extractor.extract_from_float32_array(picture)
     points = np.array(pycolmap.keypoints_to_matrix(keypoints), np.float64).reshape(-1, 4)[:, :2]
-    vectors = np.asarray(descriptors.data).astype(np.float32).reshape(len(points), -1)
+    vectors = np.asarray(descriptors.data).astype(np.float32).reshape(len(points), 128)
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True) + 1e-9
     return Features(points / scale, vectors)
 

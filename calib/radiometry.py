@@ -44,7 +44,7 @@ def measure(session: Session, views: Sequence[View], progress: Progress) -> Ligh
         for name in {view.camera.name for view in raw}:
             responses[name] = _linear(found.linearity.get(name))
         rungs += [*found.rungs, _straight(list(found.linearity.values()))]
-        measured = bool(found.linearity)
+        measured = found.measured
     for view in views:
         if view.camera.kind == "hdr":
             responses[view.camera.name] = Response(kind="linear", evidence="EXR, taken as linear radiance")

@@ -13,8 +13,10 @@ from imaging.records import Rung
 SMOOTHNESS = (1e3, 1e4, 1e5, 1e6)
 """Weights of the squared third differences, tried on held-out samples; noise-whitened."""
 NEARLY = 1.04
-"""A smoother curve is preferred up to this much held-out loss: exposures in equal steps say nothing about
+"""A simpler curve is preferred up to this much held-out loss: exposures in equal steps say nothing about
 ripples of that period, so only smoothness keeps them out, and no held-out sample would notice them."""
+SAFE = 1e5
+"""Smoothness where only two exposures differ: they are one step apart, and hold nothing out."""
 FOLDS = 3
 FEWEST = 300
 """Photosites below which nothing is measured."""
@@ -59,13 +61,16 @@ def estimate(samples: Samples | None) -> Estimate:
     noise = [noise_of(channel) for channel in channels]
     known = _held_out(channels, noise, None)
     trials = {weight: _held_out(channels, noise, weight) for weight in SMOOTHNESS}
-    best = _smoothest(trials)
+    best = _smoothest(trials) if len(channels[0].steps) > 2 else SAFE
     curve = trials[best]
-    rung = Rung.judged(
-        "response_curve",
-        *_gain(known, curve),
-        "whitened log-likelihood per held-out sample",
-        f"held-out exposures disagree by {100 * curve.median:.1f} % under a measured curve and by "
+    gain, error = _gain(known, curve)
+    rung = Rung(
+        name="response_curve",
+        taken=gain > error and not _nearly(known, curve),
+        gain=gain,
+        standard_error=error,
+        unit="whitened log-likelihood per held-out sample",
+        reason=f"held-out exposures disagree by {100 * curve.median:.1f} % under a measured curve and by "
         f"{100 * known.median:.1f} % under sRGB",
     )
     fitted = fit_rising(channels, best, noise) if rung.taken else fit(channels, None, noise)
@@ -86,9 +91,13 @@ def _gain(worse: _Judged, better: _Judged) -> tuple[float, float]:
     return float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain)))
 
 
+def _nearly(simple: _Judged, best: _Judged) -> bool:
+    return float(np.nanmean(simple.loss)) <= NEARLY * float(np.nanmean(best.loss))
+
+
 def _smoothest(trials: Mapping[float, _Judged]) -> float:
-    losses = {weight: float(np.nanmean(judged.loss)) for weight, judged in trials.items()}
-    return max(weight for weight, loss in losses.items() if loss <= NEARLY * min(losses.values()))
+    best = min(trials.values(), key=lambda judged: float(np.nanmean(judged.loss)))
+    return max(weight for weight, judged in trials.items() if _nearly(judged, best))
 
 
 def _exported(

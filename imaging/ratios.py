@@ -66,10 +66,14 @@ def overlap(longer: LinearFrame, shorter: LinearFrame) -> Overlap:
 
 @dataclass(frozen=True)
 class Ratio:
-    """How much more light one exposure got than another: natural log, and its standard error."""
+    """How much more light one exposure got than another: natural log, and its standard error.
+
+    noise: how many times its model (or the shape that stands in for one) the real noise is.
+    """
 
     log: float
     error: float
+    noise: float = 1.0
 
 
 def ratio(overlaps: Sequence[Overlap]) -> Ratio | None:
@@ -87,6 +91,7 @@ def ratio(overlaps: Sequence[Overlap]) -> Ratio | None:
         return None
     weight = np.ones(len(tiles))
     value = float(long.sum() / short.sum())
+    scale = 1.0
     for _ in range(10):
         residual = long - value * short
         spread = np.sqrt(tiles[:, 2] + value**2 * tiles[:, 3])
@@ -100,7 +105,7 @@ def ratio(overlaps: Sequence[Overlap]) -> Ratio | None:
         if not value > 0:
             return None
     error = float(np.sqrt(((weight * (long - value * short)) ** 2).sum()) / (weight * long).sum())
-    return Ratio(float(np.log(value)), float(np.hypot(error, SYSTEMATIC)))
+    return Ratio(float(np.log(value)), float(np.hypot(error, SYSTEMATIC)), scale)
 
 
 def solve(
@@ -157,7 +162,8 @@ def linearity(pairs: Sequence[tuple[Ratio, Sequence[Overlap]]]) -> Linearity | N
         for index, (long, short, long_var, short_var, number) in enumerate(sums):
             if number < FEWEST / LEVELS or short <= 0:
                 continue
-            error = float(np.hypot(np.sqrt(long_var + expected**2 * short_var) / long, pooled.error))
+            own = pooled.noise * np.sqrt(long_var + expected**2 * short_var) / long
+            error = float(np.hypot(own, pooled.error))
             if error < 0.01:
                 middle = LOWEST * (HIGHEST / LOWEST) ** ((index + 0.5) / LEVELS)
                 found.append((middle, float(long / short / expected - 1.0), error))

@@ -1,0 +1,153 @@
+"""Response curves against those that made the codes, and the cases in which none can be measured."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib import radiometry
+from calib.codes import Patches, Samples, patches, sample
+from calib.response import estimate
+from calib.shutter import exact_times
+from calib.views import scene_views
+from capture.photos import import_photos
+from imaging.calibration import Response
+from imaging.colour import srgb_encode
+from imaging.linear import decode
+from imaging.session import Session
+
+from .conftest import silent
+
+Curve = Callable[[np.ndarray], np.ndarray]
+
+FAMILIES: dict[str, Curve] = {
+    "gamma": lambda x: x ** (1 / 2.2),
+    "s-curve": lambda x: 1.21 * x**1.12 / (x**1.12 + 0.21),
+    "log": lambda x: np.log1p(60 * x) / np.log(61),
+    "bt709": lambda x: np.where(x < 0.018, 4.5 * x, 1.099 * np.maximum(x, 1e-9) ** 0.45 - 0.099),
+}
+STEPS = np.log(2.0 ** np.array([-6.0, -4.0, -2.0, 0.0, 2.0]))
+
+
+def shoot(curve: Curve, log_k: np.ndarray, seed: int = 0, views: int = 4, moved: float = 0.0) -> Samples:
+    """Noisy 8-bit exposures of smooth scenes: 3,000 electrons at white."""
+    parts = []
+    for view in range(views):
+        rng = np.random.default_rng((seed, view))
+        knots = rng.uniform(np.log(1e-2), np.log(30.0), (7, 10, 3))
+        rows, columns = np.linspace(0, 5.999, 120), np.linspace(0, 8.999, 160)
+        r, c = rows.astype(int), columns.astype(int)
+        fr, fc = (rows - r)[:, None, None], (columns - c)[None, :, None]
+        top = knots[r][:, c] * (1 - fc) + knots[r][:, c + 1] * fc
+        bottom = knots[r + 1][:, c] * (1 - fc) + knots[r + 1][:, c + 1] * fc
+        light = np.exp(top * (1 - fr) + bottom * fr)
+        shots = []
+        for step in log_k:
+            x = rng.poisson(np.minimum(light * np.exp(step), 4) * 3000) / 3000
+            code = np.rint(255 * curve(np.clip(x, 0, 1))) / 255
+            if moved and step == log_k[-1]:
+                code = np.roll(code, round(moved * 160), axis=1)
+            shots.append(patches(code))
+        parts.append(sample(shots, log_k, 800))
+    return Samples.joined(parts)
+
+
+def rmse(response: Response, curve: Curve) -> float:
+    """Root mean square error of ln E over codes 10..245, free of scale; worst of the channels."""
+    x = np.geomspace(1e-5, 1, 20_000)
+    codes = np.arange(10, 246) / 255
+    truth = np.interp(codes, curve(x), np.log(x))
+    found = np.log(decode(np.repeat(codes[:, None], 3, axis=1), response).astype(np.float64))
+    return float((found - truth[:, None]).std(axis=0).max())
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_curve_is_the_one_that_made_the_codes(family: str) -> None:
+    found = estimate(shoot(FAMILIES[family], STEPS))
+    response = found.response
+    assert response.kind == "curve"
+    assert found.rungs[0].taken
+    assert rmse(response, FAMILIES[family]) < 0.02
+    assert all((np.diff(row) > 0).all() for row in response.log_exposure)
+    assert all(np.diff(response.codes) > 0)
+    assert 0 < response.valid[0] < 0.1
+    assert 0.9 < response.valid[1] < 1
+    assert response.residual is not None
+    assert response.residual < 0.06
+
+
+def test_srgb_is_recognised_and_needs_no_curve() -> None:
+    found = estimate(shoot(srgb_encode, STEPS))
+    assert found.response.kind == "srgb"
+    assert not found.rungs[0].taken
+    assert found.response.residual is not None
+    assert "agree with it" in found.response.evidence
+
+
+def test_wrong_labels_are_corrected_within_their_trust() -> None:
+    true = STEPS + np.array([0.0, 0.04, -0.05, 0.03, 0.0])
+    samples = shoot(FAMILIES["gamma"], true)
+    labelled = Samples(samples.codes, np.broadcast_to(STEPS, samples.log_k.shape).copy(), samples.group)
+    found = estimate(labelled)
+    shift = np.array([found.shift[round(step, 6)] for step in STEPS])
+    # Scale and exponent are those of the labels: what is told is the departure from a straight line.
+    line = np.polynomial.Polynomial.fit(STEPS, true - STEPS, 1)
+    np.testing.assert_allclose(shift, true - STEPS - line(STEPS), atol=0.01)
+    assert rmse(found.response, FAMILIES["gamma"]) < 0.03
+
+
+def test_motion_in_one_exposure_is_borne() -> None:
+    found = estimate(shoot(FAMILIES["gamma"], STEPS, moved=0.02))
+    assert rmse(found.response, FAMILIES["gamma"]) < 0.05
+
+
+def test_two_exposures_are_enough_for_a_usable_curve() -> None:
+    found = estimate(shoot(FAMILIES["s-curve"], STEPS[1:4:2], views=6))
+    assert found.response.kind == "curve"
+    assert rmse(found.response, FAMILIES["s-curve"]) < 0.1
+
+
+def flat(code: float) -> Samples:
+    plain = np.full((40, 40, 3), code, np.float32)
+    return sample([Patches(plain, plain, plain)] * 3, STEPS[:3], 500)
+
+
+@pytest.mark.parametrize(
+    "samples",
+    [
+        None,
+        flat(255.0),
+        flat(0.0),
+        shoot(FAMILIES["gamma"], np.zeros(3)),
+        shoot(FAMILIES["gamma"], STEPS[:1]),
+    ],
+    ids=["no bracket", "all saturated", "all dark", "one exposure thrice", "one exposure"],
+)
+def test_srgb_is_assumed_and_said_so_where_nothing_can_be_measured(samples: Samples | None) -> None:
+    found = estimate(samples)
+    assert found.response.kind == "srgb"
+    assert found.response.residual is None
+    assert "assumed" in found.response.evidence
+    assert found.shift == {}
+
+
+def test_round_numbers_stand_for_powers_of_two() -> None:
+    assert exact_times([1 / 60, 1 / 4, 2.0]) == {1 / 60: 1 / 64, 1 / 4: 1 / 4, 2.0: 2.0}
+    assert exact_times([1 / 8000, 30.0]) == {1 / 8000: 2.0**-13, 30.0: 32.0}
+    assert exact_times([1 / 60, 0.0123]) is None
+    assert exact_times([]) == {}
+
+
+def test_a_real_bracket_of_photographs(real: Path, tmp_path: Path) -> None:
+    """Seven JPEGs of a Canon: sRGB is useless for them (0.64 disagreement), a curve is not (0.07)."""
+    import_photos(real / "t2i", tmp_path / "S", progress=silent)
+    session = Session.open(tmp_path / "S")
+    light = radiometry.measure(session, scene_views(session), silent)
+    (response,) = light.responses.values()
+    assert response.kind == "curve"
+    assert response.residual is not None
+    assert response.residual < 0.1
+    assert all((np.diff(row) > 0).all() for row in response.log_exposure)
+    assert light.measured
+    assert len(light.scale) == 7
