@@ -41,9 +41,9 @@ class Quality:
 
 
 QUALITIES: dict[str, Quality] = {
-    "draft": Quality(600, 10_000, 320),
-    "standard": Quality(2500, 20_000, 640),
-    "best": Quality(10_000, 60_000, 1280),
+    "draft": Quality(500, 20_000, 320),
+    "standard": Quality(2000, 20_000, 640),
+    "best": Quality(4000, 40_000, 1280),
 }
 
 START_SHARE = 0.5
@@ -62,8 +62,8 @@ def reconstruct(
 ) -> Path:
     """Train a scene on a calibrated session; returns the folder SESSION/reconstructions/NAME.
 
-    budget: seconds of training; the number of iterations is then chosen from the speed at the start,
-    so that the whole schedule fits. name: the method's if None. A training that was stopped goes on
+    budget: most seconds of training; if the preset's iterations do not fit at the speed measured at the
+    start, the whole schedule is made shorter. name: the method's if None. A training that was stopped goes on
     bit for bit when called again with the same settings; a finished one is returned as it is; other
     settings replace it. Errors: ReconstructionError, InputError, StorageError.
     """
@@ -144,8 +144,8 @@ def _begin(folder: Path, dataset: Dataset, wanted: Settings, progress: Progress)
     settings = wanted
     if wanted.budget is not None:
         left = wanted.budget - (time.monotonic() - started)
-        count = iterations_within(left, training, dataset, wanted.max_gaussians, progress)
-        settings = wanted.model_copy(update={"iterations": count})
+        fitting = iterations_within(left, training, dataset, wanted.max_gaussians, progress)
+        settings = wanted.model_copy(update={"iterations": min(wanted.iterations, fitting)})
     store.make_folder(folder)
     for name in (MODEL, CHECKPOINT, LOG, "metrics.json"):
         store.discard(folder / name)

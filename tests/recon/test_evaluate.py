@@ -148,13 +148,18 @@ def test_renders_of_named_views_at_several_exposures(trained, tmp_path):
     assert metrics.stops_median(image, truth) < 0.7
 
 
-def test_a_budget_becomes_a_number_of_iterations(session_copy):
-    folder = reconstruct(session_copy, quality="draft", budget=6.0)
+def test_a_budget_makes_the_schedule_as_short_as_it_must_be(session_copy, monkeypatch):
+    monkeypatch.setitem(stage.QUALITIES, "draft", Quality(1_000_000, 800, 64))
+    folder = reconstruct(session_copy, quality="draft", budget=4.0)
     record = read_model(folder)
-    assert record.settings.budget == 6.0
-    assert record.settings.iterations >= 50
-    assert record.settings.iterations != 60
+    assert record.settings.budget == 4.0
+    assert 50 <= record.settings.iterations < 1_000_000
     assert open_model(folder).training.iteration == record.settings.iterations
+
+
+def test_a_budget_with_room_to_spare_changes_nothing(session_copy):
+    folder = reconstruct(session_copy, quality="draft", budget=600.0)
+    assert read_model(folder).settings.iterations == 60
 
 
 def test_photographs_choose_hdr_gs_and_linear_ones_do_not(toy_ldr, tmp_path):
