@@ -12,7 +12,8 @@ from recon.splat.camera import SplatCamera
 from recon.splat.composite import CHUNK, PIXELS, composite
 from recon.splat.composite_backward import SLOT, composite_backward
 from recon.splat.limits import Limits
-from recon.splat.project import parameters, project
+from recon.splat.parameters import parameters
+from recon.splat.project import project
 from recon.splat.project_backward import project_backward
 from recon.splat.render import Render, SplatStats
 from recon.splat.tables import BAD, Array, Entries, Lists, Projected

@@ -9,11 +9,9 @@ import numpy as np
 from recon.jit import inlined, kernel
 from recon.lanes import above, at_least, both, choose, load, minimum, minus, root, store
 from recon.splat.composite_backward import SLOT
+from recon.splat.parameters import BOUNDS, LENS, LIMITS
 from recon.splat.project import (
-    BOUNDS,
     INPUTS,
-    LENS,
-    LIMITS,
     covariance,
     distort,
     read_eight,
