@@ -9,6 +9,7 @@ import torch
 from recon.splat.camera import SplatCamera
 from recon.splat.cpu import rasterize_cpu
 from recon.splat.limits import Limits
+from recon.splat.moved import DELTA, moved
 from recon.splat.reference import rasterize_reference
 from recon.splat.render import Render, SplatStats
 
@@ -27,6 +28,7 @@ def rasterize(
     background: torch.Tensor | None = None,
     limits: Limits = _DEFAULT,
     stats: SplatStats | None = None,
+    camera_delta: torch.Tensor | None = None,
 ) -> Render:
     """Render Gaussians; differentiable in every tensor.
 
@@ -35,10 +37,19 @@ def rasterize(
     or None for black. All of one dtype: float32 (fast) or float64 (the dense reference: small scenes).
     Bad Gaussians (values not finite, scales not positive, zero quaternions, negative opacity) are not
     drawn, get zero gradients and are counted in `Render.culled`.
+
+    camera_delta: [14], float32 or float64, for pose and lens refinement: how far the camera is moved, in
+    the units and the order of `recon.splat.moved.moved`; zeros are the camera as it is. The gradient is
+    that of the projection; the cut-offs that depend on the lens follow it without one.
     """
     _check(means, quats, scales, opacities, colours, background, stats)
+    view = None
+    if camera_delta is not None:
+        if tuple(camera_delta.shape) != (DELTA,):
+            raise ValueError(f"camera_delta has shape {tuple(camera_delta.shape)}, not {(DELTA,)}")
+        camera, view = moved(camera, camera_delta)
     rasterizer = rasterize_reference if means.dtype == torch.float64 else rasterize_cpu
-    return rasterizer(means, quats, scales, opacities, colours, camera, background, limits, stats)
+    return rasterizer(means, quats, scales, opacities, colours, camera, background, limits, stats, view)
 
 
 def _check(

@@ -12,6 +12,7 @@ from recon.splat.camera import SplatCamera
 from recon.splat.composite import CHUNK, PIXELS, composite
 from recon.splat.composite_backward import SLOT, composite_backward
 from recon.splat.limits import Limits
+from recon.splat.moved import VIEW
 from recon.splat.parameters import parameters
 from recon.splat.project import project
 from recon.splat.project_backward import project_backward
@@ -46,15 +47,20 @@ def rasterize_cpu(
     background: torch.Tensor | None,
     limits: Limits,
     stats: SplatStats | None,
+    view: torch.Tensor | None = None,
 ) -> Render:
-    """As `rasterize`, for float32 tensors on the CPU. ValueError for more than 2^28 Gaussians."""
+    """As `rasterize`, for float32 tensors on the CPU. ValueError for more than 2^28 Gaussians.
+
+    view: the camera's numbers where they are to be differentiated (see `recon.splat.moved`).
+    """
     if len(means) >= tiles.MAX_GAUSSIANS:
         raise ValueError(f"{len(means)} Gaussians are more than {tiles.MAX_GAUSSIANS - 1}")
     back = torch.zeros(3) if background is None else background
     tensors = (means, quats, scales, opacities, colours, back)
-    keep = torch.is_grad_enabled() and any(tensor.requires_grad for tensor in tensors)
+    sought = tensors if view is None else (*tensors, view)
+    keep = torch.is_grad_enabled() and any(tensor.requires_grad for tensor in sought)
     call = _Call(camera, limits, stats, keep)
-    image, left = _Rasterize.apply(*tensors, call)  # type: ignore[no-untyped-call]
+    image, left = _Rasterize.apply(*tensors, view, call)  # type: ignore[no-untyped-call]
     return Render(image, 1 - left, call.culled, call.visible, call.pairs)
 
 
@@ -65,11 +71,14 @@ def _numpy(tensor: torch.Tensor) -> Array:
 
 
 class _Rasterize(torch.autograd.Function):
-    """means, quats, scales, opacities, colours, background -> image [H, W, 3], transmittance [H, W]."""
+    """means, quats, scales, opacities, colours, background, view -> image [H, W, 3], transmittance [H, W].
+
+    The view is the camera's again, as a tensor, so that it gets its gradient.
+    """
 
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[torch.Tensor, torch.Tensor]:
-        *tensors, call = arguments
+        *tensors, _, call = arguments
         arrays = [_numpy(tensor) for tensor in tensors]
         tables = _Tables(Lease(), arrays, call)
         image, left = tables.blend(arrays[5])
@@ -85,12 +94,13 @@ class _Rasterize(torch.autograd.Function):
         image, light = gradients
         grad_image = np.zeros((*left.shape, 3), np.float32) if image is None else _numpy(image)
         grad_left = np.zeros(left.shape, np.float32) if light is None else _numpy(light)
-        found = ctx.tables.gradients([_numpy(tensor) for tensor in tensors], grad_image, grad_left)
+        arrays = [_numpy(tensor) for tensor in tensors]
+        found, view = ctx.tables.gradients(arrays, grad_image, grad_left, ctx.needs_input_grad[6])
         back = None
         if ctx.needs_input_grad[5]:
             sums = np.einsum("hw,hwc->c", left.numpy(), grad_image, dtype=np.float64)
             back = torch.from_numpy(sums.astype(np.float32))
-        return (*found, back, None)
+        return (*found, back, view, None)
 
 
 class _Tables:
@@ -157,24 +167,30 @@ class _Tables:
         self.call.pairs = int(pairs.sum())
         return image, left
 
-    def gradients(self, arrays: list[Array], image: Array, left: Array) -> list[torch.Tensor]:
-        """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, left)."""
+    def gradients(
+        self, arrays: list[Array], image: Array, left: Array, moving: bool
+    ) -> tuple[list[torch.Tensor], torch.Tensor | None]:
+        """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, left).
+
+        And d loss / d view, if the camera is `moving`.
+        """
         get = self.lease.buffers.array
         n = len(arrays[0])
         slots = get("slots", len(self.lists.id) * SLOT, np.float32)
         found = [torch.empty(array.shape) for array in arrays[:5]]
         screen, weight = get("screen", (n, 2), np.float32), get("weight", n, np.float32)
+        view = np.empty((-(-n // tiles.TASK), VIEW)) if moving else None
         share(
             composite_backward, self._work(), self.lists, self.projected, arrays[5], self.t_min,
             self.kept, self.chunks, image, left, slots,
         )  # fmt: skip
         share(
             project_backward, 0.1 * n, *arrays[:5], self.parameters, self.projected, self.entries,
-            self.lists.across, slots, *(gradient.numpy() for gradient in found), screen, weight,
+            self.lists.across, slots, *(gradient.numpy() for gradient in found), screen, weight, view,
         )  # fmt: skip
         if self.call.stats is not None:
             _count(self.call.stats, self.call.camera, self.projected.radius, screen, weight)
-        return found
+        return found, None if view is None else torch.from_numpy(view.sum(axis=0))
 
     def _work(self) -> float:
         """Microseconds that compositing will take, roughly."""

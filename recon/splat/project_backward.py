@@ -9,6 +9,7 @@ import numpy as np
 from recon.jit import inlined, kernel
 from recon.lanes import above, at_least, both, choose, load, minimum, minus, root, store
 from recon.splat.composite_backward import SLOT
+from recon.splat.moved import VIEW
 from recon.splat.parameters import BOUNDS, LENS, LIMITS
 from recon.splat.project import (
     INPUTS,
@@ -20,6 +21,7 @@ from recon.splat.project import (
     screen_axes,
     to_camera,
 )
+from recon.splat.project_view import add_view, clear_view, finish_view
 from recon.splat.tiles import TASK, TILE
 from recon.threads import take_number
 
@@ -102,11 +104,18 @@ def _ellipse_gradient(moments, a, b, c, determinant):
 
 
 @inlined
-def _axes_gradient(p, q, r, k):
-    """d loss / d J [2, 3] from d loss / d M, rows p and q already times the scales: dM (R S)^T W^T."""
+def _axes_gradient(p, q, r):
+    """d loss / d A [2, 3] from d loss / d M, rows p and q already times the scales: dM (R S)^T."""
     a0, b0 = p[0] * r[0] + p[1] * r[1] + p[2] * r[2], q[0] * r[0] + q[1] * r[1] + q[2] * r[2]
     a1, b1 = p[0] * r[3] + p[1] * r[4] + p[2] * r[5], q[0] * r[3] + q[1] * r[4] + q[2] * r[5]
     a2, b2 = p[0] * r[6] + p[1] * r[7] + p[2] * r[8], q[0] * r[6] + q[1] * r[7] + q[2] * r[8]
+    return a0, a1, a2, b0, b1, b2
+
+
+@inlined
+def _jacobian_gradient(outer, k):
+    """d loss / d J [2, 3] from d loss / d A, A = J W: dA W^T."""
+    a0, a1, a2, b0, b1, b2 = outer
     return (
         a0 * k[0] + a1 * k[1] + a2 * k[2],
         a0 * k[3] + a1 * k[4] + a2 * k[5],
@@ -141,8 +150,11 @@ def _point_gradient(jacobian, centre, tangents, lens, k):
 
 
 @inlined
-def _backward_eight(values, moments, k, out):
-    """Fill out float64 [_OUTPUTS * 8] from the Gaussians and their moments."""
+def _backward_eight(values, moments, k, out, counted, sums, view):
+    """Fill out float64 [_OUTPUTS * 8] from the Gaussians and their moments.
+
+    And `add_view` to the sums, unless view is None: then the compiler leaves that out.
+    """
     x, y, z = to_camera(load(values, 0), load(values, 8), load(values, 16), k)
     axes, tangents, lens = screen_axes(x, y, z, k)
     qw, qx, qy, qz = load(values, 24), load(values, 32), load(values, 40), load(values, 48)
@@ -175,7 +187,11 @@ def _backward_eight(values, moments, k, out):
     store(out, 48, gz)
 
     p, q = (p[0] * sx, p[1] * sy, p[2] * sz), (q[0] * sx, q[1] * sy, q[2] * sz)
-    x, y, z = _point_gradient(_axes_gradient(p, q, r, k), centre, tangents, lens, k)
+    outer = _axes_gradient(p, q, r)
+    jacobian = _jacobian_gradient(outer, k)
+    x, y, z = _point_gradient(jacobian, centre, tangents, lens, k)
+    if view is not None:
+        add_view(sums, values, counted, centre, (x, y, z), outer, jacobian, tangents, lens, k)
     store(out, 0, k[0] * x + k[3] * y + k[6] * z)
     store(out, 8, k[1] * x + k[4] * y + k[7] * z)
     store(out, 16, k[2] * x + k[5] * y + k[8] * z)
@@ -184,16 +200,18 @@ def _backward_eight(values, moments, k, out):
 @kernel
 def project_backward(
     counter, means, quats, scales, opacities, colours, k, projected, entries, across, slots,
-    grad_means, grad_quats, grad_scales, grad_opacities, grad_colours, grad_screen, weight,
+    grad_means, grad_quats, grad_scales, grad_opacities, grad_colours, grad_screen, weight, view,
 ):  # fmt: skip
     """Gradients [N, ...] of all inputs, zero for Gaussians that were not drawn.
 
     slots: from `composite_backward`. grad_screen float32 [N, 2]: d loss / d mean2d; weight float32 [N]:
-    largest blending weight.
+    largest blending weight. view float64 [tasks, VIEW], to be summed over the tasks: d loss / d (the first
+    VIEW numbers of k); or None.
     """
     n = len(means)
     drawn, ids = np.empty(TASK, np.int64), np.empty(8, np.int64)
     values, moments, found = np.empty(INPUTS * 8), np.empty(MOMENTS * 8), np.empty(_OUTPUTS * 8)
+    counted, sums = np.empty(8), np.empty(VIEW * 8)
     task = take_number(counter)
     while task * TASK < n:
         count = 0
@@ -205,6 +223,8 @@ def project_backward(
             for a in range(4):
                 grad_quats[i, a] = 0.0
             grad_opacities[i] = grad_screen[i, 0] = grad_screen[i, 1] = weight[i] = 0.0
+        if view is not None:
+            clear_view(sums)
         for first in range(0, count, 8):
             for j in range(8):
                 i = drawn[min(first + j, count - 1)]
@@ -213,8 +233,9 @@ def project_backward(
                     slots, entries.slot[i], entries.slot[i + 1], entries.tile, entries.start[i], across,
                     projected.shape[i, 0], projected.shape[i, 1], moments, j, grad_colours[i],
                 )  # fmt: skip
+                counted[j] = weight[i] if first + j < count else 0.0
             read_eight(means, quats, scales, opacities, colours, ids, values)
-            _backward_eight(values, moments, k, found)
+            _backward_eight(values, moments, k, found, counted, sums, view)
             for j in range(8):
                 i = ids[j]
                 if weight[i] > 0.0:
@@ -225,4 +246,6 @@ def project_backward(
                         grad_quats[i, a] = found[24 + 8 * a + j]
                     grad_opacities[i] = found[80 + j]
                     grad_screen[i, 0], grad_screen[i, 1] = found[88 + j], found[96 + j]
+        if view is not None:
+            finish_view(sums, view, task)
         task = take_number(counter)

@@ -10,6 +10,7 @@ from torch.utils.checkpoint import checkpoint
 
 from recon.splat.camera import SplatCamera
 from recon.splat.limits import ALPHA_FLOOR, QUAT_LEAST, Limits
+from recon.splat.moved import view_of
 from recon.splat.render import Render, SplatStats
 
 _CHUNK = 1 << 20
@@ -26,8 +27,12 @@ def rasterize_reference(
     background: torch.Tensor | None,
     limits: Limits,
     stats: SplatStats | None,
+    view: torch.Tensor | None = None,
 ) -> Render:
-    """As `rasterize`, for tensors of any float dtype; computes in float64 and returns the input's dtype."""
+    """As `rasterize`, for tensors of any float dtype; computes in float64 and returns the input's dtype.
+
+    view: the camera's numbers where they are to be differentiated (see `recon.splat.moved`).
+    """
     dtype = means.dtype
     finite = (
         torch.isfinite(torch.cat([means, quats, scales, opacities[:, None], colours], dim=1)).all(dim=1)
@@ -39,7 +44,8 @@ def rasterize_reference(
     means, quats, scales, opacities, colours = (
         tensor[kept].double() for tensor in (means, quats, scales, opacities, colours)
     )
-    mean2d, ellipse, depth, drawn = _project(means, quats, scales, camera, limits)
+    view = view_of(camera) if view is None else view
+    mean2d, ellipse, depth, drawn = _project(means, quats, scales, camera, limits, view)
     deviation = ellipse.detach()[:, [0, 2]].amax(dim=1).sqrt()
     degenerate = drawn & ~(deviation <= limits.max_sigma)
     culled = len(finite) - len(kept) + int(degenerate.sum())
@@ -97,32 +103,36 @@ def alpha_floor(colours: torch.Tensor, limits: Limits) -> torch.Tensor:
 
 
 def _project(
-    means: torch.Tensor, quats: torch.Tensor, scales: torch.Tensor, camera: SplatCamera, limits: Limits
+    means: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    camera: SplatCamera,
+    limits: Limits,
+    view: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
     """Pixel means [N, 2], ellipses [N, 4], depths [N], and whether to draw [N].
 
     An ellipse: the covariance's xx, xy and yy, px^2, with blur, and its determinant.
     """
-    motion = torch.from_numpy(np.asarray(camera.cam_from_world, np.float64))
-    rotation = motion[:3, :3]
-    points = means @ rotation.T + motion[:3, 3]
+    rotation, (fx, fy, cx, cy) = view[:9].reshape(3, 3), view[12:16]
+    points = means @ rotation.T + view[9:12]
     depth = points[:, 2]
     in_front = depth.detach() >= limits.near
     # Behind the camera the quotients below would overflow; those points get a harmless stand-in.
     safe = torch.where(in_front[:, None], points, points.new_tensor([0.0, 0.0, 1.0]))
     u, v = safe[:, 0] / safe[:, 2], safe[:, 1] / safe[:, 2]
     drawn = in_front & ((u * u + v * v).detach() < camera.monotone_radius2)
-    x, y, *_ = _distort(u, v, camera)
-    mean2d = torch.stack([camera.fx * x + camera.cx, camera.fy * y + camera.cy], dim=1)
+    x, y, *_ = _distort(u, v, view[16:])
+    mean2d = torch.stack([fx * x + cx, fy * y + cy], dim=1)
 
     u_min, u_max, v_min, v_max = camera.tangent_bounds(limits.tangent_margin)
     u, v = u.clamp(u_min, u_max), v.clamp(v_min, v_max)
-    _, _, xu, xv, yu, yv = _distort(u, v, camera)
+    _, _, xu, xv, yu, yv = _distort(u, v, view[16:])
     inverse = 1 / safe[:, 2]
     jacobian = torch.stack(
         [
-            torch.stack([camera.fx * xu, camera.fx * xv, -camera.fx * (xu * u + xv * v)], dim=1),
-            torch.stack([camera.fy * yu, camera.fy * yv, -camera.fy * (yu * u + yv * v)], dim=1),
+            torch.stack([fx * xu, fx * xv, -fx * (xu * u + xv * v)], dim=1),
+            torch.stack([fy * yu, fy * yv, -fy * (yu * u + yv * v)], dim=1),
         ],
         dim=1,
     )
@@ -135,9 +145,9 @@ def _project(
     return mean2d, ellipse, depth, drawn
 
 
-def _distort(u: torch.Tensor, v: torch.Tensor, camera: SplatCamera) -> tuple[torch.Tensor, ...]:
-    """Distorted tangents x, y and their derivatives xu, xv, yu, yv."""
-    k1, k2, p1, p2 = camera.k1, camera.k2, camera.p1, camera.p2
+def _distort(u: torch.Tensor, v: torch.Tensor, lens: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Distorted tangents x, y and their derivatives xu, xv, yu, yv. lens [4]: k1, k2, p1, p2."""
+    k1, k2, p1, p2 = lens
     r2 = u * u + v * v
     radial = 1 + r2 * (k1 + r2 * k2)
     slope = 2 * k1 + 4 * r2 * k2  # d radial / du = slope * u
