@@ -117,9 +117,9 @@ class LuminanceChromaticity:
 class SoftplusRadiance:
     """`c(d) = softplus(beta SH(d)) / beta`: the usual SH colour, made positive without a dead zone."""
 
-    beta: float = 200.0
-    dc_rate: Rate = Rate(5e-3, 5e-4)
-    rest_rate: Rate = Rate(2.5e-4, 2.5e-5)
+    beta: float = 500.0
+    dc_rate: Rate = Rate(4e-4, 4e-5)
+    rest_rate: Rate = Rate(4e-5, 8e-6)
 
     @property
     def rates(self) -> dict[str, Rate]:
@@ -185,7 +185,7 @@ class LogRadiance:
 
     floor: float = 2.0**-20
     dc_rate: Rate = Rate(0.1, 0.01)
-    rest_rate: Rate = Rate(0.005, 0.001)
+    rest_rate: Rate = Rate(0.01, 0.002)
 
     @property
     def rates(self) -> dict[str, Rate]:

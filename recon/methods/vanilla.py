@@ -22,7 +22,7 @@ def compose(dataset: Dataset, light: Light) -> Method:
     if dataset.kind != "ldr":
         return Method(
             name=NAME,
-            appearance=PlainHarmonics(dc_rate=Rate(2e-4, 2e-5), rest_rate=Rate(1e-5, 1e-6)),
+            appearance=PlainHarmonics(dc_rate=Rate(1e-4, 1e-5), rest_rate=Rate(5e-6, 5e-7)),
             observation=LinearLight(light.normaliser),
         )
     responses: list[Response] = [view.sensor.response for view in dataset.train]
