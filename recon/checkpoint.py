@@ -31,7 +31,7 @@ class Checkpoint:
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Write it whole, or not at all."""
-    tensors = {name: value.detach().contiguous() for name, value in checkpoint.tensors.items()}
+    tensors = {name: value.detach().cpu().contiguous() for name, value in checkpoint.tensors.items()}
     facts = {"format": FORMAT, "facts": json.dumps(checkpoint.facts, allow_nan=False, sort_keys=True)}
     store.write_bytes(path, save(tensors, facts))
 
@@ -63,7 +63,9 @@ def adam_tensors(optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
 def restore_adam(optimizer: torch.optim.Optimizer, tensors: dict[str, Tensor]) -> None:
     """Give an Adam its memory back; `tensors` by `NAME.KEY`, as `adam_tensors` wrote them."""
     for group in optimizer.param_groups:
-        prefix = group["name"] + "."
-        state = {key[len(prefix) :]: value for key, value in tensors.items() if key.startswith(prefix)}
+        prefix, device = group["name"] + ".", group["params"][0].device
+        state = {
+            key[len(prefix) :]: value.to(device) for key, value in tensors.items() if key.startswith(prefix)
+        }
         if state:
             optimizer.state[group["params"][0]] = state

@@ -64,11 +64,11 @@ class Density:
         """
         count = len(gaussians)
         keep = ~self._invisible(gaussians, luminance)
-        score = np.where(keep.numpy(), stats.mean_gradient(), 0.0)
+        score = np.where(keep.cpu().numpy(), stats.mean_gradient(), 0.0)
         room = self._planned(progress, int(keep.sum())) - int(keep.sum())
         wanted = max(0, min(room, math.ceil(self.rules.growth * count), int((score > 0).sum())))
         chosen = np.sort(np.argsort(-score, kind="stable")[:wanted])
-        split = torch.from_numpy(chosen)
+        split = torch.from_numpy(chosen).to(keep.device)
         keep[split] = False
         children = [self._child(gaussians, split, generator) for _ in range(2)] if wanted else []
         new = (
@@ -99,7 +99,7 @@ class Density:
     def _child(self, gaussians: Gaussians, split: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
         child = gaussians.rows(split)
         scales = child["log_scales"].exp()
-        offset = torch.randn(len(split), 3, generator=generator) * scales
+        offset = torch.randn(len(split), 3, generator=generator).to(scales.device) * scales
         child["means"] = child["means"] + rotate(child["quats"], offset)
         child["log_scales"] = child["log_scales"] - math.log(self.rules.shrink)
         through = torch.sigmoid(-child["opacity_logits"]).sqrt()

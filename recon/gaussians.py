@@ -44,6 +44,10 @@ class Gaussians:
     def __len__(self) -> int:
         return len(self.parameters["means"])
 
+    def to(self, device: torch.device) -> "Gaussians":
+        """The same on a device; itself, if it is there already."""
+        return Gaussians({name: value.to(device) for name, value in self.parameters.items()})
+
     def opacities(self) -> Tensor:
         """Opacities in 0..1, [N]."""
         return torch.sigmoid(self.parameters["opacity_logits"])
@@ -77,7 +81,7 @@ class Renderer:
         motion = camera.cam_from_world
         centre = torch.from_numpy((-motion[:3, :3].T @ motion[:3, 3]).astype(np.float32))
         with torch.no_grad():
-            away = parameters["means"] - centre.to(parameters["means"].dtype)
+            away = parameters["means"] - centre.to(parameters["means"])
             directions = away / away.norm(dim=1, keepdim=True).clamp_min(1e-12)
         return rasterize(
             parameters["means"],

@@ -47,8 +47,17 @@ def series(constant: Tensor, rest: Tensor, directions: Tensor, degree: int) -> T
     """
     if degree == 0:
         return C0 * constant[:, 0]
+    if constant.device.type != "cpu":
+        return series_by_torch(constant, rest, directions, degree)
     result: Tensor = _Series.apply(constant, rest, directions, degree)  # type: ignore[no-untyped-call]
     return result
+
+
+def series_by_torch(constant: Tensor, rest: Tensor, directions: Tensor, degree: int) -> Tensor:
+    """As `series`, in plain torch operations, for devices that Numba does not reach."""
+    values = basis(directions.detach().to(rest.dtype), degree)
+    coefficients = torch.cat([constant, rest[:, : values.shape[1] - 1]], 1)
+    return torch.einsum("nk,nkc->nc", values, coefficients)
 
 
 class _Series(torch.autograd.Function):

@@ -32,6 +32,8 @@ class Settings(Record):
     """A budget in seconds was turned into this number from the speed at the start."""
     max_gaussians: int
     max_width: int
+    batch: int = 1
+    """Views a step; as many as processes trained together."""
     budget: float | None = None
     """Seconds asked for; None: the preset's iterations."""
 
@@ -55,7 +57,8 @@ class ModelRecord(Record):
     held_out: tuple[str, ...]
     gaussians: int
     train_seconds: float
-    threads: int
+    device: str
+    """The GPU's name, or how many threads of the CPU."""
     loss: float
     rungs: tuple[Rung, ...]
 

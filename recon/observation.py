@@ -97,6 +97,12 @@ class _Prepared:
     ceiling: Tensor
     valid: Tensor | None
 
+    def to(self, device: torch.device) -> "_Prepared":
+        """The same on a device."""
+        names = ("matrix", "falloff", "scales", "target", "ceiling")
+        moved = {name: getattr(self, name).to(device) for name in names}
+        return _Prepared(**moved, valid=None if self.valid is None else self.valid.to(device))
+
 
 @dataclass
 class LinearLight:
@@ -123,7 +129,9 @@ class LinearLight:
 
     def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
         """All shots of the bracket, darkest first: [shots * 4, H/2, W/2], or [shots * 3, H, W]."""
-        known = self._prepared.get(view.name) or self._prepared.setdefault(view.name, self._prepare(view))
+        known = self._prepared.get(view.name)
+        if known is None:
+            known = self._prepared[view.name] = self._prepare(view).to(image.device)
         light = through_filter(image, known.matrix, view.sensor.cfa) * known.falloff
         prediction = exposed_mu_law(light, known.scales, known.ceiling)
         if known.valid is not None:
@@ -133,9 +141,9 @@ class LinearLight:
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
         """The signal x: [H, W] for a mosaic, [H, W, 3] without CFA."""
         sensor = view.sensor
-        matrix = torch.as_tensor(sensor.camera_from_rec709, dtype=image.dtype)
+        matrix = torch.as_tensor(sensor.camera_from_rec709, dtype=image.dtype, device=image.device)
         planes = through_filter(image, matrix, sensor.cfa)
-        falloff = torch.as_tensor(sensor.falloff, dtype=image.dtype)
+        falloff = torch.as_tensor(sensor.falloff, dtype=image.dtype, device=image.device)
         scale = self.normaliser * k
         if sensor.cfa is None:
             return planes.movedim(0, 2) * falloff[..., None] * scale

@@ -25,10 +25,10 @@ class _Codes:
     dark: Tensor
 
 
-def _codes(view: View) -> _Codes:
+def _codes(view: View, device: torch.device) -> _Codes:
     def planes(name: str) -> Tensor:
         stack = np.concatenate([getattr(shot, name).transpose(2, 0, 1) for shot in view.shots])
-        return torch.from_numpy(np.ascontiguousarray(stack))
+        return torch.from_numpy(np.ascontiguousarray(stack)).to(device)
 
     return _Codes(planes("pixels"), planes("saturated"), planes("dark"))
 
@@ -80,14 +80,16 @@ class ToneCurve:
     def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
         """Predicted and photographed codes of all shots, [shots * 3, H, W]."""
         self._progress = progress
-        codes = self._known.get(view.name) or self._known.setdefault(view.name, _codes(view))
-        exposures = torch.tensor([shot.k for shot in view.shots], dtype=image.dtype)
+        codes = self._known.get(view.name)
+        if codes is None:
+            codes = self._known[view.name] = _codes(view, image.device)
+        exposures = image.new_tensor([shot.k for shot in view.shots])
         prediction = self._expose(image, view, exposures, leaky=True).flatten(0, 1)
         return _bounded(prediction, codes), codes.target
 
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
         """Codes of a shot of exposure scale `k`, within 0..1, [H, W, 3]."""
-        return self._expose(image, view, torch.tensor([k], dtype=image.dtype), leaky=False)[0].movedim(0, 2)
+        return self._expose(image, view, image.new_tensor([k]), leaky=False)[0].movedim(0, 2)
 
     def radiance(self, image: Tensor) -> Tensor:
         """The image times the normaliser."""
@@ -101,11 +103,11 @@ class ToneCurve:
         """Roughness of the curves, while they are trained."""
         if not self._training():
             return 0.0
-        return self.smoothness * roughness(curve_values(self.theta), self.nodes)
+        return self.smoothness * roughness(curve_values(self.theta), self.nodes.to(self.theta))
 
     def curves(self) -> Tensor:
         """Code values at the nodes, [R, 3, M], without gradient."""
-        return curve_values(self.theta.detach())
+        return curve_values(self.theta.detach().cpu())
 
     def codes_of(self, log_exposure: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Codes [M, 3] of the first response at ln(E k) [M]."""
@@ -117,12 +119,12 @@ class ToneCurve:
         return self.learned and self._progress >= self.fixed
 
     def _expose(self, image: Tensor, view: View, exposures: Tensor, *, leaky: bool) -> Tensor:
-        falloff = torch.from_numpy(view.sensor.falloff).to(image.dtype)
+        falloff = torch.from_numpy(view.sensor.falloff).to(image)
         light = torch.log(image * falloff[..., None] + self.epsilon) + float(np.log(self.normaliser))
         x = self.rate * (light.movedim(2, 0)[None] + exposures.log()[:, None, None, None] - self.middle)
         theta = self.theta[self.of_camera[view.camera]]
-        values = curve_values(theta if self._training() else theta.detach()).to(image.dtype)
-        nodes = self.nodes.to(image.dtype)
+        values = curve_values(theta if self._training() else theta.detach()).to(image)
+        nodes = self.nodes.to(image)
         channels = [apply_curve(x[:, channel], values[channel], nodes, leaky=leaky) for channel in range(3)]
         return torch.stack(channels, 1)
 
@@ -150,7 +152,9 @@ class Display:
 
     def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
         """The image, once for every shot, beside the photographs: [shots * 3, H, W]."""
-        codes = self._known.get(view.name) or self._known.setdefault(view.name, _codes(view))
+        codes = self._known.get(view.name)
+        if codes is None:
+            codes = self._known[view.name] = _codes(view, image.device)
         prediction = image.movedim(2, 0)[None].expand(len(view.shots), 3, -1, -1).flatten(0, 1)
         return _bounded(prediction, codes), codes.target
 

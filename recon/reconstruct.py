@@ -1,5 +1,6 @@
 """Session and calibration to a scene: the whole stage, resumable."""
 
+import math
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import torch
 
 from imaging import store
 from imaging.errors import InputError, ReconstructionError
@@ -16,14 +18,16 @@ from recon.budget import iterations_within
 from recon.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from recon.dataset import Dataset, load
 from recon.density import DensityRules
+from recon.device import device_name, training_device
 from recon.ladder import chosen_method, rungs
 from recon.methods import METHODS, hdr_gs, nh_3dgs
 from recon.model import CHECKPOINT, LOG, MODEL, SPLATS, ModelRecord, Settings
 from recon.pixels import Progress
 from recon.ply import write_ply
 from recon.radiance import light_of, radiance_image
+from recon.ranks import Ranks, joined
+from recon.splat import SplatStats
 from recon.start import gaussians_at, start_points
-from recon.threads import thread_count
 from recon.trainer import Plan, Training, train
 from recon.warm_up import warm_up
 
@@ -65,13 +69,31 @@ def reconstruct(
     budget: most seconds of training; if the preset's iterations do not fit at the speed measured at the
     start, the whole schedule is made shorter. name: the method's if None. A training that was stopped goes on
     bit for bit when called again with the same settings; a finished one is returned as it is; other
-    settings replace it. Errors: ReconstructionError, InputError, StorageError.
+    settings replace it. Runs on the GPU if there is one. Started several times over by torchrun, the
+    processes train one scene together, each looking at a share of the views: a step then takes as many
+    views as there are processes, and there are fewer steps. The session has to be on a disk that all
+    of them see; the first one writes. Errors: ReconstructionError, InputError, StorageError.
     """
     if budget is not None and not 0 < budget < float("inf"):
         raise InputError(f"A budget of {budget} s is no time to train: give one such as 90s or 5m.")
     if not 0 <= seed < 2**32:
         raise InputError(f"The seed {seed} is out of range: give a number from 0 to 4294967295.")
-    preset = QUALITIES[quality]
+    with joined() as ranks:
+        return _reconstruct(session, method, quality, budget, seed, name, progress, ranks)
+
+
+def _reconstruct(
+    session: Path,
+    method: MethodName,
+    quality: QualityName,
+    budget: float | None,
+    seed: int,
+    name: str | None,
+    progress: Progress,
+    ranks: Ranks,
+) -> Path:
+    """`reconstruct` on one of the ranks."""
+    preset, device = QUALITIES[quality], training_device()
     dataset = load(session, max_width=preset.width, progress=progress)
     chosen, reasons = _method(dataset, method)
     wanted = Settings.model_validate(
@@ -79,7 +101,8 @@ def reconstruct(
             "method": chosen,
             "quality": quality,
             "seed": seed,
-            "iterations": preset.iterations,
+            "iterations": math.ceil(preset.iterations / ranks.count),
+            "batch": ranks.count,
             "max_gaussians": preset.gaussians,
             "max_width": preset.width,
             "budget": budget,
@@ -88,15 +111,18 @@ def reconstruct(
     folder = store.inside(session, f"reconstructions/{name or chosen}")
     found = _checkpoint(folder, wanted, dataset)
     if found is None:
-        training, settings = _begin(folder, dataset, wanted, progress)
+        training, settings = _begin(folder, dataset, wanted, device, ranks, progress)
     else:
         settings = Settings.model_validate(found.facts["settings"])
         light = Training.light_in(found)
-        training = Training.restore(METHODS[chosen](dataset, light), found, dataset.extent)
+        training = Training.restore(METHODS[chosen](dataset, light), found, dataset.extent, device)
+        if not ranks.first:  # the first one holds what all had counted
+            training.stats = SplatStats(len(training.gaussians))
         if training.iteration >= settings.iterations and (folder / MODEL).is_file():
             return folder
-    loss = _train(folder, dataset, training, settings, progress)
-    _write(folder, dataset, training, settings, loss, (*reasons, *rungs(dataset, chosen)))
+    loss = _train(folder, dataset, training, settings, ranks, progress)
+    if ranks.first:
+        _write(folder, dataset, training, settings, loss, (*reasons, *rungs(dataset, chosen)))
     return folder
 
 
@@ -127,7 +153,9 @@ def _checkpoint(folder: Path, wanted: Settings, dataset: Dataset) -> Checkpoint 
     return checkpoint if same else None
 
 
-def _begin(folder: Path, dataset: Dataset, wanted: Settings, progress: Progress) -> tuple[Training, Settings]:
+def _begin(
+    folder: Path, dataset: Dataset, wanted: Settings, device: torch.device, ranks: Ranks, progress: Progress
+) -> tuple[Training, Settings]:
     """Gaussians at their start; what an earlier training left in the folder is removed."""
     warm_up(progress)
     started = time.monotonic()
@@ -139,29 +167,38 @@ def _begin(folder: Path, dataset: Dataset, wanted: Settings, progress: Progress)
     def training() -> Training:
         method = METHODS[wanted.method](dataset, light)
         gaussians = gaussians_at(points, method.appearance, method.observation.units)
-        return Training.begin(method, light, gaussians, dataset.extent)
+        return Training.begin(method, light, gaussians, dataset.extent, device)
 
     settings = wanted
     if wanted.budget is not None:
         left = wanted.budget - (time.monotonic() - started)
         fitting = iterations_within(left, training, dataset, wanted.max_gaussians, progress)
+        fitting = int(ranks.told(fitting))
         settings = wanted.model_copy(update={"iterations": min(wanted.iterations, fitting)})
-    store.make_folder(folder)
-    for name in (MODEL, CHECKPOINT, LOG, "metrics.json"):
-        store.discard(folder / name)
+    if ranks.first:
+        store.make_folder(folder)
+        for name in (MODEL, CHECKPOINT, LOG, "metrics.json"):
+            store.discard(folder / name)
     begun = training()
     begun.seconds = time.monotonic() - started
     return begun, settings
 
 
 def _train(
-    folder: Path, dataset: Dataset, training: Training, settings: Settings, progress: Progress
+    folder: Path,
+    dataset: Dataset,
+    training: Training,
+    settings: Settings,
+    ranks: Ranks,
+    progress: Progress,
 ) -> float:
-    """Train to the end, with a log and checkpoints; the last loss that was logged."""
-    lines = [line for line in store.read_lines(folder / LOG) if line["iteration"] <= training.iteration]
-    store.write_bytes(folder / LOG, b"")
-    for line in lines:
-        store.append_line(folder / LOG, line)
+    """Train to the end, with a log and checkpoints; the last loss that was logged (NaN on other ranks)."""
+    lines: list[dict[str, Any]] = []
+    if ranks.first:
+        lines = [line for line in store.read_lines(folder / LOG) if line["iteration"] <= training.iteration]
+        store.write_bytes(folder / LOG, b"")
+        for line in lines:
+            store.append_line(folder / LOG, line)
 
     def log(line: dict[str, Any]) -> None:
         lines.append(line)
@@ -174,10 +211,11 @@ def _train(
         }
         write_checkpoint(folder / CHECKPOINT, training.checkpoint(facts))
 
-    plan = Plan(settings.iterations, DensityRules(settings.max_gaussians), settings.seed)
-    train(training, dataset, plan, log=log, save=save, progress=progress)
-    save()
-    return float(lines[-1]["loss"])
+    plan = Plan(settings.iterations, DensityRules(settings.max_gaussians), settings.seed, settings.batch)
+    train(training, dataset, plan, log=log, save=save, progress=progress, ranks=ranks)
+    if ranks.first:
+        save()
+    return float(lines[-1]["loss"]) if lines else math.nan
 
 
 def _write(
@@ -189,13 +227,14 @@ def _write(
     ladder: tuple[Rung, ...],
 ) -> None:
     """splats.ply, and last of all model.json, which says that everything is there."""
-    light = training.light
+    light, appearance = training.light, training.method.appearance
+    device = training.gaussians.parameters["means"].device
     ldr = dataset.kind == "ldr"
     gauge = "the calibration's response" if ldr else "camera signal = radiance x exposure scale"
     note = f"linear Rec.709 radiance over {light.normaliser:.6g} ({gauge}); not clipped, not tone-mapped"
     if settings.method == "vanilla" and ldr:
         note = "display values, sRGB, as 3DGS"
-    write_ply(folder / SPLATS, training.gaussians, training.method.appearance, 1.0, note)
+    write_ply(folder / SPLATS, training.gaussians.to(torch.device("cpu")), appearance, 1.0, note)
     record = ModelRecord(
         created=datetime.now(UTC),
         versions={name: version(name) for name in ("hdr-rig", "torch", "numpy", "numba")},
@@ -208,7 +247,7 @@ def _write(
         held_out=tuple(view.name for view in dataset.held_out),
         gaussians=len(training.gaussians),
         train_seconds=round(training.seconds, 3),
-        threads=thread_count(),
+        device=device_name(device),
         loss=loss,
         rungs=ladder,
     )

@@ -34,8 +34,8 @@ STRIP = 64
 """Rows that a thread takes at a time; 2 RADIUS more are needed on either side."""
 GROUP = 4
 """Rows that are filtered down the columns together, so that a row that is read serves four."""
-_C1 = np.float32(0.01**2)
-_C2 = np.float32(0.03**2)
+C1, C2 = 0.01**2, 0.03**2
+_C1, _C2 = np.float32(C1), np.float32(C2)
 _ONE = np.float32(1.0)
 _TWO = np.float32(2.0)
 _ZERO = np.float32(0.0)
@@ -271,17 +271,22 @@ class _Photometric(torch.autograd.Function):
 
 
 def photometric_loss(prediction: torch.Tensor, target: torch.Tensor, ssim_weight: float) -> torch.Tensor:
-    """`(1 - w) mean |x - y| + w (1 - SSIM)`, a scalar, of float32 planes [P, H, W] on the CPU.
+    """`(1 - w) mean |x - y| + w (1 - SSIM)`, a scalar, of float32 planes [P, H, W].
 
     Differentiable in the prediction only. SSIM is on values of about 0..1, each plane apart, then
     averaged over all pixels. Pixels to be left out: give them the target's value in the prediction.
-    ValueError for other shapes or dtypes, and for empty planes.
+    ValueError for other shapes or dtypes, and for empty planes. On the CPU value and gradient come from
+    one pass over memory.
     """
     for name, tensor in (("prediction", prediction), ("target", target)):
         if tensor.ndim != 3 or tensor.numel() == 0 or tensor.shape != prediction.shape:
             raise ValueError(f"{name} has shape {tuple(tensor.shape)}: planes [P, H, W] of one shape needed")
-        if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
-            raise ValueError(f"{name} is {tensor.dtype} on {tensor.device}: float32 on the CPU needed")
+        if tensor.dtype != torch.float32 or tensor.device != prediction.device:
+            raise ValueError(f"{name} is {tensor.dtype} on {tensor.device}: float32 on one device needed")
+    if prediction.device.type != "cpu":
+        from recon.dense_ssim import dense_photometric_loss
+
+        return dense_photometric_loss(prediction, target, ssim_weight)
     keep = torch.is_grad_enabled() and prediction.requires_grad
     loss: torch.Tensor = _Photometric.apply(prediction, target, ssim_weight, keep)
     return loss

@@ -1,5 +1,6 @@
 """The training loop, from the first iteration to the last, for any method."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,17 +16,26 @@ from recon.gaussians import Gaussians, Renderer, limits_for
 from recon.interrupt import deferred
 from recon.method import Light, Method
 from recon.pixels import Progress
+from recon.ranks import Ranks
 from recon.splat import SplatStats
 from recon.torch_threads import torch_on_one_thread
+
+_ALONE = Ranks()
+_CPU = torch.device("cpu")
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How long to train, how far to grow, and with which seed; everything else is a fraction of it."""
+    """How long to train, how far to grow, and with which seed; everything else is a fraction of it.
+
+    batch: views that an iteration looks at before it takes a step. As in Grendel-GS (Zhao et al., arXiv
+    2406.18533), learning rates grow with its square root, and Adam forgets as much a view as ever.
+    """
 
     iterations: int
     density: DensityRules
     seed: int = 0
+    batch: int = 1
     log_every: int = 50
     checkpoint_seconds: float = 20.0
 
@@ -43,8 +53,13 @@ class Training:
     seconds: float = 0.0
 
     @classmethod
-    def begin(cls, method: Method, light: Light, gaussians: Gaussians, extent: float) -> "Training":
-        """Nothing trained yet; `extent` scales the learning rate of the means."""
+    def begin(
+        cls, method: Method, light: Light, gaussians: Gaussians, extent: float, device: torch.device = _CPU
+    ) -> "Training":
+        """Nothing trained yet, on a device; `extent` scales the learning rate of the means."""
+        gaussians = gaussians.to(device)
+        for value in method.observation.shared.values():
+            value.data = value.data.to(device)
         rates = {**method.geometry.all(extent), **method.appearance.rates, **method.observation.rates}
         parameters = {**gaussians.parameters, **method.observation.shared}
         groups = [
@@ -62,6 +77,19 @@ class Training:
     def renderer(self) -> Renderer:
         """How its Gaussians are drawn."""
         return Renderer(self.method.appearance, limits_for(self.light.reference))
+
+    def parameters(self) -> list[torch.Tensor]:
+        """All tensors that are trained."""
+        return [tensor for group in self.optimizer.param_groups for tensor in group["params"]]
+
+    def gather(self, ranks: Ranks, keep: bool = True) -> None:
+        """Make the statistics those of all ranks; one that does not `keep` them counts anew from zero."""
+        ranks.add_array(self.stats.seen)
+        ranks.add_array(self.stats.gradient)
+        ranks.raise_array(self.stats.radius)
+        ranks.raise_array(self.stats.weight)
+        if not keep:
+            self.stats = SplatStats(len(self.gaussians))
 
     def checkpoint(self, facts: dict[str, Any]) -> Checkpoint:
         """All of it as tensors and facts."""
@@ -86,12 +114,14 @@ class Training:
         return Light(**checkpoint.facts["light"])
 
     @classmethod
-    def restore(cls, method: Method, checkpoint: Checkpoint, extent: float) -> "Training":
+    def restore(
+        cls, method: Method, checkpoint: Checkpoint, extent: float, device: torch.device = _CPU
+    ) -> "Training":
         """The training that `checkpoint` was taken of; `method` is composed anew, as it was then."""
         for name, value in checkpoint.part("shared").items():
             method.observation.shared[name].data.copy_(value)
         gaussians = Gaussians(checkpoint.part("gaussians"))
-        training = cls.begin(method, cls.light_in(checkpoint), gaussians, extent)
+        training = cls.begin(method, cls.light_in(checkpoint), gaussians, extent, device)
         restore_adam(training.optimizer, checkpoint.part("adam"))
         for key, value in checkpoint.part("stats").items():
             setattr(training.stats, key, value.numpy().copy())
@@ -109,44 +139,54 @@ def train(
     save: Callable[[], None],
     progress: Progress | None = None,
     until: int | None = None,
+    ranks: Ranks = _ALONE,
 ) -> None:
     """Train up to iteration `plan.iterations` (or stop before at `until`).
 
-    One iteration draws one view once and compares the render with every shot of its bracket. Every
-    random choice is derived from the seed and the iteration, so a training that was saved and
-    restored goes on bit for bit as if it had not been. `save` is called every
-    `plan.checkpoint_seconds`, and when the user interrupts.
+    One iteration draws `plan.batch` views, each once, and compares the render with every shot of its
+    bracket. Every random choice is derived from the seed and the iteration, so a training that was
+    saved and restored goes on bit for bit as if it had not been. `save` is called every
+    `plan.checkpoint_seconds`, and when the user interrupts. Several `ranks` share the views of an
+    iteration; `plan.batch` must be a multiple of their number. Only the first logs and saves.
     """
     method, views = training.method, dataset.train
+    if plan.batch % ranks.count:
+        raise ValueError(f"a batch of {plan.batch} views cannot be shared by {ranks.count} ranks")
     density = Density(plan.density, training.light.reference)
     renderer = training.renderer()
     started = time.monotonic() - training.seconds
     saved, total = time.monotonic(), plan.iterations
     losses: list[float] = []
+    for group in training.optimizer.param_groups:
+        group["betas"] = (0.9**plan.batch, 0.999**plan.batch)
 
     with torch_on_one_thread(), deferred() as interrupt:
         while training.iteration < min(total, until or total):
             done = training.iteration / total
             for group in training.optimizer.param_groups:
-                group["lr"] = group["rate"].at(done)
+                group["lr"] = group["rate"].at(done) * math.sqrt(plan.batch)
 
-            view = views[_turn(training.iteration, len(views), plan.seed)]
-            degree = method.schedule.degree(done)
-            render = renderer(training.gaussians, view.lens, degree=degree, stats=training.stats)
-            prediction, target = method.observation.compare(render.image, view, done)
-            loss = (
-                method.loss(prediction, target)
-                + method.appearance.penalty(training.gaussians.parameters)
-                + method.observation.penalty()
-                + method.schedule.opacity_weight * training.gaussians.opacities().mean()
-            )
             training.optimizer.zero_grad(set_to_none=True)
-            loss.backward()  # type: ignore[no-untyped-call]
+            own_loss, degree = 0.0, method.schedule.degree(done)
+            for turn in range(ranks.number, plan.batch, ranks.count):
+                view = views[_turn(training.iteration * plan.batch + turn, len(views), plan.seed)]
+                render = renderer(training.gaussians, view.lens, degree=degree, stats=training.stats)
+                prediction, target = method.observation.compare(render.image, view, done)
+                loss = (
+                    method.loss(prediction, target)
+                    + method.appearance.penalty(training.gaussians.parameters)
+                    + method.observation.penalty()
+                    + method.schedule.opacity_weight * training.gaussians.opacities().mean()
+                ) / plan.batch
+                loss.backward()  # type: ignore[no-untyped-call]
+                own_loss += float(loss.detach())
+            ranks.add([tensor.grad for tensor in training.parameters() if tensor.grad is not None])
             training.optimizer.step()
             training.iteration += 1
-            losses.append(float(loss.detach()))
+            losses.append(own_loss)
 
             if density.due(training.iteration, total):
+                training.gather(ranks)
                 generator = torch.Generator().manual_seed(_seed(plan.seed, 1, training.iteration))
                 luminance = method.appearance.luminance(training.gaussians.parameters)
                 density.adapt(
@@ -156,23 +196,28 @@ def train(
 
             training.seconds = time.monotonic() - started
             if training.iteration % plan.log_every == 0 or training.iteration == total:
-                mean = float(np.mean(losses))
-                log(
-                    {
-                        "iteration": training.iteration,
-                        "loss": mean,
-                        "gaussians": len(training.gaussians),
-                        "seconds": round(training.seconds, 3),
-                    }
-                )
-                if progress:
+                (mean,) = ranks.totals(float(np.mean(losses)))
+                if ranks.first:
+                    log(
+                        {
+                            "iteration": training.iteration,
+                            "loss": mean,
+                            "gaussians": len(training.gaussians),
+                            "seconds": round(training.seconds, 3),
+                        }
+                    )
+                if progress and ranks.first:
                     speed = training.iteration / max(training.seconds, 1e-9)
                     progress(f"training, loss {mean:.4f}, {speed:.1f} it/s", training.iteration, total)
                 losses = []
-            if interrupt.asked or time.monotonic() - saved > plan.checkpoint_seconds:
-                save()
+            due = ranks.first and time.monotonic() - saved > plan.checkpoint_seconds
+            stop, late = ranks.totals(interrupt.asked, due)
+            if stop or late:
+                training.gather(ranks, ranks.first)
+                if ranks.first:
+                    save()
                 saved = time.monotonic()
-            if interrupt.asked:
+            if stop:
                 raise KeyboardInterrupt
 
 

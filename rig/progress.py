@@ -144,9 +144,31 @@ class PlainMeter:
         self.stream.flush()
 
 
+@dataclass
+class SilentMeter:
+    """For those who have nothing to say."""
+
+    def begin(self, stage: str) -> None:
+        """Nothing."""
+
+    def __call__(self, message: str, done: int, total: int) -> None:
+        """Nothing."""
+
+    def say(self, line: str) -> None:
+        """Nothing."""
+
+
+def speaks() -> bool:
+    """Whether this process tells of its work: of several that torchrun started, the first does."""
+    return os.environ.get("RANK", "0") == "0"
+
+
 @contextmanager
 def metering(stream: TextIO) -> Iterator[Meter]:
     """A meter on `stream`, drawn until the block ends: live if it is a terminal, else plain lines."""
+    if not speaks():
+        yield SilentMeter()
+        return
     if stream.isatty() and os.environ.get("TERM") not in ("dumb", "unknown"):
         from rig.live import live_meter
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from imaging.errors import PartialError
 from rig.failures import Stopped
-from rig.progress import Meter, metering
+from rig.progress import Meter, metering, speaks
 from rig.streams import libraries_silenced
 from rig.words import plain, sentence
 
@@ -55,6 +55,8 @@ def running(stage: str, go_on: str = "run the same command again") -> Iterator[M
 
 def deliver(outcome: Outcome, command: str, as_json: bool) -> int:
     """Print the outcome on standard output and what is missing on standard error; the exit code."""
+    if not speaks():
+        return outcome.exit_code
     if as_json:
         print_json({"command": command, "exit_code": outcome.exit_code} | outcome.data, outcome.missing)
     else:

@@ -33,7 +33,7 @@ class SplatStats:
     count: int
     seen: npt.NDArray[np.int32] = field(init=False)
     """[n] renders in which it touched a pixel."""
-    gradient: npt.NDArray[np.float32] = field(init=False)
+    gradient: npt.NDArray[np.float64] = field(init=False)
     """[n] sum over those renders of the norm of d loss / d mean2d in the units of 3DGS, where the image
     is 2 wide and 2 high: per pixel, times (width / 2, height / 2)."""
     radius: npt.NDArray[np.float32] = field(init=False)
@@ -43,10 +43,10 @@ class SplatStats:
 
     def __post_init__(self) -> None:
         self.seen = np.zeros(self.count, np.int32)
-        self.gradient = np.zeros(self.count, np.float32)
+        self.gradient = np.zeros(self.count, np.float64)
         self.radius = np.zeros(self.count, np.float32)
         self.weight = np.zeros(self.count, np.float32)
 
-    def mean_gradient(self) -> npt.NDArray[np.float32]:
+    def mean_gradient(self) -> npt.NDArray[np.float64]:
         """[n] `gradient` per render in which it was seen; 0 where it never was."""
-        return np.asarray(self.gradient / np.maximum(self.seen, 1), np.float32)
+        return np.asarray(self.gradient / np.maximum(self.seen, 1))

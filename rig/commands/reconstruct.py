@@ -7,7 +7,7 @@ import typer
 
 from rig.commands.evaluate import run_evaluate
 from rig.commands.options import JsonOption, SeedOption, SessionArgument, seconds
-from rig.progress import Meter
+from rig.progress import Meter, speaks
 from rig.running import Outcome, running
 
 MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
@@ -33,7 +33,8 @@ def reconstruct(
     """Train a scene on a calibrated session.
 
     The scene is made of Gaussians, measured on held-out views and reported. A training that was
-    stopped goes on when the same command is run again.
+    stopped goes on when the same command is run again. Runs on the GPU if there is one. With several
+    GPUs or machines, `torchrun ... -m rig reconstruct S` trains on all of them together.
 
     Example: rig reconstruct S --budget 5m
     """
@@ -57,6 +58,8 @@ def run_reconstruct(
     trained = run_training(
         session, meter, method=method, quality=quality, budget=budget, seed=seed, name=name
     )
+    if not speaks():
+        return Outcome({}, [])
     return run_evaluate(Path(trained.data["reconstruction"]), meter)
 
 

@@ -151,7 +151,7 @@ def _charts(folder: Path, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str
 
 
 def _cost(model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
-    yield "Training time", f"{duration(model.train_seconds)} on {counted(model.threads, 'thread')}"
+    yield "Training time", f"{duration(model.train_seconds)} on {model.device}"
     yield "Iterations", f"{model.settings.iterations:,}"
     yield "Gaussians", f"{model.gaussians:,}"
     if "size_bytes" in metrics:

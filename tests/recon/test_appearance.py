@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from recon.appearance import LogRadiance, LuminanceChromaticity, PlainHarmonics, Rate, SoftplusRadiance
-from recon.harmonics import COEFFICIENTS, DEGREE, basis, sphere
+from recon.harmonics import COEFFICIENTS, DEGREE, basis, series, series_by_torch, sphere
 
 ALL = [LuminanceChromaticity(), LogRadiance(), PlainHarmonics(), SoftplusRadiance()]
 DIRECTIONS = torch.nn.functional.normalize(
@@ -100,3 +100,20 @@ def test_harmonics_are_orthonormal_on_the_sphere():
 def test_rates_fall_exponentially():
     rate = Rate(1e-2, 1e-4)
     assert [rate.at(p) for p in (0.0, 0.5, 1.0)] == pytest.approx([1e-2, 1e-3, 1e-4])
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_series_is_the_same_by_plain_operations(degree: int) -> None:
+    """What a GPU runs, against the kernel: value and gradients."""
+    rng = np.random.default_rng(3)
+    directions = torch.tensor(sphere(20))
+    found = []
+    for function in (series, series_by_torch):
+        constant = torch.tensor(rng.normal(size=(20, 1, 3)), requires_grad=True)
+        rest = torch.tensor(rng.normal(size=(20, COEFFICIENTS - 1, 3)), requires_grad=True)
+        value = function(constant, rest, directions, degree)
+        (value * torch.tensor(rng.normal(size=(20, 3)))).sum().backward()
+        found.append((value.detach(), constant.grad, rest.grad))
+        rng = np.random.default_rng(3)
+    for ours, theirs in zip(*found, strict=True):
+        torch.testing.assert_close(ours, theirs)
