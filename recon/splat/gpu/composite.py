@@ -1,0 +1,117 @@
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+"""Blending the entries of a tile front to back: one program a tile, its pixels in registers.
+
+All threads walk the list together, so nothing is exchanged between them but, once a chunk, the largest
+transmittance. Before each chunk the transmittances are kept, so that the backward pass can start anywhere
+without a division. float32, with the tile's origin taken off in float64 before (see `tiles.gather`).
+"""
+
+import triton
+import triton.language as tl
+
+from recon.splat.gpu.project import TILE
+
+PIXELS = tl.constexpr(256)
+WARPS = 4
+_BLOCK = tl.constexpr(8)
+"""Blocks of this many pixels across and down that hold a pixel of the image count as pairs, as on the CPU."""
+# 2^f = 1 + f P(f) for |f| <= 1/2, the numbers of `recon.splat.composite`.
+P0 = tl.constexpr(0.6931471228599548)
+P1 = tl.constexpr(0.24022351205348969)
+P2 = tl.constexpr(0.05550500378012657)
+P3 = tl.constexpr(0.009666245430707932)
+P4 = tl.constexpr(0.0013333539245650172)
+
+
+@triton.jit
+def places():
+    """A tile's 256 pixels as [8, 32]: column [1, 32] and row [8, 32]; a row here is two of the tile's."""
+    lane, pair = tl.arange(0, 32)[None, :], tl.arange(0, 8)[:, None]
+    return lane & 15, 2 * pair + (lane >> 4)
+
+
+@triton.jit
+def read_entry(rows, stride, entry, stop):
+    """The numbers of one entry; beyond the list's end one that touches nothing."""
+    at, present = rows + entry, entry < stop
+    ellipse = (
+        tl.load(at),
+        tl.load(at + stride),
+        tl.load(at + 2 * stride),
+        tl.load(at + 3 * stride),
+        tl.load(at + 4 * stride),
+        tl.load(at + 5 * stride, mask=present, other=1.0),
+        tl.load(at + 6 * stride),
+    )
+    red = tl.load(at + 7 * stride, mask=present, other=0.0)
+    green = tl.load(at + 8 * stride, mask=present, other=0.0)
+    blue = tl.load(at + 9 * stride, mask=present, other=0.0)
+    return ellipse, (red, green, blue)
+
+
+@triton.jit
+def cover(ellipse, x, y, light, t_min):
+    """(touched, alpha, 1 - alpha) of an entry at pixels (x, y) of the tile with transmittance `light`.
+
+    alpha = opacity 2^t, t = -(y1^2 + y2^2), as s (1 + f P(f)) with s = opacity 2^round(t): so 1 - alpha
+    = (1 - s) - s f P(f) loses no digits where alpha is near 1. Where not touched both are garbage, but finite.
+    """
+    y1, y2, m11, m21, m22, reach, opacity = ellipse
+    y1 = tl.fma(x, m11, y1)
+    y2 = tl.fma(y, m22, tl.fma(x, m21, y2))
+    t = tl.fma(-y2, y2, -(y1 * y1))
+    touched = (t >= reach) & (light >= t_min)
+    t = tl.maximum(t, reach)
+    whole = tl.floor(t + 0.5)
+    f = t - whole
+    s = (opacity.to(tl.int32, bitcast=True) + (whole.to(tl.int32) << 23)).to(tl.float32, bitcast=True)
+    p = tl.fma(tl.fma(tl.fma(tl.fma(f, P4, P3), f, P2), f, P1), f, P0)
+    part = s * f
+    return touched, tl.fma(part, p, s), tl.fma(-part, p, 1.0 - s)
+
+
+@triton.jit(do_not_specialize=["stride", "across", "height", "width", "t_min"])
+def composite(
+    rows, stride, start, chunk_start, background, t_min, across, height, width,
+    kept, image, left, pairs, chunks, CHUNK: tl.constexpr, KEEP: tl.constexpr,
+):  # fmt: skip
+    """Render tiles: image [H, W, 3], left [H, W] (final transmittance), per tile pairs and chunks walked.
+
+    kept: float32 [all chunks * PIXELS], transmittances for the backward pass, if KEEP.
+    """
+    tile = tl.program_id(0)
+    column, row = places()
+    x, y = column.to(tl.float32), row.to(tl.float32)
+    image_x, image_y = tile % across * TILE + column, tile // across * TILE + row
+    inside = (image_x < width) & (image_y < height)
+    # Pixels outside the image count as finished.
+    light = tl.where(inside, 1.0, 0.0)
+    red, green, blue = tl.zeros_like(light), tl.zeros_like(light), tl.zeros_like(light)
+    begin, stop = tl.load(start + tile), tl.load(start + tile + 1)
+    keep = kept + tl.load(chunk_start + tile) * PIXELS + row * TILE + column
+    entry, most, walked = begin, 1.0, 0
+    while (entry < stop) & (most >= t_min):
+        if KEEP:
+            tl.store(keep + (entry - begin) * (PIXELS // CHUNK), light)
+        for j in tl.static_range(CHUNK):
+            ellipse, colour = read_entry(rows, stride, entry + j, stop)
+            touched, alpha, through = cover(ellipse, x, y, light, t_min)
+            w = tl.where(touched, alpha * light, 0.0)
+            light = tl.where(touched, light * through, light)
+            red, green, blue = (
+                tl.fma(w, colour[0], red),
+                tl.fma(w, colour[1], green),
+                tl.fma(w, colour[2], blue),
+            )
+        most = tl.max(light)
+        entry += CHUNK
+        walked += 1
+    tl.store(chunks + tile, walked)
+    wide = (tl.minimum(width - tile % across * TILE, TILE) + _BLOCK - 1) // _BLOCK
+    high = (tl.minimum(height - tile // across * TILE, TILE) + _BLOCK - 1) // _BLOCK
+    tl.store(pairs + tile, (tl.minimum(entry, stop) - begin) * (wide * high * _BLOCK * _BLOCK))
+    at = image_y.to(tl.int64) * width + image_x
+    tl.store(left + at, light, mask=inside)
+    tl.store(image + 3 * at, tl.fma(light, tl.load(background), red), mask=inside)
+    tl.store(image + 3 * at + 1, tl.fma(light, tl.load(background + 1), green), mask=inside)
+    tl.store(image + 3 * at + 2, tl.fma(light, tl.load(background + 2), blue), mask=inside)

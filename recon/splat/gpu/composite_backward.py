@@ -1,0 +1,90 @@
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+"""The gradient of `composite`: each tile's list back to front, without dividing by 1 - alpha.
+
+With g = d loss / d pixel, w = alpha T and B = what lies behind a layer, blended, dotted with g:
+`d loss / d alpha = T (colour . g - B)`, and in front of that layer `B + alpha (colour . g - B)`.
+T comes from the kept transmittances, multiplied forward through a chunk; with alpha it stays in registers.
+Every entry has its own slot of sums, so that no sum depends on which program ran when.
+
+One warp does a tile: the sums over its pixels then need neither shared memory nor a barrier, and each
+thread adds up eight pixels before anything is exchanged.
+"""
+
+import triton
+import triton.language as tl
+
+from recon.splat.gpu.composite import PIXELS, cover, places, read_entry
+from recon.splat.gpu.project import TILE
+
+SLOT = tl.constexpr(16)
+"""Floats of a slot: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the tile's centre,
+the sums of s, s x, s y, s x x, s x y, s y y, then of w g (3), then the largest w, then unused."""
+_USED = tl.constexpr(10)
+_HALF_TILE = tl.constexpr(7.5)
+
+
+@triton.jit
+def _totals(s, w, g):
+    """A slot's floats, in lanes: s, w [8, 32] at the pixels, g their gradients."""
+    lane = tl.arange(0, 32)
+    step = (2 * tl.arange(0, 8)).to(tl.float32)[:, None]
+    x, y = (lane & 15).to(tl.float32) - _HALF_TILE, (lane >> 4).to(tl.float32) - _HALF_TILE
+    # A lane's pixels share x, and lie at y + step.
+    m0, m1, m2 = tl.sum(s, axis=0), tl.sum(s * step, axis=0), tl.sum(s * (step * step), axis=0)
+    sy = tl.fma(m0, y, m1)
+    sx, syy = m0 * x, tl.fma(y, sy, tl.fma(y, m1, m2))
+    found = tl.where(lane == 0, tl.sum(m0, axis=0), 0.0)
+    found = tl.where(lane == 1, tl.sum(sx, axis=0), found)
+    found = tl.where(lane == 2, tl.sum(sy, axis=0), found)
+    found = tl.where(lane == 3, tl.sum(sx * x, axis=0), found)
+    found = tl.where(lane == 4, tl.sum(sy * x, axis=0), found)
+    found = tl.where(lane == 5, tl.sum(syy, axis=0), found)
+    found = tl.where(lane == 6, tl.sum(tl.sum(w * g[0], axis=0), axis=0), found)
+    found = tl.where(lane == 7, tl.sum(tl.sum(w * g[1], axis=0), axis=0), found)
+    found = tl.where(lane == 8, tl.sum(tl.sum(w * g[2], axis=0), axis=0), found)
+    return tl.where(lane == 9, tl.max(tl.max(w, axis=0), axis=0), found)
+
+
+@triton.jit(do_not_specialize=["stride", "across", "height", "width", "t_min"])
+def composite_backward(
+    rows, stride, start, chunk_start, slot, background, t_min, across, height, width,
+    kept, chunks, grad_image, grad_left, slots, CHUNK: tl.constexpr,
+):  # fmt: skip
+    """Gradients of `composite`, summed per entry into slots float32 [entries, SLOT], which hold zeros.
+
+    Arguments as there; grad_image [H, W, 3] and grad_left [H, W]: d loss / d (image, left).
+    """
+    tile = tl.program_id(0)
+    column, row = places()
+    x, y = column.to(tl.float32), row.to(tl.float32)
+    image_x, image_y = tile % across * TILE + column, tile // across * TILE + row
+    inside = (image_x < width) & (image_y < height)
+    at = image_y.to(tl.int64) * width + image_x
+    red = tl.load(grad_image + 3 * at, mask=inside, other=0.0)
+    green = tl.load(grad_image + 3 * at + 1, mask=inside, other=0.0)
+    blue = tl.load(grad_image + 3 * at + 2, mask=inside, other=0.0)
+    behind = tl.load(grad_left + at, mask=inside, other=0.0)
+    behind += red * tl.load(background) + green * tl.load(background + 1) + blue * tl.load(background + 2)
+    begin, stop = tl.load(start + tile), tl.load(start + tile + 1)
+    keep = kept + tl.load(chunk_start + tile) * PIXELS + row * TILE + column
+    lane = tl.arange(0, 32)
+    chunk = tl.load(chunks + tile) - 1
+    while chunk >= 0:
+        first = begin + chunk * CHUNK
+        light = tl.load(keep + chunk.to(tl.int64) * PIXELS)
+        lights, alphas = (), ()
+        for j in tl.static_range(CHUNK):
+            ellipse, _ = read_entry(rows, stride, first + j, stop)
+            touched, alpha, through = cover(ellipse, x, y, light, t_min)
+            lights, alphas = lights + (light,), alphas + (tl.where(touched, alpha, 0.0),)
+            light = tl.where(touched, light * through, light)
+        for j in tl.static_range(CHUNK - 1, -1, -1):
+            entry = first + j
+            _, colour = read_entry(rows, stride, entry, stop)
+            w = alphas[j] * lights[j]
+            d = tl.fma(red, colour[0], tl.fma(green, colour[1], tl.fma(blue, colour[2], -behind)))
+            behind = tl.fma(alphas[j], d, behind)
+            present = entry < stop
+            to = slots + tl.load(slot + entry, mask=present, other=0) * SLOT + lane
+            tl.store(to, _totals(w * d, w, (red, green, blue)), mask=lane < tl.where(present, _USED, 0))
+        chunk -= 1

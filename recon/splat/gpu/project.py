@@ -1,0 +1,155 @@
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+"""From Gaussians in the world to ellipses in the image: one thread a Gaussian, in float64.
+
+Positions in pixels and the covariances of needles need more digits than float32 has, and this is a small
+part of the work even where float64 is slow.
+"""
+
+import math
+
+import triton
+import triton.language as tl
+
+from recon.splat import limits, parameters, tables
+from recon.splat.gpu.geometry import (
+    BOUNDS,
+    LENS,
+    LIMITS,
+    covariance,
+    distort,
+    read_gaussian,
+    read_parameters,
+    root_covariance,
+    rotation,
+    screen_axes,
+    to_camera,
+)
+
+BLOCK = 128
+"""Gaussians of a program."""
+TILE = tl.constexpr(16)
+SHAPE = tl.constexpr(8)
+"""Float64 numbers of a record: see `recon.splat.tables.Projected.shape`."""
+PAINT = tl.constexpr(tables.PAINT)
+_FOLD = tl.constexpr(parameters.FOLD)
+_ALPHA_FLOOR = tl.constexpr(limits.ALPHA_FLOOR)
+_QUAT_LEAST = tl.constexpr(limits.QUAT_LEAST)
+_SKIPPED, _DRAWN, _BAD = (tl.constexpr(int(x)) for x in (tables.SKIPPED, tables.DRAWN, tables.BAD))
+_INFINITY = tl.constexpr(math.inf)
+_LARGEST = tl.constexpr(3e38)
+
+
+@triton.jit
+def _finite(value):
+    return tl.abs(value) < _INFINITY
+
+
+@triton.jit
+def _sound(mean, quat, scale, opacity, red, green, blue):
+    """All numbers finite, scales positive, opacity not negative, quaternion with a direction."""
+    x, y, z = mean
+    qw, qx, qy, qz = quat
+    sx, sy, sz = scale
+    turned = tl.maximum(tl.maximum(tl.abs(qw), tl.abs(qx)), tl.maximum(tl.abs(qy), tl.abs(qz)))
+    placed = _finite(x) & _finite(y) & _finite(z)
+    directed = _finite(qw) & _finite(qx) & _finite(qy) & _finite(qz) & (turned >= _QUAT_LEAST)
+    sized = _finite(sx) & _finite(sy) & _finite(sz) & (sx > 0.0) & (sy > 0.0) & (sz > 0.0)
+    painted = _finite(opacity) & (opacity >= 0.0) & _finite(red) & _finite(green) & _finite(blue)
+    return placed & directed & sized & painted
+
+
+@triton.jit
+def _opacity_and_reach(opacity, red, green, blue, k):
+    """Whether it is above its floor, the clamped opacity, and log2 of how far above it is."""
+    brightest = tl.maximum(tl.maximum(red, green), blue).to(tl.float64)
+    lit = brightest > 0.0
+    ceiling = tl.where(lit, k[LIMITS + 4] / tl.where(lit, brightest, 1.0), k[LIMITS + 3])
+    lowest = tl.maximum(tl.minimum(ceiling, k[LIMITS + 3]), _ALPHA_FLOOR)
+    o = tl.minimum(opacity.to(tl.float64), k[LIMITS + 2])
+    seen = o >= lowest
+    return seen, o, tl.maximum(tl.log2(tl.where(seen, o / lowest, 1.0)), 0.0)
+
+
+@triton.jit
+def project(
+    means, quats, scales, opacities, colours, parameter, n, record, paint, box, depth, radius, state, number,
+    BLOCK: tl.constexpr,
+):  # fmt: skip
+    """Project N Gaussians; float32 inputs as in `rasterize`.
+
+    record float64 [N, 8] and paint float32 [N, 16], the same memory, box int32 [N, 4], depth, radius
+    float32 [N]: as in `recon.splat.tables.Projected`; depth is infinite where not drawn. state int8 [N];
+    number int64 [N]: tiles that the box touches, 0 where not drawn.
+    """
+    i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    here = i < n
+    i = i.to(tl.int64)
+    k = read_parameters(parameter)
+    mean, quat, scale = read_gaussian(means, quats, scales, i, here)
+    opacity = tl.load(opacities + i, mask=here, other=0.0)
+    red = tl.load(colours + 3 * i, mask=here, other=0.0)
+    green = tl.load(colours + 3 * i + 1, mask=here, other=0.0)
+    blue = tl.load(colours + 3 * i + 2, mask=here, other=0.0)
+
+    # What is not drawn anyway is replaced by harmless numbers, so that nothing below overflows.
+    sound = _sound(mean, quat, scale, opacity, red, green, blue)
+    mean = (tl.where(sound, mean[0], 0.0), tl.where(sound, mean[1], 0.0), tl.where(sound, mean[2], 0.0))
+    quat = (
+        tl.where(sound, quat[0], 1.0),
+        tl.where(sound, quat[1], 0.0),
+        tl.where(sound, quat[2], 0.0),
+        tl.where(sound, quat[3], 0.0),
+    )
+    scale = (tl.where(sound, scale[0], 1.0), tl.where(sound, scale[1], 1.0), tl.where(sound, scale[2], 1.0))
+    x, y, z = to_camera(mean, k)
+    ahead = sound & (z >= k[LIMITS])
+    x, y, z = tl.where(ahead, x, 0.0), tl.where(ahead, y, 0.0), tl.where(ahead, z, 1.0)
+
+    axes, tangents, _ = screen_axes(x, y, z, k)
+    u, v = tangents[0], tangents[1]
+    ahead = ahead & (u * u + v * v < k[BOUNDS + 4])
+    m = root_covariance(axes, rotation(quat), scale)
+    a, b, c, determinant = covariance(m, k[LIMITS + 1])
+    sane = (tl.maximum(a, c) <= k[LIMITS + 5]) & (determinant < _INFINITY)
+    seen, o, reach = _opacity_and_reach(opacity, red, green, blue, k)
+
+    # q = (m11 dx)^2 + (m21 dx + m22 dy)^2 with the factor FOLD^2; the ellipse is q <= reach.
+    deviation, across = tl.sqrt(a), tl.sqrt(reach)
+    dx, dy, _, _, _ = distort(u, v, k)
+    px, py = k[LENS] * dx + k[LENS + 2], k[LENS + 1] * dy + k[LENS + 3]
+    rx, ry = across * deviation * (1.0 / _FOLD), across * tl.sqrt(c) * (1.0 / _FOLD)
+    width, height = k[LIMITS + 6], k[LIMITS + 7]
+    first_x = tl.ceil(tl.maximum(px - rx - 0.5, 0.0))
+    last_x = tl.floor(tl.minimum(px + rx - 0.5, width - 1.0))
+    first_y = tl.ceil(tl.maximum(py - ry - 0.5, 0.0))
+    last_y = tl.floor(tl.minimum(py + ry - 0.5, height - 1.0))
+    drawn = ahead & sane & seen & (last_x >= first_x) & (last_y >= first_y)
+    bad = (~sound) | (ahead & (~sane))
+    half = 0.5 * (a - c)
+    wide = 3.0 * tl.sqrt(0.5 * (a + c) + tl.sqrt(half * half + b * b))
+
+    tl.store(state + i, tl.where(bad, _BAD, tl.where(drawn, _DRAWN, _SKIPPED)).to(tl.int8), mask=here)
+    tl.store(depth + i, tl.where(drawn, tl.minimum(z, _LARGEST), _INFINITY).to(tl.float32), mask=here)
+    tl.store(radius + i, tl.where(drawn, wide, 0.0).to(tl.float32), mask=here)
+    keep = here & drawn
+    at = record + i * SHAPE
+    tl.store(at, px, mask=keep)
+    tl.store(at + 1, py, mask=keep)
+    tl.store(at + 2, 1.0 / deviation * _FOLD, mask=keep)
+    tl.store(at + 3, -(tl.sqrt(a / determinant) * _FOLD * b / a), mask=keep)
+    tl.store(at + 4, tl.sqrt(a / determinant) * _FOLD, mask=keep)
+    at = paint + i * (2 * SHAPE) + PAINT
+    tl.store(at, (-reach).to(tl.float32), mask=keep)
+    tl.store(at + 1, o.to(tl.float32), mask=keep)
+    tl.store(at + 2, red, mask=keep)
+    tl.store(at + 3, green, mask=keep)
+    tl.store(at + 4, blue, mask=keep)
+    left, right = tl.where(drawn, first_x, 0.0).to(tl.int32), tl.where(drawn, last_x, 0.0).to(tl.int32)
+    top, bottom = tl.where(drawn, first_y, 0.0).to(tl.int32), tl.where(drawn, last_y, 0.0).to(tl.int32)
+    at = box + 4 * i
+    tl.store(at, left, mask=keep)
+    tl.store(at + 1, right, mask=keep)
+    tl.store(at + 2, top, mask=keep)
+    tl.store(at + 3, bottom, mask=keep)
+    tiles = (right // TILE - left // TILE + 1) * (bottom // TILE - top // TILE + 1)
+    tl.store(number + i, tl.where(drawn, tiles, 0).to(tl.int64), mask=here)
