@@ -96,7 +96,7 @@ class LuminanceChromaticity:
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
         """L times the chromaticity seen from `directions`."""
         ln_light = parameters["ln_luminance"]
-        middle = float(ln_light.detach().median()) if len(ln_light) else 0.0
+        middle = ln_light.detach().median() if len(ln_light) else ln_light.new_zeros(())
         span = self.stops * math.log(2)
         # Straight-through: a Gaussian beyond the span is shown at its end and keeps its gradient.
         ln_light = ln_light + (ln_light.clamp(middle - span, middle + span) - ln_light).detach()

@@ -32,6 +32,10 @@ class Observation(Protocol):
         """Learning rate of every shared parameter."""
         ...
 
+    def to(self, device: torch.device) -> None:
+        """Move the shared parameters to a device."""
+        ...
+
     def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
         """Prediction and target, [P, h, w] each, from an image [H, W, 3]; progress is 0..1."""
         ...
@@ -126,6 +130,9 @@ class LinearLight:
     def rates(self) -> dict[str, Rate]:
         """None."""
         return {}
+
+    def to(self, device: torch.device) -> None:
+        """Nothing to move: views follow the first image that they are compared with."""
 
     def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
         """All shots of the bracket, darkest first: [shots * 4, H/2, W/2], or [shots * 3, H, W]."""

@@ -77,6 +77,10 @@ class ToneCurve:
         """That of the curves."""
         return {"theta": self.curve_rate}
 
+    def to(self, device: torch.device) -> None:
+        """Move the curves and their nodes."""
+        self.theta, self.nodes = self.theta.to(device), self.nodes.to(device)
+
     def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
         """Predicted and photographed codes of all shots, [shots * 3, H, W]."""
         self._progress = progress
@@ -103,7 +107,7 @@ class ToneCurve:
         """Roughness of the curves, while they are trained."""
         if not self._training():
             return 0.0
-        return self.smoothness * roughness(curve_values(self.theta), self.nodes.to(self.theta))
+        return self.smoothness * roughness(curve_values(self.theta), self.nodes)
 
     def curves(self) -> Tensor:
         """Code values at the nodes, [R, 3, M], without gradient."""
@@ -124,7 +128,7 @@ class ToneCurve:
         x = self.rate * (light.movedim(2, 0)[None] + exposures.log()[:, None, None, None] - self.middle)
         theta = self.theta[self.of_camera[view.camera]]
         values = curve_values(theta if self._training() else theta.detach()).to(image)
-        nodes = self.nodes.to(image)
+        nodes = self.nodes.to(image.dtype)
         channels = [apply_curve(x[:, channel], values[channel], nodes, leaky=leaky) for channel in range(3)]
         return torch.stack(channels, 1)
 
@@ -149,6 +153,9 @@ class Display:
     def rates(self) -> dict[str, Rate]:
         """None."""
         return {}
+
+    def to(self, device: torch.device) -> None:
+        """Nothing to move."""
 
     def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
         """The image, once for every shot, beside the photographs: [shots * 3, H, W]."""

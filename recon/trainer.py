@@ -58,8 +58,7 @@ class Training:
     ) -> "Training":
         """Nothing trained yet, on a device; `extent` scales the learning rate of the means."""
         gaussians = gaussians.to(device)
-        for value in method.observation.shared.values():
-            value.data = value.data.to(device)
+        method.observation.to(device)
         rates = {**method.geometry.all(extent), **method.appearance.rates, **method.observation.rates}
         parameters = {**gaussians.parameters, **method.observation.shared}
         groups = [
