@@ -16,15 +16,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from trial import Cache, machine, paired, prepare, run, session
+from record import machine, publish, words
+from trial import Cache, paired, prepare, run, session
 
-from imaging import store
 from recon.appearance import Appearance, LogRadiance, PlainHarmonics, Rate, SoftplusRadiance
 from recon.dataset import Dataset
 from recon.method import Light, Method
 from recon.methods import nh_3dgs, vanilla
 
-HERE = Path(__file__).parent
 CAP = 20_000
 MEASURES = {
     "hdr_psnr_mu_aligned": "dB",
@@ -85,14 +84,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def report(result: dict[str, Any]) -> str:
-    m = result["machine"]
     lines = [
         "# What the appearance buys",
         "",
         f"`python bench/appearance.py --write`: the demo rig, seeds {result['seeds']}, "
         f"{result['iterations']} iterations, calibration: {result['calibration']}. "
-        f"{m['processor']}, {m['threads']} threads, "
-        f"load {m['load']}, torch {m['torch']}, numba {m['numba']}.",
+        f"{words(result['machine'])}.",
         "",
         "Means over held-out views and seeds; in brackets NH-3DGS minus the row, paired, +- standard error.",
         "",
@@ -129,7 +126,7 @@ def main() -> None:
     result = measure(options)
     print(json.dumps(result, indent=1) if options.json else report(result))
     if options.write:
-        store.write_bytes(HERE / "results" / "appearance.md", report(result).encode())
+        publish("appearance", report(result))
 
 
 if __name__ == "__main__":

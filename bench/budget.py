@@ -11,12 +11,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from trial import Cache, machine, prepare, run, session
+from record import machine, publish, words
+from trial import Cache, prepare, run, session
 
-from imaging import store
 from recon.methods import nh_3dgs
 
-HERE = Path(__file__).parent
 GRID = [(250, 10_000), (500, 10_000), (500, 20_000), (1000, 20_000), (2000, 20_000), (4000, 20_000)]
 GRID += [(1000, 40_000), (2000, 40_000), (4000, 40_000)]
 COLUMNS = ("iterations", "gaussians", "seconds", "processor_seconds")
@@ -42,13 +41,11 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def report(result: dict[str, Any]) -> str:
-    m = result["machine"]
     lines = [
         "# What time buys",
         "",
         f"`python bench/budget.py --write`: the demo rig, seed {result['seed']}, NH-3DGS, calibration: "
-        f"{result['calibration']}. {m['processor']}, {m['threads']} threads, load {m['load']}, "
-        f"torch {m['torch']}, numba {m['numba']}.",
+        f"{result['calibration']}. {words(result['machine'])}.",
         "",
         "| iterations | Gaussians | s | processor s | dB | dB, dark | stops | RAW dB |",
         "|---|---|---|---|---|---|---|---|",
@@ -75,7 +72,7 @@ def main() -> None:
     result = measure(options)
     print(json.dumps(result, indent=1) if options.json else report(result))
     if options.write:
-        store.write_bytes(HERE / "results" / "budget.md", report(result).encode())
+        publish("budget", report(result))
 
 
 if __name__ == "__main__":

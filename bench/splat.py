@@ -9,27 +9,24 @@ into bench/results/splat.md and the first into README.md.
 
 import argparse
 import json
-import os
-import platform
 import resource
 import time
+from collections import defaultdict
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
-import numpy as np
 import peers
 import torch
+from record import machine, publish, words
 from workloads import view, workload
 
 from imaging import store
 from recon import threads
-from recon.splat import Limits, Render, rasterize
-from recon.ssim import photometric_loss
+from recon.splat import Limits, Render, cpu, rasterize
 from recon.warm_up import warm_up
 
-HERE = Path(__file__).parent
 BEGIN, END = "<!-- bench:splat -->", "<!-- /bench -->"
 CUTS = {
     "3DGS: alpha 1/255, T 1e-4": Limits.gsplat(),
@@ -78,8 +75,7 @@ def ours(name: str, count: int, width: int, height: int, limits: Limits, seed: i
         "forward_ms": round(forward_ms, 2),
         "both_ms": round(both_ms, 2),
         "both_processor_ms": round(used, 2),
-        "forward_pairs_per_s": round(render.pairs / forward_ms * 1e3 / 1e9, 2),
-        "backward_pairs_per_s": round(render.pairs / (both_ms - forward_ms) * 1e3 / 1e9, 2),
+        "ns_per_pair": round(1e6 * both_ms / render.pairs, 2),
     }
 
 
@@ -110,48 +106,27 @@ def peer(count: int, width: int, height: int, seed: int, rounds: int) -> Any:
     }
 
 
-def step(count: int, width: int, height: int, seed: int, seconds: float) -> Any:
-    """Milliseconds of each part of a whole training step: render, L1 + SSIM, backward, Adam."""
+def kernels(count: int, width: int, height: int, seed: int, rounds: int) -> Any:
+    """Least milliseconds of every kernel of a forward and backward pass, and pairs per second in two."""
     tensors, camera = workload("object", count, seed), view("object", width, height)
-    target = torch.rand(3, height, width, generator=torch.Generator().manual_seed(seed))
-    optimizer = torch.optim.Adam([{"params": [tensor]} for tensor in tensors], lr=0.0, fused=True)
-    marks: list[list[float]] = []
+    pull = torch.randn(height, width, 3, generator=torch.Generator().manual_seed(seed))
+    share, times = cpu.share, defaultdict(list)
 
-    def run() -> None:
-        times = [time.perf_counter()]
-        image = rasterize(*tensors, camera, limits=Limits.gsplat()).image
-        times.append(time.perf_counter())
-        loss = photometric_loss(image.permute(2, 0, 1), target, 0.2)
-        times.append(time.perf_counter())
-        loss.backward()
-        times.append(time.perf_counter())
-        optimizer.step()
-        optimizer.zero_grad()
-        times.append(time.perf_counter())
-        marks.append(np.diff(times).tolist())
+    def timed(kernel: Any, *arguments: Any) -> None:
+        start = time.perf_counter()
+        share(kernel, *arguments)
+        times[kernel.__name__].append(1e3 * (time.perf_counter() - start))
 
-    total, _ = least(run, seconds)
-    parts = dict(zip(("render", "loss", "backward", "adam"), np.min(marks, axis=0) * 1e3, strict=True))
-    return {"total_ms": round(total, 2), **{name: round(float(ms), 2) for name, ms in parts.items()}}
-
-
-def machine() -> dict[str, Any]:
-    """What ran, and how busy it was."""
-    names = [line.split(":")[1].strip() for line in _lines("/proc/cpuinfo") if line.startswith("model name")]
+    with patch.object(cpu, "share", timed):
+        for _ in range(rounds):
+            render = rasterize(*tensors, camera, limits=Limits.gsplat())
+            render.image.backward(pull)
+    found = {name: min(spent) for name, spent in times.items()}
     return {
-        "processor": names[0] if names else platform.processor(),
-        "threads": threads.thread_count(),
-        "load_at_start": round(os.getloadavg()[0], 1),
-        "python": platform.python_version(),
-        **{name: version(name) for name in ("torch", "numba", "numpy")},
+        "ms": {name: round(spent, 2) for name, spent in found.items()},
+        "forward_pairs_per_s": round(render.pairs / found["composite"] / 1e6, 2),
+        "backward_pairs_per_s": round(render.pairs / found["composite_backward"] / 1e6, 2),
     }
-
-
-def _lines(path: str) -> list[str]:
-    try:
-        return Path(path).read_text().splitlines()
-    except OSError:
-        return []
 
 
 def measure(quick: bool, seed: int) -> dict[str, Any]:
@@ -171,14 +146,13 @@ def measure(quick: bool, seed: int) -> dict[str, Any]:
     result["cuts"] = {
         label: ours("object", 50_000, 640, 480, limits, seed, seconds) for label, limits in CUTS.items()
     }
-    result["step"] = step(50_000, 640, 480, seed, seconds)
+    result["kernels"] = kernels(50_000, 640, 480, seed, 20 if quick else 80)
     if not quick:
         result["scaling"] = []
         for count in (1_000, 10_000, 100_000, 1_000_000):
             row = ours("object", count, 640, 480, gsplat, seed, seconds)
             row["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
             result["scaling"].append(row)
-    result["machine"]["load_at_end"] = round(os.getloadavg()[0], 1)
     return result
 
 
@@ -193,9 +167,7 @@ def headline(result: dict[str, Any]) -> str:
             f"| `recon.splat`, {m['threads']} threads | {mine['forward_ms']} | {mine['both_ms']} |",
             f"| plain torch, loop over tiles | {peer_ms['forward_ms']} | {peer_ms['both_ms']} |",
             "",
-            f"{result['times_faster']} times faster. {m['processor']}, load {m['load_at_start']} to "
-            f"{m['load_at_end']}, Python {m['python']}, torch {m['torch']}, numba {m['numba']}, "
-            f"seed {result['seed']}.",
+            f"{result['times_faster']} times faster. {words(m)}, seed {result['seed']}.",
         ]
     )
 
@@ -219,22 +191,23 @@ def report(result: dict[str, Any]) -> str:
         "",
     ]
     columns = ["workload", "gaussians", "size", "visible", "pairs_per_pixel", "forward_ms", "both_ms"]
-    columns += ["both_processor_ms", "forward_pairs_per_s", "backward_pairs_per_s"]
+    columns += ["both_processor_ms", "ns_per_pair"]
     text += _table(result["ours"], columns)
-    text += [
-        "",
-        "Pairs per second in units of 1e9; the times hold projection, sorting and torch as well.",
-        "",
-    ]
-    text += ["## Cut-offs (50,000 Gaussians, 640x480, `object`)", ""]
+    text += ["", "## Cut-offs (50,000 Gaussians, 640x480, `object`)", ""]
     cut_rows = [{"cut_off": label, **row} for label, row in result["cuts"].items()]
     text += _table(cut_rows, ["cut_off", "pairs_per_pixel", "forward_ms", "both_ms"])
-    text += ["", "## A training step (50,000 Gaussians, 640x480; least of each part), ms", ""]
-    text += _table([result["step"]], list(result["step"]))
+    text += ["", "## Kernels (50,000 Gaussians, 640x480, `object`, cut-offs of 3DGS; least of each), ms", ""]
+    text += _table([result["kernels"]["ms"]], list(result["kernels"]["ms"]))
+    text += [
+        "",
+        f"Evaluated pairs per second: {result['kernels']['forward_pairs_per_s']} G in `composite`, "
+        f"{result['kernels']['backward_pairs_per_s']} G in `composite_backward`.",
+    ]
     if "scaling" in result:
         text += ["", "## Scaling (`object`, 640x480)", ""]
         text += _table(
-            result["scaling"], ["gaussians", "pairs_per_pixel", "forward_ms", "both_ms", "peak_mb"]
+            result["scaling"],
+            ["gaussians", "pairs_per_pixel", "forward_ms", "both_ms", "ns_per_pair", "peak_mb"],
         )
     return "\n".join(text) + "\n"
 
@@ -257,8 +230,8 @@ def main() -> None:
     result = measure(options.quick, options.seed)
     print(json.dumps(result, indent=1) if options.json else report(result))
     if options.write:
-        store.write_bytes(HERE / "results" / "splat.md", report(result).encode())
-        readme = HERE.parent / "README.md"
+        publish("splat", report(result))
+        readme = Path(__file__).parents[1] / "README.md"
         text = readme.read_text()
         if BEGIN in text:
             before, rest = text.split(BEGIN, 1)

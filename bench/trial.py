@@ -1,12 +1,9 @@
 """Trainings on simulated sessions for the scripts of this folder: one start, any method, its metrics."""
 
 import json
-import os
-import platform
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +13,6 @@ from oracle import oracle_session
 
 from capture.simulated import capture_simulated
 from imaging import metrics
-from recon import threads
 from recon.dataset import Dataset, load
 from recon.density import DensityRules
 from recon.method import Light, Method
@@ -134,22 +130,6 @@ class Cache:
             with self._path.open("a") as file:
                 file.write(json.dumps([key, self._rows[key]]) + "\n")
         return self._rows[key]
-
-
-def machine() -> dict[str, Any]:
-    """What ran, and how busy it was."""
-    names = [
-        line.split(":")[1].strip()
-        for line in (Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else [])
-        if line.startswith("model name")
-    ]
-    return {
-        "processor": names[0] if names else platform.processor(),
-        "threads": threads.thread_count(),
-        "load": round(os.getloadavg()[0], 1),
-        "python": platform.python_version(),
-        **{name: version(name) for name in ("torch", "numba", "numpy")},
-    }
 
 
 def paired(ours: list[float], theirs: list[float]) -> tuple[float, float]:
