@@ -1,20 +1,20 @@
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
-"""Blending the entries of a tile front to back: one program a tile, its pixels in registers.
+"""Blending the entries of a tile front to back: one warp a tile, its pixels in registers.
 
-All threads walk the list together, so nothing is exchanged between them but, once a chunk, the largest
-transmittance. Before each chunk the transmittances are kept, so that the backward pass can start anywhere
-without a division. float32, with the tile's origin taken off in float64 before (see `tiles.gather`).
+The threads walk the list together, four pixels each, and exchange nothing but, once a chunk, the largest
+transmittance: no shared memory, no barrier. Before each chunk the transmittances are kept, so that
+the backward pass can start anywhere without a division. float32, with the tile's origin taken off in
+float64 before (see `tiles.gather`).
 """
 
 import triton
 import triton.language as tl
 
-from recon.splat.gpu.project import TILE
+from recon.splat.gpu.project import HIGH, WIDE
 
-PIXELS = tl.constexpr(256)
-WARPS = 4
-_BLOCK = tl.constexpr(8)
-"""Blocks of this many pixels across and down that hold a pixel of the image count as pairs, as on the CPU."""
+PIXELS = tl.constexpr(WIDE.value * HIGH.value)
+_ROUND = tl.constexpr(12582912.0)
+"""1.5 x 2^23: a float32 this large holds whole numbers only, and those in its lowest bits."""
 # 2^f = 1 + f P(f) for |f| <= 1/2, the numbers of `recon.splat.composite`.
 P0 = tl.constexpr(0.6931471228599548)
 P1 = tl.constexpr(0.24022351205348969)
@@ -25,28 +25,31 @@ P4 = tl.constexpr(0.0013333539245650172)
 
 @triton.jit
 def places():
-    """A tile's 256 pixels as [8, 32]: column [1, 32] and row [8, 32]; a row here is two of the tile's."""
-    lane, pair = tl.arange(0, 32)[None, :], tl.arange(0, 8)[:, None]
+    """The pixels of a tile as [4, 32], two rows in one: column [1, 32] and row [4, 32] in the tile."""
+    lane, pair = tl.arange(0, 32)[None, :], tl.arange(0, 4)[:, None]
     return lane & 15, 2 * pair + (lane >> 4)
 
 
 @triton.jit
-def read_entry(rows, stride, entry, stop):
-    """The numbers of one entry; beyond the list's end one that touches nothing."""
-    at, present = rows + entry, entry < stop
-    ellipse = (
+def read_ellipse(rows, stride, entry, stop):
+    """An entry's numbers for `cover`; beyond the list's end those of one that touches nothing."""
+    at = rows + entry
+    return (
         tl.load(at),
         tl.load(at + stride),
         tl.load(at + 2 * stride),
         tl.load(at + 3 * stride),
         tl.load(at + 4 * stride),
-        tl.load(at + 5 * stride, mask=present, other=1.0),
+        tl.load(at + 5 * stride, mask=entry < stop, other=1.0),
         tl.load(at + 6 * stride),
     )
-    red = tl.load(at + 7 * stride, mask=present, other=0.0)
-    green = tl.load(at + 8 * stride, mask=present, other=0.0)
-    blue = tl.load(at + 9 * stride, mask=present, other=0.0)
-    return ellipse, (red, green, blue)
+
+
+@triton.jit
+def read_colour(rows, stride, entry):
+    """An entry's red, green and blue."""
+    at = rows + entry
+    return tl.load(at + 7 * stride), tl.load(at + 8 * stride), tl.load(at + 9 * stride)
 
 
 @triton.jit
@@ -54,7 +57,8 @@ def cover(ellipse, x, y, light, t_min):
     """(touched, alpha, 1 - alpha) of an entry at pixels (x, y) of the tile with transmittance `light`.
 
     alpha = opacity 2^t, t = -(y1^2 + y2^2), as s (1 + f P(f)) with s = opacity 2^round(t): so 1 - alpha
-    = (1 - s) - s f P(f) loses no digits where alpha is near 1. Where not touched both are garbage, but finite.
+    = (1 - s) - s f P(f) loses no digits where alpha is near 1. Where not touched both are garbage, but
+    finite.
     """
     y1, y2, m11, m21, m22, reach, opacity = ellipse
     y1 = tl.fma(x, m11, y1)
@@ -62,9 +66,11 @@ def cover(ellipse, x, y, light, t_min):
     t = tl.fma(-y2, y2, -(y1 * y1))
     touched = (t >= reach) & (light >= t_min)
     t = tl.maximum(t, reach)
-    whole = tl.floor(t + 0.5)
-    f = t - whole
-    s = (opacity.to(tl.int32, bitcast=True) + (whole.to(tl.int32) << 23)).to(tl.float32, bitcast=True)
+    # Rounded without a conversion, of which the hardware does few: the sum's low bits go to the exponent.
+    whole = t + _ROUND
+    f = t - (whole - _ROUND)
+    s = opacity.to(tl.int32, bitcast=True) + (whole.to(tl.int32, bitcast=True) << 23)
+    s = s.to(tl.float32, bitcast=True)
     p = tl.fma(tl.fma(tl.fma(tl.fma(f, P4, P3), f, P2), f, P1), f, P0)
     part = s * f
     return touched, tl.fma(part, p, s), tl.fma(-part, p, 1.0 - s)
@@ -82,34 +88,33 @@ def composite(
     tile = tl.program_id(0)
     column, row = places()
     x, y = column.to(tl.float32), row.to(tl.float32)
-    image_x, image_y = tile % across * TILE + column, tile // across * TILE + row
+    image_x, image_y = tile % across * WIDE + column, tile // across * HIGH + row
     inside = (image_x < width) & (image_y < height)
     # Pixels outside the image count as finished.
     light = tl.where(inside, 1.0, 0.0)
     red, green, blue = tl.zeros_like(light), tl.zeros_like(light), tl.zeros_like(light)
     begin, stop = tl.load(start + tile), tl.load(start + tile + 1)
-    keep = kept + tl.load(chunk_start + tile) * PIXELS + row * TILE + column
-    entry, most, walked = begin, 1.0, 0
+    keep = kept + tl.load(chunk_start + tile) * PIXELS + row * WIDE + column
+    entry, walked, most = begin, 0, tl.max(light)
     while (entry < stop) & (most >= t_min):
         if KEEP:
             tl.store(keep + (entry - begin) * (PIXELS // CHUNK), light)
         for j in tl.static_range(CHUNK):
-            ellipse, colour = read_entry(rows, stride, entry + j, stop)
+            ellipse = read_ellipse(rows, stride, entry + j, stop)
+            colour = read_colour(rows, stride, entry + j)
             touched, alpha, through = cover(ellipse, x, y, light, t_min)
             w = tl.where(touched, alpha * light, 0.0)
             light = tl.where(touched, light * through, light)
-            red, green, blue = (
-                tl.fma(w, colour[0], red),
-                tl.fma(w, colour[1], green),
-                tl.fma(w, colour[2], blue),
-            )
+            red = tl.fma(w, colour[0], red)
+            green = tl.fma(w, colour[1], green)
+            blue = tl.fma(w, colour[2], blue)
         most = tl.max(light)
         entry += CHUNK
         walked += 1
     tl.store(chunks + tile, walked)
-    wide = (tl.minimum(width - tile % across * TILE, TILE) + _BLOCK - 1) // _BLOCK
-    high = (tl.minimum(height - tile // across * TILE, TILE) + _BLOCK - 1) // _BLOCK
-    tl.store(pairs + tile, (tl.minimum(entry, stop) - begin) * (wide * high * _BLOCK * _BLOCK))
+    # As on the CPU, blocks of 8x8 that hold a pixel of the image are counted whole.
+    blocks = (tl.minimum(width - tile % across * WIDE, WIDE) + 7) // 8
+    tl.store(pairs + tile, (tl.minimum(entry, stop) - begin) * (blocks * 64))
     at = image_y.to(tl.int64) * width + image_x
     tl.store(left + at, light, mask=inside)
     tl.store(image + 3 * at, tl.fma(light, tl.load(background), red), mask=inside)

@@ -4,31 +4,28 @@
 With g = d loss / d pixel, w = alpha T and B = what lies behind a layer, blended, dotted with g:
 `d loss / d alpha = T (colour . g - B)`, and in front of that layer `B + alpha (colour . g - B)`.
 T comes from the kept transmittances, multiplied forward through a chunk; with alpha it stays in registers.
-Every entry has its own slot of sums, so that no sum depends on which program ran when.
-
-One warp does a tile: the sums over its pixels then need neither shared memory nor a barrier, and each
-thread adds up eight pixels before anything is exchanged.
+Every entry has its own slot of sums, so that no sum depends on which program ran when. As in the forward
+pass, one warp does a tile: its sums need neither shared memory nor a barrier.
 """
 
 import triton
 import triton.language as tl
 
-from recon.splat.gpu.composite import PIXELS, cover, places, read_entry
-from recon.splat.gpu.project import TILE
+from recon.splat.gpu.composite import PIXELS, cover, places, read_colour, read_ellipse
+from recon.splat.gpu.project import HIGH, WIDE
 
-SLOT = tl.constexpr(16)
+SLOT = tl.constexpr(10)
 """Floats of a slot: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the tile's centre,
-the sums of s, s x, s y, s x x, s x y, s y y, then of w g (3), then the largest w, then unused."""
-_USED = tl.constexpr(10)
-_HALF_TILE = tl.constexpr(7.5)
+the sums of s, s x, s y, s x x, s x y, s y y, then of w g (3), then the largest w."""
+_MIDDLE_X, _MIDDLE_Y = tl.constexpr((WIDE.value - 1) / 2), tl.constexpr((HIGH.value - 1) / 2)
 
 
 @triton.jit
 def _totals(s, w, g):
-    """A slot's floats, in lanes: s, w [8, 32] at the pixels, g their gradients."""
+    """A slot's floats, in lanes: s, w [4, 32] at the pixels, g their gradients."""
     lane = tl.arange(0, 32)
-    step = (2 * tl.arange(0, 8)).to(tl.float32)[:, None]
-    x, y = (lane & 15).to(tl.float32) - _HALF_TILE, (lane >> 4).to(tl.float32) - _HALF_TILE
+    step = (2 * tl.arange(0, 4)).to(tl.float32)[:, None]
+    x, y = (lane & 15).to(tl.float32) - _MIDDLE_X, (lane >> 4).to(tl.float32) - _MIDDLE_Y
     # A lane's pixels share x, and lie at y + step.
     m0, m1, m2 = tl.sum(s, axis=0), tl.sum(s * step, axis=0), tl.sum(s * (step * step), axis=0)
     sy = tl.fma(m0, y, m1)
@@ -50,14 +47,14 @@ def composite_backward(
     rows, stride, start, chunk_start, slot, background, t_min, across, height, width,
     kept, chunks, grad_image, grad_left, slots, CHUNK: tl.constexpr,
 ):  # fmt: skip
-    """Gradients of `composite`, summed per entry into slots float32 [entries, SLOT], which hold zeros.
+    """Gradients of `composite`, summed into slots float32 [pairs, SLOT], which hold zeros.
 
     Arguments as there; grad_image [H, W, 3] and grad_left [H, W]: d loss / d (image, left).
     """
     tile = tl.program_id(0)
     column, row = places()
     x, y = column.to(tl.float32), row.to(tl.float32)
-    image_x, image_y = tile % across * TILE + column, tile // across * TILE + row
+    image_x, image_y = tile % across * WIDE + column, tile // across * HIGH + row
     inside = (image_x < width) & (image_y < height)
     at = image_y.to(tl.int64) * width + image_x
     red = tl.load(grad_image + 3 * at, mask=inside, other=0.0)
@@ -66,7 +63,7 @@ def composite_backward(
     behind = tl.load(grad_left + at, mask=inside, other=0.0)
     behind += red * tl.load(background) + green * tl.load(background + 1) + blue * tl.load(background + 2)
     begin, stop = tl.load(start + tile), tl.load(start + tile + 1)
-    keep = kept + tl.load(chunk_start + tile) * PIXELS + row * TILE + column
+    keep = kept + tl.load(chunk_start + tile) * PIXELS + row * WIDE + column
     lane = tl.arange(0, 32)
     chunk = tl.load(chunks + tile) - 1
     while chunk >= 0:
@@ -74,17 +71,17 @@ def composite_backward(
         light = tl.load(keep + chunk.to(tl.int64) * PIXELS)
         lights, alphas = (), ()
         for j in tl.static_range(CHUNK):
-            ellipse, _ = read_entry(rows, stride, first + j, stop)
+            ellipse = read_ellipse(rows, stride, first + j, stop)
             touched, alpha, through = cover(ellipse, x, y, light, t_min)
             lights, alphas = lights + (light,), alphas + (tl.where(touched, alpha, 0.0),)
             light = tl.where(touched, light * through, light)
         for j in tl.static_range(CHUNK - 1, -1, -1):
-            entry = first + j
-            _, colour = read_entry(rows, stride, entry, stop)
             w = alphas[j] * lights[j]
+            present = first + j < stop
+            colour = read_colour(rows, stride, first + j)
             d = tl.fma(red, colour[0], tl.fma(green, colour[1], tl.fma(blue, colour[2], -behind)))
             behind = tl.fma(alphas[j], d, behind)
-            present = entry < stop
-            to = slots + tl.load(slot + entry, mask=present, other=0) * SLOT + lane
-            tl.store(to, _totals(w * d, w, (red, green, blue)), mask=lane < tl.where(present, _USED, 0))
+            to = slots + tl.load(slot + (first + j), mask=present, other=0) * SLOT + lane
+            found = _totals(w * d, w, (red, green, blue))
+            tl.store(to, found, mask=lane < tl.where(present, SLOT, 0))
         chunk -= 1

@@ -27,7 +27,9 @@ from recon.splat.gpu.geometry import (
 
 BLOCK = 128
 """Gaussians of a program."""
-TILE = tl.constexpr(16)
+WIDE, HIGH = tl.constexpr(16), tl.constexpr(8)
+"""Pixels of a tile across and down: four for each thread of a warp. Of the 16x16 tiles of other rasterisers,
+a small Gaussian touches but one half as often as both."""
 SHAPE = tl.constexpr(8)
 """Float64 numbers of a record: see `recon.splat.tables.Projected.shape`."""
 PAINT = tl.constexpr(tables.PAINT)
@@ -151,5 +153,5 @@ def project(
     tl.store(at + 1, right, mask=keep)
     tl.store(at + 2, top, mask=keep)
     tl.store(at + 3, bottom, mask=keep)
-    tiles = (right // TILE - left // TILE + 1) * (bottom // TILE - top // TILE + 1)
+    tiles = (right // WIDE - left // WIDE + 1) * (bottom // HIGH - top // HIGH + 1)
     tl.store(number + i, tl.where(drawn, tiles, 0).to(tl.int64), mask=here)

@@ -26,8 +26,8 @@ from recon.splat.tables import BAD
 
 _T_LEAST = 1e-30
 """Smallest stopping transmittance in float32: below it products would lose digits to denormals."""
-_TILE, _SHAPE, _SLOT = projection.TILE.value, projection.SHAPE.value, SLOT.value
-_PIXELS, _MOMENTS, _VIEW = forward.PIXELS.value, sums.MOMENTS.value, VIEW.value
+_WIDE, _HIGH, _SHAPE = projection.WIDE.value, projection.HIGH.value, projection.SHAPE.value
+_PIXELS, _SLOT, _MOMENTS, _VIEW = forward.PIXELS.value, SLOT.value, sums.MOMENTS.value, VIEW.value
 _OPTIONS = {"enable_fp_fusion": True}
 
 
@@ -110,7 +110,8 @@ class _Tables:
         self.call, self.n = call, len(tensors[0])
         new = tensors[0].new_empty
         n, width, height = self.n, call.camera.width, call.camera.height
-        self.across, self.tiles = -(-width // _TILE), -(-width // _TILE) * -(-height // _TILE)
+        self.across = cdiv(width, _WIDE)
+        self.tiles = self.across * cdiv(height, _HIGH)
         self.t_min = max(call.limits.t_min, _T_LEAST)
         self.parameters = torch.from_numpy(parameters(call.camera, call.limits)).to(tensors[0].device)
         self.record = new((n, _SHAPE), dtype=torch.float64)
@@ -119,14 +120,12 @@ class _Tables:
         box, depth = new((n, 4), dtype=torch.int32), new(n)
         state, number = new(n, dtype=torch.int8), new(n, dtype=torch.int64)
         projection.project[(cdiv(n, projection.BLOCK),)](
-            *self.tensors, self.parameters, n, self.record, self.paint, box, depth, self.radius, state, number,
-            BLOCK=projection.BLOCK, **_OPTIONS,
+            *self.tensors, self.parameters, n, self.record, self.paint, box, depth, self.radius, state,
+            number, BLOCK=projection.BLOCK, **_OPTIONS,
         )  # fmt: skip
         self.size, call.culled = torch.stack([number.sum(), (state == int(BAD)).sum()]).tolist()
         if self.size >= tiles.MAX_PAIRS:
-            raise ValueError(
-                f"{self.size} pairs of a Gaussian and a tile are too many: render a smaller image"
-            )
+            raise ValueError(f"{self.size} pairs of Gaussian and tile are too many: render a smaller image")
         start, owner = tiles.pair(number, depth, self.size)
         tile = new(self.size, dtype=tiles.tile_type(self.tiles))
         self.pairs = tiles.Pairs(start, number, owner, tile)
@@ -158,14 +157,13 @@ class _Tables:
         width, height = call.camera.width, call.camera.height
         new = self.radius.new_empty
         image, left = new((height, width, 3)), new((height, width))
-        pairs = new(self.tiles, dtype=torch.int64)
-        self.chunks = new(self.tiles, dtype=torch.int32)
+        pairs, self.chunks = new(self.tiles, dtype=torch.int64), new(self.tiles, dtype=torch.int32)
         # Each tile's last chunk may be short: this many there are at most, known without asking the device.
         self.kept = new((self.size // tiles.CHUNK + self.tiles) * _PIXELS if call.keep else 1)
         forward.composite[(self.tiles,)](
             lists.rows, self.size + tiles.CHUNK, lists.start, lists.chunk_start, self.background, self.t_min,
             self.across, height, width, self.kept, image, left, pairs, self.chunks,
-            CHUNK=tiles.CHUNK, KEEP=call.keep, num_warps=forward.WARPS, **_OPTIONS,
+            CHUNK=tiles.CHUNK, KEEP=call.keep, num_warps=1, **_OPTIONS,
         )  # fmt: skip
         call.visible, call.pairs = torch.stack([self.touched.sum(), pairs.sum()]).tolist()
         return image, left

@@ -8,7 +8,7 @@ import triton
 import triton.language as tl
 
 from recon.splat.gpu.composite_backward import SLOT
-from recon.splat.gpu.project import SHAPE, TILE
+from recon.splat.gpu.project import HIGH, SHAPE, WIDE
 
 BLOCK = 8
 """Gaussians of a program."""
@@ -41,8 +41,8 @@ def add_slots(
         there = done + lane < count[:, None]
         slot = begin + done + lane
         t = tl.load(tile + slot, mask=there, other=0).to(tl.int32)
-        ox = (t % across * TILE).to(tl.float64) - px + 0.5 * TILE
-        oy = (t // across * TILE).to(tl.float64) - py + 0.5 * TILE
+        ox = (t % across * WIDE).to(tl.float64) - px + 0.5 * WIDE
+        oy = (t // across * HIGH).to(tl.float64) - py + 0.5 * HIGH
         at = slots + slot * SLOT
         m = tl.load(at, mask=there, other=0.0).to(tl.float64)
         mx = tl.load(at + 1, mask=there, other=0.0).to(tl.float64)

@@ -12,7 +12,7 @@ import torch
 import triton
 import triton.language as tl
 
-from recon.splat.gpu.project import PAINT, SHAPE, TILE
+from recon.splat.gpu.project import HIGH, PAINT, SHAPE, WIDE
 
 BLOCK = 256
 """Pairs of a program."""
@@ -70,24 +70,24 @@ def match(
     m22 = tl.load(at + 4, mask=here, other=1.0)
     reach = -tl.load(paint + i * (2 * SHAPE) + PAINT, mask=here, other=0.0).to(tl.float64)
     reach = reach * (1.0 + _SLACK) + _SLACK
-    columns = last_x // TILE - first_x // TILE + 1
-    x_tile, y_tile = first_x // TILE + rank % columns, first_y // TILE + rank // columns
+    columns = last_x // WIDE - first_x // WIDE + 1
+    x_tile, y_tile = first_x // WIDE + rank % columns, first_y // HIGH + rank // columns
 
     # The tile's pixel columns are an interval of dx, and there the ellipse spans the rows first .. last. Its
     # upper edge dy(dx) = (-m21 dx + sqrt(reach - (m11 dx)^2)) / m22 is concave, so its largest value is at
     # the interval's point nearest to the top of the ellipse; the lower edge mirrors it.
     half = tl.sqrt(reach) / m11
     top = -half * m21 / tl.sqrt(m11 * m11 + m21 * m21)
-    left = (x_tile * TILE).to(tl.float64) + 0.5 - px
-    low, high = tl.maximum(left, -half), tl.minimum(left + (TILE - 1.0), half)
+    left = (x_tile * WIDE).to(tl.float64) + 0.5 - px
+    low, high = tl.maximum(left, -half), tl.minimum(left + (WIDE - 1.0), half)
     x = tl.minimum(tl.maximum(top, low), high)
     y = (tl.sqrt(tl.maximum(reach - (x * m11) * (x * m11), 0.0)) - x * m21) / m22
     last = tl.floor(tl.minimum(y + (py - 0.5), last_y.to(tl.float64)))
     x = tl.minimum(tl.maximum(-top, low), high)
     y = (-tl.sqrt(tl.maximum(reach - (x * m11) * (x * m11), 0.0)) - x * m21) / m22
     first = tl.ceil(tl.maximum(y + (py - 0.5), first_y.to(tl.float64)))
-    upper = (y_tile * TILE).to(tl.float64)
-    hit = (high >= low) & (last >= tl.maximum(first, upper)) & (first <= upper + (TILE - 1.0))
+    upper = (y_tile * HIGH).to(tl.float64)
+    hit = (high >= low) & (last >= tl.maximum(first, upper)) & (first <= upper + (HIGH - 1.0))
 
     place = tl.where(hit, y_tile * across + x_tile, tiles)
     tl.store(tile + pair, place.to(tile.dtype.element_ty), mask=here)
@@ -110,8 +110,8 @@ def gather(
     pair = tl.load(slot + entry, mask=here, other=0)
     i = tl.load(owner + pair, mask=here, other=0).to(tl.int64)
     at = record + i * SHAPE
-    dx = (tile % across * TILE).to(tl.float64) + 0.5 - tl.load(at, mask=here, other=0.0)
-    dy = (tile // across * TILE).to(tl.float64) + 0.5 - tl.load(at + 1, mask=here, other=0.0)
+    dx = (tile % across * WIDE).to(tl.float64) + 0.5 - tl.load(at, mask=here, other=0.0)
+    dy = (tile // across * HIGH).to(tl.float64) + 0.5 - tl.load(at + 1, mask=here, other=0.0)
     m11, m21 = tl.load(at + 2, mask=here, other=0.0), tl.load(at + 3, mask=here, other=0.0)
     m22 = tl.load(at + 4, mask=here, other=0.0)
     room, to = entry < stride, rows + entry
