@@ -35,8 +35,8 @@ def rasterize(
     means: [N, 3] world units. quats: [N, 4] wxyz, normalised inside. scales: [N, 3] standard
     deviations, world units, positive. opacities: [N] in 0..1. colours: [N, 3] linear. background: [3]
     or None for black. All of one dtype: float32 (fast) or float64 (the dense reference: small scenes).
-    Bad Gaussians (values not finite, scales not positive, zero quaternions, negative opacity) are not
-    drawn, get zero gradients and are counted in `Render.culled`.
+    Bad Gaussians (values not finite, scales not positive, zero quaternions, negative opacity, colours
+    beyond 1e30) are not drawn, get zero gradients and are counted in `Render.culled`.
 
     camera_delta: [14], float32 or float64, for pose and lens refinement: how far the camera is moved, in
     the units and the order of `recon.splat.moved.moved`; zeros are the camera as it is. The gradient is
@@ -74,5 +74,7 @@ def _check(
             raise ValueError(f"{name} is on {tensor.device}: move it to the CPU")
         if tensor.dtype != means.dtype or tensor.dtype not in (torch.float32, torch.float64):
             raise ValueError(f"{name} is {tensor.dtype}: all tensors must be float32, or all float64")
+    if background is not None and not torch.isfinite(background).all():
+        raise ValueError("background is not finite")
     if stats is not None and stats.count != n:
         raise ValueError(f"stats counts {stats.count} Gaussians, but there are {n}")

@@ -31,6 +31,15 @@ class SplatCamera:
     p1: float = 0.0
     p2: float = 0.0
 
+    def __post_init__(self) -> None:
+        """ValueError for values that are not finite, and for no pixels or focal length."""
+        for name in ("cam_from_world", "fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise ValueError(f"SplatCamera.{name} is not finite")
+        for name in ("fx", "fy", "width", "height"):
+            if getattr(self, name) <= 0:
+                raise ValueError(f"SplatCamera.{name} must be positive, not {getattr(self, name)}")
+
     @classmethod
     def of(cls, lens: Lens, cam_from_world: Pose) -> "SplatCamera":
         """The camera of a calibrated lens at a pose."""

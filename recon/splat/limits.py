@@ -67,5 +67,9 @@ class Limits:
 ALPHA_FLOOR = 2.0**-64
 """No alpha floor is below this: float32 exponents stay in range, and less is invisible at any contrast."""
 
+COLOUR_MOST = 1e30
+"""A Gaussian with a brighter (or more negative) channel is degenerate: its gradient would overflow float32
+even at pixels that it does not touch, and spoil those of others."""
+
 QUAT_LEAST = 1e-20
 """A quaternion with no component as large as this has no direction: its gradient would overflow."""

@@ -27,7 +27,7 @@ from recon.lanes import (
     split_exponent,
     store,
 )
-from recon.splat.limits import ALPHA_FLOOR, QUAT_LEAST
+from recon.splat.limits import ALPHA_FLOOR, COLOUR_MOST, QUAT_LEAST
 from recon.splat.parameters import BOUNDS, FOLD, LENS, LIMITS
 from recon.splat.tables import DRAWN, PAINT
 from recon.splat.tiles import TASK
@@ -163,7 +163,8 @@ def _log2(x):
 
 @inlined
 def _sound(values):
-    """Mask: all numbers finite, scales positive, opacity not negative, quaternion with a direction."""
+    """Mask: all numbers finite, scales positive, opacity not negative, quaternion with a direction, colours
+    in range."""
     nothing = splat(0.0)
     for a in range(INPUTS):
         nothing = nothing + load(values, a * 8) * 0.0
@@ -172,7 +173,12 @@ def _sound(values):
     for a in range(3, 7):
         q = load(values, a * 8)
         turned = maximum(turned, maximum(q, minus(q)))
+    brightest = splat(0.0)
+    for a in range(11, 14):
+        c = load(values, a * 8)
+        brightest = maximum(brightest, maximum(c, minus(c)))
     shaped = both(above(smallest, 0.0), at_least(turned, QUAT_LEAST))
+    shaped = both(shaped, at_least(COLOUR_MOST, brightest))
     # Zero times a number that is not finite is NaN, which is not at least zero.
     return both(both(at_least(nothing, 0.0), at_least(load(values, 80), 0.0)), shaped)
 

@@ -9,7 +9,7 @@ import torch
 from torch.utils.checkpoint import checkpoint
 
 from recon.splat.camera import SplatCamera
-from recon.splat.limits import ALPHA_FLOOR, QUAT_LEAST, Limits
+from recon.splat.limits import ALPHA_FLOOR, COLOUR_MOST, QUAT_LEAST, Limits
 from recon.splat.moved import view_of
 from recon.splat.render import Render, SplatStats
 
@@ -39,6 +39,7 @@ def rasterize_reference(
         & (scales > 0).all(dim=1)
         & (quats.abs() >= QUAT_LEAST).any(dim=1)
         & (opacities >= 0)
+        & (colours.abs() <= COLOUR_MOST).all(dim=1)
     )
     kept = torch.nonzero(finite)[:, 0]
     means, quats, scales, opacities, colours = (
