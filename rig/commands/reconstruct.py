@@ -1,5 +1,6 @@
 """`rig reconstruct`: train a scene."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,6 +10,7 @@ from rig.commands.evaluate import run_evaluate
 from rig.commands.options import JsonOption, SeedOption, SessionArgument, seconds
 from rig.progress import Meter, speaks
 from rig.running import Outcome, running
+from rig.words import duration
 
 MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
 Quality = Literal["draft", "standard", "best"]
@@ -60,7 +62,8 @@ def run_reconstruct(
     )
     if not speaks():
         return Outcome({}, [])
-    return run_evaluate(Path(trained.data["reconstruction"]), meter)
+    evaluated = run_evaluate(Path(trained.data["reconstruction"]), meter)
+    return replace(evaluated, lines=[*trained.lines, *evaluated.lines])
 
 
 def run_training(
@@ -74,9 +77,14 @@ def run_training(
     name: str | None = None,
 ) -> Outcome:
     """Train a scene, or go on with it."""
+    from recon.model import read_model
     from recon.reconstruct import reconstruct as reconstruct_session
 
     folder = reconstruct_session(
         session, method=method, quality=quality, budget=budget, seed=seed, name=name, progress=meter
     )
-    return Outcome({"reconstruction": str(folder)}, [f"{folder}: trained"])
+    if not speaks():
+        return Outcome({"reconstruction": str(folder)})
+    record = read_model(folder)
+    line = f"{folder}: trained in {duration(record.train_seconds)} on {record.device}"
+    return Outcome({"reconstruction": str(folder), "device": record.device}, [line])
