@@ -15,6 +15,9 @@ from typing import Any
 
 from imaging.errors import InputError, StorageError
 
+_ASIDE = ".old.part"
+"""End of the name of a folder that steps aside for its successor."""
+
 
 def sync(path: Path) -> None:
     """Force a file or a folder to the disk."""
@@ -78,7 +81,8 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def _replace_folder(part: Path, path: Path) -> None:
     """Rename `part` to `path`; what was there steps aside first, and comes back if that fails."""
-    old = path.with_name(f".{path.name}.old.part")
+    old = path.with_name(f".{path.name}{_ASIDE}")
+    _bring_back(old)
     _discard(old)
     stepped_aside = path.exists()
     if stepped_aside:
@@ -93,8 +97,23 @@ def _replace_folder(part: Path, path: Path) -> None:
         _discard(old)
 
 
+def _bring_back(old: Path) -> None:
+    """Undo a replacement that was killed between its two renames: `old` returns to its empty place."""
+    path = old.with_name(old.name.removeprefix(".").removesuffix(_ASIDE))
+    if old.exists() and not path.exists():
+        old.rename(path)
+
+
 def leftovers(folder: Path) -> list[Path]:
-    """What killed writes left directly in a folder: its `.part` files and folders."""
+    """What killed writes left directly in a folder: its `.part` files and folders.
+
+    A folder that had stepped aside for one that never came is no leftover: it is put back first.
+    """
+    try:
+        for old in folder.glob(f".*{_ASIDE}"):
+            _bring_back(old)
+    except OSError as error:
+        raise _refused(folder, error) from error
     return sorted(folder.glob(".*.part"))
 
 

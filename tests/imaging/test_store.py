@@ -260,6 +260,37 @@ def test_paths_inside_are_allowed_through_links_too(tmp_path: Path) -> None:
         assert store.inside(tmp_path / "session", name) == tmp_path / "session" / name
 
 
+def _killed_between_two_renames(folder: Path) -> Path:
+    """The old `colmap` has stepped aside, the new one has not come."""
+    old = folder / ".colmap.old.part"
+    old.mkdir()
+    (old / "kept").write_text("x")
+    (folder / ".colmap.part").mkdir()
+    return folder / "colmap"
+
+
+def test_a_folder_that_stepped_aside_is_no_leftover(tmp_path: Path) -> None:
+    colmap = _killed_between_two_renames(tmp_path)
+    assert [path.name for path in store.leftovers(tmp_path)] == [".colmap.part"]
+    assert (colmap / "kept").read_text() == "x"
+
+
+def test_a_folder_that_stepped_aside_outlives_a_second_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    colmap, rename = _killed_between_two_renames(tmp_path), Path.rename
+
+    def refuse_the_new(path: Path, target: Path) -> Path:
+        if path.name == ".colmap.part":
+            raise OSError(5, "Input/output error")
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", refuse_the_new)
+    with pytest.raises(StorageError), store.replacing(colmap) as part:
+        part.mkdir()
+    assert (colmap / "kept").read_text() == "x"
+
+
 def test_leftovers_are_found_and_discarded(tmp_path: Path, refuse: Refuse) -> None:
     (tmp_path / ".a.part").write_bytes(b"")
     (tmp_path / ".b.part").mkdir()
