@@ -1,11 +1,15 @@
 """Differentiable rendering of 3D Gaussians, right at high contrast, without a GPU or a compiler.
 
-`rasterize` is the one entry: float32 tensors on the CPU go to Numba kernels, float64 ones to a dense
-reference. 3D Gaussian Splatting: Kerbl et al. 2023, arXiv 2308.04079; EWA splatting: Zwicker et al. 2001.
+`rasterize` is the one entry: float32 tensors on the CPU go to Numba kernels, those on a CUDA GPU to Triton
+kernels, float64 ones to a dense reference. 3D Gaussian Splatting: Kerbl et al. 2023, arXiv 2308.04079;
+EWA splatting: Zwicker et al. 2001.
 """
+
+from collections.abc import Callable
 
 import torch
 
+from imaging.errors import ReconstructionError
 from recon.splat.camera import SplatCamera
 from recon.splat.cpu import rasterize_cpu
 from recon.splat.limits import Limits
@@ -34,7 +38,8 @@ def rasterize(
 
     means: [N, 3] world units. quats: [N, 4] wxyz, normalised inside. scales: [N, 3] standard
     deviations, world units, positive. opacities: [N] in 0..1. colours: [N, 3] linear. background: [3]
-    or None for black. All of one dtype: float32 (fast) or float64 (the dense reference: small scenes).
+    or None for black. All on one device and of one dtype: float32 (fast, on the CPU or a CUDA GPU) or float64
+    (the dense reference on the CPU: small scenes).
     Bad Gaussians (values not finite, scales not positive, zero quaternions, negative opacity, colours
     beyond 1e30) are not drawn, get zero gradients and are counted in `Render.culled`.
 
@@ -48,8 +53,26 @@ def rasterize(
         if tuple(camera_delta.shape) != (DELTA,):
             raise ValueError(f"camera_delta has shape {tuple(camera_delta.shape)}, not {(DELTA,)}")
         camera, view = moved(camera, camera_delta)
-    rasterizer = rasterize_reference if means.dtype == torch.float64 else rasterize_cpu
+    rasterizer = _rasterizer(means.device.type, means.dtype)
     return rasterizer(means, quats, scales, opacities, colours, camera, background, limits, stats, view)
+
+
+def _rasterizer(device: str, dtype: torch.dtype) -> Callable[..., Render]:
+    """The execution for a type of device; ReconstructionError for CUDA without Triton."""
+    if dtype == torch.float64:
+        return rasterize_reference
+    if device == "cpu":
+        return rasterize_cpu
+    try:
+        from recon.splat.gpu import rasterize_gpu  # here, so that who has no GPU needs no Triton
+    except ModuleNotFoundError as error:
+        if error.name != "triton":
+            raise
+        raise ReconstructionError(
+            "rendering on the GPU needs Triton, which is not installed: install it (`pip install triton`; "
+            "it comes with torch's CUDA builds on Linux), or move the tensors to the CPU"
+        ) from error
+    return rasterize_gpu
 
 
 def _check(
@@ -70,10 +93,18 @@ def _check(
     for name, tensor in tensors.items():
         if tuple(tensor.shape) != shapes[name]:
             raise ValueError(f"{name} has shape {tuple(tensor.shape)}, not {shapes[name]}")
-        if tensor.device.type != "cpu":
-            raise ValueError(f"{name} is on {tensor.device}: move it to the CPU")
+        if tensor.device != means.device:
+            raise ValueError(
+                f"{name} is on {tensor.device} and means on {means.device}: move them to one device"
+            )
         if tensor.dtype != means.dtype or tensor.dtype not in (torch.float32, torch.float64):
             raise ValueError(f"{name} is {tensor.dtype}: all tensors must be float32, or all float64")
+    if means.device.type not in ("cpu", "cuda"):
+        raise ValueError(f"the tensors are on {means.device}: move them to the CPU or to a CUDA GPU")
+    if means.device.type == "cuda" and means.dtype == torch.float64:
+        raise ValueError(
+            f"the float64 reference runs on the CPU, and the tensors are on {means.device}: move them"
+        )
     if background is not None and not torch.isfinite(background).all():
         raise ValueError("background is not finite")
     if stats is not None and stats.count != n:

@@ -1,4 +1,4 @@
-# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+# mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
 """Blending the entries of a tile front to back: one warp a tile, its pixels in registers.
 
 The threads walk the list together, four pixels each, and exchange nothing but, once a chunk, the largest

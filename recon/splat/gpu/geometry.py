@@ -1,7 +1,7 @@
-# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+# mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
 """The formulas of the projection, shared by its forward and its backward kernel, in float64.
 
-`k` is the vector of `recon.splat.parameters`, read once by `read_parameters`.
+`k` is the vector of `recon.splat.parameters`, read once (see `tuples`).
 """
 
 import triton
@@ -12,16 +12,6 @@ from recon.splat import parameters
 LENS = tl.constexpr(parameters.LENS)
 BOUNDS = tl.constexpr(parameters.BOUNDS)
 LIMITS = tl.constexpr(parameters.LIMITS)
-_COUNT = tl.constexpr(parameters.COUNT)
-
-
-@triton.jit
-def read_parameters(pointer):
-    """All numbers of the vector."""
-    found = ()
-    for a in tl.static_range(_COUNT):
-        found = found + (tl.load(pointer + a),)
-    return found
 
 
 @triton.jit

@@ -1,4 +1,4 @@
-# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+# mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
 """From Gaussians in the world to ellipses in the image: one thread a Gaussian, in float64.
 
 Positions in pixels and the covariances of needles need more digits than float32 has, and this is a small
@@ -18,12 +18,12 @@ from recon.splat.gpu.geometry import (
     covariance,
     distort,
     read_gaussian,
-    read_parameters,
     root_covariance,
     rotation,
     screen_axes,
     to_camera,
 )
+from recon.splat.gpu.tuples import read_parameters
 
 BLOCK = 128
 """Gaussians of a program."""

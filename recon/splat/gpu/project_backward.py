@@ -1,4 +1,4 @@
-# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+# mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
 """The gradient of `project`: from sums over pixels to means, rotations, scales and opacities.
 
 As there, in float64 and one thread a Gaussian.
@@ -14,7 +14,6 @@ from recon.splat.gpu.geometry import (
     covariance,
     distort,
     read_gaussian,
-    read_parameters,
     root_covariance,
     rotation,
     screen_axes,
@@ -22,6 +21,7 @@ from recon.splat.gpu.geometry import (
 )
 from recon.splat.gpu.project_view import store_view
 from recon.splat.gpu.slots import MOMENTS
+from recon.splat.gpu.tuples import appended, read_parameters
 
 
 @triton.jit
@@ -120,6 +120,15 @@ def _point_gradient(jacobian, centre, tangents, lens, k):
 
 
 @triton.jit
+def _read_moments(pointer, touched):
+    """The moments, zero where nothing was touched."""
+    found = ()
+    for a in tl.static_range(MOMENTS):
+        found = appended(found, tl.load(pointer + a, mask=touched, other=0.0))
+    return found
+
+
+@triton.jit
 def _store(pointer, value, touched, here):
     """A gradient in float32, zero where nothing was touched."""
     tl.store(pointer, tl.where(touched, value, 0.0).to(tl.float32), mask=here)
@@ -145,9 +154,7 @@ def project_backward(
     mean, quat, scale = read_gaussian(means, quats, scales, i, touched)
     x, y, z = to_camera(mean, k)
     x, y, z = tl.where(touched, x, 0.0), tl.where(touched, y, 0.0), tl.where(touched, z, 1.0)
-    sums = ()
-    for a in tl.static_range(MOMENTS):
-        sums = sums + (tl.load(moments + i * MOMENTS + a, mask=touched, other=0.0),)
+    sums = _read_moments(moments + i * MOMENTS, touched)
     o = tl.load(opacities + i, mask=touched, other=1.0).to(tl.float64)
     axes, tangents, lens = screen_axes(x, y, z, k)
     r = rotation(quat)

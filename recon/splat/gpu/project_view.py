@@ -1,4 +1,4 @@
-# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+# mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
 """The gradient of `project` by the camera: rotation and translation of cam_from_world, and the lens.
 
 The formulas of `recon.splat.project_view`: a Gaussian reaches the image through its pixel mean f(lens, P),

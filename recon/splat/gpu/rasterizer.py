@@ -16,7 +16,7 @@ from recon.splat.gpu import composite as forward
 from recon.splat.gpu import project as projection
 from recon.splat.gpu import slots as sums
 from recon.splat.gpu import tiles
-from recon.splat.gpu.composite_backward import SLOT, composite_backward
+from recon.splat.gpu.composite_backward import REGISTERS, SLOT, composite_backward
 from recon.splat.gpu.project_backward import project_backward
 from recon.splat.gpu.project_view import VIEW
 from recon.splat.limits import Limits
@@ -78,7 +78,7 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[torch.Tensor, torch.Tensor]:
         *tensors, _, call = arguments
-        with torch.cuda.device_of(tensors[0]):
+        with torch.cuda.device_of(tensors[0]):  # type: ignore[no-untyped-call]
             tables = _Tables([tensor.detach().contiguous() for tensor in tensors], call)
             image, left = tables.blend()
         if call.keep:
@@ -93,7 +93,7 @@ class _Rasterize(torch.autograd.Function):
         image, light = gradients
         image = left.new_zeros((*left.shape, 3)) if image is None else image.contiguous()
         light = torch.zeros_like(left) if light is None else light.contiguous()
-        with torch.cuda.device_of(left):
+        with torch.cuda.device_of(left):  # type: ignore[no-untyped-call]
             found, view = ctx.tables.gradients(image, light, ctx.needs_input_grad[6])
         back = None
         if ctx.needs_input_grad[5]:
@@ -181,7 +181,7 @@ class _Tables:
         composite_backward[(self.tiles,)](
             lists.rows, self.size + tiles.CHUNK, lists.start, lists.chunk_start, lists.slot, self.background,
             self.t_min, self.across, call.camera.height, call.camera.width, self.kept, self.chunks,
-            image, left, slots, CHUNK=tiles.CHUNK, num_warps=1, **_OPTIONS,
+            image, left, slots, CHUNK=tiles.CHUNK, num_warps=1, maxnreg=REGISTERS, **_OPTIONS,
         )  # fmt: skip
         found = [torch.empty_like(tensor) for tensor in self.tensors]
         moments, weight = new((n, _MOMENTS), dtype=torch.float64), new(n)

@@ -1,4 +1,4 @@
-# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+# mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
 """Adding up each Gaussian's gradient slots, in an order that depends on nothing but their number.
 
 A Gaussian that covers the image has thousands of slots and most have a few, so sixteen lanes share one.

@@ -1,4 +1,4 @@
-# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+# mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
 """Which Gaussians touch which tile, nearest first: one thread a pair of a Gaussian and a tile of its box.
 
 Pairs are numbered Gaussian after Gaussian in order of depth; a stable sort by tile then gives each tile its
