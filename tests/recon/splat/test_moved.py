@@ -141,6 +141,7 @@ def test_lens_of_the_delta_folds_nothing_back(scene_of: Any) -> None:
 
 
 def test_thread_count_changes_no_bit(scene_of: Any) -> None:
+    """With more Gaussians than a thread takes at a time; and the sum over all of them is the oracle's."""
     scene = scene_of("many")
     for name in ("means", "quats", "scales", "opacities", "colours"):
         setattr(scene, name, getattr(scene, name).repeat(4, *[1] * (getattr(scene, name).ndim - 1)))
@@ -154,6 +155,9 @@ def test_thread_count_changes_no_bit(scene_of: Any) -> None:
     finally:
         threads.set_threads(before)
     assert results[0] == results[1] == results[2]
+    truth = start(False).requires_grad_()
+    value(scene, scene.tensors(torch.float64), truth).backward()
+    assert ((delta.grad - truth.grad) * STEPS).norm() < 1e-3 * (truth.grad * STEPS).norm()
 
 
 def test_gaussians_do_not_notice(scene_of: Any) -> None:
