@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rig.commands import calibrate, capture, check, demo, evaluate, importing, reconstruct, render
+from rig.commands import calibrate, capture, check, demo, doctor, evaluate, importing, reconstruct, render
 from rig.running import Outcome
 
 EXIT_CODES = (
@@ -52,6 +52,7 @@ COMMANDS: dict[str, Callable[..., Outcome]] = {
     "reconstruct": reconstruct.reconstruct,
     "evaluate": evaluate.evaluate,
     "render": render.render,
+    "doctor": doctor.doctor,
 }
 
 for name, command in COMMANDS.items():
