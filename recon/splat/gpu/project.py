@@ -64,7 +64,7 @@ def _sound(mean, quat, scale, opacity, red, green, blue):
 def _opacity_and_reach(opacity, red, green, blue, k):
     """Whether it is above its floor, the clamped opacity, and log2 of how far above it is."""
     brightest = tl.maximum(tl.maximum(red, green), blue).to(tl.float64)
-    lit = brightest > 0.0
+    lit = (brightest > 0.0) & _finite(brightest)
     ceiling = tl.where(lit, k[LIMITS + 4] / tl.where(lit, brightest, 1.0), k[LIMITS + 3])
     lowest = tl.maximum(tl.minimum(ceiling, k[LIMITS + 3]), _ALPHA_FLOOR)
     o = tl.minimum(opacity.to(tl.float64), k[LIMITS + 2])

@@ -1,0 +1,31 @@
+"""The Triton kernels compile for GPUs that are not there, and fit them."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("triton", reason="Triton is for Linux")
+
+ARCHITECTURES = (80, 90)
+
+
+def test_every_kernel_compiles_and_spills_next_to_nothing(tmp_path: Path) -> None:
+    """For A100 and H100: a cubin each, in 48 kB of shared memory, and hardly a register in local memory."""
+    environment = {**os.environ, "TRITON_CACHE_DIR": str(tmp_path)}
+    environment.pop("TRITON_INTERPRET", None)
+    command = [sys.executable, str(Path(__file__).with_name("compile_kernels.py")), *map(str, ARCHITECTURES)]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240)
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert len({(one["kernel"], one["architecture"]) for one in found}) == 7 * len(ARCHITECTURES)
+    for one in found:
+        assert one["elf"], one
+        assert one["shared"] <= 48 * 1024, one
+        assert one["REG"] <= 255, one
+        assert one["STACK"] <= 128, one
+    tiles = [one for one in found if one["kernel"].startswith("composite")]
+    assert all(one["shared"] == 0 and one["REG"] <= 160 for one in tiles), tiles
