@@ -1,0 +1,1 @@
+"""Still cameras over PTP: DSLR and mirrorless bodies on USB."""

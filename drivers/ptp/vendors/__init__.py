@@ -1,0 +1,1 @@
+"""What each maker's cameras want beyond standard PTP."""
