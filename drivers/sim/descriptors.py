@@ -1,0 +1,140 @@
+"""What a virtual USB device says of itself, and the descriptors that pyusb reads from it."""
+
+import struct
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Literal
+
+HIGH_SPEED, SUPER_SPEED = 3, 4
+"""As libusb counts them."""
+
+_ENGLISH = 0x0409
+_TYPES = {"bulk": 2, "interrupt": 3}
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """address: bit 7 set towards the host; packet: wMaxPacketSize, bytes."""
+
+    address: int
+    kind: Literal["bulk", "interrupt"]
+    packet: int
+
+
+@dataclass(frozen=True)
+class Interface:
+    """One alternate setting of an interface; `code` is class, subclass, protocol."""
+
+    number: int
+    code: tuple[int, int, int]
+    endpoints: tuple[Endpoint, ...]
+    alternate: int = 0
+    extra: bytes = b""
+    """Class-specific descriptors after it."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """A device with one configuration. strings: manufacturer, product, serial, then any others, from 1."""
+
+    vendor: int
+    product: int
+    strings: tuple[str, ...]
+    interfaces: tuple[Interface, ...]
+    code: tuple[int, int, int] = (0, 0, 0)
+    speed: int = HIGH_SPEED
+
+    @property
+    def serial(self) -> str:
+        """The third string: who the device is."""
+        return self.strings[2]
+
+    def numbers(self) -> tuple[int, ...]:
+        """The interfaces' numbers, each once, ascending."""
+        return tuple(sorted({interface.number for interface in self.interfaces}))
+
+    def alternates(self, number: int) -> tuple[Interface, ...]:
+        """The alternate settings of an interface."""
+        return tuple(interface for interface in self.interfaces if interface.number == number)
+
+    def string(self, index: int) -> bytes | None:
+        """A string descriptor; None if there is none of that index."""
+        if index > len(self.strings):
+            return None
+        body = struct.pack("<H", _ENGLISH) if index == 0 else self.strings[index - 1].encode("utf-16-le")
+        return bytes((2 + len(body), 3)) + body
+
+
+def device_descriptor(told: Description, bus: int, address: int) -> SimpleNamespace:
+    """The fields that pyusb copies; all of the device, where it is plugged in included."""
+    big = told.speed >= SUPER_SPEED
+    return SimpleNamespace(
+        bLength=18,
+        bDescriptorType=1,
+        bcdUSB=0x0300 if big else 0x0200,
+        bDeviceClass=told.code[0],
+        bDeviceSubClass=told.code[1],
+        bDeviceProtocol=told.code[2],
+        bMaxPacketSize0=9 if big else 64,
+        idVendor=told.vendor,
+        idProduct=told.product,
+        bcdDevice=0x0100,
+        iManufacturer=1,
+        iProduct=2,
+        iSerialNumber=3,
+        bNumConfigurations=1,
+        bus=bus,
+        address=address,
+        port_number=address,
+        port_numbers=(address,),
+        speed=told.speed,
+    )
+
+
+def configuration_descriptor(told: Description) -> SimpleNamespace:
+    """The one configuration; its total length counts every descriptor inside."""
+    inside = sum(9 + len(one.extra) + 7 * len(one.endpoints) for one in told.interfaces)
+    return SimpleNamespace(
+        bLength=9,
+        bDescriptorType=2,
+        wTotalLength=9 + inside,
+        bNumInterfaces=len(told.numbers()),
+        bConfigurationValue=1,
+        iConfiguration=0,
+        bmAttributes=0xC0,
+        bMaxPower=1,
+        extra_descriptors=[],
+    )
+
+
+def interface_descriptor(told: Description, index: int, alternate: int) -> SimpleNamespace:
+    """An alternate setting of an interface. IndexError past the last, which ends pyusb's iteration."""
+    one = told.alternates(told.numbers()[index])[alternate]
+    return SimpleNamespace(
+        bLength=9,
+        bDescriptorType=4,
+        bInterfaceNumber=one.number,
+        bAlternateSetting=one.alternate,
+        bNumEndpoints=len(one.endpoints),
+        bInterfaceClass=one.code[0],
+        bInterfaceSubClass=one.code[1],
+        bInterfaceProtocol=one.code[2],
+        iInterface=0,
+        extra_descriptors=list(one.extra),
+    )
+
+
+def endpoint_descriptor(told: Description, endpoint: int, index: int, alternate: int) -> SimpleNamespace:
+    """An endpoint of an alternate setting. IndexError past the last."""
+    one = told.alternates(told.numbers()[index])[alternate].endpoints[endpoint]
+    return SimpleNamespace(
+        bLength=7,
+        bDescriptorType=5,
+        bEndpointAddress=one.address,
+        bmAttributes=_TYPES[one.kind],
+        wMaxPacketSize=one.packet,
+        bInterval=4 if one.kind == "interrupt" else 0,
+        bRefresh=0,
+        bSynchAddress=0,
+        extra_descriptors=[],
+    )
