@@ -65,12 +65,12 @@ def _rasterizer(device: str, dtype: torch.dtype) -> Callable[..., Render]:
         return rasterize_cpu
     try:
         from recon.splat.gpu import rasterize_gpu  # here, so that who has no GPU needs no Triton
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         if error.name != "triton":
             raise
         raise ReconstructionError(
-            "rendering on the GPU needs Triton, which is not installed: install it (`pip install triton`; "
-            "it comes with torch's CUDA builds on Linux), or move the tensors to the CPU"
+            "rendering on the GPU needs Triton 3.4 or newer: install torch 2.8 or newer, built for CUDA (on "
+            "Linux it brings Triton), or move the tensors to the CPU"
         ) from error
     return rasterize_gpu
 

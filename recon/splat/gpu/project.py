@@ -27,6 +27,8 @@ from recon.splat.gpu.tuples import read_parameters
 
 BLOCK = 128
 """Gaussians of a program."""
+OPTIONS = {"enable_fp_fusion": True}
+"""Of every kernel: products and sums may be contracted, as on the CPU (Triton's default changes)."""
 WIDE, HIGH = tl.constexpr(16), tl.constexpr(8)
 """Pixels of a tile across and down: four for each thread of a warp. Of the 16x16 tiles of other rasterisers,
 a small Gaussian touches but one half as often as both."""

@@ -160,7 +160,8 @@ def project_backward(
     r = rotation(quat)
     m = root_covariance(axes, r, scale)
     a, b, c, determinant = covariance(m, k[LIMITS + 1])
-    centre, (ga, gb, gc) = _ellipse_gradient(sums, a, b, c, determinant)
+    centre, spread = _ellipse_gradient(sums, a, b, c, determinant)
+    ga, gb, gc = spread
     _store(grad_screen + 2 * i, centre[0], touched, here)
     _store(grad_screen + 2 * i + 1, centre[1], touched, here)
     _store(grad_opacities + i, sums[0] / tl.minimum(o, k[LIMITS + 2]), touched, here)

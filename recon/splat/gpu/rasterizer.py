@@ -5,17 +5,17 @@ the tables, and for the counts of the `Render`.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from triton import cdiv, knobs
 
 from recon.splat.camera import SplatCamera
-from recon.splat.gpu import composite as forward
 from recon.splat.gpu import project as projection
 from recon.splat.gpu import slots as sums
 from recon.splat.gpu import tiles
+from recon.splat.gpu.composite import PIXELS, composite
 from recon.splat.gpu.composite_backward import REGISTERS, SLOT, composite_backward
 from recon.splat.gpu.project_backward import project_backward
 from recon.splat.gpu.project_view import VIEW
@@ -27,8 +27,8 @@ from recon.splat.tables import BAD
 _T_LEAST = 1e-30
 """Smallest stopping transmittance in float32: below it products would lose digits to denormals."""
 _WIDE, _HIGH, _SHAPE = projection.WIDE.value, projection.HIGH.value, projection.SHAPE.value
-_PIXELS, _SLOT, _MOMENTS, _VIEW = forward.PIXELS.value, SLOT.value, sums.MOMENTS.value, VIEW.value
-_OPTIONS = {"enable_fp_fusion": True}
+_OPTIONS = projection.OPTIONS
+_PIXELS, _SLOT, _MOMENTS, _VIEW = PIXELS.value, SLOT.value, sums.MOMENTS.value, VIEW.value
 
 
 @dataclass
@@ -59,7 +59,7 @@ def rasterize_gpu(
     """As `rasterize`, for float32 tensors on one CUDA device; on the CPU only if Triton interprets.
 
     view: the camera's numbers where they are to be differentiated (see `recon.splat.moved`), on the CPU.
-    ValueError for tensors on the CPU and for more than 2^31 pairs of a Gaussian and a tile of its box.
+    ValueError for tensors on the CPU and for 2^27 or more pairs of a Gaussian and a tile of its box.
     """
     if means.device.type != "cuda" and not knobs.runtime.interpret:
         raise ValueError(f"the GPU rasteriser takes CUDA tensors, and means is on {means.device}")
@@ -72,6 +72,24 @@ def rasterize_gpu(
     return Render(image, 1 - left, call.culled, call.visible, call.pairs)
 
 
+class _Tables(NamedTuple):
+    """What a render's backward pass needs, as tensors only: autograd frees them as soon as it may."""
+
+    parameters: torch.Tensor
+    record: torch.Tensor
+    radius: torch.Tensor
+    start: torch.Tensor
+    number: torch.Tensor
+    tile: torch.Tensor
+    list_start: torch.Tensor
+    chunk_start: torch.Tensor
+    slot: torch.Tensor
+    rows: torch.Tensor
+    kept: torch.Tensor
+    chunks: torch.Tensor
+    """The names are those of the kernels; `start`, `number` and `tile` as in `tiles.Pairs`."""
+
+
 class _Rasterize(torch.autograd.Function):
     """means, quats, scales, opacities, colours, background, view -> image [H, W, 3], transmittance [H, W]."""
 
@@ -79,126 +97,101 @@ class _Rasterize(torch.autograd.Function):
     def forward(ctx: Any, *arguments: Any) -> tuple[torch.Tensor, torch.Tensor]:
         *tensors, _, call = arguments
         with torch.cuda.device_of(tensors[0]):  # type: ignore[no-untyped-call]
-            tables = _Tables([tensor.detach().contiguous() for tensor in tensors], call)
-            image, left = tables.blend()
+            image, left, tables = _render([tensor.detach().contiguous() for tensor in tensors], call)
         if call.keep:
-            ctx.save_for_backward(*tensors, left)
-            ctx.tables = tables
+            ctx.save_for_backward(*tensors, left, *tables)
+            ctx.call = call
             ctx.set_materialize_grads(False)
         return image, left
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
-        left = ctx.saved_tensors[-1]
+        *tensors, left = ctx.saved_tensors[:7]
+        tables = _Tables(*ctx.saved_tensors[7:])
         image, light = gradients
         image = left.new_zeros((*left.shape, 3)) if image is None else image.contiguous()
         light = torch.zeros_like(left) if light is None else light.contiguous()
         with torch.cuda.device_of(left):  # type: ignore[no-untyped-call]
-            found, view = ctx.tables.gradients(image, light, ctx.needs_input_grad[6])
+            tensors = [tensor.detach().contiguous() for tensor in tensors]
+            found, view = _gradients(tensors, tables, ctx.call, image, light, ctx.needs_input_grad[6])
         back = None
         if ctx.needs_input_grad[5]:
             back = (left.double()[:, :, None] * image).sum(dim=(0, 1)).float()
         return (*found, back, view, None)
 
 
-class _Tables:
-    """All tables of one render, from projection to the end of its backward pass."""
+def _render(tensors: list[torch.Tensor], call: _Call) -> tuple[torch.Tensor, torch.Tensor, _Tables]:
+    """The image [H, W, 3] and what is left of the light behind it [H, W]."""
+    *gaussians, background = tensors
+    new, n = background.new_empty, len(gaussians[0])
+    width, height = call.camera.width, call.camera.height
+    across, t_min = cdiv(width, _WIDE), max(call.limits.t_min, _T_LEAST)
+    count = across * cdiv(height, _HIGH)
+    numbers = torch.from_numpy(parameters(call.camera, call.limits)).to(background.device, non_blocking=True)
+    record, box = new((n, _SHAPE), dtype=torch.float64), new((n, 4), dtype=torch.int32)
+    paint, depth, radius = record.view(torch.float32), new(n), new(n)
+    state, number = new(n, dtype=torch.int8), new(n, dtype=torch.int64)
+    projection.project[(cdiv(n, projection.BLOCK),)](
+        *gaussians, numbers, n, record, paint, box, depth, radius, state, number,
+        BLOCK=projection.BLOCK, **_OPTIONS,
+    )  # fmt: skip
+    size, call.culled = torch.stack([number.sum(), (state == int(BAD)).sum()]).tolist()
+    pairs, touched = tiles.match_all(number, depth, size, record, paint, box, across, count)
+    lists = tiles.sort(pairs, record, paint, across, count)
+    image, left = new((height, width, 3)), new((height, width))
+    evaluated, chunks = new(count, dtype=torch.int64), new(count, dtype=torch.int32)
+    # Each tile's last chunk may be short: this many there are at most, known without asking the device.
+    kept = new((size // tiles.CHUNK + count) * _PIXELS if call.keep else 1)
+    composite[(count,)](
+        lists.rows, lists.rows.shape[1], lists.start, lists.chunk_start, background, t_min,
+        across, height, width, kept, image, left, evaluated, chunks,
+        CHUNK=tiles.CHUNK, KEEP=call.keep, num_warps=1, **_OPTIONS,
+    )  # fmt: skip
+    call.visible, call.pairs = torch.stack([touched.sum(), evaluated.sum()]).tolist()
+    tables = _Tables(
+        numbers, record, radius, pairs.start, pairs.number, pairs.tile,
+        lists.start, lists.chunk_start, lists.slot, lists.rows, kept, chunks,
+    )  # fmt: skip
+    return image, left, tables
 
-    def __init__(self, tensors: list[torch.Tensor], call: _Call) -> None:
-        """Project all Gaussians and list them by tile."""
-        *self.tensors, self.background = tensors
-        self.call, self.n = call, len(tensors[0])
-        new = tensors[0].new_empty
-        n, width, height = self.n, call.camera.width, call.camera.height
-        self.across = cdiv(width, _WIDE)
-        self.tiles = self.across * cdiv(height, _HIGH)
-        self.t_min = max(call.limits.t_min, _T_LEAST)
-        self.parameters = torch.from_numpy(parameters(call.camera, call.limits)).to(tensors[0].device)
-        self.record = new((n, _SHAPE), dtype=torch.float64)
-        self.paint = self.record.view(torch.float32)
-        self.radius = new(n)
-        box, depth = new((n, 4), dtype=torch.int32), new(n)
-        state, number = new(n, dtype=torch.int8), new(n, dtype=torch.int64)
-        projection.project[(cdiv(n, projection.BLOCK),)](
-            *self.tensors, self.parameters, n, self.record, self.paint, box, depth, self.radius, state,
-            number, BLOCK=projection.BLOCK, **_OPTIONS,
-        )  # fmt: skip
-        self.size, call.culled = torch.stack([number.sum(), (state == int(BAD)).sum()]).tolist()
-        if self.size >= tiles.MAX_PAIRS:
-            raise ValueError(f"{self.size} pairs of Gaussian and tile are too many: render a smaller image")
-        start, owner = tiles.pair(number, depth, self.size)
-        tile = new(self.size, dtype=tiles.tile_type(self.tiles))
-        self.pairs = tiles.Pairs(start, number, owner, tile)
-        self.touched = torch.zeros_like(state)
-        tiles.match[(cdiv(self.size, tiles.BLOCK),)](
-            owner, start, self.record, self.paint, box, tile, self.touched,
-            self.size, self.across, self.tiles, BLOCK=tiles.BLOCK, **_OPTIONS,
-        )  # fmt: skip
-        self.lists = self._sort()
 
-    def _sort(self) -> tiles.Lists:
-        """The pairs that touch their tile, by tile."""
-        owner, tile = self.pairs.owner, self.pairs.tile
-        by_tile, slot = torch.sort(tile, stable=True)
-        every = torch.arange(self.tiles + 1, dtype=tile.dtype, device=tile.device)
-        start = torch.searchsorted(by_tile, every)
-        chunks = torch.div(torch.diff(start) + (tiles.CHUNK - 1), tiles.CHUNK, rounding_mode="floor")
-        stride = self.size + tiles.CHUNK
-        rows = self.radius.new_empty(tiles.FIELDS, stride)
-        tiles.gather[(cdiv(stride, tiles.BLOCK),)](
-            slot, owner, by_tile, self.record, self.paint, rows,
-            self.size, stride, self.across, self.tiles, BLOCK=tiles.BLOCK, **_OPTIONS,
-        )  # fmt: skip
-        return tiles.Lists(start, torch.cumsum(chunks, 0) - chunks, slot, rows)
+def _gradients(
+    tensors: list[torch.Tensor],
+    tables: _Tables,
+    call: _Call,
+    image: torch.Tensor,
+    left: torch.Tensor,
+    moving: bool,
+) -> tuple[list[torch.Tensor], torch.Tensor | None]:
+    """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, left).
 
-    def blend(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """The image [H, W, 3] and what is left of the light behind it [H, W]."""
-        call, lists = self.call, self.lists
-        width, height = call.camera.width, call.camera.height
-        new = self.radius.new_empty
-        image, left = new((height, width, 3)), new((height, width))
-        pairs, self.chunks = new(self.tiles, dtype=torch.int64), new(self.tiles, dtype=torch.int32)
-        # Each tile's last chunk may be short: this many there are at most, known without asking the device.
-        self.kept = new((self.size // tiles.CHUNK + self.tiles) * _PIXELS if call.keep else 1)
-        forward.composite[(self.tiles,)](
-            lists.rows, self.size + tiles.CHUNK, lists.start, lists.chunk_start, self.background, self.t_min,
-            self.across, height, width, self.kept, image, left, pairs, self.chunks,
-            CHUNK=tiles.CHUNK, KEEP=call.keep, num_warps=1, **_OPTIONS,
-        )  # fmt: skip
-        call.visible, call.pairs = torch.stack([self.touched.sum(), pairs.sum()]).tolist()
-        return image, left
-
-    def gradients(
-        self, image: torch.Tensor, left: torch.Tensor, moving: bool
-    ) -> tuple[list[torch.Tensor], torch.Tensor | None]:
-        """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, left).
-
-        And d loss / d view, if the camera is `moving`.
-        """
-        call, lists, pairs, n = self.call, self.lists, self.pairs, self.n
-        new = self.radius.new_empty
-        slots = self.radius.new_zeros(self.size, _SLOT)
-        composite_backward[(self.tiles,)](
-            lists.rows, self.size + tiles.CHUNK, lists.start, lists.chunk_start, lists.slot, self.background,
-            self.t_min, self.across, call.camera.height, call.camera.width, self.kept, self.chunks,
-            image, left, slots, CHUNK=tiles.CHUNK, num_warps=1, maxnreg=REGISTERS, **_OPTIONS,
-        )  # fmt: skip
-        found = [torch.empty_like(tensor) for tensor in self.tensors]
-        moments, weight = new((n, _MOMENTS), dtype=torch.float64), new(n)
-        sums.add_slots[(cdiv(n, sums.BLOCK),)](
-            slots, pairs.start, pairs.number, pairs.tile, self.record, n, self.across,
-            moments, found[4], weight, BLOCK=sums.BLOCK, num_warps=sums.WARPS, **_OPTIONS,
-        )  # fmt: skip
-        means, quats, scales, opacities, _ = self.tensors
-        screen, programs = new((n, 2)), cdiv(n, projection.BLOCK)
-        view = new((programs if moving else 1, _VIEW), dtype=torch.float64)
-        project_backward[(programs,)](
-            means, quats, scales, opacities, self.parameters, n, moments, weight,
-            *found[:4], screen, view, BLOCK=projection.BLOCK, MOVING=moving, **_OPTIONS,
-        )  # fmt: skip
-        if call.stats is not None:
-            _count(call.stats, call.camera, self.radius, screen, weight)
-        return found, view.sum(dim=0).cpu() if moving else None
+    And d loss / d view, if the camera is `moving`.
+    """
+    *gaussians, background = tensors
+    new, n = background.new_empty, len(gaussians[0])
+    width, height = call.camera.width, call.camera.height
+    across, t_min = cdiv(width, _WIDE), max(call.limits.t_min, _T_LEAST)
+    slots = background.new_zeros(len(tables.tile), _SLOT)
+    composite_backward[(len(tables.chunks),)](
+        tables.rows, tables.rows.shape[1], tables.list_start, tables.chunk_start, tables.slot, background,
+        t_min, across, height, width, tables.kept, tables.chunks, image, left, slots,
+        CHUNK=tiles.CHUNK, num_warps=1, maxnreg=REGISTERS, **_OPTIONS,
+    )  # fmt: skip
+    found = [torch.empty_like(tensor) for tensor in gaussians]
+    moments, weight = new((n, _MOMENTS), dtype=torch.float64), new(n)
+    sums.add_slots[(cdiv(n, sums.BLOCK),)](
+        slots, tables.start, tables.number, tables.tile, tables.record, n, across,
+        moments, found[4], weight, BLOCK=sums.BLOCK, num_warps=sums.WARPS, **_OPTIONS,
+    )  # fmt: skip
+    screen, programs = new((n, 2)), cdiv(n, projection.BLOCK)
+    view = new((programs if moving else 1, _VIEW), dtype=torch.float64)
+    project_backward[(programs,)](
+        *gaussians[:4], tables.parameters, n, moments, weight, *found[:4], screen, view,
+        BLOCK=projection.BLOCK, MOVING=moving, **_OPTIONS,
+    )  # fmt: skip
+    if call.stats is not None:
+        _count(call.stats, call.camera, tables.radius, screen, weight)
+    return found, view.sum(dim=0).cpu() if moving else None
 
 
 def _count(

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import torch
 import triton
 import triton.language as tl
+from triton import cdiv
 
-from recon.splat.gpu.project import HIGH, PAINT, SHAPE, WIDE
+from recon.splat.gpu.project import HIGH, OPTIONS, PAINT, SHAPE, WIDE
 
 BLOCK = 256
 """Pairs of a program."""
@@ -20,7 +21,8 @@ CHUNK = 8
 """Entries of a list between two kept transmittances; also what a list's rows are padded with."""
 FIELDS = 10
 """Rows of a table of entries: see `gather`."""
-MAX_PAIRS = 1 << 31
+MAX_PAIRS = 1 << 27
+"""So that the offsets of a table's rows fit in 32 bits; at about 300 bytes a pair, memory ends before."""
 _MAX_INT16 = (1 << 15) - 1
 _SLACK = tl.constexpr(1e-6)
 """The ellipse is widened by this fraction, so that rounding never drops a pixel that it touches."""
@@ -125,15 +127,45 @@ def gather(
         tl.store(to + (5 + field) * stride, tl.load(at + field, mask=here, other=0.0), mask=room)
 
 
-def pair(number: torch.Tensor, depth: torch.Tensor, total: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """First pairs int64 [N] and owners int32 [total] of the pairs, in order of depth, ties by index."""
+def match_all(
+    number: torch.Tensor,
+    depth: torch.Tensor,
+    size: int,
+    record: torch.Tensor,
+    paint: torch.Tensor,
+    box: torch.Tensor,
+    across: int,
+    tiles: int,
+) -> tuple[Pairs, torch.Tensor]:
+    """All pairs, in order of depth with ties in order of index; and `touched` of `match`.
+
+    number int64 [N] and what follows: from `project`; size: the sum of number. ValueError for too many.
+    """
+    if size >= MAX_PAIRS:
+        raise ValueError(f"{size} pairs of a Gaussian and a tile are too many: render a smaller image")
     order = torch.sort(depth, stable=True).indices
     counts = number[order]
     start = torch.empty_like(number)
     start[order] = torch.cumsum(counts, 0) - counts
-    return start, torch.repeat_interleave(order.to(torch.int32), counts, output_size=total)
+    owner = torch.repeat_interleave(order.to(torch.int32), counts, output_size=size)
+    # The smallest type that holds every number: half the time of a radix sort.
+    tile = number.new_empty(size, dtype=torch.int16 if tiles <= _MAX_INT16 else torch.int32)
+    touched = number.new_zeros(len(number), dtype=torch.int8)
+    match[(cdiv(size, BLOCK),)](
+        owner, start, record, paint, box, tile, touched, size, across, tiles, BLOCK=BLOCK, **OPTIONS
+    )
+    return Pairs(start, number, owner, tile), touched
 
 
-def tile_type(tiles: int) -> torch.dtype:
-    """The smallest type that holds every tile and the number behind the last: a radix sort's time."""
-    return torch.int16 if tiles <= _MAX_INT16 else torch.int32
+def sort(pairs: Pairs, record: torch.Tensor, paint: torch.Tensor, across: int, tiles: int) -> Lists:
+    """The pairs that touch their tile, by tile."""
+    by_tile, slot = torch.sort(pairs.tile, stable=True)
+    every = torch.arange(tiles + 1, dtype=by_tile.dtype, device=by_tile.device)
+    start = torch.searchsorted(by_tile, every)
+    chunks = torch.div(torch.diff(start) + (CHUNK - 1), CHUNK, rounding_mode="floor")
+    size, stride = len(by_tile), len(by_tile) + CHUNK
+    rows = paint.new_empty(FIELDS, stride)
+    gather[(cdiv(stride, BLOCK),)](
+        slot, pairs.owner, by_tile, record, paint, rows, size, stride, across, tiles, BLOCK=BLOCK, **OPTIONS
+    )
+    return Lists(start, torch.cumsum(chunks, 0) - chunks, slot, rows)

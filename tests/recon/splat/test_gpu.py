@@ -396,5 +396,5 @@ def test_tensors_are_told_where_to_go(scene_of: Any, monkeypatch: pytest.MonkeyP
     for name in [name for name in sys.modules if name.startswith("recon.splat.gpu")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "triton", None)
-    with pytest.raises(ReconstructionError, match="needs Triton, which is not installed: install it"):
+    with pytest.raises(ReconstructionError, match=r"needs Triton 3\.4 or newer: install torch"):
         splat._rasterizer("cuda", torch.float32)
