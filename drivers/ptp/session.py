@@ -1,0 +1,276 @@
+"""A PTP session: operations that end in a value or in one of our errors, properties, objects, events."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from drivers.clock import Clock
+from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused, CameraTimeout
+from drivers.ptp.codec import Command, Event, Reader, Value, pack_value, unpack_value
+from drivers.ptp.codes import (
+    EVERY_FORMAT,
+    EVERY_PARENT,
+    EVERY_STORAGE,
+    UNKNOWN_LENGTH,
+    DataType,
+    Operation,
+    ResponseCode,
+)
+from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
+from drivers.ptp.transport import MOST_BYTES, TIMEOUT, Reply, Transport
+
+SESSION = 1
+FIRST_TIMEOUT = 8.0
+"""Seconds for the first command, which tells whether anybody is there."""
+PATIENCE = 8.0
+"""Seconds for which a busy camera is asked again."""
+PIECE = 1 << 20
+"""Bytes of one partial download; 5 MiB crash a Canon EOS R."""
+
+_REPEATABLE = frozenset(
+    {
+        Operation.GET_DEVICE_INFO,
+        Operation.GET_STORAGE_IDS,
+        Operation.GET_STORAGE_INFO,
+        Operation.GET_NUM_OBJECTS,
+        Operation.GET_OBJECT_HANDLES,
+        Operation.GET_OBJECT_INFO,
+        Operation.GET_OBJECT,
+        Operation.GET_PARTIAL_OBJECT,
+        Operation.GET_DEVICE_PROP_DESC,
+        Operation.GET_DEVICE_PROP_VALUE,
+        Operation.SET_DEVICE_PROP_VALUE,
+    }
+)
+_GONE = {ResponseCode.SESSION_NOT_OPEN, ResponseCode.INVALID_TRANSACTION_ID}
+_TORN = {ResponseCode.INCOMPLETE_TRANSFER, ResponseCode.TRANSACTION_CANCELLED}
+
+T = TypeVar("T")
+
+
+class RefusedWith(CameraRefused):
+    """The camera refused with a response code, `code`."""
+
+    def __init__(self, where: str, operation: int, code: int) -> None:
+        known = code in ResponseCode.__members__.values()
+        reason = ResponseCode(code).name.lower().replace("_", " ") if known else f"code 0x{code:04X}"
+        mend = "free its card" if code == ResponseCode.STORE_FULL else "check its mode dial and menus"
+        super().__init__(f"{where} refused operation 0x{operation:04X} ({reason}): {mend}.")
+        self.code = code
+
+
+@dataclass
+class Download:
+    """An object on its way: what came already is not fetched again, not even in another session."""
+
+    handle: int
+    info: ObjectInfo
+    data: bytearray
+
+
+class PtpSession:
+    """One open session on a transport. All errors are CameraError; after CameraLost it is of no more use."""
+
+    def __init__(self, transport: Transport, clock: Clock) -> None:
+        self.transport, self.clock = transport, clock
+        self.where = transport.pipe.where
+        self._transaction = 0
+        self._types: dict[int, DataType] = {}
+        self.info = DeviceInfo()
+
+    def open(self) -> DeviceInfo:
+        """Open the session, then ask who is there; in this order some responders insist on it."""
+        try:
+            self._begin()
+            self.info = DeviceInfo.unpack(self.get(Operation.GET_DEVICE_INFO, timeout=FIRST_TIMEOUT))
+        except BaseException:
+            self.transport.close()
+            raise
+        return self.info
+
+    def supports(self, operation: int) -> bool:
+        """Whether the camera lists an operation."""
+        return operation in self.info.operations
+
+    def run(
+        self,
+        operation: int,
+        *parameters: int,
+        data: bytes | None = None,
+        timeout: float = TIMEOUT,
+        most: int = MOST_BYTES,
+        repeatable: bool | None = None,
+        patience: float = PATIENCE,
+    ) -> Reply:
+        """Run an operation until the camera says OK.
+
+        Busy is asked again for `patience` seconds, then CameraBusy. An operation that may be done twice
+        is done once more after an error that the connection survived. CameraRefused for other answers.
+        """
+        may_repeat = operation in _REPEATABLE if repeatable is None else repeatable
+
+        def attempt() -> Reply:
+            command = Command(operation, self._next(), parameters)
+            reply = self._recovered(command, data, timeout, most)
+            code = reply.response.code
+            if code in _GONE:
+                self._begin()
+                raise CameraProtocol(f"{self.where} had dropped the session: try again.")
+            if code in _TORN:
+                raise CameraProtocol(f"{self.where} broke operation 0x{operation:04X} off: try again.")
+            return reply
+
+        def insisting() -> Reply:
+            try:
+                return attempt()
+            except (CameraProtocol, CameraTimeout):
+                if not may_repeat:
+                    raise
+                return attempt()
+
+        return self._patiently(operation, insisting, patience)
+
+    def get(
+        self, operation: int, *parameters: int, timeout: float = TIMEOUT, most: int = MOST_BYTES
+    ) -> bytes:
+        """Run an operation that answers with data, and may be run twice; CameraProtocol if it sends none."""
+        data = self.run(operation, *parameters, timeout=timeout, most=most, repeatable=True).data
+        if data is None:
+            raise CameraProtocol(f"{self.where} sent nothing for operation 0x{operation:04X}: try again.")
+        return data
+
+    def describe(self, code: int) -> DevicePropDesc:
+        """A property: its type, value and choices."""
+        found = DevicePropDesc.unpack(self.get(Operation.GET_DEVICE_PROP_DESC, code))
+        if found.code != code:
+            raise CameraProtocol(f"{self.where} described property 0x{found.code:04X}, not 0x{code:04X}.")
+        self._types[code] = found.data_type
+        return found
+
+    def read_property(self, code: int) -> Value:
+        """A property's value."""
+        kind = self._type(code)
+        return unpack_value(kind, self.get(Operation.GET_DEVICE_PROP_VALUE, code))
+
+    def write_property(self, code: int, value: Value) -> None:
+        """Set a property; CameraRefused if the value does not fit its type or the camera will not."""
+        kind = self._type(code)
+        try:
+            packed = pack_value(kind, value)
+        except ValueError as error:
+            raise CameraRefused(f"{self.where} has no value {value!r} of property 0x{code:04X}.") from error
+        self.run(Operation.SET_DEVICE_PROP_VALUE, code, data=packed)
+
+    def handles(self) -> tuple[int, ...]:
+        """The handles of all objects in all storages."""
+        data = self.get(Operation.GET_OBJECT_HANDLES, EVERY_STORAGE, EVERY_FORMAT, EVERY_PARENT)
+        return Reader(data).array(DataType.UINT32)
+
+    def object_info(self, handle: int) -> ObjectInfo:
+        """What an object is."""
+        return ObjectInfo.unpack(self.get(Operation.GET_OBJECT_INFO, handle))
+
+    def download(self, one: Download) -> bytes:
+        """All of an object; in pieces where the camera can, so that an error costs one piece.
+
+        After an error, also in another session, the same Download goes on where it stopped.
+        """
+        size = one.info.size
+        if size == UNKNOWN_LENGTH or not self.supports(Operation.GET_PARTIAL_OBJECT):
+            most = 1 << 32 if size == UNKNOWN_LENGTH else max(size, 1)
+            data = self.get(Operation.GET_OBJECT, one.handle, most=most)
+            one.data[:] = data
+        else:
+            self.pieces(one, lambda offset, count: self._piece(one.handle, offset, count))
+        if size != UNKNOWN_LENGTH and len(one.data) != size:
+            raise CameraProtocol(f"{self.where} sent {len(one.data)} of {size} bytes of {one.info.filename}.")
+        return bytes(one.data)
+
+    def pieces(self, one: Download, fetch: Callable[[int, int], bytes]) -> None:
+        """Fill a Download by `fetch(offset, count)`, which may return less; CameraProtocol if it is empty."""
+        while len(one.data) < one.info.size:
+            count = min(PIECE, one.info.size - len(one.data))
+            piece = fetch(len(one.data), count)
+            if not 0 < len(piece) <= count:
+                raise CameraProtocol(f"{self.where} sent {len(piece)} bytes where {count} were asked for.")
+            one.data += piece
+
+    def events(self, timeout: float) -> list[Event]:
+        """Events that came, or come within `timeout` seconds."""
+        return self.transport.events(timeout)
+
+    def close(self) -> None:
+        """Close the session, as far as the camera still listens, and let go."""
+        try:
+            self.transport.transact(Command(Operation.CLOSE_SESSION, self._next()), timeout=2.0)
+        except (CameraLost, CameraProtocol, CameraTimeout):
+            pass
+        finally:
+            self.transport.close()
+
+    def _piece(self, handle: int, offset: int, count: int) -> bytes:
+        return self.get(Operation.GET_PARTIAL_OBJECT, handle, offset, count, most=count)
+
+    def _type(self, code: int) -> DataType:
+        return self._types[code] if code in self._types else self.describe(code).data_type
+
+    def _next(self) -> int:
+        self._transaction = self._transaction % (UNKNOWN_LENGTH - 1) + 1  # never 0 nor 0xFFFFFFFF
+        return self._transaction
+
+    def _recovered(self, command: Command, data: bytes | None, timeout: float, most: int) -> Reply:
+        """A transaction; one that fails leaves a pipe and a session that can go on."""
+        try:
+            return self.transport.transact(command, data, timeout=timeout, most=most)
+        except (CameraProtocol, CameraTimeout) as error:
+            if not self.transport.recover(error, command.transaction):
+                self._begin()
+            raise
+
+    def _begin(self) -> None:
+        """OpenSession; a session that somebody left open is closed first, by a reset if it must be."""
+        for mend in (self._close_stale, self.transport.reset, None):
+            reply = self._open_once()
+            if reply.response.code == ResponseCode.OK:
+                self._transaction = 0
+                return
+            if reply.response.code != ResponseCode.SESSION_ALREADY_OPENED or mend is None:
+                raise RefusedWith(self.where, Operation.OPEN_SESSION, reply.response.code)
+            try:
+                mend()
+            except (CameraProtocol, CameraTimeout):
+                continue
+
+    def _open_once(self) -> Reply:
+        command = Command(Operation.OPEN_SESSION, 0, (SESSION,))
+
+        def attempt() -> Reply:
+            try:
+                return self.transport.transact(command, timeout=FIRST_TIMEOUT)
+            except (CameraProtocol, CameraTimeout) as error:
+                self.transport.recover(error, 0)
+                return self.transport.transact(command, timeout=FIRST_TIMEOUT)
+
+        return self._patiently(Operation.OPEN_SESSION, attempt, PATIENCE, accept=True)
+
+    def _close_stale(self) -> None:
+        self.transport.transact(Command(Operation.CLOSE_SESSION, self._next()), timeout=FIRST_TIMEOUT)
+
+    def _patiently(
+        self, operation: int, attempt: Callable[[], Reply], patience: float, *, accept: bool = False
+    ) -> Reply:
+        """Attempts until the camera is no longer busy; `accept` any answer but Busy, else only OK."""
+        end, pause = self.clock.now() + patience, 0.005
+        while True:
+            reply = attempt()
+            code = reply.response.code
+            if code == ResponseCode.OK:
+                return reply
+            if code != ResponseCode.DEVICE_BUSY:
+                if accept:
+                    return reply
+                raise RefusedWith(self.where, operation, code)
+            if self.clock.now() >= end:
+                raise CameraBusy(f"{self.where} stays busy: let it finish writing, or switch it off and on.")
+            self.clock.sleep(pause)
+            pause = min(1.5 * pause, 0.1)
