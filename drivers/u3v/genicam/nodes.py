@@ -1,0 +1,125 @@
+"""What all nodes of a GenICam description share: references, availability, access, limits."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from drivers.errors import CameraProtocol, CameraRefused
+from drivers.u3v.genicam.description import Element
+from drivers.u3v.genicam.formula import Number, wrapped
+
+UNLIMITED = float("inf")
+Value = Number | str | bool
+
+
+class Memory(Protocol):
+    """Where registers live."""
+
+    def read(self, address: int, size: int) -> bytes:
+        """`size` bytes from `address`."""
+        ...
+
+    def write(self, address: int, data: bytes) -> None:
+        """Write `data` to `address`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The smallest and the largest value, and the step between values where there is one."""
+
+    low: float
+    high: float
+    step: float | None = None
+
+    def check(self, value: Number) -> None:
+        """CameraRefused unless a value keeps to them."""
+        off = 0.0 if not self.step or self.low == -UNLIMITED else (value - self.low) % self.step
+        if not self.low <= value <= self.high or off:
+            steps = f" in steps of {self.step:g}" if self.step else ""
+            raise CameraRefused(f"{value} is not in {self.low:g} to {self.high:g}{steps}: give another value")
+
+
+@dataclass
+class Surroundings:
+    """What nodes need: each other, the device's memory and, per frame, its chunks by ChunkID."""
+
+    find: Callable[[str], "Node"]
+    memory: Memory
+    chunks: dict[int, bytes] = field(default_factory=dict)
+
+
+class Node:
+    """A node; kinds of nodes override what they can do. Errors name no feature: the node map adds it."""
+
+    def __init__(self, element: Element, around: Surroundings) -> None:
+        self.element, self.around = element, around
+
+    def get(self) -> Value:
+        """The value: int, float or str."""
+        raise CameraProtocol(f"a {self.element.tag} has no value")
+
+    def set(self, value: Value) -> None:
+        """Set the value. CameraRefused if it cannot be."""
+        raise CameraRefused(f"a {self.element.tag} cannot be set")
+
+    def limits(self) -> Limits:
+        """Where the value may be."""
+        return Limits(-UNLIMITED, UNLIMITED)
+
+    def target_access(self) -> str:
+        """What the register or the node behind lets one do: RW, RO or WO."""
+        return "RW"
+
+    def available(self) -> bool:
+        """Whether it is implemented and there at the moment."""
+        return all(self._true(tag, True) for tag in ("pIsImplemented", "pIsAvailable"))
+
+    def access(self) -> str:
+        """What may be done at the moment: letters of R and W."""
+        if not self.available():
+            return ""
+        told = {self.target_access(), self.element.first("ImposedAccessMode") or "RW"}
+        may = "RW"
+        if "RO" in told or self._true("pIsLocked", False):
+            may = may.replace("W", "")
+        return may.replace("R", "") if "WO" in told else may
+
+    def refer(self, tag: str) -> "Node | None":
+        """The node that <tag> names."""
+        name = self.element.first(tag)
+        return None if name is None else self.around.find(name)
+
+    def number(self, tag: str) -> Number | None:
+        """What <tag> says, or the value of the node that <pTag> names."""
+        literal = self.element.first(tag)
+        if literal is not None:
+            return as_number(literal)
+        node = self.refer("p" + tag)
+        return None if node is None else numeric(node.get())
+
+    def whole(self, tag: str) -> int | None:
+        """As `number`, in whole numbers."""
+        value = self.number(tag)
+        return None if value is None else int(value)
+
+    def _true(self, tag: str, otherwise: bool) -> bool:
+        node = self.refer(tag)
+        return otherwise if node is None else bool(numeric(node.get()))
+
+
+def numeric(value: Value) -> Number:
+    """A value that must be a number. CameraProtocol."""
+    if isinstance(value, str):
+        raise CameraProtocol(f"{value!r} is no number")
+    return value
+
+
+def as_number(text: str) -> Number:
+    """A literal: whole in tens or 0x, else a float. CameraProtocol."""
+    try:
+        if text.lower().startswith("0x"):
+            return wrapped(int(text, 16))
+        return float(text) if set(text) & set(".eEnN") else wrapped(int(text))
+    except ValueError:
+        raise CameraProtocol(f"{text!r} is no number") from None

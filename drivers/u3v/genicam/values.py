@@ -1,0 +1,197 @@
+"""Nodes whose value another node keeps: Integer, Float, Boolean, Enumeration, Command, String."""
+
+import math
+
+from drivers.errors import CameraProtocol, CameraRefused
+from drivers.u3v.genicam.formula import Number
+from drivers.u3v.genicam.nodes import UNLIMITED, Limits, Node, Value, numeric
+
+
+class Holder(Node):
+    """A node whose value is in itself, in the node of pValue, or in one chosen by pIndex."""
+
+    _own: Value | None = None
+
+    def target(self) -> Node | None:
+        """The node that keeps the value."""
+        index = self.refer("pIndex")
+        if index is None:
+            return self.refer("pValue")
+        place = int(numeric(index.get()))
+        for child in self.element.all("pValueIndexed"):
+            if child.attributes.get("Index") == str(place):
+                return self.around.find(child.text)
+        return self.refer("pValueDefault")
+
+    def target_access(self) -> str:
+        """That of the node that keeps the value; a value of its own can be read and set."""
+        target = self.target()
+        if target is None:
+            return "RW"
+        return {"R": "RO", "W": "WO"}.get(target.access(), "RW")
+
+    def literal(self) -> Number:
+        """The value where no other node keeps it."""
+        index = self.refer("pIndex")
+        if index is not None:
+            place = str(int(numeric(index.get())))
+            for child in self.element.all("ValueIndexed"):
+                if child.attributes.get("Index") == place:
+                    return float(child.text) if "." in child.text else int(child.text, 0)
+        value = self.number("ValueDefault" if index is not None else "Value")
+        if value is None:
+            raise CameraProtocol("it has no value")
+        return value
+
+    def raw(self) -> Value:
+        """What the node behind gives, or the value of its own."""
+        target = self.target()
+        if target is not None:
+            return target.get()
+        return self.literal() if self._own is None else self._own
+
+    def put(self, value: Value) -> None:
+        """Give a value to the node behind and to the copies, or keep it."""
+        target = self.target()
+        if target is None:
+            self._own = value
+        else:
+            target.set(value)
+        for copy in self.element.all("pValueCopy"):
+            self.around.find(copy.text).set(value)
+
+    def limits(self) -> Limits:
+        """Min, Max and Inc of its own, else those of the node behind."""
+        target = self.target()
+        behind = Limits(-UNLIMITED, UNLIMITED) if target is None else target.limits()
+        low, high, step = self.number("Min"), self.number("Max"), self.number("Inc")
+        return Limits(
+            behind.low if low is None else max(low, behind.low),
+            behind.high if high is None else min(high, behind.high),
+            behind.step if step is None else step,
+        )
+
+
+class Integer(Holder):
+    """Integer."""
+
+    def get(self) -> int:
+        """The number."""
+        return int(numeric(self.raw()))
+
+    def set(self, value: Value) -> None:
+        """Set the number, which must keep to the limits."""
+        number = numeric(value)
+        if number != int(number):
+            raise CameraRefused(f"{value} is no whole number: give another value")
+        self.limits().check(int(number))
+        self.put(int(number))
+
+
+class Float(Holder):
+    """Float."""
+
+    def get(self) -> float:
+        """The number."""
+        return float(numeric(self.raw()))
+
+    def set(self, value: Value) -> None:
+        """Set the number, which must keep to the limits; steps are the device's own affair."""
+        number = float(numeric(value))
+        limits = self.limits()
+        if not math.isfinite(number):
+            raise CameraRefused(f"{value} is no finite number: give another value")
+        Limits(limits.low, limits.high).check(number)
+        self.put(number)
+
+
+class Boolean(Holder):
+    """Boolean: 1 or 0."""
+
+    def get(self) -> int:
+        """Whether the node behind has the OnValue."""
+        on = self.whole("OnValue")
+        return int(self.raw() == (1 if on is None else on))
+
+    def set(self, value: Value) -> None:
+        """Set to OnValue or OffValue."""
+        on, off = self.whole("OnValue"), self.whole("OffValue")
+        self.put((1 if on is None else on) if value else (0 if off is None else off))
+
+    def literal(self) -> Number:
+        """true, false or a number."""
+        words = {"true": 1, "false": 0}
+        word = words.get((self.element.first("Value") or "").lower())
+        return super().literal() if word is None else word
+
+
+class Enumeration(Holder):
+    """Enumeration: a number whose values have names."""
+
+    def entries(self) -> dict[str, int]:
+        """The available entries and their numbers."""
+        found = {}
+        for element in self.element.all("EnumEntry"):
+            entry = Node(element, self.around)
+            value = entry.whole("Value")
+            if value is not None and entry.available():
+                found[element.name] = value
+        return found
+
+    def get(self) -> int:
+        """The number."""
+        return int(numeric(self.raw()))
+
+    def name(self) -> str:
+        """The entry. CameraProtocol if the number has none."""
+        number = self.get()
+        for element in self.element.all("EnumEntry"):
+            if Node(element, self.around).whole("Value") == number:
+                return element.name
+        raise CameraProtocol(f"its value {number} has no name")
+
+    def set(self, value: Value) -> None:
+        """Choose an entry by its name or number."""
+        entries = self.entries()
+        number = entries.get(value) if isinstance(value, str) else int(value)
+        if number is None or number not in entries.values():
+            raise CameraRefused(f"{value!r} is not offered: choose among {', '.join(entries)}")
+        self.put(number)
+
+
+class Command(Holder):
+    """Command: writing its value does something."""
+
+    def execute(self) -> None:
+        """Do it."""
+        self.put(self._command())
+
+    def done(self) -> bool:
+        """Whether the device has taken the value back; true where that cannot be read."""
+        target = self.target()
+        return target is None or "R" not in target.access() or target.get() != self._command()
+
+    def _command(self) -> int:
+        value = self.whole("CommandValue")
+        if value is None:
+            raise CameraProtocol("it has no CommandValue")
+        return value
+
+
+class String(Holder):
+    """String."""
+
+    def get(self) -> str:
+        """The text."""
+        return str(self.raw())
+
+    def set(self, value: Value) -> None:
+        """Set the text."""
+        self.put(str(value))
+
+    def raw(self) -> Value:
+        """The text of its own is not read as a number."""
+        return (self.element.first("Value") or "") if self._text_is_own() else super().raw()
+
+    def _text_is_own(self) -> bool:
+        return self.target() is None and self._own is None

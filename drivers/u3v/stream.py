@@ -1,0 +1,234 @@
+"""Frames from the streaming interface of a USB3 Vision device: leader, payload, trailer."""
+
+import struct
+from array import array
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.clock import Clock
+from drivers.errors import CameraProtocol, CameraRefused, CameraTimeout
+from drivers.u3v.control import ControlChannel
+from drivers.u3v.registers import Sirm
+from drivers.usb import EndpointStalled, UsbPipe
+
+LEADER_MAGIC, TRAILER_MAGIC = b"U3VL", b"U3VT"
+IMAGE, CHUNKS = 0x0001, 0x4000
+"""Payload types: an image, and the bit that says that chunks follow it."""
+_LEADER = struct.Struct("<4sHHQHHQIIIIIHH")
+_TRAILER = struct.Struct("<4sHHQHHQI")
+LEADER_SIZE, TRAILER_SIZE = _LEADER.size, _TRAILER.size
+_LARGEST_TRANSFER = 1 << 20
+_LARGEST_PAYLOAD = 1 << 31
+_STALE = 1.0
+"""Seconds without a byte after which the rest of a frame does not come."""
+
+
+@dataclass(frozen=True)
+class Leader:
+    """What comes before a frame. timestamp: ns of the device's clock; padding: bytes after each row."""
+
+    block: int
+    payload_type: int
+    timestamp: int
+    pixel_format: int
+    width: int
+    height: int
+    left: int = 0
+    top: int = 0
+    padding: int = 0
+
+    def pack(self) -> bytes:
+        """The 52 bytes."""
+        head = (LEADER_MAGIC, 0, LEADER_SIZE, self.block, 0, self.payload_type, self.timestamp)
+        image = (self.pixel_format, self.width, self.height, self.left, self.top, self.padding, 0)
+        return _LEADER.pack(*head, *image)
+
+    @classmethod
+    def parse(cls, data: bytes) -> "Leader | None":
+        """The leader at the beginning of `data`; None if there is none."""
+        if len(data) < LEADER_SIZE or data[:4] != LEADER_MAGIC:
+            return None
+        _, _, _, block, _, kind, timestamp, *image, _ = _LEADER.unpack_from(data)
+        return cls(block, kind, timestamp, *image)
+
+
+@dataclass(frozen=True)
+class Trailer:
+    """What comes after a frame. status: 0 if all is well; valid: bytes of payload that count."""
+
+    block: int
+    status: int
+    valid: int
+    height: int
+
+    def pack(self) -> bytes:
+        """The 32 bytes."""
+        head = (TRAILER_MAGIC, 0, TRAILER_SIZE, self.block)
+        return _TRAILER.pack(*head, self.status, 0, self.valid, self.height)
+
+    @classmethod
+    def parse(cls, data: bytes) -> "Trailer | None":
+        """The trailer at the beginning of `data`; None if there is none."""
+        if len(data) < TRAILER_SIZE or data[:4] != TRAILER_MAGIC:
+            return None
+        _, _, _, block, status, _, valid, height = _TRAILER.unpack_from(data)
+        return cls(block, status, valid, height)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame as it came. payload: uint8; problem: what is missing of it, None if nothing is."""
+
+    leader: Leader
+    payload: npt.NDArray[np.uint8]
+    problem: str | None
+
+
+@dataclass(frozen=True)
+class TransferPlan:
+    """How a payload is cut into USB transfers: `count` of `size` bytes and one of `last`, if not 0."""
+
+    size: int
+    count: int
+    last: int
+
+    @classmethod
+    def of(cls, payload: int, alignment: int) -> "TransferPlan":
+        """The plan for a payload; sizes are multiples of `alignment`."""
+        size = max(_LARGEST_TRANSFER // alignment * alignment, alignment)
+        return cls(size, payload // size, -(-(payload % size) // alignment) * alignment)
+
+    def sizes(self) -> list[int]:
+        """The transfers in order."""
+        return [self.size] * self.count + ([self.last] if self.last else [])
+
+
+class StreamChannel:
+    """Sets the stream up, and reads frame after frame; errors are those of `UsbPipe` and `ControlChannel`."""
+
+    def __init__(self, pipe: UsbPipe, control: ControlChannel, sirm: int, clock: Clock) -> None:
+        self._pipe, self._control, self._sirm, self._clock = pipe, control, sirm, clock
+        self._endpoint = pipe.endpoint(into_host=True)
+        self._buffers: dict[int, array[int]] = {}
+        self._plan = TransferPlan.of(0, 1)
+        self._payload = 0
+        self._early: Leader | None = None
+
+    def start(self) -> None:
+        """Agree on transfers as the camera is set now, and let it send; AcquisitionStart comes after."""
+        number = self._control.read_number
+        self._enable(False)
+        alignment = 1 << min(number(self._sirm + Sirm.INFO, 4) >> 24, 20)
+        self._payload = number(self._sirm + Sirm.REQUIRED_PAYLOAD, 8)
+        if not 0 < self._payload <= _LARGEST_PAYLOAD:
+            raise CameraProtocol(f"{self._pipe.where} announces frames of {self._payload} bytes.")
+        self._plan = TransferPlan.of(self._payload, alignment)
+        leader = number(self._sirm + Sirm.REQUIRED_LEADER, 4)
+        trailer = number(self._sirm + Sirm.REQUIRED_TRAILER, 4)
+        for register, value in (
+            (Sirm.LARGEST_LEADER, -(-leader // alignment) * alignment),
+            (Sirm.TRANSFER_SIZE, self._plan.size),
+            (Sirm.TRANSFER_COUNT, self._plan.count),
+            (Sirm.LAST_TRANSFER, self._plan.last),
+            (Sirm.LAST_TRANSFER_2, 0),
+            (Sirm.LARGEST_TRAILER, -(-trailer // alignment) * alignment),
+        ):
+            self._control.write_number(self._sirm + register, 4, value)
+        self._pipe.clear_halt(self._endpoint)
+        self._early = None
+        self._enable(True)
+
+    def stop(self) -> None:
+        """Have it send no more; AcquisitionStop comes before."""
+        self._enable(False)
+
+    def next_frame(self, timeout: float) -> Frame:
+        """The next frame, complete or not, that begins within `timeout` s. CameraTimeout if none does."""
+        leader = self._leader(timeout)
+        payload = np.empty(self._payload, np.uint8)
+        filled, problem = 0, None
+        try:
+            for size in self._plan.sizes():
+                data = self._read(size, _STALE)
+                trailer = self._ending(data, leader)
+                if trailer is not None:
+                    return self._closed(leader, payload[:filled], trailer)
+                if self._early is not None:
+                    return Frame(leader, payload[:filled], "its payload broke off")
+                part = data[: len(payload) - filled]
+                payload[filled : filled + len(part)] = part
+                filled += len(part)
+                if len(data) < size:
+                    break
+            trailer = self._ending(self._read(_LARGEST_TRANSFER, _STALE), leader)
+            if trailer is not None:
+                return self._closed(leader, payload[:filled], trailer)
+            problem = "its trailer is missing"
+        except CameraTimeout:
+            problem = "the rest of it did not come"
+        except EndpointStalled:
+            self._pipe.clear_halt(self._endpoint)
+            problem = "the camera halted the stream"
+        except CameraProtocol as error:
+            problem = str(error)
+        return Frame(leader, payload[:filled], problem)
+
+    def _leader(self, timeout: float) -> Leader:
+        """The next leader; whatever else comes before it belongs to a frame that is lost."""
+        deadline = self._clock.now() + timeout
+        while self._early is None:
+            left = deadline - self._clock.now()
+            if left <= 0:
+                raise CameraTimeout(
+                    f"{self._pipe.where} sent no frame within {timeout:.3g} s: check trigger and exposure."
+                )
+            try:
+                self._early = Leader.parse(self._read(_LARGEST_TRANSFER, left)[:LEADER_SIZE].tobytes())
+            except EndpointStalled:
+                self._pipe.clear_halt(self._endpoint)
+            except CameraTimeout:
+                continue
+        leader, self._early = self._early, None
+        if leader.payload_type & ~CHUNKS != IMAGE:
+            raise CameraRefused(
+                f"{self._pipe.where} sends payloads of type {leader.payload_type:#06x}, not images."
+            )
+        return leader
+
+    def _ending(self, data: npt.NDArray[np.uint8], leader: Leader) -> Trailer | None:
+        """The frame's trailer if `data` is that; the leader of the next frame is kept for later."""
+        if len(data) > 1024:
+            return None
+        told = data.tobytes()
+        trailer = Trailer.parse(told)
+        if trailer is not None and trailer.block == leader.block:
+            return trailer
+        if len(data) == LEADER_SIZE:
+            self._early = Leader.parse(told)
+        return None
+
+    def _closed(self, leader: Leader, payload: npt.NDArray[np.uint8], trailer: Trailer) -> Frame:
+        """A frame with its trailer, judged."""
+        problem = None
+        if trailer.status:
+            problem = f"the camera says that it lost parts (status {trailer.status:#06x})"
+        elif len(payload) < trailer.valid:
+            problem = f"{trailer.valid - len(payload)} bytes of its payload are missing"
+        return Frame(leader, payload[: trailer.valid], problem)
+
+    def _read(self, size: int, timeout: float) -> npt.NDArray[np.uint8]:
+        """One transfer of at most `size` bytes; the array is overwritten by the next."""
+        packet = self._endpoint.wMaxPacketSize or 1
+        whole = -(-size // packet) * packet
+        buffer = self._buffers.get(whole)
+        if buffer is None:
+            buffer = self._buffers[whole] = array("B", bytes(whole))
+        count = self._pipe.read_into(self._endpoint, buffer, timeout)
+        view: Any = memoryview(buffer)
+        return np.frombuffer(view, np.uint8, count)
+
+    def _enable(self, on: bool) -> None:
+        self._control.write_number(self._sirm + Sirm.CONTROL, 4, int(on))
