@@ -38,9 +38,9 @@ class Kind(Enum):
     UNPLUG = "unplug"
     """The cable comes out after `count` bytes of the answer and is back `seconds` later."""
     EXPOSURE_OFF = "exposure off"
-    """The exposure lasts 1 + `share` times as long as the camera says."""
+    """The shutter opens for 1 + `share` times what is set, to the nearest time there is; the file says so."""
     STORE_FULL = "store full"
-    """Nothing can be stored any more."""
+    """Nothing can be stored until something is deleted."""
     SLOW_CARD = "slow card"
     """Storing takes `seconds` longer."""
     SPLIT_HEADER = "header split from payload"
@@ -61,7 +61,10 @@ CAPTURE_FAULTS = EVENT_FAULTS | {Kind.EXPOSURE_OFF, Kind.STORE_FULL, Kind.SLOW_C
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault: at the `nth` time, from 1, that camera `serial` is asked for `operation`; see `Kind`."""
+    """One fault: at the `nth` time that camera `serial` is asked for `operation`; see `Kind`.
+
+    nth: from 1; 0 is every time.
+    """
 
     kind: Kind
     serial: str = EVERY
@@ -160,4 +163,4 @@ class FaultPlan:
     def _hits(self, fault: Fault, serial: str, operation: str) -> bool:
         if fault.serial not in (EVERY, serial) or fault.operation not in (EVERY, operation):
             return False
-        return fault.nth == self._counts[serial, fault.operation]
+        return fault.nth in (0, self._counts[serial, fault.operation])

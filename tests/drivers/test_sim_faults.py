@@ -31,6 +31,12 @@ def test_any_operation_counts_all_of_a_cameras_and_several_faults_strike_togethe
     assert plan.strike("A", "shoot", ALL) == (third, late)
 
 
+def test_nth_zero_is_every_time() -> None:
+    split = Fault(Kind.SPLIT_HEADER, nth=0)
+    plan = FaultPlan(VirtualClock(), [split])
+    assert [plan.strike("A", name, ALL) for name in "xyx"] == 3 * [(split,)]
+
+
 def test_a_fault_strikes_only_where_it_can() -> None:
     plan = FaultPlan(VirtualClock(), [Fault(Kind.LOST_EVENT)])
     assert plan.strike("A", "GetObject", frozenset({Kind.BUSY})) == ()

@@ -1,0 +1,117 @@
+"""Sony's way: a handshake, one blob with all properties, buttons to press, the shot waiting in memory."""
+
+import struct
+
+from drivers.ptp.codec import Event, pack_array, pack_value, unpack_value
+from drivers.ptp.codes import (
+    DataType,
+    Operation,
+    ResponseCode,
+    SonyEvent,
+    SonyOperation,
+    SonyProperty,
+)
+from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
+from drivers.sim.ptp_manner import Manner
+from drivers.sim.ptp_operations import Handler, Phase, Reply, Request
+from drivers.sim.ptp_shooting import Announcement, News
+
+MEMORY_HANDLE = 0xFFFFC001
+_PROTOCOL = 0x00C8
+_OBJECT_READY = 0x8000
+_PRESSED = 2
+_BUTTONS = (SonyProperty.HALF_PRESS, SonyProperty.FULL_PRESS)
+_ENABLED = 1
+
+
+class Sony(Manner):
+    """SDIO_Connect, GetAllExtDevicePropInfo, the shutter button."""
+
+    _connected = 0
+
+    def operations(self) -> dict[int, Handler]:
+        """Sony's own; neither the standard's capture nor its way of setting properties works."""
+        return {
+            SonyOperation.SDIO_CONNECT: Handler(self._connect, Phase.TO_HOST),
+            SonyOperation.GET_EXT_DEVICE_INFO: Handler(self._ext_device_info, Phase.TO_HOST),
+            SonyOperation.SET_CONTROL_A: Handler(self._set, Phase.TO_CAMERA),
+            SonyOperation.SET_CONTROL_B: Handler(self._press, Phase.TO_CAMERA, shoots=True),
+            SonyOperation.GET_ALL_EXT_DEVICE_PROP_INFO: Handler(self._everything, Phase.TO_HOST),
+            Operation.SET_DEVICE_PROP_VALUE: Handler(self._refuse, Phase.TO_CAMERA),
+        }
+
+    def device_properties(self) -> tuple[int, ...]:
+        """None that DeviceInfo names: GetExtDeviceInfo does."""
+        return ()
+
+    def begin(self) -> None:
+        """The handshake has to be done again."""
+        self._connected = 0
+
+    def announce(self, one: Announcement) -> None:
+        """The object is ready in memory, which an event and a property say."""
+        if one.news is News.OBJECT_ADDED:
+            self.properties.put(SonyProperty.OBJECT_IN_MEMORY, _OBJECT_READY + 1)
+            self.tell(Event(SonyEvent.OBJECT_ADDED, 0, (one.handle,)))
+
+    def changed(self, code: int) -> None:
+        """The blob shows it."""
+
+    def fetched(self, handle: int) -> None:
+        """Reading frees the memory."""
+        if handle == MEMORY_HANDLE:
+            self.shooting.store.delete(handle)
+            self.properties.put(SonyProperty.OBJECT_IN_MEMORY, 0)
+
+    def _connect(self, request: Request) -> Reply:
+        self._connected = max(self._connected, request.parameter(0))
+        return Reply(data=bytes(8))
+
+    def _ext_device_info(self, request: Request) -> Reply:
+        if self._connected < 2:
+            return Reply(ResponseCode.ACCESS_DENIED)
+        settings = pack_array(DataType.UINT16, self.properties.codes())
+        return Reply(data=struct.pack("<H", _PROTOCOL) + settings + pack_array(DataType.UINT16, _BUTTONS))
+
+    def _everything(self, request: Request) -> Reply:
+        if self._connected < 3:
+            return Reply(ResponseCode.ACCESS_DENIED)
+        told = [self.properties.description(code) for code in self.properties.codes()]
+        entries = [_entry(one) for one in told if one is not None]
+        return Reply(data=struct.pack("<II", len(entries), 0) + b"".join(entries))
+
+    def _set(self, request: Request) -> Reply:
+        if self._connected < 3:
+            return Reply(ResponseCode.ACCESS_DENIED)
+        return Reply(self.properties.set(request.parameter(0), request.data))
+
+    def _press(self, request: Request) -> Reply:
+        button = request.parameter(0)
+        if self._connected < 3 or button not in _BUTTONS or len(request.data) != 2:
+            return Reply(ResponseCode.INVALID_PARAMETER)
+        pressed = unpack_value(DataType.UINT16, request.data) == _PRESSED
+        if button != SonyProperty.FULL_PRESS or not pressed:
+            return Reply()
+        store = self.shooting.store
+        if store.data(MEMORY_HANDLE) is not None:
+            return Reply(ResponseCode.DEVICE_BUSY)
+        return Reply(self.shooting.shoot(request.transaction, request.faults, MEMORY_HANDLE))
+
+    def _refuse(self, request: Request) -> Reply:
+        return Reply(ResponseCode.ACCESS_DENIED)
+
+
+def _entry(told: DevicePropDesc) -> bytes:
+    """A descriptor in the blob: the standard's, with a byte more that says whether it can be set now."""
+    kind = told.data_type
+    head = struct.pack("<HHBB", told.code, kind, told.writable, _ENABLED if told.writable else 2)
+    values = pack_value(kind, told.default) + pack_value(kind, told.current)
+    match told.form:
+        case RangeForm(minimum, maximum, step):
+            form = b"\1" + b"".join(pack_value(kind, value) for value in (minimum, maximum, step))
+        case EnumForm(choices):
+            packed = b"".join(pack_value(kind, value) for value in choices)
+            form = b"\2" + struct.pack("<H", len(choices)) + packed
+        case None:
+            form = b"\0"
+    return head + values + form

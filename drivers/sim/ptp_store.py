@@ -1,0 +1,105 @@
+"""What a simulated camera has stored: a card with folders and files, and its working memory."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime
+
+from drivers.ptp.codec import pack_moment
+from drivers.ptp.codes import EVERY_FORMAT, EVERY_PARENT, ROOT_PARENT, FormatCode
+from drivers.ptp.datasets import ObjectInfo, StorageInfo
+
+STORAGE = 0x00010001
+_ROOT, _FOLDER, _FIRST_FILE = 0x10000000, 0x10010000, 0x10010001
+_GENERIC_FOLDER = 1
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """A file before it is stored."""
+
+    data: bytes
+    format: int
+    suffix: str
+    width: int
+    height: int
+    taken: datetime
+
+
+class Store:
+    """Objects by handle. Folders DCIM and, inside it, the camera's are there before the first photograph."""
+
+    def __init__(self, folder: str, prefix: str, capacity: int = 1 << 34) -> None:
+        self.capacity = capacity
+        self.full = False
+        """Whether it takes no more, whatever its capacity, until something is deleted."""
+        self._prefix = prefix
+        self._next = 0
+        self._bytes: dict[int, bytes] = {}
+        self._infos: dict[int, ObjectInfo] = {}
+        for handle, parent, name in ((_ROOT, 0, "DCIM"), (_FOLDER, _ROOT, folder)):
+            self._infos[handle] = ObjectInfo(
+                storage=STORAGE,
+                format=FormatCode.ASSOCIATION,
+                parent=parent,
+                association_type=_GENERIC_FOLDER,
+                filename=name,
+            )
+
+    @property
+    def free(self) -> int:
+        """Bytes."""
+        return 0 if self.full else self.capacity - sum(map(len, self._bytes.values()))
+
+    def info(self) -> StorageInfo:
+        """The card: removable RAM with a DCIM tree, to be read and written."""
+        images = self.free // max(map(len, self._bytes.values()), default=1 << 25)
+        return StorageInfo(4, 3, 0, self.capacity, self.free, min(images, 0xFFFFFFFE), "SD", "")
+
+    def add(self, photograph: Photograph, memory_handle: int | None = None) -> int:
+        """Store a file and return its handle; `memory_handle` keeps it in working memory, off the card."""
+        self._next += 1
+        handle = _FIRST_FILE + self._next - 1 if memory_handle is None else memory_handle
+        moment = pack_moment(photograph.taken)
+        self._infos[handle] = ObjectInfo(
+            storage=STORAGE if memory_handle is None else 0,
+            format=photograph.format,
+            size=len(photograph.data),
+            thumb_format=FormatCode.EXIF_JPEG,
+            width=photograph.width,
+            height=photograph.height,
+            bit_depth=24 if photograph.format == FormatCode.EXIF_JPEG else 16,
+            parent=_FOLDER if memory_handle is None else 0,
+            filename=f"{self._prefix}{self._next:04d}{photograph.suffix}",
+            capture_date=moment,
+            modification_date=moment,
+        )
+        self._bytes[handle] = photograph.data
+        return handle
+
+    def object_info(self, handle: int) -> ObjectInfo | None:
+        """About an object; None if there is none."""
+        return self._infos.get(handle)
+
+    def data(self, handle: int) -> bytes | None:
+        """The bytes of a file; None if it is none."""
+        return self._bytes.get(handle)
+
+    def handles(self, wanted: int = EVERY_FORMAT, parent: int = EVERY_PARENT) -> tuple[int, ...]:
+        """Objects on the card of a format and in a folder, as GetObjectHandles counts those."""
+        return tuple(self._matching(wanted, parent))
+
+    def delete(self, handle: int) -> bool:
+        """Delete a file; whether it was one."""
+        if self._bytes.pop(handle, None) is None:
+            return False
+        del self._infos[handle]
+        self.full = False
+        return True
+
+    def _matching(self, wanted: int, parent: int) -> Iterable[int]:
+        for handle, info in self._infos.items():
+            if info.storage != STORAGE or (wanted != EVERY_FORMAT and info.format != wanted):
+                continue
+            folder = 0 if parent == ROOT_PARENT else parent
+            if parent == EVERY_PARENT or info.parent == folder:
+                yield handle
