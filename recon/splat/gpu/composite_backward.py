@@ -15,9 +15,6 @@ from recon.splat.gpu.composite import PIXELS, cover, places, read_colour, read_e
 from recon.splat.gpu.project import HIGH, WIDE
 from recon.splat.gpu.tuples import appended
 
-REGISTERS = 128
-"""Of a thread at most. Left alone ptxas takes 198 for sm_90, and 10 warps would fit where 16 do; it pays with
-5 % more instructions (ptxas of CUDA 12.9, not timed)."""
 SLOT = tl.constexpr(10)
 """Floats of a slot: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the tile's centre,
 the sums of s, s x, s y, s x x, s x y, s y y, then of w g (3), then the largest w."""
@@ -89,7 +86,7 @@ def composite_backward(
         for j in tl.static_range(CHUNK - 1, -1, -1):
             w = alphas[j] * lights[j]
             present = first + j < stop
-            colour = read_colour(rows, stride, first + j)
+            colour = read_colour(rows, stride, first + j, stop)
             d = tl.fma(red, colour[0], tl.fma(green, colour[1], tl.fma(blue, colour[2], -behind)))
             behind = tl.fma(alphas[j], d, behind)
             to = slots + tl.load(slot + (first + j), mask=present, other=0) * SLOT + lane

@@ -253,6 +253,23 @@ def test_one_bad_number_is_enough(scene_of: Any, device: str) -> None:
     assert not render.image.any()
 
 
+@pytest.mark.filterwarnings("ignore:.*encountered in:RuntimeWarning")  # NumPy's, in the interpreter
+def test_an_overflow_stays_in_its_tile(device: str) -> None:
+    """Lists lie one behind the other, and a list's last chunk reaches into the next."""
+    means = torch.tensor([[-0.7, -0.5, 2.0], [0.8, -0.5, 2.0]])
+    quats, scales = torch.tensor([[1.0, 0, 0, 0]]).repeat(2, 1), torch.full((2, 3), 0.05)
+    opacities, colours = torch.full((2,), 0.5), torch.tensor([[1.0] * 3, [3e38] * 3])
+    found = []
+    for count in (1, 2):
+        tensors = [t[:count].to(device).requires_grad_() for t in (means, quats, scales, opacities, colours)]
+        render = rasterize_gpu(*tensors, CAMERA, None, Limits(), None)
+        assert render.visible == count
+        (render.image * 10).sum().backward()
+        found.append([t.grad[0] for t in tensors])
+    assert all(torch.equal(*pair) for pair in zip(*found, strict=True))
+    assert all(torch.isfinite(gradient).all() for gradient in found[1])
+
+
 def test_degenerate_needles(scene_of: Any, device: str) -> None:
     scene = smaller(scene_of("needles"), 6)
     scene.scales[:, 0] = torch.tensor([1e3, 1e4, 1e5, 1e6, 1e7, 1e10])
