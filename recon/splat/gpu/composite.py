@@ -12,10 +12,6 @@ import triton.language as tl
 
 from recon.splat.gpu.project import HIGH, WIDE
 
-REGISTERS = 128
-"""Of a thread at most, here and in the backward pass. Left alone, ptxas (of CUDA 12.9, for sm_90) takes 198
-there, and 10 warps would fit on a multiprocessor where 16 do; it pays with 5 % more instructions (counted, not
-timed)."""
 PIXELS = tl.constexpr(WIDE.value * HIGH.value)
 _ROUND = tl.constexpr(12582912.0)
 """1.5 x 2^23: a float32 this large holds whole numbers only, and those in its lowest bits."""

@@ -15,8 +15,8 @@ from recon.splat.camera import SplatCamera
 from recon.splat.gpu import project as projection
 from recon.splat.gpu import slots as sums
 from recon.splat.gpu import tiles
-from recon.splat.gpu.composite import PIXELS, REGISTERS, composite
-from recon.splat.gpu.composite_backward import SLOT, composite_backward
+from recon.splat.gpu.composite import PIXELS, composite
+from recon.splat.gpu.composite_backward import REGISTERS, SLOT, composite_backward
 from recon.splat.gpu.project_backward import project_backward
 from recon.splat.gpu.project_view import VIEW
 from recon.splat.limits import Limits
@@ -145,7 +145,7 @@ def _render(tensors: list[torch.Tensor], call: _Call) -> tuple[torch.Tensor, tor
     composite[(count,)](
         lists.rows, lists.rows.shape[1], lists.start, lists.chunk_start, background, t_min,
         across, height, width, kept, image, left, evaluated, chunks,
-        CHUNK=tiles.CHUNK, KEEP=call.keep, num_warps=1, maxnreg=REGISTERS, **_OPTIONS,
+        CHUNK=tiles.CHUNK, KEEP=call.keep, num_warps=1, **_OPTIONS,
     )  # fmt: skip
     call.visible, call.pairs = torch.stack([touched.sum(), evaluated.sum()]).tolist()
     tables = _Tables(

@@ -28,4 +28,4 @@ def test_every_kernel_compiles_and_spills_next_to_nothing(tmp_path: Path) -> Non
         assert one["REG"] <= 255, one
         assert one["STACK"] <= 256, one
     tiles = [one for one in found if one["kernel"].startswith("composite")]
-    assert all(one["REG"] <= 128 for one in tiles), tiles  # room for 16 warps on a multiprocessor
+    assert all(one["REG"] <= 160 for one in tiles), tiles  # room for 12 warps on a multiprocessor
