@@ -18,7 +18,11 @@ from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
 
 pytest.importorskip("triton", reason="Triton is for Linux")
 
+import triton
+import triton.language as tl
+
 from recon.splat.gpu import rasterize_gpu
+from recon.splat.gpu.composite import cover
 
 NAMES = ("means", "quats", "scales", "opacities", "colours")
 CAMERA = SplatCamera(np.eye(4), fx=20, fy=20, cx=12, cy=9, width=24, height=18)
@@ -189,6 +193,33 @@ def test_layer_that_crosses_the_cut_off_counts(device: str) -> None:
     render = sheets(device, [2.0, 3.0, 4.0], [0.5, 0.999, 0.9], [1.0, 3.0, 1e6], Limits(t_min=1e-2))
     assert (render.image / (0.5 + 0.5 * 0.999 * 3.0) - 1).abs().max() < 1e-5
     assert (render.alpha - (1 - 0.5 * 0.001)).abs().max() < 1e-6
+
+
+@triton.jit
+def _alphas(whitened, opacity, out, through, SIZE: tl.constexpr):
+    i = tl.arange(0, SIZE)
+    zero = tl.zeros([SIZE], tl.float32)
+    ellipse = (zero, tl.load(whitened + i), zero, zero, zero, zero - 60.0, tl.load(opacity))
+    _, alpha, rest = cover(ellipse, zero, zero, zero + 1.0, 0.0)
+    tl.store(out + i, alpha)
+    tl.store(through + i, rest)
+
+
+@pytest.mark.parametrize("opacity", [1.0, 1 - 2.0**-24, 0.999, 0.5, 1e-6])
+def test_alpha_and_its_complement_keep_their_digits(device: str, opacity: float) -> None:
+    """Pins the rounding of the exponential: a reordered sum would make it wrong by whole powers of two."""
+    whitened = np.concatenate([np.linspace(0, 7.7, 2048), np.geomspace(1e-5, 1, 2048)]).astype(np.float32)
+    opacity = float(np.float32(opacity))
+    out, through = torch.empty(2, len(whitened), device=device)
+    _alphas[(1,)](
+        torch.from_numpy(whitened).to(device), torch.full((1,), opacity, device=device), out, through,
+        SIZE=len(whitened),
+    )  # fmt: skip
+    t = -(whitened * whitened).astype(np.float64)
+    np.testing.assert_allclose(out.cpu(), opacity * np.exp2(t), rtol=4e-7)
+    complement = (1 - opacity) - opacity * np.expm1(t * math.log(2))
+    np.testing.assert_allclose(through.cpu(), complement, rtol=1.5e-6, atol=0)
+    assert out.max() <= 1
 
 
 @pytest.mark.parametrize("power", [-20, 1])
