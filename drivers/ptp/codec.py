@@ -221,6 +221,10 @@ class Reader:
         self._at += size
         return self._data[self._at - size : self._at]
 
+    def peek_u16(self) -> int:
+        """The next 16 bits, without taking them."""
+        return int.from_bytes(self._data[self._at : self._at + 2], "little")
+
     def integer(self, data_type: DataType) -> int:
         """The next integer of a type."""
         return int.from_bytes(self.take(data_type.item_size), "little", signed=data_type.is_signed)

@@ -153,6 +153,8 @@ class PropertyCode(IntEnum):
     """Standard properties, and the units of those that have one."""
 
     BATTERY_LEVEL = 0x5001
+    IMAGE_SIZE = 0x5003
+    """String, as 6048x4024."""
     COMPRESSION_SETTING = 0x5004
     WHITE_BALANCE = 0x5005
     F_NUMBER = 0x5007

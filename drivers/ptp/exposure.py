@@ -14,10 +14,21 @@ from drivers.ptp.codes import (
     SonyProperty,
 )
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
-from drivers.ptp.shutter import CANON_SHUTTER, QUOTIENT, SONY_QUOTIENT, TICKS, Coding, eighths, exact, labels
+from drivers.ptp.shutter import (
+    CANON_SHUTTER,
+    MICROSECONDS,
+    QUOTIENT,
+    SONY_QUOTIENT,
+    TICKS,
+    Coding,
+    eighths,
+    exact,
+    labels,
+)
 
 _F_NUMBERS = labels(
-    "1 1.1 1.2 1.4 1.6 1.8 2 2.2 2.5 2.8 3.2 3.5 4 4.5 5 5.6 6.3 7.1 8 9 10 11 13 14 16 18 20 22 25 29 32 36 40 45"
+    "1 1.1 1.2 1.4 1.6 1.8 2 2.2 2.5 2.8 3.2 3.5 4 4.5 5 5.6 6.3 7.1 8 9 10 11 13 14 16 18 20 22 25 29 32 "
+    "36 40 45"
 )
 _HALF_F_NUMBERS = labels("1.2 1.8 2.5 3.5 4.5 6.7 9.5 13 19 27")
 _ISOS = labels(
@@ -43,6 +54,7 @@ LONG_ISO = exact(lambda code: float(code) if 0 < code < 0xFFFFFF else None)
 """Nikon's D0B4 and Sony's D21E; Sony's 0xFFFFFF is automatic and its upper byte a mode."""
 
 STANDARD_TIME = (PropertyCode.EXPOSURE_TIME, TICKS)
+FUJI_TIME = (PropertyCode.EXPOSURE_TIME, MICROSECONDS)
 STANDARD_F_NUMBER = (PropertyCode.F_NUMBER, HUNDREDTHS)
 STANDARD_ISO = (PropertyCode.EXPOSURE_INDEX, PLAIN_ISO)
 NIKON_TIME = (NikonProperty.SHUTTER_SPEED, QUOTIENT)

@@ -89,6 +89,10 @@ TICKS = Coding(_ticks, _tick_candidates)
 """Property 500D, 100 us: 1 may be 1/6400, 1/8000 s or less, and 2 may be 1/4000 or 1/5000 s."""
 
 
+MICROSECONDS = exact(lambda code: code * 1e-6 if 0 < code < 0xFFFFFFF0 else None)
+"""Fuji's 500D: an X-T4 sent 19686, which is 2**(-17/3) s, where its dial stood at 1/50."""
+
+
 def _quotient(code: int) -> float | None:
     """Numerator in the upper 16 bits, denominator in the lower; the last 16 codes are bulb and the like."""
     over, under = divmod(code, 1 << 16)

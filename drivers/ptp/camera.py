@@ -1,0 +1,246 @@
+"""A still camera on USB as a `Camera`: the state machine of one shot, over plugs that are pulled."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, TypeVar
+
+from drivers import usb
+from drivers.camera import CameraIdentity, Capabilities, EncodedPhoto
+from drivers.clock import Clock
+from drivers.errors import CameraLost, CameraProtocol, CameraRefused
+from drivers.ptp.codes import PropertyCode
+from drivers.ptp.connection import Connection
+from drivers.ptp.exposure import Choice, Dial
+from drivers.ptp.picture import best_of, decode
+from drivers.ptp.session import Download, PtpSession
+from drivers.ptp.vendors.standard import StandardBody
+from imaging.errors import CameraError, InputError
+from imaging.exposure import Exposure
+from imaging.mosaic import RawMosaic
+
+_MOST_OBJECTS = 8
+"""Objects of one shot beyond which a camera has renumbered its card."""
+
+T = TypeVar("T")
+
+
+def find_cameras(backend: Any, clock: Clock) -> list["PtpCamera"]:
+    """Every connected PTP camera, none of them opened: the first question to one opens it."""
+    return [PtpCamera(found, backend, clock) for found in usb.find(usb.STILL_IMAGE, backend)]
+
+
+class PtpCamera:
+    """One camera, known by its serial number; found again under it after it was unplugged.
+
+    confirmed: whether the file last collected was exposed as the camera had read back, by its own metadata.
+    certain: whether what was last set has one meaning, or a file has told which one it is.
+    """
+
+    def __init__(self, found: usb.UsbDevice, backend: Any, clock: Clock) -> None:
+        self._connection, self._clock = Connection(found, backend, clock), clock
+        self._body: StandardBody | None = None
+        self._wanted: Exposure | None = None
+        self._choices: list[tuple[Dial, Choice]] = []
+        self._triggered: Exposure | None = None
+        self._known: set[int] = set()
+        self._objects: list[Download] = []
+        self._size, self._bits = (0, 0), 0
+        self.confirmed = self.certain = False
+
+    @property
+    def where(self) -> str:
+        """Where on the bus it was last seen."""
+        return self._connection.where
+
+    def identify(self) -> CameraIdentity:
+        """Who it is."""
+        if self._connection.identity is None:
+            self._again(lambda body: None)
+        assert self._connection.identity is not None
+        return self._connection.identity
+
+    def verified(self) -> str:
+        """What the layer for its make has been tried on."""
+        return self._again(lambda body: body.verified)
+
+    def capabilities(self) -> Capabilities:
+        """What it can be set to now; sizes and bits are 0 where it does not say before its first picture."""
+        return self._again(self._capabilities)
+
+    def set_exposure(self, exposure: Exposure) -> Exposure:
+        """Set the nearest exposure the camera lists and return what it reads back.
+
+        A time that ExposureTime's 100 us leave open is the candidate nearest to the request, and not
+        `certain`. CameraRefused if the camera is not at manual exposure.
+        """
+        self._objects, self._triggered = [], None
+        found = self._again(lambda body: self._set(body, exposure))
+        self._wanted = exposure
+        return found
+
+    def arm(self) -> None:
+        """Wait until the camera takes orders, and forget what it told of earlier shots."""
+        self._must(self._wanted is not None, "be armed")
+        self._again(lambda body: body.wait_ready())
+
+    def trigger(self) -> float:
+        """Expose; the clock's time, s, at which the camera took the order. It is not given twice."""
+        self._must(self._wanted is not None, "be triggered")
+        body = self._connected()
+        self._objects, self._triggered = [], None
+        time = next(choice.value for dial, choice in self._choices if dial is body.time)
+        self._known = body.known
+        try:
+            body.release()
+        except CameraLost:
+            self._drop()
+            raise
+        self._triggered = Exposure(time=time)
+        return self._clock.now()
+
+    def collect(self) -> RawMosaic | EncodedPhoto:
+        """The picture that trigger() took: the RAW file if there is one, else what the camera developed.
+
+        A camera that is unplugged meanwhile is found again and asked for the shot. CameraTimeout if no
+        picture comes, CameraProtocol if it stays damaged.
+        """
+        self._must(self._triggered is not None, "deliver a picture")
+        assert self._triggered is not None
+        time = self._triggered.time
+
+        def emptied(body: StandardBody) -> RawMosaic | EncodedPhoto:
+            if body.known is not self._known:
+                self._continue_on(body)
+            self._objects = self._objects or body.wait(time)
+            return self._fetched(body)
+
+        frame = self._again(emptied)
+        self._triggered = None
+        return frame
+
+    def close(self) -> None:
+        """Give the camera back to its own buttons and let go; a second time does nothing."""
+        body, self._body = self._body, None
+        if body is not None:
+            with suppress(CameraError):
+                body.leave()
+            body.session.close()
+
+    def _must(self, fit: bool, what: str) -> None:
+        if not fit:
+            raise CameraError(
+                f"{self.where} cannot {what} yet: call set_exposure, arm, trigger and collect in this order."
+            )
+
+    def _again(self, act: Callable[[StandardBody], T]) -> T:
+        """Do something with the camera, a second time if it was unplugged and came back."""
+        for last in (False, True):
+            try:
+                return act(self._connected())
+            except CameraLost:
+                self._drop()
+                if last:
+                    raise
+        raise AssertionError  # one of the two returned or raised
+
+    def _connected(self) -> StandardBody:
+        """The camera, opened if it is not; CameraLost if it does not come back."""
+        if self._body is None:
+            self._body = self._connection.open()
+            if self._wanted is not None:
+                self._set(self._body, self._wanted)
+        return self._body
+
+    def _drop(self) -> None:
+        body, self._body = self._body, None
+        if body is not None:
+            body.session.transport.close()
+
+    def _capabilities(self, body: StandardBody) -> Capabilities:
+        width, height = self._size if self._size[0] else _stated_size(body)
+        return Capabilities(width, height, self._bits, *map(_values, (body.time, body.f_number, body.iso)))
+
+    def _set(self, body: StandardBody, exposure: Exposure) -> Exposure:
+        if body.time is None:
+            raise CameraRefused(f"{self.where} has no exposure time to set: turn its mode dial to M.")
+        body.wait_ready()
+        asked = ((body.f_number, exposure.f_number), (body.iso, exposure.iso), (body.time, exposure.time))
+        self._choices = [
+            (dial, dial.set(value, self._clock.sleep))
+            for dial, value in asked
+            if dial is not None and value is not None
+        ]
+        self.certain = all(choice.certain for _, choice in self._choices)
+        at = {id(dial): choice.value for dial, choice in self._choices}
+        return Exposure(time=at[id(body.time)], f_number=at.get(id(body.f_number)), iso=at.get(id(body.iso)))
+
+    def _continue_on(self, body: StandardBody) -> None:
+        """Take a shot up again in a new session: the same files under whatever handles they have now."""
+        if not self._objects:
+            new = body.known - self._known
+            if len(new) > _MOST_OBJECTS:
+                raise CameraRefused(
+                    f"{self.where} renumbered its card while it was away: take the shot again."
+                )
+            body.known -= new
+            self._known = body.known
+            return
+        for one in self._objects:
+            one.handle = self._handle_of(body.session, one)
+        self._known = body.known
+
+    def _handle_of(self, session: PtpSession, one: Download) -> int:
+        for handle in (one.handle, *reversed(session.handles())):
+            with suppress(CameraRefused):
+                if session.object_info(handle) == one.info:
+                    return handle
+        raise CameraRefused(f"{self.where} no longer has {one.info.filename}: take the shot again.")
+
+    def _fetched(self, body: StandardBody) -> RawMosaic | EncodedPhoto:
+        """The best picture of the shot, whole; the camera may then forget all of them."""
+        best = best_of(self._objects)
+        try:
+            frame = decode(body.fetch(best), best)
+        except InputError:
+            best.data.clear()
+            try:
+                frame = decode(body.fetch(best), best)
+            except InputError as error:
+                raise CameraProtocol(f"{self.where} delivered a damaged file twice: {error}") from error
+        for one in self._objects:
+            with suppress(CameraError):  # the picture is here; what is stuck shows in the next shot
+                body.discard(one)
+        self._objects = []
+        self._verify(body, frame)
+        return frame
+
+    def _verify(self, body: StandardBody, frame: RawMosaic | EncodedPhoto) -> None:
+        """Hold the file's own exposure against what the camera had read back, and learn from it."""
+        if isinstance(frame, RawMosaic):
+            height, width = frame.pixels.shape
+            self._size, self._bits = (width, height), frame.white.bit_length()
+        else:
+            self._size, self._bits = (frame.width, frame.height), 8
+        told = frame.metadata.exposure
+        self.confirmed = told is not None
+        if told is None:
+            return
+        for dial, choice in self._choices:
+            own = {id(body.time): told.time, id(body.f_number): told.f_number, id(body.iso): told.iso}
+            value = own.get(id(dial))
+            if value is not None and not dial.confirm(choice, value):
+                self.confirmed = False
+        self.certain = self.certain or self.confirmed
+
+
+def _values(dial: Dial | None) -> tuple[float, ...]:
+    return () if dial is None else tuple(choice.value for choice in dial.choices())
+
+
+def _stated_size(body: StandardBody) -> tuple[int, int]:
+    """Width and height by the property that holds them as `6048x4024`; zeros where there is none."""
+    if PropertyCode.IMAGE_SIZE in body.session.info.properties:
+        width, _, height = str(body.session.describe(PropertyCode.IMAGE_SIZE).current).partition("x")
+        if width.isdecimal() and height.isdecimal():
+            return int(width), int(height)
+    return 0, 0

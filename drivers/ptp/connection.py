@@ -1,0 +1,94 @@
+"""A camera under its serial number: opened, lost, and found again at whatever address it has then."""
+
+from contextlib import suppress
+from typing import Any, Literal
+
+from drivers import usb
+from drivers.camera import CameraIdentity
+from drivers.clock import Clock
+from drivers.errors import CameraLost
+from drivers.ptp.codes import USB_VENDORS, CanonOperation, SonyOperation, VendorId
+from drivers.ptp.session import PtpSession
+from drivers.ptp.transport import Transport
+from drivers.ptp.vendors.canon import CanonBody
+from drivers.ptp.vendors.nikon import NikonBody
+from drivers.ptp.vendors.sony import SonyBody
+from drivers.ptp.vendors.standard import StandardBody
+from imaging.errors import CameraError
+
+REPLUG_SECONDS = 10.0
+"""Seconds for which a camera that vanished is looked for."""
+_LOOK_EVERY = 0.25
+
+
+def body_for(session: PtpSession, usb_vendor: int) -> StandardBody:
+    """The layer for a make, if the body lists its operations.
+
+    By DeviceInfo's vendor extension, by USB vendor id where that does not say.
+    """
+    vendor = session.info.vendor_extension
+    if vendor not in (VendorId.NIKON, VendorId.CANON, VendorId.SONY):
+        vendor = USB_VENDORS.get(usb_vendor, vendor)
+    if vendor == VendorId.NIKON:
+        return NikonBody(session)
+    if vendor == VendorId.CANON and session.supports(CanonOperation.SET_REMOTE_MODE):
+        return CanonBody(session)
+    if vendor == VendorId.SONY and session.supports(SonyOperation.SDIO_CONNECT):
+        return SonyBody(session)
+    return StandardBody(session)
+
+
+class Connection:
+    """The way to one camera. `identity` is None before it was first opened."""
+
+    def __init__(self, found: usb.UsbDevice, backend: Any, clock: Clock) -> None:
+        self._found: usb.UsbDevice | None = found
+        self._backend, self._clock = backend, clock
+        self._usb = (found.device.idVendor, found.device.idProduct)
+        self._usb_serial: str | None = None
+        self.where = found.where
+        self.identity: CameraIdentity | None = None
+
+    def open(self) -> StandardBody:
+        """Open a session and take control; after the first time, wherever the camera is now.
+
+        CameraLost if it does not come back, and all other CameraErrors.
+        """
+        found, self._found = self._found, None
+        return self._searched() if found is None else self._opened(found)
+
+    def _searched(self) -> StandardBody:
+        end = self._clock.now() + REPLUG_SECONDS
+        while True:
+            for found in usb.find(usb.STILL_IMAGE, self._backend):
+                if self._may_be(found):
+                    with suppress(CameraError):
+                        return self._opened(found)
+            if self._clock.now() >= end:
+                name = self.identity.serial if self.identity else self.where
+                raise CameraLost(f"Camera {name} is no longer there: plug it in again and wake it up.")
+            self._clock.sleep(_LOOK_EVERY)
+
+    def _may_be(self, found: usb.UsbDevice) -> bool:
+        """Whether it looks the same from outside; others may be in use and are left alone."""
+        same = (found.device.idVendor, found.device.idProduct) == self._usb
+        return same and (self._usb_serial is None or found.serial() == self._usb_serial)
+
+    def _opened(self, found: usb.UsbDevice) -> StandardBody:
+        """CameraLost if it is another camera than this connection's."""
+        usb_serial, pipe = found.serial(), found.open()
+        try:
+            session = PtpSession(Transport(pipe, self._clock), self._clock)
+            info = session.open()
+            serial = info.serial or usb_serial or found.where
+            if self.identity is not None and serial != self.identity.serial:
+                raise CameraLost(f"{found.where} is camera {serial}, not {self.identity.serial}.")
+            body = body_for(session, self._usb[0])
+            body.enter()
+        except BaseException:
+            pipe.close()
+            raise
+        kind: Literal["raw", "ldr"] = "raw" if body.delivers_raw() else "ldr"
+        self.identity = CameraIdentity(serial, info.manufacturer, info.model, kind)
+        self._usb_serial, self.where = usb_serial, found.where
+        return body

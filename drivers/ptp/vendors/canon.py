@@ -1,0 +1,171 @@
+"""Canon EOS: remote and event mode, properties by way of events, pictures to the host.
+
+Source: CAPTURE 2.4, libgphoto2's layout of event records, and what an EOS 6D and an R6 sent (data/ptp).
+Verified against: the tests' responder only; no hardware. Left out: setting the image format (choose RAW in
+the camera's menu), bulb, in-camera bracketing, live view, autofocus and its result.
+"""
+
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+
+from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
+from drivers.ptp.codec import Reader, Value, damaged
+from drivers.ptp.codes import CanonEvent, CanonOperation, CanonProperty, DataType
+from drivers.ptp.datasets import DevicePropDesc, EnumForm, ObjectInfo
+from drivers.ptp.exposure import CANON_DIALS, Dial
+from drivers.ptp.session import Download
+from drivers.ptp.vendors.standard import StandardBody
+from drivers.ptp.waiting import GRACE, deadline
+
+TO_HOST = 4
+_CAPACITY = (0x0FFFFFFF, 0x1000, 1)
+"""Free clusters, bytes of a cluster, reset: room on the host, without which nothing is shot."""
+_LIST = 3
+_PAUSE = 0.05
+_MOST_BATCHES = 64
+_HALF, _FULL = 1, 2
+
+
+def unpack_records(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """The records of GetEvent: type and payload, up to the empty one that ends them; CameraProtocol."""
+    reader = Reader(data)
+    while reader.left >= 8:
+        size, kind = reader.u32(), reader.u32()
+        if (size, kind) == (8, 0):
+            return
+        if size < 8:
+            raise damaged(f"an event record of {size} bytes")
+        yield kind, reader.take(size - 8)
+
+
+def unpack_object(kind: int, payload: bytes) -> Download:
+    """An ObjectAddedEx or RequestObjectTransfer record."""
+    reader = Reader(payload)
+    handle = reader.u32()
+    storage = reader.u32() if kind == CanonEvent.OBJECT_ADDED_EX else 0
+    form = reader.u16()
+    reader.take(10 if kind == CanonEvent.OBJECT_ADDED_EX else 6)
+    size = reader.u32()
+    reader.take(8 if kind == CanonEvent.OBJECT_ADDED_EX else 4)
+    name = reader.take(reader.left).partition(b"\0")[0].decode("ascii", "replace")
+    return Download(handle, ObjectInfo(storage=storage, format=form, size=size, filename=name), bytearray())
+
+
+class CanonBody(StandardBody):
+    """An EOS DSLR or R."""
+
+    def enter(self) -> None:
+        """Remote mode, event mode, all properties, the host as the destination."""
+        self._properties: dict[int, DevicePropDesc] = {}
+        self._added: list[Download] = []
+        self.session.run(CanonOperation.SET_REMOTE_MODE, 1, repeatable=True)
+        self.session.run(CanonOperation.SET_EVENT_MODE, 1, repeatable=True)
+        self._listen()
+        self.write(CanonProperty.CAPTURE_DESTINATION, TO_HOST)
+        with suppress(CameraBusy):  # libgphoto2 goes on too; the shot would tell
+            self.session.run(CanonOperation.PC_HDD_CAPACITY, *_CAPACITY, repeatable=True)
+        self._listen()
+        self.time, self.f_number, self.iso = (Dial(self, *setting) for setting in CANON_DIALS)
+
+    def leave(self) -> None:
+        """Event and remote mode off, so that the camera's own buttons work again."""
+        self.session.run(CanonOperation.SET_EVENT_MODE, 0, repeatable=True)
+        self.session.run(CanonOperation.SET_REMOTE_MODE, 0, repeatable=True)
+
+    def delivers_raw(self) -> bool:
+        """All that are meant here do."""
+        return True
+
+    def describe(self, code: int) -> DevicePropDesc:
+        """What the camera's events last said of a property; CameraRefused if they never did."""
+        self._listen()
+        try:
+            return self._properties[code]
+        except KeyError:
+            raise CameraRefused(
+                f"{self.session.where} says nothing of property 0x{code:04X}: turn its mode dial to M."
+            ) from None
+
+    def write(self, code: int, value: Value) -> None:
+        """Set a property of one number."""
+        if not isinstance(value, int) or not 0 <= value < 1 << 32:
+            raise CameraRefused(f"{self.session.where} has no value {value!r} of property 0x{code:04X}.")
+        packed = struct.pack("<3I", 12, code, value)
+        self.session.run(CanonOperation.SET_DEVICE_PROP_VALUE_EX, data=packed, repeatable=True)
+
+    def wait_ready(self) -> None:
+        """Keep it awake and forget what it told of earlier shots."""
+        if self.session.supports(CanonOperation.KEEP_DEVICE_ON):
+            self.session.run(CanonOperation.KEEP_DEVICE_ON, repeatable=True)
+        self._listen()
+        for one in self._added:
+            self.discard(one)
+        self._added.clear()
+        super().wait_ready()
+
+    def release(self) -> None:
+        """Half and full press, and up again; one command on old bodies."""
+        if not self.session.supports(CanonOperation.REMOTE_RELEASE_ON):
+            self.session.run(CanonOperation.REMOTE_RELEASE, repeatable=False)
+            return
+        self.session.run(CanonOperation.REMOTE_RELEASE_ON, _HALF, repeatable=False)
+        try:
+            self.session.run(CanonOperation.REMOTE_RELEASE_ON, _FULL, repeatable=False)
+            self.session.run(CanonOperation.REMOTE_RELEASE_OFF, _FULL, repeatable=True)
+        finally:
+            self.session.run(CanonOperation.REMOTE_RELEASE_OFF, _HALF, repeatable=True)
+
+    def wait(self, exposure: float) -> list[Download]:
+        """Until its events tell of a picture, and for a moment of no more."""
+        clock = self.session.clock
+        end, found, news = clock.now() + deadline(exposure), [], clock.now()
+        while clock.now() < end:
+            self._listen()
+            if self._added:
+                found += self._added
+                self._added, news = [], clock.now()
+            if found and clock.now() - news >= GRACE:
+                return found
+            clock.sleep(_PAUSE)
+        raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
+
+    def fetch(self, one: Download) -> bytes:
+        """In pieces of 1 MiB at most."""
+        self.session.pieces(one, lambda offset, count: self._piece(one.handle, offset, count))
+        return bytes(one.data)
+
+    def discard(self, one: Download) -> None:
+        """TransferComplete, else the next shot finds the camera busy."""
+        with suppress(CameraRefused):
+            self.session.run(CanonOperation.TRANSFER_COMPLETE, one.handle, repeatable=True)
+
+    def _piece(self, handle: int, offset: int, count: int) -> bytes:
+        return self.session.get(CanonOperation.GET_PARTIAL_OBJECT, handle, offset, count, most=count)
+
+    def _listen(self) -> None:
+        """Read all waiting event records."""
+        for _ in range(_MOST_BATCHES):
+            records = list(unpack_records(self.session.get(CanonOperation.GET_EVENT)))
+            for kind, payload in records:
+                self._take(kind, payload)
+            if not records:
+                return
+        raise CameraProtocol(f"{self.session.where} sends events without end: switch it off and on.")
+
+    def _take(self, kind: int, payload: bytes) -> None:
+        if kind in (CanonEvent.OBJECT_ADDED_EX, CanonEvent.REQUEST_OBJECT_TRANSFER):
+            self._added.append(unpack_object(kind, payload))
+        elif kind == CanonEvent.PROP_VALUE_CHANGED and 4 < len(payload) <= 8:
+            one = self._known(int.from_bytes(payload[:4], "little"))
+            self._properties[one.code] = replace(one, current=int.from_bytes(payload[4:], "little"))
+        elif kind == CanonEvent.AVAILABLE_LIST_CHANGED and len(payload) >= 12:
+            reader = Reader(payload)
+            one, form, count = self._known(reader.u32()), reader.u32(), reader.u32()
+            if form == _LIST and reader.left >= 4 * count:
+                choices = EnumForm(tuple(reader.u32() for _ in range(count)))
+                self._properties[one.code] = replace(one, form=choices)
+
+    def _known(self, code: int) -> DevicePropDesc:
+        return self._properties.get(code) or DevicePropDesc(code, DataType.UINT32, True, 0, 0)

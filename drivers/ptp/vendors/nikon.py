@@ -1,0 +1,132 @@
+"""Nikon: remote mode, RAW into the camera's memory, DeviceReady and GetEvent by polling.
+
+Source: CAPTURE 2.4, after libgphoto2, and the property lists of a Z 6 and a D780 (data/ptp). Verified
+against: the tests' responder only; no hardware. Left out: bulb, in-camera bracketing, live view, Wi-Fi
+pairing. A body that lists none of Nikon's operations is spoken to in plain PTP.
+"""
+
+from contextlib import suppress
+
+from drivers.errors import CameraRefused, CameraTimeout
+from drivers.ptp.codec import Event, Reader, damaged
+from drivers.ptp.codes import (
+    UNKNOWN_LENGTH,
+    EventCode,
+    NikonEvent,
+    NikonOperation,
+    NikonProperty,
+    Operation,
+    PropertyCode,
+)
+from drivers.ptp.datasets import EnumForm
+from drivers.ptp.exposure import NIKON_ISO, NIKON_TIME
+from drivers.ptp.session import PATIENCE, Download
+from drivers.ptp.vendors.standard import StandardBody
+from drivers.ptp.waiting import deadline
+
+MEMORY_HANDLE = 0xFFFF0001
+"""Where a picture lies that went to the camera's memory."""
+_NEF, _TO_MEMORY, _NO_AUTOFOCUS = 0x04, 1, 0xFFFFFFFF
+_PAUSE = 0.05
+
+
+def unpack_events(data: bytes) -> list[Event]:
+    """Nikon's GetEvent: a count, and for each event its code and one parameter; CameraProtocol."""
+    reader = Reader(data)
+    count = reader.u16()
+    if 6 * count > reader.left:
+        raise damaged(f"{count} events in {reader.left} bytes")
+    return [Event(reader.u16(), 0, (reader.u32(),)) for _ in range(count)]
+
+
+class NikonBody(StandardBody):
+    """A Nikon DSLR or Z."""
+
+    @property
+    def _to_memory(self) -> bool:
+        """Whether pictures go to the camera's memory, from where they must be deleted before the next."""
+        return any(
+            self.session.supports(operation)
+            for operation in (
+                NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA,
+                NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM,
+            )
+        )
+
+    def enter(self) -> None:
+        """Remote mode, memory as the destination, NEF as the format."""
+        super().enter()
+        if self.session.supports(NikonOperation.CHANGE_CAMERA_MODE):
+            self.session.run(NikonOperation.CHANGE_CAMERA_MODE, 1, repeatable=True)
+        listed = self.session.info.properties
+        if self._to_memory and NikonProperty.RECORDING_MEDIA in listed:
+            self.write(NikonProperty.RECORDING_MEDIA, _TO_MEMORY)
+        if PropertyCode.COMPRESSION_SETTING in listed:
+            form = self.describe(PropertyCode.COMPRESSION_SETTING).form
+            if isinstance(form, EnumForm) and _NEF in form.values:
+                self.write(PropertyCode.COMPRESSION_SETTING, _NEF)
+        own = self._dial(NIKON_TIME)
+        if own is not None and self.describe(own.code).writable:
+            self.time = own  # exact, where ExposureTime counts 100 us
+        self.iso = self._dial(NIKON_ISO) or self.iso
+
+    def leave(self) -> None:
+        """Local mode."""
+        if self.session.supports(NikonOperation.CHANGE_CAMERA_MODE):
+            self.session.run(NikonOperation.CHANGE_CAMERA_MODE, 0, repeatable=True)
+
+    def delivers_raw(self) -> bool:
+        """All that are meant here do."""
+        return True
+
+    def wait_ready(self) -> None:
+        """DeviceReady, and the events of earlier shots forgotten."""
+        self._until_ready(PATIENCE)
+        if self.session.supports(NikonOperation.GET_EVENT):
+            self._events()
+        super().wait_ready()
+
+    def release(self) -> None:
+        """Without autofocus, into the camera's memory."""
+        if self.session.supports(NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA):
+            parameters = (_NO_AUTOFOCUS, _TO_MEMORY)
+            self.session.run(NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA, *parameters, repeatable=False)
+        elif self._to_memory:
+            self.session.run(NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM, _NO_AUTOFOCUS, repeatable=False)
+        else:
+            super().release()
+
+    def wait(self, exposure: float) -> list[Download]:
+        """Until it is ready and has told of a picture."""
+        if not (self._to_memory and self.session.supports(NikonOperation.GET_EVENT)):
+            return super().wait(exposure)
+        clock = self.session.clock
+        end = clock.now() + deadline(exposure)
+        self._until_ready(deadline(exposure))
+        while clock.now() < end:
+            for event in self._events():
+                if event.code in (NikonEvent.OBJECT_ADDED_IN_SDRAM, EventCode.OBJECT_ADDED):
+                    handle = event.parameters[0] or MEMORY_HANDLE
+                    return [Download(handle, self.session.object_info(handle), bytearray())]
+            clock.sleep(_PAUSE)
+        raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
+
+    def fetch(self, one: Download) -> bytes:
+        """From memory in one go, from a card in pieces."""
+        if one.handle != MEMORY_HANDLE:
+            return super().fetch(one)
+        most = 1 << 32 if one.info.size == UNKNOWN_LENGTH else max(one.info.size, 1)
+        return self.session.get(Operation.GET_OBJECT, one.handle, most=most)
+
+    def discard(self, one: Download) -> None:
+        """Delete it from memory, else the next shot finds the camera busy."""
+        if one.handle == MEMORY_HANDLE:
+            with suppress(CameraRefused):
+                self.session.run(Operation.DELETE_OBJECT, one.handle, 0, repeatable=True)
+
+    def _until_ready(self, patience: float) -> None:
+        if self.session.supports(NikonOperation.DEVICE_READY):
+            self.session.run(NikonOperation.DEVICE_READY, repeatable=True, patience=patience)
+
+    def _events(self) -> list[Event]:
+        return unpack_events(self.session.get(NikonOperation.GET_EVENT))

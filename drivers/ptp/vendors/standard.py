@@ -1,0 +1,76 @@
+"""A body that speaks plain PTP: pictures go to its card and stay there.
+
+Verified against: the tests' responder only; no hardware. How a body is told to write RAW is not part of
+the standard: choose it in the camera's menu. Of Fuji, only the unit of the exposure time is known (the dump
+of an X-T4 in data/ptp): what puts those bodies under remote control is left out.
+"""
+
+from drivers.ptp.codec import Value
+from drivers.ptp.codes import FormatCode, Operation, VendorId
+from drivers.ptp.datasets import DevicePropDesc
+from drivers.ptp.exposure import FUJI_TIME, STANDARD_F_NUMBER, STANDARD_ISO, STANDARD_TIME, Dial
+from drivers.ptp.session import Download, PtpSession
+from drivers.ptp.shutter import Coding
+from drivers.ptp.waiting import drain, wait_for_objects
+
+_RAW_FORMATS = {FormatCode.DNG, FormatCode.VENDOR_RAW_1, FormatCode.VENDOR_RAW_2, FormatCode.CANON_CR3}
+
+
+class StandardBody:
+    """How a camera is set, fired and emptied. The makers' bodies override what they do differently."""
+
+    verified = "the tests' responder"
+    """What it has been tried on, for `rig cameras`."""
+
+    def __init__(self, session: PtpSession) -> None:
+        self.session = session
+        self.known: set[int] = set()
+        self.time: Dial | None = None
+        self.f_number: Dial | None = None
+        self.iso: Dial | None = None
+
+    def enter(self) -> None:
+        """Take control: remote mode, RAW to the host, the dials; called once, when the session is open."""
+        self.known.update(self.session.handles())
+        fuji = self.session.info.vendor_extension == VendorId.FUJI
+        self.time = self._dial(FUJI_TIME if fuji else STANDARD_TIME)
+        self.f_number, self.iso = self._dial(STANDARD_F_NUMBER), self._dial(STANDARD_ISO)
+
+    def leave(self) -> None:
+        """Give control back to whoever stands at the camera."""
+
+    def delivers_raw(self) -> bool:
+        """Whether it can write files that are RAW."""
+        info = self.session.info
+        return bool(_RAW_FORMATS & {*info.capture_formats, *info.image_formats})
+
+    def describe(self, code: int) -> DevicePropDesc:
+        """A property as it is now."""
+        return self.session.describe(code)
+
+    def write(self, code: int, value: Value) -> None:
+        """Set a property."""
+        self.session.write_property(code, value)
+
+    def wait_ready(self) -> None:
+        """Wait until it takes orders; what it told of earlier shots is forgotten."""
+        drain(self.session, self.known)
+
+    def release(self) -> None:
+        """Begin the exposure; CameraBusy if it does not take the order for too long."""
+        self.session.run(Operation.INITIATE_CAPTURE, 0, 0, repeatable=False)
+
+    def wait(self, exposure: float) -> list[Download]:
+        """All objects of the shot that was begun; `exposure` is its time in seconds."""
+        return wait_for_objects(self.session, self.known, exposure)
+
+    def fetch(self, one: Download) -> bytes:
+        """The bytes of an object; goes on where it stopped."""
+        return self.session.download(one)
+
+    def discard(self, one: Download) -> None:
+        """Tell the camera that an object is fetched, or not wanted; on a card it stays."""
+
+    def _dial(self, setting: tuple[int, Coding]) -> Dial | None:
+        code, coding = setting
+        return Dial(self, code, coding) if code in self.session.info.properties else None

@@ -1,0 +1,83 @@
+"""Waiting for the objects of one shot, by events where they come and by asking where they do not."""
+
+from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
+from drivers.ptp.codes import EventCode, FormatCode
+from drivers.ptp.session import Download, PtpSession
+
+GRACE = 0.1
+"""Seconds without news after which a shot that is complete has all its objects: RAW+JPEG gives two."""
+LATE = 1.0
+"""Seconds without news after which a CaptureComplete that is still missing counts as lost."""
+_LISTEN = 0.05
+_ASK_AFTER, _ASK_EVERY = 0.4, 0.25
+_MOST_EVENTS = 1000
+
+
+def deadline(exposure: float) -> float:
+    """Seconds that a shot of that exposure time may take: exposure, a dark frame as long, and writing."""
+    return 2 * exposure + 30.0
+
+
+def wait_for_objects(session: PtpSession, known: set[int], exposure: float) -> list[Download]:
+    """All files of the shot just begun, that is those not in `known`, to which they are added.
+
+    ObjectAdded and CaptureComplete may come in either order, late or never: some time after the exposure
+    the camera is asked for its objects. CameraTimeout past the deadline, CameraRefused if its card is full.
+    """
+    clock = session.clock
+    start = news = clock.now()
+    ask_at, events = start + exposure + _ASK_AFTER, 0
+    found: list[Download] = []
+    complete = False
+    while True:
+        now = clock.now()
+        if found and now - news >= (GRACE if complete else LATE):
+            return found
+        if now >= start + deadline(exposure):
+            raise CameraTimeout(f"{session.where} delivered no picture: check its card, focus and mode dial.")
+        if now >= ask_at or (complete and not found and now - news >= GRACE):
+            added = [handle for handle in _asked(session) if handle not in known]
+            ask_at = clock.now() + _ASK_EVERY
+        else:
+            added = []
+        for event in session.events(_LISTEN):
+            events += 1
+            if event.code == EventCode.OBJECT_ADDED and event.parameters:
+                added.append(event.parameters[0])
+            elif event.code == EventCode.CAPTURE_COMPLETE:
+                complete, news = True, clock.now()
+            elif event.code == EventCode.STORE_FULL:
+                raise CameraRefused(f"{session.where} has no room for the picture: free its card.")
+        if events > _MOST_EVENTS:
+            raise CameraProtocol(f"{session.where} sends events without end: switch it off and on.")
+        for handle in added:
+            if handle not in known:
+                known.add(handle)
+                found.extend(_files(session, handle))
+                news = clock.now()
+
+
+def drain(session: PtpSession, known: set[int]) -> None:
+    """Forget the events of earlier shots."""
+    for event in session.events(0.001):
+        if event.code == EventCode.OBJECT_ADDED and event.parameters:
+            known.add(event.parameters[0])
+
+
+def _asked(session: PtpSession) -> tuple[int, ...]:
+    """The handles of all objects, none while the camera is too busy to say."""
+    try:
+        return session.handles()
+    except CameraBusy:
+        return ()
+
+
+def _files(session: PtpSession, handle: int) -> list[Download]:
+    """The object if it is a file; a folder that the shot made, or a handle that is none, gives nothing."""
+    try:
+        info = session.object_info(handle)
+    except CameraRefused:
+        return []
+    if info.format == FormatCode.ASSOCIATION:
+        return []
+    return [Download(handle, info, bytearray())]
