@@ -83,10 +83,16 @@ class Sony(Manner):
     def _set(self, request: Request) -> Reply:
         if self._connected < 3:
             return Reply(ResponseCode.ACCESS_DENIED)
-        return Reply(self.properties.set(request.parameter(0), request.data))
+        result = self.properties.set(request.parameter(0), request.data)
+        # What is not on the list changes nothing and is no error: only reading back tells. gphoto2
+        # relies on that, when it sends a 0 after it has turned the shutter by steps.
+        ignored = result == ResponseCode.INVALID_DEVICE_PROP_VALUE
+        return Reply(ResponseCode.OK if ignored else result)
 
     def _press(self, request: Request) -> Reply:
         button = request.parameter(0)
+        if self._connected >= 3 and button in self.shooting.dials and len(request.data) == 1:
+            return self._step(button, request.data)
         if self._connected < 3 or button not in _BUTTONS or len(request.data) != 2:
             return Reply(ResponseCode.INVALID_PARAMETER)
         pressed = unpack_value(DataType.UINT16, request.data) == _PRESSED
@@ -96,6 +102,18 @@ class Sony(Manner):
         if store.data(MEMORY_HANDLE) is not None:
             return Reply(ResponseCode.DEVICE_BUSY)
         return Reply(self.shooting.shoot(request.transaction, request.faults, MEMORY_HANDLE))
+
+    def _step(self, code: int, data: bytes) -> Reply:
+        """Turn a dial by steps: on is shorter for the shutter, more for the others; it stops at its ends."""
+        if self.shooting.shooting:
+            return Reply(ResponseCode.DEVICE_BUSY)
+        dial = self.shooting.dials[code]
+        numbers = dial.numbers()
+        steps = unpack_value(DataType.INT8, data)
+        assert isinstance(steps, int)
+        at = numbers.index(self.shooting.shown(dial)) + (-steps if dial.setting == "time" else steps)
+        self.shooting.turn(dial, numbers[min(max(at, 0), len(numbers) - 1)])
+        return Reply()
 
     def _refuse(self, request: Request) -> Reply:
         return Reply(ResponseCode.ACCESS_DENIED)

@@ -7,6 +7,7 @@ u32 length, u32 type, fields, all little-endian. The port is on loopback unless 
 import socket
 import struct
 import threading
+from contextlib import suppress
 from enum import IntEnum
 from typing import Self
 
@@ -155,9 +156,7 @@ class PtpIpServer:
             reply = self._responder.handle(Request(operation, transaction, parameters, data))
             if reply.data is not None:
                 self._data_to(connection, transaction, reply.data)
-            fields = struct.pack(
-                f"<HI{len(reply.parameters)}I", reply.code, transaction, *reply.parameters
-            )
+            fields = struct.pack(f"<HI{len(reply.parameters)}I", reply.code, transaction, *reply.parameters)
             connection.send(_Type.RESPONSE, fields)
 
     def _data_from(self, connection: _Connection) -> bytes:
@@ -183,10 +182,8 @@ class PtpIpServer:
         def tell(event: Event) -> None:
             parameters = (*event.parameters, 0, 0, 0)[:3]
             fields = struct.pack("<HI3I", event.code, event.transaction, *parameters)
-            try:
+            with suppress(OSError):  # The client has gone; its commands end as well.
                 connection.send(_Type.EVENT, fields)
-            except OSError:
-                pass  # The client has gone; its commands end as well.
 
         with self._responder.timeline.lock:
             if len(payload) < 4 or struct.unpack_from("<I", payload)[0] != self._session:
@@ -200,8 +197,6 @@ class PtpIpServer:
 
 
 def _hang_up(link: socket.socket) -> None:
-    try:
+    with suppress(OSError):  # It was not connected, or is no longer.
         link.shutdown(socket.SHUT_RDWR)
-    except OSError:
-        pass  # It was not connected, or is no longer.
     link.close()
