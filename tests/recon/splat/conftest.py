@@ -1,8 +1,9 @@
 """Small scenes for the rasteriser, by name: what each is meant to catch is said beside it."""
 
+import math
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -37,6 +38,24 @@ class Scene:
     def render(self, tensors: list[torch.Tensor], stats: SplatStats | None = None) -> Render:
         background = tensors[5] if len(tensors) > 5 else None
         return rasterize(*tensors[:5], self.camera, background, self.limits, stats)
+
+    def render_on(self, device: str, tensors: list[torch.Tensor], stats: SplatStats | None = None) -> Render:
+        """Through the GPU's kernels; the tensors stay where they are, and get their gradients."""
+        from recon.splat.gpu import rasterize_gpu
+
+        moved = [tensor.to(device) for tensor in tensors]
+        background = moved[5] if len(moved) > 5 else None
+        return rasterize_gpu(*moved[:5], self.camera, background, self.limits, stats)
+
+    def smaller(self, count: int = 14) -> "Scene":
+        """Its first Gaussians, in a picture at most 20 pixels wide: Triton's interpreter is slow."""
+        old = self.camera
+        factor = min(1.0, 20 / old.width)
+        sizes = {name: factor * getattr(old, name) for name in ("fx", "fy", "cx", "cy")}
+        width, height = math.ceil(factor * old.width), math.ceil(factor * old.height)
+        names = ("means", "quats", "scales", "opacities", "colours")
+        firsts = {name: getattr(self, name)[:count].clone() for name in names}
+        return replace(self, **firsts, camera=replace(old, width=width, height=height, **sizes))
 
 
 def pose(x: float = 0.0, y: float = 0.0, z: float = 3.0, turn: float = 0.0) -> np.ndarray:
@@ -157,6 +176,12 @@ def one_torch_thread() -> Iterator[None]:
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(before)
+
+
+@pytest.fixture
+def device() -> str:
+    """Where the GPU's kernels run: on a GPU if there is one, else interpreted on the CPU."""
+    return "cuda" if torch.cuda.is_available() else "cpu"
 
 
 @pytest.fixture(params=list(SCENES))
