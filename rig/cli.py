@@ -5,7 +5,18 @@ from typing import Annotated
 
 import typer
 
-from rig.commands import calibrate, capture, check, demo, doctor, evaluate, importing, reconstruct, render
+from rig.commands import (
+    calibrate,
+    capture,
+    check,
+    demo,
+    doctor,
+    evaluate,
+    importing,
+    reconstruct,
+    render,
+    simulate,
+)
 from rig.running import Outcome
 
 EXIT_CODES = (
@@ -52,6 +63,7 @@ COMMANDS: dict[str, Callable[..., Outcome]] = {
     "reconstruct": reconstruct.reconstruct,
     "evaluate": evaluate.evaluate,
     "render": render.render,
+    "simulate": simulate.simulate,
     "doctor": doctor.doctor,
 }
 

@@ -49,6 +49,8 @@ class Shooting:
         self.exposure = camera.set_exposure(Exposure(time=1 / 60))
         self.shooting = False
         """Whether a shot is under way, from the release until its file is stored."""
+        self.shots = 0
+        """How many there were."""
         able = camera.capabilities()
         labels = {"time": able.times, "f_number": able.f_numbers, "iso": able.isos}
         self.dials = {dial.code: dial.offering(labels[dial.setting]) for dial in profile.dials}
@@ -92,6 +94,7 @@ class Shooting:
     def _store(self, transaction: int, told: dict[Kind, Fault], memory_handle: int | None) -> None:
         handle = self.store.add(photograph(self.camera.collect(), self.profile), memory_handle)
         self.shooting = False
+        self.shots += 1
         news = [Announcement(one, handle, transaction) for one in News]
         if Kind.REORDERED_EVENTS in told:
             news.reverse()

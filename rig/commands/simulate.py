@@ -1,0 +1,80 @@
+"""`rig simulate`: a simulated camera that other programs can shoot with."""
+
+import re
+import threading
+from contextlib import ExitStack, closing, suppress
+from typing import Annotated
+
+import typer
+
+from rig.commands.options import JsonOption, SeedOption
+from rig.running import Outcome, running
+from rig.words import counted
+
+
+class Address(tuple[str, int]):
+    """Host and port."""
+
+
+def address(text: str) -> Address:
+    """`HOST:PORT`; typer.BadParameter otherwise."""
+    match = re.fullmatch(r"([^\s:]+):(\d{1,5})", text.strip())
+    if not match or int(match[2]) > 65535:
+        raise typer.BadParameter("write an address as 127.0.0.1:15740")
+    return Address((match[1], int(match[2])))
+
+
+def simulate(
+    ptpip: Annotated[
+        Address,
+        typer.Option(
+            parser=address, metavar="HOST:PORT", help="Where to listen for PTP/IP; port 0 takes a free one."
+        ),
+    ],
+    profile: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", help="Which camera it is: generic, canon-eos-6d, nikon-z6 or sony-a7m4."
+        ),
+    ] = "generic",
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> Outcome:
+    """Be a camera on the network.
+
+    Serves the first camera of the rig demo to PTP/IP clients, such as gphoto2, until Ctrl-C. Nobody is
+    asked for a password: listen on 127.0.0.1 unless the network is your own.
+
+    Example: rig simulate --ptpip 127.0.0.1:15740 --profile nikon-z6
+    """
+    with ExitStack() as stack:
+        with running("simulate") as meter:
+            from drivers.sim import ptp_profiles, rigs
+            from drivers.sim.camera import SimulatedCamera
+            from drivers.sim.ptp_responder import Responder
+            from drivers.sim.ptpip import PtpIpServer
+            from drivers.sim.timeline import LiveTimeline
+            from imaging.errors import InputError
+
+            known = ptp_profiles.profile(profile)
+            rig = rigs.simulate("demo", seed)
+            meter("rendering the scene", 0, 0)
+            view = rig.radiance(0, 0)
+            camera = SimulatedCamera(rig.bodies[0], lambda frame: view)
+            responder = Responder(camera, known, stack.enter_context(closing(LiveTimeline())))
+            try:
+                server = stack.enter_context(PtpIpServer(responder, *ptpip))
+            except OSError as error:
+                reason = str(error.strerror).partition(" (")[0]
+                raise InputError(
+                    f"{ptpip[0]}:{ptpip[1]} cannot be listened on ({reason}): choose another one."
+                ) from error
+            meter.say(
+                f'{known.model} is at {server.host}:{server.port}, try: gphoto2 --camera "PTP/IP Camera" '
+                f"--port ptpip:{server.host}:{server.port}:{server.port} --summary"
+            )
+        with suppress(KeyboardInterrupt):
+            threading.Event().wait()
+        shots = responder.shooting.shots
+    data = {"profile": profile, "host": server.host, "port": server.port, "shots": shots}
+    return Outcome(data, [f"{known.model} took {counted(shots, 'shot')}"])
