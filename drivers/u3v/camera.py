@@ -1,0 +1,266 @@
+"""A machine vision camera on USB3 Vision, as any other `Camera`."""
+
+from collections.abc import Callable, Sequence
+from enum import Enum
+from typing import Any, TypeVar
+
+from drivers.camera import CameraIdentity, Capabilities
+from drivers.clock import Clock
+from drivers.errors import CameraLost, CameraProtocol, CameraRefused
+from drivers.u3v import sequencer, settings
+from drivers.u3v.chunks import split_chunks
+from drivers.u3v.pixels import format_of, unpack
+from drivers.u3v.session import Session, connected, open_session
+from drivers.u3v.stream import CHUNKS, Frame
+from imaging.errors import CameraError
+from imaging.exposure import Exposure
+from imaging.mosaic import FrameMetadata, RawMosaic
+
+REPLUG = 10.0
+"""Seconds that a camera may be away before it counts as gone."""
+_GRACE = 5.0
+"""Seconds beyond the exposure within which a frame must begin."""
+
+ResultT = TypeVar("ResultT")
+
+
+class _Stage(Enum):
+    IDLE = "idle"
+    ARMED = "armed"
+    EXPOSED = "exposed"
+
+
+class U3vCamera:
+    """Opened at first use. Verified against: the simulator of this project and its XML in the package
+    `genicam`; no hardware yet.
+
+    When it is unplugged, `CameraLost` ends the shot; `set_exposure`, `arm` and `capabilities` find it again
+    by its serial number, at whatever address, and set it as it was.
+    """
+
+    def __init__(self, serial: str, backend: Any, clock: Clock, line: str | None = None) -> None:
+        """line: the hardware input that triggers it, as in TriggerSource; None for the software trigger."""
+        self.serial = serial
+        self._backend, self._clock, self._line = backend, clock, line
+        self._session: Session | None = None
+        self._wanted: Exposure | None = None
+        self._bytes_per_second: int | None = None
+        self._stage = _Stage.IDLE
+        self._known = False
+        self._expected: list[Exposure] = []
+        """What the camera was set to for each frame that is to come."""
+
+    def identify(self) -> CameraIdentity:
+        """Who it is: the serial number that USB shows, maker and model from its registers."""
+        told = self._again(lambda session: session.bootstrap)
+        return CameraIdentity(self.serial, told.manufacturer, told.model, "raw")
+
+    def capabilities(self) -> Capabilities:
+        """Size and bits as set; times and ISOs as ladders of third stops over what it can be set to."""
+        return self._again(self._read_capabilities)
+
+    def set_exposure(self, exposure: Exposure) -> Exposure:
+        """Set the nearest time and, if an ISO is given, gain; returns what the camera reads back."""
+        self._stage = _Stage.IDLE
+
+        def apply(session: Session) -> Exposure:
+            return settings.set_exposure(session.nodes, exposure)
+
+        applied = self._again(apply)
+        self._wanted = exposure
+        return applied
+
+    def limit_throughput(self, bytes_per_second: int) -> int:
+        """Have it send no faster, so that several share a bus; returns what it reads back. CameraRefused."""
+
+        def apply(session: Session) -> int:
+            nodes = session.nodes
+            settings.set_if_there(nodes, "DeviceLinkThroughputLimitMode", "On")
+            limits = nodes.limits("DeviceLinkThroughputLimit")
+            wanted = min(max(bytes_per_second, limits.low), limits.high)
+            step = limits.step or 1
+            nodes.set("DeviceLinkThroughputLimit", int(limits.low + (wanted - limits.low) // step * step))
+            return int(nodes.number("DeviceLinkThroughputLimit"))
+
+        applied = self._again(apply)
+        self._bytes_per_second = bytes_per_second
+        return applied
+
+    def arm(self) -> None:
+        """Agree on the transfers and start the acquisition of one frame, which waits for its trigger."""
+
+        def begin(session: Session) -> None:
+            settings.stop(session.nodes)
+            session.nodes.set("AcquisitionMode", "SingleFrame")
+            self._start(session, [settings.read_exposure(session.nodes)])
+
+        self._again(begin)
+        self._stage = _Stage.ARMED
+
+    def trigger(self) -> float:
+        """Expose; the clock's time, s, half way through the command that did it.
+
+        With a hardware line the line exposes, and the time is that from which its frame is waited for. A
+        command whose answer is lost is sent again: a camera that waits for one frame exposes only once.
+        """
+        session = self._must_be(_Stage.ARMED, "arm")
+        began = self._clock.now()
+        if self._line is None:
+            self._once(lambda: session.nodes.execute("TriggerSoftware"))
+        self._stage = _Stage.EXPOSED
+        return (began + self._clock.now()) / 2
+
+    def collect(self) -> RawMosaic:
+        """The frame, with the exposure time that came with it where the camera sends that."""
+        session = self._must_be(_Stage.EXPOSED, "trigger")
+        self._stage = _Stage.IDLE
+        return self._once(lambda: self._take(session)[0])
+
+    @property
+    def sequences(self) -> bool:
+        """Whether `bracket` can be used."""
+        return self._again(lambda session: sequencer.can_sequence(session.nodes))
+
+    def bracket(self, exposures: Sequence[Exposure]) -> list[RawMosaic]:
+        """A frame for each exposure, changed by the camera itself after one trigger. CameraRefused."""
+        self._stage = _Stage.IDLE
+
+        def begin(session: Session) -> Session:
+            if not sequencer.can_sequence(session.nodes):
+                raise CameraRefused(f"{session.where} has no sequencer: set each exposure and trigger it.")
+            settings.stop(session.nodes)
+            self._start(session, sequencer.program(session.nodes, exposures))
+            return session
+
+        session = self._again(begin)
+        try:
+            self._stage = _Stage.ARMED
+            self.trigger()
+            return self._once(lambda: self._take(session))
+        finally:
+            self._stage = _Stage.IDLE
+            if self._session is not None:
+                self._once(lambda: sequencer.leave(session.nodes))
+
+    def close(self) -> None:
+        """Let go of the camera; a second time does nothing."""
+        session, self._session = self._session, None
+        self._stage = _Stage.IDLE
+        if session is not None:
+            session.close()
+
+    def _must_be(self, stage: _Stage, before: str) -> Session:
+        if self._stage is not stage or self._session is None:
+            raise CameraError(
+                f"camera {self.serial} is {self._stage.value}: call {before} before, in the order "
+                "set_exposure, arm, trigger, collect."
+            )
+        return self._session
+
+    def _again(self, act: Callable[[Session], ResultT]) -> ResultT:
+        """Do what can be done twice; a camera that is lost meanwhile is found again first."""
+        try:
+            return self._once(lambda: act(self._opened()))
+        except CameraLost:
+            return self._once(lambda: act(self._opened()))
+
+    def _once(self, act: Callable[[], ResultT]) -> ResultT:
+        """Do something; a camera that is lost is let go."""
+        try:
+            return act()
+        except CameraLost:
+            self.close()
+            raise
+
+    def _opened(self) -> Session:
+        if self._session is None:
+            # A camera that was there before may be on its way back.
+            patience = REPLUG if self._known else 0.0
+            session = open_session(self.serial, self._backend, self._clock, patience)
+            self._known = True
+            try:
+                settings.prepare(session.nodes, self._line)
+                if self._wanted is not None:
+                    settings.set_exposure(session.nodes, self._wanted)
+            except CameraError:
+                session.close()
+                raise
+            self._session = session
+            if self._bytes_per_second is not None:
+                self.limit_throughput(self._bytes_per_second)
+        return self._session
+
+    def _start(self, session: Session, expected: Sequence[Exposure]) -> None:
+        """Have the camera wait for its trigger, and then send a frame for each exposure."""
+        self._expected = list(expected)
+        session.stream.start()
+        session.nodes.execute("AcquisitionStart")
+
+    def _take(self, session: Session) -> list[RawMosaic]:
+        """The frames that are expected, after which the stream is off."""
+        try:
+            frames = [
+                self._mosaic(session, session.stream.next_frame(exposure.time + _GRACE), exposure)
+                for exposure in self._expected
+            ]
+        except CameraLost:
+            raise
+        except CameraError:
+            self._finish(session)
+            raise
+        self._finish(session)
+        return frames
+
+    def _finish(self, session: Session) -> None:
+        settings.stop(session.nodes)
+        session.stream.stop()
+
+    def _mosaic(self, session: Session, frame: Frame, exposure: Exposure) -> RawMosaic:
+        """A frame as the rest of rig knows it; the exposure is what was set, the time that of the chunk."""
+        leader, nodes = frame.leader, session.nodes
+        if frame.problem is not None:
+            raise CameraProtocol(
+                f"frame {leader.block} of {session.where} is incomplete ({frame.problem}): shoot it again."
+            )
+        pixels = format_of(leader.pixel_format)
+        if pixels.cfa is None:
+            raise CameraRefused(f"{session.where} sends {pixels.name}: set it to a Bayer format.")
+        image = frame.payload
+        chunks: dict[int, bytes] = {}
+        if leader.payload_type & CHUNKS:
+            image, chunks = split_chunks(image)
+        nodes.attach_chunks(chunks)
+        if chunks and nodes.available("ChunkExposureTime"):
+            exposure = exposure.with_time(float(nodes.number("ChunkExposureTime")) / 1e6)
+        told = session.bootstrap
+        return RawMosaic(
+            pixels=unpack(image, pixels, leader.width, leader.height, leader.padding),
+            cfa=pixels.cfa,
+            black=settings.black_levels(nodes, pixels),
+            white=settings.white_level(nodes, pixels),
+            metadata=FrameMetadata(
+                make=told.manufacturer, model=told.model, serial=self.serial, exposure=exposure
+            ),
+        )
+
+    def _read_capabilities(self, session: Session) -> Capabilities:
+        nodes = session.nodes
+        times = nodes.limits("ExposureTime")
+        isos: tuple[float, ...] = ()
+        if nodes.writable("Gain"):
+            gains = nodes.limits("Gain")
+            isos = settings.ladder(settings.iso_of(gains.low), settings.iso_of(gains.high), 3)
+        white = settings.white_level(nodes, format_of(int(nodes.number("PixelFormat"))))
+        return Capabilities(
+            width=int(nodes.number("Width")),
+            height=int(nodes.number("Height")),
+            bit_depth=white.bit_length(),
+            times=settings.ladder(max(times.low, 1.0) / 1e6, times.high / 1e6, 3),
+            f_numbers=(),
+            isos=isos,
+        )
+
+
+def find_cameras(backend: Any, clock: Clock) -> list[U3vCamera]:
+    """The connected cameras whose serial number can be read, by bus and address; none is kept open."""
+    return [U3vCamera(serial, backend, clock) for serial in connected(backend)]

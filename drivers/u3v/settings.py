@@ -1,0 +1,127 @@
+"""What rig sets on a machine vision camera, in the names of the Standard Features Naming Convention.
+
+Gain in dB is mapped to ISO by `ISO = 100 * 10 ** (dB / 20)`: 0 dB is ISO 100. That is arithmetic, so that
+exposures scale as the signal does; it is not the speed of the sensor by ISO 12232.
+"""
+
+import math
+
+from drivers.errors import CameraRefused
+from drivers.u3v.genicam import Limits, NodeMap
+from drivers.u3v.pixels import BY_NAME, PixelFormat
+from imaging.exposure import Exposure
+
+_PACKINGS = {"p": 2, "Packed": 1, "plain": 0}
+
+
+def iso_of(decibels: float) -> float:
+    """The ISO that a gain counts as."""
+    return 100.0 * math.pow(10.0, decibels / 20.0)
+
+
+def decibels_of(iso: float) -> float:
+    """The gain that an ISO asks for."""
+    return 20.0 * math.log10(iso / 100.0)
+
+
+def set_if_there(nodes: NodeMap, name: str, value: str | int | float | bool) -> bool:
+    """Set a feature that not every camera has; whether this one has it, and the entry."""
+    if not nodes.writable(name) or (isinstance(value, str) and value not in nodes.entries(name)):
+        return False
+    nodes.set(name, value)
+    return True
+
+
+def prepare(nodes: NodeMap, line: str | None) -> PixelFormat:
+    """Stop what runs, leave nothing to automatics and choose the best Bayer format, which is returned.
+
+    line: the input that triggers, as the camera names it; None for the software trigger.
+    """
+    stop(nodes)
+    for name in (
+        "SequencerMode",
+        "SequencerConfigurationMode",
+        "ExposureAuto",
+        "GainAuto",
+        "BalanceWhiteAuto",
+    ):
+        set_if_there(nodes, name, "Off")
+    set_if_there(nodes, "ExposureMode", "Timed")
+    set_if_there(nodes, "GainSelector", "All")
+    set_if_there(nodes, "TriggerSelector", "FrameStart")
+    nodes.set("TriggerMode", "On")
+    nodes.set("TriggerSource", line or "Software")
+    if set_if_there(nodes, "ChunkModeActive", True):
+        set_if_there(nodes, "ChunkSelector", "ExposureTime")
+        set_if_there(nodes, "ChunkEnable", True)
+    return _choose_format(nodes)
+
+
+def stop(nodes: NodeMap) -> None:
+    """Stop the acquisition, if one runs."""
+    if nodes.writable("AcquisitionStop"):
+        nodes.execute("AcquisitionStop")
+
+
+def _choose_format(nodes: NodeMap) -> PixelFormat:
+    """Set the Bayer format with most bits a value and, of those, fewest in the payload."""
+    offered = [BY_NAME[name] for name in nodes.entries("PixelFormat") if name in BY_NAME]
+    bayer = [one for one in offered if one.cfa is not None]
+    if not bayer:
+        raise CameraRefused("the camera offers no Bayer format: connect a colour camera.")
+    best = max(bayer, key=lambda one: (one.bits, _PACKINGS[one.packing]))
+    nodes.set("PixelFormat", best.name)
+    return best
+
+
+def set_exposure(nodes: NodeMap, exposure: Exposure) -> Exposure:
+    """Set the nearest time and, if an ISO is given, gain; returns what the camera reads back.
+
+    The iris is the lens's own affair: f-numbers are not known.
+    """
+    nodes.set("ExposureTime", _within(nodes.limits("ExposureTime"), 1e6 * exposure.time))
+    if exposure.iso is not None and nodes.writable("Gain"):
+        nodes.set("Gain", _within(nodes.limits("Gain"), decibels_of(exposure.iso)))
+    return read_exposure(nodes)
+
+
+def read_exposure(nodes: NodeMap) -> Exposure:
+    """What the camera is set to."""
+    iso = round(iso_of(float(nodes.number("Gain"))), 3) if nodes.available("Gain") else None
+    return Exposure(time=float(nodes.number("ExposureTime")) / 1e6, iso=iso)
+
+
+def _within(limits: Limits, value: float) -> float:
+    return min(max(value, limits.low), limits.high)
+
+
+def ladder(low: float, high: float, steps: int) -> tuple[float, ...]:
+    """Values from `low` to `high`, both included, `steps` to a doubling between."""
+    count = math.floor(steps * math.log2(high / low) + 1e-9)
+    values = [low * 2.0 ** (index / steps) for index in range(count + 1)]
+    return tuple(values) if math.isclose(values[-1], high, rel_tol=1e-6) else (*values, high)
+
+
+def black_levels(nodes: NodeMap, pixels: PixelFormat) -> tuple[float, float, float, float]:
+    """The BlackLevel of the four sites, DN; by colour where the camera has that, 0 if it says none."""
+    if not nodes.available("BlackLevel") or pixels.cfa is None:
+        return 0.0, 0.0, 0.0, 0.0
+    colours = ("Red", "Green", "Blue")
+    if set(colours) <= set(nodes.entries("BlackLevelSelector")) and nodes.writable("BlackLevelSelector"):
+        levels = []
+        for colour in colours:
+            nodes.set("BlackLevelSelector", colour)
+            levels.append(float(nodes.number("BlackLevel")))
+    else:
+        levels = [float(nodes.number("BlackLevel"))] * 3
+    a, b, c, d = (levels[channel] for channel in pixels.cfa.pattern.reshape(-1))
+    return a, b, c, d
+
+
+def white_level(nodes: NodeMap, pixels: PixelFormat) -> int:
+    """The largest value, DN: what the camera says, else what the format can hold."""
+    most = (1 << pixels.bits) - 1
+    if not nodes.available("PixelDynamicRangeMax"):
+        return most
+    told = int(nodes.number("PixelDynamicRangeMax"))
+    return told if 0 < told <= most else most
