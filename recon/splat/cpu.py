@@ -202,5 +202,6 @@ def _count(stats: SplatStats, camera: SplatCamera, radius: Array, screen: Array,
     touched = weight > 0
     stats.seen += touched
     stats.gradient += np.hypot(screen[:, 0] * (camera.width / 2), screen[:, 1] * (camera.height / 2))
-    np.maximum(stats.radius, radius * touched, out=stats.radius)
+    # What was not drawn has no radius: its place in the table holds whatever was there before.
+    np.maximum(stats.radius, np.where(touched, radius, 0), out=stats.radius)
     np.maximum(stats.weight, weight, out=stats.weight)

@@ -37,6 +37,7 @@ SHAPE = tl.constexpr(8)
 PAINT = tl.constexpr(tables.PAINT)
 _FOLD = tl.constexpr(parameters.FOLD)
 _ALPHA_FLOOR = tl.constexpr(limits.ALPHA_FLOOR)
+_COLOUR_MOST = tl.constexpr(limits.COLOUR_MOST)
 _QUAT_LEAST = tl.constexpr(limits.QUAT_LEAST)
 _SKIPPED, _DRAWN, _BAD = (tl.constexpr(int(x)) for x in (tables.SKIPPED, tables.DRAWN, tables.BAD))
 _INFINITY = tl.constexpr(math.inf)
@@ -50,7 +51,8 @@ def _finite(value):
 
 @triton.jit
 def _sound(mean, quat, scale, opacity, red, green, blue):
-    """All numbers finite, scales positive, opacity not negative, quaternion with a direction."""
+    """All numbers finite, scales positive, opacity not negative, quaternion with a direction, colours in
+    range."""
     x, y, z = mean
     qw, qx, qy, qz = quat
     sx, sy, sz = scale
@@ -58,8 +60,8 @@ def _sound(mean, quat, scale, opacity, red, green, blue):
     placed = _finite(x) & _finite(y) & _finite(z)
     directed = _finite(qw) & _finite(qx) & _finite(qy) & _finite(qz) & (turned >= _QUAT_LEAST)
     sized = _finite(sx) & _finite(sy) & _finite(sz) & (sx > 0.0) & (sy > 0.0) & (sz > 0.0)
-    painted = _finite(opacity) & (opacity >= 0.0) & _finite(red) & _finite(green) & _finite(blue)
-    return placed & directed & sized & painted
+    painted = (tl.abs(red) <= _COLOUR_MOST) & (tl.abs(green) <= _COLOUR_MOST) & (tl.abs(blue) <= _COLOUR_MOST)
+    return placed & directed & sized & painted & _finite(opacity) & (opacity >= 0.0)
 
 
 @triton.jit

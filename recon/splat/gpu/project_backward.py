@@ -56,16 +56,36 @@ def _quat_gradient(g, quat):
 
 
 @triton.jit
-def _ellipse_gradient(moments, a, b, c, determinant):
-    """d loss / d mean2d (2) and d loss / d covariance (xx, xy, yy; the xy entry counts twice)."""
-    _, mx, my, mxx, mxy, myy = moments
+def _whitened_root(m, blur, determinant):
+    """C^-1 M [2, 3], C = M M^T + blur, from the minors of M: the entries of C^-1 would cancel in a needle."""
+    m0, m1, m2, n0, n1, n2 = m
+    p, q, s = m0 * n1 - m1 * n0, m0 * n2 - m2 * n0, m1 * n2 - m2 * n1
+    inverse = 1.0 / determinant
+    return (
+        inverse * (p * n1 + q * n2 + blur * m0),
+        inverse * (s * n2 - p * n0 + blur * m1),
+        inverse * (blur * m2 - q * n0 - s * n1),
+        inverse * (blur * n0 - p * m1 - q * m2),
+        inverse * (p * m0 - s * m2 + blur * n1),
+        inverse * (q * m0 + s * m1 + blur * n2),
+    )
+
+
+@triton.jit
+def _ellipse_gradient(moments, m, blur):
+    """d loss / d mean2d (2) and the rows of d loss / d M (3 each)."""
+    a, b, c, determinant = covariance(m, blur)
     ia, ib, ic = c / determinant, -b / determinant, a / determinant
-    # q = d^T C^-1 d: dq/dmean = -2 C^-1 d, dq/dC = -(C^-1 d)(C^-1 d)^T; alpha falls as exp(-q / 2).
-    h00, h01 = ia * mxx + ib * mxy, ia * mxy + ib * myy
-    h10, h11 = ib * mxx + ic * mxy, ib * mxy + ic * myy
+    # q = d^T C^-1 d: dq/dmean = -2 C^-1 d, dq/dC = -(C^-1 d)(C^-1 d)^T; alpha falls as exp(-q / 2), and
+    # d loss / d M = 2 (d loss / d C) M.
+    _, mx, my, mxx, mxy, myy = moments
+    r0, r1, r2, s0, s1, s2 = _whitened_root(m, blur, determinant)
+    x0, x1, x2 = mxx * r0 + mxy * s0, mxx * r1 + mxy * s1, mxx * r2 + mxy * s2
+    y0, y1, y2 = mxy * r0 + myy * s0, mxy * r1 + myy * s1, mxy * r2 + myy * s2
     return (
         (ia * mx + ib * my, ib * mx + ic * my),
-        (0.5 * (h00 * ia + h01 * ib), 0.5 * (h00 * ib + h01 * ic), 0.5 * (h10 * ib + h11 * ic)),
+        (ia * x0 + ib * y0, ia * x1 + ib * y1, ia * x2 + ib * y2),
+        (ib * x0 + ic * y0, ib * x1 + ic * y1, ib * x2 + ic * y2),
     )
 
 
@@ -159,16 +179,12 @@ def project_backward(
     axes, tangents, lens = screen_axes(x, y, z, k)
     r = rotation(quat)
     m = root_covariance(axes, r, scale)
-    a, b, c, determinant = covariance(m, k[LIMITS + 1])
-    centre, spread = _ellipse_gradient(sums, a, b, c, determinant)
-    ga, gb, gc = spread
+    centre, p, q = _ellipse_gradient(sums, m, k[LIMITS + 1])
     _store(grad_screen + 2 * i, centre[0], touched, here)
     _store(grad_screen + 2 * i + 1, centre[1], touched, here)
     _store(grad_opacities + i, sums[0] / tl.minimum(o, k[LIMITS + 2]), touched, here)
 
-    # C = M M^T + blur: d loss / d M = 2 G M, M = A R S.
-    p = (2.0 * (ga * m[0] + gb * m[3]), 2.0 * (ga * m[1] + gb * m[4]), 2.0 * (ga * m[2] + gb * m[5]))
-    q = (2.0 * (gb * m[0] + gc * m[3]), 2.0 * (gb * m[1] + gc * m[4]), 2.0 * (gb * m[2] + gc * m[5]))
+    # M = A R S.
     a0, a1, a2, b0, b1, b2 = axes
     # d loss / d (R S) = A^T dM, column by column; its columns dotted with R's give the scales.
     f0, f1, f2 = a0 * p[0] + b0 * q[0], a0 * p[1] + b0 * q[1], a0 * p[2] + b0 * q[2]

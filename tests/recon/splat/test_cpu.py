@@ -8,6 +8,7 @@ import torch
 
 import recon.threads as threads
 from recon.splat import Render, SplatCamera, SplatStats
+from recon.splat.buffers import Buffers
 
 NAMES = ("means", "quats", "scales", "opacities", "colours", "background")
 
@@ -166,3 +167,25 @@ def test_wrong_shapes_and_dtypes_are_named(scene_of: Any) -> None:
         scene.render([*tensors[:3], tensors[3].double(), tensors[4]])
     with pytest.raises(ValueError, match="stats counts 3"):
         scene.render(tensors, SplatStats(3))
+
+
+def test_what_was_not_drawn_counts_nothing(scene_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever its places in the tables held before."""
+    make = Buffers.array
+
+    def soiled(buffers: Buffers, name: str, shape: Any, dtype: Any) -> Any:
+        array = make(buffers, name, shape, dtype)
+        if array.dtype.kind == "f":
+            array.fill(np.nan)
+        return array
+
+    monkeypatch.setattr(Buffers, "array", soiled)
+    scene = scene_of("plain")
+    scene.means[::2, 2] = -50.0
+    stats = SplatStats(len(scene.means))
+    loss(scene.render(scene.tensors(torch.float32), stats)).backward()
+    for name in ("gradient", "radius", "weight"):
+        values = getattr(stats, name)
+        assert np.isfinite(values).all(), name
+        assert not values[::2].any(), name
+    assert stats.radius[1::2].any()

@@ -112,7 +112,7 @@ POISON = {
     "quats": ([1e-45, 1e-30, 0.0], [3e38, 1e-18]),
     "scales": ([0.0, -1.0, 1e19, 3e38], [1e-45, 1e-30]),
     "opacities": ([-0.5], [0.0, 1e-45, 1.0, 1.5, 3e38, 1.0 / 255.0]),
-    "colours": ([], [3e30, -1.0, 1e-45]),
+    "colours": ([3e38, -3e30], [1e29, -1.0, 1e-45]),
 }
 """Values that are culled besides those that are not finite, and values that are not."""
 
@@ -159,16 +159,27 @@ def test_an_overflow_stays_in_its_tile(device: str) -> None:
     """Lists lie one behind the other, and a list's last chunk reaches into the next."""
     means = torch.tensor([[-0.7, -0.5, 2.0], [0.8, -0.5, 2.0]])
     quats, scales = torch.tensor([[1.0, 0, 0, 0]]).repeat(2, 1), torch.full((2, 3), 0.05)
-    opacities, colours = torch.full((2,), 0.5), torch.tensor([[1.0] * 3, [3e38] * 3])
+    opacities, colours = torch.full((2,), 0.5), torch.tensor([[1.0] * 3, [1e30] * 3])
     found = []
     for count in (1, 2):
         tensors = [t[:count].to(device).requires_grad_() for t in (means, quats, scales, opacities, colours)]
         render = rasterize_gpu(*tensors, CAMERA, None, Limits(), None)
         assert render.visible == count
-        (render.image * 10).sum().backward()
+        (render.image * 1e9).sum().backward()
         found.append([t.grad[0] for t in tensors])
     assert all(torch.equal(*pair) for pair in zip(*found, strict=True))
     assert all(torch.isfinite(gradient).all() for gradient in found[1])
+
+
+@pytest.mark.parametrize("length", [1e3, 1e7])
+def test_gradients_of_needles_do_not_cancel(scene_of: Any, device: str, length: float) -> None:
+    scene = scene_of("needles").smaller(6)
+    scene.scales[:] = torch.tensor([length, length * 1e-9, length * 1e-9]).float().double()
+    fast, truth = scene.tensors(torch.float32), scene.tensors(torch.float64)
+    scene.render_on(device, fast).image.square().sum().backward()
+    scene.render(truth).image.square().sum().backward()
+    for ours, theirs in zip(fast, truth, strict=True):
+        assert (ours.grad - theirs.grad).norm() < 1e-3 * theirs.grad.norm()
 
 
 def test_degenerate_needles(scene_of: Any, device: str) -> None:
