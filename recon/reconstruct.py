@@ -157,7 +157,7 @@ def _begin(
     folder: Path, dataset: Dataset, wanted: Settings, device: torch.device, ranks: Ranks, progress: Progress
 ) -> tuple[Training, Settings]:
     """Gaussians at their start; what an earlier training left in the folder is removed."""
-    warm_up(progress)
+    warm_up(progress, device)
     started = time.monotonic()
     images = [radiance_image(view) for view in dataset.train]
     light = light_of(dataset, images)

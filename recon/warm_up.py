@@ -10,25 +10,37 @@ from recon.splat import Limits, SplatCamera, SplatStats, rasterize
 from recon.ssim import photometric_loss
 
 Progress = Callable[[str, int, int], None]
+_CPU = torch.device("cpu")
 
 
-def warm_up(progress: Progress) -> None:
-    """Run each kernel once, on next to nothing.
+def warm_up(progress: Progress, device: torch.device = _CPU) -> None:
+    """Run each kernel once, on next to nothing: those of the CPU, then those of `device` if it is another.
 
     The first time on a machine this compiles for some ten to twenty seconds; the result is kept on disk
-    (see `recon.jit`) and loaded in a fraction of a second afterwards. progress: (message, done, total).
+    (see `recon.jit`; Triton has a cache of its own) and loaded in a fraction of a second afterwards.
+    progress: (message, done, total).
     """
     kept = any(cache_folder().rglob("*.nbi"))
     doing = "loading" if kept else "compiling, once on this machine,"
+    total = 3 if device == _CPU else 4
+    progress(f"{doing} the rasteriser", 0, total)
+    image = _render(_CPU)
+    progress(f"{doing} its gradient", 1, total)
+    image.sum().backward()  # type: ignore[no-untyped-call]
+    progress(f"{doing} SSIM", 2, total)
+    planes = image.detach().permute(2, 0, 1).contiguous()
+    photometric_loss(planes.requires_grad_(), torch.zeros_like(planes), 0.5)
+    if device != _CPU:
+        progress(f"loading the kernels of {device}, or compiling them once", 3, total)
+        _render(device).sum().backward()  # type: ignore[no-untyped-call]
+    progress("kernels are ready", total, total)
+
+
+def _render(device: torch.device) -> torch.Tensor:
+    """One Gaussian on 16x16 pixels."""
     camera = SplatCamera(np.eye(4), fx=20.0, fy=20.0, cx=8.0, cy=8.0, width=16, height=16)
     means = torch.tensor([[0.0, 0.0, 2.0]], requires_grad=True)
     quats, scales = torch.tensor([[1.0, 0.0, 0.0, 0.0]]), torch.full((1, 3), 0.1)
-    opacities, colours = torch.tensor([0.5]), torch.ones(1, 3)
-    progress(f"{doing} the rasteriser", 0, 3)
-    image = rasterize(means, quats, scales, opacities, colours, camera, None, Limits(), SplatStats(1)).image
-    progress(f"{doing} its gradient", 1, 3)
-    image.sum().backward()  # type: ignore[no-untyped-call]
-    progress(f"{doing} SSIM", 2, 3)
-    planes = image.detach().permute(2, 0, 1).contiguous()
-    photometric_loss(planes.requires_grad_(), torch.zeros_like(planes), 0.5)
-    progress("kernels are ready", 3, 3)
+    tensors = (means, quats, scales, torch.tensor([0.5]), torch.ones(1, 3))
+    moved = [tensor.to(device) for tensor in tensors]
+    return rasterize(*moved, camera, None, Limits(), SplatStats(1)).image
