@@ -41,6 +41,7 @@ def _render(device: torch.device) -> torch.Tensor:
     camera = SplatCamera(np.eye(4), fx=20.0, fy=20.0, cx=8.0, cy=8.0, width=16, height=16)
     means = torch.tensor([[0.0, 0.0, 2.0]], requires_grad=True)
     quats, scales = torch.tensor([[1.0, 0.0, 0.0, 0.0]]), torch.full((1, 3), 0.1)
-    tensors = (means, quats, scales, torch.tensor([0.5]), torch.ones(1, 3))
-    moved = [tensor.to(device) for tensor in tensors]
-    return rasterize(*moved, camera, None, Limits(), SplatStats(1)).image
+    means, quats, scales = means.to(device), quats.to(device), scales.to(device)
+    opacities, colours = torch.tensor([0.5], device=device), torch.ones(1, 3, device=device)
+    stats = SplatStats(1)
+    return rasterize(means, quats, scales, opacities, colours, camera, None, Limits(), stats).image
