@@ -10,7 +10,7 @@ from drivers.clock import Clock
 from drivers.errors import CameraLost, CameraProtocol, CameraRefused
 from drivers.ptp.codes import PropertyCode
 from drivers.ptp.connection import Connection
-from drivers.ptp.exposure import Choice, Dial
+from drivers.ptp.exposure import SAME, Choice, Dial, apart
 from drivers.ptp.picture import best_of, decode
 from drivers.ptp.session import Download, PtpSession
 from drivers.ptp.vendors.standard import StandardBody
@@ -42,7 +42,8 @@ class PtpCamera:
         self._wanted: Exposure | None = None
         self._choices: list[tuple[Dial, Choice]] = []
         self._triggered: Exposure | None = None
-        self._known: set[int] = set()
+        self._known: frozenset[int] = frozenset()
+        self._shooter: StandardBody | None = None
         self._objects: list[Download] = []
         self._size, self._bits = (0, 0), 0
         self.confirmed = self.certain = False
@@ -89,7 +90,7 @@ class PtpCamera:
         body = self._connected()
         self._objects, self._triggered = [], None
         time = next(choice.value for dial, choice in self._choices if dial is body.time)
-        self._known = body.known
+        self._known, self._shooter = frozenset(body.known), body
         try:
             body.release()
         except CameraLost:
@@ -109,7 +110,7 @@ class PtpCamera:
         time = self._triggered.time
 
         def emptied(body: StandardBody) -> RawMosaic | EncodedPhoto:
-            if body.known is not self._known:
+            if body is not self._shooter:
                 self._continue_on(body)
             self._objects = self._objects or body.wait(time)
             return self._fetched(body)
@@ -183,11 +184,9 @@ class PtpCamera:
                     f"{self.where} renumbered its card while it was away: take the shot again."
                 )
             body.known -= new
-            self._known = body.known
-            return
         for one in self._objects:
             one.handle = self._handle_of(body.session, one)
-        self._known = body.known
+        self._shooter = body
 
     def _handle_of(self, session: PtpSession, one: Download) -> int:
         for handle in (one.handle, *reversed(session.handles())):
@@ -225,11 +224,12 @@ class PtpCamera:
         self.confirmed = told is not None
         if told is None:
             return
+        own = {id(body.time): told.time, id(body.f_number): told.f_number, id(body.iso): told.iso}
         for dial, choice in self._choices:
-            own = {id(body.time): told.time, id(body.f_number): told.f_number, id(body.iso): told.iso}
             value = own.get(id(dial))
-            if value is not None and not dial.confirm(choice, value):
-                self.confirmed = False
+            if value is not None:
+                dial.learn(choice, value)
+                self.confirmed &= apart(choice.value, value) <= SAME
         self.certain = self.certain or self.confirmed
 
 

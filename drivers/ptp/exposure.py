@@ -66,7 +66,7 @@ CANON_DIALS = (
 )
 SONY_TIME, SONY_ISO = (SonyProperty.SHUTTER_SPEED, SONY_QUOTIENT), (SonyProperty.ISO, LONG_ISO)
 
-_SAME = 1 / 6
+SAME = 1 / 6
 """Stops within which two values are one: half of the third in which cameras are set."""
 _READ_BACKS = 5
 """Times that a setting is looked at before it counts as not taken."""
@@ -105,16 +105,12 @@ class Dial:
         """What it can be set to, ascending; only what it is now if the camera says that it cannot be set."""
         return self._choices(self._properties.describe(self.code))
 
-    def confirm(self, choice: Choice, value: float) -> bool:
+    def learn(self, choice: Choice, value: float) -> None:
         """A file says what a code really was: remember it, if it is one of the things it can mean."""
         candidates = self._coding.candidates(choice.code)
-        if not candidates:
-            return False
-        nearest = min(candidates, key=lambda one: _apart(one, value))
-        if _apart(nearest, value) > _SAME:
-            return False
-        self._confirmed[choice.code] = nearest
-        return True
+        nearest = min(candidates, key=lambda one: apart(one, value), default=value)
+        if candidates and apart(nearest, value) <= SAME:
+            self._confirmed[choice.code] = nearest
 
     def set(self, value: float, sleep: Callable[[float], None]) -> Choice:
         """Set the nearest choice and return what the camera then says it is at.
@@ -127,7 +123,7 @@ class Dial:
             raise CameraRefused(
                 f"The camera offers no number for property 0x{self.code:04X}: switch it to manual exposure."
             )
-        wanted = min(choices, key=lambda choice: min(_apart(one, value) for one in self._values(choice)))
+        wanted = min(choices, key=lambda choice: min(apart(one, value) for one in self._values(choice)))
         for _ in range(2):
             if description.current == wanted.code or not description.writable:
                 break
@@ -145,7 +141,7 @@ class Dial:
                 "which is no number: switch it to manual exposure."
             )
         if found.code == wanted.code and not found.certain:
-            nearest = min(self._values(found), key=lambda one: _apart(one, value))
+            nearest = min(self._values(found), key=lambda one: apart(one, value))
             return Choice(found.code, nearest, certain=False)
         return found
 
@@ -183,12 +179,12 @@ class Dial:
         if value is None:
             return None
         candidates = self._coding.candidates(code)
-        return Choice(code, value, _apart(min(candidates), max(candidates)) <= _SAME)
+        return Choice(code, value, apart(min(candidates), max(candidates)) <= SAME)
 
     def _values(self, choice: Choice) -> tuple[float, ...]:
         return (choice.value,) if choice.certain else self._coding.candidates(choice.code)
 
 
-def _apart(one: float, other: float) -> float:
+def apart(one: float, other: float) -> float:
     """Stops between two positive values."""
     return abs(math.log2(one / other))

@@ -52,8 +52,8 @@ def wait_for_objects(session: PtpSession, known: set[int], exposure: float) -> l
             raise CameraProtocol(f"{session.where} sends events without end: switch it off and on.")
         for handle in added:
             if handle not in known:
-                known.add(handle)
                 found.extend(_files(session, handle))
+                known.add(handle)
                 news = clock.now()
 
 

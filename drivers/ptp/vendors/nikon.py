@@ -11,6 +11,7 @@ from drivers.errors import CameraRefused, CameraTimeout
 from drivers.ptp.codec import Event, Reader, damaged
 from drivers.ptp.codes import (
     UNKNOWN_LENGTH,
+    DataType,
     EventCode,
     NikonEvent,
     NikonOperation,
@@ -55,20 +56,25 @@ class NikonBody(StandardBody):
 
     def enter(self) -> None:
         """Remote mode, memory as the destination, NEF as the format."""
+        if self.session.supports(NikonOperation.GET_VENDOR_PROP_CODES):
+            own = Reader(self.session.get(NikonOperation.GET_VENDOR_PROP_CODES)).array(DataType.UINT16)
+            self.listed = (*self.listed, *own)
         super().enter()
         if self.session.supports(NikonOperation.CHANGE_CAMERA_MODE):
             self.session.run(NikonOperation.CHANGE_CAMERA_MODE, 1, repeatable=True)
-        listed = self.session.info.properties
-        if self._to_memory and NikonProperty.RECORDING_MEDIA in listed:
+        if self._to_memory and NikonProperty.RECORDING_MEDIA in self.listed:
             self.write(NikonProperty.RECORDING_MEDIA, _TO_MEMORY)
-        if PropertyCode.COMPRESSION_SETTING in listed:
+        if PropertyCode.COMPRESSION_SETTING in self.listed:
             form = self.describe(PropertyCode.COMPRESSION_SETTING).form
             if isinstance(form, EnumForm) and _NEF in form.values:
                 self.write(PropertyCode.COMPRESSION_SETTING, _NEF)
-        own = self._dial(NIKON_TIME)
-        if own is not None and self.describe(own.code).writable:
-            self.time = own  # exact, where ExposureTime counts 100 us
+        fine = self._dial(NIKON_TIME)
+        if fine is not None and self.describe(fine.code).writable:
+            self.time = fine  # exact, where ExposureTime counts 100 us
         self.iso = self._dial(NIKON_ISO) or self.iso
+        if self._to_memory:
+            self._until_ready(PATIENCE)
+            self._forget(MEMORY_HANDLE)  # what a session that broke off may have left
 
     def leave(self) -> None:
         """Local mode."""
@@ -83,7 +89,9 @@ class NikonBody(StandardBody):
         """DeviceReady, and the events of earlier shots forgotten."""
         self._until_ready(PATIENCE)
         if self.session.supports(NikonOperation.GET_EVENT):
-            self._events()
+            for event in self._events():
+                if event.code == NikonEvent.OBJECT_ADDED_IN_SDRAM:
+                    self._forget(event.parameters[0] or MEMORY_HANDLE)
         super().wait_ready()
 
     def release(self) -> None:
@@ -121,8 +129,11 @@ class NikonBody(StandardBody):
     def discard(self, one: Download) -> None:
         """Delete it from memory, else the next shot finds the camera busy."""
         if one.handle == MEMORY_HANDLE:
-            with suppress(CameraRefused):
-                self.session.run(Operation.DELETE_OBJECT, one.handle, 0, repeatable=True)
+            self._forget(one.handle)
+
+    def _forget(self, handle: int) -> None:
+        with suppress(CameraRefused):  # there is none
+            self.session.run(Operation.DELETE_OBJECT, handle, 0, repeatable=True)
 
     def _until_ready(self, patience: float) -> None:
         if self.session.supports(NikonOperation.DEVICE_READY):

@@ -25,6 +25,8 @@ class StandardBody:
     def __init__(self, session: PtpSession) -> None:
         self.session = session
         self.known: set[int] = set()
+        """Handles of objects that are not of the next shot."""
+        self.listed: tuple[int, ...] = session.info.properties
         self.time: Dial | None = None
         self.f_number: Dial | None = None
         self.iso: Dial | None = None
@@ -73,4 +75,4 @@ class StandardBody:
 
     def _dial(self, setting: tuple[int, Coding]) -> Dial | None:
         code, coding = setting
-        return Dial(self, code, coding) if code in self.session.info.properties else None
+        return Dial(self, code, coding) if code in self.listed else None
