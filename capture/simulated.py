@@ -10,6 +10,7 @@ from capture.deviation import TOLERANCE_STOPS
 from capture.lock import sole_writer
 from capture.recorder import CaptureResult, Progress, finished, record, slots
 from drivers.camera import Camera
+from drivers.sim.on_bus import BusRig
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging import store
 from imaging.dng import Compression
@@ -46,7 +47,9 @@ def capture_simulated(
     if resume and not out.is_dir():
         raise InputError(f"{out} is not a folder: leave --resume out to begin a session there.")
     rig = simulate(name, seed)
-    cameras = {camera.name: device for camera, device in zip(rig.records(), rig.cameras, strict=True)}
+    cameras = {
+        camera.name: device for camera, device in zip(rig.records(), BusRig(rig).cameras(), strict=True)
+    }
     wanted = _plan(rig, cameras, name, frames, bracket)
     identity = SessionRecord(
         name=out.resolve().name,

@@ -109,6 +109,11 @@ class SimulatedRig:
         return list(self._devices)
 
     @property
+    def devices(self) -> tuple[SimulatedCamera, ...]:
+        """The same, with what only simulated cameras have."""
+        return tuple(self._devices)
+
+    @property
     def bodies(self) -> tuple[Body, ...]:
         """What each camera is, in the order of `records`."""
         return tuple(device.body for device in self._devices)

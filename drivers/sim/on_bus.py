@@ -1,0 +1,33 @@
+"""A simulated rig on a virtual USB bus, driven by the very drivers that drive hardware."""
+
+from collections.abc import Sequence
+
+from drivers.camera import Camera
+from drivers.ptp import find_cameras
+from drivers.sim.bus import VirtualBus
+from drivers.sim.faults import Fault, FaultPlan
+from drivers.sim.ptp_profiles import profile
+from drivers.sim.ptp_responder import Responder
+from drivers.sim.ptp_usb import PtpDevice
+from drivers.sim.rigs import SimulatedRig
+from drivers.sim.virtual_clock import VirtualClock
+
+
+class BusRig:
+    """The cameras of a rig as PTP devices: `backend` and `clock` are what drivers are given.
+
+    faults: what goes wrong, and when; `plan.struck` lists what did.
+    """
+
+    def __init__(self, rig: SimulatedRig, faults: Sequence[Fault] = (), model: str = "generic") -> None:
+        self.clock = VirtualClock()
+        self.backend = VirtualBus(self.clock)
+        self.plan = FaultPlan(self.clock, tuple(faults))
+        for device in rig.devices:
+            self.backend.plug(PtpDevice(Responder(device, profile(model), self.clock, self.plan)))
+        self._serials = [device.body.serial for device in rig.devices]
+
+    def cameras(self) -> list[Camera]:
+        """Every camera through its driver, in the order of the rig's records."""
+        found = {camera.identify().serial: camera for camera in find_cameras(self.backend, self.clock)}
+        return [found[serial] for serial in self._serials]
