@@ -125,7 +125,7 @@ class NodeMap:
         if node is None:
             element = self._elements.get(name)
             if element is None:
-                raise CameraRefused(f"the camera has no {name}")
+                raise CameraRefused(f"there is no {name}")
             node = self._nodes[name] = _KINDS.get(element.tag, Node)(element, self._around)
         return node
 

@@ -6,7 +6,8 @@ formula), which is not that of C. Loosest first; equals associate from left to r
     ? :        then      = <> < > <= >= && ||        then      + -        then      * / %
     then      ** & | ^ << >>        then      - + ~ before a value, calls, parentheses
 
-Integer formulas compute in 64 bits with wrap-around; a quotient and a remainder go towards zero.
+One thing is otherwise: a sign before a parenthesis belongs to that alone, so that -(1) + 2 is 1; the
+committee's evaluator negates all that follows. Integer formulas compute in 64 bits with wrap-around; a quotient and a remainder go towards zero.
 """
 
 import math

@@ -1,0 +1,223 @@
+"""A machine vision camera from end to end: what it delivers is what the sensor behind it saw."""
+
+import numpy as np
+import pytest
+
+from drivers.camera import Camera
+from drivers.errors import CameraNotFound, CameraRefused, CameraTimeout
+from drivers.sim.u3v_description import Feature
+from drivers.u3v import U3vCamera, find_cameras
+from drivers.u3v.pixels import BY_NAME
+from drivers.u3v.registers import Sirm
+from drivers.u3v.session import open_session
+from imaging.cfa import Cfa
+from imaging.errors import CameraError
+from imaging.exposure import Exposure
+from imaging.mosaic import RawMosaic
+
+from .conftest import Bench, MakeBench
+
+LABEL = Exposure(time=1 / 60, iso=200)
+
+
+def shoot(camera: Camera, exposure: Exposure = LABEL) -> RawMosaic:
+    camera.set_exposure(exposure)
+    camera.arm()
+    camera.trigger()
+    frame = camera.collect()
+    assert isinstance(frame, RawMosaic)
+    return frame
+
+
+@pytest.mark.parametrize("bits", [12, 14])
+@pytest.mark.parametrize("cfa", list(Cfa))
+def test_a_frame_is_what_the_sensor_saw(make_bench: MakeBench, bits: int, cfa: Cfa) -> None:
+    bench: Bench = make_bench(bits=bits, cfa=cfa)
+    camera = bench.camera()
+    frame, truth = shoot(camera), shoot(bench.twin)
+    camera.close()
+    assert np.array_equal(frame.pixels, truth.pixels)
+    assert (frame.cfa, frame.white) == (truth.cfa, truth.white)
+    # The camera tells three colours, the two greens as their mean.
+    pattern, black = cfa.pattern.reshape(-1), np.array(truth.black)
+    for site in range(4):
+        assert frame.black[site] == pytest.approx(black[pattern == pattern[site]].mean())
+    assert frame.metadata.serial == bench.serial
+    assert frame.metadata.exposure == Exposure(time=2.0**-6, iso=200)
+
+
+def test_the_exposure_is_what_is_applied(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    camera = bench.camera()
+    told = camera.capabilities()
+    assert told.times[0] == 2.0**-13
+    assert told.times[-1] == 32.0
+    assert (told.width, told.height, told.bit_depth) == (64, 48, 12)
+    assert told.isos[0] == pytest.approx(100)
+    assert told.isos[-1] == pytest.approx(1600)
+    # A setting that is read back and set again stays.
+    for wanted in (Exposure(time=1e-9, iso=1), Exposure(time=1 / 50, iso=820), Exposure(time=1e6, iso=1e6)):
+        applied = camera.set_exposure(wanted)
+        assert camera.set_exposure(applied) == applied
+    assert applied == Exposure(time=32.0, iso=1600)
+    assert camera.set_exposure(Exposure(time=1.0)).iso == 1600
+    camera.close()
+
+
+def test_a_long_exposure_is_waited_for_in_the_clock_of_the_bus(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    camera = bench.camera()
+    camera.set_exposure(Exposure(time=30, iso=100))
+    camera.arm()
+    opened = camera.trigger()
+    frame = camera.collect()
+    assert frame.metadata.exposure == Exposure(time=32, iso=100)
+    assert 32.0 < bench.clock.now() - opened < 32.1
+
+
+@pytest.mark.parametrize("name", ["BayerRG8", "BayerRG10", "BayerRG10p", "BayerRG10Packed", "BayerRG12"])
+def test_every_format_of_the_camera_is_read(make_bench: MakeBench, name: str) -> None:
+    bench = make_bench()
+    camera = bench.camera()
+    camera.set_exposure(LABEL)
+    assert camera._session is not None
+    camera._session.nodes.set("PixelFormat", name)
+    camera.arm()
+    camera.trigger()
+    frame, truth = camera.collect(), shoot(bench.twin)
+    lost = 12 - BY_NAME[name].bits
+    assert np.array_equal(frame.pixels, truth.pixels >> lost)
+    assert frame.white == 4095 >> lost
+    assert frame.black[0] == truth.black[0] / 2**lost
+
+
+@pytest.mark.parametrize(("left", "top"), [(0, 0), (1, 0), (2, 3), (7, 5)])
+def test_a_window_has_the_phase_of_its_first_pixel(make_bench: MakeBench, left: int, top: int) -> None:
+    bench = make_bench()
+    camera = bench.camera()
+    camera.set_exposure(LABEL)
+    assert camera._session is not None
+    for feature, value in {"Width": 33, "Height": 21, "OffsetX": left, "OffsetY": top}.items():
+        camera._session.nodes.set(feature, value)
+    camera.arm()
+    camera.trigger()
+    frame, truth = camera.collect(), shoot(bench.twin).cropped(top, left, 21, 33)
+    assert np.array_equal(frame.pixels, truth.pixels)
+    assert frame.cfa == truth.cfa
+
+
+def test_a_bracket_runs_in_the_camera(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    camera = bench.camera()
+    exposures = [Exposure(time=2.0**power, iso=iso) for power, iso in ((-10, 100), (-6, 400), (-3, 100))]
+    assert camera.sequences
+    began = bench.clock.now()
+    frames = camera.bracket(exposures)
+    for frame, exposure in zip(frames, exposures, strict=True):
+        assert frame.metadata.exposure == exposure
+        assert np.array_equal(frame.pixels, shoot(bench.twin, exposure).pixels)
+    assert bench.clock.now() - began < sum(one.time for one in exposures) + 0.1
+    # After it, single frames as before.
+    assert np.array_equal(shoot(camera).pixels, shoot(bench.twin).pixels)
+    with pytest.raises(CameraRefused, match="8 sets"):
+        camera.bracket(exposures * 3)
+
+
+def test_a_hardware_line_triggers(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    camera = bench.camera(line="Line1")
+    camera.set_exposure(LABEL)
+    camera.arm()
+    bench.clock.call_later(0.3, lambda: bench.device.line(0))
+    bench.clock.call_later(0.5, lambda: bench.device.line(1))
+    began = camera.trigger()
+    assert np.array_equal(camera.collect().pixels, shoot(bench.twin).pixels)
+    assert 0.5 < bench.clock.now() - began < 0.6
+
+
+def test_no_pulse_is_a_time_out_and_the_next_shot_works(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    camera = bench.camera(line="Line0")
+    camera.set_exposure(LABEL)
+    camera.arm()
+    camera.trigger()
+    with pytest.raises(CameraTimeout, match="check trigger"):
+        camera.collect()
+    bench.device.line(0)  # Nobody waits any more.
+    camera.arm()
+    bench.clock.call_later(0.1, lambda: bench.device.line(0))
+    camera.trigger()
+    assert np.array_equal(camera.collect().pixels, shoot(bench.twin).pixels)
+
+
+def test_the_exposure_time_comes_with_the_frame(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    camera = bench.camera()
+    camera.set_exposure(LABEL)
+    camera.arm()
+    camera.trigger()
+    # What is set after the trigger concerns the next frame, not this one.
+    assert camera._session is not None
+    camera._session.nodes.set("ExposureTime", 250_000.0)
+    exposure = camera.collect().metadata.exposure
+    assert exposure is not None
+    assert exposure.time == 2.0**-6
+
+
+def test_the_throughput_is_limited(make_bench: MakeBench) -> None:
+    camera = make_bench().camera()
+    assert camera.limit_throughput(50_500_000) == 50_000_000
+    assert camera.limit_throughput(10**12) == 400_000_000
+    assert camera.limit_throughput(1) == 1_000_000
+
+
+def test_the_order_of_a_shot_is_kept(make_bench: MakeBench) -> None:
+    camera = make_bench().camera()
+    with pytest.raises(CameraError, match="call arm before"):
+        camera.trigger()
+    camera.set_exposure(LABEL)
+    camera.arm()
+    with pytest.raises(CameraError, match="call trigger before"):
+        camera.collect()
+    camera.trigger()
+    camera.collect()
+    with pytest.raises(CameraError, match="call trigger before"):
+        camera.collect()
+
+
+def test_cameras_are_found_by_serial_number(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    found = find_cameras(bench.bus, bench.clock)
+    assert [one.serial for one in found] == [bench.serial]
+    identity = found[0].identify()
+    assert (identity.serial, identity.kind) == (bench.serial, "raw")
+    found[0].close()
+    with pytest.raises(CameraNotFound, match="SIM-NOBODY"):
+        U3vCamera("SIM-NOBODY", bench.bus, bench.clock).identify()
+
+
+def test_opening_and_closing_leaves_nothing_open(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    for _ in range(30):
+        (camera,) = find_cameras(bench.bus, bench.clock)
+        camera.identify()
+        camera.close()
+        camera.close()
+    assert bench.bus.open_handles == 0
+
+
+def test_transfers_add_up_to_the_payload(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    session = open_session(bench.serial, bench.bus, bench.clock)
+    session.stream.start()
+    memory = bench.device._memory
+    size, count, last, last_2 = (
+        memory.stream(one)
+        for one in (Sirm.TRANSFER_SIZE, Sirm.TRANSFER_COUNT, Sirm.LAST_TRANSFER, Sirm.LAST_TRANSFER_2)
+    )
+    payload = int(session.nodes.number("PayloadSize"))
+    assert payload == memory.stream(Sirm.REQUIRED_PAYLOAD)
+    assert 0 <= count * size + last + last_2 - payload < 1024
+    assert size % 1024 == last % 1024 == 0
+    assert memory.get(Feature.WIDTH) == session.nodes.number("Width")
+    session.close()

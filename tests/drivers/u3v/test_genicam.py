@@ -1,0 +1,347 @@
+"""The node map over a memory of its own: registers bit by bit, limits, access, references, safe XML."""
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import CameraProtocol, CameraRefused
+from drivers.u3v.genicam import NodeMap
+
+
+class Bytes:
+    """Memory that records what is written."""
+
+    def __init__(self) -> None:
+        self.data = bytearray(256)
+        self.writes: list[tuple[int, bytes]] = []
+
+    def read(self, address: int, size: int) -> bytes:
+        return bytes(self.data[address : address + size])
+
+    def write(self, address: int, data: bytes) -> None:
+        self.writes.append((address, data))
+        self.data[address : address + len(data)] = data
+
+
+def node_map(inside: str, memory: Bytes | None = None) -> NodeMap:
+    xml = f'<g:RegisterDescription xmlns:g="urn:x">{inside}<Port Name="Device"/></g:RegisterDescription>'
+    return NodeMap(xml.encode(), memory or Bytes(), "the camera")
+
+
+def register(kind: str, inside: str, access: str = "RW") -> str:
+    common = f"<AccessMode>{access}</AccessMode><pPort>Device</pPort>"
+    return f'<{kind} Name="R"><Address>0x10</Address>{common}{inside}</{kind}>'
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 4, 8])
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize("signed", [False, True])
+@given(st.data())
+def test_int_registers(size: int, big: bool, signed: bool, data: st.DataObject) -> None:
+    memory = Bytes()
+    inside = (
+        f"<Length>{size}</Length><Sign>{'Signed' if signed else 'Unsigned'}</Sign>"
+        f"<Endianess>{'BigEndian' if big else 'LittleEndian'}</Endianess>"
+    )
+    nodes = node_map(register("IntReg", inside), memory)
+    low = -(2 ** (8 * size - 1)) if signed else 0
+    value = data.draw(st.integers(low, low + 2 ** (8 * size) - 1))
+    nodes.set("R", value)
+    assert memory.writes == [(0x10, value.to_bytes(size, "big" if big else "little", signed=signed))]
+    assert nodes.number("R") == value
+    with pytest.raises(CameraRefused, match="the camera: R: "):
+        nodes.set("R", low - 1)
+
+
+@given(
+    st.integers(0, 31),
+    st.integers(0, 31),
+    st.booleans(),
+    st.binary(min_size=4, max_size=4),
+    st.integers(0, 2**32 - 1),
+)
+def test_masked_registers_leave_the_other_bits(
+    first: int, last: int, big: bool, before: bytes, value: int
+) -> None:
+    memory = Bytes()
+    memory.data[16:20] = before
+    order = "BigEndian" if big else "LittleEndian"
+    low, high = min(first, last), max(first, last)
+    # In big endian registers bit 0 is the highest, and the least significant bit has the larger number.
+    lsb, msb = (high, low) if big else (low, high)
+    inside = f"<Length>4</Length><LSB>{lsb}</LSB><MSB>{msb}</MSB><Endianess>{order}</Endianess>"
+    nodes = node_map(register("MaskedIntReg", inside), memory)
+    text = "".join(f"{byte:08b}" for byte in (before if big else before[::-1]))  # Highest bit first.
+    places = range(low, high + 1) if big else range(31 - high, 32 - low)
+    assert nodes.number("R") == int("".join(text[place] for place in places), 2)
+    width = high - low + 1
+    value %= 1 << width
+    nodes.set("R", value)
+    assert nodes.number("R") == value
+    after = "".join(f"{byte:08b}" for byte in (memory.data[16:20] if big else memory.data[16:20][::-1]))
+    assert [after[place] for place in range(32) if place not in places] == [
+        text[place] for place in range(32) if place not in places
+    ]
+    if width < 32:
+        with pytest.raises(CameraRefused):
+            nodes.set("R", 1 << width)
+
+
+def test_signed_bits() -> None:
+    memory = Bytes()
+    memory.data[16:20] = struct.pack("<I", 0xD << 4)
+    nodes = node_map(
+        register("MaskedIntReg", "<Length>4</Length><LSB>4</LSB><MSB>7</MSB><Sign>Signed</Sign>"), memory
+    )
+    assert nodes.number("R") == -3
+    assert (nodes.limits("R").low, nodes.limits("R").high) == (-8, 7)
+
+
+@pytest.mark.parametrize(("size", "code"), [(4, "f"), (8, "d")])
+@pytest.mark.parametrize("big", [False, True])
+def test_float_registers(size: int, code: str, big: bool) -> None:
+    memory = Bytes()
+    order = "BigEndian" if big else "LittleEndian"
+    inside = f"<Length>{size}</Length><Endianess>{order}</Endianess>"
+    nodes = node_map(register("FloatReg", inside), memory)
+    nodes.set("R", 0.15625)
+    assert memory.writes == [(0x10, struct.pack((">" if big else "<") + code, 0.15625))]
+    assert nodes.number("R") == 0.15625
+
+
+def test_texts() -> None:
+    memory = Bytes()
+    nodes = node_map(register("StringReg", "<Length>8</Length>"), memory)
+    nodes.set("R", "Müller")
+    assert memory.data[16:24] == "Müller".encode() + b"\0"
+    assert nodes.text("R") == "Müller"
+    with pytest.raises(CameraRefused, match="8 bytes"):
+        nodes.set("R", "Müllerin1")
+
+
+def test_addresses_add_up() -> None:
+    memory = Bytes()
+    memory.data[:] = range(256)
+    nodes = node_map(
+        '<IntReg Name="A"><Address>0x10</Address><Address>2</Address><pAddress>Base</pAddress>'
+        '<pIndex Offset="4">Index</pIndex><pIndex pOffset="Step">Index</pIndex><Length>1</Length>'
+        "<AccessMode>RO</AccessMode><pPort>Device</pPort></IntReg>"
+        '<Integer Name="Base"><Value>0x40</Value></Integer><Integer Name="Index"><Value>3</Value></Integer>'
+        '<Integer Name="Step"><Value>5</Value></Integer>',
+        memory,
+    )
+    assert nodes.number("A") == 0x10 + 2 + 0x40 + 3 * 4 + 3 * 5
+    nodes.set("Index", 0)
+    assert nodes.number("A") == 0x52
+
+
+def test_struct_entries_share_a_register() -> None:
+    memory = Bytes()
+    nodes = node_map(
+        '<StructReg Comment="C"><Address>4</Address><Length>2</Length><AccessMode>RW</AccessMode>'
+        '<pPort>Device</pPort><Endianess>LittleEndian</Endianess><StructEntry Name="Low"><Bit>0</Bit>'
+        '</StructEntry><StructEntry Name="High"><AccessMode>RO</AccessMode><LSB>12</LSB><MSB>15</MSB>'
+        "</StructEntry></StructReg>",
+        memory,
+    )
+    memory.data[4:6] = b"\x00\xa5"
+    nodes.set("Low", 1)
+    assert memory.data[4:6] == b"\x01\xa5"
+    assert nodes.number("High") == 10
+    assert not nodes.writable("High")
+
+
+LIMITED = (
+    '<Integer Name="N"><pValue>R</pValue><pMin>Low</pMin><Max>40</Max><Inc>4</Inc></Integer>'
+    '<Integer Name="Low"><Value>8</Value></Integer>' + register("IntReg", "<Length>2</Length>")
+)
+
+
+@pytest.mark.parametrize("value", [4, 9, 44, -8])
+def test_integers_keep_to_their_limits(value: int) -> None:
+    nodes = node_map(LIMITED)
+    with pytest.raises(CameraRefused, match=r"N: .* is not in 8 to 40 in steps of 4"):
+        nodes.set("N", value)
+    nodes.set("N", 12)
+    assert nodes.number("N") == 12
+    nodes.set("Low", 16)
+    assert nodes.limits("N").low == 16
+
+
+ENUMERATION = (
+    '<Enumeration Name="E"><EnumEntry Name="One"><Value>1</Value></EnumEntry>'
+    '<EnumEntry Name="Two"><pIsAvailable>Switch</pIsAvailable><Value>2</Value></EnumEntry>'
+    '<EnumEntry Name="Never"><pIsImplemented>No</pIsImplemented><Value>3</Value></EnumEntry>'
+    "<pValue>R</pValue></Enumeration>"
+    '<Boolean Name="Switch"><Value>false</Value></Boolean><Integer Name="No"><Value>0</Value></Integer>'
+    + register("IntReg", "<Length>4</Length>")
+)
+
+
+def test_enumerations_offer_what_is_available() -> None:
+    nodes = node_map(ENUMERATION)
+    nodes.set("E", "One")
+    assert (nodes.text("E"), nodes.number("E"), nodes.entries("E")) == ("One", 1, ("One",))
+    with pytest.raises(CameraRefused, match="E: 'Two' is not offered: choose among One"):
+        nodes.set("E", "Two")
+    nodes.set("Switch", True)
+    nodes.set("E", "Two")
+    assert nodes.entries("E") == ("One", "Two")
+    assert nodes.number("E") == 2
+    nodes.set("R", 9)
+    with pytest.raises(CameraProtocol, match="E: its value 9 has no name"):
+        nodes.text("E")
+
+
+def test_booleans_and_commands() -> None:
+    memory = Bytes()
+    nodes = node_map(
+        '<Boolean Name="B"><pValue>R</pValue><OnValue>7</OnValue><OffValue>5</OffValue></Boolean>'
+        '<Command Name="C"><pValue>R</pValue><CommandValue>9</CommandValue></Command>'
+        + register("IntReg", "<Length>1</Length>"),
+        memory,
+    )
+    nodes.set("B", True)
+    assert nodes.number("B") == 1
+    nodes.set("B", False)
+    assert nodes.number("B") == 0
+    assert nodes.done("C")
+    nodes.execute("C")
+    assert not nodes.done("C")
+    memory.data[0x10] = 0
+    assert nodes.done("C")
+    assert [data for _, data in memory.writes] == [b"\x07", b"\x05", b"\x09"]
+    with pytest.raises(CameraProtocol, match="no Command"):
+        nodes.execute("B")
+
+
+CONVERTER = (
+    '<Converter Name="K"><pVariable Name="S">Scale</pVariable><Constant Name="HALF">0.5</Constant>'
+    '<Expression Name="OFFSET">S * HALF</Expression><FormulaTo>(OFFSET - FROM) * S</FormulaTo>'
+    "<FormulaFrom>OFFSET - TO / S</FormulaFrom><pValue>N</pValue></Converter>"
+    '<Float Name="Scale"><Value>10.0</Value></Float>'
+    '<Integer Name="N"><pValue>R</pValue><Max>100</Max></Integer>' + register("IntReg", "<Length>2</Length>")
+)
+
+
+def test_converters_go_both_ways() -> None:
+    nodes = node_map(CONVERTER)
+    nodes.set("K", 1.52)
+    assert nodes.number("N") == 35  # 34.8, to the nearest.
+    assert nodes.number("K") == 1.5
+    assert (nodes.limits("K").low, nodes.limits("K").high) == (-5.0, 5.0)
+    with pytest.raises(CameraRefused, match="K: 101 is not in 0 to 100"):
+        nodes.set("K", -5.1)
+
+
+def test_values_chosen_by_an_index() -> None:
+    nodes = node_map(
+        '<Integer Name="V"><pIndex>I</pIndex><pValueIndexed Index="1">A</pValueIndexed>'
+        "<ValueDefault>5</ValueDefault></Integer>"
+        '<Integer Name="I"><Value>1</Value></Integer><Integer Name="A"><Value>77</Value></Integer>'
+    )
+    assert nodes.number("V") == 77
+    nodes.set("I", 2)
+    assert nodes.number("V") == 5
+
+
+def test_access_follows_modes_locks_and_availability() -> None:
+    nodes = node_map(
+        '<Integer Name="N"><pIsAvailable>There</pIsAvailable><pIsLocked>Lock</pIsLocked><pValue>R</pValue>'
+        '</Integer><Integer Name="There"><Value>1</Value></Integer><Integer Name="Lock"><Value>0</Value>'
+        '</Integer><Integer Name="Imposed"><ImposedAccessMode>RO</ImposedAccessMode><pValue>R</pValue>'
+        "</Integer>" + register("IntReg", "<Length>1</Length>")
+    )
+    assert nodes.writable("N")
+    assert not nodes.writable("Imposed")
+    nodes.set("Lock", 1)
+    assert not nodes.writable("N")
+    with pytest.raises(CameraRefused, match="N: it cannot be set"):
+        nodes.set("N", 1)
+    assert nodes.number("N") == 0
+    nodes.set("There", 0)
+    assert not nodes.available("N")
+    with pytest.raises(CameraRefused, match="N: it cannot be read"):
+        nodes.number("N")
+    assert not nodes.available("Nobody")
+    with pytest.raises(CameraRefused, match="Nobody: there is no Nobody"):
+        nodes.number("Nobody")
+
+
+@pytest.mark.parametrize(("access", "letter"), [("RO", "R"), ("WO", "W")])
+def test_registers_for_one_direction(access: str, letter: str) -> None:
+    memory = Bytes()
+    nodes = node_map(
+        register("MaskedIntReg", "<Length>2</Length><LSB>0</LSB><MSB>3</MSB>", access)
+        + '<Integer Name="N"><pValue>R</pValue></Integer>',
+        memory,
+    )
+    assert nodes.writable("N") == (letter == "W")
+    if letter == "W":
+        nodes.set("N", 3)
+        assert memory.writes == [(0x10, b"\x03\x00")]
+        with pytest.raises(CameraRefused):
+            nodes.number("N")
+
+
+def test_chunks_are_read_from_the_frame() -> None:
+    inside = (
+        '<FloatReg Name="T"><Address>4</Address><Length>8</Length><AccessMode>RO</AccessMode>'
+        '<pPort>Chunk</pPort></FloatReg><Port Name="Chunk"><ChunkID>1A</ChunkID></Port>'
+    )
+    nodes = node_map(inside)
+    with pytest.raises(CameraRefused, match="T: no chunk"):
+        nodes.number("T")
+    nodes.attach_chunks({0x1A: bytes(4) + struct.pack("<d", 2.5)})
+    assert nodes.number("T") == 2.5
+    nodes.attach_chunks({0x1A: bytes(11)})
+    with pytest.raises(CameraRefused):
+        nodes.number("T")
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        '<Integer Name="X"><pValue>X</pValue></Integer>',
+        '<Integer Name="X"><pValue>Y</pValue></Integer><Integer Name="Y"><pValue>X</pValue></Integer>',
+        '<SwissKnife Name="X"><pVariable Name="A">X</pVariable><Formula>A</Formula></SwissKnife>',
+        '<SwissKnife Name="X"><Expression Name="A">B</Expression><Expression Name="B">A</Expression>'
+        "<Formula>A</Formula></SwissKnife>",
+        '<IntReg Name="X"><pAddress>X</pAddress><Length>4</Length><pPort>Device</pPort></IntReg>',
+        '<IntReg Name="X"><Address>0</Address><Length>0</Length><pPort>Device</pPort></IntReg>',
+        '<IntReg Name="X"><Address>12z</Address><Length>4</Length><pPort>Device</pPort></IntReg>',
+        '<MaskedIntReg Name="X"><Address>0</Address><Length>1</Length><LSB>9</LSB><MSB>1</MSB>'
+        "</MaskedIntReg>",
+        '<FloatReg Name="X"><Address>0</Address><Length>3</Length><pPort>Device</pPort></FloatReg>',
+        '<SwissKnife Name="X"/>',
+        '<Integer Name="X"/>',
+        '<Converter Name="X"><FormulaTo>FROM</FormulaTo><FormulaFrom>TO</FormulaFrom></Converter>',
+        '<Category Name="X"><pFeature>X</pFeature></Category>',
+    ],
+)
+def test_senseless_nodes_end_in_our_error(inside: str) -> None:
+    nodes = node_map(inside)
+    assert nodes.features("X") in (("X",), ())
+    with pytest.raises(CameraProtocol, match="X"):
+        nodes.number("X")
+
+
+@pytest.mark.parametrize(
+    "xml",
+    [
+        b"",
+        b"<a>",
+        b"<Other/>",
+        b"\xff\xfe\x00",
+        b'<?xml version="1.0" encoding="klingon"?><RegisterDescription/>',
+        b'<!DOCTYPE x [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><RegisterDescription>&b;</RegisterDescription>',
+        b'<!DOCTYPE x SYSTEM "file:///etc/passwd"><RegisterDescription/>',
+        b"<RegisterDescription>" + b"<a>" * 1000 + b"</a>" * 1000 + b"</RegisterDescription>",
+        b"<RegisterDescription>&undefined;</RegisterDescription>",
+    ],
+)
+def test_unsafe_or_broken_xml_is_refused(xml: bytes) -> None:
+    with pytest.raises(CameraProtocol, match="the description"):
+        NodeMap(xml, Bytes(), "the camera")
