@@ -34,6 +34,8 @@ _END = struct.pack("<II", 8, 0)
 class Canon(Manner):
     """What a camera in remote mode does."""
 
+    memory_handle = MEMORY_HANDLE
+    polled = True
     _records: list[bytes]
     _destination = CARD
     _host_has_room = False
@@ -66,6 +68,7 @@ class Canon(Manner):
 
     def begin(self) -> None:
         """No records before event mode."""
+        super().begin()
         self._records = []
 
     def announce(self, one: Announcement) -> None:

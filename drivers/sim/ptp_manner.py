@@ -12,6 +12,11 @@ from drivers.sim.ptp_shooting import Announcement, News, Shooting
 class Manner:
     """InitiateCapture, and events on the interrupt endpoint."""
 
+    memory_handle: int | None = None
+    """The object in working memory, where a shot may stay until the host has fetched it."""
+    polled = False
+    """Whether events wait until the host asks for them, so that none is lost."""
+
     def __init__(self, shooting: Shooting, properties: Properties, tell: Callable[[Event], None]) -> None:
         self.shooting, self.properties, self.tell = shooting, properties, tell
 
@@ -24,7 +29,9 @@ class Manner:
         return self.properties.codes()
 
     def begin(self) -> None:
-        """A session was opened."""
+        """A session was opened; what the one before left in memory is gone."""
+        if self.memory_handle is not None:
+            self.shooting.store.delete(self.memory_handle)
 
     def announce(self, one: Announcement) -> None:
         """Tell the host about a shot."""

@@ -25,6 +25,8 @@ _STANDARD_BELOW = 0xD000
 class Nikon(Manner):
     """Capture to card or to memory, DeviceReady, GetEvent."""
 
+    memory_handle = MEMORY_HANDLE
+    polled = True
     _events: list[tuple[int, int]]
 
     def operations(self) -> dict[int, Handler]:
@@ -46,6 +48,7 @@ class Nikon(Manner):
 
     def begin(self) -> None:
         """Nothing has happened yet in this session."""
+        super().begin()
         self._events = []
 
     def announce(self, one: Announcement) -> None:

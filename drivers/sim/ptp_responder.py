@@ -72,7 +72,7 @@ class Responder:
         if operation not in _NEVER_BUSY:
             able |= {Kind.BUSY}
         if handler.shoots:
-            able |= CAPTURE_FAULTS
+            able |= CAPTURE_FAULTS - ({Kind.LOST_EVENT} if self._manner.polled else set())
         return self.plan.strike(self.serial, operation_name(operation, self.profile.style), able)
 
     def handle(self, request: Request) -> Reply:

@@ -27,6 +27,7 @@ _ENABLED = 1
 class Sony(Manner):
     """SDIO_Connect, GetAllExtDevicePropInfo, the shutter button."""
 
+    memory_handle = MEMORY_HANDLE
     _connected = 0
 
     def operations(self) -> dict[int, Handler]:
@@ -46,7 +47,9 @@ class Sony(Manner):
 
     def begin(self) -> None:
         """The handshake has to be done again."""
+        super().begin()
         self._connected = 0
+        self.properties.put(SonyProperty.OBJECT_IN_MEMORY, 0)
 
     def announce(self, one: Announcement) -> None:
         """The object is ready in memory, which an event and a property say."""

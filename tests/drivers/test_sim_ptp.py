@@ -2,6 +2,8 @@
 
 import os
 import struct
+import threading
+from contextlib import suppress
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
@@ -12,6 +14,7 @@ import pytest
 import rawpy
 
 from drivers.errors import CameraLost, CameraTimeout
+from drivers.ptp.camera import PtpCamera, find_cameras
 from drivers.ptp.codec import Command, Data, Event, Header, Response, pack_value, parse, unpack_value
 from drivers.ptp.codes import (
     CanonOperation,
@@ -31,14 +34,17 @@ from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, EnumForm, ObjectInf
 from drivers.sim import shutter
 from drivers.sim.bus import VirtualBus
 from drivers.sim.camera import SimulatedCamera
-from drivers.sim.faults import Fault, FaultPlan, Kind
+from drivers.sim.faults import ROUGH, Fault, FaultPlan, Kind
 from drivers.sim.ptp_dials import CANON_TIME, EXPOSURE_TIME, NIKON_TIME, SONY_TIME, TIMES
 from drivers.sim.ptp_profiles import PROFILES, profile
 from drivers.sim.ptp_responder import Responder
 from drivers.sim.ptp_usb import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.virtual_clock import VirtualClock, Worker
 from drivers.usb import STILL_IMAGE, EndpointStalled, find
+from imaging.errors import CameraError
+from imaging.exposure import Exposure
+from imaging.mosaic import RawMosaic
 
 OK = ResponseCode.OK
 
@@ -444,3 +450,47 @@ def test_shutter_codes_keep_the_known_points() -> None:
     assert (canon[0x10], canon[0x38], canon[0x70], canon[0xA0]) == (30.0, 1.0, 1 / 125, 1 / 8000)
     assert len(canon) == len(SONY_TIME.numbers()) == len(TIMES) == len(shutter.APPLIED_TIME)
     assert (SONY_TIME.number(0.4), SONY_TIME.number(30.0)) == (4 << 16 | 10, 300 << 16 | 10)
+
+
+def driven(rig_name: str, seed: int) -> tuple[list[object], list[object]]:
+    """Eight cameras, each in a thread of its own with our driver; what they shot and what went wrong."""
+    rig = simulate(rig_name, cameras=8)
+    clock = VirtualClock()
+    bus = VirtualBus(clock)
+    plan = FaultPlan(clock, mix=ROUGH, seed=seed)
+    for index, name in enumerate(2 * list(PROFILES)):
+        camera = rig.cameras[index]
+        assert isinstance(camera, SimulatedCamera)
+        bus.plug(PtpDevice(Responder(camera, profile(name), clock, plan)))
+    shots: list[object] = []
+    jobs = [(found, clock.worker(found.where)) for found in find_cameras(bus, clock)]
+
+    def work(camera: PtpCamera, worker: Worker) -> None:
+        with worker:
+            for time in (1 / 500, 1 / 15, 2.0):
+                for _ in range(5):
+                    with suppress(CameraError):  # what a driver gives up is shot again
+                        camera.set_exposure(Exposure(time=time, f_number=4.0, iso=100.0))
+                        camera.arm()
+                        camera.trigger()
+                        frame = camera.collect()
+                        break
+                assert isinstance(frame, RawMosaic)
+                told = frame.metadata
+                shots.append((clock.now(), told.serial, told.exposure, frame.pixels.tobytes()))
+            camera.close()
+
+    threads = [threading.Thread(target=work, args=job) for job in jobs]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return shots, list(plan.log)
+
+
+def test_eight_cameras_with_faults_repeat_exactly_whatever_the_threads_do() -> None:
+    shots, faults = driven("toy", 1)
+    assert driven("toy", 1) == (shots, faults)
+    assert len({(one[1], one[2]) for one in shots}) == len(shots) == 24  # type: ignore[index]
+    assert len(faults) > 24
+    assert driven("toy", 2)[1] != faults
