@@ -6,8 +6,9 @@ formula), which is not that of C. Loosest first; equals associate from left to r
     ? :        then      = <> < > <= >= && ||        then      + -        then      * / %
     then      ** & | ^ << >>        then      - + ~ before a value, calls, parentheses
 
-One thing is otherwise: a sign before a parenthesis belongs to that alone, so that -(1) + 2 is 1; the
-committee's evaluator negates all that follows. Integer formulas compute in 64 bits with wrap-around; a quotient and a remainder go towards zero.
+Two things are otherwise. A sign before a parenthesis belongs to that alone: -(1) + 2 is 1; theirs negates
+all that follows. In a chain of choices the second belongs to the else of the first; theirs is the reverse.
+Integer formulas compute in 64 bits with wrap-around; a quotient and a remainder go towards zero.
 """
 
 import math

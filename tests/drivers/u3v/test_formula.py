@@ -35,7 +35,6 @@ BOTH = {
     "1||0&&0": 0,
     "5>3>1": 0,
     "2=1<3": 1,
-    "1?2:0?4:5": 2,
     "0?2:0?4:5": 5,
     "1 ? 2 : 3 + 4": 2,
     "3-2-1": 0,
@@ -81,6 +80,12 @@ def test_in_whole_numbers(text: str, value: Number) -> None:
 @pytest.mark.parametrize(("text", "value"), (BOTH | FLOAT).items())
 def test_in_floats(text: str, value: Number) -> None:
     assert parse(text, whole=False)({}) == pytest.approx(value, rel=1e-14)
+
+
+@pytest.mark.parametrize(("text", "value"), [("1?2:0?4:5", 2), ("-(1)+2", 1), ("-(2)**2", 4), ("3--1", 4)])
+@pytest.mark.parametrize("whole", [False, True])
+def test_where_the_committees_evaluator_is_otherwise(text: str, value: int, whole: bool) -> None:
+    assert parse(text, whole=whole)({}) == value
 
 
 def test_variables_are_looked_up_when_used() -> None:
