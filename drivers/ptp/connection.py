@@ -70,13 +70,22 @@ class Connection:
             self._clock.sleep(_LOOK_EVERY)
 
     def _may_be(self, found: usb.UsbDevice) -> bool:
-        """Whether it looks the same from outside; others may be in use and are left alone."""
+        """Whether it looks the same from outside; others may be in use and are left alone.
+
+        One that never told its serial number in any way cannot be told from its likes.
+        """
         same = (found.device.idVendor, found.device.idProduct) == self._usb
-        return same and (self._usb_serial is None or found.serial() == self._usb_serial)
+        if self._usb_serial is None:
+            return same and self.identity is not None
+        return same and found.serial() == self._usb_serial
 
     def _opened(self, found: usb.UsbDevice) -> StandardBody:
         """CameraLost if it is another camera than this connection's."""
-        usb_serial, pipe = found.serial(), found.open()
+        usb_serial = found.serial()
+        if self.identity is None and usb_serial is not None:
+            # Known from now on, so that a plug pulled before the first answer does not cost the camera.
+            self._usb_serial = usb_serial
+        pipe = found.open()
         try:
             session = PtpSession(Transport(pipe, self._clock), self._clock)
             info = session.open()

@@ -160,6 +160,10 @@ class FaultPlan:
         self.log += [Happened(self.clock.now(), serial, operation, nth, fault) for fault in struck]
         return tuple(struck)
 
+    def operations(self) -> int:
+        """How many operations there were."""
+        return sum(count for (_, operation), count in self._counts.items() if operation == EVERY)
+
     def _hits(self, fault: Fault, serial: str, operation: str) -> bool:
         if fault.serial not in (EVERY, serial) or fault.operation not in (EVERY, operation):
             return False

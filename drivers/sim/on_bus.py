@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from drivers.camera import Camera
 from drivers.ptp import find_cameras
 from drivers.sim.bus import VirtualBus
-from drivers.sim.faults import Fault, FaultPlan
+from drivers.sim.faults import Fault, FaultPlan, Mix
 from drivers.sim.ptp_profiles import profile
 from drivers.sim.ptp_responder import Responder
 from drivers.sim.ptp_usb import PtpDevice
@@ -16,13 +16,20 @@ from drivers.sim.virtual_clock import VirtualClock
 class BusRig:
     """The cameras of a rig as PTP devices: `backend` and `clock` are what drivers are given.
 
-    faults: what goes wrong, and when; `plan.struck` lists what did.
+    faults: what goes wrong, and when; mix: what goes wrong at random, by the rig's seed; `plan.log` lists
+    what did.
     """
 
-    def __init__(self, rig: SimulatedRig, faults: Sequence[Fault] = (), model: str = "generic") -> None:
+    def __init__(
+        self,
+        rig: SimulatedRig,
+        faults: Sequence[Fault] = (),
+        mix: Mix | None = None,
+        model: str = "generic",
+    ) -> None:
         self.clock = VirtualClock()
         self.backend = VirtualBus(self.clock)
-        self.plan = FaultPlan(self.clock, tuple(faults))
+        self.plan = FaultPlan(self.clock, faults, mix, rig.seed)
         for device in rig.devices:
             self.backend.plug(PtpDevice(Responder(device, profile(model), self.clock, self.plan)))
         self._serials = [device.body.serial for device in rig.devices]
