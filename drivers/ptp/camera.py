@@ -42,6 +42,7 @@ class PtpCamera:
         self._wanted: Exposure | None = None
         self._choices: list[tuple[Dial, Choice]] = []
         self._triggered: Exposure | None = None
+        self._failed = False
         self._known: frozenset[int] = frozenset()
         self._shooter: StandardBody | None = None
         self._objects: list[Download] = []
@@ -82,13 +83,19 @@ class PtpCamera:
     def arm(self) -> None:
         """Wait until the camera takes orders, and forget what it told of earlier shots."""
         self._must(self._wanted is not None, "be armed")
-        self._again(lambda body: body.wait_ready())
+
+        def ready(body: StandardBody) -> None:
+            body.wait_ready()
+            if self._failed:
+                body.recount()
+
+        self._again(ready)
 
     def trigger(self) -> float:
         """Expose; the clock's time, s, at which the camera took the order. It is not given twice."""
         self._must(self._wanted is not None, "be triggered")
         body = self._connected()
-        self._objects, self._triggered = [], None
+        self._objects, self._triggered, self._failed = [], None, True
         time = next(choice.value for dial, choice in self._choices if dial is body.time)
         self._known, self._shooter = frozenset(body.known), body
         try:
@@ -116,7 +123,7 @@ class PtpCamera:
             return self._fetched(body)
 
         frame = self._again(emptied)
-        self._triggered = None
+        self._triggered, self._failed = None, False
         return frame
 
     def close(self) -> None:

@@ -105,6 +105,9 @@ class CanonBody(StandardBody):
         self._added.clear()
         super().wait_ready()
 
+    def recount(self) -> None:
+        """Nothing: `wait_ready` gets rid of what failed shots left."""
+
     def release(self) -> None:
         """Half and full press, and up again; one command on old bodies."""
         if not self.session.supports(CanonOperation.REMOTE_RELEASE_ON):

@@ -98,6 +98,9 @@ class SonyBody(StandardBody):
                 raise CameraBusy(f"{self.session.where} keeps old pictures in memory: switch it off and on.")
             self.discard(Download(MEMORY_HANDLE, self.session.object_info(MEMORY_HANDLE), bytearray()))
 
+    def recount(self) -> None:
+        """Nothing: `wait_ready` gets rid of what failed shots left."""
+
     def release(self) -> None:
         """Half and full press, and up again."""
         try:

@@ -58,6 +58,10 @@ class StandardBody:
         """Wait until it takes orders; what it told of earlier shots is forgotten."""
         drain(self.session, self.known)
 
+    def recount(self) -> None:
+        """After a shot that failed: what it may have left on the card is not of the next one."""
+        self.known.update(self.session.handles())
+
     def release(self) -> None:
         """Begin the exposure; CameraBusy if it does not take the order for too long."""
         self.session.run(Operation.INITIATE_CAPTURE, 0, 0, repeatable=False)
