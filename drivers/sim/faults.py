@@ -94,6 +94,11 @@ class Happened:
     fault: Fault
 
 
+_OF_BYTES = frozenset({Kind.TRUNCATED, Kind.UNPLUG, Kind.DROPPED_PAYLOAD, Kind.CORRUPT_LENGTH})
+_MOST_BYTES = 4096
+"""Kinds whose count is in bytes, and below how many they are drawn."""
+
+
 @dataclass(frozen=True)
 class Mix:
     """Faults drawn at random: of all operations a `share`, and which, by weight; seconds are the longest."""
@@ -114,7 +119,8 @@ class Mix:
         kind = kinds[int(dice.choice(len(kinds), p=[weight / sum(weights) for weight in weights]))]
         longest = {Kind.BUSY: self.busy, Kind.LATE_EVENT: self.late, Kind.UNPLUG: self.away}.get(kind, 0.0)
         seconds = round(longest * float(dice.random()), 6)
-        return Fault(kind, serial, operation, nth, seconds, int(dice.integers(0, 4096)) * (not seconds))
+        count = int(dice.integers(1, _MOST_BYTES)) if kind in _OF_BYTES else 0
+        return Fault(kind, serial, operation, nth, seconds, count)
 
 
 ROUGH = Mix(

@@ -74,3 +74,9 @@ def test_a_draw_takes_the_kinds_an_operation_can_have() -> None:
     for _ in range(50):
         (fault,) = plan.strike("A", "GetObject", frozenset({Kind.STALL, Kind.SLOW_CARD}))
         assert fault.kind is Kind.STALL
+
+
+def test_unplugging_is_drawn_with_a_byte_and_a_time() -> None:
+    faults = draws(1, ["A"], Mix(0.01, {Kind.UNPLUG: 1.0}, away=0.5))["A"]
+    assert len({fault.count for fault in faults}) > len(faults) / 2
+    assert all(fault.count > 0 and 0.0 < fault.seconds <= 0.5 for fault in faults)
