@@ -53,10 +53,9 @@ def default_backend() -> Any:
 
 def find(kind: InterfaceKind, backend: Any) -> list["UsbDevice"]:
     """Every connected device with an interface of that kind, in order of bus and address; none is opened."""
-    devices = usb.core.find(find_all=True, backend=backend)
-    found = [
-        UsbDevice(device, interface) for device in devices or () for interface in _interfaces(device, kind)
-    ]
+    with told("The USB"):
+        devices = list(usb.core.find(find_all=True, backend=backend) or ())
+    found = [UsbDevice(device, interface) for device in devices for interface in _interfaces(device, kind)]
     return sorted(found, key=lambda one: (one.device.bus or 0, one.device.address or 0))
 
 

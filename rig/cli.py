@@ -7,6 +7,7 @@ import typer
 
 from rig.commands import (
     calibrate,
+    cameras,
     capture,
     check,
     demo,
@@ -64,6 +65,7 @@ COMMANDS: dict[str, Callable[..., Outcome]] = {
     "evaluate": evaluate.evaluate,
     "render": render.render,
     "simulate": simulate.simulate,
+    "cameras": cameras.cameras,
     "doctor": doctor.doctor,
 }
 

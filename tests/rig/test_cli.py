@@ -177,3 +177,18 @@ def test_the_doctor_lists_findings_and_what_to_mend(rig) -> None:
     code, out, _ = rig("doctor")
     for name in findings:
         assert name in out
+
+
+def test_the_cameras_of_a_simulated_rig_are_listed(rig) -> None:
+    code, out, _ = rig("cameras", "--sim", "toy")
+    assert code == 0
+    assert "SIM-RAW-001  hdr-rig Simulated PTP  (PTP at USB 001:001" in out
+    assert "1/8000 to 30 s, f/2.8 to f/16, ISO 100 to 1600" in out
+    code, out, _ = rig("cameras", "--sim", "toy", "--json")
+    assert [one["identity"]["serial"] for one in json.loads(out)["cameras"]] == ["SIM-RAW-001", "SIM-RAW-002"]
+
+
+def test_no_camera_is_no_error(rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.connected.find_cameras", lambda backend, clock: [])
+    code, out, _ = rig("cameras")
+    assert (code, out) == (0, "No camera: rig doctor says what may be amiss.\n")
