@@ -132,15 +132,18 @@ class U3vCamera:
             self._start(session, sequencer.program(session.nodes, exposures))
             return session
 
-        session = self._again(begin)
         try:
+            session = self._again(begin)
             self._stage = _Stage.ARMED
             self.trigger()
-            return self._once(lambda: self._take(session))
-        finally:
-            self._stage = _Stage.IDLE
-            if self._session is not None:
-                self._once(lambda: sequencer.leave(session.nodes))
+            frames = self._once(lambda: self._take(session))
+            self._once(lambda: sequencer.leave(session.nodes))
+        except CameraError:
+            # Half programmed, or half way through: the next use sets the camera up from the beginning.
+            self.close()
+            raise
+        self._stage = _Stage.IDLE
+        return frames
 
     def close(self) -> None:
         """Let go of the camera; a second time does nothing."""

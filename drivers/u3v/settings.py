@@ -48,6 +48,9 @@ def prepare(nodes: NodeMap, line: str | None) -> PixelFormat:
         set_if_there(nodes, name, "Off")
     set_if_there(nodes, "ExposureMode", "Timed")
     set_if_there(nodes, "GainSelector", "All")
+    for trigger in nodes.entries("TriggerSelector"):
+        nodes.set("TriggerSelector", trigger)
+        nodes.set("TriggerMode", "Off")
     set_if_there(nodes, "TriggerSelector", "FrameStart")
     nodes.set("TriggerMode", "On")
     nodes.set("TriggerSource", line or "Software")

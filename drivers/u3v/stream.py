@@ -163,9 +163,11 @@ class StreamChannel:
                 filled += len(part)
                 if len(data) < size:
                     break
-            trailer = self._ending(self._read(_LARGEST_TRANSFER, _STALE), leader)
+            data = self._read(_LARGEST_TRANSFER, _STALE)
+            trailer = self._ending(data, leader)
             if trailer is not None:
                 return self._closed(leader, payload[:filled], trailer)
+            self._early = self._last_leader(data)
             problem = "its trailer is missing"
         except CameraTimeout:
             problem = "the rest of it did not come"
@@ -186,7 +188,7 @@ class StreamChannel:
                     f"{self._pipe.where} sent no frame within {timeout:.3g} s: check trigger and exposure."
                 )
             try:
-                self._early = Leader.parse(self._read(_LARGEST_TRANSFER, left)[:LEADER_SIZE].tobytes())
+                self._early = self._last_leader(self._read(_LARGEST_TRANSFER, left))
             except EndpointStalled:
                 self._pipe.clear_halt(self._endpoint)
             except CameraTimeout:
@@ -197,6 +199,12 @@ class StreamChannel:
                 f"{self._pipe.where} sends payloads of type {leader.payload_type:#06x}, not images."
             )
         return leader
+
+    def _last_leader(self, data: npt.NDArray[np.uint8]) -> Leader | None:
+        """The leader at the end of `data`: what is left of a payload in whole packets may come before it."""
+        if (len(data) - LEADER_SIZE) % (self._endpoint.wMaxPacketSize or 1):
+            return None
+        return Leader.parse(data[-LEADER_SIZE:].tobytes())
 
     def _ending(self, data: npt.NDArray[np.uint8], leader: Leader) -> Trailer | None:
         """The frame's trailer if `data` is that; the leader of the next frame is kept for later."""

@@ -107,6 +107,31 @@ def test_a_camera_that_stays_away_is_lost_and_not_waited_for_without_end(make_be
     assert bench.clock.now() < 15
 
 
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Fault(Kind.NO_TRAILER, operation="Frame", nth=2),
+        Fault(Kind.TIMEOUT, operation="Frame", nth=3),
+        Fault(Kind.UNPLUG, operation="Frame", nth=1, count=500, seconds=1.0),
+        Fault(Kind.BUSY, operation="WriteMem", nth=30, seconds=3.0),
+    ],
+    ids=str,
+)
+def test_a_bracket_that_breaks_off_leaves_no_trace(make_bench: MakeBench, fault: Fault) -> None:
+    bench = make_bench(faults=[fault])
+    camera = bench.camera()
+    exposures = [LABEL.with_time(2.0**power) for power in (-9, -6, -4)]
+    with pytest.raises(CameraError):
+        camera.bracket(exposures)
+    assert len(bench.plan.log) == 1
+    bench.clock.sleep(5.0)
+    frame = shoot(camera)
+    assert frame.metadata.exposure == LABEL.with_time(2.0**-6)
+    assert frame.pixels.mean() == pytest.approx(shoot(bench.twin).pixels.mean(), rel=0.01)
+    frames = camera.bracket(exposures)
+    assert [one.metadata.exposure for one in frames] == exposures
+
+
 def test_many_shots_over_a_rough_bus_are_right(make_bench: MakeBench) -> None:
     bench = make_bench()
     mix = Mix(0.05, {Kind.BUSY: 0.6, Kind.STALL: 0.15, Kind.TIMEOUT: 0.05, Kind.TRUNCATED: 0.2})

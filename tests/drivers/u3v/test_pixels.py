@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CameraProtocol, CameraRefused
+from drivers.sim.u3v_pixels import pack
 from drivers.u3v.pixels import BY_NAME, FORMATS, PixelFormat, format_of, unpack
 from imaging.cfa import Cfa
 
@@ -86,6 +87,15 @@ def test_the_long_loop_of_12p_agrees_with_numpy() -> None:
     a, b, c = (data[start::3].astype(int) for start in range(3))
     expected = np.stack([a + 256 * (b % 16), b // 16 + 16 * c], 1).reshape(-1)
     assert np.array_equal(unpack(data, BY_NAME["BayerRG12p"], 100_000, 1)[0], expected)
+
+
+@pytest.mark.parametrize("pixels", FORMATS, ids=lambda one: one.name)
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (8, 3), (7, 5)])
+def test_what_the_simulated_camera_packs_is_unpacked(pixels: PixelFormat, width: int, height: int) -> None:
+    values = np.random.default_rng(4).integers(0, 1 << pixels.bits, (height, width)).astype(np.uint16)
+    data = np.frombuffer(pack(values, pixels), np.uint8)
+    assert len(data) == pixels.row_bytes(width * height)
+    assert np.array_equal(unpack(data, pixels, width, height), values)
 
 
 CODES: dict[str, tuple[int, Cfa | None]] = {

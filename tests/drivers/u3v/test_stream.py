@@ -133,6 +133,7 @@ BROKEN = {
     "only a leader": ([leader_of(1)], "broke off"),
     "trailer of another frame": ([leader_of(1), payload_of(1), trailer_of(9)], "trailer is missing"),
     "lost in the camera": ([leader_of(1), payload_of(1), trailer_of(1, 0xA101)], "0xa101"),
+    "more packets instead of a trailer": ([leader_of(1), payload_of(1), bytes(2048)], "trailer is missing"),
     "too much payload": ([leader_of(1), payload_of(1), bytes(700), trailer_of(1)], "trailer is missing"),
 }
 
