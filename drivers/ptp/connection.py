@@ -1,6 +1,5 @@
 """A camera under its serial number: opened, lost, and found again at whatever address it has then."""
 
-from contextlib import suppress
 from typing import Any, Literal
 
 from drivers import usb
@@ -54,17 +53,29 @@ class Connection:
 
         CameraLost if it does not come back, and all other CameraErrors.
         """
-        found, self._found = self._found, None
-        return self._searched() if found is None else self._opened(found)
+        if self._found is None:
+            return self._searched()
+        try:
+            body = self._opened(self._found)
+        except CameraLost:
+            self._found = None
+            raise
+        self._found = None
+        return body
 
     def _searched(self) -> StandardBody:
-        end = self._clock.now() + REPLUG_SECONDS
+        """The camera wherever it is; what kept it from being opened there, if it does not come back."""
+        end, refused = self._clock.now() + REPLUG_SECONDS, None
         while True:
             for found in usb.find(usb.STILL_IMAGE, self._backend):
                 if self._may_be(found):
-                    with suppress(CameraError):
+                    try:
                         return self._opened(found)
+                    except CameraError as error:
+                        refused = error
             if self._clock.now() >= end:
+                if refused is not None:
+                    raise refused
                 name = self.identity.serial if self.identity else self.where
                 raise CameraLost(f"Camera {name} is no longer there: plug it in again and wake it up.")
             self._clock.sleep(_LOOK_EVERY)

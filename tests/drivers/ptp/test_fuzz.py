@@ -1,4 +1,4 @@
-"""A camera that sends anything at all: only CameraErrors come of it, in bounded time."""
+"""Cameras that send anything at all: only CameraErrors come of it, in bounded time."""
 
 import random
 from typing import Any
@@ -11,6 +11,13 @@ from drivers.ptp import find_cameras
 from drivers.ptp.codec import Command, Data, Event, Response
 from drivers.ptp.codes import CanonOperation, DataType, Operation, ResponseCode, SonyOperation, VendorId
 from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, EnumForm, ObjectInfo
+from drivers.sim.bus import VirtualBus
+from drivers.sim.camera import SimulatedCamera
+from drivers.sim.ptp_profiles import PROFILES, profile
+from drivers.sim.ptp_responder import Responder
+from drivers.sim.ptp_usb import PtpDevice
+from drivers.sim.rigs import SimulatedRig, simulate
+from drivers.sim.virtual_clock import VirtualClock
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 
@@ -41,6 +48,11 @@ INFOS = {
     for vendor in (VendorId.MICROSOFT, VendorId.NIKON, VendorId.CANON, VendorId.SONY)
 }
 CODES = (*ResponseCode, *ResponseCode, 0, 0x2FFF, 0xFFFF)
+
+
+@pytest.fixture(scope="module")
+def toy() -> SimulatedRig:
+    return simulate("toy")
 
 
 class Liar:
@@ -140,3 +152,45 @@ def test_anything_sent_is_survived(new_scripted: Any, vendor: VendorId, seed: in
         assert clock.now() - before < MOST_SECONDS
         assert len(scripted.commands) < MOST_COMMANDS
     assert scripted.bus.opened == 0
+
+
+@pytest.mark.parametrize("name", PROFILES)
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32), share=st.sampled_from([0.01, 0.05, 0.3]))
+@example(seed=0, share=0.05)
+def test_sound_cameras_on_a_damaged_wire(toy: SimulatedRig, name: str, seed: int, share: float) -> None:
+    """Flipped, cut and doubled bytes from a simulated camera of each make, at any point of a shot."""
+    dice, clock = random.Random(seed), VirtualClock()
+    bus = VirtualBus(clock)
+    body = SimulatedCamera(toy.bodies[0], lambda frame: toy.radiance(0, frame))
+    port = bus.plug(PtpDevice(Responder(body, profile(name), clock)))
+    sound = port.send
+
+    def damaged(endpoint: int, data: bytes) -> None:
+        if dice.random() < share:
+            at = dice.randint(0, min(len(data) - 1, 60))
+            match dice.randrange(4):
+                case 0:
+                    data = data[:at] + dice.randbytes(1) + data[at + 1 :]
+                case 1:
+                    data = data[:at]
+                case 2:
+                    data = data[:at] + data
+                case _:
+                    data = data[:at] + dice.randbytes(4) + data[at + 4 :]
+        sound(endpoint, data)
+
+    port.send = damaged  # type: ignore[method-assign]
+    camera = find_cameras(bus, clock)[0]
+    for _ in range(2):
+        before = clock.now()
+        try:
+            camera.set_exposure(Exposure(time=1 / 60, f_number=4.0, iso=100.0))
+            camera.arm()
+            camera.trigger()
+            camera.collect()
+        except CameraError:
+            pass
+        assert clock.now() - before < MOST_SECONDS
+    camera.close()
+    assert bus.open_handles == 0
