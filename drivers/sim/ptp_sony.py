@@ -49,12 +49,10 @@ class Sony(Manner):
         """The handshake has to be done again."""
         super().begin()
         self._connected = 0
-        self.properties.put(SonyProperty.OBJECT_IN_MEMORY, 0)
 
     def announce(self, one: Announcement) -> None:
-        """The object is ready in memory, which an event and a property say."""
+        """An event for the object; the property that says the same does not depend on it."""
         if one.news is News.OBJECT_ADDED:
-            self.properties.put(SonyProperty.OBJECT_IN_MEMORY, _OBJECT_READY + 1)
             self.tell(Event(SonyEvent.OBJECT_ADDED, 0, (one.handle,)))
 
     def changed(self, code: int) -> None:
@@ -64,7 +62,6 @@ class Sony(Manner):
         """Reading frees the memory."""
         if handle == MEMORY_HANDLE:
             self.shooting.store.delete(handle)
-            self.properties.put(SonyProperty.OBJECT_IN_MEMORY, 0)
 
     def _connect(self, request: Request) -> Reply:
         self._connected = max(self._connected, request.parameter(0))
@@ -79,6 +76,8 @@ class Sony(Manner):
     def _everything(self, request: Request) -> Reply:
         if self._connected < 3:
             return Reply(ResponseCode.ACCESS_DENIED)
+        ready = self.shooting.store.data(MEMORY_HANDLE) is not None
+        self.properties.put(SonyProperty.OBJECT_IN_MEMORY, _OBJECT_READY + 1 if ready else 0)
         told = [self.properties.description(code) for code in self.properties.codes()]
         entries = [_entry(one) for one in told if one is not None]
         return Reply(data=struct.pack("<II", len(entries), 0) + b"".join(entries))

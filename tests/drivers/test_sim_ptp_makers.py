@@ -92,33 +92,49 @@ def test_canon_tells_values_in_records_and_waits_for_the_transfer(plug: Plug) ->
     assert host.run(CanonOperation.REMOTE_RELEASE_ON, 2).code == OK
 
 
-def test_sony_wants_its_handshake_and_frees_memory_when_read(plug: Plug) -> None:
-    host = plug("sony-a7m4")
-    everything = SonyOperation.GET_ALL_EXT_DEVICE_PROP_INFO
-    assert host.run(everything).code == ResponseCode.ACCESS_DENIED
+EVERYTHING = SonyOperation.GET_ALL_EXT_DEVICE_PROP_INFO
+
+
+def sony_value(host: Any, code: int) -> int:
+    """A property of the blob."""
+    blob = host.get(EVERYTHING)
+    at = blob.index(struct.pack("<H", code), 8)
+    kind = DataType(struct.unpack_from("<H", blob, at + 2)[0])
+    return int.from_bytes(blob[at + 6 + kind.item_size :][: kind.item_size], "little")
+
+
+def sony(plug: Plug, *faults: Fault) -> Any:
+    """A Sony after its handshake."""
+    host = plug("sony-a7m4", *faults)
+    assert host.run(EVERYTHING).code == ResponseCode.ACCESS_DENIED
     for phase in (1, 2):
         host.get(SonyOperation.SDIO_CONNECT, phase, 0, 0)
     assert host.get(SonyOperation.GET_EXT_DEVICE_INFO, 0xC8, 1)[:2] == b"\xc8\0"
     host.get(SonyOperation.SDIO_CONNECT, 3, 0, 0)
+    return host
 
-    def value(code: int) -> int:
-        blob = host.get(everything)
-        at = blob.index(struct.pack("<H", code), 8)
-        kind = DataType(struct.unpack_from("<H", blob, at + 2)[0])
-        return int.from_bytes(blob[at + 6 + kind.item_size :][: kind.item_size], "little")
 
+def test_sony_says_what_is_in_memory_though_the_event_is_lost(plug: Plug) -> None:
+    host = sony(plug, Fault(Kind.LOST_EVENT, operation="SET_CONTROL_B", count=2))
+    assert host.run(SonyOperation.SET_CONTROL_B, SonyProperty.FULL_PRESS, data=b"\2\0").code == OK
+    assert host.events(1.0) == []
+    assert sony_value(host, SonyProperty.OBJECT_IN_MEMORY) >= 0x8000
+
+
+def test_sony_wants_its_handshake_and_frees_memory_when_read(plug: Plug) -> None:
+    host = sony(plug)
     packed = struct.pack("<I", 1 << 16 | 250)
     assert host.run(SonyOperation.SET_CONTROL_A, SonyProperty.SHUTTER_SPEED, data=packed).code == OK
-    assert value(SonyProperty.SHUTTER_SPEED) == 1 << 16 | 250
+    assert sony_value(host, SonyProperty.SHUTTER_SPEED) == 1 << 16 | 250
     assert host.run(SonyOperation.SET_CONTROL_B, SonyProperty.SHUTTER_SPEED, data=b"\xff").code == OK
-    assert value(SonyProperty.SHUTTER_SPEED) == 1 << 16 | 200
+    assert sony_value(host, SonyProperty.SHUTTER_SPEED) == 1 << 16 | 200
     for button in (SonyProperty.HALF_PRESS, SonyProperty.FULL_PRESS):
         assert host.run(SonyOperation.SET_CONTROL_B, button, data=b"\2\0").code == OK
-    assert value(SonyProperty.OBJECT_IN_MEMORY) == 0
+    assert sony_value(host, SonyProperty.OBJECT_IN_MEMORY) == 0
     assert [(event.code, event.parameters) for event in host.events(1.0)] == [(0xC201, (0xFFFFC001,))]
-    assert value(SonyProperty.OBJECT_IN_MEMORY) >= 0x8000
+    assert sony_value(host, SonyProperty.OBJECT_IN_MEMORY) >= 0x8000
     assert len(host.get(Operation.GET_OBJECT, 0xFFFFC001)) > 1000
-    assert value(SonyProperty.OBJECT_IN_MEMORY) == 0
+    assert sony_value(host, SonyProperty.OBJECT_IN_MEMORY) == 0
 
 
 @pytest.mark.parametrize(
