@@ -3,6 +3,8 @@
 Operations of its fault plan: "ReadMem" and "WriteMem" for control packets, "Frame" for frames.
 """
 
+import struct
+
 from drivers.errors import CameraProtocol
 from drivers.sim import shutter, u3v_frames
 from drivers.sim.camera import SimulatedCamera
@@ -24,6 +26,8 @@ from imaging.mosaic import RawMosaic
 CONTROL_OUT, CONTROL_IN, STREAM_IN = 0x01, 0x81, 0x82
 PACKET = 1024
 VENDOR, PRODUCT = 0x1209, 0x0453
+_ABOUT = struct.pack("<BBBII", 20, 0x24, 1, 0x00010000, 0x00010000) + bytes((4, 1, 2, 0, 0, 0, 3, 0, 8))
+"""The class-specific descriptor: versions of GenCP and USB3 Vision, and which string says what."""
 _OF_CONTROL = frozenset(
     {
         Kind.BUSY,
@@ -62,9 +66,9 @@ class U3vDevice:
         return Description(
             VENDOR,
             PRODUCT,
-            (told.make, told.model, told.serial),
+            (told.make, told.model, told.serial, f"{VENDOR:04x}{told.serial}"),
             (
-                Interface(0, control, pipes),
+                Interface(0, control, pipes, extra=_ABOUT),
                 Interface(1, stream, (Endpoint(STREAM_IN, "bulk", PACKET),)),
             ),
             code=(0xEF, 0x02, 0x01),

@@ -18,8 +18,8 @@ from imaging.mosaic import FrameMetadata, RawMosaic
 
 REPLUG = 10.0
 """Seconds that a camera may be away before it counts as gone."""
-_GRACE = 5.0
-"""Seconds beyond the exposure within which a frame must begin."""
+_GRACE, _LINE_GRACE = 2.0, 10.0
+"""Seconds beyond the exposure within which a frame must begin; and where a line has to trigger it first."""
 
 ResultT = TypeVar("ResultT")
 
@@ -46,9 +46,12 @@ class U3vCamera:
         self._wanted: Exposure | None = None
         self._bytes_per_second: int | None = None
         self._stage = _Stage.IDLE
-        self._known = False
+        self._known = self._runs = self._single = False
+        self._applied: Exposure | None = None
         self._expected: list[Exposure] = []
         """What the camera was set to for each frame that is to come."""
+        self._levels: dict[int, tuple[tuple[float, float, float, float], int]] = {}
+        """Black and white of each pixel format, read once a session."""
 
     def identify(self) -> CameraIdentity:
         """Who it is: the serial number that USB shows, maker and model from its registers."""
@@ -64,10 +67,11 @@ class U3vCamera:
         self._stage = _Stage.IDLE
 
         def apply(session: Session) -> Exposure:
+            self._applied = None
             return settings.set_exposure(session.nodes, exposure)
 
         applied = self._again(apply)
-        self._wanted = exposure
+        self._wanted, self._applied = exposure, applied
         return applied
 
     def limit_throughput(self, bytes_per_second: int) -> int:
@@ -90,9 +94,10 @@ class U3vCamera:
         """Agree on the transfers and start the acquisition of one frame, which waits for its trigger."""
 
         def begin(session: Session) -> None:
-            settings.stop(session.nodes)
-            session.nodes.set("AcquisitionMode", "SingleFrame")
-            self._start(session, [settings.read_exposure(session.nodes)])
+            if not self._single:
+                session.nodes.set("AcquisitionMode", "SingleFrame")
+                self._single = True
+            self._start(session, [self._applied or settings.read_exposure(session.nodes)])
 
         self._again(begin)
         self._stage = _Stage.ARMED
@@ -129,6 +134,7 @@ class U3vCamera:
             if not sequencer.can_sequence(session.nodes):
                 raise CameraRefused(f"{session.where} has no sequencer: set each exposure and trigger it.")
             settings.stop(session.nodes)
+            self._single, self._applied = False, None
             self._start(session, sequencer.program(session.nodes, exposures))
             return session
 
@@ -184,26 +190,31 @@ class U3vCamera:
             try:
                 settings.prepare(session.nodes, self._line)
                 if self._wanted is not None:
-                    settings.set_exposure(session.nodes, self._wanted)
+                    self._applied = settings.set_exposure(session.nodes, self._wanted)
             except CameraError:
                 session.close()
                 raise
             self._session = session
+            self._levels.clear()
+            self._runs = self._single = False
             if self._bytes_per_second is not None:
                 self.limit_throughput(self._bytes_per_second)
         return self._session
 
     def _start(self, session: Session, expected: Sequence[Exposure]) -> None:
         """Have the camera wait for its trigger, and then send a frame for each exposure."""
-        self._expected = list(expected)
+        if self._runs:
+            settings.stop(session.nodes)
+        self._expected, self._runs = list(expected), True
         session.stream.start()
         session.nodes.execute("AcquisitionStart")
 
     def _take(self, session: Session) -> list[RawMosaic]:
         """The frames that are expected, after which the stream is off."""
+        grace = _GRACE if self._line is None else _LINE_GRACE
         try:
             frames = [
-                self._mosaic(session, session.stream.next_frame(exposure.time + _GRACE), exposure)
+                self._mosaic(session, session.stream.next_frame(exposure.time + grace), exposure)
                 for exposure in self._expected
             ]
         except CameraLost:
@@ -217,6 +228,7 @@ class U3vCamera:
     def _finish(self, session: Session) -> None:
         settings.stop(session.nodes)
         session.stream.stop()
+        self._runs = False
 
     def _mosaic(self, session: Session, frame: Frame, exposure: Exposure) -> RawMosaic:
         """A frame as the rest of rig knows it; the exposure is what was set, the time that of the chunk."""
@@ -235,12 +247,15 @@ class U3vCamera:
         nodes.attach_chunks(chunks)
         if chunks and nodes.available("ChunkExposureTime"):
             exposure = exposure.with_time(float(nodes.number("ChunkExposureTime")) / 1e6)
+        if pixels.code not in self._levels:
+            white = settings.white_level(nodes, pixels)
+            self._levels[pixels.code] = settings.black_levels(nodes, pixels), white
         told = session.bootstrap
         return RawMosaic(
             pixels=unpack(image, pixels, leader.width, leader.height, leader.padding),
             cfa=pixels.cfa,
-            black=settings.black_levels(nodes, pixels),
-            white=settings.white_level(nodes, pixels),
+            black=self._levels[pixels.code][0],
+            white=self._levels[pixels.code][1],
             metadata=FrameMetadata(
                 make=told.manufacturer, model=told.model, serial=self.serial, exposure=exposure
             ),

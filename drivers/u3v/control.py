@@ -10,7 +10,6 @@ from drivers.errors import (
 from drivers.u3v import gencp
 from drivers.u3v.gencp import Code, Packet, Status
 from drivers.usb import EndpointStalled, UsbPipe
-from imaging.errors import CameraError
 
 ATTEMPTS = 5
 _FIRST_LIMIT = 256
@@ -19,8 +18,8 @@ _PATIENCE = 0.5
 """Seconds for an answer before the device has said how long it may need."""
 _LONGEST_PENDING = 30.0
 """Seconds after which a device that only ever asks for more time is taken for hung."""
-_FIRST_PAUSE = 0.01
-"""Seconds before a busy device is asked again; twice as long after each time."""
+_FIRST_PAUSE, _LONGEST_PAUSE, _LONGEST_BUSY = 0.005, 0.02, 0.5
+"""Seconds before a busy device is asked again, twice as long after each time up to the second; in all."""
 
 _REFUSED = {
     Status.NOT_IMPLEMENTED: "does not have that",
@@ -37,8 +36,8 @@ _REFUSED = {
 class ControlChannel:
     """Reads and writes of any length, split into packets that the device takes; `limit` sets their size.
 
-    Errors: CameraBusy, CameraRefused, CameraTimeout, CameraProtocol after up to five attempts; CameraLost
-    and the rest of `UsbPipe` at once.
+    Errors: CameraTimeout and CameraProtocol after five attempts, CameraBusy after half a second;
+    CameraRefused, CameraLost and the rest of `UsbPipe` at once.
     """
 
     def __init__(self, pipe: UsbPipe, clock: Clock) -> None:
@@ -99,22 +98,23 @@ class ControlChannel:
 
     def _ask(self, code: Code, payload: bytes, answer: Code) -> bytes:
         """The payload of the answer, tried again where that can help."""
-        pause = _FIRST_PAUSE
-        trouble: CameraError = CameraTimeout(f"{self.where} was not asked")
-        for _ in range(ATTEMPTS):
+        pause, failures = _FIRST_PAUSE, 0
+        patient_until = self._clock.now() + _LONGEST_BUSY
+        while True:
             try:
                 return self._exchange(code, payload, answer)
-            except EndpointStalled as error:
-                trouble = error
-                self._pipe.clear_halt(self._out)
-                self._pipe.clear_halt(self._in)
-            except CameraBusy as error:
-                trouble = error
+            except CameraBusy:
+                if self._clock.now() >= patient_until:
+                    raise
                 self._clock.sleep(pause)
-                pause *= 2
+                pause = min(2 * pause, _LONGEST_PAUSE)
             except (CameraTimeout, CameraProtocol) as error:
-                trouble = error
-        raise trouble
+                failures += 1
+                if failures == ATTEMPTS:
+                    raise
+                if isinstance(error, EndpointStalled):
+                    self._pipe.clear_halt(self._out)
+                    self._pipe.clear_halt(self._in)
 
     def _exchange(self, code: Code, payload: bytes, answer: Code) -> bytes:
         """One command and its answer."""

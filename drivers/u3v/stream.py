@@ -115,28 +115,17 @@ class StreamChannel:
         self._buffers: dict[int, array[int]] = {}
         self._plan = TransferPlan.of(0, 1)
         self._payload = 0
+        """Bytes of the frames that the device was told of; 0 before."""
         self._early: Leader | None = None
+        self._may_send = True
 
     def start(self) -> None:
         """Agree on transfers as the camera is set now, and let it send; AcquisitionStart comes after."""
-        number = self._control.read_number
-        self._enable(False)
-        alignment = 1 << min(number(self._sirm + Sirm.INFO, 4) >> 24, 20)
-        self._payload = number(self._sirm + Sirm.REQUIRED_PAYLOAD, 8)
-        if not 0 < self._payload <= _LARGEST_PAYLOAD:
-            raise CameraProtocol(f"{self._pipe.where} announces frames of {self._payload} bytes.")
-        self._plan = TransferPlan.of(self._payload, alignment)
-        leader = number(self._sirm + Sirm.REQUIRED_LEADER, 4)
-        trailer = number(self._sirm + Sirm.REQUIRED_TRAILER, 4)
-        for register, value in (
-            (Sirm.LARGEST_LEADER, -(-leader // alignment) * alignment),
-            (Sirm.TRANSFER_SIZE, self._plan.size),
-            (Sirm.TRANSFER_COUNT, self._plan.count),
-            (Sirm.LAST_TRANSFER, self._plan.last),
-            (Sirm.LAST_TRANSFER_2, 0),
-            (Sirm.LARGEST_TRAILER, -(-trailer // alignment) * alignment),
-        ):
-            self._control.write_number(self._sirm + register, 4, value)
+        if self._may_send:
+            self._enable(False)
+        payload = self._control.read_number(self._sirm + Sirm.REQUIRED_PAYLOAD, 8)
+        if payload != self._payload:
+            self._agree(payload)
         self._pipe.clear_halt(self._endpoint)
         self._early = None
         self._enable(True)
@@ -146,7 +135,10 @@ class StreamChannel:
         self._enable(False)
 
     def next_frame(self, timeout: float) -> Frame:
-        """The next frame, complete or not, that begins within `timeout` s. CameraTimeout if none does."""
+        """The next frame, complete or not, that begins within `timeout` s. CameraTimeout if none does.
+
+        EndpointStalled, which is mended then, if the camera halted the stream instead.
+        """
         leader = self._leader(timeout)
         payload = np.empty(self._payload, np.uint8)
         filled, problem = 0, None
@@ -178,6 +170,27 @@ class StreamChannel:
             problem = str(error)
         return Frame(leader, payload[:filled], problem)
 
+    def _agree(self, payload: int) -> None:
+        """Choose the transfers for frames of that many bytes, and tell the device."""
+        number = self._control.read_number
+        if not 0 < payload <= _LARGEST_PAYLOAD:
+            raise CameraProtocol(f"{self._pipe.where} announces frames of {payload} bytes: reset the camera.")
+        alignment = 1 << min(number(self._sirm + Sirm.INFO, 4) >> 24, 20)
+        leader = number(self._sirm + Sirm.REQUIRED_LEADER, 4)
+        trailer = number(self._sirm + Sirm.REQUIRED_TRAILER, 4)
+        self._plan = TransferPlan.of(payload, alignment)
+        for register, value in (
+            (Sirm.LARGEST_LEADER, -(-leader // alignment) * alignment),
+            (Sirm.TRANSFER_SIZE, self._plan.size),
+            (Sirm.TRANSFER_COUNT, self._plan.count),
+            (Sirm.LAST_TRANSFER, self._plan.last),
+            (Sirm.LAST_TRANSFER_2, 0),
+            (Sirm.LARGEST_TRAILER, -(-trailer // alignment) * alignment),
+        ):
+            self._control.write_number(self._sirm + register, 4, value)
+        # Only now: what broke off on the way is agreed on anew.
+        self._payload = payload
+
     def _leader(self, timeout: float) -> Leader:
         """The next leader; whatever else comes before it belongs to a frame that is lost."""
         deadline = self._clock.now() + timeout
@@ -191,6 +204,7 @@ class StreamChannel:
                 self._early = self._last_leader(self._read(_LARGEST_TRANSFER, left))
             except EndpointStalled:
                 self._pipe.clear_halt(self._endpoint)
+                raise
             except CameraTimeout:
                 continue
         leader, self._early = self._early, None
@@ -239,4 +253,6 @@ class StreamChannel:
         return np.frombuffer(view, np.uint8, count)
 
     def _enable(self, on: bool) -> None:
+        self._may_send = True
         self._control.write_number(self._sirm + Sirm.CONTROL, 4, int(on))
+        self._may_send = on

@@ -159,7 +159,6 @@ def test_five_attempts_and_no_more() -> None:
 @pytest.mark.parametrize(
     ("status", "kind", "attempts"),
     [
-        (Status.BUSY, CameraBusy, 5),
         (Status.TIMEOUT, CameraTimeout, 5),
         (Status.WRITE_PROTECTED, CameraRefused, 1),
         (Status.ACCESS_DENIED, CameraRefused, 1),
@@ -178,6 +177,29 @@ def test_statuses_are_our_errors(status: int, kind: type[CameraError], attempts:
     with pytest.raises(kind, match="USB 001:001"):
         channel.write(0, b"abcd")
     assert len(device.commands) == attempts
+
+
+def test_a_busy_device_is_asked_for_half_a_second() -> None:
+    device = Scripted(lambda device, command: device.send(command, Code.READ_ACK, b"", Status.BUSY))
+    channel, clock = opened(device)
+    with pytest.raises(CameraBusy, match="USB 001:001"):
+        channel.read(0, 4)
+    assert 0.5 <= clock.now() < 0.53
+    assert len(device.commands) < 30
+
+
+@pytest.mark.parametrize("pause", [0.004, 0.03, 0.1, 0.45])
+def test_a_device_that_was_busy_is_soon_noticed(pause: float) -> None:
+    def busy(device: Scripted, command: Packet) -> None:
+        assert device.port is not None
+        if device.port.timeline.now() < pause:
+            device.send(command, Code.READ_ACK, b"", Status.BUSY)
+        else:
+            device.behave(command)
+
+    channel, clock = opened(Scripted(busy))
+    assert channel.read(0, 4) == bytes(range(4))
+    assert pause <= clock.now() < pause + 0.022
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,12 @@ import pytest
 
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraTimeout
 from drivers.sim.bus import VirtualBus
-from drivers.sim.faults import Fault, FaultPlan, Kind, Mix
+from drivers.sim.faults import ROUGH, Fault, FaultPlan, Kind
 from drivers.sim.u3v_device import U3vDevice
 from drivers.sim.virtual_clock import VirtualClock
 from drivers.u3v import U3vCamera
 from imaging.errors import CameraError
+from imaging.exposure import Exposure
 
 from .conftest import Bench, MakeBench
 from .test_camera import LABEL, shoot
@@ -57,7 +58,7 @@ def test_one_fault_of_the_control_channel_is_got_over(
         (Fault(Kind.DROPPED_PAYLOAD, operation="Frame", count=1), "1 bytes of its payload are missing"),
         (Fault(Kind.DROPPED_PAYLOAD, operation="Frame", count=1000), "1000 bytes"),
         (Fault(Kind.DROPPED_PAYLOAD, operation="Frame", count=10**6), "bytes of its payload are missing"),
-        (Fault(Kind.STALL, operation="Frame"), "sent no frame"),
+        (Fault(Kind.STALL, operation="Frame"), "halted"),
         (Fault(Kind.TIMEOUT, operation="Frame"), "sent no frame"),
     ],
     ids=str,
@@ -132,27 +133,26 @@ def test_a_bracket_that_breaks_off_leaves_no_trace(make_bench: MakeBench, fault:
     assert [one.metadata.exposure for one in frames] == exposures
 
 
-def test_many_shots_over_a_rough_bus_are_right(make_bench: MakeBench) -> None:
+@pytest.mark.parametrize("seed", [1, 2])
+def test_many_shots_over_a_rough_bus_are_right(make_bench: MakeBench, seed: int) -> None:
+    """A twentieth of all commands and frames goes wrong, unplugging included."""
     bench = make_bench()
-    mix = Mix(0.05, {Kind.BUSY: 0.6, Kind.STALL: 0.15, Kind.TIMEOUT: 0.05, Kind.TRUNCATED: 0.2})
-    bench.plan.mix, bench.plan.seed = mix, 3
+    bench.plan.mix, bench.plan.seed = ROUGH, seed
     camera = bench.camera()
-    for _ in range(20):
-        camera.set_exposure(LABEL)
-        for attempt in range(10):
-            try:
-                camera.arm()
-                camera.trigger()
-                frame = camera.collect()
+    for shot in range(35):
+        exposure = Exposure(time=2.0 ** (-9 + shot % 7), iso=100)
+        frame = None
+        for _ in range(10):
+            with contextlib.suppress(CameraError):
+                frame = shoot(camera, exposure)
                 break
-            except (CameraProtocol, CameraTimeout, CameraBusy):
-                assert attempt < 9
-        # Whatever take of the sensor it is, the exposure is the one that was asked for.
-        assert frame.metadata.exposure is not None
-        assert frame.metadata.exposure.time == 2.0**-6
-        expected = shoot(bench.twin)
-        assert frame.pixels.mean() == pytest.approx(expected.pixels.mean(), rel=0.01)
-    assert len(bench.plan.log) > 20
+        assert frame is not None
+        assert frame.metadata.exposure == exposure
+        # The take that was right may be a later one of the sensor's: another noise, the same light.
+        assert frame.pixels.mean() == pytest.approx(shoot(bench.twin, exposure).pixels.mean(), rel=0.01)
+    struck = {one.fault.kind for one in bench.plan.log}
+    assert {Kind.BUSY, Kind.STALL} <= struck
+    assert len(bench.plan.log) > 15
 
 
 class Babbler(U3vDevice):
