@@ -14,7 +14,7 @@ from drivers.ptp.codes import (
     PropertyCode,
     ResponseCode,
 )
-from drivers.sim.ptp_manner import Manner
+from drivers.sim.ptp_manner import Manner, always
 from drivers.sim.ptp_operations import Handler, Phase, Reply, Request
 from drivers.sim.ptp_shooting import Announcement, News
 from drivers.sim.ptp_store import STORAGE
@@ -29,6 +29,10 @@ _U16_LIST = 3
 _RAW = (1, 0x10, 6, 0, 4)
 """ImageFormat: one file, and its 16-byte record: kind RAW, size 0, compression 4."""
 _END = struct.pack("<II", 8, 0)
+
+
+def _is_full_press(request: Request) -> bool:
+    return bool(request.parameter(0) & _FULL_PRESS)
 
 
 class Canon(Manner):
@@ -50,8 +54,8 @@ class Canon(Manner):
             CanonOperation.GET_EVENT: Handler(self._get_event, Phase.TO_HOST),
             CanonOperation.SET_DEVICE_PROP_VALUE_EX: Handler(self._set, Phase.TO_CAMERA),
             CanonOperation.PC_HDD_CAPACITY: Handler(self._room),
-            CanonOperation.REMOTE_RELEASE: Handler(self._release, shoots=True),
-            CanonOperation.REMOTE_RELEASE_ON: Handler(self._release_on, shoots=True),
+            CanonOperation.REMOTE_RELEASE: Handler(self._release, shoots=always),
+            CanonOperation.REMOTE_RELEASE_ON: Handler(self._release_on, shoots=_is_full_press),
             CanonOperation.REMOTE_RELEASE_OFF: done,
             CanonOperation.GET_PARTIAL_OBJECT: Handler(self._partial, Phase.TO_HOST),
             CanonOperation.TRANSFER_COMPLETE: Handler(self._complete),
@@ -142,7 +146,7 @@ class Canon(Manner):
         return Reply()
 
     def _release_on(self, request: Request) -> Reply:
-        return self._release(request) if request.parameter(0) & _FULL_PRESS else Reply(parameters=(0,))
+        return self._release(request) if _is_full_press(request) else Reply(parameters=(0,))
 
     def _release(self, request: Request) -> Reply:
         to_host = self._destination == HOST

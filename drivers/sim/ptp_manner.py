@@ -9,6 +9,11 @@ from drivers.sim.ptp_properties import Properties
 from drivers.sim.ptp_shooting import Announcement, News, Shooting
 
 
+def always(request: Request) -> bool:
+    """Of operations that release the shutter however they are asked."""
+    return True
+
+
 class Manner:
     """InitiateCapture, and events on the interrupt endpoint."""
 
@@ -22,7 +27,7 @@ class Manner:
 
     def operations(self) -> dict[int, Handler]:
         """What it adds to the operations that every responder has."""
-        return {Operation.INITIATE_CAPTURE: Handler(self._capture, shoots=True)}
+        return {Operation.INITIATE_CAPTURE: Handler(self._capture, shoots=always)}
 
     def device_properties(self) -> tuple[int, ...]:
         """The properties that DeviceInfo names."""

@@ -12,7 +12,7 @@ from drivers.ptp.codes import (
     PropertyCode,
     ResponseCode,
 )
-from drivers.sim.ptp_manner import Manner
+from drivers.sim.ptp_manner import Manner, always
 from drivers.sim.ptp_operations import Handler, Phase, Reply, Request
 from drivers.sim.ptp_shooting import Announcement, News
 
@@ -37,8 +37,8 @@ class Nikon(Manner):
             NikonOperation.GET_EVENT: Handler(self._get_event, Phase.TO_HOST),
             NikonOperation.DEVICE_READY: Handler(self._ready),
             NikonOperation.GET_VENDOR_PROP_CODES: Handler(self._vendor_codes, Phase.TO_HOST),
-            NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM: Handler(self._to_memory, shoots=True),
-            NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA: Handler(self._to_media, shoots=True),
+            NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM: Handler(self._to_memory, shoots=always),
+            NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA: Handler(self._to_media, shoots=always),
             DELETE_MEMORY: Handler(self._delete_memory),
         }
 

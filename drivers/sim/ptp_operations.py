@@ -49,11 +49,11 @@ class Reply:
 
 @dataclass(frozen=True)
 class Handler:
-    """How a responder does an operation; `shoots` if it may release the shutter."""
+    """How a responder does an operation, and whether it releases the shutter when it is asked like that."""
 
     act: Callable[[Request], Reply]
     phase: Phase = Phase.NONE
-    shoots: bool = False
+    shoots: Callable[[Request], bool] = lambda request: False
 
 
 _MAKERS = {Style.CANON: CanonOperation, Style.NIKON: NikonOperation, Style.SONY: SonyOperation}

@@ -37,7 +37,7 @@ Act = Callable[[Request], Reply]
 
 
 class Responder:
-    """One simulated camera as PTP sees it. `handle` is called with the timeline's lock held, or takes it."""
+    """One simulated camera as PTP sees it; `handle` takes the timeline's lock."""
 
     def __init__(
         self,
@@ -63,26 +63,23 @@ class Responder:
         handler = self._handlers.get(operation)
         return handler is not None and handler.phase is Phase.TO_CAMERA
 
-    def faults(self, operation: int, carrier: frozenset[Kind]) -> tuple[Fault, ...]:
+    def faults(self, request: Request, carrier: frozenset[Kind]) -> tuple[Fault, ...]:
         """What the plan has in store for an operation that comes now; `carrier`: what its carrier can do."""
+        operation = request.operation
         handler = self._handlers.get(operation)
         if handler is None or self._is_busy():
             return ()
         able = carrier if handler.phase is Phase.TO_HOST else carrier - _OF_DATA
         if operation not in _NEVER_BUSY:
             able |= {Kind.BUSY}
-        if handler.shoots:
+        if handler.shoots(request):
             able |= CAPTURE_FAULTS - ({Kind.LOST_EVENT} if self._manner.polled else set())
         return self.plan.strike(self.serial, operation_name(operation, self.profile.style), able)
 
     def handle(self, request: Request) -> Reply:
         """Do an operation."""
         with self.timeline.lock:
-            reply = self._reply(request)
-            handler = self._handlers.get(request.operation)
-            if handler is not None and handler.phase is Phase.TO_HOST and reply.data is None:
-                return Reply(reply.code, reply.parameters)
-            return reply
+            return self._reply(request)
 
     def reset(self) -> None:
         """The host reset the device, or went away: the session is over; a shot under way goes on."""

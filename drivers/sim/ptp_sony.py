@@ -19,9 +19,13 @@ from drivers.sim.ptp_shooting import Announcement, News
 MEMORY_HANDLE = 0xFFFFC001
 _PROTOCOL = 0x00C8
 _OBJECT_READY = 0x8000
-_PRESSED = 2
+_PRESSED = b"\2\0"
 _BUTTONS = (SonyProperty.HALF_PRESS, SonyProperty.FULL_PRESS)
 _ENABLED = 1
+
+
+def _is_full_press(request: Request) -> bool:
+    return request.parameter(0) == SonyProperty.FULL_PRESS and request.data == _PRESSED
 
 
 class Sony(Manner):
@@ -36,7 +40,7 @@ class Sony(Manner):
             SonyOperation.SDIO_CONNECT: Handler(self._connect, Phase.TO_HOST),
             SonyOperation.GET_EXT_DEVICE_INFO: Handler(self._ext_device_info, Phase.TO_HOST),
             SonyOperation.SET_CONTROL_A: Handler(self._set, Phase.TO_CAMERA),
-            SonyOperation.SET_CONTROL_B: Handler(self._press, Phase.TO_CAMERA, shoots=True),
+            SonyOperation.SET_CONTROL_B: Handler(self._press, Phase.TO_CAMERA, shoots=_is_full_press),
             SonyOperation.GET_ALL_EXT_DEVICE_PROP_INFO: Handler(self._everything, Phase.TO_HOST),
             Operation.SET_DEVICE_PROP_VALUE: Handler(self._refuse, Phase.TO_CAMERA),
         }
@@ -97,8 +101,7 @@ class Sony(Manner):
             return self._step(button, request.data)
         if self._connected < 3 or button not in _BUTTONS or len(request.data) != 2:
             return Reply(ResponseCode.INVALID_PARAMETER)
-        pressed = unpack_value(DataType.UINT16, request.data) == _PRESSED
-        if button != SonyProperty.FULL_PRESS or not pressed:
+        if not _is_full_press(request):
             return Reply()
         store = self.shooting.store
         if store.data(MEMORY_HANDLE) is not None:

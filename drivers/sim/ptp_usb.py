@@ -46,7 +46,7 @@ class PtpDevice:
         self.responder = responder
         self._port: Port | None = None
         self._received = b""
-        self._command: tuple[Command, tuple[Fault, ...]] | None = None
+        self._command: Command | None = None
         responder.listener = self._send_event
 
     @property
@@ -122,24 +122,24 @@ class PtpDevice:
         """A whole container from the host."""
         if header.kind is ContainerType.COMMAND:
             command = Command.unpack(container)
-            faults = self.responder.faults(command.code, _CARRIER)
-            self._command = command, faults
+            self._command = command
             if not self.responder.takes_data(command.code):
-                self._run(command, faults, b"")
+                self._run(command, b"")
         elif header.kind is ContainerType.DATA and self._command is not None:
-            command, faults = self._command
-            data = Data.unpack(container)
+            command, data = self._command, Data.unpack(container)
             if (data.code, data.transaction) != (command.code, command.transaction):
                 self._halt()
             else:
-                self._run(command, faults, data.payload)
+                self._run(command, data.payload)
         else:
             self._halt()
 
-    def _run(self, command: Command, faults: tuple[Fault, ...], data: bytes) -> None:
+    def _run(self, command: Command, data: bytes) -> None:
         """Do the operation, unless a fault keeps it from being done, and queue the answer."""
         assert self._port is not None
         self._command = None
+        request = Request(command.code, command.transaction, command.parameters, data)
+        faults = self.responder.faults(request, _CARRIER)
         told = {fault.kind: fault for fault in faults}
         if Kind.STALL in told:
             self._port.halt(IN)
@@ -148,8 +148,7 @@ class PtpDevice:
             return
         if unplug := told.get(Kind.UNPLUG):
             self._port.unplug_at(max(1, unplug.count), unplug.seconds)
-        request = Request(command.code, command.transaction, command.parameters, data, faults)
-        reply = self.responder.handle(request)
+        reply = self.responder.handle(replace(request, faults=faults))
         transaction = command.transaction + (Kind.WRONG_TRANSACTION in told)
         response = Response(reply.code, transaction, reply.parameters).pack()
         if reply.data is None:
