@@ -18,7 +18,7 @@ from imaging.mosaic import FrameMetadata, RawMosaic
 
 REPLUG = 10.0
 """Seconds that a camera may be away before it counts as gone."""
-_GRACE, _LINE_GRACE = 2.0, 10.0
+_GRACE, _LINE_GRACE = 1.0, 10.0
 """Seconds beyond the exposure within which a frame must begin; and where a line has to trigger it first."""
 
 ResultT = TypeVar("ResultT")
