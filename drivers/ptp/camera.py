@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from drivers import usb
 from drivers.camera import CameraIdentity, Capabilities, EncodedPhoto
 from drivers.clock import Clock
-from drivers.errors import CameraLost, CameraProtocol, CameraRefused
+from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
 from drivers.ptp.codes import PropertyCode
 from drivers.ptp.connection import Connection
 from drivers.ptp.exposure import SAME, Choice, Dial, apart
@@ -99,7 +99,12 @@ class PtpCamera:
         time = next(choice.value for dial, choice in self._choices if dial is body.time)
         self._known, self._shooter = frozenset(body.known), body
         try:
-            body.release()
+            try:
+                body.release()
+            except CameraBusy:  # a picture that nobody fetched keeps it so
+                body.recount()
+                body.wait_ready()
+                body.release()
         except CameraLost:
             self._drop()
             raise
@@ -155,7 +160,7 @@ class PtpCamera:
         """The camera, opened if it is not; CameraLost if it does not come back."""
         if self._body is None:
             self._body = self._connection.open()
-            if self._wanted is not None:
+            if self._wanted is not None and self._triggered is None:
                 self._set(self._body, self._wanted)
         return self._body
 
@@ -186,10 +191,8 @@ class PtpCamera:
         """Take a shot up again in a new session: the same files under whatever handles they have now."""
         if not self._objects:
             new = body.known - self._known
-            if len(new) > _MOST_OBJECTS:
-                raise CameraRefused(
-                    f"{self.where} renumbered its card while it was away: take the shot again."
-                )
+            if len(new) > _MOST_OBJECTS or not body.remembers:
+                raise CameraRefused(f"{self.where} no longer knows the shot: take it again.")
             body.known -= new
         for one in self._objects:
             one.handle = self._handle_of(body.session, one)

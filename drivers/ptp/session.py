@@ -20,8 +20,8 @@ from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
 from drivers.ptp.transport import MOST_BYTES, TIMEOUT, Reply, Transport
 
 SESSION = 1
-FIRST_TIMEOUT = 8.0
-"""Seconds for the first command, which tells whether anybody is there."""
+QUICK_TIMEOUT = 8.0
+"""Seconds for the first command, which tells whether anybody is there, and for what needs no thought."""
 PATIENCE = 8.0
 """Seconds for which a busy camera is asked again."""
 PIECE = 1 << 20
@@ -42,6 +42,16 @@ _REPEATABLE = frozenset(
         Operation.SET_DEVICE_PROP_VALUE,
     }
 )
+_QUICK = frozenset(
+    {
+        Operation.GET_DEVICE_INFO,
+        Operation.GET_OBJECT_INFO,
+        Operation.GET_DEVICE_PROP_DESC,
+        Operation.GET_DEVICE_PROP_VALUE,
+        Operation.SET_DEVICE_PROP_VALUE,
+    }
+)
+"""What a camera answers out of its head."""
 _GONE = {ResponseCode.SESSION_NOT_OPEN, ResponseCode.INVALID_TRANSACTION_ID}
 _TORN = {ResponseCode.INCOMPLETE_TRANSFER, ResponseCode.TRANSACTION_CANCELLED}
 
@@ -82,7 +92,7 @@ class PtpSession:
         """Open the session, then ask who is there; in this order some responders insist on it."""
         try:
             self._begin()
-            self.info = DeviceInfo.unpack(self.get(Operation.GET_DEVICE_INFO, timeout=FIRST_TIMEOUT))
+            self.info = DeviceInfo.unpack(self.get(Operation.GET_DEVICE_INFO))
         except BaseException:
             self.transport.close()
             raise
@@ -97,7 +107,7 @@ class PtpSession:
         operation: int,
         *parameters: int,
         data: bytes | None = None,
-        timeout: float = TIMEOUT,
+        timeout: float | None = None,
         most: int = MOST_BYTES,
         repeatable: bool | None = None,
         patience: float = PATIENCE,
@@ -107,11 +117,12 @@ class PtpSession:
         Busy is asked again for `patience` seconds, then CameraBusy. An operation that may be done twice
         is done once more after an error that the connection survived. CameraRefused for other answers.
         """
+        limit = timeout or (QUICK_TIMEOUT if operation in _QUICK else TIMEOUT)
         may_repeat = operation in _REPEATABLE if repeatable is None else repeatable
 
         def attempt() -> Reply:
             command = Command(operation, self._next(), parameters)
-            reply = self._recovered(command, data, timeout, most)
+            reply = self._recovered(command, data, limit, most)
             code = reply.response.code
             if code in _GONE:
                 self._begin()
@@ -131,7 +142,7 @@ class PtpSession:
         return self._patiently(operation, insisting, patience)
 
     def get(
-        self, operation: int, *parameters: int, timeout: float = TIMEOUT, most: int = MOST_BYTES
+        self, operation: int, *parameters: int, timeout: float | None = None, most: int = MOST_BYTES
     ) -> bytes:
         """Run an operation that answers with data, and may be run twice; CameraProtocol if it sends none."""
         data = self.run(operation, *parameters, timeout=timeout, most=most, repeatable=True).data
@@ -246,21 +257,21 @@ class PtpSession:
 
         def attempt() -> Reply:
             try:
-                return self.transport.transact(command, timeout=FIRST_TIMEOUT)
+                return self.transport.transact(command, timeout=QUICK_TIMEOUT)
             except (CameraProtocol, CameraTimeout) as error:
                 self.transport.recover(error, 0)
-                return self.transport.transact(command, timeout=FIRST_TIMEOUT)
+                return self.transport.transact(command, timeout=QUICK_TIMEOUT)
 
         return self._patiently(Operation.OPEN_SESSION, attempt, PATIENCE, accept=True)
 
     def _close_stale(self) -> None:
-        self.transport.transact(Command(Operation.CLOSE_SESSION, self._next()), timeout=FIRST_TIMEOUT)
+        self.transport.transact(Command(Operation.CLOSE_SESSION, self._next()), timeout=QUICK_TIMEOUT)
 
     def _patiently(
         self, operation: int, attempt: Callable[[], Reply], patience: float, *, accept: bool = False
     ) -> Reply:
         """Attempts until the camera is no longer busy; `accept` any answer but Busy, else only OK."""
-        end, pause = self.clock.now() + patience, 0.005
+        end, pause = None, 0.005
         while True:
             reply = attempt()
             code = reply.response.code
@@ -270,6 +281,7 @@ class PtpSession:
                 if accept:
                     return reply
                 raise RefusedWith(self.where, operation, code)
+            end = self.clock.now() + patience if end is None else end  # time-outs before do not count
             if self.clock.now() >= end:
                 raise CameraBusy(f"{self.where} stays busy: let it finish writing, or switch it off and on.")
             self.clock.sleep(pause)

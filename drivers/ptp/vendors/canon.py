@@ -1,7 +1,7 @@
 """Canon EOS: remote and event mode, properties by way of events, pictures to the host.
 
 Source: CAPTURE 2.4, libgphoto2's layout of event records, and what an EOS 6D and an R6 sent (data/ptp).
-Verified against: the tests' responder only; no hardware. Left out: setting the image format (choose RAW in
+Verified against: the simulated cameras and the tests' responder; no hardware. Left out: setting the image format (choose RAW in
 the camera's menu), bulb, in-camera bracketing, live view, autofocus and its result.
 """
 
@@ -15,7 +15,7 @@ from drivers.ptp.codec import Reader, Value, damaged
 from drivers.ptp.codes import CanonEvent, CanonOperation, CanonProperty, DataType
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, ObjectInfo
 from drivers.ptp.exposure import CANON_DIALS, Dial
-from drivers.ptp.session import Download
+from drivers.ptp.session import QUICK_TIMEOUT, Download
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import GRACE, deadline
 
@@ -55,6 +55,11 @@ def unpack_object(kind: int, payload: bytes) -> Download:
 
 class CanonBody(StandardBody):
     """An EOS DSLR or R."""
+
+    @property
+    def remembers(self) -> bool:
+        """Not known to."""
+        return False
 
     def enter(self) -> None:
         """Remote mode, event mode, all properties, the host as the destination."""
@@ -150,7 +155,8 @@ class CanonBody(StandardBody):
     def _listen(self) -> None:
         """Read all waiting event records."""
         for _ in range(_MOST_BATCHES):
-            records = list(unpack_records(self.session.get(CanonOperation.GET_EVENT)))
+            data = self.session.get(CanonOperation.GET_EVENT, timeout=QUICK_TIMEOUT)
+            records = list(unpack_records(data))
             for kind, payload in records:
                 self._take(kind, payload)
             if not records:

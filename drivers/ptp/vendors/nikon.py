@@ -1,7 +1,7 @@
 """Nikon: remote mode, RAW into the camera's memory, DeviceReady and GetEvent by polling.
 
 Source: CAPTURE 2.4, after libgphoto2, and the property lists of a Z 6 and a D780 (data/ptp). Verified
-against: the tests' responder only; no hardware. Left out: bulb, in-camera bracketing, live view, Wi-Fi
+against: the simulated cameras and the tests' responder; no hardware. Left out: bulb, in-camera bracketing, live view, Wi-Fi
 pairing. A body that lists none of Nikon's operations is spoken to in plain PTP.
 """
 
@@ -21,14 +21,14 @@ from drivers.ptp.codes import (
 )
 from drivers.ptp.datasets import EnumForm
 from drivers.ptp.exposure import NIKON_ISO, NIKON_TIME
-from drivers.ptp.session import PATIENCE, Download
+from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, Download
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import deadline
 
 MEMORY_HANDLE = 0xFFFF0001
 """Where a picture lies that went to the camera's memory."""
 _NEF, _TO_MEMORY, _NO_AUTOFOCUS = 0x04, 1, 0xFFFFFFFF
-_PAUSE = 0.05
+_PAUSE, _ASK_AFTER = 0.05, 1.0
 
 
 def unpack_events(data: bytes) -> list[Event]:
@@ -54,6 +54,11 @@ class NikonBody(StandardBody):
             )
         )
 
+    @property
+    def remembers(self) -> bool:
+        """Not known to, of what is in memory."""
+        return not self._to_memory
+
     def enter(self) -> None:
         """Remote mode, memory as the destination, NEF as the format."""
         if self.session.supports(NikonOperation.GET_VENDOR_PROP_CODES):
@@ -72,9 +77,6 @@ class NikonBody(StandardBody):
         if fine is not None and self.describe(fine.code).writable:
             self.time = fine  # exact, where ExposureTime counts 100 us
         self.iso = self._dial(NIKON_ISO) or self.iso
-        if self._to_memory:
-            self._until_ready(PATIENCE)
-            self._forget(MEMORY_HANDLE)  # what a session that broke off may have left
 
     def leave(self) -> None:
         """Local mode."""
@@ -94,6 +96,13 @@ class NikonBody(StandardBody):
                     self._forget(event.parameters[0] or MEMORY_HANDLE)
         super().wait_ready()
 
+    def recount(self) -> None:
+        """Also free the memory of what a shot that failed may have left."""
+        super().recount()
+        if self._to_memory:
+            self._until_ready(PATIENCE)
+            self._forget(MEMORY_HANDLE)
+
     def release(self) -> None:
         """Without autofocus, into the camera's memory."""
         if self.session.supports(NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA):
@@ -111,11 +120,17 @@ class NikonBody(StandardBody):
         clock = self.session.clock
         end = clock.now() + deadline(exposure)
         self._until_ready(deadline(exposure))
+        ask_at = clock.now() + _ASK_AFTER
         while clock.now() < end:
             for event in self._events():
                 if event.code in (NikonEvent.OBJECT_ADDED_IN_SDRAM, EventCode.OBJECT_ADDED):
                     handle = event.parameters[0] or MEMORY_HANDLE
                     return [Download(handle, self.session.object_info(handle), bytearray())]
+            if clock.now() >= ask_at:
+                # The event may be lost.
+                with suppress(CameraRefused):
+                    return [Download(MEMORY_HANDLE, self.session.object_info(MEMORY_HANDLE), bytearray())]
+                ask_at = clock.now() + _ASK_AFTER
             clock.sleep(_PAUSE)
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
@@ -137,7 +152,9 @@ class NikonBody(StandardBody):
 
     def _until_ready(self, patience: float) -> None:
         if self.session.supports(NikonOperation.DEVICE_READY):
-            self.session.run(NikonOperation.DEVICE_READY, repeatable=True, patience=patience)
+            self.session.run(
+                NikonOperation.DEVICE_READY, timeout=QUICK_TIMEOUT, repeatable=True, patience=patience
+            )
 
     def _events(self) -> list[Event]:
-        return unpack_events(self.session.get(NikonOperation.GET_EVENT))
+        return unpack_events(self.session.get(NikonOperation.GET_EVENT, timeout=QUICK_TIMEOUT))

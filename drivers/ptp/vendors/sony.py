@@ -1,7 +1,7 @@
 """Sony Alpha: the SDIO handshake, all properties in one blob, pictures through the camera's memory.
 
 Source: CAPTURE 2.4, libgphoto2's layout of the property blob, and what an A7 IV sent (data/ptp). Verified
-against: the tests' responder only; no hardware. Protocol version 2 (200) alone is spoken. Left out: bodies
+against: the simulated cameras and the tests' responder; no hardware. Protocol version 2 (200) alone is spoken. Left out: bodies
 that take shutter speed only in steps, protocol 3 and its own properties, bulb.
 """
 
@@ -10,7 +10,7 @@ from drivers.ptp.codec import Reader, Value, damaged, pack_value
 from drivers.ptp.codes import UNKNOWN_LENGTH, DataType, Operation, PropertyCode, SonyOperation, SonyProperty
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.ptp.exposure import SONY_ISO, SONY_TIME, STANDARD_F_NUMBER, Dial
-from drivers.ptp.session import PATIENCE, Download
+from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, Download
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import deadline
 
@@ -60,6 +60,11 @@ def _unpack_property(reader: Reader) -> DevicePropDesc:
 class SonyBody(StandardBody):
     """An Alpha in PC Remote mode."""
 
+    @property
+    def remembers(self) -> bool:
+        """Not known to."""
+        return False
+
     def enter(self) -> None:
         """The handshake, RAW as the format and the host as the destination, as far as they can be set."""
         for phase in (1, 2):
@@ -78,7 +83,7 @@ class SonyBody(StandardBody):
 
     def describe(self, code: int) -> DevicePropDesc:
         """A property out of the blob; CameraRefused if it is not in it."""
-        found = unpack_properties(self.session.get(SonyOperation.GET_ALL_EXT_DEVICE_PROP_INFO)).get(code)
+        found = self._everything().get(code)
         if found is None:
             raise CameraRefused(
                 f"{self.session.where} says nothing of property 0x{code:04X}: turn its mode dial to M."
@@ -131,6 +136,10 @@ class SonyBody(StandardBody):
         if not one.data:
             self.fetch(one)
 
+    def _everything(self) -> dict[int, DevicePropDesc]:
+        blob = self.session.get(SonyOperation.GET_ALL_EXT_DEVICE_PROP_INFO, timeout=QUICK_TIMEOUT)
+        return unpack_properties(blob)
+
     def _choose(self, one: DevicePropDesc | None, wanted: int) -> None:
         """Set a property, if the body has it, lets it be set and lists the value."""
         offered = one.form.values if one is not None and isinstance(one.form, EnumForm) else ()
@@ -148,7 +157,7 @@ class SonyBody(StandardBody):
         clock = self.session.clock
         end = clock.now() + _START_UP
         while True:
-            listed = unpack_properties(self.session.get(SonyOperation.GET_ALL_EXT_DEVICE_PROP_INFO))
+            listed = self._everything()
             if SonyProperty.SHUTTER_SPEED in listed:
                 return listed
             if clock.now() >= end:

@@ -1,6 +1,6 @@
 """A body that speaks plain PTP: pictures go to its card and stay there.
 
-Verified against: the tests' responder only; no hardware. How a body is told to write RAW is not part of
+Verified against: the simulated cameras and the tests' responder; no hardware. How a body is told to write RAW is not part of
 the standard: choose it in the camera's menu. Of Fuji, only the unit of the exposure time is known (the dump
 of an X-T4 in data/ptp): what puts those bodies under remote control is left out.
 """
@@ -19,7 +19,7 @@ _RAW_FORMATS = {FormatCode.DNG, FormatCode.VENDOR_RAW_1, FormatCode.VENDOR_RAW_2
 class StandardBody:
     """How a camera is set, fired and emptied. The makers' bodies override what they do differently."""
 
-    verified = "the tests' responder"
+    verified = "simulated cameras"
     """What it has been tried on, for `rig cameras`."""
 
     def __init__(self, session: PtpSession) -> None:
@@ -45,6 +45,11 @@ class StandardBody:
         """Whether it can write files that are RAW."""
         info = self.session.info
         return bool(_RAW_FORMATS & {*info.capture_formats, *info.image_formats})
+
+    @property
+    def remembers(self) -> bool:
+        """Whether a new session can ask for a shot that an earlier one began; a card does that."""
+        return True
 
     def describe(self, code: int) -> DevicePropDesc:
         """A property as it is now."""

@@ -247,4 +247,3 @@ def test_a_full_card_is_refused(rigs: dict[str, SimulatedRig]) -> None:
 def test_out_of_order_is_an_error(rigs: dict[str, SimulatedRig], act: Callable[[PtpCamera], object]) -> None:
     with pytest.raises(CameraError, match="in this order"):
         act(Bench(rigs["toy"], "generic").camera)
-
