@@ -10,6 +10,7 @@ from capture.deviation import TOLERANCE_STOPS
 from capture.lock import sole_writer
 from capture.recorder import CaptureResult, Progress, finished, record, slots
 from drivers.camera import Camera
+from drivers.sim.faults import Mix
 from drivers.sim.on_bus import BusRig
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging import store
@@ -31,6 +32,7 @@ def capture_simulated(
     bracket: tuple[float, ...] | None = None,
     resume: bool = False,
     compression: Compression = "none",
+    mix: Mix | None = None,
     progress: Progress = lambda message, done, total: None,
 ) -> CaptureResult:
     """Shoot the simulated rig `name` into the session folder `out`, and write the truth beside it.
@@ -40,6 +42,7 @@ def capture_simulated(
     resume: take exactly the shots that `out` lacks; the raw files are then those, byte for byte, of
     a capture that was never interrupted. frames and bracket may be left out and are then those of
     the session.
+    mix: what goes wrong on the bus, at random; truth/faults.jsonl lists what did.
 
     InputError: no such rig, `out` is not empty, or (resume) holds another capture. StorageError:
     the disk refuses; what was finished stays.
@@ -47,9 +50,8 @@ def capture_simulated(
     if resume and not out.is_dir():
         raise InputError(f"{out} is not a folder: leave --resume out to begin a session there.")
     rig = simulate(name, seed)
-    cameras = {
-        camera.name: device for camera, device in zip(rig.records(), BusRig(rig).cameras(), strict=True)
-    }
+    bus = BusRig(rig, mix=mix)
+    cameras = {camera.name: device for camera, device in zip(rig.records(), bus.cameras(), strict=True)}
     wanted = _plan(rig, cameras, name, frames, bracket)
     identity = SessionRecord(
         name=out.resolve().name,
@@ -74,15 +76,27 @@ def capture_simulated(
             truth = out / "truth" / "truth.json"
             if truth.exists() and len(finished(session, plan)) < len(slots(plan)):
                 store.discard(truth)  # it lists what was applied in every shot, and there will be more
-            result = record(
-                session, plan, cameras, move_to=rig.move_to, compression=compression, progress=progress
-            )
+            try:
+                result = record(
+                    session, plan, cameras, move_to=rig.move_to, compression=compression, progress=progress
+                )
+            finally:
+                _list_faults(out, bus)
             if not truth.exists():
                 rig.write_truth(out, progress)
         return result
     finally:
         for camera in cameras.values():
             camera.close()
+
+
+def _list_faults(out: Path, bus: BusRig) -> None:
+    """What went wrong on the bus in this run, behind what did in earlier ones."""
+    if bus.plan.log:
+        store.make_folder(out / "truth")
+    for one in bus.plan.log:
+        told = {"time": round(one.time, 6), "serial": one.serial, "operation": one.operation, "nth": one.nth}
+        store.append_line(out / "truth" / "faults.jsonl", told | {"fault": str(one.fault)})
 
 
 def _plan(

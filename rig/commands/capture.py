@@ -30,6 +30,12 @@ def capture(
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Complete the session in OUT.")] = False,
+    rough: Annotated[
+        bool,
+        typer.Option(
+            "--rough", help="Let a twentieth of what the cameras are asked for go wrong on the bus."
+        ),
+    ] = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what would be shot and write nothing.")
     ] = False,
@@ -47,7 +53,9 @@ def capture(
         with running("plan"):
             return _planned(sim, out, seed, frames, chosen)
     with running("capture", go_on=f"run the same command again with --resume to complete {out}") as meter:
-        return run_capture(sim, out, meter, seed=seed, frames=frames, chosen=chosen, resume=resume)
+        return run_capture(
+            sim, out, meter, seed=seed, frames=frames, chosen=chosen, resume=resume, rough=rough
+        )
 
 
 def run_capture(
@@ -59,13 +67,16 @@ def run_capture(
     frames: int | None = None,
     chosen: tuple[float, ...] | None = None,
     resume: bool = False,
+    rough: bool = False,
 ) -> Outcome:
     """Capture and say what came of it."""
     with leaving_nothing(out, unless=has_shots):
         from capture.simulated import capture_simulated
+        from drivers.sim.faults import ROUGH
 
+        mix = ROUGH if rough else None
         result = capture_simulated(
-            sim, out, seed=seed, frames=frames, bracket=chosen, resume=resume, progress=meter
+            sim, out, seed=seed, frames=frames, bracket=chosen, resume=resume, mix=mix, progress=meter
         )
     there = result.taken + result.kept
     kept = f", {result.kept} of them taken before" if result.kept else ""

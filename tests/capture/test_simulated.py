@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from capture.simulated import capture_simulated
+from drivers.sim.faults import ROUGH
 from imaging import store
 from imaging.errors import InputError, StorageError
 from imaging.raw import read_raw
@@ -210,3 +211,18 @@ def test_photographs_of_a_rig_that_develops_them_are_stored_as_received(tmp_path
     assert result.planned == 10
     assert {session.file(s).suffix for s in session.shots()} == {".jpg"}
     assert {camera.kind for camera in session.record.cameras} == {"ldr"}
+
+
+def test_a_rough_bus_costs_no_shot_and_what_happened_is_listed(toy, tmp_path):
+    """Every file holds what it holds on a quiet bus, but for shots that had to be taken again."""
+    out = tmp_path / "s"
+    result = capture_simulated("toy", out, seed=3, mix=ROUGH)
+    assert (result.taken, result.missing, result.problems) == (18, (), ())
+    happened = [json.loads(line) for line in (out / "truth" / "faults.jsonl").read_text().splitlines()]
+    assert happened
+    assert {"time", "serial", "operation", "nth", "fault"} == set(happened[0])
+    again = {shot.file for shot in Session.open(out).shots() if shot.retries}
+    quiet = tree(toy / "raw")
+    for name, data in tree(out / "raw").items():
+        if f"raw/{name}" not in again:
+            assert data == quiet[name], name
