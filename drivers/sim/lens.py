@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from drivers.sim.compiling import compiled
+from drivers.compiling import compiled
 from imaging.calibration import Lens
 
 Array = npt.NDArray[np.float64]

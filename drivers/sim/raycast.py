@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.sim.compiling import compiled
+from drivers.compiling import compiled
 from drivers.sim.lens import undistort
 from drivers.sim.solids import EPSILON, Triple, distance, hit, local, material_at, near_line, normal
 from drivers.sim.texture import albedo

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drivers.compiling import share
 from drivers.sim import raycast
-from drivers.sim.compiling import share
 from drivers.sim.lens import parameters
 from drivers.sim.raycast import DIM_ZONE, LIGHT
 from drivers.sim.solids import BOX, CYLINDER, ROOM, SOLID, SPHERE

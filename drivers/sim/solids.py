@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.sim.compiling import compiled
+from drivers.compiling import compiled
 
 SPHERE, BOX, CYLINDER, ROOM = range(4)
 

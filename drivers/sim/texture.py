@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.sim.compiling import compiled
+from drivers.compiling import compiled
 
 MOTTLE, TILES, SPOTS, WOOD, BRICKS = range(5)
 

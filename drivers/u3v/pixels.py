@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from drivers.compiling import compiled
 from drivers.errors import CameraProtocol, CameraRefused
-from drivers.sim.compiling import compiled
 from imaging.cfa import Cfa
 
 Bytes = npt.NDArray[np.uint8]

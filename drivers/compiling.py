@@ -25,7 +25,7 @@ def _cache_folder() -> Path | None:
     given = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
         digest.update(source.read_bytes())
     folder = (Path(given) if given else home / "hdr-rig" / "numba") / digest.hexdigest()[:16]
     nearest = next(parent for parent in (folder, *folder.parents) if parent.exists())
