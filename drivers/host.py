@@ -1,11 +1,10 @@
 """What this machine allows: libusb, permissions, memory for transfers, and who holds a camera."""
 
 import os
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from drivers.holders import holders, node_of
 from drivers.usb import RULES, STILL_IMAGE, U3V_CONTROL, UsbDevice, default_backend, find
 from imaging.errors import CameraError
 
@@ -14,8 +13,6 @@ LEAST_MEMORY_MB = 256
 
 RULES_FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"), Path("/lib/udev/rules.d"))
 MEMORY = Path("/sys/module/usbcore/parameters/usbfs_memory_mb")
-NODES = Path("/dev/bus/usb")
-PROCESSES = Path("/proc")
 
 
 @dataclass(frozen=True)
@@ -78,29 +75,3 @@ def _node(camera: UsbDevice) -> Finding:
         mend = "Unmount it in the file manager, and close that program."
         return Finding(camera.where, f"held by {', '.join(programs)}", mend)
     return Finding(camera.where, "may be opened")
-
-
-def node_of(device: Any) -> Path:
-    """The file that stands for a device on Linux."""
-    return NODES / f"{device.bus or 0:03d}" / f"{device.address or 0:03d}"
-
-
-def holders(device: Any) -> list[str]:
-    """Names of other programs that have the device open, as far as this user may see them."""
-    node, found = str(node_of(device)), set()
-    for process in _numbered(PROCESSES):
-        if process.name == str(os.getpid()):
-            continue
-        try:
-            if any(os.readlink(link) == node for link in (process / "fd").iterdir()):
-                found.add((process / "comm").read_text().strip())
-        except OSError:  # another user's, or gone
-            continue
-    return sorted(found)
-
-
-def _numbered(folder: Path) -> Iterable[Path]:
-    try:
-        return [entry for entry in folder.iterdir() if entry.name.isdigit()]
-    except OSError:
-        return []

@@ -18,6 +18,7 @@ from drivers.errors import (
     CameraProtocol,
     CameraTimeout,
 )
+from drivers.holders import holders
 from imaging.errors import CameraError
 
 RULES = "70-hdr-rig.rules"
@@ -97,8 +98,17 @@ class UsbDevice:
 
     def open(self) -> "UsbPipe":
         """Claim the interface. CameraPermission, CameraClaimed, CameraLost."""
-        with told(self.where):
-            return UsbPipe(self)
+        try:
+            with told(self.where):
+                return UsbPipe(self)
+        except CameraClaimed as error:
+            programs = holders(self.device)
+            if not programs:
+                raise
+            raise CameraClaimed(
+                f"{self.where} is held by {' and '.join(programs)}: unmount it in the file manager, or close "
+                "that program."
+            ) from error
 
 
 class UsbPipe:

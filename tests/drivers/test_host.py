@@ -6,8 +6,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers import host
-from drivers.usb import RULES
+from drivers import holders, host
+from drivers.errors import CameraClaimed
+from drivers.sim.bus import Holder
+from drivers.sim.on_bus import BusRig
+from drivers.sim.rigs import simulate
+from drivers.usb import RULES, STILL_IMAGE, find
 from imaging.errors import CameraError
 
 
@@ -24,8 +28,8 @@ def machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SimpleNamespace:
     places.rules.mkdir()
     monkeypatch.setattr(host, "RULES_FOLDERS", (places.rules,))
     monkeypatch.setattr(host, "MEMORY", places.memory)
-    monkeypatch.setattr(host, "NODES", places.nodes)
-    monkeypatch.setattr(host, "PROCESSES", places.processes)
+    monkeypatch.setattr(holders, "NODES", places.nodes)
+    monkeypatch.setattr(holders, "PROCESSES", places.processes)
     monkeypatch.setattr(host, "default_backend", lambda: object())
     monkeypatch.setattr(host, "find", lambda kind, backend: places.cameras if kind.number == 6 else [])
     return places
@@ -92,3 +96,20 @@ def test_who_holds_a_camera_is_named(machine: SimpleNamespace, monkeypatch: pyte
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     assert found("USB 001:007").says == "this user may not open it"
     assert str(host.rules_file()) in found("USB 001:007").mend
+
+
+def test_the_error_names_the_program_that_holds_a_camera(machine: SimpleNamespace) -> None:
+    bus = BusRig(simulate("toy"))
+    camera = find(STILL_IMAGE, bus.backend)[0]
+    bus.backend.hold("SIM-RAW-001", Holder.OTHER_PROGRAM)
+    with pytest.raises(CameraClaimed, match="held by another program"):
+        camera.open()
+    node = machine.nodes / "001" / f"{camera.device.address:03d}"
+    node.parent.mkdir(parents=True)
+    node.touch()
+    folder = machine.processes / "77" / "fd"
+    folder.mkdir(parents=True)
+    (folder.parent / "comm").write_text("darktable\n")
+    (folder / "5").symlink_to(node)
+    with pytest.raises(CameraClaimed, match="held by darktable: unmount it"):
+        camera.open()
