@@ -2,6 +2,8 @@
 
 from typing import Any, Literal
 
+from usb.util import dispose_resources
+
 from drivers import usb
 from drivers.camera import CameraIdentity
 from drivers.clock import Clock
@@ -96,7 +98,11 @@ class Connection:
         if self.identity is None and usb_serial is not None:
             # Known from now on, so that a plug pulled before the first answer does not cost the camera.
             self._usb_serial = usb_serial
-        pipe = found.open()
+        try:
+            pipe = found.open()
+        except CameraError:
+            dispose_resources(found.device)  # asking for the serial number opened it
+            raise
         try:
             session = PtpSession(Transport(pipe, self._clock), self._clock)
             info = session.open()

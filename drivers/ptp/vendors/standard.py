@@ -1,8 +1,8 @@
 """A body that speaks plain PTP: pictures go to its card and stay there.
 
-Verified against: the simulated cameras and the tests' responder; no hardware. How a body is told to write RAW is not part of
-the standard: choose it in the camera's menu. Of Fuji, only the unit of the exposure time is known (the dump
-of an X-T4 in data/ptp): what puts those bodies under remote control is left out.
+Verified against: the simulated cameras and the tests' responder; no hardware. How a body is told to write
+RAW is not part of the standard: choose it in the camera's menu. Of Fuji, only the unit of the exposure time
+is known (the dump of an X-T4 in data/ptp): what puts those bodies under remote control is left out.
 """
 
 from drivers.ptp.codec import Value

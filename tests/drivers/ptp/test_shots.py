@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from drivers.camera import Camera, EncodedPhoto
-from drivers.errors import CameraLost, CameraRefused
+from drivers.errors import CameraClaimed, CameraLost, CameraPermission, CameraRefused
 from drivers.ptp import PtpCamera, find_cameras
-from drivers.sim.bus import VirtualBus
+from drivers.sim.bus import Holder, VirtualBus
 from drivers.sim.camera import SimulatedCamera
 from drivers.sim.faults import Fault, FaultPlan, Kind
 from drivers.sim.ptp_profiles import PROFILES, profile
@@ -247,3 +247,37 @@ def test_a_full_card_is_refused(rigs: dict[str, SimulatedRig]) -> None:
 def test_out_of_order_is_an_error(rigs: dict[str, SimulatedRig], act: Callable[[PtpCamera], object]) -> None:
     with pytest.raises(CameraError, match="in this order"):
         act(Bench(rigs["toy"], "generic").camera)
+
+
+@pytest.mark.parametrize(
+    ("holder", "kind"),
+    [
+        (Holder.PERMISSIONS, CameraPermission),
+        (Holder.OTHER_PROGRAM, CameraClaimed),
+        (Holder.KERNEL_DRIVER, CameraClaimed),
+    ],
+)
+def test_a_camera_that_others_hold_says_so_until_they_let_go(
+    rigs: dict[str, SimulatedRig], holder: Holder, kind: type[CameraError]
+) -> None:
+    bench = Bench(rigs["toy"], "generic")
+    bench.bus.hold("SIM-RAW-001", holder)
+    for _ in range(2):
+        with pytest.raises(kind):
+            bench.camera.identify()
+        assert bench.bus.open_handles == 0
+    bench.bus.hold("SIM-RAW-001", Holder.NOBODY)
+    assert bench.camera.identify().serial == "SIM-RAW-001"
+
+
+def test_cameras_of_one_model_are_told_apart_when_both_come_back(rigs: dict[str, SimulatedRig]) -> None:
+    bench = Bench(rigs["toy"], "generic", cameras=2)
+    cameras = find_cameras(bench.bus, bench.clock)
+    serials = [camera.identify().serial for camera in cameras]
+    assert serials == ["SIM-RAW-001", "SIM-RAW-002"]
+    for serial in serials:
+        bench.bus.unplug(serial)
+    for device in reversed(bench.devices):
+        bench.bus.plug(device)
+    for camera, serial in zip(cameras, serials, strict=True):
+        assert shot(camera, EXPOSURE).metadata.serial == serial
