@@ -10,13 +10,12 @@ seeds. Finished rows are kept in FOLDER; --write puts the table into bench/resul
 """
 
 import argparse
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from record import machine, publish, words
+from record import WORK, arguments, deliver, machine, words
 from trial import Cache, paired, prepare, run, session
 
 from recon.appearance import Appearance, LogRadiance, PlainHarmonics, Rate, SoftplusRadiance
@@ -111,22 +110,18 @@ def report(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for flag in ("--quick", "--json", "--write"):
-        parser.add_argument(flag, action="store_true")
+    parser = arguments(__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--iterations", type=int, default=2000)
     parser.add_argument("--calibration", choices=("own", "truth"), default="own")
-    parser.add_argument("--work", type=Path, default=Path("/tmp/hdr-rig-bench"))
+    parser.add_argument("--work", type=Path, default=WORK)
     options = parser.parse_args()
     options.sim, options.cap = "demo", CAP
     if options.quick:
         options.sim, options.cap, options.seeds, options.iterations = "toy", 900, 1, 150
         options.calibration = "truth"
     result = measure(options)
-    print(json.dumps(result, indent=1) if options.json else report(result))
-    if options.write:
-        publish("appearance", report(result))
+    deliver(options, "appearance", result, report(result))
 
 
 if __name__ == "__main__":

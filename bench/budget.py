@@ -7,11 +7,10 @@ wall-clock of the training loop on this machine, processor seconds all its threa
 """
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
-from record import machine, publish, words
+from record import WORK, arguments, deliver, machine, words
 from trial import Cache, prepare, run, session
 
 from recon.methods import nh_3dgs
@@ -58,21 +57,17 @@ def report(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for flag in ("--quick", "--json", "--write"):
-        parser.add_argument(flag, action="store_true")
+    parser = arguments(__doc__)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--calibration", choices=("own", "truth"), default="own")
-    parser.add_argument("--work", type=Path, default=Path("/tmp/hdr-rig-bench"))
+    parser.add_argument("--work", type=Path, default=WORK)
     options = parser.parse_args()
     options.sim, options.grid = "demo", GRID
     if options.quick:
         options.sim, options.calibration = "toy", "truth"
         options.grid = [(50, 600), (100, 600), (200, 600), (200, 1200)]
     result = measure(options)
-    print(json.dumps(result, indent=1) if options.json else report(result))
-    if options.write:
-        publish("budget", report(result))
+    deliver(options, "budget", result, report(result))
 
 
 if __name__ == "__main__":

@@ -7,15 +7,13 @@ complete, every file to hold its hash and the exposure that was asked for. --wri
 bench/results/faults.md.
 """
 
-import argparse
-import json
 import tempfile
 from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from record import machine, publish, words
+from record import arguments, deliver, machine, words
 
 from capture.beginning import begin
 from capture.check import check
@@ -119,17 +117,13 @@ def _count(value: Any) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for flag in ("--quick", "--json", "--write"):
-        parser.add_argument(flag, action="store_true")
+    parser = arguments(__doc__)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--model", default="generic")
     options = parser.parse_args()
     size = (2, 2) if options.quick else (8, 10)
     result = measure(*size, options.seed, options.model)
-    print(json.dumps(result, indent=1) if options.json else report(result))
-    if options.write:
-        publish("faults", report(result))
+    deliver(options, "faults", result, report(result))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ ours also at cut-offs that are right for high contrast. --write puts the table i
 
 import argparse
 import importlib.util
-import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from record import machine, publish, words
+from record import arguments, deliver, machine, words
 from workloads import view, workload
 
 from recon.splat import Limits, SplatCamera, rasterize
@@ -126,9 +125,7 @@ def report(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for flag in ("--quick", "--json", "--write"):
-        parser.add_argument(flag, action="store_true")
+    parser = arguments(__doc__)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     if not torch.cuda.is_available():
@@ -137,9 +134,7 @@ def main() -> None:
     if options.quick:
         options.sizes, options.counts, options.rounds = SIZES[:1], COUNTS[:1], 5
     result = measure(options)
-    print(json.dumps(result, indent=1) if options.json else report(result))
-    if options.write:
-        publish("gpu", report(result))
+    deliver(options, "gpu", result, report(result))
 
 
 if __name__ == "__main__":

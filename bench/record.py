@@ -1,7 +1,10 @@
-"""What a measurement was made on, and where its table goes."""
+"""What the scripts here have in common: their options, the machine, where a table goes."""
 
+import argparse
+import json
 import os
 import platform
+import tempfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -10,6 +13,23 @@ from imaging import store
 from recon import threads
 
 RESULTS = Path(__file__).parent / "results"
+WORK = Path(tempfile.gettempdir()) / "hdr-rig-bench"
+"""Where sessions and finished rows are kept, if no other place is named."""
+
+
+def arguments(text: str | None) -> argparse.ArgumentParser:
+    """A parser with the flags of every script; `text` is the script's docstring."""
+    parser = argparse.ArgumentParser(description=(text or "").splitlines()[0])
+    for flag in ("--quick", "--json", "--write"):
+        parser.add_argument(flag, action="store_true")
+    return parser
+
+
+def deliver(options: argparse.Namespace, name: str, result: dict[str, Any], table: str) -> None:
+    """Print the result as was asked for, and publish its table with --write."""
+    print(json.dumps(result, indent=1) if options.json else table)
+    if options.write:
+        publish(name, table)
 
 
 def machine() -> dict[str, Any]:

@@ -6,14 +6,12 @@ On the virtual bus, two still cameras and a machine vision camera, with the driv
 and real libusb enumerated as often. --write puts the table into bench/results/soak.md.
 """
 
-import argparse
 import gc
-import json
 import os
 import sys
 from typing import Any
 
-from record import machine, publish, words
+from record import arguments, deliver, machine, words
 
 from drivers.connected import ask_all, find_cameras
 from drivers.sim.on_bus import BusRig
@@ -91,14 +89,10 @@ def report(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for flag in ("--quick", "--json", "--write"):
-        parser.add_argument(flag, action="store_true")
+    parser = arguments(__doc__)
     options = parser.parse_args()
     result = {"machine": machine(), "soak": soak(100 if options.quick else 1000)}
-    print(json.dumps(result, indent=1) if options.json else report(result))
-    if options.write:
-        publish("soak", report(result))
+    deliver(options, "soak", result, report(result))
 
 
 if __name__ == "__main__":

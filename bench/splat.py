@@ -7,8 +7,6 @@ of our process. --quick leaves out the scaling from 1,000 to 1,000,000 Gaussians
 into bench/results/splat.md and the first into README.md.
 """
 
-import argparse
-import json
 import resource
 import time
 from collections import defaultdict
@@ -19,7 +17,7 @@ from unittest.mock import patch
 
 import peers
 import torch
-from record import machine, publish, words
+from record import arguments, deliver, machine, words
 from workloads import view, workload
 
 from imaging import store
@@ -222,9 +220,7 @@ def _table(rows: list[dict[str, Any]], columns: list[str]) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for flag in ("--quick", "--json", "--write"):
-        parser.add_argument(flag, action="store_true")
+    parser = arguments(__doc__)
     parser.add_argument("--threads", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
@@ -232,9 +228,8 @@ def main() -> None:
         threads.set_threads(options.threads)
         torch.set_num_threads(options.threads)
     result = measure(options.quick, options.seed)
-    print(json.dumps(result, indent=1) if options.json else report(result))
+    deliver(options, "splat", result, report(result))
     if options.write:
-        publish("splat", report(result))
         readme = Path(__file__).parents[1] / "README.md"
         text = readme.read_text()
         if BEGIN in text:

@@ -7,7 +7,6 @@ over all, which only the brightest would decide). --quick uses smaller images. -
 bench/results/stability.md and the numbers into bench/results/stability.json.
 """
 
-import argparse
 import json
 import math
 from dataclasses import replace
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 from extremes import Case, cases, contrast
-from record import RESULTS, machine, publish, words
+from record import RESULTS, arguments, machine, publish, words
 from splat import CUTS
 
 from imaging import store
@@ -268,9 +267,7 @@ def report(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for flag in ("--quick", "--json", "--write"):
-        parser.add_argument(flag, action="store_true")
+    parser = arguments(__doc__)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     torch.set_num_threads(1)  # the oracle's operations are too small to share

@@ -8,7 +8,6 @@ bench/results/step.md.
 """
 
 import argparse
-import json
 import time
 from collections import defaultdict
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from typing import Any
 from unittest.mock import patch
 
 import torch
-from record import machine, publish, words
+from record import WORK, arguments, deliver, machine, words
 from trial import prepare, session
 
 import recon.gaussians
@@ -113,21 +112,17 @@ def report(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for flag in ("--quick", "--json", "--write"):
-        parser.add_argument(flag, action="store_true")
+    parser = arguments(__doc__)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--calibration", choices=("own", "truth"), default="own")
-    parser.add_argument("--work", type=Path, default=Path("/tmp/hdr-rig-bench"))
+    parser.add_argument("--work", type=Path, default=WORK)
     options = parser.parse_args()
     options.sim, options.cap, options.iterations, options.steps = "demo", 20_000, 600, 200
     if options.quick:
         options.sim, options.calibration = "toy", "truth"
         options.cap, options.iterations, options.steps = 900, 60, 50
     result = measure(options)
-    print(json.dumps(result, indent=1) if options.json else report(result))
-    if options.write:
-        publish("step", report(result))
+    deliver(options, "step", result, report(result))
 
 
 if __name__ == "__main__":

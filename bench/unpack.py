@@ -7,8 +7,6 @@ one run. "kernel" is into memory that is used again, "frame" is `drivers.u3v.pix
 memory for each frame, as a camera does. --write puts the table into bench/results/unpack.md.
 """
 
-import argparse
-import json
 import statistics
 import time
 from collections.abc import Callable
@@ -16,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from record import machine, publish, words
+from record import arguments, deliver, machine, words
 
 from drivers.u3v import pixels
 from drivers.u3v.pixels import BY_NAME, unpack
@@ -92,16 +90,12 @@ def report(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for flag in ("--quick", "--json", "--write"):
-        parser.add_argument(flag, action="store_true")
+    parser = arguments(__doc__)
     options = parser.parse_args()
     sizes, repetitions = ((4,), 5) if options.quick else ((4, 24), 15)
     rates = [rate(name, size, repetitions) for name in FORMATS for size in sizes]
     result = {"machine": machine(), "rates": rates}
-    print(json.dumps(result, indent=1) if options.json else report(result))
-    if options.write:
-        publish("unpack", report(result))
+    deliver(options, "unpack", result, report(result))
 
 
 if __name__ == "__main__":
