@@ -56,15 +56,6 @@ def exposed_mu_law(signal: Tensor, scales: Tensor, ceiling: Tensor | None) -> Te
     return result
 
 
-def at_most(prediction: Tensor, target: Tensor, where: Tensor) -> Tensor:
-    """The prediction, but not above the target at saturated photosites (`where`), which say no more.
-
-    There an over-prediction counts as right and has no gradient; an under-prediction counts in full.
-    This is what the sensor does to light, so SSIM sees the two images alike. All of one shape.
-    """
-    return torch.where(where, torch.minimum(prediction, target), prediction)
-
-
 @dataclass(frozen=True)
 class Photometric:
     """`(1 - w) L1 + w (1 - SSIM)` of planes [P, H, W] that lie in about 0..1.

@@ -11,18 +11,21 @@ from imaging.calibration import Response
 from imaging.linear import decode
 from recon.appearance import Rate
 from recon.dataset import View
-from recon.losses import at_most
 from recon.tone import encode
 from recon.tone_grid import apply_curve, curve_values, roughness
 
 
 @dataclass(frozen=True)
 class _Codes:
-    """Planes [shots * 3, H, W] of a view's photographs, and where they say no more than a bound."""
+    """Planes [shots * 3, H, W] of a view's photographs, and between what they tell predictions apart.
+
+    A saturated code is a lower bound only: nothing above it is told apart from it. A black one is an upper
+    bound. ceiling and floor are the code there, and infinite elsewhere.
+    """
 
     target: Tensor
-    saturated: Tensor
-    dark: Tensor
+    floor: Tensor
+    ceiling: Tensor
 
 
 def _codes(view: View, device: torch.device) -> _Codes:
@@ -30,13 +33,9 @@ def _codes(view: View, device: torch.device) -> _Codes:
         stack = np.concatenate([getattr(shot, name).transpose(2, 0, 1) for shot in view.shots])
         return torch.from_numpy(np.ascontiguousarray(stack)).to(device)
 
-    return _Codes(planes("pixels"), planes("saturated"), planes("dark"))
-
-
-def _bounded(prediction: Tensor, codes: _Codes) -> Tensor:
-    """One-sided at both ends: a saturated code is a lower bound, a black one an upper bound."""
-    prediction = at_most(prediction, codes.target, codes.saturated)
-    return torch.where(codes.dark, torch.maximum(prediction, codes.target), prediction)
+    target = planes("pixels")
+    floor = torch.where(planes("dark"), target, -torch.inf)
+    return _Codes(target, floor, torch.where(planes("saturated"), target, torch.inf))
 
 
 @dataclass
@@ -89,7 +88,7 @@ class ToneCurve:
             codes = self._known[view.name] = _codes(view, image.device)
         exposures = image.new_tensor([shot.k for shot in view.shots])
         prediction = self._expose(image, view, exposures, leaky=True).flatten(0, 1)
-        return _bounded(prediction, codes), codes.target
+        return prediction.clamp(codes.floor, codes.ceiling), codes.target
 
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
         """Codes of a shot of exposure scale `k`, within 0..1, [H, W, 3]."""
@@ -163,7 +162,7 @@ class Display:
         if codes is None:
             codes = self._known[view.name] = _codes(view, image.device)
         prediction = image.movedim(2, 0)[None].expand(len(view.shots), 3, -1, -1).flatten(0, 1)
-        return _bounded(prediction, codes), codes.target
+        return prediction.clamp(codes.floor, codes.ceiling), codes.target
 
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
         """The image itself, within 0..1, whatever the exposure."""

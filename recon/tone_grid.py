@@ -15,6 +15,7 @@ from torch.nn.functional import softplus
 
 from imaging.calibration import Response
 from imaging.linear import decode
+from recon.curve_kernel import look_up
 from recon.tone import encode
 
 LEAK = 0.01
@@ -84,6 +85,8 @@ def apply_curve(x: Tensor, values: Tensor, nodes: Tensor, *, leaky: bool) -> Ten
     Leaky (training): `LEAK (x - a)` below the grid, `1 + LEAK - LEAK / sqrt(x - b + 1)` above, both
     continuous, so that no sample is without gradient. Otherwise clamped to 0..1.
     """
+    if leaky and x.device.type == "cpu" and x.dtype == values.dtype == nodes.dtype == torch.float32:
+        return look_up(x, values, nodes, LEAK)
     low, high = nodes[0], nodes[-1]
     inside = x.clamp(low, high)
     index = (torch.searchsorted(nodes, inside.detach().contiguous()) - 1).clamp(0, len(nodes) - 2)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from imaging import metrics
-from recon.losses import Photometric, at_most, mu_law
+from recon.losses import Photometric, mu_law
 
 
 def test_mu_law_is_that_of_the_metrics_and_odd():
@@ -21,16 +21,6 @@ def test_mu_law_has_the_right_slope_everywhere_even_at_zero():
     with torch.no_grad():
         slope = (mu_law(signal + step) - mu_law(signal - step)) / (2 * step)
     np.testing.assert_allclose(signal.grad.numpy(), slope.numpy(), rtol=1e-4)
-
-
-def test_at_most_clips_only_where_told():
-    prediction = torch.tensor([0.5, 2.0, 2.0, 0.5], requires_grad=True)
-    target = torch.ones(4)
-    where = torch.tensor([True, True, False, False])
-    clipped = at_most(prediction, target, where)
-    assert clipped.tolist() == [0.5, 1.0, 2.0, 0.5]
-    clipped.sum().backward()
-    assert prediction.grad.tolist() == [1.0, 0.0, 1.0, 1.0]
 
 
 @pytest.mark.parametrize("weight", [0.0, 0.2, 0.8])

@@ -1,5 +1,7 @@
 """Observation models against the formula written out pixel by pixel."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -142,3 +144,27 @@ def test_display_values_decode_to_radiance_and_back():
     display = Display(Response(kind="srgb", evidence="test"), k=0.25)
     radiance = torch.rand(20, 3) * 3.9
     np.testing.assert_allclose(display.radiance(display.units(radiance)), radiance, rtol=1e-4)
+
+
+def test_codes_at_either_end_are_one_sided():
+    """A saturated code is a lower bound, a black one an upper bound; past them there is no gradient."""
+    codes = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
+    saturated, dark = np.zeros(codes.shape, bool), np.zeros(codes.shape, bool)
+    saturated[0, :2], dark[1, :2] = True, True
+    codes[0, :2], codes[1, :2] = 1.0, 0.0
+    shot = replace(make_shot(0.25, codes, saturated), dark=dark)
+    view = make_view(None, (shot,))
+    image = torch.full((HEIGHT, WIDTH, 3), 0.5)
+    image[0, 0], image[0, 1], image[1, 0], image[1, 1], image[2, 0] = 1.5, 0.9, -0.5, 0.1, 1.5
+    image.requires_grad_()
+    display = Display(Response(kind="srgb", evidence="test"), k=0.25)
+    prediction, target = display.compare(image, view, 0.5)
+    off = (prediction - target)[0].detach()
+    assert (off[0, 0], off[1, 0]) == (0.0, 0.0)
+    assert off[0, 1] == pytest.approx(-0.1)
+    assert off[1, 1] == pytest.approx(0.1)
+    assert off[2, 0] == pytest.approx(1.0)  # a code between the ends is no bound
+    prediction.sum().backward()
+    assert image.grad[0, :2, 0].tolist() == [0.0, 1.0]
+    assert image.grad[1, :2, 0].tolist() == [0.0, 1.0]
+    assert image.grad[2, 0, 0] == 1.0

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+import recon.threads as threads
 from imaging.calibration import Response
 from recon.photographs import ToneCurve
 from recon.tone import encode
@@ -115,3 +116,43 @@ def test_the_start_is_the_response_of_the_calibration():
     light = np.geomspace(0.003, 0.95, 50)
     expected = encode(light[:, None].repeat(3, 1), SRGB)
     np.testing.assert_allclose(curve.codes_of(np.log(light)), expected, atol=0.03)
+
+
+@pytest.mark.parametrize("shape", [(7,), (3, 50, 41), (2, 130, 270), (0,)])
+def test_the_kernel_does_what_plain_operations_do(shape):
+    """Values and both gradients, against float64 by autograd: inside, outside, and on the nodes."""
+    rng = np.random.default_rng(1)
+    nodes = torch.from_numpy(Grid().nodes().astype(np.float32))
+    values = curve_values(torch.from_numpy(rng.normal(size=len(nodes) - 1).astype(np.float32)))
+    x = torch.from_numpy(rng.uniform(-14, 9, shape).astype(np.float32))
+    some = nodes[::3][: x.numel()]
+    x.view(-1)[: len(some)] = some
+    outer = torch.from_numpy(rng.normal(size=shape))
+    found = []
+    for dtype in (torch.float32, torch.float64):
+        a, b = (tensor.detach().clone().to(dtype).requires_grad_() for tensor in (x, values))
+        result = apply_curve(a, b, nodes.to(dtype), leaky=True)
+        (result * outer.to(dtype)).sum().backward()
+        found.append([result.detach().double(), a.grad.double(), b.grad.double()])
+    inside = (x > nodes[0]) & (x < nodes[-1]) & ~torch.isin(x, nodes)  # on a node there are two slopes
+    torch.testing.assert_close(found[0][0], found[1][0], rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(found[0][1][inside], found[1][1][inside], rtol=1e-3, atol=1e-6)
+    outside = (x < nodes[0]) | (x > nodes[-1])
+    torch.testing.assert_close(found[0][1][outside], found[1][1][outside], rtol=1e-4, atol=1e-7)
+    torch.testing.assert_close(found[0][2], found[1][2], rtol=1e-4, atol=1e-4)
+
+
+def test_the_kernel_gives_the_same_bits_on_any_number_of_threads():
+    nodes = torch.from_numpy(Grid().nodes().astype(np.float32))
+    before, results = threads.thread_count(), []
+    try:
+        for count in (1, 2, 3):
+            threads.set_threads(count)
+            generator = torch.Generator().manual_seed(0)
+            x = (torch.rand(200_000, generator=generator) * 20 - 12).requires_grad_()
+            values = curve_values(torch.zeros(len(nodes) - 1)).requires_grad_()
+            apply_curve(x, values, nodes, leaky=True).square().sum().backward()
+            results.append((x.grad.numpy().tobytes(), values.grad.numpy().tobytes()))
+    finally:
+        threads.set_threads(before)
+    assert results[0] == results[1] == results[2]
