@@ -52,6 +52,15 @@ class Target:
     no_darker: bool = True
     no_brighter: bool = True
 
+    @property
+    def stops(self) -> float:
+        """How far its ends are apart."""
+        return math.log2(self.bright / self.dark)
+
+    def headroom(self, exposure: Exposure) -> float:
+        """Stops from the bright end to where an exposure clips; negative if it does."""
+        return math.log2(self.tones.brightest(exposure) / self.bright)
+
     def __str__(self) -> str:
         return f"{self.camera} {self.channel}"
 

@@ -2,12 +2,16 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from capture.automatic import Automatic, meter_rig, plan_automatically
 from capture.beginning import begin, folder_made, is_vacant
 from capture.deviation import TOLERANCE_STOPS
 from capture.lock import sole_writer
+from capture.metering import Metering
+from capture.planner import Plan, Wanted
 from capture.recorder import CaptureResult, Progress, finished, record, slots
 from drivers.camera import Camera
 from drivers.sim.faults import Mix
@@ -15,7 +19,7 @@ from drivers.sim.on_bus import BusRig
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging import store
 from imaging.dng import Compression
-from imaging.errors import InputError
+from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure
 from imaging.records import PlanRecord, SessionRecord
 from imaging.session import Session
@@ -30,6 +34,7 @@ def capture_simulated(
     seed: int = 0,
     frames: int | None = None,
     bracket: tuple[float, ...] | None = None,
+    auto: Wanted | None = None,
     resume: bool = False,
     compression: Compression = "none",
     mix: Mix | None = None,
@@ -39,13 +44,14 @@ def capture_simulated(
 
     frames: how many positions of the rig, from the first; all of them when None.
     bracket: stops relative to the middle exposure of the rig's own bracket, which is used when None.
+    auto: instead of a bracket, what one has to reach that is metered and planned before the first shot.
     resume: take exactly the shots that `out` lacks; the raw files are then those, byte for byte, of
     a capture that was never interrupted. frames and bracket may be left out and are then those of
-    the session.
+    the session; with auto they are, too, and nothing is metered again.
     mix: what goes wrong on the bus, at random; truth/faults.jsonl lists what did.
 
-    InputError: no such rig, `out` is not empty, or (resume) holds another capture. StorageError:
-    the disk refuses; what was finished stays.
+    InputError: no such rig, `out` is not empty, or (resume) holds another capture. CaptureError: the
+    scene cannot be metered. StorageError: the disk refuses; what was finished stays.
     """
     if resume and not out.is_dir():
         raise InputError(f"{out} is not a folder: leave --resume out to begin a session there.")
@@ -62,12 +68,16 @@ def capture_simulated(
     )
     try:
         with folder_made(out), sole_writer(out):
-            if resume and not is_vacant(out):
+            vacant = is_vacant(out)
+            known = None
+            if resume and not vacant:
                 session = Session.open(out)
                 _must_be_the_same(session, identity)
                 known = next((plan for plan in session.plans() if plan.plan == PLAN), None)
-            else:
-                session, known = begin(out, identity), None
+            if known is None and auto is not None and (vacant or resume):
+                wanted = _automatic(rig, cameras, wanted, auto)[0]
+            if vacant or not resume:
+                session = begin(out, identity)
             if known is None:
                 session.append_plan(wanted)
                 plan = wanted
@@ -88,6 +98,62 @@ def capture_simulated(
     finally:
         for camera in cameras.values():
             camera.close()
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """What a capture would shoot, and what that is worth.
+
+    metering: None where the cameras cannot be metered, for the reason `unmetered`. plan: of an
+    automatic bracket only.
+    """
+
+    record: PlanRecord
+    width: int
+    height: int
+    metering: Metering | None
+    plan: Plan | None = None
+    unmetered: str | None = None
+
+
+def rehearse_simulated(
+    name: str,
+    *,
+    seed: int = 0,
+    frames: int | None = None,
+    bracket: tuple[float, ...] | None = None,
+    auto: Wanted | None = None,
+) -> Rehearsal:
+    """Plan what `capture_simulated` would shoot, with the scene metered, and write nothing.
+
+    InputError and CaptureError as there; but a bracket that is given needs no meter.
+    """
+    rig = simulate(name, seed)
+    bus = BusRig(rig)
+    cameras = {camera.name: device for camera, device in zip(rig.records(), bus.cameras(), strict=True)}
+    try:
+        able = rig.cameras[0].capabilities()  # a bus does not tell the size of a picture before there is one
+        record = _plan(rig, cameras, name, frames, bracket)
+        if auto is not None:
+            record, planned = _automatic(rig, cameras, record, auto)
+            return Rehearsal(record, able.width, able.height, planned.metering, planned.plan)
+        try:
+            metering = meter_rig(cameras, rig.bracket[0], frames=record.frames, move_to=rig.move_to)
+        except CaptureError as error:
+            return Rehearsal(record, able.width, able.height, None, unmetered=str(error))
+        return Rehearsal(record, able.width, able.height, metering)
+    finally:
+        for camera in cameras.values():
+            camera.close()
+
+
+def _automatic(
+    rig: SimulatedRig, cameras: Mapping[str, Camera], record: PlanRecord, auto: Wanted
+) -> tuple[PlanRecord, Automatic]:
+    """The plan with a metered bracket in the place of its own, and why it is that."""
+    planned = plan_automatically(cameras, rig.bracket[0], auto, frames=record.frames, move_to=rig.move_to)
+    changed = {"bracket": planned.plan.exposures, "reason": planned.reason}
+    return record.model_copy(update=changed), planned
 
 
 def _list_faults(out: Path, bus: BusRig) -> None:

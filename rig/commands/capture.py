@@ -1,15 +1,21 @@
 """`rig capture`: shoot a session."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import JsonOption, SeedOption, Stops, stops
+from rig.commands.options import JsonOption, SeedOption, Stops, shutter, stops
+from rig.commands.rehearsal import rehearse
 from rig.progress import Meter
 from rig.running import Outcome, leaving_nothing, running, shortfall
 from rig.sessions import has_shots
-from rig.words import counted, size
+from rig.words import counted
+
+if TYPE_CHECKING:
+    from capture.planner import Wanted
 
 
 def capture(
@@ -26,8 +32,36 @@ def capture(
         typer.Option(
             parser=stops,
             metavar="auto|STOPS",
-            help="Stops relative to the rig's middle exposure, as -4,-2,0,2,4; auto: the rig's own bracket.",
+            help="Stops relative to the rig's middle exposure, as -4,-2,0,2,4; auto: the fewest that the "
+            "metered scene needs; the rig's own bracket if not given.",
         ),
+    ] = None,
+    snr: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            max=60.0,
+            metavar="DB",
+            show_default="20",
+            help="With --bracket auto: signal to noise that the darkest of the scene has to reach.",
+        ),
+    ] = None,
+    slowest: Annotated[
+        float | None,
+        typer.Option(
+            parser=shutter, metavar="TIME", help="With --bracket auto: no exposure longer, as 1/30 or 2s."
+        ),
+    ] = None,
+    total: Annotated[
+        float | None,
+        typer.Option(
+            parser=shutter,
+            metavar="TIME",
+            help="With --bracket auto: no bracket longer, all exposures added.",
+        ),
+    ] = None,
+    highest_iso: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="With --bracket auto: no ISO higher.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Complete the session in OUT.")] = False,
     rough: Annotated[
@@ -49,13 +83,34 @@ def capture(
     Example: rig capture --sim demo S --seed 1
     """
     chosen = tuple(bracket) if bracket else None
+    auto = _wanted(bracket, snr, slowest, total, highest_iso)
     if dry_run:
         with running("plan"):
-            return _planned(sim, out, seed, frames, chosen)
+            return rehearse(sim, out, seed=seed, frames=frames, chosen=chosen, auto=auto)
     with running("capture", go_on=f"run the same command again with --resume to complete {out}") as meter:
         return run_capture(
-            sim, out, meter, seed=seed, frames=frames, chosen=chosen, resume=resume, rough=rough
+            sim, out, meter, seed=seed, frames=frames, chosen=chosen, auto=auto, resume=resume, rough=rough
         )
+
+
+def _wanted(
+    bracket: Stops | None,
+    snr: float | None,
+    slowest: float | None,
+    total: float | None,
+    highest_iso: int | None,
+) -> Wanted | None:
+    """What an automatic bracket has to reach; InputError where its options are given without it."""
+    from capture.planner import Wanted
+    from imaging.errors import InputError
+
+    if bracket is not None and not bracket:
+        return Wanted(20.0 if snr is None else snr, slowest, total, highest_iso)
+    given = {"--snr": snr, "--slowest": slowest, "--total": total, "--highest-iso": highest_iso}
+    for option, value in given.items():
+        if value is not None:
+            raise InputError(f"{option} only limits a bracket that is planned: add --bracket auto.")
+    return None
 
 
 def run_capture(
@@ -66,6 +121,7 @@ def run_capture(
     seed: int,
     frames: int | None = None,
     chosen: tuple[float, ...] | None = None,
+    auto: Wanted | None = None,
     resume: bool = False,
     rough: bool = False,
 ) -> Outcome:
@@ -76,7 +132,15 @@ def run_capture(
 
         mix = ROUGH if rough else None
         result = capture_simulated(
-            sim, out, seed=seed, frames=frames, bracket=chosen, resume=resume, mix=mix, progress=meter
+            sim,
+            out,
+            seed=seed,
+            frames=frames,
+            bracket=chosen,
+            auto=auto,
+            resume=resume,
+            mix=mix,
+            progress=meter,
         )
     there = result.taken + result.kept
     kept = f", {result.kept} of them taken before" if result.kept else ""
@@ -94,38 +158,3 @@ def run_capture(
         "problems": list(result.problems),
     }
     return Outcome(data, lines, missing, usable=there > 0)
-
-
-def _planned(sim: str, out: Path, seed: int, frames: int | None, chosen: tuple[float, ...] | None) -> Outcome:
-    """What a capture would shoot."""
-    from drivers.sim.rigs import simulate
-    from imaging.errors import InputError
-
-    rig = simulate(sim, seed)
-    positions = rig.frames if frames is None else frames
-    if positions > rig.frames:
-        raise InputError(f"The simulated rig {sim} has {rig.frames} positions: --frames can be at most that.")
-    steps = (
-        [str(exposure) for exposure in rig.bracket]
-        if chosen is None
-        else [f"{stop:+g} stops" if stop else "middle" for stop in chosen]
-    )
-    capabilities = rig.cameras[0].capabilities()
-    shots = len(rig.cameras) * positions * len(steps)
-    pixels = capabilities.width * capabilities.height
-    data = {
-        "session": str(out),
-        "cameras": [record.name for record in rig.records()],
-        "frames": positions,
-        "bracket": steps,
-        "shots": shots,
-        "width": capabilities.width,
-        "height": capabilities.height,
-        "bytes_at_most": shots * pixels * 2,
-    }
-    lines = [
-        f"{counted(len(rig.cameras), 'camera')}, {counted(positions, 'position')}, "
-        f"{counted(len(steps), 'exposure')} each ({', '.join(steps)}): {counted(shots, 'shot')} of "
-        f"{capabilities.width} x {capabilities.height}, at most {size(shots * pixels * 2)}, into {out}"
-    ]
-    return Outcome(data, lines)

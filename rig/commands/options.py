@@ -32,6 +32,15 @@ def seconds(text: str) -> float:
     return value
 
 
+def shutter(text: str) -> float:
+    """`1/30`, `0.5` or `2s` as seconds; typer.BadParameter otherwise."""
+    match = re.fullmatch(r"\s*(?:(1)\s*/\s*)?(\d+(?:\.\d+)?)\s*s?\s*", text)
+    value = float(match[2]) if match else 0.0
+    if not (value > 0 and math.isfinite(value)):
+        raise typer.BadParameter("write a shutter time as 1/30, 0.5 or 2s")
+    return 1.0 / value if match and match[1] else value
+
+
 class Stops(tuple[float, ...]):
     """Exposures relative to a rig's middle one, ascending; empty for `auto`."""
 

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from capture.simulated import capture_simulated
+from capture.planner import Wanted
+from capture.simulated import capture_simulated, rehearse_simulated
 from drivers.sim.faults import ROUGH
 from imaging import store
-from imaging.errors import InputError, StorageError
+from imaging.errors import CaptureError, InputError, StorageError
 from imaging.raw import read_raw
 from imaging.session import Session, brackets
 
@@ -203,6 +204,36 @@ def test_plans_that_the_rig_cannot_shoot_are_refused(toy, tmp_path):
         (broken / "plans.jsonl").write_text(json.dumps(plan | change) + "\n")
         with pytest.raises(InputError, match=r"plans\.jsonl plans shots that the rig cannot take"):
             capture_simulated("toy", broken, seed=3, resume=True)
+
+
+def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
+    wanted = Wanted(snr=20.0, slowest=1 / 4)
+    rehearsed = rehearse_simulated("toy", seed=3, auto=wanted)
+    assert list(tmp_path.iterdir()) == []
+    out = tmp_path / "s"
+    result = capture_simulated("toy", out, seed=3, auto=wanted)
+    plan = Session.open(out).plans()[0]
+    assert plan.bracket == rehearsed.record.bracket
+    assert plan.reason == rehearsed.record.reason
+    assert result.planned == 6 * len(plan.bracket)
+    assert max(exposure.time for exposure in plan.bracket) == 1 / 4
+    assert "fewest exposures for 20 dB within slowest 0.25 s" in plan.reason
+    assert "cam0 R: the dark end lacks" in plan.reason
+    # The meter's own shots leave no trace in the frames: without them they have the same bytes.
+    before = tree(out)
+    cut(out, 4)
+    again = capture_simulated("toy", out, seed=3, auto=Wanted(snr=30.0), resume=True)
+    assert (again.kept, again.missing) == (4, ())
+    assert Session.open(out).plans() == [plan]
+    assert tree(out / "raw") == {n[4:]: data for n, data in before.items() if n.startswith("raw/")}
+
+
+def test_a_scene_that_cannot_be_metered_leaves_nothing(tmp_path):
+    with pytest.raises(CaptureError, match="55 dB are out of the reach of cam0"):
+        capture_simulated("toy", tmp_path / "a", auto=Wanted(snr=55.0))
+    with pytest.raises(CaptureError, match="develops its photographs itself"):
+        capture_simulated("toy-ldr", tmp_path / "a", auto=Wanted())
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_photographs_of_a_rig_that_develops_them_are_stored_as_received(tmp_path):

@@ -1,0 +1,114 @@
+"""`rig capture --dry-run`: what would be shot, and what each exposure is worth, as a table and as numbers."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rig.running import Outcome
+from rig.words import counted, size
+
+if TYPE_CHECKING:
+    from capture.planner import Wanted
+    from capture.simulated import Rehearsal
+
+
+def rehearse(
+    sim: str,
+    out: Path,
+    *,
+    seed: int,
+    frames: int | None,
+    chosen: tuple[float, ...] | None,
+    auto: Wanted | None,
+) -> Outcome:
+    """Meter, plan and say so; nothing is written."""
+    from capture.simulated import rehearse_simulated
+
+    done = rehearse_simulated(sim, seed=seed, frames=frames, bracket=chosen, auto=auto)
+    record = done.record
+    steps = [str(exposure) for exposure in record.bracket]
+    shots = len(record.cameras) * len(record.frames) * len(steps)
+    most = shots * done.width * done.height * 2
+    data = {
+        "session": str(out),
+        "cameras": list(record.cameras),
+        "frames": len(record.frames),
+        "bracket": steps,
+        "reason": record.reason,
+        "shots": shots,
+        "width": done.width,
+        "height": done.height,
+        "bytes_at_most": most,
+    }
+    lines = [
+        f"{counted(len(record.cameras), 'camera')}, {counted(len(record.frames), 'position')}, "
+        f"{counted(len(steps), 'exposure')} each ({', '.join(steps)}): {counted(shots, 'shot')} of "
+        f"{done.width} x {done.height}, at most {size(most)}, into {out}"
+    ]
+    more, table = _worth(done)
+    return Outcome(data | more, lines + table)
+
+
+def _worth(done: Rehearsal) -> tuple[dict[str, Any], list[str]]:
+    """The metered range, the worth of every exposure by camera and for the rig, and what is missed."""
+    from capture.automatic import worths
+
+    if done.metering is None:
+        return {"metered": None, "unmetered": done.unmetered}, [f"Not metered: {done.unmetered}"]
+    targets = done.metering.targets
+    exposures = [exposure for exposure in done.record.bracket if exposure is not None]
+    table = [worths(targets, exposure) for exposure in exposures]
+    names = list(table[0])
+    wide = max(len(str(exposure)) for exposure in exposures)
+    lines = [
+        f"{'':{wide}}" + "".join(f"  {name:>14}" for name in names),
+        f"{'exposure':{wide}}" + "  SNR dB headroom" * len(names),
+    ]
+    for exposure, row in zip(exposures, table, strict=True):
+        cells = "".join(f"  {row[name].snr:6.1f} {row[name].headroom:+7.1f}" for name in names)
+        lines.append(f"{exposure!s:{wide}}{cells}")
+    widest = max(targets, key=lambda target: target.stops)
+    lines.append(
+        f"SNR at the darkest 0.1 % of what a camera sees, headroom in stops above its brightest 0.01 %; "
+        f"{widest.stops:.1f} stops lie between them ({widest})."
+    )
+    missed = [] if done.plan is None else [str(shortfall) for shortfall in done.plan.shortfalls]
+    missed += [f"{name} was not metered: {why}" for name, why in done.metering.failed.items()]
+    lines += [f"  {one}" for one in missed]
+    data = {
+        "metered": {
+            "probes": [str(probe) for probe in done.metering.probes],
+            "failed": dict(done.metering.failed),
+            "ranges": [
+                {
+                    "camera": target.camera,
+                    "channel": target.channel,
+                    "dark": target.dark,
+                    "bright": target.bright,
+                    "stops": target.stops,
+                    "dark_end_found": target.no_darker,
+                    "bright_end_found": target.no_brighter,
+                }
+                for target in targets
+            ],
+        },
+        "exposures": [
+            {
+                "exposure": exposure.model_dump(mode="json"),
+                "worth": {
+                    name: {"snr_db": _finite(worth.snr), "headroom_stops": worth.headroom}
+                    for name, worth in row.items()
+                },
+            }
+            for exposure, row in zip(exposures, table, strict=True)
+        ],
+        "not_reached": missed,
+    }
+    return data, lines
+
+
+def _finite(value: float) -> float | None:
+    """JSON has no infinity."""
+    return value if math.isfinite(value) else None
