@@ -7,7 +7,7 @@ other, whose noise knows nothing of that choice.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,8 @@ CLEAR = 10.0
 PRESENT = 5.0
 """Standard deviations at which light counts as seen."""
 HOT = 4.0
+ENOUGH, BLOCK = 1 << 20, 4
+"""Photosites of a frame that are kept, in blocks of so many by so many, spread evenly."""
 TAKES = 2
 
 
@@ -61,9 +63,10 @@ def meter(
 ) -> Metering:
     """Probe the scene from the middle of `exposures` (ascending) outwards until both its ends are found.
 
-    positions: of the rig, metered as one scene. All cameras expose together. Frames are held in memory
-    until the end. CaptureError if no camera sees light, if all see nothing but clipped light, or if a
-    camera develops its photographs itself, since those do not tell light from its tone curve.
+    positions: of the rig, metered as one scene. All cameras expose together. A camera that fails or sees
+    nothing is left out and named. Of each frame ENOUGH photosites are held until the end. CaptureError
+    if no camera sees light, if all see nothing but clipped light, or if a camera develops its
+    photographs itself, since those do not tell light from its tone curve.
     """
     shots: dict[str, dict[Exposure, Shots]] = {name: {} for name in cameras}
     failed: dict[str, str] = {}
@@ -81,7 +84,7 @@ def meter(
                             f"{name} develops its photographs itself and cannot be metered: "
                             "give the exposures yourself, as --bracket -4,-2,0,2,4."
                         )
-                    shots[name].setdefault(exposure, {})[position, take] = one.frame
+                    shots[name].setdefault(exposure, {})[position, take] = _thinned(one.frame)
         for name in failed:
             shots.pop(name, None)
 
@@ -99,8 +102,21 @@ def meter(
         raise CaptureError(f"no camera gave a picture to meter: {'; '.join(failed.values())}")
     targets = [target for name, one in shots.items() for target in _targets(name, one)]
     _must_be_seen(targets, shots, exposures[low], exposures[high])
+    for name in shots:
+        if not any(target.bright > target.dark for target in targets if target.camera == name):
+            failed[name] = f"it sees no light at {exposures[high]}"
+    targets = [target for target in targets if target.camera not in failed]
     probes = sorted({exposure for one in shots.values() for exposure in one}, key=lambda e: e.stops)
     return Metering(tuple(targets), tuple(probes), failed)
+
+
+def _thinned(frame: RawMosaic) -> RawMosaic:
+    """Evenly spread blocks of a large frame: they have the percentiles of the whole, in bounded memory."""
+    step = math.ceil(math.sqrt(frame.pixels.size / ENOUGH))
+    if step == 1:
+        return frame
+    rows, columns = (np.flatnonzero(np.arange(n) // BLOCK % step == 0) for n in frame.pixels.shape)
+    return replace(frame, pixels=frame.pixels[np.ix_(rows, columns)])
 
 
 def _away(stops: Sequence[float], index: int, by: float) -> int:

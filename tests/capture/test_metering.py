@@ -88,14 +88,15 @@ def reached(scene: Scene, exposures, count: int) -> tuple[np.ndarray, np.ndarray
 
 @pytest.mark.parametrize("snr", [14.0, 20.0, 26.0])
 def test_every_radiance_reaches_the_wanted_snr_in_frames(snr):
-    """60 shots of 13 stops: over thousands of samples a bin's SNR is known to about 0.2 dB."""
+    """60 shots of 13 stops. Shutters that differ from their label by 0.09 stops change the SNR by 0.55 dB."""
     scene = Scene(ramp(13))
     wanted = Wanted(snr=snr)
     plan = plan_bracket(scene.meter(wanted).targets, scene.list(wanted), wanted)
     assert plan.shortfalls == ()
     measured, predicted = reached(scene, plan.exposures, 60)
     assert measured.min() > snr - 0.3
-    assert np.abs(measured - predicted).mean() < 0.5
+    assert np.abs(measured - predicted).mean() < 0.25
+    assert np.abs(measured - predicted).max() < 0.8
     # One exposure fewer, whichever it is, does not do.
     for left_out in plan.exposures:
         fewer = [exposure for exposure in plan.exposures if exposure != left_out]
@@ -156,6 +157,25 @@ def test_a_camera_that_fails_is_named_and_the_others_are_metered():
     assert list(metering.failed) == ["cam1"]
     with pytest.raises(CaptureError, match="no camera gave a picture"):
         meter({"cam1": broken}, exposures)
+
+
+def test_a_camera_with_its_cap_on_does_not_slow_the_others_down():
+    scene, capped = Scene(8.0), Scene(0.0, index=1)
+    exposures = [e for e in scene.list(Wanted()) if e.iso == 100]
+    metering = meter({"cam0": scene.camera, "cam1": capped.camera}, exposures)
+    assert {target.camera for target in metering.targets} == {"cam0"}
+    assert metering.failed == {"cam1": "it sees no light at 30 s f/4 ISO 100"}
+
+
+def test_a_large_frame_is_metered_by_evenly_spread_blocks(monkeypatch):
+    monkeypatch.setattr("capture.metering.ENOUGH", WIDTH * HEIGHT // 4)
+    wall = np.full((HEIGHT, WIDTH), 1.0)
+    wall[20:32, 20:32] = 500.0
+    scene = Scene(wall)
+    for channel, target in enumerate(scene.meter(Wanted()).targets):
+        own = scene.truth[scene.channels == channel]
+        assert abs(np.log2(target.dark / np.percentile(own, 0.1))) < SLACK + 0.1
+        assert abs(np.log2(target.bright / np.percentile(own, 99.99))) < SLACK + 0.1
 
 
 def test_cameras_that_cannot_be_metered_are_refused():
