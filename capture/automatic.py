@@ -4,7 +4,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from capture.metering import Metering, meter
-from capture.planner import Plan, Target, Wanted, common_isos, common_times, exposure_list, plan_bracket
+from capture.planner import (
+    Plan,
+    Target,
+    Wanted,
+    common_isos,
+    common_times,
+    exposure_list,
+    plan_bracket,
+    without_idle_isos,
+)
 from drivers.camera import Camera
 from imaging.exposure import Exposure
 
@@ -32,7 +41,8 @@ def plan_automatically(
     Errors are those of the meter and the planner.
     """
     metering, exposures = _metered(cameras, like, wanted, frames, move_to)
-    plan = plan_bracket(metering.targets, exposures, wanted)
+    useful = without_idle_isos(metering.targets, exposures, wanted.snr)
+    plan = plan_bracket(metering.targets, useful, wanted)
     return Automatic(plan, metering, _reason(plan, metering, wanted))
 
 

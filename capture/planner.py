@@ -145,6 +145,24 @@ def exposure_list(
     return (*shots, *(shots[-1].model_copy(update={"iso": iso}) for iso in higher))
 
 
+def without_idle_isos(
+    targets: Sequence[Target], exposures: Sequence[Exposure], snr: float
+) -> tuple[Exposure, ...]:
+    """The list without ISOs that show no camera SLACK stops more of the dark than the next lower one kept.
+
+    An ISO takes highlights away, so that an exposure more is needed; a sensor whose read noise is well
+    above the rounding gains nothing for it.
+    """
+    kept: list[Exposure] = [exposures[0]]
+    for exposure in exposures[1:]:
+        before = kept[-1]
+        lower = exposure.model_copy(update={"iso": before.iso})
+        gains = (t.tones.darkest(snr, lower) / t.tones.darkest(snr, exposure) for t in targets)
+        if exposure.iso == before.iso or max(gains) >= 2.0**SLACK:
+            kept.append(exposure)
+    return tuple(kept)
+
+
 def plan_bracket(targets: Sequence[Target], exposures: Sequence[Exposure], wanted: Wanted) -> Plan:
     """The fewest of `exposures` that show all targets at the wanted SNR, unclipped; of those, the quickest.
 

@@ -16,6 +16,7 @@ from capture.planner import (
     common_times,
     exposure_list,
     plan_bracket,
+    without_idle_isos,
 )
 from capture.tones import Tones
 from drivers.camera import Capabilities
@@ -189,6 +190,15 @@ def test_iso_is_raised_only_where_time_has_run_out_and_never_over_its_limit():
         listed(isos=isos, wanted=Wanted(highest_iso=50))
     with pytest.raises(InputError, match=r"no exposure is .* or shorter"):
         listed(wanted=Wanted(slowest=1e-6))
+
+
+def test_an_iso_that_shows_hardly_more_is_left_alone():
+    """8 bits round a well of 10,000 electrons to steps of 39: ISO 400 shows much more, ISO 1600 little."""
+    coarse = Tones(SensorNoise(gain=255 / 10_000, read_noise=3.0), 255.0)
+    isos = (100.0, 400.0, 1600.0)
+    exposures = listed(isos=isos)
+    assert {e.iso for e in without_idle_isos([scene(coarse, 4.0)], exposures, 20.0)} == {100.0, 400.0}
+    assert {e.iso for e in without_idle_isos([scene(SENSORS[0], 4.0)], exposures, 20.0)} == {100.0}
 
 
 def test_light_beyond_the_list_is_said():
