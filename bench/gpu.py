@@ -80,8 +80,9 @@ def by_gsplat(tensors: list[torch.Tensor], camera: SplatCamera) -> Render:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    tests = [sys.executable, "-m", "pytest", "-q", "-n", "0", "tests/recon/splat/test_gpu.py"]
-    passed = subprocess.run(tests, cwd=ROOT, check=False).returncode == 0
+    tests = sorted(str(path) for path in (ROOT / "tests" / "recon" / "splat").glob("test_gpu*.py"))
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", *tests]
+    passed = subprocess.run(command, cwd=ROOT, check=False).returncode == 0
     rows = []
     for width, height in options.sizes:
         for count in options.counts:

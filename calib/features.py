@@ -103,7 +103,8 @@ def fill_database(
     """Write cameras, images and verified matches of all pairs of views; returns the pairs that match.
 
     cameras: pycolmap cameras by name; their `camera_id` is set here. Every camera is a rig of its own
-    for now, every image a frame. max_error: of the epipolar geometry, px.
+    here, every image a frame; a common rig is found from their poses later. max_error: of the epipolar
+    geometry, px.
     """
     images: dict[Key, int] = {}
     rigs: dict[str, int] = {}

@@ -1,7 +1,7 @@
 """Exposure times as cameras number them, as data: what a code means in seconds, and how sure that is.
 
-Sources: CAPTURE 2.2 and 2.4 (libgphoto2), the lists that real bodies sent (data/ptp). A table's times are
-the nominal ones, as on the dial.
+Sources: libgphoto2's codes, and the lists that real bodies sent (its dumps). A table's times are the nominal
+ones, as on the dial.
 """
 
 import math

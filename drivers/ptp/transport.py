@@ -1,6 +1,6 @@
 """PTP transactions over a claimed USB interface, and the ways back after one has failed.
 
-Source: CAPTURE 2.1, after libgphoto2's usb.c. A command goes out, data go in one direction or in none,
+After libgphoto2's usb.c. A command goes out, data go in one direction or in none,
 a response comes in; one transaction at a time.
 """
 

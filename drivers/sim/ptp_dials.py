@@ -2,7 +2,7 @@
 
 A dial is a property and its positions: the number that the property holds and the label that it stands for,
 in seconds, as an f-number, or as an ISO speed. A camera offers the positions that the sensor behind it has.
-Sources: libgphoto2 for the codes of the makers; what the real cameras of the dumps in `data/ptp` answer.
+Sources: libgphoto2 for the codes of the makers; what real cameras answer in its dumps.
 """
 
 from dataclasses import dataclass, replace

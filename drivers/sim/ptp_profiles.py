@@ -1,6 +1,6 @@
 """The cameras that a PTP responder can pass for, as data.
 
-Names, vendor numbers and lists are those of real bodies, as libgphoto2 and the dumps in `data/ptp` have
+Names, vendor numbers and lists are those of real bodies, as libgphoto2 and its dumps of cameras have
 them; what is behind is always the simulated sensor. Verified against: gphoto2 over PTP/IP; no hardware.
 """
 

@@ -1,6 +1,6 @@
 """Canon EOS: remote and event mode, properties by way of events, pictures to the host.
 
-Source: CAPTURE 2.4, libgphoto2's layout of event records, and what an EOS 6D and an R6 sent (data/ptp).
+Source: libgphoto2's codes and layout of event records; what an EOS 6D and an R6 sent (its dumps).
 Verified against: the simulated cameras, which follow the same notes; no hardware. Left out: setting the image
 format (choose RAW in the camera's menu), bulb, in-camera bracketing, live view, autofocus and its result.
 """

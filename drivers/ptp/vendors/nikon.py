@@ -1,6 +1,6 @@
 """Nikon: remote mode, RAW into the camera's memory, DeviceReady and GetEvent by polling.
 
-Source: CAPTURE 2.4, after libgphoto2, and the property lists of a Z 6 and a D780 (data/ptp). Verified
+Source: libgphoto2's codes, and the property lists of a Z 6 and a D780 (its dumps). Verified
 against: the simulated cameras, which follow the same notes; no hardware. Left out: bulb, in-camera
 bracketing, live view, Wi-Fi pairing. A body that lists none of Nikon's operations is spoken to in plain PTP.
 """

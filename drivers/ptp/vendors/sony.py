@@ -1,6 +1,6 @@
 """Sony Alpha: the SDIO handshake, all properties in one blob, pictures through the camera's memory.
 
-Source: CAPTURE 2.4, libgphoto2's layout of the property blob, and what an A7 IV sent (data/ptp). Verified
+Source: libgphoto2's codes and layout of the property blob; what an A7 IV sent (its dumps). Verified
 against: the simulated cameras, which follow the same notes; no hardware. Protocol version 2 (200) alone is
 spoken. Left out: bodies that take shutter speed only in steps, protocol 3 and its own properties, bulb.
 """

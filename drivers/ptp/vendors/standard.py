@@ -2,7 +2,7 @@
 
 Verified against: the simulated cameras and the tests' responder; no hardware. How a body is told to write
 RAW is not part of the standard: choose it in the camera's menu. Of Fuji, only the unit of the exposure time
-is known (the dump of an X-T4 in data/ptp): what puts those bodies under remote control is left out.
+is known (libgphoto2's dump of an X-T4): what puts those bodies under remote control is left out.
 """
 
 from drivers.ptp.codec import Value
