@@ -23,6 +23,8 @@ class FrameMetadata:
     """What a file says about the camera and the exposure; None where it says nothing.
 
     captured_at: what the camera's clock showed, without a zone. orientation: as in EXIF, 1 to 8.
+    opened: when the shutter opened, in seconds of the clock that the driver was given, as a camera that
+    stamps its frames tells; no file holds it.
     """
 
     make: str = ""
@@ -33,6 +35,7 @@ class FrameMetadata:
     focal_length_mm: float | None = None
     focal_length_35mm: float | None = None
     orientation: int = 1
+    opened: float | None = None
 
 
 @dataclass(frozen=True)
