@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from calib import radiometry, sensors, sfm, tracks, vignetting
+from calib.exports import write_exports
 from calib.features import Key, image_name
 from calib.looks import Look, look
 from calib.radiometry import Light
@@ -184,6 +185,7 @@ def _write(
             except RuntimeError as error:  # which is how pycolmap tells of a full disk
                 raise OSError(str(error)) from error
         store.write_json(part / "calibration.json", record.model_dump(mode="json"))
+        write_exports(part, record, session.record.cameras, {} if model is None else model.lenses)
     progress("writing the calibration", 1, 1)
 
 

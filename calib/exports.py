@@ -1,0 +1,126 @@
+"""The calibration in the formats of other programs, written beside calibration.json.
+
+* `transforms.json` (nerfstudio, Instant NGP): camera-to-world with OpenGL axes; pixel centres at +0.5 as
+  here. It names the pictures in previews/, and the lenses are those of that size.
+* `opencv/<camera>.yaml` (cv2.FileStorage): pixel centres at whole numbers, so `c` is half a pixel less.
+* `camchain-<rig>.yaml` (Kalibr): each camera from the one before it; pixel centres as OpenCV's.
+
+A COLMAP model has a folder of its own, colmap/.
+"""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from imaging.calibration import CalibrationRecord, CameraCalibration, Lens
+from imaging.records import CameraRecord
+
+HALF = 0.5
+"""By which OpenCV's pixel coordinates are less than ours."""
+_OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def write_exports(
+    folder: Path, record: CalibrationRecord, cameras: Sequence[CameraRecord], pictures: Mapping[str, Lens]
+) -> None:
+    """Write every export that the calibration allows into `folder`.
+
+    cameras: of the session, whose `rig` says what is mounted together. pictures: the lens of each camera at
+    the size of its previews. OSError when the disk refuses.
+    """
+    known = [camera for camera in record.cameras if camera.lens is not None]
+    if record.views:
+        transforms = json.dumps(_transforms(record, pictures), indent=1, allow_nan=False)
+        (folder / "transforms.json").write_text(f"{transforms}\n", encoding="utf-8")
+    if known:
+        (folder / "opencv").mkdir()
+    for camera in known:
+        _write_opencv(folder / "opencv" / f"{camera.name}.yaml", camera)
+    mounted = {camera.name: camera.rig for camera in cameras if camera.rig is not None}
+    for rig in dict.fromkeys(mounted.values()):
+        chain = [c for c in known if mounted.get(c.name) == rig and c.cam_from_rig is not None]
+        if len(chain) > 1:
+            name = re.sub(r"[^A-Za-z0-9_.-]", "_", rig)
+            (folder / f"camchain-{name}.yaml").write_text(_camchain(chain), encoding="utf-8")
+
+
+def _transforms(record: CalibrationRecord, pictures: Mapping[str, Lens]) -> dict[str, Any]:
+    frames = []
+    for view in record.views:
+        lens = pictures[view.camera]
+        world_from_cam = np.linalg.inv(view.cam_from_world.matrix()) @ _OPENGL_FROM_OPENCV
+        frames.append(
+            {
+                "file_path": f"previews/{view.camera}/{view.frame:04d}.png",
+                "w": lens.width,
+                "h": lens.height,
+                "fl_x": lens.fx,
+                "fl_y": lens.fy,
+                "cx": lens.cx,
+                "cy": lens.cy,
+                "k1": lens.k1,
+                "k2": lens.k2,
+                "p1": lens.p1,
+                "p2": lens.p2,
+                "transform_matrix": world_from_cam.tolist(),
+            }
+        )
+    return {"camera_model": "OPENCV", "frames": frames}
+
+
+def _write_opencv(path: Path, camera: CameraCalibration) -> None:
+    lens = camera.lens
+    assert lens is not None
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    if not storage.isOpened():
+        raise OSError(f"{path} could not be opened")
+    storage.write("image_width", lens.width)
+    storage.write("image_height", lens.height)
+    storage.write("camera_matrix", _matrix(lens))
+    storage.write("distortion_coefficients", np.array([_distortion(lens)]))
+    if camera.cam_from_rig is not None:
+        storage.write("cam_from_rig", camera.cam_from_rig.matrix())
+    storage.release()
+
+
+def _matrix(lens: Lens) -> "np.ndarray[Any, np.dtype[np.float64]]":
+    return np.array([[lens.fx, 0.0, lens.cx - HALF], [0.0, lens.fy, lens.cy - HALF], [0.0, 0.0, 1.0]])
+
+
+def _distortion(lens: Lens) -> list[float]:
+    return [lens.k1, lens.k2, lens.p1, lens.p2]
+
+
+def _camchain(chain: Sequence[CameraCalibration]) -> str:
+    """YAML as Kalibr writes it: https://github.com/ethz-asl/kalibr/wiki/yaml-formats."""
+    lines = []
+    before = None
+    for number, camera in enumerate(chain):
+        lens, pose = camera.lens, camera.cam_from_rig
+        assert lens is not None
+        assert pose is not None
+        here = pose.matrix()
+        lines += [f"cam{number}:", f"  # {camera.name}, serial number {camera.serial}"]
+        if before is not None:
+            lines.append("  T_cn_cnm1:")
+            lines += [f"  - {_listed(row)}" for row in (here @ np.linalg.inv(before)).tolist()]
+        lines += [
+            "  camera_model: pinhole",
+            f"  distortion_coeffs: {_listed(_distortion(lens))}",
+            "  distortion_model: radtan",
+            f"  intrinsics: {_listed([lens.fx, lens.fy, lens.cx - HALF, lens.cy - HALF])}",
+            f"  resolution: {[lens.width, lens.height]}",
+            f"  rostopic: /{camera.name}/image_raw",
+        ]
+        before = here
+    return "\n".join(lines) + "\n"
+
+
+def _listed(numbers: Sequence[float]) -> str:
+    """A list as YAML 1.1 reads it: a number with an exponent needs a point, or it is a string."""
+    return "[" + ", ".join(re.sub(r"^(-?\d+)e", r"\1.0e", repr(float(one))) for one in numbers) + "]"

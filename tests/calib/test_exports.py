@@ -1,0 +1,123 @@
+"""Exports are read back by the programs' own readers and project points where COLMAP's model does."""
+
+import json
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+import yaml
+
+from calib import exports
+from imaging.calibration import CalibrationRecord, read_calibration
+from imaging.colmap import pycolmap
+
+Array = npt.NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def record(arm: Path) -> CalibrationRecord:
+    return read_calibration(arm)
+
+
+@pytest.fixture(scope="module")
+def points(arm: Path) -> Array:
+    model = pycolmap.Reconstruction(str(arm / "calibration" / "colmap"))
+    return np.array([model.points3D[key].xyz for key in sorted(model.points3D)])[:500]
+
+
+def projected(arm: Path, name: str, points: Array) -> Array:
+    """Where COLMAP's own reader puts the points in the picture `name`; origin at its corner."""
+    model = pycolmap.Reconstruction(str(arm / "calibration" / "colmap"))
+    image = next(image for image in model.images.values() if image.name == name)
+    motion = image.cam_from_world().matrix()
+    return np.asarray(model.cameras[image.camera_id].img_from_cam(points @ motion[:, :3].T + motion[:, 3]))
+
+
+def test_transforms_hold_rays_through_the_centres_of_pixels(arm: Path, points: Array) -> None:
+    """nerfstudio's Cameras.generate_rays: (column + 0.5 - cx) / fl_x, and y and z turned round."""
+    transforms = json.loads((arm / "calibration" / "transforms.json").read_text())
+    assert transforms["camera_model"] == "OPENCV"
+    assert len(transforms["frames"]) == 12
+    for frame in transforms["frames"]:
+        picture = cv2.imread(str(arm / "calibration" / frame["file_path"]))
+        assert picture.shape[:2] == (frame["h"], frame["w"])
+        world_from_cam = np.array(frame["transform_matrix"])
+        assert np.linalg.det(world_from_cam[:3, :3]) == pytest.approx(1.0)
+        local = (points - world_from_cam[:3, 3]) @ world_from_cam[:3, :3]
+        x, y = local[:, 0] / -local[:, 2], -local[:, 1] / -local[:, 2]
+        square = x * x + y * y
+        stretch = 1 + frame["k1"] * square + frame["k2"] * square**2
+        along = x * stretch + 2 * frame["p1"] * x * y + frame["p2"] * (square + 2 * x * x)
+        down = y * stretch + frame["p1"] * (square + 2 * y * y) + 2 * frame["p2"] * x * y
+        found = np.stack([frame["fl_x"] * along + frame["cx"], frame["fl_y"] * down + frame["cy"]], 1)
+        name = frame["file_path"].removeprefix("previews/")
+        np.testing.assert_allclose(found, projected(arm, name, points), atol=1e-6)
+
+
+def test_opencv_reads_its_file_and_projects_half_a_pixel_less(
+    arm: Path, record: CalibrationRecord, points: Array
+) -> None:
+    view = record.views[0]
+    storage = cv2.FileStorage(
+        str(arm / "calibration" / "opencv" / f"{view.camera}.yaml"), cv2.FILE_STORAGE_READ
+    )
+    motion = view.cam_from_world.matrix()
+    found, _ = cv2.projectPoints(
+        points,
+        cv2.Rodrigues(motion[:3, :3])[0],
+        motion[:3, 3],
+        storage.getNode("camera_matrix").mat(),
+        storage.getNode("distortion_coefficients").mat(),
+    )
+    lens = record.camera(view.camera).lens
+    assert lens is not None
+    assert storage.getNode("image_width").real() == lens.width
+    expected = projected(arm, f"{view.camera}/{view.frame:04d}.png", points)
+    np.testing.assert_allclose(found.reshape(-1, 2) + 0.5, expected, atol=1e-6)
+    mounted = record.camera(view.camera).cam_from_rig
+    assert mounted is not None
+    np.testing.assert_allclose(storage.getNode("cam_from_rig").mat(), mounted.matrix(), atol=1e-12)
+
+
+def test_the_chain_of_kalibr_leads_from_camera_to_camera(arm: Path, record: CalibrationRecord) -> None:
+    chain = yaml.safe_load((arm / "calibration" / "camchain-arm.yaml").read_text())
+    assert list(chain) == ["cam0", "cam1", "cam2", "cam3"]
+    here = record.camera("cam0").cam_from_rig
+    assert here is not None
+    pose = here.matrix()
+    for number, camera in enumerate(record.cameras):
+        entry = chain[f"cam{number}"]
+        if number:
+            pose = np.array(entry["T_cn_cnm1"]) @ pose
+        assert camera.cam_from_rig is not None
+        assert camera.lens is not None
+        np.testing.assert_allclose(pose, camera.cam_from_rig.matrix(), atol=1e-12)
+        assert entry["intrinsics"] == [
+            camera.lens.fx,
+            camera.lens.fy,
+            camera.lens.cx - 0.5,
+            camera.lens.cy - 0.5,
+        ]
+        assert entry["distortion_coeffs"] == [camera.lens.k1, camera.lens.k2, camera.lens.p1, camera.lens.p2]
+        assert entry["resolution"] == [camera.lens.width, camera.lens.height]
+
+
+def test_numbers_of_any_size_stay_numbers(arm: Path, record: CalibrationRecord, tmp_path: Path) -> None:
+    """PyYAML takes 1e-05 for a string, as YAML 1.1 says."""
+    tiny = record.cameras[0].lens
+    assert tiny is not None
+    lens = tiny.model_copy(update={"k1": 1e-05, "k2": -2e-17, "p1": 3e22, "p2": -0.0})
+    cameras = tuple(camera.model_copy(update={"lens": lens}) for camera in record.cameras)
+    from imaging.session import Session
+
+    records = [c.model_copy(update={"rig": "../arm one"}) for c in Session.open(arm).record.cameras]
+    changed = record.model_copy(update={"cameras": cameras, "views": ()})
+    exports.write_exports(tmp_path, changed, records, {})
+    (file,) = tmp_path.glob("camchain-*.yaml")
+    assert re.fullmatch(r"camchain-[A-Za-z0-9_.-]+\.yaml", file.name)
+    chain = yaml.safe_load(file.read_text())
+    assert chain["cam0"]["distortion_coeffs"] == [1e-05, -2e-17, 3e22, 0.0]
+    assert not (tmp_path / "transforms.json").exists()
