@@ -16,6 +16,7 @@ from typing import NamedTuple
 from capture.deviation import deviates, stops_apart
 from capture.exposing import Taken, expose
 from drivers.camera import Camera
+from drivers.clock import THIS_MACHINE, Clock
 from imaging import store
 from imaging.dng import Compression, encode_dng
 from imaging.errors import CameraError, CaptureError, PartialError
@@ -90,14 +91,16 @@ def record(
     plan: PlanRecord,
     cameras: Mapping[str, Camera],
     *,
+    clock: Clock = THIS_MACHINE,
     move_to: Callable[[int], None] = lambda frame: None,
     compression: Compression = "none",
     progress: Progress = lambda message, done, total: None,
 ) -> CaptureResult:
     """Take the shots of `plan` that are not finished; those that are stay as they are.
 
-    cameras: by the names of the plan. move_to: brings rig or scene to a frame, before its first
-    shot. progress: called with the file of each shot once it is finished, shots done, shots planned.
+    cameras: by the names of the plan. clock: the one that their drivers were given. move_to: brings rig
+    or scene to a frame, before its first shot. progress: called with the file of each shot once it is
+    finished, shots done, shots planned.
     A camera that fails is retried, then left out; what is missing is in the result. StorageError
     when the disk refuses: everything finished stays, and another call goes on from there. CaptureError
     if a camera is not the one that the session knows by its name.

@@ -88,7 +88,13 @@ def capture_simulated(
                 store.discard(truth)  # it lists what was applied in every shot, and there will be more
             try:
                 result = record(
-                    session, plan, cameras, move_to=rig.move_to, compression=compression, progress=progress
+                    session,
+                    plan,
+                    cameras,
+                    clock=bus.clock,
+                    move_to=rig.move_to,
+                    compression=compression,
+                    progress=progress,
                 )
             finally:
                 _list_faults(out, bus)
