@@ -10,10 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.camera import Camera
+from drivers.sim.board import Board, board_from_rig
 from drivers.sim.camera import HEADROOM, MAKE, Body, SimulatedCamera
 from drivers.sim.mounting import Mount, mounts, rig_from_world
 from drivers.sim.scene import Scene
 from drivers.sim.sensor import SensorModel
+from drivers.sim.subjects import LIGHT, Subject, grey
 from drivers.sim.tabletop import demo_scene
 from drivers.sim.truth import write_truth
 from imaging.errors import InputError
@@ -95,7 +97,11 @@ class SimulatedRig:
         self.mounts: tuple[Mount, ...] = mounts(
             seed, settings.cameras, settings.width, settings.height, settings.kind
         )
-        self._rendered: dict[tuple[int, int], npt.NDArray[np.float32]] = {}
+        self.board = Board()
+        self._subject: Subject = "scene"
+        self._frame = 0
+        self._shown: dict[int, Subject] = {}
+        self._rendered: dict[tuple[Subject, int, int], npt.NDArray[np.float32]] = {}
         # Cameras may be emptied in threads of their own; the ray-caster uses all cores by itself.
         self._lock = threading.Lock()
         self._devices = [
@@ -132,38 +138,72 @@ class SimulatedRig:
             for mount, device in zip(self.mounts, self._devices, strict=True)
         )
 
+    def show(self, kind: Subject) -> None:
+        """What the cameras look at from now on: the scene, nothing, a grey surface, or the board.
+
+        dark: the lenses are covered; flat: all that each lens sees has the one radiance
+        `drivers.sim.subjects.LIGHT`; board: it is held anew at every frame. The rig rests for these at
+        its first place, and frames have any number, which should be that of one subject only.
+        """
+        self._subject = self._shown[self._frame] = kind
+
     def move_to(self, frame: int, step: int = 0) -> None:
-        """Move the whole rig to a frame; InputError if it is not on the arc.
+        """Move the whole rig to a frame; InputError if the scene is shown and it is not on the arc.
 
         step: distinguishes exposures of equal settings, as the shots of a dark series are.
         """
-        if not 0 <= frame < self.frames:
+        if self._subject == "scene" and not 0 <= frame < self.frames:
             raise InputError(
                 f"the simulated rig {self.name} has no frame {frame}: choose 0 to {self.frames - 1}."
             )
+        if frame < 0:
+            raise InputError(f"the simulated rig {self.name} has no frame {frame}: choose 0 or more.")
+        self._frame, self._shown[frame] = frame, self._subject
         for device in self._devices:
             device.place(frame, step)
 
-    def cam_from_world(self, camera: int, frame: int) -> Array:
+    def cam_from_world(self, camera: int, frame: int, subject: Subject = "scene") -> Array:
         """True pose of a camera at a frame, float64 [4, 4]."""
-        return np.asarray(self.mounts[camera].cam_from_rig @ rig_from_world(self.seed, self.frames, frame))
+        place = frame if subject == "scene" else 0
+        return np.asarray(self.mounts[camera].cam_from_rig @ rig_from_world(self.seed, self.frames, place))
 
-    def radiance(self, camera: int, frame: int) -> npt.NDArray[np.float32]:
+    def board_from_world(self, frame: int) -> Array:
+        """True pose of the board at a frame, float64 [4, 4]."""
+        held = board_from_rig(
+            self.board,
+            self.seed,
+            frame,
+            self.mounts[0].optics.lens,
+            [mount.cam_from_rig for mount in self.mounts],
+        )
+        return np.asarray(held @ rig_from_world(self.seed, self.frames, 0))
+
+    def radiance(self, camera: int, frame: int, subject: Subject = "scene") -> npt.NDArray[np.float32]:
         """True radiance averaged over each pixel, float32 [H, W, 3]; rendered once and kept."""
+        lens = self.mounts[camera].optics.lens
+        if subject in ("dark", "flat"):
+            return grey(lens, LIGHT * self.settings.light if subject == "flat" else 0.0)
         with self._lock:
-            key = (camera, frame)
+            key = (subject, camera, frame)
             if key not in self._rendered:
-                self._rendered[key] = self.scene.render(
-                    self.mounts[camera].optics.lens, self.cam_from_world(camera, frame), self.settings.samples
-                )
+                self._rendered[key] = self._render(camera, frame, subject)
             return self._rendered[key]
+
+    def _render(self, camera: int, frame: int, subject: Subject) -> npt.NDArray[np.float32]:
+        lens, samples = self.mounts[camera].optics.lens, self.settings.samples
+        pose = self.cam_from_world(camera, frame, subject)
+        if subject == "scene":
+            return self.scene.render(lens, pose, samples)
+        seen = self.board.render(lens, pose @ np.linalg.inv(self.board_from_world(frame)), samples)
+        light = np.float32(LIGHT * self.settings.light)
+        return np.repeat((light * seen)[..., None], 3, axis=2)
 
     def write_truth(self, session: Path, progress: Progress = lambda message, done, total: None) -> None:
         """Write `truth/` of a session: see drivers.sim.truth."""
         write_truth(self, session, progress)
 
     def _view(self, index: int) -> Callable[[int], npt.NDArray[np.float32]]:
-        return lambda frame: self.radiance(index, frame)
+        return lambda frame: self.radiance(index, frame, self._shown.get(frame, "scene"))
 
     def _body(self, mount: Mount) -> Body:
         settings = self.settings

@@ -2,7 +2,8 @@
 
 truth.json names lenses, poses, colours, vignetting, noise, the response and the exposures really applied;
 <frame>/<camera>.exr is the true radiance, linear Rec.709 float32, on the camera's own distorted pixel
-grid, averaged over each pixel, without vignetting and noise.
+grid, averaged over each pixel, without vignetting and noise; of frames of the scene only. Darks, flats
+and the board are told in truth.json: which frames they are, how bright, where the board was held.
 """
 
 from pathlib import Path
@@ -13,10 +14,12 @@ import numpy.typing as npt
 
 from drivers.sim import response, shutter
 from drivers.sim.camera import Body, applied_exposure
+from drivers.sim.subjects import LIGHT
 from imaging import store
 from imaging.calibration import Pose
 from imaging.exposure import Exposure
 from imaging.exr import write_exr
+from imaging.records import ShotRecord
 from imaging.session import Session
 
 if TYPE_CHECKING:
@@ -46,7 +49,9 @@ def pose_of(motion: npt.NDArray[np.float64]) -> Pose:
 def write_truth(rig: "SimulatedRig", session: Path, progress: "Progress") -> None:
     """Write `truth/` for the frames that the session has shots of, or for all if it has none yet."""
     shots = Session.open(session).shots() if (session / "session.json").exists() else []
-    frames = sorted({shot.frame for shot in shots}) or list(range(rig.frames))
+    frames = sorted({shot.frame for shot in shots if shot.kind in ("scene", "probe")})
+    if not shots:
+        frames = list(range(rig.frames))
     names = [mount.name for mount in rig.mounts]
     folder, total = session / "truth", len(frames) * len(names)
     done = 0
@@ -89,9 +94,38 @@ def write_truth(rig: "SimulatedRig", session: Path, progress: "Progress") -> Non
             ],
             "response": _response() if rig.settings.kind == "ldr" else None,
             "exposures": applied,
+            **_subjects(rig, names, shots),
         },
     )
     progress("writing the true radiance", total, total)
+
+
+def _subjects(rig: "SimulatedRig", names: list[str], shots: list[ShotRecord]) -> dict[str, Any]:
+    """What was shown in the frames that do not show the scene; nothing where there are none."""
+    frames = {
+        kind: sorted({shot.frame for shot in shots if shot.kind == kind})
+        for kind in ("dark", "flat", "board")
+    }
+    told: dict[str, Any] = {}
+    if frames["dark"]:
+        told["dark"] = {"frames": frames["dark"]}
+    if frames["flat"]:
+        told["flat"] = {"frames": frames["flat"], "radiance": LIGHT * rig.settings.light}
+    if frames["board"]:
+        told["board"] = rig.board.description() | {
+            "frames": [
+                {
+                    "frame": frame,
+                    "board_from_world": pose_of(rig.board_from_world(frame)).model_dump(mode="json"),
+                    "cam_from_world": {
+                        name: pose_of(rig.cam_from_world(index, frame, "board")).model_dump(mode="json")
+                        for index, name in enumerate(names)
+                    },
+                }
+                for frame in frames["board"]
+            ]
+        }
+    return told
 
 
 def _camera(rig: "SimulatedRig", index: int) -> dict[str, Any]:

@@ -1,0 +1,18 @@
+"""What the cameras of a simulated rig look at: the scene, nothing, a grey surface, a board."""
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.calibration import Lens
+
+Subject = Literal["scene", "dark", "flat", "board"]
+
+LIGHT = 240.0
+"""Radiance of the grey surface, and of white paper beside the board: fills green at f/4, 1/15 s, ISO 100."""
+
+
+def grey(lens: Lens, radiance: float) -> npt.NDArray[np.float32]:
+    """A uniform surface that fills the view, float32 [H, W, 3]; radiance 0 is a covered lens."""
+    return np.full((lens.height, lens.width, 3), radiance, np.float32)
