@@ -3,17 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from capture.choices import common_isos, common_times, exposure_list, without_idle_isos
 from capture.metering import Metering, meter
-from capture.planner import (
-    Plan,
-    Target,
-    Wanted,
-    common_isos,
-    common_times,
-    exposure_list,
-    plan_bracket,
-    without_idle_isos,
-)
+from capture.planner import Plan, Target, Wanted, plan_bracket
 from drivers.camera import Camera
 from imaging.exposure import Exposure
 

@@ -5,22 +5,29 @@ clips. On a list in which a longer exposure reaches further down and less far up
 from its dark end with the shortest exposure that reaches down far enough is the exact answer to set
 cover: the n-th longest exposure of any other cover is at least as long, so that neither fewer
 exposures nor less time would do. Several cameras that share their exposures keep that property.
+Of the brackets with as few exposures that take hardly longer, the one with the best hand-overs is
+then taken (capture.balance).
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from capture.deviation import deviates
+import numpy as np
+
+from capture.balance import Reach, balance
 from capture.tones import Tones
-from drivers.camera import Capabilities
-from imaging.errors import CaptureError, InputError
+from imaging.errors import CaptureError
 from imaging.exposure import Exposure
 
 SLACK = 1 / 8
 """Stops by which an exposure is trusted less at both ends: shutters are named by round numbers, and
 1/60 s that is 1/64 s is off by 0.09 stops, in the meter's shot as in the planned one."""
+
+BALANCE = 1.25
+"""How much longer than the quickest a bracket may take for better hand-overs: less than the next longer
+exposure would."""
 
 
 @dataclass(frozen=True)
@@ -99,85 +106,38 @@ class Plan:
         return sum(exposure.time for exposure in self.exposures)
 
 
-def common_times(capabilities: Iterable[Capabilities]) -> tuple[float, ...]:
-    """Shutter times that every camera has, ascending, as the first names them; CaptureError if none."""
-    first, *others = capabilities
-    times = tuple(
-        time
-        for time in first.times
-        if all(any(not deviates(_bare(time), _bare(t)) for t in other.times) for other in others)
-    )
-    if not times:
-        raise CaptureError("the cameras have no shutter time in common: set each to manual exposure.")
-    return times
-
-
-def common_isos(capabilities: Iterable[Capabilities]) -> tuple[float | None, ...]:
-    """ISO speeds that every camera has, ascending; (None,) if one of them names none."""
-    first, *others = (set(one.isos) for one in capabilities)
-    shared = first.intersection(*others)
-    return tuple(sorted(shared)) or (None,)
-
-
-def _bare(time: float) -> Exposure:
-    return Exposure(time=time)
-
-
-def exposure_list(
-    times: Sequence[float], isos: Sequence[float | None], f_number: float | None, wanted: Wanted
-) -> tuple[Exposure, ...]:
-    """The exposures to choose from, in ascending order of their scale; InputError if a limit leaves none.
-
-    Up to the slowest time at the lowest ISO; then, since no more light is to be had, at higher ones.
-    """
-    allowed = [time for time in times if wanted.slowest is None or time <= wanted.slowest * (1 + 1e-6)]
-    if not allowed:
-        raise InputError(
-            f"no exposure is {_bare(wanted.slowest or 0)} or shorter: the fastest is {_bare(min(times))}."
-        )
-    low_enough = [
-        iso for iso in isos if iso is None or wanted.highest_iso is None or iso <= wanted.highest_iso
-    ]
-    if not low_enough:
-        raise InputError(f"no ISO is {wanted.highest_iso:g} or lower: the lowest is {isos[0]:g}.")
-    base, *higher = low_enough
-    shots = [Exposure(time=time, f_number=f_number, iso=base) for time in sorted(allowed)]
-    return (*shots, *(shots[-1].model_copy(update={"iso": iso}) for iso in higher))
-
-
-def without_idle_isos(
-    targets: Sequence[Target], exposures: Sequence[Exposure], snr: float
-) -> tuple[Exposure, ...]:
-    """The list without ISOs that show no camera SLACK stops more of the dark than the next lower one kept.
-
-    An ISO takes highlights away, so that an exposure more is needed; a sensor whose read noise is well
-    above the rounding gains nothing for it.
-    """
-    kept: list[Exposure] = [exposures[0]]
-    for exposure in exposures[1:]:
-        before = kept[-1]
-        lower = exposure.model_copy(update={"iso": before.iso})
-        gains = (t.tones.darkest(snr, lower) / t.tones.darkest(snr, exposure) for t in targets)
-        if exposure.iso == before.iso or max(gains) >= 2.0**SLACK:
-            kept.append(exposure)
-    return tuple(kept)
-
-
 def plan_bracket(targets: Sequence[Target], exposures: Sequence[Exposure], wanted: Wanted) -> Plan:
-    """The fewest of `exposures` that show all targets at the wanted SNR, unclipped; of those, the quickest.
+    """The fewest of `exposures` that show all targets at the wanted SNR, unclipped.
 
-    exposures: a list as `exposure_list` gives it. What cannot be reached is listed. Where the total
-    time does not suffice, the longest exposures are given up and with them the dark end, no more
-    than necessary. CaptureError if not even the shortest exposure fits into the total time.
+    Of those that take at most BALANCE times as long as the quickest, the one whose SNR where one exposure
+    hands over to the next is the highest. exposures: a list as capture.choices gives it. What cannot be
+    reached is listed. Where the total time does not suffice, the longest exposures are given up and with
+    them the dark end, no more than necessary. CaptureError if not even the shortest exposure fits into
+    the total time.
     """
     slowest = sorted({exposure.time for exposure in exposures}, reverse=True)
+    most = math.inf if wanted.total is None else wanted.total * (1 + 1e-6)
     for longest in slowest:
-        plan = _cover(targets, _capped(exposures, longest), wanted.snr)
-        if wanted.total is None or plan.total <= wanted.total * (1 + 1e-6):
-            return plan
+        usable = _capped(exposures, longest)
+        plan = _cover(targets, usable, wanted.snr)
+        if plan.total <= most:
+            return _balanced(plan, targets, usable, wanted.snr, most)
     raise CaptureError(
         f"no bracket fits into {wanted.total:g} s in all: the quickest takes {plan.total:.3g} s, allow more."
     )
+
+
+def _balanced(
+    plan: Plan, targets: Sequence[Target], exposures: Sequence[Exposure], snr: float, most: float
+) -> Plan:
+    """As few exposures that miss no more, take at most `most` seconds, and hardly longer than `plan`."""
+    count = len(plan.exposures)
+    if count == 1:
+        return plan
+    reaches = [Reach.of(one.tones, (one.dark, one.bright), exposures, snr, SLACK) for one in targets]
+    times = np.array([exposure.time for exposure in exposures])
+    chosen = balance(reaches, times, count, min(most, BALANCE * plan.total))
+    return replace(plan, exposures=tuple(exposures[index] for index in chosen))
 
 
 def _capped(exposures: Sequence[Exposure], longest: float) -> list[Exposure]:

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from capture.choices import exposure_list
 from capture.metering import meter
-from capture.planner import SLACK, Wanted, exposure_list, plan_bracket
+from capture.planner import SLACK, Wanted, plan_bracket
 from drivers.sim.camera import SimulatedCamera
 from drivers.sim.rigs import simulate
 from imaging.cfa import mosaic
