@@ -7,13 +7,13 @@ import numpy as np
 
 from calib import exposures, response
 from calib.codes import Samples, patches, sample
-from calib.shutter import exact_times
 from calib.views import Progress, View
 from imaging.calibration import Response
 from imaging.photo import read_photo
 from imaging.ratios import Linearity
 from imaging.records import Rung
 from imaging.session import Session
+from imaging.shutter import exact_times
 
 SITES = 8_000
 """Patches that the response of one camera model is measured from; more would only take time."""

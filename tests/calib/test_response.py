@@ -9,13 +9,13 @@ import pytest
 from calib import radiometry
 from calib.codes import Patches, Samples, patches, sample
 from calib.response import estimate
-from calib.shutter import exact_times
 from calib.views import scene_views
 from capture.photos import import_photos
 from imaging.calibration import Response
 from imaging.colour import srgb_encode
 from imaging.linear import decode
 from imaging.session import Session
+from imaging.shutter import exact_times
 
 from .conftest import silent
 
