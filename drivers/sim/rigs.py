@@ -1,8 +1,8 @@
 """The simulated rigs by name, each a list of cameras on one arm before the demo scene."""
 
 import threading
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -37,7 +37,8 @@ class Settings:
     """What can be overridden of a rig.
 
     positions: frames on the arc; bit_depth: of the RAW files; samples: rays along a pixel's side;
-    light: factor on all light of the scene, 0 for dark frames; effects: jitter, flicker and row noise.
+    light: factor on all light of the scene, 0 for dark frames; effects: jitter, flicker and row noise;
+    sensor: fields of SensorModel in which the sensors differ from what their files say, such as prnu.
     """
 
     kind: Literal["raw", "ldr"]
@@ -49,6 +50,7 @@ class Settings:
     samples: int = 4
     light: float = 1.0
     effects: bool = False
+    sensor: Mapping[str, Any] = field(default_factory=dict)
 
 
 _RIGS = {
@@ -75,7 +77,7 @@ def simulate(
     if name not in _RIGS:
         raise InputError(f"there is no simulated rig {name!r}: choose one of {', '.join(_RIGS)}.")
     settings = _RIGS[name]
-    known = {field.name for field in fields(Settings)} - {"kind"}
+    known = {known.name for known in fields(Settings)} - {"kind"}
     if unknown := sorted(set(overrides) - known):
         raise InputError(
             f"the simulated rig {name} has no setting {unknown[0]!r}: "
@@ -213,7 +215,7 @@ class SimulatedRig:
             serial=mount.serial,
             kind=settings.kind,
             optics=mount.optics,
-            sensor=_unit(nominal, mount, settings.effects),
+            sensor=replace(_unit(nominal, mount, settings.effects), **settings.sensor),
             nominal=nominal,
             cfa=mount.cfa,
             camera_from_xyz=mount.camera_from_xyz,

@@ -1,9 +1,9 @@
 """An image sensor after EMVA 1288: photo-electrons in, digital numbers out.
 
-`DN = clip(round(black + K iso_gain (min(photo + dark, full well) + read)), 0, white)`: photo- and
+`DN = clip(round(black + K iso_gain (bent(min(photo + dark, full well)) + read)), 0, ceiling)`: photo- and
 dark electrons are Poisson, read noise Gaussian; photo-response and dark signal differ from photosite
-to photosite in a fixed pattern. This code stands alone on purpose: it must not share a mistake with
-the noise model that calibration fits to its frames.
+to photosite in a fixed pattern; `bent(e) = e (1 - nonlinearity e / white electrons)`. This code stands
+alone on purpose: it must not share a mistake with the noise model that calibration fits to its frames.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,10 @@ class SensorModel:
     gain: K, DN per electron at ISO 100; read_noise: electrons; full_well: electrons;
     prnu: relative; dsnu: electrons; dark_current: electrons/s; hot_share: of all photosites;
     hot_current: electrons/s, median of the hot ones; row_noise: electrons, of whole rows;
-    black: DN of the 2x2 sites; bit_depth: of the DN, white is its largest.
+    black: DN of the 2x2 sites; bit_depth: of the DN, white is its largest; dark_spread: of the dark
+    current over the photosites, natural log; dead_share: of photosites that see less than half of the
+    light; ceiling: the largest DN that the converter gives, white when None; nonlinearity: share of the
+    signal that is missing at white.
     """
 
     gain: float
@@ -37,6 +40,10 @@ class SensorModel:
     hot_share: float = 0.0
     hot_current: float = 1000.0
     row_noise: float = 0.0
+    dark_spread: float = 0.0
+    dead_share: float = 0.0
+    ceiling: int | None = None
+    nonlinearity: float = 0.0
 
     @property
     def white(self) -> int:
@@ -58,9 +65,16 @@ class Sensor:
         self.response: Map = 1.0 + model.prnu * generator(*purpose, "prnu").standard_normal(shape)
         self.offset: Map = model.dsnu * generator(*purpose, "dsnu").standard_normal(shape)
         self.dark_current: Map = np.full(shape, model.dark_current)
+        if model.dark_spread > 0.0:
+            self.dark_current *= np.exp(
+                model.dark_spread * generator(*purpose, "dark").standard_normal(shape)
+            )
         hot = generator(*purpose, "hot")
-        chosen = hot.random(shape) < model.hot_share
-        self.dark_current[chosen] = model.hot_current * np.exp(hot.standard_normal(int(chosen.sum())))
+        self.hot = hot.random(shape) < model.hot_share
+        self.dark_current[self.hot] = model.hot_current * np.exp(hot.standard_normal(int(self.hot.sum())))
+        dead = generator(*purpose, "dead")
+        self.dead = dead.random(shape) < model.dead_share
+        self.response[self.dead] = dead.uniform(0.0, 0.5, int(self.dead.sum()))
         black = np.array(model.black).reshape(2, 2)
         self._black: Map = np.tile(black, (-(-height // 2), -(-width // 2)))[:height, :width]
 
@@ -80,8 +94,10 @@ class Sensor:
         # Far above the full well the count does not matter, and Poisson cannot count without end.
         electrons = noise.poisson(np.clip(mean, 0.0, 10.0 * model.full_well)).astype(np.float64)
         electrons = np.minimum(electrons, model.full_well)
+        if model.nonlinearity != 0.0:
+            electrons *= 1.0 - model.nonlinearity * electrons / model.white_electrons
         electrons += self.offset + model.read_noise * noise.standard_normal(mean.shape)
         if model.row_noise > 0.0:
             electrons += model.row_noise * noise.standard_normal((mean.shape[0], 1))
         number = np.rint(self._black + model.gain * iso_gain * electrons)
-        return np.clip(number, 0.0, model.white).astype(np.uint16)
+        return np.clip(number, 0.0, model.white if model.ceiling is None else model.ceiling).astype(np.uint16)

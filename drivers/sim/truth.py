@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from drivers.sim import response, shutter
 from drivers.sim.camera import Body, applied_exposure
+from drivers.sim.sensor import Sensor
 from drivers.sim.subjects import LIGHT
 from imaging import store
 from imaging.calibration import Pose
@@ -143,6 +144,25 @@ def _camera(rig: "SimulatedRig", index: int) -> dict[str, Any]:
         "white": sensor.white,
         "full_well": sensor.full_well,
         "cfa": str(body.cfa),
+        **(_photosites(body) if body.kind == "raw" else {}),
+    }
+
+
+def _photosites(body: Body) -> dict[str, Any]:
+    """What only darks and flats tell of a sensor; defects by column and row."""
+    model, lens = body.sensor, body.optics.lens
+    sensor = Sensor(model, lens.width, lens.height, body.seed, body.serial, 0)
+    return {
+        "ceiling": model.white if model.ceiling is None else model.ceiling,
+        "nonlinearity": model.nonlinearity,
+        "dsnu": model.dsnu,
+        "dark_current": model.dark_current,
+        "row_noise": model.row_noise,
+        "defects": [
+            {"x": int(x), "y": int(y), "kind": kind}
+            for kind, which in (("hot", sensor.hot), ("dead", sensor.dead))
+            for y, x in zip(*np.nonzero(which), strict=True)
+        ],
     }
 
 

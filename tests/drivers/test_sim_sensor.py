@@ -126,3 +126,35 @@ def test_row_noise_is_common_to_a_row() -> None:
     rows = frame.mean(axis=1)
     assert rows.std() / 0.4 == pytest.approx(4.0, rel=0.15)
     assert (frame - rows[:, None]).std() / 0.4 == pytest.approx(np.sqrt(9 + 100 + 0.52), rel=0.03)
+
+
+def test_the_converter_may_end_below_the_nominal_white() -> None:
+    sensor = Sensor(replace(PLAIN, ceiling=3600), SIZE, SIZE)
+    assert np.all(flat(sensor, 1e12, 0) == 3600)
+    below = 0.8 * PLAIN.white_electrons
+    assert np.array_equal(flat(sensor, below, 1), flat(Sensor(PLAIN, SIZE, SIZE), below, 1))
+
+
+def test_the_response_bends_by_the_stated_share_at_white() -> None:
+    bent = Sensor(replace(PLAIN, nonlinearity=0.02), SIZE, SIZE)
+    straight = Sensor(PLAIN, SIZE, SIZE)
+    for share in (0.25, 0.5, 0.9):
+        light = share * PLAIN.white_electrons
+        a, b = (flat(one, light, 0) - black_map(PLAIN) for one in (bent, straight))
+        assert a.mean() / b.mean() == pytest.approx(1 - 0.02 * share, abs=2e-4)
+
+
+def test_dead_photosites_see_less_than_half_and_the_others_what_they_did() -> None:
+    some, none = Sensor(replace(PLAIN, dead_share=1e-3), SIZE, SIZE), Sensor(PLAIN, SIZE, SIZE)
+    assert 0.5e-3 < some.dead.mean() < 1.6e-3
+    a, b = (flat(one, 5000.0, 0) for one in (some, none))
+    assert np.all((a - black_map(PLAIN))[some.dead] < 0.55 * 2000)
+    assert np.array_equal(some.response[~some.dead], none.response[~some.dead])
+    # Poisson draws shift behind a changed mean, so the frames agree in distribution only.
+    assert a[~some.dead].mean() == pytest.approx(b.mean(), abs=0.3)
+
+
+def test_dark_current_spreads_over_the_photosites() -> None:
+    sensor = Sensor(replace(PLAIN, dark_current=100.0, dark_spread=0.3), SIZE, SIZE, 5, "dark")
+    assert np.log(sensor.dark_current).std() == pytest.approx(0.3, rel=0.01)
+    assert np.median(sensor.dark_current) == pytest.approx(100.0, rel=0.01)

@@ -10,6 +10,7 @@ import pytest
 
 from drivers.sim.lens import project
 from drivers.sim.rigs import SimulatedRig, simulate
+from drivers.sim.sensor import Sensor
 from drivers.sim.subjects import LIGHT, Subject
 from imaging.calibration import Pose
 from imaging.cfa import demosaic
@@ -139,7 +140,7 @@ def test_the_board_tilts_and_comes_near(demo: SimulatedRig) -> None:
 
 
 def test_the_truth_tells_which_frames_showed_what(tmp_path: Path) -> None:
-    rig = simulate("toy")
+    rig = simulate("toy", sensor={"dead_share": 1e-3, "hot_share": 1e-3, "ceiling": 3700})
     session = Session.create(
         tmp_path,
         SessionRecord(
@@ -175,3 +176,11 @@ def test_the_truth_tells_which_frames_showed_what(tmp_path: Path) -> None:
     np.testing.assert_allclose(held, rig.board_from_world(7), atol=1e-12)
     assert truth["board"]["square"] == rig.board.square
     assert len(truth["exposures"]) == 14
+    camera = truth["cameras"]["cam1"]
+    assert camera["ceiling"] == 3700
+    sensor = Sensor(rig.bodies[1].sensor, 64, 48, 0, rig.bodies[1].serial, 0)
+    assert {(d["x"], d["y"]) for d in camera["defects"] if d["kind"] == "dead"} == {
+        (int(x), int(y)) for y, x in zip(*np.nonzero(sensor.dead), strict=True)
+    }
+    rig.show("flat")
+    assert shoot(rig, 1, 9, MIDDLE.with_time(0.5)).pixels.max() == 3700
