@@ -12,6 +12,7 @@ from imaging import store
 from imaging.errors import InputError
 from imaging.noise import SensorNoise
 from imaging.records import Name, Record, Rung, parse
+from imaging.sensor import SensorCalibration
 
 LensModel = Literal["PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
 
@@ -95,6 +96,8 @@ class CameraCalibration(Record):
     cam_from_rig: Pose | None = None
     noise: SensorNoise | None = None
     """At the ISO of the shots; None: not known."""
+    sensors: tuple[SensorCalibration, ...] = ()
+    """What was measured of the sensor, once for each ISO; empty: all is as the files say."""
     response: Response
     vignetting: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """`V(r) = 1 + a r^2 + b r^4 + c r^6`, r = 1 at the corner of the image from its centre."""

@@ -1,6 +1,7 @@
 """One shot of any kind as linear light: signal, exposure scale, masks and noise, ready to be merged."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -14,6 +15,7 @@ from imaging.exr import read_exr
 from imaging.mosaic import RawMosaic
 from imaging.photo import read_photo
 from imaging.raw import read_raw
+from imaging.sensor import Levels, SensorCalibration, at_iso
 
 Float = npt.NDArray[np.float32]
 Bool = npt.NDArray[np.bool_]
@@ -89,25 +91,51 @@ class LinearFrame:
     ceiling: float | None = None
 
 
-def read_linear(path: Path, kind: Literal["raw", "ldr", "hdr"], k: float, response: Response) -> LinearFrame:
+def read_linear(
+    path: Path,
+    kind: Literal["raw", "ldr", "hdr"],
+    k: float,
+    response: Response,
+    sensors: Sequence[SensorCalibration] = (),
+) -> LinearFrame:
     """A file of a session as linear light; InputError if it is missing or damaged.
 
     kind: of the camera (`CameraRecord.kind`); response: of its calibration, which only code values
-    (`ldr`) need. The signal of an EXR (`hdr`) is taken as it is.
+    (`ldr`) need; sensors: of its calibration, for RAW. The signal of an EXR (`hdr`) is taken as it is.
     """
     if kind == "raw":
-        return from_raw(read_raw(path), k)
+        return from_raw(read_raw(path), k, sensors)
     if kind == "ldr":
         return from_codes(read_photo(path).pixels, k, response)
     return from_light(read_exr(path).rgb(), k)
 
 
-def from_raw(raw: RawMosaic, k: float) -> LinearFrame:
-    """The black-subtracted mosaic; its noise is that of the file's NoiseProfile, if it has one."""
-    signal, saturated = raw.signal(), raw.saturated()
-    none = np.zeros(signal.shape, bool)
+def from_raw(raw: RawMosaic, k: float, sensors: Sequence[SensorCalibration] = ()) -> LinearFrame:
+    """The black-subtracted mosaic, by the levels that were measured at its ISO, else by those of the file.
+
+    The signal is 1 at the file's white level, wherever the sensor really ends: `saturated` and
+    `ceiling` tell. Without a measurement the noise is that of the file's NoiseProfile, if it has one.
+    """
+    iso = raw.metadata.exposure.iso if raw.metadata.exposure else None
+    measured = at_iso(sensors, iso)
+    levels = Levels() if measured is None else measured.levels()
+    if levels.black is not None:
+        raw = replace(raw, black=levels.black)
+    signal, black = raw.signal(), float(np.mean(raw.black))
+    top = raw.white if levels.white is None else min(levels.white, raw.white)
     noise = SensorSignalNoise(*raw.noise_profile) if raw.noise_profile else None
-    return LinearFrame(signal, k, saturated, none, ~none, raw.cfa, noise, ceiling=1.0)
+    if levels.noise is not None:
+        noise = SensorSignalNoise(*levels.noise.profile(black, raw.white))
+    return LinearFrame(
+        signal,
+        k,
+        saturated=raw.pixels >= top,
+        dark=np.zeros(signal.shape, bool),
+        valid=levels.valid(*signal.shape),
+        cfa=raw.cfa,
+        noise=noise,
+        ceiling=(top - black) / (raw.white - black),
+    )
 
 
 def from_codes(codes: npt.NDArray[np.floating], k: float, response: Response) -> LinearFrame:

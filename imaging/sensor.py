@@ -1,0 +1,114 @@
+"""What was measured of a sensor at one ISO: the record in calibration.json, and how frames are read by it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from imaging.noise import SensorNoise
+from imaging.records import Record
+
+Bool = npt.NDArray[np.bool_]
+
+
+class Measured(Record):
+    """A value and its standard error, both in the unit of the field that holds it."""
+
+    value: float
+    sigma: float = Field(ge=0)
+    source: Literal["darks", "flats", "darks and flats", "brackets"]
+
+
+class Defect(Record):
+    """A photosite that cannot be trusted, by column and row of the mosaic.
+
+    hot: brighter in the dark than noise and fixed pattern explain; dead: answers light otherwise than
+    its neighbours; noisy: noisier than they are.
+    """
+
+    x: int = Field(ge=0)
+    y: int = Field(ge=0)
+    kind: Literal["hot", "dead", "noisy"]
+
+
+class SensorCalibration(Record):
+    """One sensor at one ISO (EMVA 1288 terms); what could not be determined is None."""
+
+    iso: float | None = None
+    """None: the files do not tell."""
+    black: tuple[Measured, Measured, Measured, Measured] | None = None
+    """DN of the 2x2 sites, in order (0,0), (0,1), (1,0), (1,1)."""
+    gain: Measured | None = None
+    """K, DN per electron."""
+    read_noise: Measured | None = None
+    """Electrons, of single photosites."""
+    row_noise: Measured | None = None
+    """Electrons, common to the photosites of a row."""
+    prnu: Measured | None = None
+    """Photo-response non-uniformity, relative."""
+    dsnu: Measured | None = None
+    """Dark signal non-uniformity, electrons, at the shortest time of the darks."""
+    dark_current: Measured | None = None
+    """Electrons/s, mean."""
+    ceiling: Measured | None = None
+    """DN at which photosites saturate, as overexposed ones show it."""
+    full_well: Measured | None = None
+    """Electrons between black and the ceiling (saturation capacity)."""
+    nonlinearity: Measured | None = None
+    """Share of the signal that is missing at white: `signal = light (1 - nonlinearity light)`."""
+    linear: bool | None = None
+    """Whether the response is a straight line as far as the data tell; None: not tested."""
+    defects: tuple[Defect, ...] | None = None
+    """None: not looked for."""
+
+    def noise(self) -> SensorNoise | None:
+        """The noise model of a photosite, row noise included; None without gain or read noise."""
+        if self.gain is None or self.read_noise is None:
+            return None
+        row = 0.0 if self.row_noise is None else self.row_noise.value
+        return SensorNoise(
+            gain=self.gain.value,
+            read_noise=float(np.hypot(self.read_noise.value, row)),
+            prnu=0.0 if self.prnu is None else self.prnu.value,
+        )
+
+    def levels(self) -> "Levels":
+        """What reading a file needs of this."""
+        black = None
+        if self.black is not None:
+            a, b, c, d = (level.value for level in self.black)
+            black = (a, b, c, d)
+        # A photosite within the scatter of the ceiling may be saturated.
+        white = None if self.ceiling is None else int(np.floor(self.ceiling.value))
+        return Levels(black, white, self.noise(), tuple((d.x, d.y) for d in self.defects or ()))
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Levels of a RAW file as they were measured, in place of what the file claims; None: as it claims.
+
+    black: DN of the 2x2 sites; white: DN at and above which a photosite counts as saturated; noise: of
+    the photosites; defects: column and row of photosites that hold no number.
+    """
+
+    black: tuple[float, float, float, float] | None = None
+    white: int | None = None
+    noise: SensorNoise | None = None
+    defects: tuple[tuple[int, int], ...] = ()
+
+    def valid(self, height: int, width: int) -> Bool:
+        """False at the defects, bool [H, W]."""
+        mask = np.ones((height, width), bool)
+        if self.defects:
+            columns, rows = np.array(self.defects).T
+            inside = (columns < width) & (rows < height)
+            mask[rows[inside], columns[inside]] = False
+        return mask
+
+
+def at_iso(sensors: Sequence[SensorCalibration], iso: float | None) -> SensorCalibration | None:
+    """The calibration at an ISO, None where there is none: another ISO's never stands in."""
+    return next((sensor for sensor in sensors if sensor.iso == iso), None)
