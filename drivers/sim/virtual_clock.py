@@ -68,6 +68,7 @@ class VirtualClock:
         self._events: list[tuple[float, int, Action]] = []
         self._workers: list[Worker] = []
         self._by_thread: dict[int, Worker] = {}
+        self._acting = False
 
     @property
     def lock(self) -> AbstractContextManager[object]:
@@ -153,6 +154,8 @@ class VirtualClock:
 
     def _move_on(self) -> None:
         """If everybody waits, let happen what is next, until it is somebody's turn."""
+        if self._acting:
+            return  # An action makes an appointment: no time passes before it is done.
         while self._workers and all(worker.stage is _Stage.WAITING for worker in self._workers):
             roused = [worker for worker in self._workers if worker.ready is not None and worker.ready()]
             if roused:
@@ -162,7 +165,11 @@ class VirtualClock:
             if self._events and self._events[0][:2] < (first.deadline, first.number):
                 moment, _, action = heapq.heappop(self._events)
                 self._now = max(self._now, moment)
-                action()
+                self._acting = True
+                try:
+                    action()
+                finally:
+                    self._acting = False
             elif first.deadline < math.inf:
                 self._now = max(self._now, first.deadline)
                 self._give_turn(first, outcome=False)

@@ -125,3 +125,15 @@ def test_live_time_keeps_appointments_in_order() -> None:
     assert timeline.wait(lambda: len(log) == 2, 10.0)
     assert log == ["first", "second"]
     timeline.close()
+
+
+def test_no_time_passes_within_an_action_that_makes_appointments() -> None:
+    clock, seen = VirtualClock(), []
+
+    def act() -> None:
+        clock.call_later(0.5, lambda: seen.append(("later", clock.now())))
+        seen.append(("now", clock.now()))
+
+    clock.call_later(1.0, act)
+    clock.sleep(2.0)
+    assert seen == [("now", 1.0), ("later", 1.5)]
