@@ -19,7 +19,8 @@ _CONTINUOUS, _SINGLE = 0, 1
 _FRAME, _BURST = 0, 1
 SOFTWARE = 0
 
-Deliver = Callable[[RawMosaic, float], None]
+Deliver = Callable[[RawMosaic, float, float], None]
+Shutter = Callable[[bool], None]
 
 
 @dataclass(frozen=True)
@@ -34,15 +35,24 @@ class Acquisition:
     """Acts on what the host writes; called with the timeline's lock held."""
 
     def __init__(
-        self, camera: SimulatedCamera, memory: DeviceMemory, timeline: Timeline, deliver: Deliver
+        self,
+        camera: SimulatedCamera,
+        memory: DeviceMemory,
+        timeline: Timeline,
+        deliver: Deliver,
+        shutter_moved: Shutter,
     ) -> None:
-        """`deliver(mosaic, time)` sends a frame, exposed for `time` s."""
-        self._camera, self._memory, self._timeline, self._deliver = camera, memory, timeline, deliver
+        """`deliver(mosaic, time, opened)` sends a frame, exposed for `time` s from `opened` of the timeline.
+
+        `shutter_moved(open)` is told of each exposure's beginning and end.
+        """
+        self._camera, self._memory, self._timeline = camera, memory, timeline
+        self._deliver, self._shutter_moved = deliver, shutter_moved
         self._label = camera.set_exposure(Exposure(time=1 / 100, iso=100))
         self._sets: dict[int, _Set] = {}
         self._set = 0
         self._frames = self._burst = 0.0
-        self._exposing = False
+        self._exposing = self._open = False
         self._shot = 0
         self._show()
 
@@ -64,11 +74,17 @@ class Acquisition:
         elif address == Feature.SEQUENCER_MODE and memory.get(Feature.SEQUENCER_MODE):
             self._enter(memory.get(Feature.SET_START))
 
-    def pulse(self, source: int) -> None:
+    def edge(self, line: int, rising: bool) -> None:
+        """An edge on a line; ignored on an output."""
+        if not self._memory.get(Feature.LINE_CONTROL, line) & 1:
+            self.pulse(1 + line, rising)
+
+    def pulse(self, source: int, rising: bool = True) -> None:
         """A trigger: SOFTWARE, or 1 + the number of a line; ignored unless the camera waits for it."""
         for trigger in (_FRAME, _BURST):
             control = self._memory.get(Feature.TRIGGER_CONTROL, trigger)
             waits = control & 1 and control >> 4 & 15 == source
+            waits = waits and (source == SOFTWARE or bool(control >> 8 & 1) is not rising)
             if waits and self._frames and not self._exposing:
                 self._burst = self._memory.get(Feature.BURST_COUNT) if trigger == _BURST else 1
                 self._expose()
@@ -78,6 +94,7 @@ class Acquisition:
         self._frames = self._burst = 0
         if self._exposing:
             self._camera.collect()
+            self._close_shutter(self._shot)
         self._exposing = False
         self._shot += 1
 
@@ -96,10 +113,19 @@ class Acquisition:
         self._camera.arm()
         self._camera.trigger()
         self._exposing = True
-        time, shot = shutter.applied(self._label).time, self._shot
-        self._timeline.call_later(time + READOUT, lambda: self._finish(shot, time))
+        self._shot += 1
+        time, shot, opened = shutter.applied(self._label).time, self._shot, self._timeline.now()
+        self._open = True
+        self._shutter_moved(True)
+        self._timeline.call_later(time, lambda: self._close_shutter(shot))
+        self._timeline.call_later(time + READOUT, lambda: self._finish(shot, time, opened))
 
-    def _finish(self, shot: int, time: float) -> None:
+    def _close_shutter(self, shot: int) -> None:
+        if self._open and shot == self._shot:
+            self._open = False
+            self._shutter_moved(False)
+
+    def _finish(self, shot: int, time: float, opened: float) -> None:
         if shot != self._shot:
             return  # It was stopped meanwhile.
         mosaic = self._camera.collect()
@@ -107,7 +133,7 @@ class Acquisition:
         self._exposing = False
         self._frames -= 1
         self._burst -= 1
-        self._deliver(mosaic, time)
+        self._deliver(mosaic, time, opened)
         if self._memory.get(Feature.SEQUENCER_MODE) and self._set in self._sets:
             self._enter(self._sets[self._set].following)
         if self._frames > 0 and self._burst > 0:

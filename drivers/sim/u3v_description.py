@@ -8,7 +8,11 @@ import zipfile
 from collections.abc import Iterable, Mapping
 from enum import IntEnum
 
+from drivers.u3v.registers import Abrm
+
 CHUNK_EXPOSURE, CHUNK_IMAGE = 0x1001, 0x1000
+LINES = 3
+"""Line0 is an input; Line1 and Line2 can be either."""
 SETS = 8
 """Sets of the sequencer."""
 THROUGHPUT = (1_000_000, 400_000_000)
@@ -33,7 +37,7 @@ class Feature(IntEnum):
     BURST_COUNT = 0x10060
     TRIGGER_SELECTOR = 0x10068
     TRIGGER_CONTROL = 0x10070
-    """One for each trigger: bit 0 is the mode, bits 4 to 7 are the source."""
+    """One for each trigger: bit 0 is the mode, bits 4 to 7 are the source, bit 8 is 1 for falling edges."""
     TRIGGER_SOFTWARE = 0x10080
     EXPOSURE_TIME = 0x10088
     GAIN = 0x10090
@@ -54,11 +58,17 @@ class Feature(IntEnum):
     SET_NEXT = 0x10110
     PATH_SELECTOR = 0x10118
     SEQUENCER_SOURCE = 0x10120
+    LINE_SELECTOR = 0x10128
+    LINE_CONTROL = 0x10130
+    """One for each line: bit 0 is 1 for an output, bit 4 is 1 where that shows exposures."""
 
 
 READ_ONLY = (Feature.SENSOR_WIDTH, Feature.SENSOR_HEIGHT, Feature.DYNAMIC_RANGE_MAX)
 _CATEGORIES = {
-    "DeviceControl": ("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber"),
+    "DeviceControl": (
+        *("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber"),
+        *("TimestampLatch", "TimestampLatchValue"),
+    ),
     "ImageFormatControl": (
         *("SensorWidth", "SensorHeight", "Width", "Height", "OffsetX", "OffsetY"),
         *("PixelFormat", "PixelDynamicRangeMax"),
@@ -66,8 +76,9 @@ _CATEGORIES = {
     "AcquisitionControl": (
         *("AcquisitionMode", "AcquisitionStart", "AcquisitionStop", "AcquisitionFrameCount"),
         *("AcquisitionBurstFrameCount", "AcquisitionResultingFrameRate", "ExposureMode", "ExposureTime"),
-        *("TriggerSelector", "TriggerMode", "TriggerSource", "TriggerSoftware"),
+        *("TriggerSelector", "TriggerMode", "TriggerSource", "TriggerActivation", "TriggerSoftware"),
     ),
+    "DigitalIOControl": ("LineSelector", "LineMode", "LineSource"),
     "AnalogControl": ("Gain", "BlackLevelSelector", "BlackLevel"),
     "ChunkDataControl": ("ChunkModeActive", "ChunkSelector", "ChunkEnable", "ChunkExposureTime"),
     "SequencerControl": (
@@ -86,12 +97,18 @@ def describe(
     """The XML. size: width, height; formats: codes by name; times: us; iso: the largest."""
     width, height = size
     on = {"Off": 0, "On": 1}
+    lines = {f"Line{number}": number for number in range(LINES)}
+    sources = {"Software": 0} | {name: 1 + number for name, number in lines.items()}
     parts = [
         _category("Root", _CATEGORIES),
         *(_category(name, features) for name, features in _CATEGORIES.items()),
         _text("DeviceVendorName", 0x004),
         _text("DeviceModelName", 0x044),
         _text("DeviceSerialNumber", 0x144),
+        _command("TimestampLatch", Abrm.LATCH),
+        '<Integer Name="TimestampLatchValue"><pValue>TimestampLatchValueReg</pValue><Min>0</Min>'
+        f"<Max>{(1 << 63) - 1}</Max></Integer>",
+        _register("IntReg", "TimestampLatchValueReg", Abrm.TIMESTAMP, length=8, access="RO"),
         _integer("SensorWidth", Feature.SENSOR_WIDTH, 1, width),
         _integer("SensorHeight", Feature.SENSOR_HEIGHT, 1, height),
         _integer("Width", Feature.WIDTH, 1, "WidthMost"),
@@ -123,9 +140,33 @@ def describe(
         _register("FloatReg", "ExposureTimeReg", Feature.EXPOSURE_TIME, length=8),
         _enumeration("TriggerSelector", Feature.TRIGGER_SELECTOR, {"FrameStart": 0, "FrameBurstStart": 1}),
         _enumeration("TriggerMode", None, on),
-        _enumeration("TriggerSource", None, {"Software": 0, "Line0": 1, "Line1": 2}),
-        _trigger_control(),
+        _enumeration("TriggerSource", None, sources),
+        # Masked, so that no reader of other registers than ours is led out of them.
+        _knife("TriggerIndex", {"CHOSEN": "TriggerSelectorReg"}, "CHOSEN & 1"),
+        _knife("LineIndex", {"CHOSEN": "LineSelectorReg"}, "CHOSEN & 3"),
+        _knife("BlackLevelIndex", {"CHOSEN": "BlackLevelSelectorReg"}, "CHOSEN & 3"),
+        _enumeration("TriggerActivation", None, {"RisingEdge": 0, "FallingEdge": 1}),
+        _selected(
+            "TriggerControl",
+            Feature.TRIGGER_CONTROL,
+            "TriggerIndex",
+            {"TriggerModeReg": (0, 0), "TriggerSourceReg": (4, 7), "TriggerActivationReg": (8, 8)},
+        ),
         _command("TriggerSoftware", Feature.TRIGGER_SOFTWARE),
+        _enumeration("LineSelector", Feature.LINE_SELECTOR, lines),
+        '<Enumeration Name="LineMode"><EnumEntry Name="Input"><Value>0</Value></EnumEntry>'
+        '<EnumEntry Name="Output"><pIsAvailable>LineSelectorReg</pIsAvailable><Value>1</Value></EnumEntry>'
+        "<pValue>LineModeReg</pValue></Enumeration>",
+        '<Enumeration Name="LineSource"><pIsAvailable>LineModeReg</pIsAvailable>'
+        '<EnumEntry Name="Off"><Value>0</Value></EnumEntry>'
+        '<EnumEntry Name="ExposureActive"><Value>1</Value></EnumEntry>'
+        "<pValue>LineSourceReg</pValue></Enumeration>",
+        _selected(
+            "LineControl",
+            Feature.LINE_CONTROL,
+            "LineIndex",
+            {"LineModeReg": (0, 0), "LineSourceReg": (4, 4)},
+        ),
         '<Float Name="Gain"><pValue>GainConverter</pValue><Unit>dB</Unit></Float>'
         '<Converter Name="GainConverter"><FormulaTo>1000 * (10 ** (FROM / 20))</FormulaTo>'
         "<FormulaFrom>20 * LG(TO / 1000)</FormulaFrom><pValue>GainRaw</pValue>"
@@ -141,7 +182,7 @@ def describe(
             Feature.BLACK_LEVEL,
             length=8,
             access="RO",
-            index=("BlackLevelSelectorReg", 8),
+            index=("BlackLevelIndex", 8),
         ),
         _boolean("ChunkModeActive", Feature.CHUNK_MODE),
         _enumeration("ChunkSelector", Feature.CHUNK_SELECTOR, {"ExposureTime": 1}),
@@ -268,19 +309,22 @@ def _boolean(name: str, address: Feature) -> str:
     )
 
 
-def _command(name: str, address: Feature) -> str:
+def _command(name: str, address: Feature | Abrm) -> str:
     return (
         f'<Command Name="{name}"><pValue>{name}Reg</pValue><CommandValue>1</CommandValue></Command>'
         + _register("IntReg", f"{name}Reg", address)
     )
 
 
-def _trigger_control() -> str:
-    """Mode and source of each trigger, in the bits of a register."""
+def _selected(comment: str, address: int, selector: str, entries: Mapping[str, tuple[int, int]]) -> str:
+    """A register for each value of a selector, cut into `entries`: lowest and highest bit by name."""
+    inside = "".join(
+        f'<StructEntry Name="{name}"><LSB>{low}</LSB><MSB>{high}</MSB></StructEntry>'
+        for name, (low, high) in entries.items()
+    )
     return (
-        f'<StructReg Comment="TriggerControl"><Address>{Feature.TRIGGER_CONTROL:#x}</Address>'
-        '<pIndex Offset="4">TriggerSelectorReg</pIndex><Length>4</Length><AccessMode>RW</AccessMode>'
+        f'<StructReg Comment="{comment}"><Address>{address:#x}</Address>'
+        f'<pIndex Offset="4">{selector}</pIndex><Length>4</Length><AccessMode>RW</AccessMode>'
         "<pPort>Device</pPort><Cachable>NoCache</Cachable><Endianess>LittleEndian</Endianess>"
-        '<StructEntry Name="TriggerModeReg"><Bit>0</Bit></StructEntry>'
-        '<StructEntry Name="TriggerSourceReg"><LSB>4</LSB><MSB>7</MSB></StructEntry></StructReg>'
+        f"{inside}</StructReg>"
     )

@@ -12,9 +12,11 @@ from drivers.sim.descriptors import SUPER_SPEED, Description, Endpoint, Interfac
 from drivers.sim.device import Setup, Stall
 from drivers.sim.faults import Fault, FaultPlan, Kind
 from drivers.sim.port import Port
-from drivers.sim.timeline import Timeline
+from drivers.sim.seeds import generator
+from drivers.sim.timeline import Action, Timeline
 from drivers.sim.u3v_acquisition import Acquisition
 from drivers.sim.u3v_description import SETS, THROUGHPUT, Feature, describe
+from drivers.sim.u3v_lines import Oscillator, Wire
 from drivers.sim.u3v_memory import LARGEST_PACKET, Denied, DeviceMemory
 from drivers.u3v import gencp
 from drivers.u3v.gencp import Code, Packet, Status
@@ -25,6 +27,8 @@ from imaging.mosaic import RawMosaic
 
 CONTROL_OUT, CONTROL_IN, STREAM_IN = 0x01, 0x81, 0x82
 PACKET = 1024
+_WAY = 40e-6
+"""Seconds that a control packet is late at least, beyond the bus's own time; on average again as much."""
 VENDOR, PRODUCT = 0x1209, 0x0453
 _ABOUT = struct.pack("<BBBII", 20, 0x24, 1, 0x00010000, 0x00010000) + bytes((4, 1, 2, 0, 0, 0, 3, 0, 8))
 """The class-specific descriptor: versions of GenCP and USB3 Vision, and which string says what."""
@@ -53,6 +57,13 @@ class U3vDevice:
         self._port: Port | None = None
         self._received = b""
         self._busy_until, self._busy_times, self._block = 0.0, 0, 0
+        seed, self.serial = camera.body.seed, self._identity.serial
+        self.oscillator = Oscillator.of(seed, self.serial)
+        self.wires: dict[int, Wire] = {}
+        """What is soldered to its lines, by number."""
+        self.opened: list[float] = []
+        """When each exposure began, on the timeline: what measured times are held against."""
+        self._lateness = generator(seed, "control channel", self.serial)
         self._acquisition: Acquisition | None = None
         self._memory = self._start_anew()
 
@@ -75,11 +86,11 @@ class U3vDevice:
             speed=SUPER_SPEED,
         )
 
-    def line(self, number: int) -> None:
-        """A pulse on an input line."""
+    def line(self, number: int, rising: bool = True) -> None:
+        """An edge on a line."""
         with self._timeline.lock:
             if self._acquisition is not None:
-                self._acquisition.pulse(1 + number)
+                self._acquisition.edge(number, rising)
 
     def on_attach(self, port: Port) -> None:
         """Power comes on: everything is as at first."""
@@ -88,7 +99,9 @@ class U3vDevice:
         self._port, self._received = port, b""
         self._busy_until, self._busy_times = 0.0, 0
         self._memory = self._start_anew()
-        self._acquisition = Acquisition(self._camera, self._memory, self._timeline, self._deliver)
+        self._acquisition = Acquisition(
+            self._camera, self._memory, self._timeline, self._deliver, self._shutter_moved
+        )
         self._refresh()
 
     def on_reset(self) -> None:
@@ -111,10 +124,26 @@ class U3vDevice:
         if len(packet) == PACKET and len(self._received) < LARGEST_PACKET:
             return
         data, self._received = self._received, b""
+        self._later(lambda: self._receive(data))
+
+    def _later(self, act: Action) -> None:
+        """Do it a little later, as the way along the bus takes, unless it is unplugged by then."""
+        port = self._live()
+        late = _WAY + float(self._lateness.exponential(_WAY))
+        self._timeline.call_later(late, lambda: act() if port is self._port and not port.gone else None)
+
+    def _receive(self, data: bytes) -> None:
         try:
             self._do(Packet.parse(data))
         except CameraProtocol:
             self._live().halt(CONTROL_IN)
+
+    def _shutter_moved(self, is_open: bool) -> None:
+        if is_open:
+            self.opened.append(self._timeline.now())
+        for number, wire in self.wires.items():
+            if self._memory.get(Feature.LINE_CONTROL, number) & 0x11 == 0x11:
+                wire.edge(is_open, self)
 
     def _live(self) -> Port:
         assert self._port is not None
@@ -145,7 +174,7 @@ class U3vDevice:
             data = data[:8] + size.to_bytes(2, "little") + data[10:]
         if unplug := faults.get(Kind.UNPLUG):
             self._live().unplug_at(max(unplug.count, 1), unplug.seconds)
-        self._live().send(CONTROL_IN, data)
+        self._later(lambda: self._live().send(CONTROL_IN, data))
 
     def _faults(self, code: int) -> tuple[Fault, ...]:
         name = {int(Code.READ): "ReadMem", int(Code.WRITE): "WriteMem"}.get(code)
@@ -168,6 +197,8 @@ class U3vDevice:
                 address, data = gencp.parse_write_payload(command.payload)
                 self._memory.write(address, data)
                 self._refresh()
+                if address == Abrm.LATCH:
+                    self._memory.latch(self.oscillator.nanoseconds(self._timeline.now()))
                 if self._acquisition is not None:
                     self._acquisition.written(address)
                 written = gencp.number_payload(len(data))
@@ -176,7 +207,7 @@ class U3vDevice:
             return Packet(denied.status, command.code + 1, command.request_id)
         return Packet(Status.NOT_IMPLEMENTED, command.code + 1 & 0xFFFF, command.request_id)
 
-    def _deliver(self, mosaic: RawMosaic, time: float) -> None:
+    def _deliver(self, mosaic: RawMosaic, time: float, opened: float) -> None:
         """Send a frame, in the transfers that the host has set up."""
         port, memory = self._live(), self._memory
         self._block += 1
@@ -187,8 +218,9 @@ class U3vDevice:
         if Kind.STALL in faults:
             port.halt(STREAM_IN)
             return
+        stamp = self.oscillator.nanoseconds(opened)
         leader, payload = u3v_frames.frame(
-            memory, mosaic, self._camera.body.sensor.bit_depth, self._block, time, self._timeline.now()
+            memory, mosaic, self._camera.body.sensor.bit_depth, self._block, time, stamp
         )
         if unplug := faults.get(Kind.UNPLUG):
             port.unplug_at(max(unplug.count, 1), unplug.seconds)
@@ -241,6 +273,7 @@ class U3vDevice:
             Feature.FRAME_COUNT: 1,
             Feature.BURST_COUNT: 1,
             Feature.CHUNK_SELECTOR: 1,
+            Feature.LINE_SELECTOR: 1,
             Feature.THROUGHPUT_LIMIT: THROUGHPUT[1],
             Feature.SET_NEXT: SETS - 1,
         }.items():

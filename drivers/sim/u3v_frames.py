@@ -48,9 +48,9 @@ def refresh(memory: DeviceMemory, cfa: Cfa, black: tuple[float, float, float, fl
 
 
 def frame(
-    memory: DeviceMemory, mosaic: RawMosaic, bits: int, block: int, time: float, now: float
+    memory: DeviceMemory, mosaic: RawMosaic, bits: int, block: int, time: float, stamp: int
 ) -> tuple[Leader, bytes]:
-    """Leader and payload as the registers say. time: applied, s; now: s of the device's clock."""
+    """Leader and payload as the registers say. time: applied, s; stamp: of the device's clock, ns."""
     left, top = memory.get(Feature.OFFSET_X), memory.get(Feature.OFFSET_Y)
     width, height = memory.get(Feature.WIDTH), memory.get(Feature.HEIGHT)
     window = mosaic.cropped(top, left, height, width)
@@ -67,4 +67,4 @@ def frame(
         if memory.get(Feature.CHUNK_ENABLE):
             parts.append((CHUNK_EXPOSURE, struct.pack("<d", 1e6 * time)))
         data = join_chunks(parts)
-    return Leader(block, kind, round(1e9 * now), pixels.code, width, height, left, top), data
+    return Leader(block, kind, stamp, pixels.code, width, height, left, top), data

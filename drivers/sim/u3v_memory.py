@@ -4,7 +4,7 @@ import hashlib
 import struct
 from collections.abc import Mapping
 
-from drivers.sim.u3v_description import READ_ONLY, Feature, zipped
+from drivers.sim.u3v_description import LINES, READ_ONLY, Feature, zipped
 from drivers.u3v.gencp import Status
 from drivers.u3v.registers import ENTRY, STRING, Abrm, ManifestEntry, Sbrm, Sirm
 
@@ -44,7 +44,7 @@ class DeviceMemory:
         sha1 = hashlib.sha1(archive, usedforsecurity=False).digest()
         entry = ManifestEntry((1, 0, 0), True, _XML, len(archive), sha1)
         self._regions = {
-            0: bytearray(0x200),
+            0: bytearray(0x204),
             _SBRM: bytearray(0x44),
             _SIRM: bytearray(0x30),
             _MANIFEST: bytearray(struct.pack("<Q", 1) + entry.pack()),
@@ -82,7 +82,8 @@ class DeviceMemory:
         self._find(address, len(data))
         features = [one for one in Feature if one not in (*READ_ONLY, Feature.BLACK_LEVEL)]
         stream = [_SIRM + register for register in _WRITABLE_SIRM]
-        if address not in (*features, *stream, Feature.TRIGGER_CONTROL + 4):
+        selected = [Feature.TRIGGER_CONTROL + 4, *(Feature.LINE_CONTROL + 4 * line for line in range(LINES))]
+        if address not in (*features, *stream, *selected, Abrm.LATCH):
             raise Denied(Status.WRITE_PROTECTED)
         self._put(address, data)
 
@@ -105,6 +106,10 @@ class DeviceMemory:
     def stream(self, register: Sirm) -> int:
         """A streaming register."""
         return int.from_bytes(self.read(_SIRM + register, 4), "little")
+
+    def latch(self, nanoseconds: int) -> None:
+        """Show what the device's clock was at."""
+        self._put(Abrm.TIMESTAMP, nanoseconds.to_bytes(8, "little"))
 
     def require(self, payload: int) -> None:
         """Say how large frames are."""

@@ -1,24 +1,27 @@
 """A machine vision camera on USB3 Vision, as any other `Camera`."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from enum import Enum
 from typing import Any, TypeVar
 
 from drivers.camera import CameraIdentity, Capabilities
 from drivers.clock import Clock
-from drivers.errors import CameraLost, CameraProtocol, CameraRefused
-from drivers.u3v import sequencer, settings
+from drivers.errors import CameraLost, CameraProtocol, CameraRefused, CameraTimeout
+from drivers.u3v import lines, sequencer, settings
 from drivers.u3v.chunks import split_chunks
+from drivers.u3v.lines import Wiring
 from drivers.u3v.pixels import format_of, unpack
 from drivers.u3v.session import Session, connected, open_session
 from drivers.u3v.stream import CHUNKS, Frame
+from drivers.u3v.timestamps import Latch, latch, opening
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata, RawMosaic
 
 REPLUG = 10.0
 """Seconds that a camera may be away before it counts as gone."""
-_GRACE, _LINE_GRACE = 1.0, 10.0
+_GRACE, _LINE_GRACE = 1.0, 5.0
 """Seconds beyond the exposure within which a frame must begin; and where a line has to trigger it first."""
 
 ResultT = TypeVar("ResultT")
@@ -38,10 +41,10 @@ class U3vCamera:
     by its serial number, at whatever address, and set it as it was.
     """
 
-    def __init__(self, serial: str, backend: Any, clock: Clock, line: str | None = None) -> None:
-        """line: the hardware input that triggers it, as in TriggerSource; None for the software trigger."""
+    def __init__(self, serial: str, backend: Any, clock: Clock) -> None:
         self.serial = serial
-        self._backend, self._clock, self._line = backend, clock, line
+        self._backend, self._clock = backend, clock
+        self._wiring = Wiring()
         self._session: Session | None = None
         self._wanted: Exposure | None = None
         self._bytes_per_second: int | None = None
@@ -50,6 +53,8 @@ class U3vCamera:
         self._applied: Exposure | None = None
         self._expected: list[Exposure] = []
         """What the camera was set to for each frame that is to come."""
+        self._before: Latch | None = None
+        """Its clock, just before it was told to wait for its trigger."""
         self._levels: dict[int, tuple[tuple[float, float, float, float], int]] = {}
         """Black and white of each pixel format, read once a session."""
 
@@ -60,7 +65,7 @@ class U3vCamera:
 
     def capabilities(self) -> Capabilities:
         """Size and bits as set; times and ISOs as ladders of third stops over what it can be set to."""
-        return self._again(self._read_capabilities)
+        return self._again(lambda session: settings.read_capabilities(session.nodes))
 
     def set_exposure(self, exposure: Exposure) -> Exposure:
         """Set the nearest time and, if an ISO is given, gain; returns what the camera reads back."""
@@ -90,6 +95,17 @@ class U3vCamera:
         self._bytes_per_second = bytes_per_second
         return applied
 
+    def listen(self, line: str) -> None:
+        """Expose on the rising edge of an input, such as "Line0", from now on. CameraRefused.
+
+        trigger() then fires nothing: arm this camera before the one that drives the line is triggered.
+        """
+        self._wire(replace(self._wiring, listens_to=line))
+
+    def drive(self, line: str) -> None:
+        """Hold an output high while it exposes, for cameras that listen, from now on. CameraRefused."""
+        self._wire(replace(self._wiring, drives=line))
+
     def arm(self) -> None:
         """Agree on the transfers and start the acquisition of one frame, which waits for its trigger."""
 
@@ -105,18 +121,18 @@ class U3vCamera:
     def trigger(self) -> float:
         """Expose; the clock's time, s, half way through the command that did it.
 
-        With a hardware line the line exposes, and the time is that from which its frame is waited for. A
-        command whose answer is lost is sent again: a camera that waits for one frame exposes only once.
+        A camera that listens fires nothing, and the time is that from which its frame is waited for.
+        A command whose answer is lost is sent again: a camera that waits for one frame exposes only once.
         """
         session = self._must_be(_Stage.ARMED, "arm")
         began = self._clock.now()
-        if self._line is None:
+        if self._wiring.listens_to is None:
             self._once(lambda: session.nodes.execute("TriggerSoftware"))
         self._stage = _Stage.EXPOSED
         return (began + self._clock.now()) / 2
 
     def collect(self) -> RawMosaic:
-        """The frame, with the exposure time that came with it where the camera sends that."""
+        """The frame, with its exposure time and the moment that it opened where the camera tells."""
         session = self._must_be(_Stage.EXPOSED, "trigger")
         self._stage = _Stage.IDLE
         return self._once(lambda: self._take(session)[0])
@@ -188,7 +204,8 @@ class U3vCamera:
             session = open_session(self.serial, self._backend, self._clock, patience)
             self._known = True
             try:
-                settings.prepare(session.nodes, self._line)
+                settings.prepare(session.nodes)
+                lines.apply(session.nodes, f"camera {self.serial}", self._wiring)
                 if self._wanted is not None:
                     self._applied = settings.set_exposure(session.nodes, self._wanted)
             except CameraError:
@@ -201,29 +218,62 @@ class U3vCamera:
                 self.limit_throughput(self._bytes_per_second)
         return self._session
 
+    def _wire(self, wiring: Wiring) -> None:
+        """Take these lines, at once and whenever it is opened; if one is refused, stay with those before."""
+        before = self._wiring
+        # Opening it sets it up from the beginning; what runs would keep its trigger locked.
+        self.close()
+        self._wiring = wiring
+        try:
+            self._again(lambda session: None)
+        except CameraRefused:
+            self._wiring = before
+            raise
+
     def _start(self, session: Session, expected: Sequence[Exposure]) -> None:
         """Have the camera wait for its trigger, and then send a frame for each exposure."""
         if self._runs:
             settings.stop(session.nodes)
         self._expected, self._runs = list(expected), True
         session.stream.start()
+        self._before = latch(session.control, session.nodes, self._clock)
         session.nodes.execute("AcquisitionStart")
 
     def _take(self, session: Session) -> list[RawMosaic]:
         """The frames that are expected, after which the stream is off."""
-        grace = _GRACE if self._line is None else _LINE_GRACE
+        taken: list[tuple[int, RawMosaic]] = []
         try:
-            frames = [
-                self._mosaic(session, session.stream.next_frame(exposure.time + grace), exposure)
-                for exposure in self._expected
-            ]
+            for exposure in self._expected:
+                frame = self._next_frame(session, exposure.time)
+                taken.append((frame.leader.timestamp, self._mosaic(session, frame, exposure)))
         except CameraLost:
             raise
         except CameraError:
             self._finish(session)
             raise
+        after = latch(session.control, session.nodes, self._clock)
         self._finish(session)
-        return frames
+        return [self._timed(mosaic, stamp, after) for stamp, mosaic in taken]
+
+    def _next_frame(self, session: Session, time: float) -> Frame:
+        """The next frame; CameraTimeout says so if its line has not triggered it."""
+        line = self._wiring.listens_to
+        if line is None:
+            return session.stream.next_frame(time + _GRACE)
+        try:
+            return session.stream.next_frame(time + _LINE_GRACE)
+        except CameraTimeout:
+            raise CameraTimeout(
+                f"camera {self.serial} got no pulse on {line} within {time + _LINE_GRACE:.3g} s: check the "
+                "cable, that it ends at this line, and that the camera that leads drives its own end."
+            ) from None
+
+    def _timed(self, mosaic: RawMosaic, stamp: int, after: Latch | None) -> RawMosaic:
+        """A frame that says when its shutter opened, if its stamp makes sense."""
+        told = mosaic.metadata
+        assert told.exposure is not None
+        found = opening(self._before, after, stamp, told.exposure.time)
+        return mosaic if found is None else replace(mosaic, metadata=replace(told, opened=found.time))
 
     def _finish(self, session: Session) -> None:
         settings.stop(session.nodes)
@@ -259,23 +309,6 @@ class U3vCamera:
             metadata=FrameMetadata(
                 make=told.manufacturer, model=told.model, serial=self.serial, exposure=exposure
             ),
-        )
-
-    def _read_capabilities(self, session: Session) -> Capabilities:
-        nodes = session.nodes
-        times = nodes.limits("ExposureTime")
-        isos: tuple[float, ...] = ()
-        if nodes.writable("Gain"):
-            gains = nodes.limits("Gain")
-            isos = settings.ladder(settings.iso_of(gains.low), settings.iso_of(gains.high), 3)
-        white = settings.white_level(nodes, format_of(int(nodes.number("PixelFormat"))))
-        return Capabilities(
-            width=int(nodes.number("Width")),
-            height=int(nodes.number("Height")),
-            bit_depth=white.bit_length(),
-            times=settings.ladder(max(times.low, 1.0) / 1e6, times.high / 1e6, 3),
-            f_numbers=(),
-            isos=isos,
         )
 
 

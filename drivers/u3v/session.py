@@ -25,6 +25,7 @@ def connected(backend: Any) -> dict[str, UsbDevice]:
 class Session:
     """The device from open to close; errors are those of its parts."""
 
+    control: ControlChannel
     bootstrap: Bootstrap
     nodes: NodeMap
     stream: StreamChannel
@@ -33,7 +34,7 @@ class Session:
         self.where = device.where
         self._control_pipe = device.open()
         try:
-            control = ControlChannel(self._control_pipe, clock)
+            self.control = control = ControlChannel(self._control_pipe, clock)
             self.bootstrap = read_bootstrap(control)
             if self.bootstrap.sirm is None:
                 raise CameraRefused(f"{self.where} cannot stream: it is no camera that can be used.")

@@ -6,9 +6,10 @@ exposures scale as the signal does; it is not the speed of the sensor by ISO 122
 
 import math
 
+from drivers.camera import Capabilities
 from drivers.errors import CameraRefused
 from drivers.u3v.genicam import Limits, NodeMap
-from drivers.u3v.pixels import BY_NAME, PixelFormat
+from drivers.u3v.pixels import BY_NAME, PixelFormat, format_of
 from imaging.exposure import Exposure
 
 _PACKINGS = {"p": 2, "Packed": 1, "plain": 0}
@@ -32,11 +33,8 @@ def set_if_there(nodes: NodeMap, name: str, value: str | int | float | bool) -> 
     return True
 
 
-def prepare(nodes: NodeMap, line: str | None) -> PixelFormat:
-    """Stop what runs, leave nothing to automatics and choose the best Bayer format, which is returned.
-
-    line: the input that triggers, as the camera names it; None for the software trigger.
-    """
+def prepare(nodes: NodeMap) -> PixelFormat:
+    """Stop what runs, leave nothing to automatics and choose the best Bayer format, which is returned."""
     stop(nodes)
     for name in (
         "SequencerMode",
@@ -48,12 +46,6 @@ def prepare(nodes: NodeMap, line: str | None) -> PixelFormat:
         set_if_there(nodes, name, "Off")
     set_if_there(nodes, "ExposureMode", "Timed")
     set_if_there(nodes, "GainSelector", "All")
-    for trigger in nodes.entries("TriggerSelector"):
-        nodes.set("TriggerSelector", trigger)
-        nodes.set("TriggerMode", "Off")
-    set_if_there(nodes, "TriggerSelector", "FrameStart")
-    nodes.set("TriggerMode", "On")
-    nodes.set("TriggerSource", line or "Software")
     if set_if_there(nodes, "ChunkModeActive", True):
         set_if_there(nodes, "ChunkSelector", "ExposureTime")
         set_if_there(nodes, "ChunkEnable", True)
@@ -92,6 +84,24 @@ def read_exposure(nodes: NodeMap) -> Exposure:
     """What the camera is set to."""
     iso = round(iso_of(float(nodes.number("Gain"))), 3) if nodes.available("Gain") else None
     return Exposure(time=float(nodes.number("ExposureTime")) / 1e6, iso=iso)
+
+
+def read_capabilities(nodes: NodeMap) -> Capabilities:
+    """Size and bits as set; times and ISOs as ladders of third stops over what it can be set to."""
+    times = nodes.limits("ExposureTime")
+    isos: tuple[float, ...] = ()
+    if nodes.writable("Gain"):
+        gains = nodes.limits("Gain")
+        isos = ladder(iso_of(gains.low), iso_of(gains.high), 3)
+    white = white_level(nodes, format_of(int(nodes.number("PixelFormat"))))
+    return Capabilities(
+        width=int(nodes.number("Width")),
+        height=int(nodes.number("Height")),
+        bit_depth=white.bit_length(),
+        times=ladder(max(times.low, 1.0) / 1e6, times.high / 1e6, 3),
+        f_numbers=(),
+        isos=isos,
+    )
 
 
 def _within(limits: Limits, value: float) -> float:

@@ -31,7 +31,10 @@ class Bench:
         return self.twin.body.serial
 
     def camera(self, line: str | None = None) -> U3vCamera:
-        return U3vCamera(self.serial, self.bus, self.clock, line)
+        camera = U3vCamera(self.serial, self.bus, self.clock)
+        if line is not None:
+            camera.listen(line)
+        return camera
 
 
 MakeBench = Callable[..., Bench]

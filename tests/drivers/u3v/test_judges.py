@@ -73,6 +73,7 @@ def test_the_committees_node_map_agrees_on_every_feature(genapi: Any, make_bench
     judge.connect(port, "Device")
     ours = session.nodes
     ours.set("DeviceLinkThroughputLimitMode", "On")
+    ours.set("LineMode", "Output")
     readable = 0
     for name in ours.features():
         node = judge.get_node(name)

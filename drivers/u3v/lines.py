@@ -1,0 +1,91 @@
+"""What makes a camera expose, software or the rising edge of an input; and the output that a leader raises.
+
+Names of the Standard Features Naming Convention. The trigger is off while its source is changed, as Spinnaker
+demands; a Blackfly S drops pulses during readout unless TriggerOverlap is ReadOut. ExposureActive is a line
+source of Basler's (docs.baslerweb.com/line-source) and FLIR's cameras. An output of the open-collector kind,
+such as Line1 of a Blackfly S, needs a pull-up resistor in the cable. Verified against the simulator.
+"""
+
+from dataclasses import dataclass
+
+from drivers.errors import CameraRefused
+from drivers.u3v.genicam import NodeMap
+from drivers.u3v.settings import set_if_there
+
+_SOFTWARE = "Software"
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """Lines by the camera's names, None for none: the input that triggers it, the output that it drives."""
+
+    listens_to: str | None = None
+    drives: str | None = None
+
+
+def apply(nodes: NodeMap, name: str, wiring: Wiring) -> None:
+    """Set trigger and lines up, whatever was set before. CameraRefused if it has not those lines.
+
+    name: of the camera, for messages.
+    """
+    _disable(nodes)
+    if wiring.listens_to is None:
+        _enable(nodes, _SOFTWARE)
+    else:
+        _listen(nodes, name, wiring.listens_to)
+    if wiring.drives is not None:
+        if wiring.drives == wiring.listens_to:
+            raise CameraRefused(f"{name} listens to {wiring.drives}: have it drive another line.")
+        _drive(nodes, name, wiring.drives)
+
+
+def _listen(nodes: NodeMap, name: str, line: str) -> None:
+    """Have the rising edge of an input line start each frame."""
+    offered = tuple(one for one in nodes.entries("TriggerSource") if one.startswith("Line"))
+    if line not in offered:
+        raise CameraRefused(f"{name} cannot be triggered by {line}: {_choice(offered)}.")
+    if line in nodes.entries("LineSelector"):
+        nodes.set("LineSelector", line)
+        set_if_there(nodes, "LineMode", "Input")
+        if nodes.available("LineMode") and nodes.text("LineMode") != "Input":
+            others = tuple(one for one in offered if one != line)
+            raise CameraRefused(f"{name} has {line} as an output only: {_choice(others)}.")
+    _enable(nodes, line)
+
+
+def _drive(nodes: NodeMap, name: str, line: str) -> None:
+    """Have an output line be high while the sensor is exposed."""
+    lines = nodes.entries("LineSelector")
+    if line in lines:
+        nodes.set("LineSelector", line)
+        set_if_there(nodes, "LineMode", "Output")
+        is_output = not nodes.available("LineMode") or nodes.text("LineMode") == "Output"
+        if is_output and set_if_there(nodes, "LineSource", "ExposureActive"):
+            return
+    others = tuple(one for one in lines if one != line)
+    raise CameraRefused(f"{name} cannot show on {line} that it exposes: {_choice(others)}.")
+
+
+def _choice(lines: tuple[str, ...]) -> str:
+    return f"choose among its lines {', '.join(lines)}" if lines else "it has no other line for that"
+
+
+def _disable(nodes: NodeMap) -> None:
+    """Switch every trigger off, and choose that of single frames."""
+    for trigger in nodes.entries("TriggerSelector"):
+        nodes.set("TriggerSelector", trigger)
+        nodes.set("TriggerMode", "Off")
+    set_if_there(nodes, "TriggerSelector", "FrameStart")
+    nodes.set("TriggerMode", "Off")
+
+
+def _enable(nodes: NodeMap, source: str) -> None:
+    """Wait for `source`; a camera may show its sources only while the trigger is on."""
+    chosen = set_if_there(nodes, "TriggerSource", source)
+    set_if_there(nodes, "TriggerActivation", "RisingEdge")
+    set_if_there(nodes, "TriggerOverlap", "ReadOut")
+    if nodes.writable("TriggerDelay"):
+        nodes.set("TriggerDelay", nodes.limits("TriggerDelay").low)
+    nodes.set("TriggerMode", "On")
+    if not chosen:
+        nodes.set("TriggerSource", source)
