@@ -1,8 +1,12 @@
 """The planner against brute force over small lists, and against ranges whose answer is known."""
 
+import importlib.util
 import itertools
 import math
+import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,6 +18,8 @@ from drivers.camera import Capabilities
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure
 from imaging.noise import SensorNoise
+
+BENCH = Path(__file__).parents[2] / "bench"
 
 # Wells of 8,180, 32,400 and 42,000 electrons: a Pi HQ, an IMX249 and a full-frame camera.
 SENSORS = (
@@ -253,3 +259,32 @@ def test_a_rig_has_what_all_its_cameras_have():
     assert common_isos([one, other]) == (200.0,)
     with pytest.raises(CaptureError, match="no shutter time in common"):
         common_times([one, Capabilities(8, 8, 12, (8.0,), (4.0,), ())])
+
+
+@pytest.fixture(scope="module")
+def cases():
+    """bench/planner_cases.py."""
+    spec = importlib.util.spec_from_file_location("planner_cases", BENCH / "planner_cases.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["planner_cases"] = module
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules["planner_cases"]
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_scenes_before_real_sensors_get_as_few_exposures_as_brute_force(cases, number):
+    """A few of the scenes of bench/planner.py: every time at every ISO, all subsets by increasing size."""
+    sensor = list(cases.SENSORS.values())[number]
+    rng = np.random.default_rng([7, number])
+    sizes = set()
+    for _ in range(12):
+        case = cases.draw(sensor, rng)
+        plan = plan_bracket(case.targets, listed(case.times, case.isos), Wanted(snr=case.snr))
+        needed = cases.demands(case, case.shots)
+        chosen = sum(1 << case.shots.index(shot) for shot in plan.exposures)
+        assert ((needed & np.uint32(chosen)) != 0).all()
+        best = cases.fewest(needed, len(case.shots))
+        assert len(plan.exposures) == best
+        sizes.add(best)
+    assert len(sizes) > 1
