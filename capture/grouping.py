@@ -2,10 +2,11 @@
 
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,9 @@ PAUSE = 30.0
 
 Bracket = list[Original]
 
+Identity = Literal["serial", "folder", "one"]
+"""What tells photographs of one camera from those of another; one: nothing but their kind and size."""
+
 
 @dataclass(frozen=True)
 class Series:
@@ -31,16 +35,23 @@ class Series:
     originals: tuple[Original, ...]
 
 
-def sort_into_cameras(folder: Path, originals: Sequence[Original]) -> tuple[list[Series], list[str]]:
+def sort_into_cameras(
+    folder: Path,
+    originals: Sequence[Original],
+    by: Identity | None = None,
+    lenses: Mapping[Path, str] | None = None,
+) -> tuple[list[Series], list[str]]:
     """One camera a serial number, else a make and model, else a folder; sizes are never mixed.
 
-    A file that could not be read belongs to the only camera of its folder and kind, if there is one.
+    by: sorted by this instead. lenses: a layout's word for the camera of each photograph; it is believed
+    unless `by` says otherwise, and photographs of two words are never mixed. A file that could not be
+    read belongs to the only camera of its folder and kind, if there is one.
     """
     members: dict[tuple[str, ...], list[Original]] = {}
     at_home: dict[tuple[Path, str], set[tuple[str, ...]]] = {}
     for original in originals:
         if original.picture is not None:
-            key = _camera_key(folder, original)
+            key = _camera_key(folder, original, by, (lenses or {}).get(original.path))
             members.setdefault(key, []).append(original)
             at_home.setdefault((original.path.parent, original.kind), set()).add(key)
     for original in originals:
@@ -55,42 +66,51 @@ def sort_into_cameras(folder: Path, originals: Sequence[Original]) -> tuple[list
         camera = _camera(folder, mine[0], key, names)
         series.append(Series(camera, tuple(sorted(mine, key=lambda original: place[original.path]))))
         photos = "1 photo is" if len(mine) == 1 else f"{len(mine)} photos are"
-        guesses.append(f"{photos} of the camera {camera.name}, by {_reason(key)}.")
+        told = "as given" if by is not None else "--cameras sorts them otherwise"
+        guesses.append(f"{photos} of the camera {camera.name}, by {_reason(key, by)}; {told}.")
     return series, guesses
 
 
-def _camera_key(folder: Path, original: Original) -> tuple[str, ...]:
+def _camera_key(folder: Path, original: Original, by: Identity | None, lens: str | None) -> tuple[str, ...]:
     """What makes two photographs those of one camera; its first part says by what."""
     assert original.picture is not None
     picture = original.picture
     metadata = picture.metadata
-    size = (f"{picture.width}x{picture.height}", picture.kind)
-    if metadata.serial:
-        return ("serial", metadata.make, metadata.model, metadata.serial, *size)
-    if metadata.make or metadata.model:
-        return ("model", metadata.make, metadata.model, "", *size)
-    return ("folder", "", "", shown(original.path.parent.relative_to(folder)), *size)
+    rest = (f"{picture.width}x{picture.height}", picture.kind, lens or "")
+    if by is None and lens is not None:
+        return ("layout", metadata.make, metadata.model, lens, *rest)
+    if by == "one":
+        return ("one", "", "", "", *rest)
+    if by != "folder" and metadata.serial:
+        return ("serial", metadata.make, metadata.model, metadata.serial, *rest)
+    if by != "folder" and (metadata.make or metadata.model):
+        return ("model", metadata.make, metadata.model, "", *rest)
+    return ("folder", "", "", shown(original.path.parent.relative_to(folder)), *rest)
 
 
-def _reason(key: tuple[str, ...]) -> str:
+def _reason(key: tuple[str, ...], by: Identity | None) -> str:
     what = {
         "serial": f"the serial number {key[3]}",
         "model": "make and model, since the files tell no serial number",
-        "folder": "their folder, since the files tell no camera",
+        "folder": "their folder" if by == "folder" else "their folder, since the files tell no camera",
+        "layout": f"their lens, number {key[3]} of the layout",
+        "one": "their kind",
     }
     return f"{what[key[0]]}, and the size {key[4]}"
 
 
 def _camera(folder: Path, first: Original, key: tuple[str, ...], taken: set[str]) -> CameraRecord:
-    source, make, model, identity, size, _ = key
+    source, make, model, identity, size, _, lens = key
     home = folder.resolve() if identity in ("", ".") else Path(identity)
-    stem = _plain(model or make) if source != "folder" else _plain(home.name)
+    stem = _plain(home.name if source in ("folder", "one") else model or make)
     name, number = stem, 1
     while name.casefold() in taken:
         number += 1
         name = f"{stem}-{number}"
     taken.add(name.casefold())
     described = identity if source == "serial" else f"{f'{make} {model}'.strip() or identity} {size}"
+    if lens:
+        described = f"{described} lens {lens}"
     return CameraRecord(name=name, serial=described, make=make, model=model, kind=first.kind)
 
 

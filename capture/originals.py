@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,12 +38,28 @@ class Survey:
     notes: tuple[str, ...]
 
 
-def survey(folder: Path, progress: Progress) -> Survey:
-    """Read every photograph of a folder and its subfolders; hidden files and folders are passed over."""
+def survey(
+    folder: Path,
+    progress: Progress,
+    *,
+    named: Mapping[Path, Exposure | None] | None = None,
+    exposures: Path | None = None,
+) -> Survey:
+    """Read every photograph of a folder and its subfolders; hidden files and folders are passed over.
+
+    named: these photographs and no others, in this order, and the exposure that a layout tells.
+    exposures: a list that speaks for all of them. InputError when that list cannot be read.
+    """
     paths, others = _found(folder)
-    paths, beside = _without_developed(paths)
+    beside: list[Path] = []
+    if named is None:
+        paths, beside = _without_developed(paths)
+    else:
+        others, paths = [], list(named)
     notes: list[str] = []
-    listed = _listed(folder, others, notes)
+    listed = {path: told for path, told in (named or {}).items() if told is not None}
+    listed |= _listed(folder, others, notes) if exposures is None else _given(folder, exposures, paths, notes)
+    others = [path for path in others if exposures is None or path.resolve() != exposures.resolve()]
     if others:
         names = ", ".join(shown(path.relative_to(folder)) for path in others[:3])
         more = "" if len(others) <= 3 else " and others"
@@ -56,6 +72,11 @@ def survey(folder: Path, progress: Progress) -> Survey:
         originals.append(_read(path, listed.get(path)))
     progress("read", len(paths), len(paths))
     return Survey(tuple(originals), tuple(notes))
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """The picture files of a folder and its subfolders, in natural order."""
+    return _found(folder)[0]
 
 
 def natural(path: Path) -> list[tuple[str | int, ...]]:
@@ -113,7 +134,30 @@ def _listed(folder: Path, others: list[Path], notes: list[str]) -> dict[Path, Ex
         others.remove(path)
         exposures |= {path.parent / name: exposure for name, exposure in listed.items()}
         name = shown(path.relative_to(folder))
-        notes.append(f"The exposures of {len(listed)} photos are those of {name}, not of their EXIF.")
+        notes.append(
+            f"The exposures of {len(listed)} photos are those of {name}, not of their EXIF; "
+            "--exposures FILE gives others."
+        )
+    return exposures
+
+
+def _given(folder: Path, source: Path, paths: list[Path], notes: list[str]) -> dict[Path, Exposure]:
+    """Exposures from the list that was asked for, by a photograph's path in the folder, else by its name."""
+    listed = read_exposure_list(source)
+    exposures: dict[Path, Exposure] = {}
+    for name, exposure in listed.items():
+        relative = Path(name)
+        exact = [path for path in paths if path == folder / relative]
+        same = exact or [path for path in paths if path.name == relative.name]
+        if len(same) > 1:
+            raise InputError(
+                f"{source} names {shown(name)}, which is the name of {len(same)} photos: "
+                f"write its path from {folder}."
+            )
+        exposures |= dict.fromkeys(same, exposure)
+    if not exposures:
+        raise InputError(f"{source} names none of the photos in {folder}: correct the names in it.")
+    notes.append(f"The exposures of {len(exposures)} of {len(paths)} photos are those of {shown(source)}.")
     return exposures
 
 

@@ -1,35 +1,40 @@
 """`rig import`: a session made of photographs that exist, copied byte for byte."""
 
-import hashlib
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from capture.beginning import begin, folder_made, is_vacant
+from capture.beginning import folder_made
+from capture.copying import ORIGIN, Place, append_plans, begin_or_continue, copy_all, take_back
 from capture.deviation import deviates
-from capture.grouping import Bracket, sort_into_cameras, split_into_brackets
+from capture.frames import Numbered, frames_of_layout
+from capture.given_calibration import FILE as CALIBRATION
+from capture.given_calibration import check_sizes, has_poses, write_given, write_truth
+from capture.grouping import Identity, Series, sort_into_cameras, split_into_brackets
+from capture.layouts import detect, read_layout
+from capture.layouts.given import Given, LayoutName
 from capture.lock import sole_writer
-from capture.originals import Original, Progress, shown, survey
-from capture.recorder import Slot, shot_file
-from imaging import store
-from imaging.errors import InputError, PartialError, StorageError
+from capture.originals import Original, Progress, survey
+from capture.recorder import Slot
+from imaging.errors import InputError, PartialError
 from imaging.exposure import Exposure
-from imaging.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord
-from imaging.session import Session
-
-ORIGIN = "import"
+from imaging.records import CameraRecord, PlanRecord
 
 
 @dataclass(frozen=True)
 class ImportResult:
-    """What an import came to. guesses: a sentence each; missing: a sentence for each file left out."""
+    """What an import came to. guesses: a sentence each; missing: a sentence for each file left out.
+
+    views: those that came with a pose.
+    """
 
     session: Path
+    layout: LayoutName
     cameras: int
     frames: int
     shots: int
+    views: int
     guesses: tuple[str, ...]
     missing: tuple[str, ...] = ()
 
@@ -42,61 +47,97 @@ class ImportResult:
             )
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Where an original goes: its shot, and the plan that this belongs to."""
-
-    original: Original
-    slot: Slot
-    plan: str
-
-
 def import_photos(
     folder: Path,
     out: Path,
     *,
+    layout: LayoutName | None = None,
+    cameras: Identity | None = None,
     bracket: int | None = None,
+    exposures: Path | None = None,
     progress: Progress = lambda message, done, total: None,
 ) -> ImportResult:
     """Make a session at `out` of the photographs in `folder` and its subfolders; these stay untouched.
 
-    bracket: so many consecutive photographs of a camera are one bracket; guessed when None.
-    An import that was killed is completed by the same call. InputError when `folder` holds nothing
-    usable, or `out` is not empty or inside `folder`; StorageError when the disk refuses; both leave
-    nothing behind. Files that cannot be read are listed in the result.
+    layout: what else the folder holds; by the files in it when None. Lenses, poses and scene points of a
+    layout become the session's calibration. cameras: what tells cameras apart. bracket: so many
+    consecutive photographs of a camera are one bracket. exposures: a list of them (`exposure_list`).
+    Each is guessed when None. An import that was killed is completed by the same call. InputError when
+    `folder` holds nothing usable, its layout is damaged, or `out` is not empty or inside `folder`;
+    StorageError when the disk refuses; both leave nothing behind. Files that cannot be read are listed
+    in the result.
     """
     _check_folders(folder, out, bracket)
-    found = survey(folder, progress)
+    name = layout or detect(folder)
+    given = read_layout(folder, name)
+    named = None if given is None else {photo.path: photo.exposure for photo in given.photos}
+    found = survey(folder, progress, named=named, exposures=exposures)
+    lost = () if given is None else given.missing
     if not any(original.picture for original in found.originals):
-        raise _nothing_usable(folder, found.originals)
-    series, guesses = sort_into_cameras(folder, found.originals)
-    places: list[_Place] = []
+        raise _nothing_usable(folder, found.originals, lost)
+    notes = [*found.notes]
+    if given is not None:
+        check_sizes(given, found.originals)
+        notes = [_told_layout(given, layout), *given.notes, *notes]
+    labels = None if given is None else {photo.path: photo.camera for photo in given.photos}
+    sorted_series, guesses = sort_into_cameras(folder, found.originals, cameras, labels)
+    series = [_in_rig(one, given) for one in sorted_series]
+    places: list[Place] = []
     plans: list[PlanRecord] = []
     for one in series:
-        brackets, why = split_into_brackets(one, bracket)
-        guesses.append(why)
-        new_plans = _plans(one.camera, brackets, why)
+        first = 0 if given is None else 1 + max((place.slot.frame for place in places), default=-1)
+        told = None if given is None or bracket is not None else frames_of_layout(one, given, first)
+        if told is None:
+            brackets, why = split_into_brackets(one, bracket)
+            told = list(enumerate(brackets, start=first)), why
+        guesses.append(told[1])
+        new_plans = _plans(one.camera, *told)
         plans.extend(new_plans)
-        places.extend(_places(one.camera, brackets, new_plans))
-    cameras = tuple(one.camera for one in series)
+        places.extend(_places(one.camera, told[0], new_plans))
+    records = tuple(one.camera for one in series)
+    last = CALIBRATION if has_poses(given) else "session.json"
     with folder_made(out), sole_writer(out):
-        session, begun_here = _session(out, cameras, plans, places)
+        session, begun_here = begin_or_continue(out, records, plans, places, last)
         try:
-            _append_plans(session, plans)
-            unread = _copy_all(session, places, progress)
+            append_plans(session, plans)
+            if given is not None:
+                notes += write_truth(session, given, places)
+            unread = copy_all(session, places, progress)
+            given_views = 0
+            if given is not None and has_poses(given):
+                progress("writing the calibration", 0, 1)
+                given_views = len(write_given(session, given, places).views)
+                progress("writing the calibration", 1, 1)
         except BaseException as error:
             if begun_here and not isinstance(error, KeyboardInterrupt):
-                _remove(out)
+                take_back(out)
             raise
     unreadable = [original.error for original in found.originals if original.error is not None]
     return ImportResult(
         session=out,
-        cameras=len(cameras),
+        layout=name,
+        cameras=len(records),
         frames=len({place.slot.frame for place in places}),
         shots=len([place for place in places if place.original.picture]) - len(unread),
-        guesses=(*found.notes, *guesses),
-        missing=(*unreadable, *unread),
+        views=given_views,
+        guesses=(*notes, *guesses),
+        missing=(*lost, *unreadable, *unread),
     )
+
+
+def _told_layout(given: Given, asked: LayoutName | None) -> str:
+    what = f"Lenses and poses are those of {given.teller}" if has_poses(given) else "There are no poses"
+    told = "as given" if asked is not None else "--layout photos takes the photographs alone"
+    return f"{what}, the folder being read in the layout of {given.layout}; {told}."
+
+
+def _in_rig(series: Series, given: Given | None) -> Series:
+    """The same photographs; their camera mounted to others, if the layout says so."""
+    labels = {photo.path: photo.camera for photo in given.photos} if given is not None else {}
+    label = labels.get(series.originals[0].path, "")
+    if given is None or label not in given.rigs:
+        return series
+    return Series(series.camera.model_copy(update={"rig": given.rigs[label][0]}), series.originals)
 
 
 def _check_folders(folder: Path, out: Path, bracket: int | None) -> None:
@@ -108,7 +149,9 @@ def _check_folders(folder: Path, out: Path, bracket: int | None) -> None:
         raise InputError(f"a bracket of {bracket} photos is none: give 1 or more.")
 
 
-def _nothing_usable(folder: Path, originals: Sequence[Original]) -> InputError:
+def _nothing_usable(folder: Path, originals: Sequence[Original], lost: Sequence[str]) -> InputError:
+    if lost:
+        return InputError(f"{lost[0]}, and no other photograph is: copy the photographs to {folder}.")
     if not originals:
         return InputError(
             f"{folder} holds no RAW, JPEG, PNG, TIFF or EXR file: name a folder of photographs."
@@ -118,11 +161,11 @@ def _nothing_usable(folder: Path, originals: Sequence[Original]) -> InputError:
     return InputError(f"{folder} holds no photograph that can be read ({names}{more}): copy them again.")
 
 
-def _plans(camera: CameraRecord, brackets: Sequence[Bracket], why: str) -> list[PlanRecord]:
-    """One plan for each length of bracket; frames count from 0 in order."""
+def _plans(camera: CameraRecord, brackets: Numbered, why: str) -> list[PlanRecord]:
+    """One plan for each length of bracket."""
     plans = []
-    for size in sorted({len(bracket) for bracket in brackets}):
-        mine = {frame: bracket for frame, bracket in enumerate(brackets) if len(bracket) == size}
+    for size in sorted({len(bracket) for _, bracket in brackets}):
+        mine = {frame: bracket for frame, bracket in brackets if len(bracket) == size}
         plans.append(
             PlanRecord(
                 plan=f"{ORIGIN}-{camera.name}-{size}",
@@ -145,99 +188,10 @@ def _agreed(originals: Sequence[Original]) -> Exposure | None:
     return first if same else None
 
 
-def _places(camera: CameraRecord, brackets: Sequence[Bracket], plans: Sequence[PlanRecord]) -> list[_Place]:
+def _places(camera: CameraRecord, brackets: Numbered, plans: Sequence[PlanRecord]) -> list[Place]:
     plan_of = {frame: plan.plan for plan in plans for frame in plan.frames}
     return [
-        _Place(original, Slot(camera.name, frame, step), plan_of[frame])
-        for frame, bracket in enumerate(brackets)
+        Place(original, Slot(camera.name, frame, step), plan_of[frame])
+        for frame, bracket in brackets
         for step, original in enumerate(bracket)
     ]
-
-
-def _session(
-    out: Path, cameras: tuple[CameraRecord, ...], plans: Sequence[PlanRecord], places: Sequence[_Place]
-) -> tuple[Session, bool]:
-    """A new session, or the one that a killed import of the same photographs left; and whether it is new."""
-    if not is_vacant(out) and (out / "session.json").exists():
-        session = Session.open(out)
-        if _is_unfinished(session, cameras, plans, places):
-            return session, False
-    record = SessionRecord(name=out.resolve().name, created=datetime.now(UTC), origin=ORIGIN, cameras=cameras)
-    return begin(out, record), True
-
-
-def _append_plans(session: Session, plans: Sequence[PlanRecord]) -> None:
-    known = {plan.plan for plan in session.plans()}
-    for plan in plans:
-        if plan.plan not in known:
-            session.append_plan(plan)
-
-
-def _is_unfinished(
-    session: Session,
-    cameras: tuple[CameraRecord, ...],
-    plans: Sequence[PlanRecord],
-    places: Sequence[_Place],
-) -> bool:
-    """Whether all that the session holds is a part, not the whole, of this import."""
-    sources = {(p.plan, *p.slot): shown(p.original.path) for p in places if p.original.picture is not None}
-    shots = {shot.identity: shot.source for shot in session.shots()}
-    wanted = {plan.plan: (plan.bracket, plan.frames, plan.cameras) for plan in plans}
-    there = {plan.plan: (plan.bracket, plan.frames, plan.cameras) for plan in session.plans()}
-    return (
-        session.record.origin == ORIGIN
-        and session.record.cameras == cameras
-        and there.items() <= wanted.items()
-        and shots.items() <= sources.items()
-        and len(shots) < len(sources)
-    )
-
-
-def _copy_all(session: Session, places: Sequence[_Place], progress: Progress) -> list[str]:
-    """Copy what is not there yet, camera by camera; a sentence for each file that vanished meanwhile."""
-    have = {shot.identity for shot in session.shots() if session.file(shot).is_file()}
-    usable = [place for place in places if place.original.picture is not None]
-    unread: list[str] = []
-    for number, place in enumerate(usable):
-        progress(f"copying {shown(place.original.path.name)}", number, len(usable))
-        if (place.plan, *place.slot) not in have:
-            try:
-                data = place.original.path.read_bytes()
-            except OSError as error:
-                reason = (error.strerror or str(error)).lower()
-                unread.append(f"{shown(place.original.path)} could not be read ({reason})")
-                continue
-            _copy(session, place, data)
-    progress("copied", len(usable), len(usable))
-    return unread
-
-
-def _copy(session: Session, place: _Place, data: bytes) -> None:
-    """File first, line second, as the recorder does."""
-    original, slot = place.original, place.slot
-    assert original.picture is not None
-    file = shot_file(slot, original.path.suffix.lower().lstrip("."))
-    store.write_bytes(session.folder / file, data)
-    session.append_shot(
-        ShotRecord(
-            kind="scene",
-            plan=place.plan,
-            camera=slot.camera,
-            frame=slot.frame,
-            step=slot.step,
-            file=file,
-            sha256=hashlib.sha256(data).hexdigest(),
-            reported=original.exposure,
-            width=original.picture.width,
-            height=original.picture.height,
-            captured_at=original.picture.metadata.captured_at,
-            source=shown(original.path),
-        )
-    )
-
-
-def _remove(out: Path) -> None:
-    """Take back an import that failed: the folder was vacant before, and the originals are untouched."""
-    with suppress(StorageError):  # the failure that led here is the one to tell
-        for entry in out.iterdir():
-            store.discard(entry)

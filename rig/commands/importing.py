@@ -1,7 +1,7 @@
 """`rig import`: make a session of photographs that exist."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -10,39 +10,67 @@ from rig.running import Outcome, leaving_nothing, running, shortfall
 from rig.sessions import has_shots
 from rig.words import counted
 
+Layout = Literal["photos", "nerfstudio", "colmap", "hdr-nerf"]
+Identity = Literal["serial", "folder", "one"]
+
 
 def import_(
     photos: Annotated[
         Path, typer.Argument(metavar="PHOTOS", help="A folder of RAW, JPEG, PNG, TIFF or EXR files.")
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make.")],
+    layout: Annotated[
+        Layout | None, typer.Option(help="What else is in the folder; seen by its files if not given.")
+    ] = None,
+    cameras: Annotated[
+        Identity | None, typer.Option(help="What tells cameras apart; guessed if not given.")
+    ] = None,
     bracket: Annotated[
         int | None, typer.Option(min=1, help="Exposures in each bracket; guessed if not given.")
+    ] = None,
+    exposures: Annotated[
+        Path | None,
+        typer.Option(help="A list 'file, seconds, f-number, ISO', an .hdrgen or image_list.txt."),
     ] = None,
     as_json: JsonOption = False,
 ) -> Outcome:
     """Make a session of photographs.
 
     They are copied, and sorted into cameras, frames and brackets by what their files say; what had
-    to be guessed is told.
+    to be guessed is told. Lenses, poses and scene points of a nerfstudio, COLMAP or HDR-NeRF folder
+    are kept, so that it can be reconstructed at once.
 
     Example: rig import photos/ S
     """
     with running("import") as meter, leaving_nothing(out, unless=has_shots):
         from capture.photos import import_photos
 
-        result = import_photos(photos, out, bracket=bracket, progress=meter)
+        result = import_photos(
+            photos,
+            out,
+            layout=layout,
+            cameras=cameras,
+            bracket=bracket,
+            exposures=exposures,
+            progress=meter,
+        )
     lines = [
         f"{out}: {counted(result.shots, 'photo')} as {counted(result.frames, 'frame')} "
         f"of {counted(result.cameras, 'camera')}"
     ]
     lines += [f"  {guess}" for guess in result.guesses]
-    lines.append(f"Next: rig calibrate {out}")
+    if result.views:
+        lines.append(f"{counted(result.views, 'view')} with a pose that was given, not measured")
+        lines.append(f"Next: rig reconstruct {out}, or first rig calibrate {out} --only response")
+    else:
+        lines.append(f"Next: rig calibrate {out}")
     data = {
         "session": str(out),
+        "layout": result.layout,
         "cameras": result.cameras,
         "frames": result.frames,
         "shots": result.shots,
+        "views_with_pose": result.views,
         "guesses": list(result.guesses),
         "missing_photos": list(result.missing),
     }

@@ -1,0 +1,144 @@
+"""A COLMAP project: `images/` beside `sparse/0/` with cameras, images and points3D (.bin or .txt)."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture.layouts.colmap_files import check_whole
+from capture.layouts.given import Given, GivenPhoto, lens_of, pose_of
+from capture.originals import pictures_in, shown
+from imaging import store
+from imaging.calibration import Lens, LensModel, Pose
+from imaging.colmap import pycolmap
+from imaging.errors import InputError
+
+MODELS: Mapping[str, LensModel] = {
+    "SIMPLE_PINHOLE": "PINHOLE",
+    "PINHOLE": "PINHOLE",
+    "SIMPLE_RADIAL": "SIMPLE_RADIAL",
+    "RADIAL": "RADIAL",
+    "OPENCV": "OPENCV",
+}
+"""COLMAP's camera models that rig has a lens for."""
+
+
+def model_folder(folder: Path) -> Path | None:
+    """Where the sparse model of a project lies; None if the folder has none."""
+    for place in (folder / "sparse" / "0", folder / "sparse"):
+        if any((place / f"cameras.{kind}").is_file() for kind in ("bin", "txt")):
+            return place
+    return None
+
+
+def images_folder(folder: Path) -> Path:
+    """Where the photographs lie that the model names: `images/`, else the folder itself."""
+    images = folder / "images"
+    return images if images.is_dir() else folder
+
+
+def read(folder: Path) -> Given:
+    """The photographs of a project; those that the model does not name come without a pose.
+
+    InputError if there is no model or it is damaged. A camera of a model that rig has no lens for
+    leaves its photographs without lens and pose, and a note says so.
+    """
+    place = model_folder(folder)
+    if place is None:
+        raise InputError(f"{folder} has no sparse/0 with cameras.bin or cameras.txt: use --layout photos.")
+    model = read_model(place)
+    root = images_folder(folder)
+    notes, missing = [], []
+    lenses = {key: lens_of_camera(camera, place) for key, camera in sorted(model.cameras.items())}
+    unfit = {model.cameras[key].model_name for key, lens in lenses.items() if lens is None}
+    if unfit:
+        notes.append(
+            f"Cameras of the model {' and '.join(sorted(unfit))} come without lens and poses, since rig has "
+            "no such lens: undistort the images first if the poses matter."
+        )
+    rigs = _rigs(model, place)
+    frames = _frames(model) if rigs else {}
+    photos: dict[Path, GivenPhoto] = {}
+    for key, image in sorted(model.images.items(), key=lambda item: item[1].name):
+        path = store.inside(root, image.name)
+        if not path.is_file():
+            missing.append(f"{shown(path)} is named in {place} but is not there")
+            continue
+        lens = lenses[image.camera_id]
+        pose = pose_of_image(image, place) if lens is not None and image.has_pose else None
+        photos[path] = GivenPhoto(path, str(image.camera_id), lens, pose, frame=frames.get(key))
+    rest = [path for path in pictures_in(root) if path not in photos] if root.name == "images" else []
+    if rest:
+        count = "1 photo" if len(rest) == 1 else f"{len(rest)} photos"
+        notes.append(f"{count} that {place} has no pose for: rig calibrate may find it.")
+        photos |= {path: GivenPhoto(path, _camera_beside(path, photos)) for path in rest}
+    return Given(
+        "colmap",
+        place,
+        tuple(photos.values()),
+        model=place,
+        images=root,
+        rigs=rigs,
+        missing=tuple(missing),
+        notes=tuple(notes),
+    )
+
+
+def read_model(place: Path) -> Any:
+    """The pycolmap reconstruction of a model folder; InputError if it is damaged."""
+    check_whole(place)
+    try:
+        return pycolmap.Reconstruction(str(place))
+    except Exception as error:  # of many types, one for each way in which a file may be wrong
+        raise InputError(f"{place} cannot be read as a COLMAP model: export it again.") from error
+
+
+def lens_of_camera(camera: Any, place: Path) -> Lens | None:
+    """The lens of a COLMAP camera; None if its model is none that rig has."""
+    model = MODELS.get(camera.model_name)
+    if model is None:
+        return None
+    names = [name.strip() for name in camera.params_info.split(",")]
+    values = dict(zip(names, (float(value) for value in camera.params), strict=True))
+    focal = values.pop("f", None)
+    if focal is not None:
+        values |= {"fx": focal, "fy": focal}
+    if "k" in values:
+        values["k1"] = values.pop("k")
+    size = (int(camera.width), int(camera.height))
+    return lens_of(model, size, values, f"camera {camera.camera_id} of {place}")
+
+
+def pose_of_image(image: Any, place: Path) -> Pose:
+    """Where an image of a COLMAP model was taken from."""
+    motion = np.eye(4)
+    motion[:3] = np.asarray(image.cam_from_world().matrix())
+    return pose_of(motion, f"{image.name} in {place}")
+
+
+def _camera_beside(path: Path, photos: Mapping[Path, GivenPhoto]) -> str:
+    """The camera of the other photographs of a folder, if they are all of one; else one of its own."""
+    cameras = {photo.camera for other, photo in photos.items() if other.parent == path.parent}
+    return cameras.pop() if len(cameras) == 1 else "unknown"
+
+
+def _rigs(model: Any, place: Path) -> dict[str, tuple[str, Pose]]:
+    """Rig and `cam_from_rig` of the cameras that share a rig with another."""
+    rigs: dict[str, tuple[str, Pose]] = {}
+    for key, rig in sorted(model.rigs.items()):
+        if rig.num_sensors() < 2:
+            continue
+        motions = {rig.ref_sensor_id.id: np.eye(4)}
+        for sensor, motion in rig.non_ref_sensors.items():
+            if motion is not None:
+                motions[sensor.id] = np.vstack([np.asarray(motion.matrix()), [0.0, 0.0, 0.0, 1.0]])
+        for camera, motion in motions.items():
+            rigs[str(camera)] = (f"rig{key}", pose_of(motion, f"camera {camera} of {place}"))
+    return rigs
+
+
+def _frames(model: Any) -> dict[int, int]:
+    """The frame, from 0, of every image of a model with rigs."""
+    number = {key: index for index, key in enumerate(sorted(model.frames))}
+    return {key: number[image.frame_id] for key, image in model.images.items()}

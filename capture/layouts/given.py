@@ -1,0 +1,125 @@
+"""What a layout tells about photographs, and the checks that every layout shares."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import ValidationError
+from scipy.spatial.transform import Rotation
+
+from imaging.calibration import Lens, LensModel, Pose
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+
+LayoutName = Literal["photos", "nerfstudio", "colmap", "hdr-nerf"]
+
+Array = npt.NDArray[np.float64]
+
+FARTHEST = 1e9
+"""A camera further than this from the origin, in any unit, is a damaged number."""
+ROUNDING = 1e-3
+"""By so much may the columns of a rotation differ from unit and orthogonal: files round to few digits."""
+
+OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Camera axes x right, y up, z back become x right, y down, z forward."""
+
+
+@dataclass(frozen=True)
+class GivenPhoto:
+    """One photograph that a layout names.
+
+    camera: the layout's word for the camera; photographs of one word share a lens. lens: at the size
+    that the layout states, None where rig has no such lens model. cam_from_world: None where the
+    layout has no pose. frame: photographs of one camera and frame are a bracket; None: not told.
+    """
+
+    path: Path
+    camera: str
+    lens: Lens | None = None
+    cam_from_world: Pose | None = None
+    exposure: Exposure | None = None
+    frame: int | None = None
+
+
+@dataclass(frozen=True)
+class Given:
+    """A layout that was read. photos: in order.
+
+    source: the file that most was read from. model: folder of a COLMAP model with scene points, whose
+    names are relative to `images`. rigs: of cameras that are mounted to each other, the name of their
+    rig and `cam_from_rig`. truth: true light of a frame, linear EXR. missing: a sentence for each
+    photograph that is named and not there. notes: what was assumed, or could not be kept.
+    """
+
+    layout: LayoutName
+    source: Path
+    photos: tuple[GivenPhoto, ...]
+    model: Path | None = None
+    images: Path | None = None
+    rigs: dict[str, tuple[str, Pose]] = field(default_factory=dict)
+    truth: dict[int, Path] = field(default_factory=dict)
+    missing: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def teller(self) -> str:
+        """The source as sentences name it: `transforms.json`, `sparse/0`."""
+        return f"{self.source.parent.name}/{self.source.name}" if self.source.is_dir() else self.source.name
+
+
+def pose_of(cam_from_world: Array, where: str) -> Pose:
+    """A rigid motion [4, 4] in OpenCV's axes as a Pose; InputError, naming `where`, if it is none."""
+    rotation, translation = cam_from_world[:3, :3], cam_from_world[:3, 3]
+    if cam_from_world.shape != (4, 4) or not np.isfinite(cam_from_world).all():
+        raise InputError(f"{where} has a pose that is not made of 4x4 finite numbers: export it again.")
+    if np.abs(rotation.T @ rotation - np.eye(3)).max() > ROUNDING or np.linalg.det(rotation) < 0:
+        raise InputError(f"{where} has a pose that is no rotation but scales, shears or mirrors: correct it.")
+    if not np.allclose(cam_from_world[3], [0, 0, 0, 1]) or np.abs(translation).max() > FARTHEST:
+        raise InputError(f"{where} has a pose that no camera can have: correct it or take the entry out.")
+    w, x, y, z = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True).tolist()
+    tx, ty, tz = translation.tolist()
+    return Pose(quaternion=(w, x, y, z), translation=(tx, ty, tz))
+
+
+def inverse(motion: Array, where: str) -> Array:
+    """The inverse of a motion [4, 4]; InputError, naming `where`, if it has none."""
+    try:
+        if not np.isfinite(motion).all():
+            raise np.linalg.LinAlgError
+        return np.asarray(np.linalg.inv(motion))
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"{where} has a pose that is not made of 4x4 finite numbers: export it again."
+        ) from error
+
+
+def lens_of(model: LensModel, size: tuple[int, int], parameters: dict[str, float], where: str) -> Lens:
+    """A lens for pictures of `size` (width, height); InputError, naming `where`, if it cannot be one.
+
+    parameters: fx, fy, cx, cy and any of k1, k2, p1, p2.
+    """
+    width, height = size
+    try:
+        lens = Lens(model=model, width=width, height=height, **parameters)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field_name = ".".join(str(part) for part in first["loc"])
+        raise InputError(
+            f"{where} has a lens that cannot be ({field_name}: {first['msg'].lower()}): correct it."
+        ) from error
+    diagonal = math.hypot(width, height)
+    sound = (
+        all(1e-3 * diagonal < focal < 1e4 * diagonal for focal in (lens.fx, lens.fy))
+        and abs(lens.cx - width / 2) < 2 * width
+        and abs(lens.cy - height / 2) < 2 * height
+        and all(abs(term) < 1e3 for term in (lens.k1, lens.k2, lens.p1, lens.p2))
+    )
+    if not sound:
+        raise InputError(
+            f"{where} has a lens that cannot be (focal length, centre or distortion out of "
+            f"proportion to {width}x{height} pixels): correct it."
+        )
+    return lens
