@@ -80,6 +80,8 @@ class Response(Record):
     codes: tuple[float, ...] = ()
     log_exposure: tuple[tuple[float, ...], ...] = ()
     """[3][len(codes)], natural log, rising."""
+    sigma: tuple[tuple[float, ...], ...] = ()
+    """[3][len(codes)], standard error of log_exposure; 0 at the code that fixes the scale; empty: not known."""
     valid: tuple[float, float] = (0.0, 1.0)
     """Code values between which the curve was measured; beyond it is extrapolated."""
     evidence: str
