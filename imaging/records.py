@@ -77,6 +77,8 @@ class PlanRecord(Record):
     frames: tuple[int, ...]
     cameras: tuple[Name, ...]
     reason: str
+    asked: str | None = None
+    """The bracket in the words in which it was asked for: a run that goes on with the plan asks for the same."""
 
 
 class ShotRecord(Record):

@@ -14,6 +14,7 @@ from rig.commands import (
     doctor,
     evaluate,
     importing,
+    init,
     reconstruct,
     render,
     simulate,
@@ -57,6 +58,7 @@ def rig(
 
 COMMANDS: dict[str, Callable[..., Outcome]] = {
     "demo": demo.demo,
+    "init": init.init,
     "capture": capture.capture,
     "import": importing.import_,
     "check": check.check,

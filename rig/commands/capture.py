@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import JsonOption, SeedOption, Stops, shutter, stops
+from rig.buses import bus_of, hands_at
+from rig.commands.options import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.commands.rehearsal import rehearse
 from rig.progress import Meter
 from rig.running import Outcome, leaving_nothing, running, shortfall
@@ -16,16 +18,36 @@ from rig.words import counted
 
 if TYPE_CHECKING:
     from capture.planner import Wanted
+    from capture.rigfile import RigFile
+    from capture.source import Subject
 
 
 def capture(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make.")],
-    sim: Annotated[
-        str, typer.Option(metavar="NAME", help="The simulated rig: demo, demo-ldr, toy or toy-ldr.")
+    context: typer.Context,
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="[RIG.toml] OUT",
+            help="The rig file that rig init wrote, unless --sim names a rig; and the session folder to "
+            "make, or to add to.",
+        ),
     ],
+    sim: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="A simulated rig: demo, demo-ldr, toy or toy-ldr. With RIG.toml: its cameras in place of "
+            "real ones.",
+        ),
+    ] = None,
     seed: SeedOption = 0,
     frames: Annotated[
-        int | None, typer.Option(min=1, help="How many positions of the rig; all if not given.")
+        int | None,
+        typer.Option(
+            min=1,
+            help="How many positions of the rig: those of RIG.toml, or all that are simulated, if not given. "
+            "Of darks and flats how many repeats (16), of the board how many poses (20).",
+        ),
     ] = None,
     bracket: Annotated[
         Stops | None,
@@ -33,7 +55,7 @@ def capture(
             parser=stops,
             metavar="auto|STOPS",
             help="Stops relative to the rig's middle exposure, as -4,-2,0,2,4; auto: the fewest that the "
-            "metered scene needs; the rig's own bracket if not given.",
+            "metered scene needs; that of RIG.toml, or the simulated rig's own, if not given.",
         ),
     ] = None,
     snr: Annotated[
@@ -73,52 +95,111 @@ def capture(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what would be shot and write nothing.")
     ] = False,
+    darks: Annotated[
+        bool,
+        typer.Option("--darks", help="Add to OUT, with the lenses covered, the exposures of the scene."),
+    ] = False,
+    flats: Annotated[
+        bool,
+        typer.Option("--flats", help="Add to OUT an evenly lit surface, at a dozen levels up to 90 % white."),
+    ] = False,
+    board: Annotated[
+        bool, typer.Option("--board", help="Add to OUT a calibration board, one metered exposure a pose.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> Outcome:
     """Shoot a session.
 
     Every camera of the rig takes a bracket at every position. Every finished shot is safe on the
-    disk; a capture that was stopped is completed by --resume.
+    disk; a capture that was stopped is completed by --resume. Frames for the calibration go into the
+    same session, before the scene or after it.
 
-    Example: rig capture --sim demo S --seed 1
+    Example: rig capture RIG.toml S --bracket auto --slowest 1/4
     """
+    rig_file, out = _places(context, paths, sim)
+    kind = _kind(context, {"dark": darks, "flat": flats, "board": board})
+    limits = {"snr": snr, "slowest": slowest, "total": total, "highest_iso": highest_iso}
+    if kind != "scene" and (bracket == () or any(value is not None for value in limits.values())):
+        raise WrongUsage("An automatic bracket, and its limits, are for scenes: leave them out", context)
+    rig = _read(rig_file)
     chosen = tuple(bracket) if bracket else None
-    auto = _wanted(bracket, snr, slowest, total, highest_iso)
+    auto = _wanted(bracket, limits, rig)
     if dry_run:
-        with running("plan"):
-            return rehearse(sim, out, seed=seed, frames=frames, chosen=chosen, auto=auto)
+        with running("plan") as meter:
+            return rehearse(
+                sim, out, meter, rig=rig, seed=seed, kind=kind, frames=frames, chosen=chosen, auto=auto
+            )
     with running("capture", go_on=f"run the same command again with --resume to complete {out}") as meter:
         return run_capture(
-            sim, out, meter, seed=seed, frames=frames, chosen=chosen, auto=auto, resume=resume, rough=rough
+            sim,
+            out,
+            meter,
+            rig=rig,
+            seed=seed,
+            kind=kind,
+            frames=frames,
+            chosen=chosen,
+            auto=auto,
+            resume=resume,
+            rough=rough,
         )
 
 
-def _wanted(
-    bracket: Stops | None,
-    snr: float | None,
-    slowest: float | None,
-    total: float | None,
-    highest_iso: int | None,
-) -> Wanted | None:
-    """What an automatic bracket has to reach; InputError where its options are given without it."""
+def _places(context: typer.Context, paths: list[Path], sim: str | None) -> tuple[Path | None, Path]:
+    """The rig file, if there is one, and the session folder."""
+    if len(paths) > 2:
+        raise WrongUsage(f"Got unexpected extra argument ({paths[2]})", context)
+    if len(paths) == 2:
+        return paths[0], paths[1]
+    if sim is not None:
+        return None, paths[0]
+    if paths[0].suffix == ".toml":
+        raise WrongUsage("Missing argument 'OUT', the session folder", context)
+    raise WrongUsage(f"Missing option '--sim', or the rig file before {paths[0]}", context)
+
+
+def _kind(context: typer.Context, wanted: dict[Subject, bool]) -> Subject:
+    """What is to be shot: the scene, or one of the frames for calibration."""
+    chosen = [kind for kind, is_wanted in wanted.items() if is_wanted]
+    if len(chosen) > 1:
+        raise WrongUsage("--darks, --flats and --board are shot one after the other: give one", context)
+    return chosen[0] if chosen else "scene"
+
+
+def _read(rig_file: Path | None) -> RigFile | None:
+    from capture.rigfile import read_rig_file
+
+    return None if rig_file is None else read_rig_file(rig_file)
+
+
+def _wanted(bracket: Stops | None, limits: dict[str, float | None], rig: RigFile | None) -> Wanted | None:
+    """What an automatic bracket has to reach, if the command line says anything of that.
+
+    What it leaves out is that of the rig file. InputError where limits are given to no automatic bracket.
+    """
     from capture.planner import Wanted
     from imaging.errors import InputError
 
-    if bracket is not None and not bracket:
-        return Wanted(20.0 if snr is None else snr, slowest, total, highest_iso)
-    given = {"--snr": snr, "--slowest": slowest, "--total": total, "--highest-iso": highest_iso}
-    for option, value in given.items():
-        if value is not None:
-            raise InputError(f"{option} only limits a bracket that is planned: add --bracket auto.")
+    usual = rig is not None and rig.tables.bracket.exposures == "auto"
+    given = {name: value for name, value in limits.items() if value is not None}
+    if bracket == () or (bracket is None and usual and given):
+        return replace(Wanted() if rig is None else rig.tables.bracket.wanted, **given)
+    if given and not usual:
+        option = "--" + next(iter(given)).replace("_", "-")
+        raise InputError(f"{option} only limits a bracket that is planned: add --bracket auto.")
+    if given:
+        raise InputError("stops are no bracket that is planned: leave --bracket or its limits out.")
     return None
 
 
 def run_capture(
-    sim: str,
+    sim: str | None,
     out: Path,
     meter: Meter,
     *,
     seed: int,
+    rig: RigFile | None = None,
+    kind: Subject = "scene",
     frames: int | None = None,
     chosen: tuple[float, ...] | None = None,
     auto: Wanted | None = None,
@@ -127,21 +208,42 @@ def run_capture(
 ) -> Outcome:
     """Capture and say what came of it."""
     with leaving_nothing(out, unless=has_shots):
+        from capture.connected_rig import capture_rig
         from capture.simulated import capture_simulated
         from drivers.sim.faults import ROUGH
 
-        mix = ROUGH if rough else None
-        result = capture_simulated(
-            sim,
-            out,
-            seed=seed,
-            frames=frames,
-            bracket=chosen,
-            auto=auto,
-            resume=resume,
-            mix=mix,
-            progress=meter,
-        )
+        if rig is not None:
+            bus = bus_of(sim, seed, rough=rough)
+            result = capture_rig(
+                rig,
+                out,
+                kind=kind,
+                frames=frames,
+                bracket=chosen,
+                auto=auto,
+                resume=resume,
+                hands=hands_at(bus, rig, meter),
+                positions=bus.rig.frames if bus.rig else None,
+                backend=bus.backend,
+                clock=bus.clock,
+                progress=meter,
+                say=meter.say,
+            )
+        else:
+            assert sim is not None  # the command line was looked through
+            result = capture_simulated(
+                sim,
+                out,
+                seed=seed,
+                kind=kind,
+                frames=frames,
+                bracket=chosen,
+                auto=auto,
+                resume=resume,
+                mix=ROUGH if rough else None,
+                progress=meter,
+                say=meter.say,
+            )
     there = result.taken + result.kept
     kept = f", {result.kept} of them taken before" if result.kept else ""
     lines = [f"{out}: {there} of {counted(result.planned, 'shot')}{kept}"]

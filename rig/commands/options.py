@@ -34,11 +34,20 @@ def seconds(text: str) -> float:
 
 def shutter(text: str) -> float:
     """`1/30`, `0.5` or `2s` as seconds; typer.BadParameter otherwise."""
-    match = re.fullmatch(r"\s*(?:(1)\s*/\s*)?(\d+(?:\.\d+)?)\s*s?\s*", text)
-    value = float(match[2]) if match else 0.0
-    if not (value > 0 and math.isfinite(value)):
-        raise typer.BadParameter("write a shutter time as 1/30, 0.5 or 2s")
-    return 1.0 / value if match and match[1] else value
+    from capture.shutter_time import seconds_of
+
+    try:
+        return seconds_of(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+class WrongUsage(typer.BadParameter):
+    """Options that do not go together; the message begins with a capital letter and ends without a stop."""
+
+    def format_message(self) -> str:
+        """The message as it is."""
+        return self.message
 
 
 class Stops(tuple[float, ...]):

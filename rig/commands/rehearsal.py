@@ -6,47 +6,80 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rig.buses import bus_of, hands_at
+from rig.progress import Meter
 from rig.running import Outcome
 from rig.words import counted, size
 
 if TYPE_CHECKING:
     from capture.planner import Wanted
-    from capture.simulated import Rehearsal
+    from capture.rigfile import RigFile
+    from capture.shooting import Rehearsal
+    from capture.source import Subject
+
+
+_FRAMES = {"scene": "position", "dark": "repeat", "flat": "repeat", "board": "pose"}
 
 
 def rehearse(
-    sim: str,
+    sim: str | None,
     out: Path,
+    meter: Meter,
     *,
+    rig: RigFile | None,
     seed: int,
+    kind: Subject,
     frames: int | None,
     chosen: tuple[float, ...] | None,
     auto: Wanted | None,
 ) -> Outcome:
     """Meter, plan and say so; nothing is written."""
+    from capture.connected_rig import rehearse_rig
     from capture.simulated import rehearse_simulated
 
-    done = rehearse_simulated(sim, seed=seed, frames=frames, bracket=chosen, auto=auto)
+    if rig is not None:
+        bus = bus_of(sim, seed)
+        done = rehearse_rig(
+            rig,
+            out,
+            kind=kind,
+            frames=frames,
+            bracket=chosen,
+            auto=auto,
+            hands=hands_at(bus, rig, meter),
+            positions=bus.rig.frames if bus.rig else None,
+            backend=bus.backend,
+            clock=bus.clock,
+            say=meter.say,
+        )
+    else:
+        assert sim is not None  # the command line was looked through
+        done = rehearse_simulated(sim, out, seed=seed, kind=kind, frames=frames, bracket=chosen, auto=auto)
     record = done.record
     steps = [str(exposure) for exposure in record.bracket]
     shots = len(record.cameras) * len(record.frames) * len(steps)
-    most = shots * done.width * done.height * 2
+    width, height = done.size or (None, None)
+    most = shots * width * height * 2 if width and height else None
+    big = "" if most is None else f" of {width} x {height}, at most {size(most)}"
     data = {
         "session": str(out),
+        "kind": record.kind,
         "cameras": list(record.cameras),
         "frames": len(record.frames),
         "bracket": steps,
         "reason": record.reason,
         "shots": shots,
-        "width": done.width,
-        "height": done.height,
+        "width": width,
+        "height": height,
         "bytes_at_most": most,
     }
     lines = [
-        f"{counted(len(record.cameras), 'camera')}, {counted(len(record.frames), 'position')}, "
-        f"{counted(len(steps), 'exposure')} each ({', '.join(steps)}): {counted(shots, 'shot')} of "
-        f"{done.width} x {done.height}, at most {size(most)}, into {out}"
+        f"{counted(len(record.cameras), 'camera')}, {counted(len(record.frames), _FRAMES[record.kind])}, "
+        f"{counted(len(steps), 'exposure')} each ({', '.join(steps)}): {counted(shots, 'shot')}{big}, "
+        f"into {out}"
     ]
+    if record.kind != "scene":
+        return Outcome(data, lines)
     more, table = _worth(done)
     return Outcome(data | more, lines + table)
 

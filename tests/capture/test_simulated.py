@@ -208,7 +208,7 @@ def test_plans_that_the_rig_cannot_shoot_are_refused(toy, tmp_path):
 
 def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
     wanted = Wanted(snr=20.0, slowest=1 / 4)
-    rehearsed = rehearse_simulated("toy", seed=3, auto=wanted)
+    rehearsed = rehearse_simulated("toy", tmp_path / "s", seed=3, auto=wanted)
     assert list(tmp_path.iterdir()) == []
     out = tmp_path / "s"
     result = capture_simulated("toy", out, seed=3, auto=wanted)
@@ -222,7 +222,9 @@ def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
     # The meter's own shots leave no trace in the frames: without them they have the same bytes.
     before = tree(out)
     cut(out, 4)
-    again = capture_simulated("toy", out, seed=3, auto=Wanted(snr=30.0), resume=True)
+    with pytest.raises(InputError, match=r"planned with the bracket auto, snr 20, slowest 0\.25 \(.*snr 30"):
+        capture_simulated("toy", out, seed=3, auto=Wanted(snr=30.0), resume=True)
+    again = capture_simulated("toy", out, seed=3, auto=wanted, resume=True)
     assert (again.kept, again.missing) == (4, ())
     assert Session.open(out).plans() == [plan]
     assert tree(out / "raw") == {n[4:]: data for n, data in before.items() if n.startswith("raw/")}

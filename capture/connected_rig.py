@@ -1,0 +1,220 @@
+"""`rig capture RIG.toml`: a session shot by the cameras that a rig file names."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+from capture.choices import common_isos
+from capture.planner import Wanted
+from capture.recorder import CaptureResult, Progress
+from capture.rigfile import RigFile
+from capture.shooting import Rehearsal, Say, nothing_beside, rehearse, shoot
+from capture.source import Hands, Request, Source, Stops, Subject
+from drivers.camera import Camera, CameraIdentity
+from drivers.clock import Clock, SystemClock
+from drivers.connected import find_cameras
+from drivers.usb import default_backend
+from imaging.dng import Compression
+from imaging.errors import CameraError, CaptureError, InputError
+from imaging.records import CameraRecord
+
+
+class Unattended:
+    """Nobody is there to move anything."""
+
+    def show(self, kind: Subject) -> None:
+        """Nothing."""
+
+    def move_to(self, frame: int) -> None:
+        """Nothing."""
+
+
+@runtime_checkable
+class Wired(Protocol):
+    """A camera with lines for a hardware trigger."""
+
+    def listen(self, line: str) -> None:
+        """Expose on a rising edge of that input."""
+        ...
+
+    def drive(self, line: str) -> None:
+        """Show on that output that it exposes."""
+        ...
+
+
+def capture_rig(
+    rig: RigFile,
+    out: Path,
+    *,
+    kind: Subject = "scene",
+    frames: int | None = None,
+    bracket: Stops | None = None,
+    auto: Wanted | None = None,
+    resume: bool = False,
+    compression: Compression = "none",
+    hands: Hands | None = None,
+    positions: int | None = None,
+    backend: Any = None,
+    clock: Clock | None = None,
+    progress: Progress = lambda message, done, total: None,
+    say: Say = lambda line: None,
+) -> CaptureResult:
+    """Shoot with the connected cameras that a rig file names into the session folder `out`.
+
+    kind, frames, bracket, auto, resume: as for `capture_simulated`; what is None is that of the rig file.
+    hands: who moves rig, scene, lens caps and boards; nobody if None. positions: how many there are.
+    backend, clock: of the bus that the cameras are on; None: this machine's.
+
+    InputError: `out` cannot be used, or a camera cannot be triggered as the file says. CaptureError: a
+    camera that it names is not there, or what is there cannot be metered. StorageError: the disk refuses;
+    what was finished stays.
+    """
+    request = Request(kind, frames, bracket if auto is None else auto)
+    with _opened(rig, hands, positions, backend, clock, say) as source:
+        return shoot(
+            source,
+            out,
+            request,
+            resume=resume,
+            compression=compression,
+            progress=progress,
+            say=say,
+        )
+
+
+def rehearse_rig(
+    rig: RigFile,
+    out: Path,
+    *,
+    kind: Subject = "scene",
+    frames: int | None = None,
+    bracket: Stops | None = None,
+    auto: Wanted | None = None,
+    hands: Hands | None = None,
+    positions: int | None = None,
+    backend: Any = None,
+    clock: Clock | None = None,
+    say: Say = lambda line: None,
+) -> Rehearsal:
+    """Plan what `capture_rig` would shoot, with the scene metered, and write nothing."""
+    request = Request(kind, frames, bracket if auto is None else auto)
+    with _opened(rig, hands, positions, backend, clock, say) as source:
+        return rehearse(source, out, request)
+
+
+@contextmanager
+def _opened(
+    rig: RigFile,
+    hands: Hands | None,
+    positions: int | None,
+    backend: Any,
+    clock: Clock | None,
+    say: Say,
+) -> Iterator[Source]:
+    """The source that a rig file describes, its cameras opened, and in the end let go."""
+    clock = clock or SystemClock()
+    cameras = find_cameras(backend if backend is not None else default_backend(), clock)
+    try:
+        known, strangers = _identified(rig, cameras)
+        for identity in strangers:
+            say(f"{identity.make} {identity.model} {identity.serial} is connected and not in {rig.path}.")
+        _wire(rig, {name: camera for name, (camera, _) in known.items()})
+        yield _source(rig, known, hands or Unattended(), positions, clock)
+    finally:
+        for camera in cameras:
+            camera.close()
+
+
+def _source(
+    rig: RigFile,
+    known: Mapping[str, tuple[Camera, CameraIdentity]],
+    hands: Hands,
+    positions: int | None,
+    clock: Clock,
+) -> Source:
+    tables = rig.tables
+    cameras = {name: camera for name, (camera, _) in known.items()}
+    lowest = common_isos([camera.capabilities() for camera in cameras.values()])[0]
+    records = tuple(
+        CameraRecord(
+            name=table.name,
+            serial=table.serial,
+            make=known[table.name][1].make,
+            model=known[table.name][1].model,
+            kind=known[table.name][1].kind,
+            rig=table.rig,
+        )
+        for table in tables.camera
+    )
+    bracket = tables.bracket
+    return Source(
+        called=str(rig.path),
+        origin=rig.path.name,
+        seed=None,
+        records=records,
+        cameras=cameras,
+        clock=clock,
+        hands=hands,
+        bracket=bracket.wanted if bracket.exposures == "auto" else bracket.exposures,
+        middle=bracket.middle(lowest),
+        f_number=bracket.f_number,
+        positions=positions,
+        frames=tables.frames,
+        size=None,
+        beside=nothing_beside,
+    )
+
+
+def _identified(
+    rig: RigFile, cameras: Sequence[Camera]
+) -> tuple[dict[str, tuple[Camera, CameraIdentity]], list[CameraIdentity]]:
+    """The cameras by the names that the file gives their serial numbers, and those that it does not name.
+
+    CaptureError if one is not there, or two have the serial number of one.
+    """
+    found: dict[str, tuple[Camera, CameraIdentity]] = {}
+    refused: list[str] = []
+    for camera in cameras:
+        try:
+            identity = camera.identify()
+        except CameraError as error:
+            refused.append(str(error).rstrip("."))
+            continue
+        if identity.serial in found:
+            raise CaptureError(
+                f"two cameras have the serial number {identity.serial!r} and cannot be told apart: "
+                "unplug one of them."
+            )
+        found[identity.serial] = (camera, identity)
+    known: dict[str, tuple[Camera, CameraIdentity]] = {}
+    for index, table in enumerate(rig.tables.camera):
+        if table.serial not in found:
+            there = ", ".join(sorted(found)) or "no camera"
+            more = f" ({'; '.join(refused)})" if refused else ""
+            raise CaptureError(
+                f"{rig.at('camera', index, 'serial')}: {table.name} with the serial number {table.serial!r} "
+                f"is not connected, {there} is{more}: connect it, or correct the file."
+            )
+        known[table.name] = found[table.serial]
+    named = {table.serial for table in rig.tables.camera}
+    return known, [identity for serial, (_, identity) in sorted(found.items()) if serial not in named]
+
+
+def _wire(rig: RigFile, cameras: Mapping[str, Camera]) -> None:
+    """Have the cameras trigger as the file says; InputError if one has no lines."""
+    trigger = rig.tables.trigger
+    if trigger.mode == "software":
+        return
+    assert trigger.line is not None  # the file was validated
+    for index, table in enumerate(rig.tables.camera):
+        camera = cameras[table.name]
+        if not isinstance(camera, Wired):
+            raise InputError(
+                f"{rig.at('camera', index)}: {table.name} has no lines for a hardware trigger; "
+                'set mode = "software" in [trigger].'
+            )
+        if table.name == trigger.leader:
+            camera.drive(trigger.output or trigger.line)
+        else:
+            camera.listen(trigger.line)

@@ -1,0 +1,101 @@
+"""A session is completed by the cameras that began it, and with the plan that it has."""
+
+from collections.abc import Callable, Sequence
+
+from capture.levels import around
+from capture.planner import Wanted
+from capture.planning import asked_for
+from capture.source import Request, Source
+from imaging.errors import InputError
+from imaging.records import CameraRecord, PlanRecord, SessionRecord
+from imaging.session import Session
+
+
+def must_be_the_same(session: Session, wanted: SessionRecord) -> None:
+    """InputError that says in what the cameras of a session are others than these."""
+    there = session.record
+    by_name = there.origin == wanted.origin or (_is_rig_file(there.origin) and _is_rig_file(wanted.origin))
+    if not by_name:
+        raise InputError(
+            f"{session.folder} was captured from {there.origin}, not {wanted.origin}: "
+            "resume it with the same rig, or name a new folder."
+        )
+    if there.seed != wanted.seed:
+        raise InputError(
+            f"{session.folder} was captured with seed {there.seed}, not {wanted.seed}: "
+            "resume it with the same seed, or name a new folder."
+        )
+    known = {camera.name: camera for camera in there.cameras}
+    given = {camera.name: camera for camera in wanted.cameras}
+    if known == given:
+        return
+    if not _is_rig_file(there.origin):
+        raise InputError(
+            f"{session.folder} was captured with other cameras than {wanted.origin} has now: "
+            "resume it with the version of rig that began it, or name a new folder."
+        )
+    name = next(name for name in {**known, **given} if known.get(name) != given.get(name))
+    raise InputError(
+        f"{session.folder} was captured with {_told(known.get(name), name)}, and {wanted.origin} now has "
+        f"{_told(given.get(name), name)}: resume it with the rig file that began it, or name a new folder."
+    )
+
+
+def _is_rig_file(origin: str) -> bool:
+    """A file may be called otherwise the next time; its cameras are what counts."""
+    return origin != "import" and not origin.startswith("sim:")
+
+
+def _told(camera: CameraRecord | None, name: str) -> str:
+    if camera is None:
+        return f"no camera {name}"
+    rig = "no rig" if camera.rig is None else f"rig {camera.rig}"
+    return f"{name} as {camera.serial} ({camera.kind}, {rig})"
+
+
+def continued(
+    session: Session,
+    source: Source,
+    request: Request,
+    plans: Sequence[PlanRecord],
+    say: Callable[[str], None],
+) -> PlanRecord | None:
+    """The last plan of that kind, None if there is none; InputError where the request contradicts it."""
+    known = next((plan for plan in reversed(plans) if plan.kind == request.kind), None)
+    if known is None:
+        return None
+    within = source.positions is None or known.kind != "scene" or max(known.frames) < source.positions
+    if not (within and set(known.cameras) <= set(source.cameras) and all(known.bracket)):
+        raise InputError(
+            f"{session.folder / 'plans.jsonl'} plans shots that the rig cannot take: restore the file."
+        )
+    if request.frames is not None and request.frames != len(known.frames):
+        raise InputError(
+            f"{session.folder} was planned with {len(known.frames)} frames, not {request.frames}: "
+            "resume it with the same number, or name a new folder."
+        )
+    _must_be_the_bracket(session, source, request, known)
+    usual = asked_for(source.bracket) if request.kind == "scene" and request.bracket is None else None
+    if usual is not None and usual != known.asked:
+        say(f"{source.called} has the bracket {usual} now; {session.folder} goes on with {_bracket(known)}.")
+    return known
+
+
+def _must_be_the_bracket(session: Session, source: Source, request: Request, known: PlanRecord) -> None:
+    """InputError if a bracket is asked for that is not the one of the plan."""
+    asked = request.bracket
+    if asked is None or asked_for(asked) == known.asked:
+        return
+    middle = source.middle
+    if middle and not isinstance(asked, Wanted) and around(middle, asked, source.cameras) == known.bracket:
+        return
+    raise InputError(
+        f"{session.folder} was planned with the bracket {_bracket(known)}: "
+        f"leave --bracket out to resume it, or name a new folder for {asked_for(asked)}."
+    )
+
+
+def _bracket(plan: PlanRecord) -> str:
+    """`auto, snr 20 (1/60 s, 1/4 s)`."""
+    steps = ", ".join(str(exposure) for exposure in plan.bracket)
+    return f"{plan.asked} ({steps})" if plan.asked else steps

@@ -1,0 +1,54 @@
+"""`rig init`: the connected cameras as a rig file."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.commands.options import JsonOption
+from rig.running import Outcome, running
+from rig.words import counted, plain
+
+
+def init(
+    path: Annotated[Path, typer.Argument(metavar="RIG.toml", help="The file to write; never overwritten.")],
+    sim: Annotated[
+        str | None,
+        typer.Option("--sim", metavar="NAME", help="The cameras of a simulated rig, on a simulated bus."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> Outcome:
+    """Write a rig file from the cameras that are connected.
+
+    It says which cameras make the rig and how it is shot: read it and change what you like. Then
+    rig capture RIG.toml OUT shoots with it.
+
+    Example: rig init RIG.toml --sim demo
+    """
+    with running("init") as meter:
+        from capture.initial import rig_file_text
+        from drivers.connected import ask_all
+        from imaging import store
+        from imaging.errors import InputError
+        from rig.buses import bus_of
+
+        if path.exists() or path.is_symlink():
+            raise InputError(f"{path} is there already: name another file, or move it away.")
+        meter("looking for cameras", 0, 0)
+        bus = bus_of(sim)
+        listed = []
+        for one in ask_all(bus.backend, bus.clock):
+            listed.append(one)
+            meter(one.where or one.protocol, len(listed), 0)
+        text = rig_file_text(listed)
+        store.write_bytes(path, text.encode())
+    failed = [one for one in listed if one.identity is None]
+    asked = len(listed) - len(failed)
+    missing = f"{counted(len(failed), 'camera')} could not be asked: {failed[0].error}" if failed else None
+    on = "" if sim is None else f" --sim {sim}"
+    lines = [
+        f"{path}: {counted(asked, 'camera')}",
+        f"Next: look through it, then rig capture {plain(path)} S --dry-run{on}",
+    ]
+    serials = [one.identity.serial for one in listed if one.identity is not None]
+    return Outcome({"rig": str(path), "cameras": serials}, lines, missing)
