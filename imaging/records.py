@@ -78,7 +78,7 @@ class PlanRecord(Record):
     cameras: tuple[Name, ...]
     reason: str
     asked: str | None = None
-    """The bracket in the words in which it was asked for: a run that goes on with the plan asks for the same."""
+    """The bracket in the words in which it was asked for: whoever goes on with the plan asks for the same."""
 
 
 class ShotRecord(Record):
