@@ -14,7 +14,7 @@ from imaging.linear import Bool, Float
 from recon.appearance import Appearance
 from recon.dataset import Dataset
 from recon.gaussians import Gaussians
-from recon.geometry import project
+from recon.geometry import lift, project
 from recon.pixels import Progress
 from recon.sweep import sample, sweep
 
@@ -41,14 +41,15 @@ def start_points(
 ) -> Start:
     """At most `count` coloured points: SfM points (as many as fit), then points of the plane sweep.
 
-    `images` are the radiance images of the training views. ReconstructionError when calibration left
-    fewer than 8 points, since then nothing says where the scene is.
+    `images` are the radiance images of the training views. Poses that came without any points get
+    theirs from a first sweep over all depths. ReconstructionError when there are fewer than 8 points,
+    since then nothing says where the scene is.
     """
     model = read_points(dataset.session / "calibration" / "colmap")
     good = np.isfinite(model.xyz).all(1) & (model.views >= 2)
     if good.any():
         good &= model.error <= max(2.0, 3 * float(np.median(model.error[good])))
-    sparse = model.xyz[good]
+    sparse = model.xyz[good] if len(model.xyz) else _points_of_poses(dataset, images, progress)
     if len(sparse) < FEWEST_POINTS:
         raise ReconstructionError(
             f"{dataset.session} has {len(sparse)} scene points in calibration/colmap, too few to start from: "
@@ -61,6 +62,16 @@ def start_points(
     xyz = np.concatenate([sparse, dense])
     rgb, seen = colours_at(dataset, images, xyz)
     return Start(xyz[seen], rgb[seen], int(seen[: len(sparse)].sum()))
+
+
+def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress | None) -> Array:
+    """World points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
+    points = [np.zeros((0, 3))]
+    for found in sweep(dataset.train, [rgb for rgb, _ in images], None, progress=progress):
+        # Beyond the middle of the image's depths by so much, a match tells a direction and no place.
+        near = found.trusted & (found.depth < 20 * np.median(found.depth))
+        points.append(lift(found.view.lens, found.centres[near], found.depth[near]))
+    return np.concatenate(points)
 
 
 def colours_at(

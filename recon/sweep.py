@@ -24,6 +24,8 @@ NEIGHBOURS = 4
 PATCH = 7
 """Pixels of the coarse image."""
 TRUSTED_SCORE = 0.6
+MOST_PARALLAX = 1.5
+"""Coarse pixels between two planes in a neighbouring view, where no points tell the range of depths."""
 AGREEMENT = 0.03
 """Relative difference of depth at which two views still confirm each other."""
 
@@ -41,7 +43,7 @@ class DepthMap:
 def sweep(
     views: tuple[View, ...],
     images: list[Float],
-    points: npt.NDArray[np.float64],
+    points: npt.NDArray[np.float64] | None,
     *,
     width: int = 160,
     progress: Progress | None = None,
@@ -49,15 +51,16 @@ def sweep(
     """Depth maps of `views`, from their radiance `images` [H, W, 3] and sparse `points` [P, 3].
 
     The range of depths of each view comes from the points in front of it, widened by a quarter
-    in inverse depth; views that see fewer than 8 of them get no map.
+    in inverse depth; views that see fewer than 8 of them get no map. Without points (None) the range
+    goes from infinity to as near as the planes can tell apart, seen from the neighbours.
     """
     logs = [_log_image(image, view, width) for image, view in zip(images, views, strict=True)]
     raw: list[tuple[Float, Float] | None] = []
     for index, view in enumerate(views):
         if progress:
             progress("sweeping depth", index, len(views))
-        bounds = _bounds(view, points)
         near = _neighbours(index, views)
+        bounds = _reach(view, near, views, width) if points is None else _bounds(view, points)
         raw.append(_sweep_one(index, near, views, logs, bounds) if bounds and near else None)
     maps = []
     for index, view in enumerate(views):
@@ -92,6 +95,14 @@ def _bounds(view: View, points: npt.NDArray[np.float64]) -> tuple[float, float] 
         return None
     far, near = np.percentile(1 / depth[inside], [1, 99])
     return float(far * 0.75), float(near * 1.25)
+
+
+def _reach(view: View, near: list[int], views: tuple[View, ...], width: int) -> tuple[float, float] | None:
+    if not near:
+        return None
+    baseline = float(np.median([np.linalg.norm(views[other].centre - view.centre) for other in near]))
+    focal = view.lens.fx * min(1.0, width / view.lens.width)
+    return 0.0, (PLANES - 1) * MOST_PARALLAX / (focal * baseline)
 
 
 def _neighbours(index: int, views: tuple[View, ...]) -> list[int]:
