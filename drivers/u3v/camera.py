@@ -204,8 +204,9 @@ class U3vCamera:
             session = open_session(self.serial, self._backend, self._clock, patience)
             self._known = True
             try:
-                settings.prepare(session.nodes)
-                lines.apply(session.nodes, f"camera {self.serial}", self._wiring)
+                name = f"camera {self.serial}"
+                settings.prepare(session.nodes, name)
+                lines.apply(session.nodes, name, self._wiring)
                 if self._wanted is not None:
                     self._applied = settings.set_exposure(session.nodes, self._wanted)
             except CameraError:

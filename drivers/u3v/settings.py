@@ -33,23 +33,26 @@ def set_if_there(nodes: NodeMap, name: str, value: str | int | float | bool) -> 
     return True
 
 
-def prepare(nodes: NodeMap) -> PixelFormat:
-    """Stop what runs, leave nothing to automatics and choose the best Bayer format, which is returned."""
+def prepare(nodes: NodeMap, name: str) -> PixelFormat:
+    """Stop what runs, leave nothing to automatics and choose the best Bayer format, which is returned.
+
+    name: of the camera, for messages. CameraRefused if its sensor has no Bayer mosaic.
+    """
     stop(nodes)
-    for name in (
+    for automatic in (
         "SequencerMode",
         "SequencerConfigurationMode",
         "ExposureAuto",
         "GainAuto",
         "BalanceWhiteAuto",
     ):
-        set_if_there(nodes, name, "Off")
+        set_if_there(nodes, automatic, "Off")
     set_if_there(nodes, "ExposureMode", "Timed")
     set_if_there(nodes, "GainSelector", "All")
     if set_if_there(nodes, "ChunkModeActive", True):
         set_if_there(nodes, "ChunkSelector", "ExposureTime")
         set_if_there(nodes, "ChunkEnable", True)
-    return _choose_format(nodes)
+    return _choose_format(nodes, name)
 
 
 def stop(nodes: NodeMap) -> None:
@@ -58,12 +61,17 @@ def stop(nodes: NodeMap) -> None:
         nodes.execute("AcquisitionStop")
 
 
-def _choose_format(nodes: NodeMap) -> PixelFormat:
+def _choose_format(nodes: NodeMap, name: str) -> PixelFormat:
     """Set the Bayer format with most bits a value and, of those, fewest in the payload."""
-    offered = [BY_NAME[name] for name in nodes.entries("PixelFormat") if name in BY_NAME]
-    bayer = [one for one in offered if one.cfa is not None]
+    offered = nodes.entries("PixelFormat")
+    bayer = [BY_NAME[entry] for entry in offered if entry in BY_NAME and BY_NAME[entry].cfa is not None]
     if not bayer:
-        raise CameraRefused("the camera offers no Bayer format: connect a colour camera.")
+        what = (
+            "is monochrome" if all(entry.startswith("Mono") for entry in offered) else "sends no Bayer mosaic"
+        )
+        raise CameraRefused(
+            f"{name} {what} (it offers {', '.join(offered)}): connect a camera with a Bayer mosaic in its place."
+        )
     best = max(bayer, key=lambda one: (one.bits, _PACKINGS[one.packing]))
     nodes.set("PixelFormat", best.name)
     return best

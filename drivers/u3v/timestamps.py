@@ -18,8 +18,8 @@ from drivers.u3v.control import ControlChannel
 from drivers.u3v.genicam import NodeMap
 from drivers.u3v.registers import Abrm
 
-_TRIES = 8
-"""Latches of which the shortest is kept: some 2 ms in all on USB 3."""
+_TRIES = 5
+"""Latches of which the shortest is kept."""
 
 
 @dataclass(frozen=True)

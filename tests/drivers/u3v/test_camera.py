@@ -5,6 +5,7 @@ import pytest
 
 from drivers.camera import Camera
 from drivers.errors import CameraNotFound, CameraRefused, CameraTimeout
+from drivers.sim import u3v_frames
 from drivers.sim.u3v_description import Feature
 from drivers.u3v import U3vCamera, find_cameras
 from drivers.u3v.pixels import BY_NAME
@@ -194,6 +195,28 @@ def test_cameras_are_found_by_serial_number(make_bench: MakeBench) -> None:
     found[0].close()
     with pytest.raises(CameraNotFound, match="SIM-NOBODY"):
         U3vCamera("SIM-NOBODY", bench.bus, bench.clock).identify()
+
+
+@pytest.mark.parametrize(
+    ("formats", "told"),
+    [
+        (("Mono8", "Mono12p"), "is monochrome (it offers Mono8, Mono12p)"),
+        (("Mono8", "RGB8"), "sends no Bayer mosaic (it offers Mono8, RGB8)"),
+    ],
+)
+def test_a_sensor_without_a_mosaic_is_refused(
+    make_bench: MakeBench, monkeypatch: pytest.MonkeyPatch, formats: tuple[str, ...], told: str
+) -> None:
+    codes = {"Mono8": 0x01080001, "Mono12p": 0x010C0047, "RGB8": 0x02180014}
+    offered = {name: codes[name] for name in formats}
+    monkeypatch.setattr(u3v_frames, "offered", lambda cfa, bits: offered)
+    bench = make_bench()
+    bench.device._memory.put(Feature.PIXEL_FORMAT, codes["Mono8"])
+    with pytest.raises(CameraRefused) as refused:
+        bench.camera().identify()
+    mend = "connect a camera with a Bayer mosaic in its place."
+    assert str(refused.value) == f"camera {bench.serial} {told}: {mend}"
+    assert bench.bus.open_handles == 0
 
 
 def test_opening_and_closing_leaves_nothing_open(make_bench: MakeBench) -> None:
