@@ -66,11 +66,10 @@ def _choose_format(nodes: NodeMap, name: str) -> PixelFormat:
     offered = nodes.entries("PixelFormat")
     bayer = [BY_NAME[entry] for entry in offered if entry in BY_NAME and BY_NAME[entry].cfa is not None]
     if not bayer:
-        what = (
-            "is monochrome" if all(entry.startswith("Mono") for entry in offered) else "sends no Bayer mosaic"
-        )
+        monochrome = all(entry.startswith("Mono") for entry in offered)
         raise CameraRefused(
-            f"{name} {what} (it offers {', '.join(offered)}): connect a camera with a Bayer mosaic in its place."
+            f"{name} {'is monochrome' if monochrome else 'sends no Bayer mosaic'} "
+            f"(it offers {', '.join(offered)}): connect a camera with a Bayer mosaic in its place."
         )
     best = max(bayer, key=lambda one: (one.bits, _PACKINGS[one.packing]))
     nodes.set("PixelFormat", best.name)
