@@ -57,18 +57,13 @@ def singles(
 
 
 def middle_of(targets: Sequence[Target], exposures: Sequence[Exposure]) -> Exposure:
-    """The exposure that leaves as much above the bright end of what all cameras see as below the dark end.
+    """The exposure with as many stops to spare, or missing, above what all cameras see as below it."""
 
-    One that clips is chosen only where all of them do.
-    """
+    def off(exposure: Exposure) -> float:
+        below = min(math.log2(target.dark / target.tones.darkest(SEEN, exposure)) for target in targets)
+        return abs(worths(targets, exposure)["rig"].headroom - below)
 
-    def room(exposure: Exposure) -> tuple[float, float]:
-        below = min(math.log2(t.dark / t.tones.darkest(SEEN, exposure)) for t in targets)
-        return worths(targets, exposure)["rig"].headroom, below
-
-    rooms = {exposure: room(exposure) for exposure in exposures}
-    whole = [exposure for exposure, (above, _) in rooms.items() if above >= 0] or [exposures[0]]
-    return min(whole, key=lambda exposure: abs(rooms[exposure][0] - rooms[exposure][1]))
+    return min(exposures, key=off)
 
 
 def ladder(targets: Sequence[Target], exposures: Sequence[Exposure]) -> tuple[Exposure, ...]:

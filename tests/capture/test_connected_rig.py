@@ -1,0 +1,242 @@
+"""RIG.toml to session, through the drivers, on a simulated bus."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from capture.connected_rig import capture_rig, rehearse_rig
+from capture.initial import rig_file_text
+from capture.planner import Wanted
+from capture.recorder import CaptureResult
+from capture.rigfile import read_rig_file
+from capture.shooting import Rehearsal
+from drivers.connected import ask_all
+from drivers.sim.bus import Holder
+from drivers.sim.on_bus import BusRig
+from drivers.sim.rigs import SimulatedRig, simulate
+from imaging.errors import CaptureError, InputError
+from imaging.exposure import Exposure
+from imaging.session import Session
+
+STOPS = 'exposures = [-4, 0]\ntime = "1/60"'
+
+
+@dataclass
+class Place:
+    """A rig on its bus, its file, and what was said; every capture has a bus of its own, as every run has."""
+
+    folder: Path
+    seed: int = 3
+    said: list[str] = field(default_factory=list)
+    prepare: Callable[[BusRig], None] = lambda bus: None
+
+    @property
+    def file(self) -> Path:
+        return self.folder / "RIG.toml"
+
+    @property
+    def out(self) -> Path:
+        return self.folder / "S"
+
+    def bus(self) -> tuple[SimulatedRig, BusRig]:
+        rig = simulate("toy", self.seed)
+        bus = BusRig(rig)
+        self.prepare(bus)
+        return rig, bus
+
+    def write(self, *changes: tuple[str, str]) -> None:
+        """The file that rig init writes, with changes."""
+        _, bus = self.bus()
+        text = rig_file_text(list(ask_all(bus.backend, bus.clock)))
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        self.file.write_text(text)
+
+    def shoot(self, out: Path | None = None, **options) -> CaptureResult:
+        rig, bus = self.bus()
+        try:
+            return capture_rig(
+                read_rig_file(self.file),
+                out or self.out,
+                hands=rig,
+                positions=rig.frames,
+                backend=bus.backend,
+                clock=bus.clock,
+                say=self.said.append,
+                **options,
+            )
+        finally:
+            assert bus.backend.open_handles == 0
+
+    def rehearse(self, **options) -> Rehearsal:
+        rig, bus = self.bus()
+        return rehearse_rig(
+            read_rig_file(self.file),
+            self.out,
+            hands=rig,
+            positions=rig.frames,
+            backend=bus.backend,
+            clock=bus.clock,
+            **options,
+        )
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Place:
+    return Place(tmp_path)
+
+
+@pytest.fixture
+def given(place: Place) -> Place:
+    """A rig file with a bracket that needs no meter."""
+    place.write(('exposures = "auto"', STOPS), ("frames = 1 ", "frames = 2 "))
+    return place
+
+
+def test_what_rig_init_writes_shoots_what_it_says(place: Place) -> None:
+    place.write(("snr = 20.0", "snr = 12.0"), ('# slowest = "1/4"', 'slowest = "1/4"'))
+    result = place.shoot()
+    session = Session.open(place.out)
+    assert (session.record.origin, session.record.seed) == ("RIG.toml", None)
+    assert [(c.name, c.serial, c.rig) for c in session.record.cameras] == [
+        ("cam0", "SIM-RAW-001", "rig"),
+        ("cam1", "SIM-RAW-002", "rig"),
+    ]
+    (plan,) = session.plans()
+    assert plan.asked == "auto, snr 12, slowest 0.25"
+    assert max(exposure.time for exposure in plan.bracket) <= 1 / 4
+    assert {exposure.f_number for exposure in plan.bracket} == {8.0}
+    assert (result.taken, result.planned, result.missing) == (2 * len(plan.bracket),) * 2 + ((),)
+    assert not (place.out / "truth").exists()
+    assert place.said == []
+
+
+def test_the_command_line_goes_before_the_file(given: Place) -> None:
+    given.shoot(frames=1, bracket=(-1.0, 1.0))
+    (plan,) = Session.open(given.out).plans()
+    assert [exposure.time for exposure in plan.bracket] == [1 / 125, 1 / 30]
+    assert plan.frames == (0,)
+    given.shoot(given.folder / "auto", frames=1, auto=Wanted(snr=10.0, slowest=1 / 8))
+    (plan,) = Session.open(given.folder / "auto").plans()
+    assert plan.asked == "auto, snr 10, slowest 0.125"
+
+
+def test_the_middle_of_stops_is_metered_where_the_file_does_not_give_it(place: Place) -> None:
+    place.write(('exposures = "auto"', "exposures = [-2, 0, 2]"))
+    place.shoot()
+    (plan,) = Session.open(place.out).plans()
+    low, middle, high = plan.bracket
+    assert (middle.time / low.time, high.time / middle.time) == pytest.approx((4, 4), rel=0.07)
+    metering = place.rehearse().metering
+    assert metering is not None
+
+    def lacks(exposure: Exposure) -> tuple[float, float]:
+        """Stops by which the bright end clips, and by which the dark end is too dark for 10 dB."""
+        pairs = [
+            (t.bright / t.tones.brightest(exposure), t.tones.darkest(10.0, exposure) / t.dark)
+            for t in metering.targets
+        ]
+        return math.log2(max(one for one, _ in pairs)), math.log2(max(one for _, one in pairs))
+
+    # The middle of a scene of 17 stops shows neither end.
+    bright, dark = lacks(middle)
+    assert bright == pytest.approx(dark, abs=1 / 3)
+    assert bright > 2
+    assert lacks(low)[0] < lacks(low)[1]
+    assert lacks(high)[0] > lacks(high)[1]
+
+
+def test_resume_takes_what_is_missing_and_gives_the_same_bytes(given: Place) -> None:
+    given.shoot()
+    whole = {path.name: path.read_bytes() for path in sorted(given.out.rglob("*.dng"))}
+    index = given.out / "shots.jsonl"
+    lines = index.read_bytes().splitlines(keepends=True)
+    index.write_bytes(b"".join(lines[:3]))
+    for line in lines[3:]:
+        (given.out / json.loads(line)["file"]).unlink()
+    result = given.shoot(resume=True)
+    assert (result.kept, result.taken) == (3, 5)
+    assert {path.name: path.read_bytes() for path in sorted(given.out.rglob("*.dng"))} == whole
+    assert given.said == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            ('name = "cam0"', 'name = "left"'),
+            "with cam0 as SIM-RAW-001 .raw, rig rig., and RIG.toml now has no",
+        ),
+        (
+            ('"SIM-RAW-001"\nrig = "rig"', '"SIM-RAW-001"\nrig = "two"'),
+            r"now has cam0 as SIM-RAW-001 \(raw, rig two\)",
+        ),
+    ],
+)
+def test_resume_with_other_cameras_is_refused(given: Place, change: tuple[str, str], words: str) -> None:
+    given.shoot(frames=1)
+    given.write(change, ('exposures = "auto"', STOPS))
+    with pytest.raises(InputError, match=words):
+        given.shoot(resume=True)
+    with pytest.raises(InputError, match=words):
+        given.shoot(kind="dark")
+
+
+def test_resume_goes_on_as_planned_and_says_so_where_the_file_has_changed(given: Place) -> None:
+    given.shoot(frames=1)
+    given.write(('exposures = "auto"', STOPS.replace("-4", "-3")))
+    assert given.shoot(resume=True).taken == 0
+    assert "has the bracket stops -3, 0 now" in given.said[0]
+    assert "goes on with stops -4, 0 (1/1000 s f/8 ISO 100, 1/60 s f/8 ISO 100)" in given.said[0]
+    for options in ({"auto": Wanted()}, {"bracket": (-3.0, 0.0)}, {"frames": 2}):
+        with pytest.raises(InputError, match="was planned with"):
+            given.shoot(resume=True, **options)
+
+
+def test_a_camera_that_is_not_connected_is_named_with_its_line(given: Place) -> None:
+    given.prepare = lambda bus: bus.backend.unplug("SIM-RAW-002")
+    with pytest.raises(CaptureError) as caught:
+        given.shoot()
+    line = given.file.read_text().splitlines().index('serial = "SIM-RAW-002"') + 1
+    assert f"RIG.toml, line {line}: cam1 with the serial number 'SIM-RAW-002' is not connected" in str(
+        caught.value
+    )
+    assert "SIM-RAW-001 is: connect it" in str(caught.value)
+    assert not given.out.exists()
+
+
+def test_a_camera_that_another_program_holds_is_told(given: Place) -> None:
+    given.prepare = lambda bus: bus.backend.hold("SIM-RAW-002", Holder.OTHER_PROGRAM)
+    with pytest.raises(CaptureError, match=r"not connected, SIM-RAW-001 is \(.*held by another program"):
+        given.shoot()
+
+
+def test_a_camera_that_the_file_does_not_name_is_left_alone_and_told(given: Place) -> None:
+    text = given.file.read_text()
+    given.file.write_text(text[: text.rindex("[[camera]]")])
+    assert given.shoot(frames=1).planned == 2
+    (said,) = given.said
+    assert said.startswith("hdr-rig Simulated PTP SIM-RAW-002 is connected and not in ")
+
+
+def test_a_camera_without_lines_cannot_be_triggered_by_hardware(given: Place) -> None:
+    given.write(('mode = "software"', 'mode = "hardware"'), ("# line =", "line ="))
+    line = given.file.read_text().splitlines().index("[[camera]]  # hdr-rig Simulated PTP, PTP") + 1
+    with pytest.raises(InputError, match=f"line {line}: cam0 has no lines for a hardware trigger"):
+        given.shoot()
+    assert not given.out.exists()
+
+
+def test_the_rehearsal_is_what_is_then_shot(given: Place) -> None:
+    done = given.rehearse()
+    assert not given.out.exists()
+    given.shoot()
+    (plan,) = Session.open(given.out).plans()
+    assert (done.record.bracket, done.record.frames) == (plan.bracket, plan.frames)
+    assert done.size == (64, 48)
+    assert done.metering is not None
