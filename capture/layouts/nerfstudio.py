@@ -23,7 +23,7 @@ from imaging.exposure import Exposure
 
 FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json")
 
-KNOWN_MODELS = {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"}
+KNOWN_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 """Camera models whose distortion is that of k1, k2, p1 and p2, or none."""
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".exr")
@@ -44,9 +44,7 @@ class Entry:
         if value is None:
             return None
         if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
-            raise InputError(
-                f"{self.where} has {key} = {shown(str(value)[:40])}, which is no number: correct it."
-            )
+            raise InputError(f"{self.where} has a {key} that is no finite number: correct it.")
         return float(value)
 
     @property
