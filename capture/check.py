@@ -1,17 +1,19 @@
 """`rig check`: proof of what a session holds, and a sentence for each thing that is wrong with it."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 
 from capture.deviation import deviates, stops_apart
-from capture.findings import CheckReport, Exposed, Problem, ProblemKind
+from capture.examining import Read, examine_all
+from capture.findings import CheckReport, Exposed, Problem, ProblemKind, StepSkew
 from capture.index import read_index, stray_files
-from capture.reading import Picture, read_picture
+from capture.judging import warnings
+from capture.reading import Picture
 from capture.recorder import Progress, leftovers, slots
 from capture.repair import RepairReport, repair
-from imaging import store
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.records import PlanRecord, ShotRecord
@@ -26,7 +28,10 @@ _MENDS = {"captured": "take it again with rig capture --resume", "imported": "im
 
 
 def check(session: Path, progress: Progress = lambda message, done, total: None) -> CheckReport:
-    """Read every file of a session and hold it against its record and the plans; nothing is changed.
+    """Read every file of a session and hold it against its record, the plans and the rest of its bracket.
+
+    Nothing is changed, not even the record of a shot whose exposure is found to be another than its label:
+    a calibration names the index that it was made from, and estimates exposures for itself.
 
     progress: called with the file being read, files read, files to read. InputError if the folder
     is no session; whatever is wrong inside of it is a problem of the report.
@@ -42,19 +47,21 @@ def check(session: Path, progress: Progress = lambda message, done, total: None)
         problems.append(Problem(kind="index", file="plans.jsonl", message=str(error)))
     else:
         problems.extend(_strangers(opened, plans, shots))
-    pictures: list[tuple[ShotRecord, Picture]] = []
-    for number, shot in enumerate(shots):
-        progress(f"reading {shot.file}", number, len(shots))
-        picture = _read(opened, shot)
-        if isinstance(picture, Picture):
-            found = list(_against_record(opened, shot, picture))
-            if not any(problem.kind == "altered" for problem in found):
-                pictures.append((shot, picture))
-            problems.extend(found)
-        else:
-            kind, what = picture
-            problems.append(_problem(kind, shot, f"{what}: {again}, or drop it with rig check --repair."))
+    started = count()
+    read, failed = examine_all(
+        opened, shots, lambda shot: progress(f"reading {shot.file}", next(started), len(shots))
+    )
     progress("read", len(shots), len(shots))
+    pictures: list[tuple[ShotRecord, Read]] = []
+    for shot in shots:
+        if shot.file in failed:
+            kind, what = failed[shot.file]
+            problems.append(_problem(kind, shot, f"{what}: {again}, or drop it with rig check --repair."))
+            continue
+        found = list(_against_record(shot, read[shot.file]))
+        if not any(problem.kind == "altered" for problem in found):
+            pictures.append((shot, read[shot.file]))
+        problems.extend(found)
     problems.extend(_missing(plans, shots, again))
     problems.extend(_duplicates(shots))
     problems.extend(_unrecorded(opened, shots))
@@ -66,6 +73,10 @@ def check(session: Path, progress: Progress = lambda message, done, total: None)
         sound=len(pictures),
         exposures=tuple(_exposed(pictures)),
         problems=tuple(problems),
+        warnings=tuple(warnings([own.look for _, own in pictures], opened.record.cameras)),
+        looks=tuple(own.look for _, own in pictures),
+        skews=tuple(_skews(shots)),
+        thumbnails={shot.file: own.thumbnail for shot, own in pictures},
     )
 
 
@@ -75,23 +86,10 @@ def _problem(kind: ProblemKind, shot: ShotRecord, message: str) -> Problem:
     )
 
 
-def _read(session: Session, shot: ShotRecord) -> Picture | tuple[ProblemKind, str]:
-    """The picture of a shot, or what is wrong with its file."""
-    try:
-        path = session.file(shot)
-    except InputError:
-        return "index", f"shots.jsonl names {shot.file!r}, which leads out of the session"
-    if not path.is_file():
-        return "absent", f"{shot.file} is not there"
-    try:
-        return read_picture(path)
-    except InputError as error:
-        return "torn", f"{shot.file} cannot be read to its end ({str(error).split(': ')[0]})"
-
-
-def _against_record(session: Session, shot: ShotRecord, picture: Picture) -> Iterator[Problem]:
+def _against_record(shot: ShotRecord, read: Read) -> Iterator[Problem]:
     """What a readable file and its record disagree about, and the record with the request."""
-    if store.sha256(session.file(shot)) != shot.sha256:
+    picture = read.picture
+    if read.sha256 != shot.sha256:
         yield _problem(
             "altered",
             shot,
@@ -184,11 +182,22 @@ def _skewed(shots: Iterable[ShotRecord]) -> Iterator[Problem]:
             )
 
 
-def _exposed(pictures: Sequence[tuple[ShotRecord, Picture]]) -> Iterator[Exposed]:
+def _skews(shots: Iterable[ShotRecord]) -> Iterator[StepSkew]:
+    """The spread of the shutters of each step that says it; frames in order."""
+    steps: dict[tuple[str, int, int], list[ShotRecord]] = {}
+    for shot in shots:
+        if shot.skew is not None:
+            steps.setdefault((shot.plan, shot.frame, shot.step), []).append(shot)
+    for (plan, frame, step), own in sorted(steps.items()):
+        skew = max(shot.skew or 0.0 for shot in own)
+        yield StepSkew(kind=own[0].kind, plan=plan, frame=frame, step=step, skew=skew)
+
+
+def _exposed(pictures: Sequence[tuple[ShotRecord, Read]]) -> Iterator[Exposed]:
     """Clipping by camera and exposure; brightest first."""
     groups: dict[tuple[str, Exposure | None], list[tuple[ShotRecord, Picture]]] = {}
-    for shot, picture in pictures:
-        groups.setdefault((shot.camera, shot.requested or shot.reported), []).append((shot, picture))
+    for shot, read in pictures:
+        groups.setdefault((shot.camera, shot.requested or shot.reported), []).append((shot, read.picture))
 
     def order(key: tuple[str, Exposure | None]) -> tuple[str, float]:
         return key[0], -(key[1].stops if key[1] is not None else 0.0)

@@ -7,13 +7,18 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from capture import seeing, thumbnails
+from imaging.colour import srgb_encode
 from imaging.errors import InputError
 from imaging.exr import read_exr
 from imaging.mosaic import FrameMetadata, RawMosaic
-from imaging.photo import is_photo, read_metadata, read_photo
+from imaging.photo import Photo, is_photo, read_metadata, read_photo
 from imaging.raw import is_raw, read_raw
 
 Kind = Literal["raw", "ldr", "hdr"]
+
+LIT = 0.02
+"""Of white, linear: a photosite above it saw light, or is hot."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +27,7 @@ class Picture:
 
     clipped: share of the samples of red, green and blue that are at the top of the range, 0..1;
     of a mosaic each photosite counts for its own colour. black: share of all samples at or below
-    the black level.
+    the black level. lit: share of all samples clearly above it, by LIT of white.
     """
 
     kind: Kind
@@ -31,6 +36,16 @@ class Picture:
     metadata: FrameMetadata
     clipped: tuple[float, float, float]
     black: float
+    lit: float
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A picture, what of it is compared with others, and a thumbnail as JPEG."""
+
+    picture: Picture
+    seen: seeing.Seen
+    thumbnail: bytes
 
 
 def kind_of(path: Path) -> Kind | None:
@@ -44,30 +59,52 @@ def kind_of(path: Path) -> Kind | None:
 
 def read_picture(path: Path) -> Picture:
     """Read a whole file; InputError if it is no picture, or is torn."""
+    return _shares(path, _content(path))
+
+
+def examine(path: Path) -> Examined:
+    """Read a whole file, for what it shows; InputError if it is no picture, or is torn."""
+    content = _content(path)
+    picture = _shares(path, content)
+    if isinstance(content, RawMosaic):
+        return Examined(picture, seeing.of_raw(content), thumbnails.of_raw(content))
+    if isinstance(content, Photo):
+        return Examined(picture, seeing.of_photo(content.pixels), thumbnails.of_photo(content.pixels))
+    return Examined(picture, seeing.of_light(content), thumbnails.of_light(content))
+
+
+def _content(path: Path) -> RawMosaic | Photo | npt.NDArray[np.float32]:
     kind = kind_of(path)
     if kind == "raw":
-        mosaic = read_raw(path)
-        height, width = mosaic.pixels.shape
-        return Picture("raw", width, height, mosaic.metadata, *_mosaic_shares(mosaic))
+        return read_raw(path)
     if kind == "ldr":
-        photo = read_photo(path)
-        height, width = photo.pixels.shape[:2]
-        return Picture("ldr", width, height, photo.metadata, *_photo_shares(photo.pixels))
+        return read_photo(path)
     if kind == "hdr":
-        pixels = read_exr(path).rgb()
-        height, width = pixels.shape[:2]
-        black = float(np.mean(pixels <= 0))
-        return Picture("hdr", width, height, read_metadata(path), (0.0, 0.0, 0.0), black)
+        return np.asarray(read_exr(path).rgb(), np.float32)
     raise InputError(f"{path} is not a picture that rig reads: give RAW, JPEG, PNG, TIFF or EXR.")
 
 
-def _mosaic_shares(mosaic: RawMosaic) -> tuple[tuple[float, float, float], float]:
-    channels = mosaic.cfa.channels(*mosaic.pixels.shape)
-    saturated = mosaic.saturated()
+def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) -> Picture:
+    if isinstance(content, RawMosaic):
+        return _of_mosaic(content)
+    if isinstance(content, Photo):
+        height, width = content.pixels.shape[:2]
+        return Picture("ldr", width, height, content.metadata, *_photo_shares(content.pixels))
+    height, width = content.shape[:2]
+    black = float(np.mean(content <= 0))
+    return Picture("hdr", width, height, read_metadata(path), (0.0, 0.0, 0.0), black, 1.0 - black)
+
+
+def _of_mosaic(mosaic: RawMosaic) -> Picture:
+    height, width = mosaic.pixels.shape
+    channels = mosaic.cfa.channels(height, width)
+    saturated, signal = mosaic.saturated(), mosaic.signal()
     red, green, blue = (float(np.mean(saturated[channels == channel])) for channel in range(3))
-    return (red, green, blue), float(np.mean(mosaic.pixels <= mosaic.black_map()))
+    black, lit = float(np.mean(signal <= 0)), float(np.mean(signal > LIT))
+    return Picture("raw", width, height, mosaic.metadata, (red, green, blue), black, lit)
 
 
-def _photo_shares(pixels: npt.NDArray[np.float32]) -> tuple[tuple[float, float, float], float]:
-    red, green, blue = (float(share) for share in np.mean(pixels >= 1.0, axis=(0, 1)))
-    return (red, green, blue), float(np.mean(pixels <= 0.0))
+def _photo_shares(pixels: npt.NDArray[np.float32]) -> tuple[tuple[float, float, float], float, float]:
+    red, green, blue = (np.count_nonzero(pixels[..., c] >= 1.0) / pixels[..., c].size for c in range(3))
+    lit = np.count_nonzero(pixels > float(srgb_encode(np.array(LIT)))) / pixels.size
+    return (red, green, blue), np.count_nonzero(pixels <= 0.0) / pixels.size, lit

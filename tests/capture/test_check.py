@@ -54,7 +54,8 @@ def test_a_sound_session_has_no_problem_and_is_not_changed(rig):
     assert (report.planned, report.shots, report.sound) == (18, 18, 18)
     assert steps == [(n, 18) for n in range(19)]
     assert tree(rig.session.folder) == before
-    assert CheckReport.model_validate_json(report.model_dump_json()) == report
+    told = CheckReport.model_validate_json(report.model_dump_json())
+    assert told == report.model_copy(update={"thumbnails": {}})
     groups = {(e.camera, e.exposure.time): e for e in report.exposures}
     assert set(groups) == {(camera, e.time) for camera in "ab" for e in rig.plan.bracket}
     assert all(e.shots == 3 for e in groups.values())
