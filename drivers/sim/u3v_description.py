@@ -1,13 +1,14 @@
 """The GenICam XML of the simulated machine vision camera, and where its registers are.
 
-Elements stand in the order that the GenApi schema 1.1 wants, so that other people's parsers take it.
+Other people's parsers take it: the package `genicam` and Aravis.
 """
 
 import io
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from enum import IntEnum
 
+from drivers.sim import u3v_xml as xml
 from drivers.u3v.registers import Abrm
 
 CHUNK_EXPOSURE, CHUNK_IMAGE = 0x1001, 0x1000
@@ -100,36 +101,36 @@ def describe(
     lines = {f"Line{number}": number for number in range(LINES)}
     sources = {"Software": 0} | {name: 1 + number for name, number in lines.items()}
     parts = [
-        _category("Root", _CATEGORIES),
-        *(_category(name, features) for name, features in _CATEGORIES.items()),
-        _text("DeviceVendorName", 0x004),
-        _text("DeviceModelName", 0x044),
-        _text("DeviceSerialNumber", 0x144),
-        _command("TimestampLatch", Abrm.LATCH),
+        xml.category("Root", _CATEGORIES),
+        *(xml.category(name, features) for name, features in _CATEGORIES.items()),
+        xml.text("DeviceVendorName", 0x004),
+        xml.text("DeviceModelName", 0x044),
+        xml.text("DeviceSerialNumber", 0x144),
+        xml.command("TimestampLatch", Abrm.LATCH),
         '<Integer Name="TimestampLatchValue"><pValue>TimestampLatchValueReg</pValue><Min>0</Min>'
         f"<Max>{(1 << 63) - 1}</Max></Integer>",
-        _register("IntReg", "TimestampLatchValueReg", Abrm.TIMESTAMP, length=8, access="RO"),
-        _integer("SensorWidth", Feature.SENSOR_WIDTH, 1, width),
-        _integer("SensorHeight", Feature.SENSOR_HEIGHT, 1, height),
-        _integer("Width", Feature.WIDTH, 1, "WidthMost"),
-        _integer("Height", Feature.HEIGHT, 1, "HeightMost"),
-        _integer("OffsetX", Feature.OFFSET_X, 0, "OffsetXMost"),
-        _integer("OffsetY", Feature.OFFSET_Y, 0, "OffsetYMost"),
-        _knife("WidthMost", {"ALL": "SensorWidth", "OFFSET": "OffsetXReg"}, "ALL - OFFSET"),
-        _knife("HeightMost", {"ALL": "SensorHeight", "OFFSET": "OffsetYReg"}, "ALL - OFFSET"),
-        _knife("OffsetXMost", {"ALL": "SensorWidth", "SIZE": "WidthReg"}, "ALL - SIZE"),
-        _knife("OffsetYMost", {"ALL": "SensorHeight", "SIZE": "HeightReg"}, "ALL - SIZE"),
-        _enumeration("PixelFormat", Feature.PIXEL_FORMAT, formats),
-        _integer("PixelDynamicRangeMax", Feature.DYNAMIC_RANGE_MAX, 0, 0xFFFF),
-        _enumeration(
+        xml.register("IntReg", "TimestampLatchValueReg", Abrm.TIMESTAMP, length=8, access="RO"),
+        xml.integer("SensorWidth", Feature.SENSOR_WIDTH, 1, width, access="RO"),
+        xml.integer("SensorHeight", Feature.SENSOR_HEIGHT, 1, height, access="RO"),
+        xml.integer("Width", Feature.WIDTH, 1, "WidthMost"),
+        xml.integer("Height", Feature.HEIGHT, 1, "HeightMost"),
+        xml.integer("OffsetX", Feature.OFFSET_X, 0, "OffsetXMost"),
+        xml.integer("OffsetY", Feature.OFFSET_Y, 0, "OffsetYMost"),
+        xml.knife("WidthMost", {"ALL": "SensorWidth", "OFFSET": "OffsetXReg"}, "ALL - OFFSET"),
+        xml.knife("HeightMost", {"ALL": "SensorHeight", "OFFSET": "OffsetYReg"}, "ALL - OFFSET"),
+        xml.knife("OffsetXMost", {"ALL": "SensorWidth", "SIZE": "WidthReg"}, "ALL - SIZE"),
+        xml.knife("OffsetYMost", {"ALL": "SensorHeight", "SIZE": "HeightReg"}, "ALL - SIZE"),
+        xml.enumeration("PixelFormat", Feature.PIXEL_FORMAT, formats),
+        xml.integer("PixelDynamicRangeMax", Feature.DYNAMIC_RANGE_MAX, 0, 0xFFFF, access="RO"),
+        xml.enumeration(
             "AcquisitionMode",
             Feature.ACQUISITION_MODE,
             {"Continuous": 0, "SingleFrame": 1, "MultiFrame": 2},
         ),
-        _command("AcquisitionStart", Feature.ACQUISITION_START),
-        _command("AcquisitionStop", Feature.ACQUISITION_STOP),
-        _integer("AcquisitionFrameCount", Feature.FRAME_COUNT, 1, 65535),
-        _integer("AcquisitionBurstFrameCount", Feature.BURST_COUNT, 1, 255),
+        xml.command("AcquisitionStart", Feature.ACQUISITION_START),
+        xml.command("AcquisitionStop", Feature.ACQUISITION_STOP),
+        xml.integer("AcquisitionFrameCount", Feature.FRAME_COUNT, 1, 65535),
+        xml.integer("AcquisitionBurstFrameCount", Feature.BURST_COUNT, 1, 255),
         '<Float Name="AcquisitionResultingFrameRate"><pValue>FrameRateFormula</pValue><Unit>Hz</Unit></Float>'
         '<SwissKnife Name="FrameRateFormula"><pVariable Name="TIME">ExposureTimeReg</pVariable>'
         "<Formula>1000000 / (TIME + 1000)</Formula></SwissKnife>",
@@ -137,23 +138,23 @@ def describe(
         "<Value>1</Value></Enumeration>",
         f'<Float Name="ExposureTime"><pValue>ExposureTimeReg</pValue><Min>{times[0]!r}</Min>'
         f"<Max>{times[1]!r}</Max><Unit>us</Unit></Float>",
-        _register("FloatReg", "ExposureTimeReg", Feature.EXPOSURE_TIME, length=8),
-        _enumeration("TriggerSelector", Feature.TRIGGER_SELECTOR, {"FrameStart": 0, "FrameBurstStart": 1}),
-        _enumeration("TriggerMode", None, on),
-        _enumeration("TriggerSource", None, sources),
+        xml.register("FloatReg", "ExposureTimeReg", Feature.EXPOSURE_TIME, length=8),
+        xml.enumeration("TriggerSelector", Feature.TRIGGER_SELECTOR, {"FrameStart": 0, "FrameBurstStart": 1}),
+        xml.enumeration("TriggerMode", None, on),
+        xml.enumeration("TriggerSource", None, sources),
         # Masked, so that no reader of other registers than ours is led out of them.
-        _knife("TriggerIndex", {"CHOSEN": "TriggerSelectorReg"}, "CHOSEN & 1"),
-        _knife("LineIndex", {"CHOSEN": "LineSelectorReg"}, "CHOSEN & 3"),
-        _knife("BlackLevelIndex", {"CHOSEN": "BlackLevelSelectorReg"}, "CHOSEN & 3"),
-        _enumeration("TriggerActivation", None, {"RisingEdge": 0, "FallingEdge": 1}),
-        _selected(
+        xml.knife("TriggerIndex", {"CHOSEN": "TriggerSelectorReg"}, "CHOSEN & 1"),
+        xml.knife("LineIndex", {"CHOSEN": "LineSelectorReg"}, "CHOSEN & 3"),
+        xml.knife("BlackLevelIndex", {"CHOSEN": "BlackLevelSelectorReg"}, "CHOSEN & 3"),
+        xml.enumeration("TriggerActivation", None, {"RisingEdge": 0, "FallingEdge": 1}),
+        xml.selected(
             "TriggerControl",
             Feature.TRIGGER_CONTROL,
             "TriggerIndex",
             {"TriggerModeReg": (0, 0), "TriggerSourceReg": (4, 7), "TriggerActivationReg": (8, 8)},
         ),
-        _command("TriggerSoftware", Feature.TRIGGER_SOFTWARE),
-        _enumeration("LineSelector", Feature.LINE_SELECTOR, lines),
+        xml.command("TriggerSoftware", Feature.TRIGGER_SOFTWARE),
+        xml.enumeration("LineSelector", Feature.LINE_SELECTOR, lines),
         '<Enumeration Name="LineMode"><EnumEntry Name="Input"><Value>0</Value></EnumEntry>'
         '<EnumEntry Name="Output"><pIsAvailable>LineSelectorReg</pIsAvailable><Value>1</Value></EnumEntry>'
         "<pValue>LineModeReg</pValue></Enumeration>",
@@ -161,7 +162,7 @@ def describe(
         '<EnumEntry Name="Off"><Value>0</Value></EnumEntry>'
         '<EnumEntry Name="ExposureActive"><Value>1</Value></EnumEntry>'
         "<pValue>LineSourceReg</pValue></Enumeration>",
-        _selected(
+        xml.selected(
             "LineControl",
             Feature.LINE_CONTROL,
             "LineIndex",
@@ -171,12 +172,12 @@ def describe(
         '<Converter Name="GainConverter"><FormulaTo>1000 * (10 ** (FROM / 20))</FormulaTo>'
         "<FormulaFrom>20 * LG(TO / 1000)</FormulaFrom><pValue>GainRaw</pValue>"
         "<Slope>Increasing</Slope></Converter>",
-        _integer("GainRaw", Feature.GAIN, 1000, round(10 * iso)),
-        _enumeration(
+        xml.integer("GainRaw", Feature.GAIN, 1000, round(10 * iso)),
+        xml.enumeration(
             "BlackLevelSelector", Feature.BLACK_SELECTOR, {"All": 0, "Red": 1, "Green": 2, "Blue": 3}
         ),
         '<Float Name="BlackLevel"><pValue>BlackLevelReg</pValue></Float>',
-        _register(
+        xml.register(
             "FloatReg",
             "BlackLevelReg",
             Feature.BLACK_LEVEL,
@@ -184,27 +185,27 @@ def describe(
             access="RO",
             index=("BlackLevelIndex", 8),
         ),
-        _boolean("ChunkModeActive", Feature.CHUNK_MODE),
-        _enumeration("ChunkSelector", Feature.CHUNK_SELECTOR, {"ExposureTime": 1}),
-        _boolean("ChunkEnable", Feature.CHUNK_ENABLE),
+        xml.boolean("ChunkModeActive", Feature.CHUNK_MODE),
+        xml.enumeration("ChunkSelector", Feature.CHUNK_SELECTOR, {"ExposureTime": 1}),
+        xml.boolean("ChunkEnable", Feature.CHUNK_ENABLE),
         '<Float Name="ChunkExposureTime"><pValue>ChunkExposureTimeReg</pValue><Unit>us</Unit></Float>',
-        _register("FloatReg", "ChunkExposureTimeReg", 0, length=8, access="RO", port="ChunkExposurePort"),
-        _enumeration("SequencerMode", Feature.SEQUENCER_MODE, on),
-        _enumeration("SequencerConfigurationMode", Feature.SEQUENCER_CONFIGURATION, on),
-        _integer("SequencerSetSelector", Feature.SET_SELECTOR, 0, SETS - 1),
-        _command("SequencerSetSave", Feature.SET_SAVE),
-        _integer("SequencerSetStart", Feature.SET_START, 0, SETS - 1),
-        _integer("SequencerSetNext", Feature.SET_NEXT, 0, SETS - 1),
-        _integer("SequencerPathSelector", Feature.PATH_SELECTOR, 0, 0),
-        _enumeration("SequencerTriggerSource", Feature.SEQUENCER_SOURCE, {"Off": 0, "FrameEnd": 1}),
+        xml.register("FloatReg", "ChunkExposureTimeReg", 0, length=8, access="RO", port="ChunkExposurePort"),
+        xml.enumeration("SequencerMode", Feature.SEQUENCER_MODE, on),
+        xml.enumeration("SequencerConfigurationMode", Feature.SEQUENCER_CONFIGURATION, on),
+        xml.integer("SequencerSetSelector", Feature.SET_SELECTOR, 0, SETS - 1),
+        xml.command("SequencerSetSave", Feature.SET_SAVE),
+        xml.integer("SequencerSetStart", Feature.SET_START, 0, SETS - 1),
+        xml.integer("SequencerSetNext", Feature.SET_NEXT, 0, SETS - 1),
+        xml.integer("SequencerPathSelector", Feature.PATH_SELECTOR, 0, 0),
+        xml.enumeration("SequencerTriggerSource", Feature.SEQUENCER_SOURCE, {"Off": 0, "FrameEnd": 1}),
         '<Integer Name="PayloadSize"><pValue>PayloadFormula</pValue><Unit>B</Unit></Integer>',
-        _knife(
+        xml.knife(
             "PayloadFormula",
             {"W": "WidthReg", "H": "HeightReg", "F": "PixelFormatReg", "C": "ChunkModeActiveReg"},
             "(W * H * ((F >> 16) & 255) + 7) / 8 + ((C = 1) ? 24 : 0)",
         ),
-        _enumeration("DeviceLinkThroughputLimitMode", Feature.THROUGHPUT_MODE, on),
-        _integer(
+        xml.enumeration("DeviceLinkThroughputLimitMode", Feature.THROUGHPUT_MODE, on),
+        xml.integer(
             "DeviceLinkThroughputLimit",
             Feature.THROUGHPUT_LIMIT,
             *THROUGHPUT,
@@ -229,102 +230,9 @@ def describe(
     )
 
 
-def zipped(xml: str) -> bytes:
+def zipped(text: str) -> bytes:
     """As the manifest offers it; the same bytes each time."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(zipfile.ZipInfo("simulated.xml", (2026, 1, 1, 0, 0, 0)), xml, zipfile.ZIP_DEFLATED)
+        archive.writestr(zipfile.ZipInfo("simulated.xml", (2026, 1, 1, 0, 0, 0)), text, zipfile.ZIP_DEFLATED)
     return buffer.getvalue()
-
-
-def _category(name: str, features: Iterable[str]) -> str:
-    inside = "".join(f"<pFeature>{feature}</pFeature>" for feature in features)
-    return f'<Category Name="{name}">{inside}</Category>'
-
-
-def _register(
-    kind: str,
-    name: str,
-    address: int,
-    *,
-    length: int = 4,
-    access: str = "RW",
-    port: str = "Device",
-    index: tuple[str, int] | None = None,
-) -> str:
-    """A register; `index` is the node that chooses among several, and the bytes from one to the next."""
-    chosen = "" if index is None else f'<pIndex Offset="{index[1]}">{index[0]}</pIndex>'
-    sign = "<Sign>Unsigned</Sign>" if kind == "IntReg" else ""
-    order = "" if kind == "StringReg" else "<Endianess>LittleEndian</Endianess>"
-    return (
-        f'<{kind} Name="{name}"><Address>{address:#x}</Address>{chosen}<Length>{length}</Length>'
-        f"<AccessMode>{access}</AccessMode><pPort>{port}</pPort><Cachable>NoCache</Cachable>"
-        f"{sign}{order}</{kind}>"
-    )
-
-
-def _text(name: str, address: int) -> str:
-    return _register("StringReg", name, address, length=64, access="RO")
-
-
-def _integer(
-    name: str,
-    address: Feature,
-    low: int,
-    high: int | str,
-    *,
-    step: int | None = None,
-    available: str | None = None,
-) -> str:
-    """An Integer over a register; `high` may be a node."""
-    most = f"<pMax>{high}</pMax>" if isinstance(high, str) else f"<Max>{high}</Max>"
-    steps = "" if step is None else f"<Inc>{step}</Inc>"
-    there = "" if available is None else f"<pIsAvailable>{available}</pIsAvailable>"
-    access = "RO" if address in READ_ONLY else "RW"
-    return (
-        f'<Integer Name="{name}">{there}<pValue>{name}Reg</pValue><Min>{low}</Min>{most}{steps}</Integer>'
-        + _register("IntReg", f"{name}Reg", address, access=access)
-    )
-
-
-def _knife(name: str, variables: Mapping[str, str], formula: str) -> str:
-    given = "".join(f'<pVariable Name="{key}">{node}</pVariable>' for key, node in variables.items())
-    safe = formula.replace("&", "&amp;").replace(">", "&gt;")
-    return f'<IntSwissKnife Name="{name}">{given}<Formula>{safe}</Formula></IntSwissKnife>'
-
-
-def _enumeration(name: str, address: Feature | None, entries: Mapping[str, int]) -> str:
-    """An Enumeration over a register of its own, or over one that is described elsewhere."""
-    inside = "".join(
-        f'<EnumEntry Name="{entry}"><Value>{value}</Value></EnumEntry>' for entry, value in entries.items()
-    )
-    own = "" if address is None else _register("IntReg", f"{name}Reg", address)
-    return f'<Enumeration Name="{name}">{inside}<pValue>{name}Reg</pValue></Enumeration>{own}'
-
-
-def _boolean(name: str, address: Feature) -> str:
-    return (
-        f'<Boolean Name="{name}"><pValue>{name}Reg</pValue><OnValue>1</OnValue><OffValue>0</OffValue>'
-        "</Boolean>" + _register("IntReg", f"{name}Reg", address)
-    )
-
-
-def _command(name: str, address: Feature | Abrm) -> str:
-    return (
-        f'<Command Name="{name}"><pValue>{name}Reg</pValue><CommandValue>1</CommandValue></Command>'
-        + _register("IntReg", f"{name}Reg", address)
-    )
-
-
-def _selected(comment: str, address: int, selector: str, entries: Mapping[str, tuple[int, int]]) -> str:
-    """A register for each value of a selector, cut into `entries`: lowest and highest bit by name."""
-    inside = "".join(
-        f'<StructEntry Name="{name}"><LSB>{low}</LSB><MSB>{high}</MSB></StructEntry>'
-        for name, (low, high) in entries.items()
-    )
-    return (
-        f'<StructReg Comment="{comment}"><Address>{address:#x}</Address>'
-        f'<pIndex Offset="4">{selector}</pIndex><Length>4</Length><AccessMode>RW</AccessMode>'
-        "<pPort>Device</pPort><Cachable>NoCache</Cachable><Endianess>LittleEndian</Endianess>"
-        f"{inside}</StructReg>"
-    )
