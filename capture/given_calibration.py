@@ -141,10 +141,11 @@ def write_truth(session: Session, given: Given, places: Sequence[Place]) -> list
             f"The true light of {len(lit)} of {len(views)} views is left aside, since rig evaluate may ask "
             "for that of any view."
         ]
-    for (camera, frame), (width, height) in views.items():
+    for (_, frame), (width, height) in views.items():
         light = read_exr(given.truth[frame]).rgb()
         if light.shape[1] < width or light.shape[0] < height:
             return [f"The true light is left aside: {given.truth[frame]} is smaller than its photographs."]
+    for camera, frame in views:
         file = session.folder / "truth" / f"{frame:04d}" / f"{camera}.exr"
         store.write_bytes(file, given.truth[frame].read_bytes())
     # Of lenses, exposures and noise this truth knows nothing: lists that an evaluation finds empty.

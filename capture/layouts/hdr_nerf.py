@@ -187,7 +187,10 @@ def _photographed(folder: Path) -> Given:
 def _table(path: Path) -> Array:
     """The rows of `poses_bounds_exps.npy`, float64 [N, 18]."""
     try:
-        table = np.asarray(np.load(path, allow_pickle=False), np.float64)
+        stored = np.load(path, allow_pickle=False)
+        if not isinstance(stored, np.ndarray) or stored.dtype.kind not in "fiu":
+            raise TypeError
+        table = stored.astype(np.float64)
     except (OSError, ValueError, TypeError, EOFError, MemoryError, SyntaxError) as error:
         raise InputError(f"{path} cannot be read as an array of numbers: export it again.") from error
     if table.ndim != 2 or table.shape[1] != 18 or not len(table):
