@@ -7,6 +7,7 @@ from imaging.calibration import Response
 from imaging.errors import CalibrationError, InputError
 from imaging.linear import LinearFrame, read_linear
 from imaging.records import CameraRecord, ShotRecord
+from imaging.sensor import SensorCalibration
 from imaging.session import Session, brackets
 
 Progress = Callable[[str, int, int], None]
@@ -20,6 +21,8 @@ class View:
     camera: CameraRecord
     frame: int
     shots: tuple[ShotRecord, ...]
+    sensors: tuple[SensorCalibration, ...] = ()
+    """What was measured of the camera's sensor, by which its shots are read."""
 
     @property
     def name(self) -> str:
@@ -55,5 +58,6 @@ def read_view(
 ) -> list[LinearFrame]:
     """The exposures of a view as linear light; InputError if a file is missing or damaged."""
     return [
-        read_linear(session.file(shot), view.camera.kind, scales[shot.file], response) for shot in view.shots
+        read_linear(session.file(shot), view.camera.kind, scales[shot.file], response, view.sensors)
+        for shot in view.shots
     ]

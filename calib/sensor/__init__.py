@@ -1,0 +1,1 @@
+"""What a sensor is, measured from darks and flats after EMVA 1288, or from the brackets of a scene."""

@@ -1,0 +1,41 @@
+"""Where photosites really saturate: nominal white levels are 10 to 15 % off on some makes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+FEWEST = 30
+"""Overexposed photosites that a ceiling is read from."""
+MISSING = 0.8
+"""A photosite with less than this share of the light that another exposure foretells is saturated."""
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """level: DN; scatter: of the saturated photosites around it, DN, rounding included."""
+
+    level: float
+    scatter: float
+
+
+def ceiling(
+    pixels: npt.NDArray[np.floating], foretold: npt.NDArray[np.floating], black: npt.NDArray[np.floating]
+) -> Ceiling | None:
+    """The lowest of the plateaus of the four CFA sites, from pixels [4, N] and what they should have, DN.
+
+    Both above black [4]; NaN marks photosites that are not to be used. None where too few are overexposed.
+    """
+    found: list[Ceiling] = []
+    for own, expected, off in zip(pixels, foretold, black, strict=True):
+        with np.errstate(invalid="ignore"):
+            full = own[own < MISSING * expected]
+        if len(full) < FEWEST:
+            continue
+        level = float(np.median(full))
+        # What moved between the exposures is as dark as it likes; the plateau is where most of them are.
+        near = full[np.abs(full - level) < 0.02 * abs(level) + 2.0]
+        if len(near) < 0.8 * len(full):
+            continue
+        found.append(Ceiling(level + float(off), float(np.hypot(near.std(), np.sqrt(1 / 12)))))
+    return min(found, key=lambda one: one.level, default=None)

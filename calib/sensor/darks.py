@@ -1,0 +1,123 @@
+"""Black level and dark current from darks at one time or several; scatter of coarsely counted darks."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import optimize, special
+
+from calib.sensor.stack import Bool, Stack, sites
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Dark:
+    """black, black_error: float64 [4], DN of the CFA sites at no time; current: DN/s and its standard
+    error, None where all darks are of one time."""
+
+    black: Array
+    black_error: Array
+    current: tuple[float, float] | None
+
+
+def level(stacks: Sequence[Stack], usable: Bool) -> Dark:
+    """Black of each CFA site and what it gains in a second, the same for all, from one stack or more.
+
+    The error counts what moves a whole frame, as its own level tells, and the fixed pattern.
+    """
+    means, errors = [], []
+    for stack in stacks:
+        mask, mean = sites(usable), sites(stack.mean)
+        chosen = [plane[keep].astype(np.float64) for plane, keep in zip(mean, mask, strict=True)]
+        means.append(np.array([own.mean() for own in chosen]))
+        still = np.array([own.std() / np.sqrt(own.size) for own in chosen])
+        # All of a frame may shift; few frames tell by how much only if the sites are pooled.
+        moved = stack.levels - stack.levels.mean(axis=0)
+        errors.append(np.hypot(still, np.sqrt((moved**2).mean() / max(stack.frames - 1, 1))))
+    value, sigma = np.array(means), np.array(errors)
+    times = np.array([stack.time for stack in stacks])
+    if len(set(times.tolist())) < 2:
+        weight = 1.0 / sigma**2
+        return Dark((value * weight).sum(0) / weight.sum(0), 1.0 / np.sqrt(weight.sum(0)), None)
+    rows = [np.hstack([np.eye(4), np.full((4, 1), time)]) for time in times]
+    design = np.concatenate([row / own[:, None] for row, own in zip(rows, sigma, strict=True)])
+    inverse = np.linalg.inv(design.T @ design)
+    found = inverse @ (design.T @ (value / sigma).reshape(-1))
+    error = np.sqrt(np.diag(inverse))
+    return Dark(found[:4], error[:4], (float(found[4]), float(error[4])))
+
+
+@dataclass(frozen=True, eq=False)
+class Coarse:
+    """Of one CFA site that counts coarsely, or from 0: black, DN, scatter in time, DN; errors of both."""
+
+    black: float
+    scatter: float
+    black_error: float
+    scatter_error: float
+
+
+def coarse(first: npt.NDArray[np.integer], second: npt.NDArray[np.integer]) -> Coarse | None:
+    """Black and scatter by maximum likelihood from two darks of one CFA site, DN, flattened.
+
+    A photosite has `round(black + pattern + scatter z)`, not below 0: where the scatter is under half a DN,
+    means and variances of the numbers are not those of the signal. The pattern is normal over the
+    photosites, its size unknown. None where all numbers are equal, which bounds the scatter only.
+    """
+    low = int(min(first.min(), second.min()))
+    size = int(max(first.max(), second.max())) - low + 1
+    if size < 2 or size > 64:
+        return None
+    one, other = ((frame - low).astype(np.intp) for frame in (first, second))
+    table = np.bincount(one * size + other, minlength=size**2).reshape(size, size)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(41)
+    weights = weights / weights.sum()
+    edges = np.arange(size + 1) + low - 0.5
+    edges[0], edges[-1] = -np.inf, np.inf
+
+    def loss(values: Array) -> float:
+        black, scatter, pattern = values[0], np.exp(values[1]), np.exp(values[2])
+        below = special.ndtr((edges[None] - (black + pattern * nodes)[:, None]) / scatter)
+        each = np.diff(below, axis=1)
+        joint = np.einsum("n,ni,nj->ij", weights, each, each)
+        return -float((table * np.log(np.maximum(joint, 1e-300))).sum())
+
+    mean = float(np.concatenate([first, second]).mean())
+    spread = max(float(np.sqrt(((first.astype(float) - second) ** 2).mean() / 2)), 0.1)
+    best = min(
+        (
+            optimize.minimize(loss, [mean, np.log(spread * guess), np.log(0.05)], method="Nelder-Mead",
+                              options={"xatol": 1e-5, "fatol": 1e-4, "maxiter": 800})
+            for guess in (0.6, 1.0)
+        ),
+        key=lambda result: float(result.fun),
+    )  # fmt: skip
+    covariance = _inverse_hessian(loss, best.x)
+    if covariance is None:
+        return None
+    scatter = float(np.exp(best.x[1]))
+    return Coarse(
+        black=float(best.x[0]),
+        scatter=scatter,
+        black_error=float(np.sqrt(covariance[0, 0])),
+        scatter_error=scatter * float(np.sqrt(covariance[1, 1])),
+    )
+
+
+def _inverse_hessian(loss: Callable[[Array], float], at: Array) -> Array | None:
+    """Covariance of the first two values with the third held, unless the data tell that one too."""
+    step = 0.02
+    for count in (3, 2):
+        units = np.eye(len(at))[:count] * step
+        corners = np.array(
+            [
+                [loss(at + a + b) - loss(at + a - b) - loss(at - a + b) + loss(at - a - b) for b in units]
+                for a in units
+            ]
+        )
+        hessian = corners / (4 * step**2)
+        if np.all(np.linalg.eigvalsh(hessian) > 1e-3):
+            return np.asarray(np.linalg.inv(hessian))
+    return None

@@ -1,0 +1,76 @@
+"""Photosites that cannot be trusted: hot or noisy in the dark, or unlike their neighbours in light."""
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage, stats
+
+from calib.sensor.stack import Map, Stack, sites
+from imaging.sensor import Defect
+
+Bool = npt.NDArray[np.bool_]
+
+SIGMAS = 6.5
+"""Distance from the neighbours, in robust standard deviations of all photosites of the site; normal
+scatter passes this once in 1e10, and the skew of a few electrons still under once in 1e5."""
+NEIGHBOURS = 7
+"""Side of the window, in photosites of one site, whose median stands for the neighbours."""
+NOISY = 1e-9
+"""Chance with which a good photosite's scatter in time passes for noisy."""
+
+
+def in_the_dark(dark: Stack) -> tuple[Bool, Bool]:
+    """Hot photosites and noisy ones, bool [H, W] each, from repeated darks (the longest are best)."""
+    hot = _off(dark.mean, relative=False)
+    noisy = np.zeros_like(hot)
+    freedom = dark.frames - 1
+    if freedom >= 7:
+        usual = np.median(sites(dark.variance), axis=(1, 2))
+        limit = max(float(stats.chi2.isf(NOISY, freedom)) / freedom, 4.0)
+        # Rounding lifts the scatter of a photosite at the edge of a code; a quarter DN^2 is its most.
+        ceiling = np.maximum(usual * limit, usual + 0.25)
+        noisy = _joined(sites(dark.variance) > ceiling[:, None, None], hot.shape) & ~hot
+    return hot, noisy
+
+
+def in_light(flat: Stack, black: npt.NDArray[np.float64]) -> Bool:
+    """Photosites that answer light otherwise than their neighbours, bool [H, W]; black [4], DN."""
+    height, width = flat.variance.shape
+    level = np.tile(black.reshape(2, 2), (-(-height // 2), -(-width // 2)))[:height, :width]
+    return _off((flat.mean - level).astype(np.float32), relative=True)
+
+
+def listed(hot: Bool, noisy: Bool, dead: Bool) -> tuple[Defect, ...]:
+    """The defects in reading order, each once: hot before dead before noisy."""
+    found: list[Defect] = []
+    for row, column in zip(*np.nonzero(hot | noisy | dead), strict=True):
+        at = (row, column)
+        kind: Literal["hot", "dead", "noisy"] = "hot" if hot[at] else "dead" if dead[at] else "noisy"
+        found.append(Defect(x=int(column), y=int(row), kind=kind))
+    return tuple(found)
+
+
+def _off(image: Map, relative: bool) -> Bool:
+    """Where an image is far off the median of its neighbours of the same CFA site."""
+    planes = sites(image).astype(np.float64)
+    far = np.zeros(planes.shape, bool)
+    for site, plane in enumerate(planes):
+        around = ndimage.median_filter(plane, NEIGHBOURS, mode="mirror")
+        apart = plane / np.maximum(around, 1e-6) - 1.0 if relative else plane - around
+        middle = float(np.median(apart))
+        # Half the photosites agree exactly where a camera counts coarsely; the variance then tells more.
+        spread = 1.4826 * float(np.median(np.abs(apart - middle)))
+        inner = np.abs(apart - middle) < 4.0 * max(spread, 1e-12)
+        spread = max(spread, float(apart[inner].std()) if inner.any() else 0.0)
+        far[site] = np.abs(apart - middle) > SIGMAS * max(spread, 1e-9)
+    return _joined(far, image.shape)
+
+
+def _joined(planes: Bool, shape: tuple[int, ...]) -> Bool:
+    """The planes of the CFA sites put together again; an odd last row or column is False."""
+    image = np.zeros(shape, bool)
+    height, width = shape[0] // 2 * 2, shape[1] // 2 * 2
+    for site in range(4):
+        image[site // 2 : height : 2, site % 2 : width : 2] = planes[site]
+    return image

@@ -1,0 +1,195 @@
+"""A sensor at one ISO from repeated darks and flats: all that EMVA 1288 asks of them, with errors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.sensor import darks, defects, flats, pattern
+from calib.sensor.flats import Falloff
+from calib.sensor.linearity import Levels, straightness
+from calib.sensor.photon_transfer import HIGHEST, SMALLEST, Points, Transfer, fit
+from calib.sensor.stack import Bool, Stack, sites, tiles
+from imaging.sensor import Measured, SensorCalibration
+
+Array = npt.NDArray[np.float64]
+
+FILE_BLACK = 2.0
+"""DN by which the black level of a file may be wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nominal:
+    """What the files say: black of the CFA sites, float64 [4], and white, DN."""
+
+    black: Array
+    white: float
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Stacks of one ISO, of one size.
+
+    pair: two darks of the shortest time, uint16 [H, W] each, needed where the sensor counts coarsely.
+    """
+
+    darks: Sequence[Stack] = ()
+    flats: Sequence[Stack] = ()
+    pair: Sequence[npt.NDArray[np.uint16]] = field(default=())
+
+
+def measure(
+    frames: Frames, nominal: Nominal, iso: float | None, gain: Measured | None = None
+) -> tuple[SensorCalibration, Falloff | None]:
+    """What the frames tell; the fall of light is that of the f-number of the flats.
+
+    gain: as it is known from elsewhere, for darks without flats.
+    """
+    stacks = [*frames.darks, *frames.flats]
+    shape = stacks[0].variance.shape
+    none = np.zeros(shape, bool)
+    hot, noisy, dead = none, none, none
+    dark = max(frames.darks, key=lambda one: (one.time, one.frames), default=None)
+    if dark is not None:
+        hot, noisy = defects.in_the_dark(dark)
+    usable = ~(hot | noisy)
+    level = _level(frames, nominal, usable)
+    plateau = flats.plateau(frames.flats, level.black, usable)
+    top = (nominal.white if plateau is None else plateau.level) - float(level.black.mean())
+    lit = _brightest(frames.flats, level.black, HIGHEST * top)
+    if lit is not None:
+        dead = defects.in_light(lit, level.black) & ~hot
+        usable = usable & ~dead
+        level = _level(frames, nominal, usable)
+    points = _points(frames, level.black, usable, HIGHEST * top)
+    transfer = fit(points) or _in_the_dark(points, gain)
+    values: dict[str, object] = {"iso": iso}
+    source = "darks and flats" if frames.darks and frames.flats else "darks" if frames.darks else "flats"
+
+    def put(name: str, value: float, sigma: float, of: str = source) -> None:
+        values[name] = Measured.model_validate({"value": value, "sigma": sigma, "source": of})
+
+    if frames.darks:
+        values["black"] = tuple(
+            Measured(value=float(value), sigma=float(sigma), source="darks")
+            for value, sigma in zip(level.black, level.black_error, strict=True)
+        )
+    if plateau is not None:
+        put("ceiling", plateau.level, plateau.scatter, "flats")
+    if transfer is not None:
+        _electrons(frames, transfer, level, top, plateau is not None, usable, put)
+    if lit is not None:
+        shortest = min(frames.darks, key=lambda one: one.time, default=None)
+        prnu = pattern.photo_response(lit, shortest, level.black, usable)
+        if prnu is not None:
+            put("prnu", *prnu, "flats")
+    if dark is not None or lit is not None:
+        values["defects"] = defects.listed(hot, noisy, dead)
+    line = straightness(
+        _shared(frames, level, usable, nominal, top),
+        float(level.black_error.mean()) / (nominal.white - float(level.black.mean())),
+    )
+    if line is not None:
+        put("nonlinearity", line.share, line.error, "flats")
+        values["linear"] = line.linear
+    fall = None if lit is None else flats.falloff(lit, level.black, usable)
+    return SensorCalibration.model_validate(values), fall
+
+
+def _level(frames: Frames, nominal: Nominal, usable: Bool) -> darks.Dark:
+    """Black by the darks; by the files without them, and by likelihood where the sensor counts coarsely."""
+    if not frames.darks:
+        return darks.Dark(nominal.black, np.full(4, FILE_BLACK), None)
+    found = darks.level(frames.darks, usable)
+    if not is_coarse(frames.darks) or len(frames.pair) < 2:
+        return found
+    black, error = found.black.copy(), found.black_error.copy()
+    for site, one in enumerate(_coarse(frames, usable)):
+        if one is not None:
+            black[site], error[site] = one.black, one.black_error
+    return darks.Dark(black, error, found.current)
+
+
+def is_coarse(stacks: Sequence[Stack]) -> bool:
+    """Whether darks scatter too little, or too close to 0, for their numbers to be taken as they are."""
+    shortest = min(stacks, key=lambda one: one.time)
+    spread = np.median(sites(shortest.variance), axis=(1, 2))
+    return bool(np.any(spread < SMALLEST) or shortest.levels.min() < 4.0 * np.sqrt(spread.max()))
+
+
+def _coarse(frames: Frames, usable: Bool) -> list[darks.Coarse | None]:
+    mask = sites(usable)
+    first, second = (sites(frame) for frame in frames.pair[:2])
+    return [darks.coarse(first[site][mask[site]], second[site][mask[site]]) for site in range(4)]
+
+
+def _brightest(stacks: Sequence[Stack], black: Array, top: float) -> Stack | None:
+    """The brightest flat whose photosites all keep clear of the ceiling; top: DN above black."""
+    light = {i: float(np.percentile(sites(s.mean), 99)) - float(black.mean()) for i, s in enumerate(stacks)}
+    clear = [i for i in light if 0.05 * top < light[i] < top]
+    return stacks[max(clear, key=lambda i: light[i])] if clear else None
+
+
+def _points(frames: Frames, black: Array, usable: Bool, top: float) -> Points:
+    parts = []
+    for stack in [*frames.darks, *frames.flats]:
+        if stack.frames >= 2:
+            cut = tiles(stack, usable)
+            light = cut.mean - black[cut.site]
+            parts.append(Points(light, cut.variance, cut.freedom).part(light < top))
+    empty = np.zeros(0)
+    return Points.joined(parts) if parts else Points(empty, empty, empty)
+
+
+def _in_the_dark(points: Points, gain: Measured | None) -> Transfer | None:
+    """Darks alone tell the floor, which a gain from elsewhere turns into electrons."""
+    if gain is None or not len(points.light):
+        return None
+    weight = points.freedom / points.variance.mean() ** 2 / 2.0
+    floor = float((weight * (points.variance - gain.value * points.light)).sum() / weight.sum())
+    return Transfer(gain.value, floor, np.diag([gain.sigma**2, 1.0 / float(weight.sum())]))
+
+
+def _electrons(
+    frames: Frames, transfer: Transfer, level: darks.Dark, top: float, ends: bool, usable: Bool, put: object
+) -> None:
+    """What is stated in electrons."""
+    assert callable(put)
+    gain, error = transfer.gain, float(np.sqrt(transfer.covariance[0, 0]))
+    put("gain", gain, error)
+    read, read_error = transfer.read_noise()
+    if frames.darks and is_coarse(frames.darks) and len(frames.pair) >= 2:
+        told = [one for one in _coarse(frames, usable) if one is not None]
+        if told:
+            weight = np.array([1.0 / one.scatter_error**2 for one in told])
+            scatter = float((weight * [one.scatter for one in told]).sum() / weight.sum())
+            own = scatter / gain
+            own_error = float(np.hypot(1 / np.sqrt(weight.sum()), own * error) / gain)
+            share = read_error**2 / (read_error**2 + own_error**2)
+            read = share * own + (1 - share) * read
+            read_error = float(1 / np.hypot(1 / read_error, 1 / own_error))
+    common = [stack.rows for stack in frames.darks if stack.frames >= 2]
+    if common:
+        precise = min(common, key=lambda one: one[1])
+        if precise[0] > 4 * precise[1] and read**2 > precise[0] / gain**2:
+            row = float(np.sqrt(precise[0]) / gain)
+            put("row_noise", row, precise[1] / (2 * np.sqrt(precise[0]) * gain), "darks")
+            alone = float(np.sqrt(read**2 - row**2))
+            read_error = float(np.hypot(read_error * read, precise[1] / (2 * gain**2)) / alone)
+            read = alone
+    put("read_noise", read, read_error)
+    if ends:
+        put("full_well", top / gain, top / gain * error / gain)
+    if level.current is not None:
+        current, current_error = level.current
+        put("dark_current", current / gain, float(np.hypot(current_error / gain, current * error / gain**2)))
+    shortest = min(frames.darks, key=lambda one: one.time, default=None)
+    dsnu = None if shortest is None else pattern.dark_signal(shortest, usable)
+    if dsnu is not None:
+        put("dsnu", dsnu[0] / gain, dsnu[1] / gain)
+
+
+def _shared(frames: Frames, level: darks.Dark, usable: Bool, nominal: Nominal, top: float) -> list[Levels]:
+    white = nominal.white - float(level.black.mean())
+    return flats.shared_levels(frames.flats, level.black, usable, white, 0.95 * top)

@@ -1,0 +1,87 @@
+"""Whether a RAW signal is proportional to the light, from exposures that show the same at several levels.
+
+Of two exposures every level tells `long / short = ratio (1 - a long) / (1 - a short)`: the ratio is free, as
+shutter labels are rounded and light flickers, and an error of black, which bends the lowest levels only, is
+fitted along within what is known of it. What is left is the share `a` of the signal that is missing at white.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+DEVIATES = 0.008
+"""Share at white that has to be exceeded for a signal to count as bent; less is not worth a curve."""
+CERTAIN = 4.0
+"""Standard errors by which the share has to differ from 0."""
+LOWEST = 0.02
+"""Level of the longer exposure, relative to white, below which levels tell of black rather than of a bend."""
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """Levels that two exposures share; float64 [N], relative to white.
+
+    long, short: mean signals; error: standard error of `ln(long / short)`.
+    """
+
+    long: Array
+    short: Array
+    error: Array
+
+
+@dataclass(frozen=True)
+class Straightness:
+    """share: of the signal missing at white, and its standard error; points: how many levels told it."""
+
+    share: float
+    error: float
+    points: int
+
+    @property
+    def linear(self) -> bool:
+        """Whether the data do not say otherwise."""
+        return abs(self.share) < max(DEVIATES, CERTAIN * self.error)
+
+
+def straightness(pairs: Sequence[Levels], black_error: float) -> Straightness | None:
+    """The bend of a response; black_error: of the black level, relative to white. None if levels lack.
+
+    Levels that are far off all others, as a moving thing makes them, count less (Huber).
+    """
+    rows, values, weights = [], [], []
+    kept = []
+    for pair in pairs:
+        good = (pair.long > LOWEST) & (pair.short > 0.2 * LOWEST / 4) & (pair.error < 0.05)
+        if good.sum() >= 3:
+            kept.append(Levels(pair.long[good], pair.short[good], pair.error[good]))
+    if not kept:
+        return None
+    for index, pair in enumerate(kept):
+        block = np.zeros((len(pair.long), 2 + len(kept)))
+        block[:, 0] = -(pair.long - pair.short)
+        block[:, 1] = 1.0 / pair.long - 1.0 / pair.short
+        block[:, 2 + index] = 1.0
+        rows.append(block)
+        values.append(np.log(pair.long / pair.short))
+        weights.append(1.0 / pair.error)
+    prior = np.zeros((1, 2 + len(kept)))
+    prior[0, 1] = 1.0
+    design = np.concatenate([*rows, prior])
+    target = np.concatenate([*values, [0.0]])
+    weight = np.concatenate([*weights, [1.0 / max(black_error, 1e-7)]])
+    trust = np.ones(len(weight))
+    found, inverse = np.zeros(design.shape[1]), np.eye(design.shape[1])
+    for _ in range(10):
+        scaled = design * (weight * np.sqrt(trust))[:, None]
+        inverse = np.linalg.pinv(scaled.T @ scaled)
+        found = inverse @ (scaled.T @ (target * weight * np.sqrt(trust)))
+        apart = np.abs(target - design @ found) * weight
+        trust = np.minimum(1.0, 2.5 / np.maximum(apart, 1e-12))
+    points = len(weight) - 1
+    freedom = max(points - len(kept) - 1, 1)
+    excess = max(float((trust * apart**2)[:-1].sum()) / freedom, 1.0)
+    return Straightness(float(found[0]), float(np.sqrt(inverse[0, 0] * excess)), points)

@@ -1,0 +1,202 @@
+"""The sensors of a session: from its darks and flats where it has them, else from the brackets."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.sensor import brackets, emva
+from calib.sensor.brackets import Blind
+from calib.sensor.emva import Frames, Nominal
+from calib.sensor.flats import Falloff
+from calib.sensor.linearity import straightness
+from calib.sensor.stack import Stack, gather
+from calib.views import Progress, View
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.raw import read_raw
+from imaging.records import CameraRecord, ShotRecord
+from imaging.sensor import Measured, SensorCalibration
+from imaging.session import Session
+from imaging.shutter import exact_times
+
+VIEWS = 6
+"""Views of a camera that its sensor is measured from where there are no darks and flats."""
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """What was measured of one camera.
+
+    at: of every ISO that its shots have; falloff: by flats, and the f-number that it belongs to;
+    scene_isos: of the shots of the scene; missing: what lacks, in words.
+    """
+
+    at: tuple[SensorCalibration, ...] = ()
+    falloff: Falloff | None = None
+    f_number: float | None = None
+    scene_isos: tuple[float | None, ...] = ()
+    missing: tuple[str, ...] = ()
+
+
+def measure(session: Session, views: Sequence[View], progress: Progress) -> dict[str, Sensors]:
+    """Every RAW camera of the session; InputError for a missing or damaged file."""
+    cameras = [camera for camera in session.record.cameras if camera.kind == "raw"]
+    found = {}
+    for done, camera in enumerate(cameras):
+        progress("measuring the sensors", done, len(cameras))
+        found[camera.name] = _camera(session, camera, [v for v in views if v.camera.name == camera.name])
+    return found
+
+
+def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Sensors:
+    darks, flats = (
+        [shot for shot in session.shots(kind) if shot.camera == camera.name] for kind in ("dark", "flat")
+    )
+    scene = [shot for view in views for shot in view.shots]
+    at, missing = [], []
+    fall: tuple[Falloff, float | None] | None = None
+    isos = list(dict.fromkeys(_iso(shot) for shot in [*scene, *darks, *flats]))
+    for iso in isos:
+        own = [[shot for shot in shots if _iso(shot) == iso] for shots in (darks, flats)]
+        nominal = _nominal(session, [*own[0], *own[1], *scene], iso)
+        measured = SensorCalibration(iso=iso)
+        blind = None
+        if not (own[0] and own[1]):
+            blind = _blind(session, views, iso, nominal)
+        if own[0] or own[1]:
+            gain = _told(brackets.gain(blind.transfer)) if blind and blind.transfer else None
+            frames = _frames(session, own[0], own[1], nominal)
+            measured, falloff = emva.measure(frames, nominal, iso, gain)
+            if falloff is not None:
+                exposure = own[1][0].exposure
+                fall = falloff, None if exposure is None else exposure.f_number
+        if blind is not None:
+            measured = _filled(measured, blind, nominal)
+        at.append(measured)
+        missing += _lacking(camera.name, iso, measured, own, blind, bool(darks or flats))
+    return Sensors(
+        at=tuple(at),
+        falloff=fall[0] if fall else None,
+        f_number=fall[1] if fall else None,
+        scene_isos=tuple(dict.fromkeys(_iso(shot) for shot in scene)),
+        missing=tuple(missing),
+    )
+
+
+def _iso(shot: ShotRecord) -> float | None:
+    return None if shot.exposure is None else shot.exposure.iso
+
+
+def _nominal(session: Session, shots: Iterable[ShotRecord], iso: float | None) -> Nominal:
+    first = next(shot for shot in shots if _iso(shot) == iso)
+    raw = read_raw(session.file(first))
+    return Nominal(np.array(raw.black, np.float64), float(raw.white))
+
+
+def _frames(session: Session, darks: list[ShotRecord], flats: list[ShotRecord], nominal: Nominal) -> Frames:
+    """Stacks of equal exposures, read one frame at a time."""
+    stacks: list[list[Stack]] = []
+    groups = [_groups(darks), _groups(flats)]
+    times = exact_times({key.time for group in groups for key in group}) or {}
+    for group, black in zip(groups, (None, float(nominal.black.mean())), strict=True):
+        own = []
+        for key, shots in group.items():
+            exact = key.with_time(times.get(key.time, key.time))
+            # The light of a flat goes with the f-number, the signal of a dark does not.
+            amount = exact.time if black is None else exact.model_copy(update={"iso": None}).scale
+            try:
+                own.append(gather(_pixels(session, shots), amount, black))
+            except ValueError as error:
+                raise InputError(
+                    f"{session.folder}: {shots[0].kind} shots of {shots[0].camera}: {error}."
+                ) from error
+        stacks.append(own)
+    pair: list[npt.NDArray[np.uint16]] = []
+    if stacks[0] and emva.is_coarse(stacks[0]):
+        shortest = min(groups[0].items(), key=lambda item: item[0].time)[1]
+        pair = list(_pixels(session, shortest[:2]))
+    return Frames(stacks[0], stacks[1], pair)
+
+
+def _groups(shots: Iterable[ShotRecord]) -> dict[Exposure, list[ShotRecord]]:
+    groups: dict[Exposure, list[ShotRecord]] = {}
+    for shot in shots:
+        if shot.exposure is not None:
+            groups.setdefault(shot.exposure, []).append(shot)
+    return groups
+
+
+def _pixels(session: Session, shots: Iterable[ShotRecord]) -> Iterator[npt.NDArray[np.uint16]]:
+    for shot in shots:
+        yield read_raw(session.file(shot)).pixels
+
+
+def _blind(session: Session, views: Sequence[View], iso: float | None, nominal: Nominal) -> Blind | None:
+    """What the brackets of the scene tell at one ISO; None without brackets."""
+    usable = [
+        (view, shots)
+        for view in views
+        if len(shots := [shot for shot in view.shots if shot.exposure and _iso(shot) == iso]) >= 2
+    ]
+    chosen = usable[:: max(len(usable) // VIEWS, 1)][:VIEWS]
+    pairs = []
+    for _, shots in chosen:
+        ascending = sorted(shots, key=lambda shot: shot.exposure.scale if shot.exposure else 0.0)
+        frames = [read_raw(session.file(shot)).pixels for shot in ascending]
+        for shorter, longer in pairwise(frames):
+            pair = brackets.compare(longer, shorter, nominal.black, nominal.white)
+            if pair is not None:
+                pairs.append(pair)
+    return brackets.pooled(pairs, nominal.white - float(nominal.black.mean())) if pairs else None
+
+
+def _told(value: tuple[float, float]) -> Measured:
+    return Measured(value=value[0], sigma=value[1], source="brackets")
+
+
+def _filled(measured: SensorCalibration, blind: Blind, nominal: Nominal) -> SensorCalibration:
+    """What darks and flats did not tell, as the brackets tell it."""
+    told: dict[str, object] = {}
+    error = blind.black_error
+    # A black that is not known to a tenth of a DN is left to the file.
+    if measured.black is None and np.all(np.isfinite(error)) and float(error.max()) < 0.1:
+        told["black"] = tuple(
+            _told((float(value), float(sigma)))
+            for value, sigma in zip(nominal.black + blind.black, error, strict=True)
+        )
+    if measured.ceiling is None and blind.plateau is not None:
+        told["ceiling"] = _told((blind.plateau.level, blind.plateau.scatter))
+    if blind.transfer is not None:
+        if measured.gain is None or measured.gain.source == "brackets":
+            told["gain"] = _told(brackets.gain(blind.transfer))
+        read = brackets.read_noise(blind.transfer)
+        if measured.read_noise is None and read is not None:
+            told["read_noise"] = _told(read)
+    if measured.linear is None:
+        known = float(error[np.isfinite(error)].mean()) if np.isfinite(error).any() else emva.FILE_BLACK
+        line = straightness(blind.levels, known / (nominal.white - float(nominal.black.mean())))
+        if line is not None:
+            told |= {"nonlinearity": _told((line.share, line.error)), "linear": line.linear}
+    return measured.model_copy(update=told)
+
+
+def _lacking(
+    name: str,
+    iso: float | None,
+    measured: SensorCalibration,
+    own: Sequence[Sequence[ShotRecord]],
+    blind: Blind | None,
+    others: bool,
+) -> list[str]:
+    where = f"{name} at ISO {iso:g}" if iso is not None else name
+    words = []
+    if others and not (own[0] and own[1]):
+        lacks = " and ".join(kind for kind, shots in zip(("darks", "flats"), own, strict=True) if not shots)
+        words.append(f"{where} has no {lacks}")
+    if measured.gain is None:
+        reason = blind.reason if blind is not None and blind.reason else "no two exposures of a view overlap"
+        words.append(f"{where}: gain and read noise are not determined ({reason})")
+    return words

@@ -1,0 +1,153 @@
+"""Repeated frames of one exposure: their mean, their scatter in time, and tiles of both."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Map = npt.NDArray[np.float32]
+Bool = npt.NDArray[np.bool_]
+Kind = TypeVar("Kind", bound=np.generic)
+
+TILE = 8
+"""Side of a tile, in photosites of one CFA site: small enough for the fall of light not to matter."""
+FULL = 0.995
+"""Share of the largest DN of a stack from which a photosite may be full."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Repeated frames of one exposure, in DN.
+
+    time: s; of flats any measure of the exposure. frames: how many. halves: float32 [2, H, W], means of
+    every other frame, which share the fixed pattern and nothing else (of one frame, twice that frame).
+    variance: float32 [H, W], in time, of frames brought to the level of the first. levels: float64
+    [frames, 4], mean of the CFA sites in each frame. rows: variance of what is common to a row of a frame,
+    DN^2, and its standard error. top: largest DN.
+    """
+
+    time: float
+    frames: int
+    halves: Map
+    variance: Map
+    levels: Array
+    rows: tuple[float, float]
+    top: int
+
+    @property
+    def mean(self) -> Map:
+        """Mean of all frames, float32 [H, W]."""
+        count = np.array((self.frames - self.frames // 2, max(self.frames // 2, 1)), np.float32)
+        return np.asarray(np.tensordot(count / count.sum(), self.halves, 1), np.float32)
+
+
+def gather(frames: Iterable[npt.NDArray[np.uint16]], time: float, black: float | None = None) -> Stack:
+    """Repeated frames, read one after another; ValueError if there is none or their sizes differ.
+
+    black: of flats, DN: their light flickers, so frames are scaled to one level above it. Darks (None)
+    are shifted to one level instead.
+    """
+    first: Map | None = None
+    previous = sums = square = halves = np.zeros(0, np.float32)
+    levels: list[Array] = []
+    common: list[Array] = []
+    middle, top, count = 0.0, 0, 0
+    for pixels in frames:
+        if first is not None and pixels.shape != first.shape:
+            raise ValueError("repeated frames are of one size")
+        top = max(top, int(pixels.max()))
+        levels.append(np.array([float(plane.mean(dtype=np.float64)) for plane in sites(pixels)]))
+        own, frame = float(levels[-1].mean()), pixels.astype(np.float32)
+        if first is None:
+            first, middle = frame, own
+            sums, square = np.zeros_like(frame), np.zeros_like(frame)
+            halves = np.zeros((2, *frame.shape), np.float32)
+        # Differences from the first frame are small, so that their squares keep their digits.
+        halves[count % 2] += frame - first
+        if black is None:
+            frame = frame - np.float32(own - middle)
+        elif own > black:
+            # What is at the ceiling does not follow the light.
+            scale = np.where(pixels < FULL * top, np.float32((middle - black) / (own - black)), np.float32(1))
+            frame = (frame - np.float32(black)) * scale + np.float32(black)
+        difference = frame - first
+        sums += difference
+        square += difference * difference
+        if count:
+            common.append((frame - previous).mean(axis=1, dtype=np.float64))
+        previous = frame
+        count += 1
+    if first is None:
+        raise ValueError("a stack takes one frame or more")
+    numbers = np.array((count - count // 2, max(count // 2, 1)), np.float32)
+    halves = np.asarray(halves / numbers[:, None, None] + first, np.float32)
+    if count == 1:
+        halves[1] = halves[0]
+    variance = np.asarray((square - sums * sums / count) / max(count - 1, 1), np.float32)
+    return Stack(time, count, halves, variance, np.array(levels), _rows(common, variance), top)
+
+
+def _rows(common: list[Array], variance: Map) -> tuple[float, float]:
+    """Variance of row noise from row means of differences of frames, less what single photosites explain."""
+    if not common:
+        return 0.0, float("inf")
+    spread = np.array([float(row.var(ddof=1)) / 2 for row in common])
+    height, width = variance.shape
+    alone = float(np.median(variance))
+    found = (float(spread.mean()) - alone / width) / (1 - 1 / width)
+    # Differences of neighbouring frames share a frame: 3/2 times the variance of independent ones.
+    error = float(spread.mean()) * np.sqrt(2 / height * 1.5 / len(common))
+    return max(found, 0.0), float(error)
+
+
+def sites(image: npt.NDArray[Kind]) -> npt.NDArray[Kind]:
+    """The planes [4, H/2, W/2] of the CFA sites, an odd last row or column left out."""
+    down, across = image.shape[0] // 2, image.shape[1] // 2
+    cut = image[: 2 * down, : 2 * across].reshape(down, 2, across, 2)
+    return cut.transpose(1, 3, 0, 2).reshape(4, down, across)
+
+
+@dataclass(frozen=True, eq=False)
+class Tiles:
+    """Tiles of a stack; all arrays [N].
+
+    site: CFA site 0..3; row, column: of the tile's middle, in photosites from the corner of the image;
+    mean: DN; variance: DN^2 in time; freedom: degrees of freedom of the variance; count: of photosites.
+    """
+
+    site: npt.NDArray[np.int64]
+    row: Array
+    column: Array
+    mean: Array
+    variance: Array
+    freedom: Array
+    count: Array
+
+
+def tiles(stack: Stack, usable: Bool) -> Tiles:
+    """Means of the usable photosites over tiles of `TILE` x `TILE` photosites of a CFA site."""
+    mask = sites(usable).astype(np.float64)
+    mean, variance = sites(stack.mean), sites(stack.variance)
+    count = _pooled(mask)
+    filled = count >= TILE * TILE / 2
+    weight = np.maximum(count, 1.0)
+    site, row, column = np.nonzero(filled)
+    return Tiles(
+        site=site,
+        row=2.0 * TILE * (row.astype(np.float64) + 0.5),
+        column=2.0 * TILE * (column.astype(np.float64) + 0.5),
+        mean=(_pooled(mean * mask) / weight)[filled],
+        variance=(_pooled(variance * mask) / weight)[filled],
+        freedom=(stack.frames - 1) * count[filled],
+        count=count[filled],
+    )
+
+
+def _pooled(planes: npt.NDArray[np.floating]) -> Array:
+    """Sums over whole tiles: [4, h, w] -> [4, h / TILE, w / TILE]."""
+    down, across = planes.shape[1] // TILE, planes.shape[2] // TILE
+    cut = planes[:, : down * TILE, : across * TILE].astype(np.float64)
+    return np.asarray(cut.reshape(4, down, TILE, across, TILE).sum(axis=(2, 4)))
