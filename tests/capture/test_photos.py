@@ -251,6 +251,62 @@ def test_an_exposure_list_that_is_not_understood_is_left_aside_and_said(tmp_path
     assert "image_list.txt, line 1 is not" in result.guesses[0]
 
 
+def test_a_list_that_is_asked_for_speaks_before_exif_and_before_one_that_is_found(tmp_path):
+    photos = put(
+        tmp_path / "photos",
+        {
+            "a/1.jpg": jpeg(1, time=T),
+            "a/2.jpg": jpeg(2, time=T),
+            "b/1.jpg": jpeg(3, time=T),
+            "image_list.txt": b"2.jpg 8 8 0 0",
+        },
+    )
+    listed = put(tmp_path, {"my.csv": b"a/1.jpg, 1/2\n/elsewhere/2.jpg, 1/4\nnone.jpg, 1\n"}) / "my.csv"
+    result = import_photos(photos, tmp_path / "s", exposures=listed)
+    times = {
+        Path(s.source).relative_to(photos).as_posix(): s.reported.time
+        for s in Session.open(tmp_path / "s").shots()
+    }
+    assert times == {"a/1.jpg": 1 / 2, "a/2.jpg": 1 / 4, "b/1.jpg": pytest.approx(T)}
+    assert f"The exposures of 2 of 3 photos are those of {listed}." in result.guesses
+    listed.write_text("1.jpg, 1")
+    with pytest.raises(InputError, match=r"names 1\.jpg, which is the name of 2 photos"):
+        import_photos(photos, tmp_path / "t", exposures=listed)
+    listed.write_text("absent.jpg, 1")
+    with pytest.raises(InputError, match="names none of the photos"):
+        import_photos(photos, tmp_path / "t", exposures=listed)
+    with pytest.raises(InputError, match="cannot be read"):
+        import_photos(photos, tmp_path / "t", exposures=tmp_path / "absent.csv")
+    assert not (tmp_path / "t").exists()
+
+
+@pytest.mark.parametrize(
+    ("cameras", "groups"),
+    [
+        (None, [{"x/1.jpg", "y/1.jpg"}, {"x/2.jpg"}]),
+        ("serial", [{"x/1.jpg", "y/1.jpg"}, {"x/2.jpg"}]),
+        ("folder", [{"x/1.jpg", "x/2.jpg"}, {"y/1.jpg"}]),
+        ("one", [{"x/1.jpg", "x/2.jpg", "y/1.jpg"}]),
+    ],
+)
+def test_what_tells_cameras_apart_can_be_chosen(tmp_path, cameras, groups):
+    photos = put(
+        tmp_path / "photos",
+        {
+            "x/1.jpg": jpeg(1, time=T, serial="7"),
+            "x/2.jpg": jpeg(2, time=T, serial="8"),
+            "y/1.jpg": jpeg(3, time=T, serial="7"),
+        },
+    )
+    result = import_photos(photos, tmp_path / "s", cameras=cameras)
+    found: dict[str, set[str]] = {}
+    for shot in Session.open(tmp_path / "s").shots():
+        found.setdefault(shot.camera, set()).add(Path(shot.source).relative_to(photos).as_posix())
+    assert sorted(map(sorted, found.values())) == sorted(map(sorted, groups))
+    told = "--cameras sorts them otherwise" if cameras is None else "as given"
+    assert sum(told in guess for guess in result.guesses) == len(groups)
+
+
 BAD = {
     "text": b"This is no picture.\n",
     "empty": b"",
