@@ -13,8 +13,8 @@ from imaging.exposure import Exposure
 
 LEVELS, LEVEL_STOPS = 12, 2 / 3
 """Levels of a flat and their distance: from 90 % of white down to 0.6 %, where read noise rules."""
-BELOW_WHITE = math.log2(1 / 0.9)
-"""Stops that the brightest level of a flat stays below white, where noise begins to be cut off."""
+FULL = 0.9
+"""The brightest level of a flat, white 1: further up noise begins to be cut off."""
 STILL = 1 / 30
 """Seconds within which a board that is held by hand stands still enough for its corners."""
 SEEN = 10.0
@@ -71,7 +71,8 @@ def ladder(targets: Sequence[Target], exposures: Sequence[Exposure]) -> tuple[Ex
 
     CaptureError if even the shortest is too bright for one.
     """
-    fit = [e for e in exposures if worths(targets, e)["rig"].headroom >= BELOW_WHITE]
+    bright = max(target.bright for target in targets)
+    fit = [exposure for exposure in exposures if bright * exposure.scale <= FULL]
     if not fit:
         raise CaptureError(
             f"the flat is too bright: {exposures[0]} is above 90 % of white; dim the light or use a filter."
