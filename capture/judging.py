@@ -70,22 +70,22 @@ def _labels(looks: Looks) -> Iterator[Problem]:
     """Exposures that are not what their labels say; one sentence for a step that is always off."""
     known = [look for look in looks if look.off is not None]
     for (camera, _), group in _grouped(known, lambda look: (look.camera, str(label(look)))).items():
-        doubted = [look for look in group if _doubted(look)]
-        if not doubted:
+        wrong = [look for look in group if doubted(look)]
+        if not wrong:
             continue
-        first = doubted[0]
-        if len(doubted) > len(group) / 2:
-            off = median(look.off or 0.0 for look in doubted)
-            middle = min(doubted, key=lambda look: abs((look.off or 0.0) - off))
+        first = wrong[0]
+        if len(wrong) > len(group) / 2:
+            off = median(look.off or 0.0 for look in wrong)
+            middle = min(wrong, key=lambda look: abs((look.off or 0.0) - off))
             yield _problem(
                 "label",
-                first.model_copy(update={"file": "" if len(doubted) > 1 else first.file}),
-                f"{camera} exposed {off:+.2f} stops off its label {label(first)} in {len(doubted)} of "
+                first.model_copy(update={"file": "" if len(wrong) > 1 else first.file}),
+                f"{camera} exposed {off:+.2f} stops off its label {label(first)} in {len(wrong)} of "
                 f"{len(group)} frames (estimated {middle.estimated}): run rig calibrate, which measures "
                 "exposures.",
             )
             continue
-        for look in doubted:
+        for look in wrong:
             yield _problem(
                 "label",
                 look,
@@ -94,7 +94,8 @@ def _labels(looks: Looks) -> Iterator[Problem]:
             )
 
 
-def _doubted(look: ShotLook) -> bool:
+def doubted(look: ShotLook) -> bool:
+    """Whether the estimate says that the label is wrong."""
     if look.off is None or look.estimate_error is None:
         return False
     return abs(look.off) > max(OFF_STOPS, OFF_SIGMA * look.estimate_error)

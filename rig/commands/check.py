@@ -1,12 +1,18 @@
 """`rig check`: prove what a session holds."""
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from imaging import store
+from imaging.errors import StorageError
 from rig.commands.options import JsonOption, SessionArgument
 from rig.running import Outcome, running
 from rig.words import counted
+
+if TYPE_CHECKING:
+    from capture.check import CheckReport
 
 
 def check(
@@ -18,7 +24,9 @@ def check(
 ) -> Outcome:
     """Prove what a session holds.
 
-    Reads every file and holds it against its record: hashes, exposures, clipping, skew.
+    Reads every file and holds it against its record and the rest of its bracket: hashes, exposures
+    against labels, clipping, focus, motion, skew. Writes S/check/report.html, a contact sheet of every
+    shot, and S/check/check.json, unless S is read-only.
 
     Example: rig check S
     """
@@ -30,6 +38,8 @@ def check(
         if repair:
             repaired = repair_session(session, progress=meter)
         report = check_session(session, progress=meter)
+        data = report.model_dump(mode="json")
+        page, refused = _written(session, report, data)
     lines = [f"{session}: {report.sound} of {counted(report.shots, 'shot')} sound, {report.planned} planned"]
     if repaired is not None:
         lines += [f"  dropped: {file}" for file in repaired.dropped]
@@ -43,12 +53,29 @@ def check(
             f"{clipped} % of R/G/B clipped, {100 * one.black:.2g} % black"
         )
     lines += [f"  {problem.message}" for problem in report.problems]
+    lines += [f"  warning: {warning.message}" for warning in report.warnings]
+    lines += [f"Contact sheet: {page}"] if page else []
+    lines += [f"  no contact sheet: {refused}"] if refused else []
     missing = None
     if report.problems:
         missing = f"{session} has {counted(len(report.problems), 'problem')}: {report.problems[0].message}"
     elif not report.sound:
         missing = f"{session} holds no shots: capture or import some first."
-    data = report.model_dump(mode="json")
+    data["report"] = None if page is None else str(page)
     if repaired is not None:
         data["repaired"] = repaired.model_dump(mode="json")
     return Outcome(data, lines, missing, usable=report.sound > 0)
+
+
+def _written(session: Path, report: "CheckReport", data: dict[str, Any]) -> tuple[Path | None, str | None]:
+    """The page of a session that has shots, or why there is none: a session may be read-only."""
+    if not report.looks:
+        return None, None
+    from rig.report.contact_sheet import check_report
+
+    try:
+        page = check_report(session, report)
+        store.write_json(session / "check" / "check.json", data)
+    except StorageError as error:
+        return None, str(error)
+    return page, None
