@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from capture.connected_rig import capture_rig, rehearse_rig
@@ -15,9 +16,12 @@ from capture.recorder import CaptureResult
 from capture.rigfile import read_rig_file
 from capture.shooting import Rehearsal
 from drivers.connected import ask_all
-from drivers.sim.bus import Holder
+from drivers.sim.bus import Holder, VirtualBus
 from drivers.sim.on_bus import BusRig
 from drivers.sim.rigs import SimulatedRig, simulate
+from drivers.sim.u3v_device import U3vDevice
+from drivers.sim.u3v_lines import Wire
+from drivers.sim.virtual_clock import VirtualClock
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure
 from imaging.session import Session
@@ -240,3 +244,35 @@ def test_the_rehearsal_is_what_is_then_shot(given: Place) -> None:
     assert (done.record.bracket, done.record.frames) == (plan.bracket, plan.frames)
     assert done.size == (64, 48)
     assert done.metering is not None
+
+
+def test_a_hardware_trigger_opens_all_shutters_with_the_leader(tmp_path: Path) -> None:
+    """Line1 of cam0 is soldered to Line0 of cam1, as the file says; without that wire cam1 sees no edge."""
+    for soldered in (True, False):
+        rig = simulate("toy", 3)
+        clock = VirtualClock()
+        bus, wire = VirtualBus(clock), Wire(clock)
+        devices = [U3vDevice(camera, clock) for camera in rig.devices]
+        for number, device in enumerate(devices):
+            bus.plug(device)
+            if soldered:
+                wire.connect(device, 1 - number)
+        text = rig_file_text(list(ask_all(bus, clock)))
+        for old, new in (
+            ('exposures = "auto"', STOPS),
+            ('mode = "software"', 'mode = "hardware"'),
+            ("# line =", "line ="),
+            ("# leader =", "leader ="),
+            ("# output =", "output ="),
+        ):
+            assert old in text
+            text = text.replace(old, new)
+        (tmp_path / "RIG.toml").write_text(text)
+        file = read_rig_file(tmp_path / "RIG.toml")
+        result = capture_rig(file, tmp_path / f"S{soldered}", hands=rig, backend=bus, clock=clock)
+        if soldered:
+            assert (result.taken, result.missing) == (4, ())
+            opened = np.array([device.opened[-1] for device in devices])
+            assert np.ptp(opened) < 100e-6
+        else:
+            assert {one.split(",")[0] for one in result.missing} == {"cam1"}
