@@ -99,7 +99,7 @@ class Liar:
             case 1:
                 return [Response(dice.choice(CODES), command.transaction).pack()]
             case 2:
-                self.device.halted.add(dice.choice((IN, OUT)))
+                self.device.port.halt(dice.choice((IN, OUT)))
                 return []
             case 3:
                 return []
@@ -122,7 +122,8 @@ class Liar:
             device.send(self.bytes(24), INTERRUPT)
             device.status = (dice.choice(CODES), dice.choice(((), (IN,), (OUT, IN), (7, 8))))
             device.controls = dice.random() < 0.8
-            device.present = dice.random() < 0.95
+            if dice.random() >= 0.95:
+                device.port.unplug()
 
 
 @pytest.mark.parametrize("vendor", INFOS)
@@ -148,10 +149,11 @@ def test_anything_sent_is_survived(new_scripted: Any, vendor: VendorId, seed: in
         try:
             step()
         except CameraError:
-            scripted.device.present = True
+            if not scripted.device.present:
+                scripted.device.plug()
         assert clock.now() - before < MOST_SECONDS
         assert len(scripted.commands) < MOST_COMMANDS
-    assert scripted.bus.opened == 0
+    assert scripted.bus.open_handles == 0
 
 
 @pytest.mark.parametrize("name", PROFILES)

@@ -25,7 +25,7 @@ def session(scripted: Any, clock: Any) -> PtpSession:
 
 def halts(scripted: Any) -> Any:
     def script(command: Command, data: bytes) -> list[bytes]:
-        scripted.device.halted.add(IN)
+        scripted.device.port.halt(IN)
         return []
 
     return script
@@ -47,7 +47,7 @@ def test_a_session_opens_with_transaction_0_and_goes_on_with_1(scripted: Any, se
     assert [command.transaction for command in scripted.commands[2:]] == [1, 2]
     session.close()
     assert scripted.commands[-1].code == Operation.CLOSE_SESSION
-    assert scripted.bus.opened == 0
+    assert scripted.bus.open_handles == 0
 
 
 def test_a_session_left_open_is_closed_or_reset(scripted: Any, session: PtpSession) -> None:
@@ -61,7 +61,7 @@ def test_a_session_left_open_is_closed_or_reset(scripted: Any, session: PtpSessi
     scripted.scripts[Operation.OPEN_SESSION] = already
     with pytest.raises(RefusedWith, match="session already opened"):
         session.open()
-    assert scripted.bus.opened == 0
+    assert scripted.bus.open_handles == 0
 
 
 def test_a_busy_camera_is_asked_again_for_a_while(scripted: Any, session: PtpSession, clock: Any) -> None:

@@ -30,7 +30,8 @@ def test_data_of_every_length_come_in_and_go_out(
     scripted: Any, clock: Any, packet: int, beyond: int, packets: int
 ) -> None:
     """Around whole packets, and around whole reads."""
-    scripted.device.mps = packet
+    scripted.device.port.unplug()
+    scripted.device.plug(packet)
     transport = Transport(scripted.pipe(), clock)
     payload = pixels(max(0, packets * packet + beyond))
     scripted.scripts[GET] = scripted.sends(payload)
@@ -157,11 +158,11 @@ def test_a_halt_before_the_first_byte_is_cleared_and_tried_again_once(
     scripted: Any, transport: Transport
 ) -> None:
     scripted.scripts[GET] = scripted.sends(b"here")
-    scripted.device.halted = {OUT}
+    scripted.device.port.halt(OUT)
     scripted.device.status = (ResponseCode.TRANSACTION_CANCELLED, (OUT,))
     assert transport.transact(Command(GET, 1)).data == b"here"
     assert [one for one in scripted.device.log if one[0] == "clear"] == [("clear", OUT)]
-    scripted.device.halted = {OUT}
+    scripted.device.port.halt(OUT)
     scripted.device.status = (ResponseCode.OK, ())
     scripted.device.clears = False
     with pytest.raises(EndpointStalled):
@@ -171,7 +172,7 @@ def test_a_halt_before_the_first_byte_is_cleared_and_tried_again_once(
 
 def test_a_halt_instead_of_the_answer_is_not_tried_again(scripted: Any, transport: Transport) -> None:
     def halt(command: Command, data: bytes) -> list[bytes]:
-        scripted.device.halted.add(IN)
+        scripted.device.port.halt(IN)
         return []
 
     scripted.scripts[GET] = halt
@@ -179,7 +180,7 @@ def test_a_halt_instead_of_the_answer_is_not_tried_again(scripted: Any, transpor
         transport.transact(Command(GET, 1))
     assert len(scripted.commands) == 1
     assert transport.recover(told.value, 1)
-    assert scripted.device.halted == set()
+    assert scripted.device.port.halted() == ()
     scripted.scripts[GET] = scripted.sends(b"here")
     assert transport.transact(Command(GET, 2)).data == b"here"
 
@@ -187,7 +188,7 @@ def test_a_halt_instead_of_the_answer_is_not_tried_again(scripted: Any, transpor
 def test_a_camera_that_stays_busy_is_reset(scripted: Any, transport: Transport, clock: Any) -> None:
     error = CameraTimeout("no answer")
     scripted.device.status = (ResponseCode.DEVICE_BUSY, ())
-    clock.later(1.0, lambda: setattr(scripted.device, "status", (ResponseCode.OK, ())))
+    clock.call_later(1.0, lambda: setattr(scripted.device, "status", (ResponseCode.OK, ())))
     assert transport.recover(error, 1)
     assert scripted.resets == 0
     scripted.device.status = (ResponseCode.DEVICE_BUSY, ())
@@ -205,13 +206,14 @@ def test_a_camera_without_class_requests_is_recovered_all_the_same(
     scripted: Any, transport: Transport
 ) -> None:
     scripted.device.controls = False
-    scripted.device.halted = {IN, OUT}
+    scripted.device.port.halt(IN)
+    scripted.device.port.halt(OUT)
     assert transport.recover(EndpointStalled("halted"), 1)
-    assert scripted.device.halted == set()
+    assert scripted.device.port.halted() == ()
 
 
 def test_a_pulled_cable_is_told_as_such(scripted: Any, transport: Transport) -> None:
-    scripted.device.present = False
+    scripted.device.port.unplug()
     with pytest.raises(CameraLost):
         transport.transact(Command(GET, 1))
     with pytest.raises(CameraLost):
@@ -234,7 +236,7 @@ def test_events_come_whole_or_in_pieces(scripted: Any, transport: Transport, clo
     assert transport.events(1.0) == [ADDED]
     device.send(ADDED.pack()[:8], INTERRUPT)
     assert transport.events(0.1) == []
-    clock.later(0.05, lambda: device.send(ADDED.pack()[8:], INTERRUPT))
+    clock.call_later(0.05, lambda: device.send(ADDED.pack()[8:], INTERRUPT))
     assert transport.events(0.1) == [ADDED]
 
 
@@ -245,7 +247,7 @@ def test_what_is_no_event_costs_only_time(scripted: Any, transport: Transport, c
         before = clock.now()
         assert transport.events(0.5) == []
         assert clock.now() > before
-    device.halted.add(INTERRUPT)
+    device.port.halt(INTERRUPT)
     assert transport.events(0.5) == []
     device.send(ADDED.pack(), INTERRUPT)
     assert transport.events(0.5) == [ADDED]
