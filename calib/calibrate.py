@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -12,6 +13,9 @@ from calib.exports import write_exports
 from calib.features import Key, image_name
 from calib.looks import Look, look
 from calib.radiometry import Light
+from calib.response import RUNGS
+from calib.sensor.measure import Sensors, measure
+from calib.sensor.rungs import NAMES
 from calib.sensors import Sensor
 from calib.views import Progress, View, scene_views
 from imaging import store
@@ -24,15 +28,15 @@ from imaging.calibration import (
     read_calibration,
 )
 from imaging.errors import CalibrationError, InputError, PartialError
-from imaging.records import Rung
+from imaging.records import Rung, ShotRecord
 from imaging.session import Session
 
 Part = Literal["sensor", "response", "colour", "poses"]
 
 _PARTS: dict[Part, frozenset[str]] = {
-    "sensor": frozenset({"sensor_noise"}),
+    "sensor": NAMES,
     "colour": frozenset({"camera_colour"}),
-    "response": frozenset({"response_curve", "exposure_ratios", "exposure_per_shot"}),
+    "response": frozenset({*RUNGS, "exposure_ratios", "exposure_per_shot"}),
 }
 """The rungs that belong to each part but the poses, which all others belong to."""
 
@@ -53,10 +57,16 @@ def calibrate(
     response were measured, which are then written; InputError for a damaged session; StorageError.
     """
     opened = Session.open(session)
-    views = scene_views(opened)
+    # Darks and flats alone tell of the sensor.
+    views = scene_views(opened) if only != "sensor" or opened.shots("scene") else []
     earlier = _earlier(opened, only)
-    found = _sensors(opened, views)
-    if only == "poses" and earlier is not None:
+    if earlier is not None and only in ("response", "colour"):
+        measured = {camera.name: Sensors(at=camera.sensors) for camera in earlier.cameras}
+    else:
+        measured = measure(opened, views, progress)
+    found = _sensors(opened, views, measured)
+    views = [replace(view, sensors=found[view.camera.name].measured.at) for view in views]
+    if only in ("poses", "sensor") and earlier is not None:
         light = _known_light(earlier)
     else:
         light = radiometry.measure(opened, views, progress)
@@ -83,11 +93,17 @@ def _earlier(session: Session, only: Part | None) -> CalibrationRecord | None:
     return record
 
 
-def _sensors(session: Session, views: Sequence[View]) -> dict[str, Sensor]:
-    first: dict[str, View] = {}
-    for view in views:
-        first.setdefault(view.camera.name, view)
-    return {name: sensors.describe(session, view.camera, view.shots[0]) for name, view in first.items()}
+def _sensors(session: Session, views: Sequence[View], measured: Mapping[str, Sensors]) -> dict[str, Sensor]:
+    """Every camera that has shots, by its first shot of the scene, or of whatever else."""
+    first: dict[str, ShotRecord] = {}
+    for shot in [*(view.shots[0] for view in views), *session.shots()]:
+        first.setdefault(shot.camera, shot)
+    found = {}
+    for name, shot in first.items():
+        sensor = sensors.describe(session, session.camera(name), shot)
+        iso = None if shot.exposure is None else shot.exposure.iso
+        found[name] = sensors.with_measured(sensor, measured.get(name, Sensors()), iso)
+    return found
 
 
 def _known_light(record: CalibrationRecord) -> Light:
@@ -201,7 +217,9 @@ def _with_part(
     fresh = _record(session, views, found, light, None, None)
     if earlier is None:
         return fresh
-    fields = {"sensor": ("noise",), "colour": ("camera_from_rec709",), "response": ("response",)}[only]
+    fields = {"sensor": ("noise", "sensors"), "colour": ("camera_from_rec709",), "response": ("response",)}[
+        only
+    ]
     cameras = tuple(
         camera.model_copy(update={field: getattr(fresh.camera(camera.name), field) for field in fields})
         for camera in earlier.cameras
@@ -218,6 +236,11 @@ def _with_part(
     return earlier.model_copy(update=update)
 
 
+def _by_flats(found: Mapping[str, Sensor], name: str, only: Part) -> tuple[str, ...]:
+    flat = only == "sensor" and name in found and found[name].measured.falloff is not None
+    return ("vignetting",) if flat else ()
+
+
 def _record(
     session: Session,
     views: Sequence[View],
@@ -232,7 +255,11 @@ def _record(
         own = found.get(camera.name)
         update: dict[str, object] = {}
         if own is not None:
-            update |= {"noise": own.noise, "camera_from_rec709": own.camera_from_rec709}
+            update |= {
+                "noise": own.noise,
+                "sensors": own.measured.at,
+                "camera_from_rec709": own.camera_from_rec709,
+            }
         if own is not None and model is not None and falloff is not None and camera.name in model.lenses:
             update |= {
                 "lens": model.lenses[camera.name].resized(own.lens.width, own.lens.height),
@@ -240,6 +267,8 @@ def _record(
                 "vignetting": falloff.vignetting[camera.name],
                 "gain": falloff.gain[camera.name],
             }
+        if own is not None and own.measured.falloff is not None:
+            update["vignetting"] = own.measured.falloff.vignetting
         response = light.responses.get(camera.name, Response(kind="srgb", evidence="it has no images"))
         blank = CameraCalibration(name=camera.name, serial=camera.serial, response=response)
         cameras.append(blank.model_copy(update=update))

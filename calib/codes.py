@@ -14,6 +14,8 @@ LOWEST, HIGHEST = 5.0, 248.0
 """Mean codes of a patch, of 255, between which it is used: beyond, rounding and clipping bias it."""
 CLIPPED = (0.5, 254.5)
 """No code of a patch may lie beyond these. Stricter, and patches would be chosen by their noise."""
+FLATTEST = 0.1
+"""Rise of ln code a stop below which a code stands on a pedestal."""
 BINS = 64
 WIDEST = 400
 """Patches in a row, at most."""
@@ -91,6 +93,28 @@ def sample(exposures: Sequence[Patches], log_k: Array, count: int) -> Samples:
         np.broadcast_to(log_k, (len(picked), len(exposures))).copy(),
         (row * 4 // height) * 4 + column * 4 // width,
     )
+
+
+def pedestal(codes: Array, log_k: Array) -> float:
+    """The code up to which a channel tells no light: the base of a film, a raised black, flare; 0 if none.
+
+    codes, log_k: [N, S] as in `Samples`. Of two exposures of a photosite a stop apart the longer has a code
+    that is higher by a fifth or more, whatever the curve; but not on a pedestal.
+    """
+    order = np.argsort(log_k, axis=1)
+    code, stops = (np.take_along_axis(a, order, 1) for a in (codes, log_k / np.log(2.0)))
+    long, short, apart = code[:, 1:], code[:, :-1], np.diff(stops, axis=1)
+    pairs = np.isfinite(long) & np.isfinite(short) & (apart > 0.2)
+    rise = np.log(np.maximum(long, 1.0) / np.maximum(short, 1.0))[pairs] / np.minimum(apart[pairs], 2.0)
+    level = long[pairs]
+    found = 0.0
+    for low in range(0, 128, 2):
+        here = rise[(level >= low) & (level < low + 2)]
+        if len(here) >= 20 and np.median(here) > FLATTEST:
+            break
+        if len(here) >= 20:
+            found = low + 2.0
+    return found
 
 
 def _evenly(level: Array, sites: npt.NDArray[np.intp], count: int) -> npt.NDArray[np.intp]:

@@ -1,60 +1,41 @@
-"""A response curve as a spline of few knots on top of sRGB, fitted to overlapping exposures.
+"""Response curves fitted to overlapping exposures, and the exposures with them.
 
 Unknown are the curve, the light of each photosite and, within the trust that labels deserve, the exposures:
 of a code z in step j of photosite i, `g(z) = ln E_i + ln k_j + shift_j` (Debevec and Malik, "Recovering High
 Dynamic Range Radiance Maps from Photographs", SIGGRAPH 97; exposures free as in Mitsunaga and Nayar,
-"Radiometric Self Calibration", CVPR 99). The light is eliminated, so that the unknowns are as few as knots
-and steps.
+"Radiometric Self Calibration", CVPR 99). The light is eliminated, so that the unknowns are as few as the
+parameters of the curve and the steps.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
-from scipy.interpolate import BSpline
 from scipy.optimize import nnls
 
-from calib.codes import HIGHEST, LOWEST, Samples
-from imaging.colour import srgb_decode
+from calib.codes import HIGHEST, LOWEST, Samples, pedestal
+from calib.response_models import GRID, PER_CODE, SRGB, Array, Index, Shape, Spline, at
 from imaging.ratios import LABEL_SIGMA
 
-Array = npt.NDArray[np.float64]
-Index = npt.NDArray[np.int64]
-
-KNOTS = 24
-MIDDLE = 128.0
-"""Code at which the curve meets sRGB, for each channel alike: grey stays grey."""
 HUBER = 2.5
-ITERATIONS = 5
+ITERATIONS = 6
+PIECE = 128
+FIRM = 1e8
+"""Weight of labels that are taken as they are, against 1."""
 FLOOR = 0.005
 """Disagreement of two exposures, natural log, that no averaging takes away: flicker, glare, development."""
-
-
-def _design(codes: Array) -> Array:
-    """Cubic B-splines over the logarithm of sRGB light: there another exponent is a straight line."""
-    lowest = float(_srgb(np.array([1.0]))[0])
-    place = 1.0 - _srgb(np.maximum(codes, 1.0)) / lowest
-    knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, KNOTS - 2), [1.0] * 3])
-    return np.asarray(BSpline.design_matrix(np.clip(place, 0.0, 1.0), knots, 3).toarray())
-
-
-def _srgb(codes: Array) -> Array:
-    return np.asarray(np.log(srgb_decode(codes / 255.0)), np.float64)
-
-
-_GRID = np.arange(0.0, 255.0 + 1 / 16, 1 / 8)
-_SPLINES = _design(_GRID)
-_SPARSE = sparse.csr_array(_SPLINES)
-_SRGB = _srgb(np.maximum(_GRID, 0.25))
 
 
 @dataclass(frozen=True, eq=False)
 class Channel:
     """Samples of one channel: only codes that count, only photosites with two exposures or more.
 
-    code, log_k, step, site: one entry a sample; group: of each photosite. `steps` are the distinct labels.
+    code, step, site: one entry a sample, in order of the sites; group: of each photosite. `steps` are the
+    distinct labels, ln k.
     """
 
     code: Array
@@ -63,7 +44,12 @@ class Channel:
     group: Index
     steps: Array
 
-    @property
+    @cached_property
+    def place(self) -> Index:
+        """Of each sample's code on the grid."""
+        return at(self.code)
+
+    @cached_property
     def log_k(self) -> Array:
         """ln of each sample's label."""
         return self.steps[self.step]
@@ -79,31 +65,44 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """theta: [KNOTS] departures from sRGB; shift: [steps], ln of the exposures over their labels."""
+    """theta: parameters of the shape; shift: [steps], ln of the exposures over their labels."""
 
+    shape: Shape
     theta: Array
     shift: Array
 
+    @cached_property
+    def values(self) -> Array:
+        """The curve on the grid."""
+        return self.shape.curve(self.theta)
+
     def curve(self, codes: Array) -> Array:
         """g, natural log, at codes 0..255."""
-        return np.asarray(np.interp(codes, _GRID, _SRGB + _SPLINES @ self.theta))
+        return self.values[at(codes)]
 
     def slope(self, codes: Array) -> Array:
         """dg/dz, per code."""
-        return np.maximum(self.curve(codes + 0.5) - self.curve(codes - 0.5), 1e-3)
+        place = at(codes)
+        half = PER_CODE // 2
+        low, high = np.maximum(place - half, 0), np.minimum(place + half, len(GRID) - 1)
+        return np.maximum((self.values[high] - self.values[low]) / (GRID[high] - GRID[low]), 1e-3)
 
     def rises(self) -> bool:
         """Whether the curve rises from code 1 to 255."""
-        return bool(np.all(np.diff(self.curve(np.arange(1.0, 255.5, 0.5))) > 0))
+        return bool(np.all(np.diff(self.values[PER_CODE :: PER_CODE // 2]) > 0))
 
     def light(self, channel: Channel) -> Array:
         """g(z) - ln k of each sample: the log light that it says its photosite has."""
-        return np.asarray(self.curve(channel.code) - channel.log_k - self.shift[channel.step])
+        return np.asarray(self.values[channel.place] - channel.log_k - self.shift[channel.step])
 
     def residuals(self, channel: Channel, sigma: Array) -> Array:
         """`light` minus the photosite's own, which is the weighted mean of its exposures."""
         value = self.light(channel)
-        return np.asarray(value - _mean(channel, value, 1.0 / sigma**2)[channel.site])
+        weight = 1.0 / sigma**2
+        count = len(channel.group)
+        total = np.bincount(channel.site, weights=weight, minlength=count)
+        mean = np.bincount(channel.site, weights=weight * value, minlength=count) / total
+        return np.asarray(value - mean[channel.site])
 
 
 @dataclass(frozen=True)
@@ -115,8 +114,60 @@ class Noise:
 
     def of(self, channel: Channel) -> Array:
         """Standard deviation of g at each sample; under sRGB, so that all curves are judged alike."""
-        slope = Model(np.zeros(KNOTS), np.zeros(len(channel.steps))).slope(channel.code)
-        return np.asarray(np.sqrt(slope**2 * (self.constant + self.shot * channel.code) + FLOOR**2))
+        return _deviation(self)[channel.place]
+
+
+def _deviation(noise: Noise) -> Array:
+    slope = np.maximum(np.gradient(SRGB, GRID), 1e-3)
+    return np.asarray(np.sqrt(slope**2 * (noise.constant + noise.shot * GRID) + FLOOR**2))
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Normal matrix and right side [P + steps] of one channel, its photosites' light eliminated."""
+
+    normal: Array
+    right: Array
+
+    @classmethod
+    def of(cls, channel: Channel, model: Model, weight: Array) -> "Equations":
+        """Linearised at a model; what they are solved by is the change of theta and shift."""
+        slopes = model.shape.slopes(model.theta)
+        sites, steps = len(channel.group), len(channel.steps)
+        value = weight * model.light(channel)
+        by_code = sparse.csr_array((weight, (channel.site, channel.place)), (sites, len(GRID)))
+        by_step = _table(channel.site, channel.step, weight, (sites, steps))
+        shared = _table(channel.place, channel.step, weight, (len(GRID), steps))
+        sums = np.concatenate([by_code @ slopes, -by_step], axis=1)
+        total = by_step.sum(1)
+        cross = -_product(slopes, shared)
+        normal = np.block(
+            [[_product(slopes, shared.sum(1)[:, None] * slopes), cross], [cross.T, np.diag(shared.sum(0))]]
+        )
+        mean = np.bincount(channel.site, weights=value, minlength=sites) / total
+        along = np.concatenate(
+            [
+                _product(
+                    slopes, np.bincount(channel.place, weights=value, minlength=len(GRID)).astype(float)
+                ),
+                -np.bincount(channel.step, weights=value, minlength=steps),
+            ]
+        )
+        return cls(normal - _product(sums, sums / total[:, None]), -(along - _product(sums, mean)))
+
+
+def _product(a: Array, b: Array) -> Array:
+    """a.T @ b of tall matrices, in pieces too small for BLAS to wake its threads.
+
+    On a busy machine these take ten times longer to meet than to multiply.
+    """
+    pieces = [a[i : i + PIECE].T @ b[i : i + PIECE] for i in range(0, max(len(a), 1), PIECE)]
+    return np.asarray(np.sum(pieces, axis=0), np.float64)
+
+
+def _table(rows: Index, columns: Index, weight: Array, shape: tuple[int, int]) -> Array:
+    flat = np.bincount(rows * shape[1] + columns, weights=weight, minlength=shape[0] * shape[1])
+    return flat.reshape(shape).astype(np.float64)
 
 
 def neighbours(channel: Channel) -> tuple[Index, Index]:
@@ -129,7 +180,7 @@ def neighbours(channel: Channel) -> tuple[Index, Index]:
 def channel_of(samples: Samples, index: int) -> Channel:
     """One channel of the samples; exposures of one label count as one step."""
     code = samples.codes[..., index]
-    used = np.isfinite(code) & (code >= LOWEST) & (code <= HIGHEST)
+    used = np.isfinite(code) & (code >= max(LOWEST, pedestal(code, samples.log_k))) & (code <= HIGHEST)
     brightest = np.where(used, samples.log_k, -np.inf).max(1)
     darkest = np.where(used, samples.log_k, np.inf).min(1)
     used &= (brightest - darkest > 0.05)[:, None]
@@ -140,79 +191,93 @@ def channel_of(samples: Samples, index: int) -> Channel:
     return Channel(code[rows, column], step, site, samples.group[kept], steps)
 
 
-def fit(channels: Sequence[Channel], smoothness: float | None, noise: Sequence[Noise]) -> list[Model]:
-    """The curves of the channels, robustly, the exposures being common to them.
-
-    smoothness: weight of the squared third differences of the splines; None: sRGB, with only the exposures
-    free.
-    """
-    steps = channels[0].steps
-    knots = 0 if smoothness is None else KNOTS
-    count = knots * len(channels) + len(steps)
-    prior = np.zeros((count, count))
-    prior[count - len(steps) :, count - len(steps) :] = np.eye(len(steps)) / LABEL_SIGMA**2 + _gauge(steps)
-    if smoothness is not None:
-        bend = np.diff(np.eye(KNOTS), 3, axis=0)
-        middle = 1e3 * _splines(np.array([MIDDLE]))
-        for own in _blocks(len(channels), knots):
-            prior[own, own] = smoothness * bend.T @ bend + middle.T @ middle + 1e-6 * np.eye(KNOTS)
+def fit(
+    channels: Sequence[Channel], shape: Shape, noise: Sequence[Noise], *, labels_hold: bool = False
+) -> list[Model]:
+    """The curves of the channels, robustly; the exposures are common to them, free or those of the labels."""
     sigmas = [own.of(channel) for channel, own in zip(channels, noise, strict=True)]
-    bases = [_basis(channel, knots) for channel in channels]
-    robust = [np.ones(len(channel.code)) for channel in channels]
-    models: list[Model] = []
+    shift = np.zeros(len(channels[0].steps))
+    models = [Model(shape, shape.start, shift) for _ in channels]
+    trust = np.full(len(shift), FIRM if labels_hold else 1.0)
     for _ in range(ITERATIONS):
-        normal, right = prior.copy(), np.zeros(count)
-        for index, (channel, sigma) in enumerate(zip(channels, sigmas, strict=True)):
-            columns = np.r_[index * knots : (index + 1) * knots, count - len(steps) : count]
-            own_normal, own_right = _equations(channel, bases[index], robust[index] / sigma**2)
-            normal[np.ix_(columns, columns)] += own_normal
-            right[columns] += own_right
-        solved: Array = np.asarray(np.linalg.solve(normal, right), np.float64)
-        models = [
-            Model(solved[own] if knots else np.zeros(KNOTS), solved[count - len(steps) :])
-            for own in _blocks(len(channels), knots)
+        weights = [
+            robust(model.residuals(channel, sigma) / sigma) / sigma**2
+            for channel, model, sigma in zip(channels, models, sigmas, strict=True)
         ]
-        for index, (channel, sigma) in enumerate(zip(channels, sigmas, strict=True)):
-            whitened = np.abs(models[index].residuals(channel, sigma)) / sigma
-            robust[index] = np.minimum(1.0, HUBER / np.maximum(whitened, 1e-9))
+        parts = [
+            Equations.of(channel, model, weight)
+            for channel, model, weight in zip(channels, models, weights, strict=True)
+        ]
+        models = moved(models, parts, channels[0].steps, trust)
+        if not labels_hold:
+            trust = label_trust(channels[0].steps, models[0].shift)
     return models
 
 
-def fit_rising(channels: Sequence[Channel], smoothness: float, noise: Sequence[Noise]) -> list[Model]:
-    """The same, with smoothness raised until every curve rises everywhere."""
-    for _ in range(8):
-        models = fit(channels, smoothness, noise)
-        if all(model.rises() for model in models):
-            return models
-        smoothness *= 10.0
-    return fit(channels, None, noise)
+def moved(models: Sequence[Model], parts: Sequence[Equations], labels: Array, trust: Array) -> list[Model]:
+    """The models after one step of Gauss and Newton; `parts`: the equations of each channel.
+
+    labels: ln of each step's; trust: 0..1, how much each counts.
+    """
+    shape, shift, steps = models[0].shape, models[0].shift, len(models[0].shift)
+    free = len(models[0].theta)
+    count = free * len(models) + steps
+    normal, right = np.zeros((count, count)), np.zeros(count)
+    for index, (model, part) in enumerate(zip(models, parts, strict=True)):
+        own = np.r_[index * free : (index + 1) * free]
+        columns = np.r_[own, count - steps : count]
+        normal[np.ix_(columns, columns)] += part.normal
+        right[columns] += part.right
+        normal[np.ix_(own, own)] += shape.penalty
+        right[own] -= shape.penalty @ model.theta
+    prior = np.diag(trust) / LABEL_SIGMA**2 + _gauge(labels, trust)
+    normal[count - steps :, count - steps :] += prior
+    right[count - steps :] -= prior @ shift
+    change = np.linalg.solve(normal, right)
+    return [
+        Model(shape, model.theta + change[index * free : (index + 1) * free], shift + change[-steps:])
+        for index, model in enumerate(models)
+    ]
 
 
-def _blocks(count: int, knots: int) -> list[slice]:
-    return [slice(index * knots, (index + 1) * knots) for index in range(count)]
+def _gauge(steps: Array, trust: Array) -> Array:
+    """Keeps the shifts from scaling or moving all exposures at once.
+
+    g -> a g + b with ln k -> a ln k + b changes no residual but makes all of them smaller with a, so
+    the fit would shrink the curve to nothing; scale and exponent are those of the labels that are trusted.
+    """
+    centred = steps - (trust * steps).sum() / trust.sum()
+    directions = np.minimum(trust, 1.0) * np.stack(
+        [np.ones_like(steps), centred / max(np.abs(centred).max(), 1e-9)]
+    )
+    return np.asarray(1e8 * directions.T @ directions)
 
 
-def _equations(channel: Channel, basis: sparse.csr_array, weight: Array) -> tuple[Array, Array]:
-    """Normal matrix and right side of one channel, its photosites' light eliminated."""
-    weighted = sparse.diags_array(weight) @ basis
-    known = np.interp(channel.code, _GRID, _SRGB) - channel.log_k
-    samples = np.arange(len(channel.code))
-    ones = np.ones(len(samples))
-    owned = sparse.csr_array((ones, (channel.site, samples)), (len(channel.group), len(samples)))
-    sums = (owned @ weighted).toarray()
-    total = owned @ weight
-    normal = (basis.T @ weighted).toarray() - sums.T @ (sums / total[:, None])
-    right = weighted.T @ known - sums.T @ (owned @ (weight * known) / total)
-    return np.asarray(normal), np.asarray(-right)
+def label_trust(steps: Array, shift: Array) -> Array:
+    """0..1: how much each label agrees with most of the others (Cauchy's weight).
+
+    Departures are from the line that leaves the smallest sum of them, so that one label that is far off
+    does not tilt the exponent of the curve.
+    """
+    lines = [
+        (shift[j] - shift[i]) / (steps[j] - steps[i]) * (steps - steps[i]) + shift[i]
+        for i, j in combinations(range(len(steps)), 2)
+    ]
+    if not lines:
+        return np.ones(len(steps))
+    best = min(lines, key=lambda line: float(np.abs(shift - line).sum()))
+    return np.asarray(1.0 / (1.0 + ((shift - best) / LABEL_SIGMA) ** 2))
 
 
-def _basis(channel: Channel, knots: int) -> sparse.csr_array:
-    """What each sample's residual is made of: splines at its code, and its exposure."""
-    rows = np.arange(len(channel.code))
-    steps = sparse.csr_array((-np.ones(len(rows)), (rows, channel.step)), (len(rows), len(channel.steps)))
-    if not knots:
-        return steps
-    return sparse.hstack([_SPARSE[np.rint(channel.code * 8).astype(np.intp)], steps], format="csr")
+def robust(whitened: Array) -> Array:
+    """Huber's weight of residuals in units of their standard deviation."""
+    return np.minimum(1.0, HUBER / np.maximum(np.abs(whitened), 1e-9))
+
+
+def huber(whitened: Array) -> Array:
+    """Huber's loss of residuals in units of their standard deviation."""
+    size = np.abs(whitened)
+    return np.where(size < HUBER, 0.5 * size**2, HUBER * (size - 0.5 * HUBER))
 
 
 def noise_of(channel: Channel) -> Noise:
@@ -222,7 +287,7 @@ def noise_of(channel: Channel) -> Noise:
     that what moved does not count. (Residuals would not do: where one exposure dominates they vanish.)
     """
     flat = Noise(1.0, 0.0)
-    model = fit([channel], 1e5, [flat])[0]
+    model = fit([channel], Spline(1e5), [flat])[0]
     first, second = neighbours(channel)
     light = model.light(channel)
     squares = (light[first] - light[second]) ** 2
@@ -241,30 +306,3 @@ def noise_of(channel: Channel) -> Noise:
         return flat
     (constant, shot), _ = nnls(np.array(rows), np.array(goals))
     return Noise(float(max(constant, 0.01)), float(shot))
-
-
-def huber(whitened: Array) -> Array:
-    """Huber's loss of residuals in units of their standard deviation."""
-    size = np.abs(whitened)
-    return np.where(size < HUBER, 0.5 * size**2, HUBER * (size - 0.5 * HUBER))
-
-
-def _gauge(steps: Array) -> Array:
-    """Keeps the shifts from scaling or moving all exposures at once.
-
-    g -> a g + b with ln k -> a ln k + b changes no residual but makes all of them smaller with a, so
-    the fit would shrink the curve to nothing; scale and exponent are those of the labels.
-    """
-    centred = steps - steps.mean()
-    directions = np.stack([np.ones_like(steps), centred / max(np.abs(centred).max(), 1e-9)])
-    return np.asarray(1e8 * directions.T @ directions)
-
-
-def _splines(codes: Array) -> Array:
-    return np.asarray(_SPLINES[np.rint(codes * 8).astype(np.intp)])
-
-
-def _mean(channel: Channel, value: Array, weight: Array) -> Array:
-    count = len(channel.group)
-    total = np.bincount(channel.site, weights=weight, minlength=count)
-    return np.asarray(np.bincount(channel.site, weights=weight * value, minlength=count) / total)

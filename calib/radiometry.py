@@ -15,7 +15,7 @@ from imaging.records import Rung
 from imaging.session import Session
 from imaging.shutter import exact_times
 
-SITES = 8_000
+SITES = 4_000
 """Patches that the response of one camera model is measured from; more would only take time."""
 LINEAR = 0.01
 """Departure from a straight line, relative, that still counts as linear."""

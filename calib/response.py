@@ -1,28 +1,45 @@
-"""The response of a camera that develops its own photographs: sRGB, or a curve where the data want one."""
+"""The response of a camera that develops its photographs: the simplest curve that the data do not refute."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from calib.codes import HIGHEST, LOWEST, Samples
-from calib.curve import Array, Channel, Model, Noise, channel_of, fit, fit_rising, huber, neighbours, noise_of
+from calib.curve import Channel, Model, Noise, channel_of, fit, huber, neighbours, noise_of
+from calib.response_band import standard_errors
+from calib.response_models import Array, Gamma, Known, Polynomial, Shape, Spline
 from imaging.calibration import Response
 from imaging.records import Rung
 
-SMOOTHNESS = (1e3, 1e4, 1e5, 1e6)
-"""Weights of the squared third differences, tried on held-out samples; noise-whitened."""
+LADDER: tuple[tuple[Shape, ...], ...] = (
+    (Known(),),
+    (Gamma(),),
+    tuple(Polynomial(order) for order in range(2, 8)),
+    tuple(Spline(smoothness) for smoothness in (1e6, 1e5, 1e4, 1e3)),
+)
+"""From the simplest shape to the freest; of each rung the variants, the simplest first."""
 NEARLY = 1.04
 """A simpler curve is preferred up to this much held-out loss: exposures in equal steps say nothing about
 ripples of that period, so only smoothness keeps them out, and no held-out sample would notice them."""
-SAFE = 1e5
-"""Smoothness where only two exposures differ: they are one step apart, and hold nothing out."""
 FOLDS = 3
 FEWEST = 300
 """Photosites below which nothing is measured."""
-NODES = np.unique(np.concatenate([np.arange(1, 24, 2), np.arange(24, 248, 8), np.arange(248, 256)])).astype(
-    float
+NODES = np.concatenate(
+    [
+        np.arange(1, 24),
+        np.arange(24, 64, 2),
+        np.arange(64, 128, 4),
+        np.arange(128, 248, 8),
+        np.arange(248, 256),
+    ]
+).astype(float)
+"""Codes that a curve is written at: between them a straight line is right to 0.2 %."""
+RUNGS = frozenset(
+    {"response_curve", "response_gamma", "response_polynomial", "response_spline", "exposure_labels"}
 )
+"""Names of all rungs that an estimate may have."""
+UNIT = "whitened log-likelihood per held-out sample"
 
 
 @dataclass(frozen=True)
@@ -35,11 +52,17 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
-    """Held-out: mean loss per sample of each group, in units of the noise; median disagreement."""
+class Judged:
+    """A shape, held out: mean loss per sample of each group, in units of the noise; median disagreement."""
 
+    shape: Shape
     loss: Array
     median: float
+
+    @property
+    def mean(self) -> float:
+        """Mean loss over the groups."""
+        return float(np.nanmean(self.loss))
 
 
 def assumed(evidence: str) -> Estimate:
@@ -52,70 +75,105 @@ def assumed(evidence: str) -> Estimate:
 
 
 def estimate(samples: Samples | None) -> Estimate:
-    """The response that samples support: a curve if it predicts held-out exposures better than sRGB."""
+    """The response that samples support: the simplest that predicts held-out exposures as well as any."""
     if samples is None or len(samples.codes) < FEWEST:
-        return assumed("sRGB assumed: no view has two exposures that overlap, so nothing can be measured")
+        return assumed(
+            "sRGB assumed: no view has two exposures that overlap, so nothing can be measured; "
+            "take two exposures or more of a view, 1 to 3 stops apart"
+        )
     channels = [channel_of(samples, index) for index in range(3)]
     if min(len(channel.group) for channel in channels) < FEWEST:
-        return assumed("sRGB assumed: too few pixels are well exposed in two different exposures")
+        return assumed(
+            "sRGB assumed: too few pixels are well exposed in two different exposures; "
+            "take exposures 1 to 3 stops apart that are neither black nor white all over"
+        )
     noise = [noise_of(channel) for channel in channels]
-    known = _held_out(channels, noise, None)
-    trials = {weight: _held_out(channels, noise, weight) for weight in SMOOTHNESS}
-    best = _smoothest(trials) if len(channels[0].steps) > 2 else SAFE
-    curve = trials[best]
-    gain, error = _gain(known, curve)
-    rung = Rung(
-        name="response_curve",
-        taken=gain > error and not _nearly(known, curve),
-        gain=gain,
-        standard_error=error,
-        unit="whitened log-likelihood per held-out sample",
-        reason=f"held-out exposures disagree by {100 * curve.median:.1f} % under a measured curve and by "
-        f"{100 * known.median:.1f} % under sRGB",
-    )
-    fitted = fit_rising(channels, best, noise) if rung.taken else fit(channels, None, noise)
-    shift = fitted[0].shift
-    shifts = dict(zip(channels[0].steps.tolist(), shift.tolist(), strict=True))
-    if not rung.taken:
+    known = held_out(channels, noise, LADDER[0][0])
+    best, rungs = known, []
+    for variants in LADDER[1:]:
+        trials = [held_out(channels, noise, shape) for shape in variants if _told(channels, shape)]
+        lowest = min(trial.mean for trial in trials)
+        trial = next(trial for trial in trials if trial.mean <= NEARLY * lowest)
+        rung = _judge(best, trial)
+        if rung.taken and not all(model.rises() for model in fit(channels, trial.shape, noise)):
+            rung = rung.model_copy(update={"taken": False, "reason": f"a {trial.shape.name} does not rise"})
+        rungs.append(rung)
+        best = trial if rung.taken else best
+    freed, rung = _exposures(channels, noise, best)
+    rungs.append(rung)
+    fitted = fit(channels, best.shape, noise, labels_hold=not freed)
+    shift = dict(zip(channels[0].steps.tolist(), fitted[0].shift.tolist(), strict=True))
+    if best is known:
         evidence = (
             f"sRGB: held-out exposures agree with it to {100 * known.median:.1f} %, no curve betters that"
         )
-        return Estimate(Response(kind="srgb", evidence=evidence, residual=known.median), (rung,), shifts)
-    return Estimate(_exported(channels, fitted, known, curve), (rung,), shifts)
+        return Estimate(Response(kind="srgb", evidence=evidence, residual=known.median), tuple(rungs), shift)
+    response = _exported(channels, fitted, known, best)
+    sigma = standard_errors(channels, fitted, noise, NODES)
+    told = tuple(tuple(own.round(6).tolist()) for own in sigma)
+    return Estimate(response.model_copy(update={"sigma": told}), tuple(rungs), shift)
 
 
-def _gain(worse: _Judged, better: _Judged) -> tuple[float, float]:
-    """Mean gain per sample over the held-out groups, and its standard error, paired."""
-    gain = worse.loss - better.loss
+def _judge(simple: Judged, freer: Judged) -> Rung:
+    """Whether a freer shape is worth it, paired over the held-out groups."""
+    gain = simple.loss - freer.loss
     gain = gain[np.isfinite(gain)]
-    return float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain)))
+    value, error = float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain)))
+    return Rung(
+        name=f"response_{freer.shape.name.split()[0]}",
+        taken=value > error and simple.mean > NEARLY * freer.mean,
+        gain=value,
+        standard_error=error,
+        unit=UNIT,
+        reason=f"held-out exposures disagree by {100 * freer.median:.1f} % under a {freer.shape.name} and by "
+        f"{100 * simple.median:.1f} % under {simple.shape.name}",
+    )
 
 
-def _nearly(simple: _Judged, best: _Judged) -> bool:
-    return float(np.nanmean(simple.loss)) <= NEARLY * float(np.nanmean(best.loss))
+def _exposures(channels: Sequence[Channel], noise: Sequence[Noise], best: Judged) -> tuple[bool, Rung]:
+    """Whether the exposures are other than their labels say; with two there is no telling."""
+    if len(channels[0].steps) < 3:
+        reason = "two exposures tell no ratio beside the curve: the labels are taken as they are"
+        return False, Rung(name="exposure_labels", taken=False, reason=reason)
+    held = held_out(channels, noise, best.shape, labels_hold=True)
+    gain = held.loss - best.loss
+    gain = gain[np.isfinite(gain)]
+    value, error = float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain)))
+    taken = value > error and held.mean > NEARLY * best.mean
+    return taken, Rung(
+        name="exposure_labels",
+        taken=taken,
+        gain=value,
+        standard_error=error,
+        unit=UNIT,
+        reason=f"held-out exposures disagree by {100 * best.median:.1f} % with exposures of their own and by "
+        f"{100 * held.median:.1f} % with those of the labels",
+    )
 
 
-def _smoothest(trials: Mapping[float, _Judged]) -> float:
-    best = min(trials.values(), key=lambda judged: float(np.nanmean(judged.loss)))
-    return max(weight for weight, judged in trials.items() if _nearly(judged, best))
+def _told(channels: Sequence[Channel], shape: Shape) -> bool:
+    """Two exposures are one step apart and say nothing about ripples: only stiff splines are tried then."""
+    return not isinstance(shape, Spline) or len(channels[0].steps) > 2 or shape.smoothness >= 1e5
 
 
-def _exported(
-    channels: Sequence[Channel], fitted: Sequence[Model], known: _Judged, curve: _Judged
-) -> Response:
+def _exported(channels: Sequence[Channel], fitted: Sequence[Model], known: Judged, curve: Judged) -> Response:
     low, high = _covered(channels)
     return Response(
         kind="curve",
         codes=tuple((NODES / 255.0).round(8).tolist()),
         log_exposure=tuple(tuple(model.curve(NODES).round(6).tolist()) for model in fitted),
         valid=(low / 255.0, high / 255.0),
-        evidence=f"curve measured from {sum(len(c.code) for c in channels)} overlapping samples; held-out "
-        f"exposures agree to {100 * curve.median:.1f} % (under sRGB to {100 * known.median:.1f} %)",
+        evidence=f"{curve.shape.name}, measured from {sum(len(c.code) for c in channels)} overlapping "
+        f"samples; held-out exposures agree to {100 * curve.median:.1f} %, "
+        f"under sRGB to {100 * known.median:.1f} %",
         residual=curve.median,
     )
 
 
-def _held_out(channels: Sequence[Channel], noise: Sequence[Noise], smoothness: float | None) -> _Judged:
+def held_out(
+    channels: Sequence[Channel], noise: Sequence[Noise], shape: Shape, *, labels_hold: bool = False
+) -> Judged:
+    """How well a shape, fitted to some parts of the views, brings the exposures of the others into accord."""
     groups = int(max(channel.group.max() for channel in channels)) + 1
     folds = np.arange(groups) % FOLDS
     losses, counts, medians = np.zeros(groups), np.zeros(groups), []
@@ -124,16 +182,16 @@ def _held_out(channels: Sequence[Channel], noise: Sequence[Noise], smoothness: f
         testing = [channel.only(folds[channel.group] == fold) for channel in channels]
         if not all(len(part.code) for part in (*training, *testing)):
             continue
-        for channel, model, own in zip(testing, fit(training, smoothness, noise), noise, strict=True):
+        models = fit(training, shape, noise, labels_hold=labels_hold)
+        for channel, model, own in zip(testing, models, noise, strict=True):
             sigma = own.of(channel)
             owner = channel.group[channel.site]
-            losses += np.bincount(
-                owner, weights=huber(model.residuals(channel, sigma) / sigma), minlength=groups
-            )
+            loss = huber(model.residuals(channel, sigma) / sigma)
+            losses += np.bincount(owner, weights=loss, minlength=groups)
             counts += np.bincount(owner, minlength=groups)
             medians.append(_disagreement(channel, model))
     with np.errstate(invalid="ignore"):
-        return _Judged(losses / np.where(counts > 0, counts, np.nan), float(np.median(medians)))
+        return Judged(shape, losses / np.where(counts > 0, counts, np.nan), float(np.median(medians)))
 
 
 def _disagreement(channel: Channel, model: Model) -> float:

@@ -67,7 +67,7 @@ def test_curve_is_the_one_that_made_the_codes(family: str) -> None:
     found = estimate(shoot(FAMILIES[family], STEPS))
     response = found.response
     assert response.kind == "curve"
-    assert found.rungs[0].taken
+    assert any(rung.taken for rung in found.rungs)
     assert rmse(response, FAMILIES[family]) < 0.02
     assert all((np.diff(row) > 0).all() for row in response.log_exposure)
     assert all(np.diff(response.codes) > 0)
@@ -80,7 +80,7 @@ def test_curve_is_the_one_that_made_the_codes(family: str) -> None:
 def test_srgb_is_recognised_and_needs_no_curve() -> None:
     found = estimate(shoot(srgb_encode, STEPS))
     assert found.response.kind == "srgb"
-    assert not found.rungs[0].taken
+    assert not any(rung.taken for rung in found.rungs)
     assert found.response.residual is not None
     assert "agree with it" in found.response.evidence
 
