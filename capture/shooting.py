@@ -62,8 +62,12 @@ def shoot(
             session = session or begin(out, identity)
             session.append_plan(plan)
         assert session is not None
-        if len(finished(session, plan)) < len(slots(plan)):
+        done = finished(session, plan)
+        if len(done) < len(slots(plan)):
             source.hands.show(request.kind)
+        if done:
+            # Who moves things knows from it that the next frame is not the first.
+            source.hands.move_to(plan.frames[0])
         with source.beside(session, plan, progress):
             return record(
                 session,

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from rig.buses import bus_of
 from rig.commands.options import JsonOption
 from rig.running import Outcome, running
 from rig.words import counted
@@ -24,23 +25,12 @@ def cameras(
     Example: rig cameras --sim demo
     """
     with running("cameras") as meter:
-        from drivers.clock import Clock, SystemClock
         from drivers.connected import ask_all
-        from drivers.usb import default_backend
 
         meter("looking for cameras", 0, 0)
-        backend: Any
-        clock: Clock
-        if sim is None:
-            backend, clock = default_backend(), SystemClock()
-        else:
-            from drivers.sim.on_bus import BusRig
-            from drivers.sim.rigs import simulate
-
-            bus = BusRig(simulate(sim))
-            backend, clock = bus.backend, bus.clock
+        bus = bus_of(sim)
         listed = []
-        for one in ask_all(backend, clock):
+        for one in ask_all(bus.backend, bus.clock):
             listed.append(one)
             meter(one.where or one.protocol, len(listed), 0)
     lines = [line for one in listed for line in _lines(one)] or [

@@ -211,6 +211,7 @@ def run_capture(
         from capture.connected_rig import capture_rig
         from capture.simulated import capture_simulated
         from drivers.sim.faults import ROUGH
+        from imaging.session import Session
 
         if rig is not None:
             bus = bus_of(sim, seed, rough=rough)
@@ -249,7 +250,7 @@ def run_capture(
     lines = [f"{out}: {there} of {counted(result.planned, 'shot')}{kept}"]
     lines += [f"  {problem}" for problem in result.problems]
     missing = shortfall(result.require_complete)
-    if missing is None:
+    if missing is None and Session.open(out).shots("scene"):
         lines.append(f"Next: rig calibrate {out}")
     data = {
         "session": str(out),

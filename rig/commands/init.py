@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from rig.buses import bus_of
 from rig.commands.options import JsonOption
 from rig.running import Outcome, running
 from rig.words import counted, plain
@@ -30,7 +31,6 @@ def init(
         from drivers.connected import ask_all
         from imaging import store
         from imaging.errors import InputError
-        from rig.buses import bus_of
 
         if path.exists() or path.is_symlink():
             raise InputError(f"{path} is there already: name another file, or move it away.")
