@@ -4,6 +4,7 @@ import re
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Literal
@@ -64,11 +65,27 @@ def sort_into_cameras(
     guesses: list[str] = []
     for key, mine in members.items():
         camera = _camera(folder, mine[0], key, names)
-        series.append(Series(camera, tuple(sorted(mine, key=lambda original: place[original.path]))))
+        ordered = sorted(mine, key=lambda original: place[original.path])
+        series.append(Series(camera, tuple(ordered if lenses else _in_time(ordered))))
         photos = "1 photo is" if len(mine) == 1 else f"{len(mine)} photos are"
         told = "as given" if by is not None else "--cameras sorts them otherwise"
         guesses.append(f"{photos} of the camera {camera.name}, by {_reason(key, by)}; {told}.")
     return series, guesses
+
+
+def _in_time(photos: list[Original]) -> list[Original]:
+    """In order of their times, if all that can be read tell one; counters in file names start over.
+
+    A photo that cannot be read stays behind the one that it follows.
+    """
+    times: list[datetime] = []
+    for photo in photos:
+        moment = None if photo.picture is None else photo.picture.metadata.captured_at
+        if moment is None and photo.picture is not None:
+            return photos
+        before = times[-1] if times else datetime.min
+        times.append(before if moment is None else moment.replace(tzinfo=None))
+    return [photo for _, photo in sorted(zip(times, photos, strict=True), key=lambda pair: pair[0])]
 
 
 def _camera_key(folder: Path, original: Original, by: Identity | None, lens: str | None) -> tuple[str, ...]:

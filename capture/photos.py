@@ -8,10 +8,11 @@ from pathlib import Path
 from capture.beginning import folder_made
 from capture.copying import ORIGIN, Place, append_plans, begin_or_continue, copy_all, take_back
 from capture.deviation import deviates
-from capture.frames import Numbered, frames_of_layout
+from capture.frames import Numbered, frames_in_time, frames_of_layout
 from capture.given_calibration import FILE as CALIBRATION
 from capture.given_calibration import check_sizes, has_poses, write_given, write_truth
-from capture.grouping import Identity, Series, sort_into_cameras, split_into_brackets
+from capture.grouping import Identity, sort_into_cameras
+from capture.instants import Together
 from capture.layouts import detect, read_layout
 from capture.layouts.given import Given, LayoutName
 from capture.lock import sole_writer
@@ -19,7 +20,7 @@ from capture.originals import Original, Progress, survey
 from capture.recorder import Slot
 from imaging.errors import InputError, PartialError
 from imaging.exposure import Exposure
-from imaging.records import CameraRecord, PlanRecord
+from imaging.records import PlanRecord
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ def import_photos(
     layout: LayoutName | None = None,
     cameras: Identity | None = None,
     bracket: int | None = None,
+    together: Together | None = None,
     exposures: Path | None = None,
     progress: Progress = lambda message, done, total: None,
 ) -> ImportResult:
@@ -61,11 +63,13 @@ def import_photos(
 
     layout: what else the folder holds; by the files in it when None. Lenses, poses and scene points of a
     layout become the session's calibration. cameras: what tells cameras apart. bracket: so many
-    consecutive photographs of a camera are one bracket. exposures: a list of them (`exposure_list`).
-    Each is guessed when None. An import that was killed is completed by the same call. InputError when
-    `folder` holds nothing usable, its layout is damaged, or `out` is not empty or inside `folder`;
-    StorageError when the disk refuses; both leave nothing behind. Files that cannot be read are listed
-    in the result.
+    consecutive photographs of a camera are one bracket. together: what makes brackets of several cameras
+    one frame. exposures: a list of them (`exposure_list`). Each is guessed when None. An import that was
+    killed is completed by the same call.
+
+    Errors: InputError when `folder` holds nothing usable, its layout is damaged, or `out` is not empty or
+    inside `folder`; StorageError when the disk refuses; both leave nothing behind. Files that cannot be
+    read are listed in the result.
     """
     _check_folders(folder, out, bracket)
     name = layout or detect(folder)
@@ -81,20 +85,19 @@ def import_photos(
         notes = [_told_layout(given, layout), *given.notes, *notes]
     labels = None if given is None else {photo.path: photo.camera for photo in given.photos}
     sorted_series, guesses = sort_into_cameras(folder, found.originals, cameras, labels)
-    series = [_in_rig(one, given) for one in sorted_series]
+    numbered, why = (
+        frames_in_time(sorted_series, bracket, together)
+        if given is None
+        else frames_of_layout(sorted_series, given, bracket, together)
+    )
+    guesses += why
     places: list[Place] = []
     plans: list[PlanRecord] = []
-    for one in series:
-        first = 0 if given is None else 1 + max((place.slot.frame for place in places), default=-1)
-        told = None if given is None or bracket is not None else frames_of_layout(one, given, first)
-        if told is None:
-            brackets, why = split_into_brackets(one, bracket)
-            told = list(enumerate(brackets, start=first)), why
-        guesses.append(told[1])
-        new_plans = _plans(one.camera, *told)
+    for one in numbered:
+        new_plans = _plans(one)
         plans.extend(new_plans)
-        places.extend(_places(one.camera, told[0], new_plans))
-    records = tuple(one.camera for one in series)
+        places.extend(_places(one, new_plans))
+    records = tuple(one.camera for one in numbered)
     last = CALIBRATION if has_poses(given) else "session.json"
     with folder_made(out), sole_writer(out):
         session, begun_here = begin_or_continue(out, records, plans, places, last)
@@ -131,15 +134,6 @@ def _told_layout(given: Given, asked: LayoutName | None) -> str:
     return f"{what}, the folder being read in the layout of {given.layout}; {told}."
 
 
-def _in_rig(series: Series, given: Given | None) -> Series:
-    """The same photographs; their camera mounted to others, if the layout says so."""
-    labels = {photo.path: photo.camera for photo in given.photos} if given is not None else {}
-    label = labels.get(series.originals[0].path, "")
-    if given is None or label not in given.rigs:
-        return series
-    return Series(series.camera.model_copy(update={"rig": given.rigs[label][0]}), series.originals)
-
-
 def _check_folders(folder: Path, out: Path, bracket: int | None) -> None:
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder: name the folder that holds the photographs.")
@@ -161,20 +155,20 @@ def _nothing_usable(folder: Path, originals: Sequence[Original], lost: Sequence[
     return InputError(f"{folder} holds no photograph that can be read ({names}{more}): copy them again.")
 
 
-def _plans(camera: CameraRecord, brackets: Numbered, why: str) -> list[PlanRecord]:
+def _plans(one: Numbered) -> list[PlanRecord]:
     """One plan for each length of bracket."""
     plans = []
-    for size in sorted({len(bracket) for _, bracket in brackets}):
-        mine = {frame: bracket for frame, bracket in brackets if len(bracket) == size}
+    for size in sorted({len(bracket) for bracket in one.brackets.values()}):
+        mine = {frame: bracket for frame, bracket in one.brackets.items() if len(bracket) == size}
         plans.append(
             PlanRecord(
-                plan=f"{ORIGIN}-{camera.name}-{size}",
+                plan=f"{ORIGIN}-{one.camera.name}-{size}",
                 kind="scene",
                 created=datetime.now(UTC),
                 bracket=tuple(_agreed([bracket[step] for bracket in mine.values()]) for step in range(size)),
                 frames=tuple(mine),
-                cameras=(camera.name,),
-                reason=why,
+                cameras=(one.camera.name,),
+                reason=one.why,
             )
         )
     return plans
@@ -188,10 +182,10 @@ def _agreed(originals: Sequence[Original]) -> Exposure | None:
     return first if same else None
 
 
-def _places(camera: CameraRecord, brackets: Numbered, plans: Sequence[PlanRecord]) -> list[Place]:
+def _places(one: Numbered, plans: Sequence[PlanRecord]) -> list[Place]:
     plan_of = {frame: plan.plan for plan in plans for frame in plan.frames}
     return [
-        Place(original, Slot(camera.name, frame, step), plan_of[frame])
-        for frame, bracket in brackets
+        Place(original, Slot(one.camera.name, frame, step), plan_of[frame])
+        for frame, bracket in one.brackets.items()
         for step, original in enumerate(bracket)
     ]

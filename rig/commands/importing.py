@@ -12,6 +12,7 @@ from rig.words import counted
 
 Layout = Literal["photos", "nerfstudio", "colmap", "hdr-nerf"]
 Identity = Literal["serial", "folder", "one"]
+Together = Literal["time", "order", "never"]
 
 
 def import_(
@@ -27,6 +28,10 @@ def import_(
     ] = None,
     bracket: Annotated[
         int | None, typer.Option(min=1, help="Exposures in each bracket; guessed if not given.")
+    ] = None,
+    together: Annotated[
+        Together | None,
+        typer.Option(help="What makes brackets of several cameras one frame; guessed if not given."),
     ] = None,
     exposures: Annotated[
         Path | None,
@@ -51,6 +56,7 @@ def import_(
             layout=layout,
             cameras=cameras,
             bracket=bracket,
+            together=together,
             exposures=exposures,
             progress=meter,
         )

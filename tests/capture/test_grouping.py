@@ -21,7 +21,7 @@ def photo(number: int, stops: float | None, seconds: float) -> Original:
     if stops is None:
         return Original(path, "ldr", None, error="bad")
     metadata = FrameMetadata(captured_at=NOON + timedelta(seconds=seconds))
-    picture = Picture("ldr", 8, 6, metadata, (0.0, 0.0, 0.0), 0.0)
+    picture = Picture("ldr", 8, 6, metadata, (0.0, 0.0, 0.0), 0.0, 1.0)
     return Original(path, "ldr", picture, Exposure(time=2.0**stops / 60, f_number=4))
 
 

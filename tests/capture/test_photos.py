@@ -307,6 +307,51 @@ def test_what_tells_cameras_apart_can_be_chosen(tmp_path, cameras, groups):
     assert sum(told in guess for guess in result.guesses) == len(groups)
 
 
+def two_cameras(tmp_path, there=range(5), ahead=3600.0) -> Path:
+    """Brackets of three at uneven times by cameras 7 and 8; the clock of 8 is `ahead`."""
+    begun = [0.0, 41.0, 97.0, 140.0, 203.0]
+    files = {
+        f"{serial}/{n:02d}_{step}.jpg": jpeg(
+            100 * n + 10 * step + int(serial), time=time, at=begun[n] + step + late, serial=serial
+        )
+        for serial, frames, late in (("7", range(5), 0.0), ("8", there, ahead + 0.4))
+        for n in frames
+        for step, time in enumerate([T, T / 4, 4 * T])
+    }
+    return put(tmp_path / "photos", files)
+
+
+def frames_by_camera(folder: Path) -> dict[str, dict[int, set[str]]]:
+    """By camera and frame, the number in the names of its photos."""
+    found: dict[str, dict[int, set[str]]] = {}
+    for shot in Session.open(folder).shots():
+        name = Path(shot.source)
+        found.setdefault(name.parent.name, {}).setdefault(shot.frame, set()).add(name.name[:2])
+    return found
+
+
+def test_cameras_that_fired_together_share_frames_whatever_their_clocks_say(tmp_path):
+    result = import_photos(two_cameras(tmp_path, there=[0, 1, 3, 4]), tmp_path / "s")
+    every = {n: {f"{n:02d}"} for n in range(5)}
+    assert frames_by_camera(tmp_path / "s") == {"7": every, "8": {n: every[n] for n in (0, 1, 3, 4)}}
+    assert {camera.rig for camera in Session.open(tmp_path / "s").record.cameras} == {"rig0"}
+    (told,) = (guess for guess in result.guesses if "fired together" in guess)
+    assert "3600 s ahead" in told
+    assert "lacks 1 frames" in told
+    import_photos(tmp_path / "photos", tmp_path / "t", together="order")
+    assert frames_by_camera(tmp_path / "t")["8"] == {0: {"00"}, 1: {"01"}, 2: {"03"}, 3: {"04"}}
+    import_photos(tmp_path / "photos", tmp_path / "u", together="never")
+    assert set(frames_by_camera(tmp_path / "u")["8"]) == {5, 6, 7, 8}
+    assert {camera.rig for camera in Session.open(tmp_path / "u").record.cameras} == {None}
+
+
+def test_a_counter_that_starts_over_does_not_turn_the_order_round(tmp_path):
+    names = ["IMG_9998.jpg", "IMG_9999.jpg", "IMG_0001.jpg", "IMG_0002.jpg"]
+    put(tmp_path / "photos", {name: jpeg(n, time=T, at=60 * n) for n, name in enumerate(names)})
+    import_photos(tmp_path / "photos", tmp_path / "s")
+    assert list(sources(Session.open(tmp_path / "s")).values()) == names
+
+
 BAD = {
     "text": b"This is no picture.\n",
     "empty": b"",
