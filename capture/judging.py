@@ -74,12 +74,12 @@ def _labels(looks: Looks) -> Iterator[Problem]:
         if not wrong:
             continue
         first = wrong[0]
-        if len(wrong) > len(group) / 2:
+        if len(group) > 1 and len(wrong) > len(group) / 2:
             off = median(look.off or 0.0 for look in wrong)
             middle = min(wrong, key=lambda look: abs((look.off or 0.0) - off))
             yield _problem(
                 "label",
-                first.model_copy(update={"file": "" if len(wrong) > 1 else first.file}),
+                first.model_copy(update={"file": ""}),
                 f"{camera} exposed {off:+.2f} stops off its label {label(first)} in {len(wrong)} of "
                 f"{len(group)} frames (estimated {middle.estimated}): run rig calibrate, which measures "
                 "exposures.",

@@ -30,6 +30,8 @@ FAINTEST = 0.006
 SURE = 6.0
 """Standard deviations of the same."""
 TILES = 4
+BINS = 64
+"""Levels at which the development of two photographs is matched."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +66,12 @@ def compare(longer: Seen, shorter: Seen) -> Motion | None:
     pair = _pair(longer, shorter)
     if pair is None:
         return None
-    found = _shift(pair)
+    found = _shift(pair, np.zeros(2))
     if found is None:
         return None
+    if shorter.patches is not None:
+        pair = _matched(pair, longer.green, shorter.green, np.array(found[0]))
+        found = _shift(pair, np.array(found[0])) or found
     shift, error = found
     # Samples are two pixels wide.
     return Motion((2 * shift[0], 2 * shift[1]), 2 * error, _moved(pair, shift))
@@ -89,8 +94,6 @@ def _pair(longer: Seen, shorter: Seen) -> _Pair | None:
         return None
     relative = np.hypot(spread / np.maximum(expected, 1e-6), _relative(longer, long))
     logs = [np.log(np.maximum(light, 1e-6)) for light in (long, short)]
-    if shorter.patches is not None:
-        logs[1] = _transferred(logs[0], logs[1], usable)
     different = DIFFERENT if shorter.patches is None else DEVELOPED
     return _Pair(logs[0], logs[1], relative.astype(np.float32), usable, different)
 
@@ -99,22 +102,25 @@ def _relative(seen: Seen, light: Float) -> Float:
     return np.asarray(np.sqrt(seen.noise.variance(light) / (4 * np.pi)) / np.maximum(light, 1e-6), np.float32)
 
 
-def _transferred(long: Float, short: Float, usable: Bool) -> Float:
-    """The shorter exposure in terms of the longer one, by the curve of medians between their codes."""
-    edges = np.unique(np.quantile(short[usable], np.linspace(0.0, 1.0, 33)))
-    if len(edges) < 3:
-        return short
-    place = np.clip(np.searchsorted(edges, short[usable]) - 1, 0, len(edges) - 2)
-    values = long[usable]
-    known = [index for index in range(len(edges) - 1) if np.any(place == index)]
-    middles = [float(np.median(short[usable][place == index])) for index in known]
-    medians = np.maximum.accumulate([float(np.median(values[place == index])) for index in known])
-    return np.asarray(np.interp(short, middles, medians), np.float32)
+def _matched(pair: _Pair, long: Float, short: Float, shift: npt.NDArray[np.float64]) -> _Pair:
+    """The pair with the shorter developed as the longer is, by the curve of medians between their codes."""
+    there, usable = _moved_back(pair._replace(short=short), shift)
+    edges = np.unique(np.quantile(there[usable], np.linspace(0.0, 1.0, BINS + 1)))
+    place = np.clip(np.searchsorted(edges, there[usable]) - 1, 0, max(len(edges) - 2, 0))
+    values, own = long[usable], there[usable]
+    known = [place == index for index in range(len(edges) - 1) if np.any(place == index)]
+    if len(known) < 3:
+        return pair
+    middles = [float(np.median(own[one])) for one in known]
+    medians = np.maximum.accumulate([float(np.median(values[one])) for one in known])
+    # Before it is blurred, as the longer is: blurring does not commute with a curve.
+    light = np.asarray(np.interp(short, middles, medians), np.float32)
+    return pair._replace(short=np.log(np.maximum(cv2.GaussianBlur(light, (0, 0), 1.0), 1e-6)))
 
 
-def _shift(pair: _Pair) -> tuple[tuple[float, float], float] | None:
+def _shift(pair: _Pair, start: npt.NDArray[np.float64]) -> tuple[tuple[float, float], float] | None:
     """Shift in samples, and the standard error of its length from how parts of the picture scatter."""
-    shift = np.zeros(2)
+    shift = start
     error = np.inf
     for level in LEVELS:
         if min(pair.long.shape) < 16 * level:

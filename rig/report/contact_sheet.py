@@ -242,22 +242,24 @@ def _columns(looks: Iterable[ShotLook], places: Iterable[Place]) -> list[int]:
 
 def _cell(place: Place, look: ShotLook | None, found: Sequence[Problem], report: CheckReport) -> Cell:
     camera, frame, step = place
-    marks = tuple((problem.kind, problem.message) for problem in found)
+    said: dict[str, list[str]] = {}
+    for problem in found:
+        said.setdefault(problem.kind, []).append(problem.message)
+    marks = tuple((kind, " ".join(messages)) for kind, messages in said.items())
     title = f"{camera}, frame {frame}, step {step}"
     if look is None:
         return Cell(title, None, (), marks)
     lines = [("asked", _exposure(look.requested), False)] if look.requested else []
-    lines.append(("file says", _exposure(look.reported), False))
+    lines.append(("file", _exposure(look.reported), False))
     if look.estimated is not None and look.off is not None:
-        text = f"{_time(look.estimated)}, {look.off:+.2f} EV".replace("-", "−")
-        lines.append(("estimated", text, doubted(look)))
-    lines.append(("clipped", "/".join(_percent(share) for share in look.clipped) + " %", False))
-    kinds = {problem.kind for problem in found}
+        text = f"{_time(look.estimated)}, {round(look.off, 2) + 0.0:+.2f} EV".replace("-", "−")
+        lines.append(("est.", text, doubted(look)))
+    lines.append(("clip", "/".join(_percent(share) for share in look.clipped) + " %", False))
     if look.sharpness is not None:
-        lines.append(("sharp", f"{look.sharpness:.2f}", "focus" in kinds))
+        lines.append(("sharp", f"{look.sharpness:.2f}", "focus" in said))
     if look.shift is not None and look.moved is not None:
         length = (look.shift[0] ** 2 + look.shift[1] ** 2) ** 0.5
-        lines.append(("moved", f"{length:.1f} px, {_percent(look.moved)} %", "motion" in kinds))
+        lines.append(("shift", f"{length:.1f} px, {_percent(look.moved)} %", "motion" in said))
     data = base64.b64encode(report.thumbnails[look.file]).decode("ascii")
     return Cell(title, f"data:image/jpeg;base64,{data}", tuple(lines), marks)
 
@@ -267,7 +269,7 @@ def _exposure(exposure: Exposure | None) -> str:
 
 
 def _time(exposure: Exposure) -> str:
-    return f"{exposure.time:.3g} s" if exposure.time >= 0.4 else f"1/{1 / exposure.time:.3g} s"
+    return f"{exposure.time:.3g} s" if exposure.time >= 0.4 else f"1/{1 / exposure.time:.4g} s"
 
 
 def _percent(share: float) -> str:
