@@ -217,28 +217,24 @@ def _with_part(
     fresh = _record(session, views, found, light, None, None)
     if earlier is None:
         return fresh
-    fields = {"sensor": ("noise", "sensors"), "colour": ("camera_from_rec709",), "response": ("response",)}[
-        only
-    ]
-    cameras = tuple(
-        camera.model_copy(update={field: getattr(fresh.camera(camera.name), field) for field in fields})
-        for camera in earlier.cameras
-    )
+    fields = {"colour": ("camera_from_rec709",), "response": ("response",), "sensor": ("noise", "sensors")}
+    cameras = []
+    for camera in earlier.cameras:
+        own = found.get(camera.name)
+        flat = only == "sensor" and own is not None and own.measured.falloff is not None
+        redone = (*fields[only], "vignetting") if flat else fields[only]
+        new = fresh.camera(camera.name)
+        cameras.append(camera.model_copy(update={field: getattr(new, field) for field in redone}))
     kept = [rung for rung in earlier.rungs if rung.name not in _PARTS[only]]
     update: dict[str, object] = {
         "created": fresh.created,
         "versions": fresh.versions,
-        "cameras": cameras,
+        "cameras": tuple(cameras),
         "rungs": (*(rung for rung in fresh.rungs if rung.name in _PARTS[only]), *kept),
     }
     if only == "response":
         update["exposure_scale"] = fresh.exposure_scale
     return earlier.model_copy(update=update)
-
-
-def _by_flats(found: Mapping[str, Sensor], name: str, only: Part) -> tuple[str, ...]:
-    flat = only == "sensor" and name in found and found[name].measured.falloff is not None
-    return ("vignetting",) if flat else ()
 
 
 def _record(
@@ -269,7 +265,9 @@ def _record(
             }
         if own is not None and own.measured.falloff is not None:
             update["vignetting"] = own.measured.falloff.vignetting
-        response = light.responses.get(camera.name, Response(kind="srgb", evidence="it has no images"))
+        blank_kind: Literal["linear", "srgb"] = "linear" if camera.kind == "raw" else "srgb"
+        no_images = Response(kind=blank_kind, evidence="it has no images of a scene")
+        response = light.responses.get(camera.name, no_images)
         blank = CameraCalibration(name=camera.name, serial=camera.serial, response=response)
         cameras.append(blank.model_copy(update=update))
     poses = {} if model is None else model.poses

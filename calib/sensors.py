@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calib.sensor.measure import Sensors
+from calib.sensor.rungs import rungs as sensor_rungs
 from imaging.calibration import Lens
 from imaging.colour import camera_from_rec709
 from imaging.errors import InputError
@@ -14,6 +16,7 @@ from imaging.noise import SensorNoise
 from imaging.photo import read_metadata
 from imaging.raw import read_raw
 from imaging.records import CameraRecord, Rung, ShotRecord
+from imaging.sensor import at_iso
 from imaging.session import Session
 
 FULL_FRAME_DIAGONAL = math.hypot(36.0, 24.0)
@@ -24,16 +27,17 @@ GUESSED_FOCAL = 1.2
 
 @dataclass(frozen=True)
 class Sensor:
-    """One camera as its files describe it.
+    """One camera as its files describe it, and what was measured of it beyond that.
 
-    noise: from the DNG NoiseProfile; camera_from_rec709: from ColorMatrix; lens: no distortion, the focal
-    length guessed; focal_known: whether a file told it.
+    noise: measured at the ISO of its shots, else from the DNG NoiseProfile; camera_from_rec709: from
+    ColorMatrix; lens: no distortion, the focal length guessed; focal_known: whether a file told it.
     """
 
     noise: SensorNoise | None
     camera_from_rec709: Matrix | None
     lens: Lens
     focal_known: bool
+    measured: Sensors = field(default_factory=Sensors)
 
 
 def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> Sensor:
@@ -69,18 +73,20 @@ def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> Sensor
     return Sensor(noise, colour, lens, focal is not None)
 
 
+def with_measured(sensor: Sensor, measured: Sensors, iso: float | None) -> Sensor:
+    """The sensor with the noise that was measured at the ISO of its shots, if any was."""
+    own = at_iso(measured.at, iso)
+    noise = None if own is None else own.noise()
+    return replace(sensor, measured=measured, noise=noise or sensor.noise)
+
+
 def rungs(sensors: Mapping[str, Sensor]) -> tuple[Rung, ...]:
     """Where noise and colour come from."""
     noisy = sum(sensor.noise is not None for sensor in sensors.values())
     coloured = sum(sensor.camera_from_rec709 is not None for sensor in sensors.values())
     total = len(sensors)
     return (
-        Rung(
-            name="sensor_noise",
-            taken=noisy > 0,
-            reason=f"gain and read noise as the files of {noisy} of {total} cameras say (NoiseProfile); not "
-            "measured, and the merge falls back on plain sums for the others",
-        ),
+        *sensor_rungs({name: sensor.measured for name, sensor in sensors.items()}, noisy, total),
         Rung(
             name="camera_colour",
             taken=coloured > 0,

@@ -30,14 +30,13 @@ VIEWS = 6
 class Sensors:
     """What was measured of one camera.
 
-    at: of every ISO that its shots have; falloff: by flats, and the f-number that it belongs to;
-    scene_isos: of the shots of the scene; missing: what lacks, in words.
+    at: of every ISO that its shots have; nominal: what the files say, ISO by ISO; falloff: by flats of the
+    f-number of the scene, where there are any; missing: what lacks, in words.
     """
 
     at: tuple[SensorCalibration, ...] = ()
+    nominal: tuple[Nominal, ...] = ()
     falloff: Falloff | None = None
-    f_number: float | None = None
-    scene_isos: tuple[float | None, ...] = ()
     missing: tuple[str, ...] = ()
 
 
@@ -56,8 +55,8 @@ def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Se
         [shot for shot in session.shots(kind) if shot.camera == camera.name] for kind in ("dark", "flat")
     )
     scene = [shot for view in views for shot in view.shots]
-    at, missing = [], []
-    fall: tuple[Falloff, float | None] | None = None
+    at, nominals, missing = [], [], []
+    fall = None
     isos = list(dict.fromkeys(_iso(shot) for shot in [*scene, *darks, *flats]))
     for iso in isos:
         own = [[shot for shot in shots if _iso(shot) == iso] for shots in (darks, flats)]
@@ -70,24 +69,33 @@ def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Se
             gain = _told(brackets.gain(blind.transfer)) if blind and blind.transfer else None
             frames = _frames(session, own[0], own[1], nominal)
             measured, falloff = emva.measure(frames, nominal, iso, gain)
-            if falloff is not None:
-                exposure = own[1][0].exposure
-                fall = falloff, None if exposure is None else exposure.f_number
+            if falloff is not None and fall is None:
+                stops = [
+                    {shot.exposure.f_number for shot in shots if shot.exposure} for shots in (own[1], scene)
+                ]
+                if len(stops[0]) == 1 and stops[1] <= stops[0]:
+                    fall = falloff
+                else:
+                    missing.append(f"{camera.name} has flats at other f-numbers than the scene")
         if blind is not None:
             measured = _filled(measured, blind, nominal)
         at.append(measured)
+        nominals.append(nominal)
         missing += _lacking(camera.name, iso, measured, own, blind, bool(darks or flats))
     return Sensors(
         at=tuple(at),
-        falloff=fall[0] if fall else None,
-        f_number=fall[1] if fall else None,
-        scene_isos=tuple(dict.fromkeys(_iso(shot) for shot in scene)),
+        nominal=tuple(nominals),
+        falloff=fall,
         missing=tuple(missing),
     )
 
 
 def _iso(shot: ShotRecord) -> float | None:
     return None if shot.exposure is None else shot.exposure.iso
+
+
+def _stops(shots: Iterable[ShotRecord]) -> set[float | None]:
+    return {shot.exposure.f_number for shot in shots if shot.exposure is not None}
 
 
 def _nominal(session: Session, shots: Iterable[ShotRecord], iso: float | None) -> Nominal:

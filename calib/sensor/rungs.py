@@ -1,0 +1,201 @@
+"""What was measured of the sensors, in the words of a ladder."""
+
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+from calib.sensor.measure import Sensors
+from imaging.records import Rung
+from imaging.sensor import Measured, SensorCalibration
+
+Field = Literal["gain", "read_noise", "prnu", "dsnu", "dark_current"]
+
+NAMES = frozenset(
+    {
+        "sensor_noise",
+        "sensor_black",
+        "sensor_ceiling",
+        "sensor_pattern",
+        "sensor_dark_current",
+        "sensor_defects",
+        "sensor_linearity",
+        "sensor_falloff",
+    }
+)
+
+
+def rungs(found: Mapping[str, Sensors], stated: int, total: int) -> tuple[Rung, ...]:
+    """One rung for each thing that may be measured; stated: cameras whose files name their noise, of all."""
+    at = [sensor for own in found.values() for sensor in own.at]
+    missing = "".join(f"; {words}" for own in found.values() for words in own.missing)
+    return (
+        _noise(at, stated, total, missing),
+        _black(found),
+        _ceiling(found),
+        _pattern(at),
+        _one(at, "sensor_dark_current", "dark_current", "electrons/s", "darks of several times"),
+        _defects(at),
+        _linearity(at),
+        _falloff(found),
+    )
+
+
+def _values(at: list[SensorCalibration], field: Field) -> list[Measured]:
+    return [value for sensor in at if (value := getattr(sensor, field)) is not None]
+
+
+def _sources(values: list[Measured]) -> str:
+    return " and ".join(dict.fromkeys(value.source for value in values))
+
+
+def _noise(at: list[SensorCalibration], stated: int, total: int, missing: str) -> Rung:
+    gains, reads = _values(at, "gain"), _values(at, "read_noise")
+    if not gains:
+        return Rung(
+            name="sensor_noise",
+            taken=stated > 0,
+            reason=f"gain and read noise as the files of {stated} of {total} cameras say (NoiseProfile); not "
+            f"measured, and the merge falls back on plain sums for the others{missing}",
+        )
+    worst = max(gains, key=lambda one: one.sigma / one.value)
+    read = max((one.sigma / one.value for one in reads if one.value > 0), default=float("inf"))
+    words = f"; read noise to {100 * read:.2g} %" if reads else "; read noise is not determined"
+    return Rung(
+        name="sensor_noise",
+        taken=True,
+        gain=worst.value,
+        standard_error=worst.sigma,
+        unit="DN/electron, the least certain gain",
+        reason=f"gain measured by photon transfer from {_sources(gains)}{words}{missing}",
+    )
+
+
+def _black(found: Mapping[str, Sensors]) -> Rung:
+    shifts = [
+        (abs(level.value - float(stated)), level)
+        for own in found.values()
+        for sensor, nominal in zip(own.at, own.nominal, strict=False)
+        for level, stated in zip(sensor.black or (), nominal.black, strict=False)
+    ]
+    if not shifts:
+        return _not("sensor_black", "black level as the files say: darks or overlapping exposures would tell")
+    far, level = max(shifts, key=lambda pair: pair[0])
+    source = _sources([one for _, one in shifts])
+    reason = f"black of each CFA site from {source}, against what the files say"
+    return Rung(
+        name="sensor_black",
+        taken=True,
+        gain=far,
+        standard_error=level.sigma,
+        unit="DN at most",
+        reason=reason,
+    )
+
+
+def _ceiling(found: Mapping[str, Sensors]) -> Rung:
+    ends = [
+        (sensor.ceiling, nominal.white)
+        for own in found.values()
+        for sensor, nominal in zip(own.at, own.nominal, strict=False)
+        if sensor.ceiling is not None
+    ]
+    if not ends:
+        return _not("sensor_ceiling", "white level as the files say: nothing is overexposed enough to test")
+    ceiling, white = min(ends, key=lambda pair: pair[0].value / pair[1])
+    return Rung(
+        name="sensor_ceiling",
+        taken=ceiling.value < white - 1,
+        gain=100 * (ceiling.value / white - 1),
+        standard_error=100 * ceiling.sigma / white,
+        unit="% from the white level of the files",
+        reason=f"overexposed photosites end at {ceiling.value:.0f} DN, the files say {white:.0f}",
+    )
+
+
+def _pattern(at: list[SensorCalibration]) -> Rung:
+    response, dark = _values(at, "prnu"), _values(at, "dsnu")
+    if not response and not dark:
+        return _not("sensor_pattern", "PRNU and DSNU are not determined: they take flats and darks")
+    words = [
+        f"{name} {scale * max(v.value for v in values):.3g} {unit}"
+        for name, values, scale, unit in (("PRNU", response, 100, "%"), ("DSNU", dark, 1, "electrons"))
+        if values
+    ]
+    worst = (response or dark)[0]
+    return Rung(
+        name="sensor_pattern",
+        taken=bool(response),
+        gain=worst.value,
+        standard_error=worst.sigma,
+        unit="PRNU, relative" if response else "electrons of DSNU",
+        reason=f"fixed pattern: {', '.join(words)} at most",
+    )
+
+
+def _one(at: list[SensorCalibration], name: str, field: Field, unit: str, needs: str) -> Rung:
+    values = _values(at, field)
+    what = field.replace("_", " ")
+    if not values:
+        return _not(name, f"{what} is not determined: it takes {needs}")
+    worst = max(values, key=lambda one: one.value)
+    reason = f"{what} from {_sources(values)}"
+    return Rung(
+        name=name,
+        taken=True,
+        gain=worst.value,
+        standard_error=worst.sigma,
+        unit=f"{unit} at most",
+        reason=reason,
+    )
+
+
+def _defects(at: list[SensorCalibration]) -> Rung:
+    lists = [sensor.defects for sensor in at if sensor.defects is not None]
+    if not lists:
+        return _not("sensor_defects", "defect photosites were not looked for: that takes darks or flats")
+    kinds = [defect.kind for own in lists for defect in own]
+    told = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("hot", "dead", "noisy"))
+    return Rung(
+        name="sensor_defects",
+        taken=bool(kinds),
+        gain=float(len(kinds)),
+        unit="photosites of all cameras",
+        reason=f"{told}; they are left out of the merge and of training",
+    )
+
+
+def _linearity(at: list[SensorCalibration]) -> Rung:
+    lines = [(sensor.nonlinearity, sensor.linear) for sensor in at if sensor.nonlinearity is not None]
+    if not lines:
+        return _not("sensor_linearity", "RAW is taken as linear and not tested: no two exposures overlap")
+    key: Callable[[tuple[Measured, bool | None]], float] = lambda pair: abs(pair[0].value)  # noqa: E731
+    worst, linear = max(lines, key=key)
+    bent = sum(one is False for _, one in lines)
+    return Rung(
+        name="sensor_linearity",
+        taken=bent > 0,
+        gain=100 * worst.value,
+        standard_error=100 * worst.sigma,
+        unit="% of the signal missing at white",
+        reason="RAW is linear"
+        if linear and not bent
+        else f"RAW of {bent} sensors bends; it is kept linear: lower the ceiling or the exposures",
+    )
+
+
+def _falloff(found: Mapping[str, Sensors]) -> Rung:
+    falls = [own.falloff for own in found.values() if own.falloff is not None]
+    if not falls:
+        return _not("sensor_falloff", "no flats tell the fall of light towards the corners")
+    worst = max(falls, key=lambda fall: fall.corner_error)
+    return Rung(
+        name="sensor_falloff",
+        taken=True,
+        gain=100 * sum(worst.vignetting),
+        standard_error=100 * worst.corner_error,
+        unit="% at the corner",
+        reason="vignetting as the flats show it, in place of what overlaps tell",
+    )
+
+
+def _not(name: str, reason: str) -> Rung:
+    return Rung(name=name, taken=False, reason=reason)
