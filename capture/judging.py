@@ -30,9 +30,12 @@ def warnings(looks: Looks, cameras: Sequence[CameraRecord]) -> Iterator[Problem]
     yield from _darks_and_flats(looks)
     compared = [look for look in looks if look.kind in COMPARED]
     yield from _labels(compared)
-    yield from _blurred(compared)
+    blurred = list(_blurred(compared))
+    yield from blurred
     yield from _soft_cameras(compared, cameras)
-    yield from _moved(compared)
+    # What is blurred in one exposure differs from the others without having moved.
+    known = {(problem.camera, problem.frame) for problem in blurred}
+    yield from _moved([look for look in compared if (look.camera, look.frame) not in known])
 
 
 def _problem(kind: ProblemKind, look: ShotLook, message: str) -> Problem:
