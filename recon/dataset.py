@@ -168,7 +168,8 @@ def _view(
         scale = calibration.exposure_scale.get(shot.file)
         if scale is None:
             scale = shot.exposure.scale if shot.exposure else 1.0
-        read, cfa = read_shot(session.file(shot), shot.file, record.kind, scale, camera.response, max_width)
+        path, sensors = session.file(shot), camera.sensors
+        read, cfa = read_shot(path, shot.file, record.kind, scale, camera.response, max_width, sensors)
         shots.append(read)
     height, width = shots[0].pixels.shape[:2]
     if any(shot.pixels.shape != shots[0].pixels.shape for shot in shots):

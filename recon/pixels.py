@@ -1,6 +1,6 @@
 """The pixels of one shot: a file of any kind read as numbers between 0 and 1, scaled down if asked."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -15,6 +15,7 @@ from imaging.exr import read_exr
 from imaging.linear import Bool, Float, LinearFrame, Noise, decode, from_codes, from_light, from_raw
 from imaging.photo import read_photo
 from imaging.raw import read_raw
+from imaging.sensor import SensorCalibration
 from recon.tone import encode
 
 Progress = Callable[[str, int, int], None]
@@ -54,10 +55,11 @@ def read_shot(
     k: float,
     response: Response,
     max_width: int | None,
+    sensors: Sequence[SensorCalibration] = (),
 ) -> tuple[Shot, Cfa | None]:
-    """One file as a Shot, and the phase of its mosaic if it is one."""
+    """One file as a Shot, and the phase of its mosaic if it is one; sensors: of the calibration, for RAW."""
     if kind == "raw":
-        return _mosaic(from_raw(read_raw(path), k), name, max_width)
+        return _mosaic(from_raw(read_raw(path), k, sensors), name, max_width)
     if kind == "ldr":
         codes = np.ascontiguousarray(read_photo(path).pixels, np.float32)
         frame = from_codes(codes, k, response)
@@ -80,17 +82,20 @@ def read_shot(
 def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot, Cfa | None]:
     height, width = (side - side % 2 for side in frame.signal.shape)
     signal, saturated = frame.signal[:height, :width], frame.saturated[:height, :width]
+    valid = frame.valid[:height, :width]
     assert frame.cfa is not None
     # From half the width on, every pixel of the smaller image has sites of all colours under it, and
     # the mosaic has nothing left to say; above that, scaling a mosaic would blur it for little.
     size = _smaller(signal, max_width) if max_width and width >= 2 * max_width else None
     cfa = None if size else frame.cfa
     if size:
-        signal = _area(demosaic(signal, frame.cfa)[0], size)
-        saturated = np.repeat((_area(saturated, size) > 0)[..., None], 3, axis=2)
-    none = np.zeros(signal.shape, bool)
-    signal, saturated = np.ascontiguousarray(signal), np.ascontiguousarray(saturated)
-    return Shot(name, frame.k, signal, saturated, none, ~none, frame.noise), cfa
+        signal = _area(demosaic(signal, frame.cfa, valid)[0], size)
+        # A defect glows into no neighbour: the sites around it stand in for it.
+        saturated = np.repeat((_area(saturated & valid, size) > 0)[..., None], 3, axis=2)
+        valid = np.ones(signal.shape, bool)
+    never = np.zeros(signal.shape, bool)
+    saturated, valid = np.ascontiguousarray(saturated), np.ascontiguousarray(valid)
+    return Shot(name, frame.k, np.ascontiguousarray(signal), saturated, never, valid, frame.noise), cfa
 
 
 def _smaller(image: npt.NDArray[np.generic], max_width: int | None) -> tuple[int, int] | None:
