@@ -158,10 +158,11 @@ def split_into_brackets(series: Series, count: int | None) -> tuple[list[Bracket
             "form no bracket that repeats; --bracket N groups every N photos."
         )
     singles = len([bracket for bracket in brackets if len(bracket) == 1])
+    again = " and then repeat" if len(brackets) - singles > 1 else ""
     found = " and ".join(_counted(len([b for b in brackets if len(b) == size]), size) for size in sizes)
     rest = f" and {singles} single photos" if singles else ""
     return brackets, (
-        f"{name}: {found}{rest}, because the exposures differ by half a stop or more and then repeat; "
+        f"{name}: {found}{rest}, because the exposures differ by half a stop or more{again}; "
         "--bracket N groups every N photos instead."
     )
 

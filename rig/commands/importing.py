@@ -60,6 +60,10 @@ def import_(
             exposures=exposures,
             progress=meter,
         )
+        if result.views:
+            from rig.report.calibration_page import calibration_report
+
+            calibration_report(out, meter)
     lines = [
         f"{out}: {counted(result.shots, 'photo')} as {counted(result.frames, 'frame')} "
         f"of {counted(result.cameras, 'camera')}"
