@@ -141,7 +141,7 @@ def describe(
         xml.register("FloatReg", "ExposureTimeReg", Feature.EXPOSURE_TIME, length=8),
         xml.enumeration("TriggerSelector", Feature.TRIGGER_SELECTOR, {"FrameStart": 0, "FrameBurstStart": 1}),
         xml.enumeration("TriggerMode", None, on),
-        xml.enumeration("TriggerSource", None, sources),
+        xml.enumeration("TriggerSource", None, sources, locked="TriggerModeReg"),
         # Masked, so that no reader of other registers than ours is led out of them.
         xml.knife("TriggerIndex", {"CHOSEN": "TriggerSelectorReg"}, "CHOSEN & 1"),
         xml.knife("LineIndex", {"CHOSEN": "LineSelectorReg"}, "CHOSEN & 3"),

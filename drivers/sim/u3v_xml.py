@@ -62,13 +62,19 @@ def knife(name: str, variables: Mapping[str, str], formula: str) -> str:
     return f'<IntSwissKnife Name="{name}">{given}<Formula>{safe}</Formula></IntSwissKnife>'
 
 
-def enumeration(name: str, address: int | None, entries: Mapping[str, int]) -> str:
-    """An Enumeration over a register of its own, or over one that is described elsewhere."""
+def enumeration(
+    name: str, address: int | None, entries: Mapping[str, int], *, locked: str | None = None
+) -> str:
+    """An Enumeration over a register of its own, or over one that is described elsewhere.
+
+    locked: a node that is not 0 while it cannot be set.
+    """
     inside = "".join(
         f'<EnumEntry Name="{entry}"><Value>{value}</Value></EnumEntry>' for entry, value in entries.items()
     )
+    lock = "" if locked is None else f"<pIsLocked>{locked}</pIsLocked>"
     own = "" if address is None else register("IntReg", f"{name}Reg", address)
-    return f'<Enumeration Name="{name}">{inside}<pValue>{name}Reg</pValue></Enumeration>{own}'
+    return f'<Enumeration Name="{name}">{lock}{inside}<pValue>{name}Reg</pValue></Enumeration>{own}'
 
 
 def boolean(name: str, address: int) -> str:

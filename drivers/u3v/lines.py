@@ -30,7 +30,7 @@ def apply(nodes: NodeMap, name: str, wiring: Wiring) -> None:
     """
     _disable(nodes)
     if wiring.listens_to is None:
-        _enable(nodes, _SOFTWARE)
+        enable(nodes, _SOFTWARE)
     else:
         _listen(nodes, name, wiring.listens_to)
     if wiring.drives is not None:
@@ -50,7 +50,7 @@ def _listen(nodes: NodeMap, name: str, line: str) -> None:
         if nodes.available("LineMode") and nodes.text("LineMode") != "Input":
             others = tuple(one for one in offered if one != line)
             raise CameraRefused(f"{name} has {line} as an output only: {_choice(others)}.")
-    _enable(nodes, line)
+    enable(nodes, line)
 
 
 def _drive(nodes: NodeMap, name: str, line: str) -> None:
@@ -79,8 +79,8 @@ def _disable(nodes: NodeMap) -> None:
     nodes.set("TriggerMode", "Off")
 
 
-def _enable(nodes: NodeMap, source: str) -> None:
-    """Wait for `source`; a camera may show its sources only while the trigger is on."""
+def enable(nodes: NodeMap, source: str) -> None:
+    """Have the selected trigger, which is off, wait for `source`; some show sources only while it is on."""
     chosen = set_if_there(nodes, "TriggerSource", source)
     set_if_there(nodes, "TriggerActivation", "RisingEdge")
     set_if_there(nodes, "TriggerOverlap", "ReadOut")

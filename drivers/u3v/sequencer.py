@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from drivers.errors import CameraRefused
-from drivers.u3v import settings
+from drivers.u3v import lines, settings
 from drivers.u3v.genicam import NodeMap
 from imaging.exposure import Exposure
 
@@ -56,16 +56,14 @@ def leave(nodes: NodeMap) -> None:
     source = nodes.text("TriggerSource")
     nodes.set("TriggerMode", "Off")
     nodes.set("TriggerSelector", "FrameStart")
-    nodes.set("TriggerMode", "On")
-    nodes.set("TriggerSource", source)
+    lines.enable(nodes, source)
 
 
 def _trigger_burst(nodes: NodeMap, count: int) -> None:
     source = nodes.text("TriggerSource")
     nodes.set("TriggerMode", "Off")
     nodes.set("TriggerSelector", "FrameBurstStart")
-    nodes.set("TriggerMode", "On")
-    nodes.set("TriggerSource", source)
+    lines.enable(nodes, source)
     nodes.set("AcquisitionBurstFrameCount", count)
     nodes.set("AcquisitionMode", "MultiFrame")
     nodes.set("AcquisitionFrameCount", count)
