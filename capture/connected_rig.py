@@ -190,11 +190,10 @@ def _identified(
     known: dict[str, tuple[Camera, CameraIdentity]] = {}
     for index, table in enumerate(rig.tables.camera):
         if table.serial not in found:
-            there = ", ".join(sorted(found)) or "no camera"
-            more = f" ({'; '.join(refused)})" if refused else ""
+            there = "; ".join([", ".join(sorted(found)) or "none", *refused])
             raise CaptureError(
                 f"{rig.at('camera', index, 'serial')}: {table.name} with the serial number {table.serial!r} "
-                f"is not connected, {there} is{more}: connect it, or correct the file."
+                f"is not among the connected cameras ({there}): connect it, or correct the file."
             )
         known[table.name] = found[table.serial]
     named = {table.serial for table in rig.tables.camera}

@@ -77,7 +77,10 @@ def continued(
     _must_be_the_bracket(session, source, request, known)
     usual = asked_for(source.bracket) if request.kind == "scene" and request.bracket is None else None
     if usual is not None and usual != known.asked:
-        say(f"{source.called} has the bracket {usual} now; {session.folder} goes on with {_bracket(known)}.")
+        say(
+            f"{session.folder} goes on as it was planned, with {_bracket(known)}; "
+            f"{source.called} says {usual}."
+        )
     return known
 
 

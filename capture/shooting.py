@@ -58,6 +58,7 @@ def shoot(
             must_be_the_same(session, identity)
         plan = continued(session, source, request, plans, say) if session and resume else None
         if plan is None:
+            progress("planning", 0, 0)
             plan = plan_for(source, request, plans)[0]
             session = session or begin(out, identity)
             session.append_plan(plan)

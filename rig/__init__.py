@@ -18,7 +18,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from calib.calibrate import calibrate
     from capture.check import check, repair
+    from capture.connected_rig import capture_rig
     from capture.photos import import_photos
+    from capture.rigfile import read_rig_file
     from capture.simulated import capture_simulated
     from imaging.calibration import read_calibration
     from imaging.dng import write_dng
@@ -45,6 +47,7 @@ __all__ = [
     "StorageError",
     "calibrate",
     "calibration_report",
+    "capture_rig",
     "capture_simulated",
     "check",
     "evaluate",
@@ -53,6 +56,7 @@ __all__ = [
     "read_exr",
     "read_photo",
     "read_raw",
+    "read_rig_file",
     "reconstruct",
     "reconstruction_report",
     "render",
@@ -71,6 +75,7 @@ _HOMES = {
     "StorageError": "imaging.errors",
     "calibrate": "calib.calibrate",
     "calibration_report": "rig.report.calibration_page",
+    "capture_rig": "capture.connected_rig",
     "capture_simulated": "capture.simulated",
     "check": "capture.check",
     "evaluate": "recon.evaluate",
@@ -79,6 +84,7 @@ _HOMES = {
     "read_exr": "imaging.exr",
     "read_photo": "imaging.photo",
     "read_raw": "imaging.raw",
+    "read_rig_file": "capture.rigfile",
     "reconstruct": "recon.reconstruct",
     "reconstruction_report": "rig.report.reconstruction_page",
     "render": "recon.renders",

@@ -195,7 +195,7 @@ def test_resume_goes_on_as_planned_and_says_so_where_the_file_has_changed(given:
     given.shoot(frames=1)
     given.write(('exposures = "auto"', STOPS.replace("-4", "-3")))
     assert given.shoot(resume=True).taken == 0
-    assert "has the bracket stops -3, 0 now" in given.said[0]
+    assert given.said[0].endswith("RIG.toml says stops -3, 0.")
     assert "goes on with stops -4, 0 (1/1000 s f/8 ISO 100, 1/60 s f/8 ISO 100)" in given.said[0]
     for options in ({"auto": Wanted()}, {"bracket": (-3.0, 0.0)}, {"frames": 2}):
         with pytest.raises(InputError, match="was planned with"):
@@ -207,16 +207,16 @@ def test_a_camera_that_is_not_connected_is_named_with_its_line(given: Place) -> 
     with pytest.raises(CaptureError) as caught:
         given.shoot()
     line = given.file.read_text().splitlines().index('serial = "SIM-RAW-002"') + 1
-    assert f"RIG.toml, line {line}: cam1 with the serial number 'SIM-RAW-002' is not connected" in str(
+    assert f"RIG.toml, line {line}: cam1 with the serial number 'SIM-RAW-002' is not among the" in str(
         caught.value
     )
-    assert "SIM-RAW-001 is: connect it" in str(caught.value)
+    assert "connected cameras (SIM-RAW-001): connect it, or correct" in str(caught.value)
     assert not given.out.exists()
 
 
 def test_a_camera_that_another_program_holds_is_told(given: Place) -> None:
     given.prepare = lambda bus: bus.backend.hold("SIM-RAW-002", Holder.OTHER_PROGRAM)
-    with pytest.raises(CaptureError, match=r"not connected, SIM-RAW-001 is \(.*held by another program"):
+    with pytest.raises(CaptureError, match=r"cameras \(SIM-RAW-001; .*held by another program"):
         given.shoot()
 
 
