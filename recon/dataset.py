@@ -13,13 +13,13 @@ import numpy.typing as npt
 
 from imaging.calibration import (
     CalibrationRecord,
-    CameraCalibration,
     Response,
     ViewCalibration,
     read_calibration,
 )
 from imaging.cfa import Cfa
 from imaging.errors import ReconstructionError
+from imaging.falloff import falloff
 from imaging.records import CameraRecord, ShotRecord
 from imaging.session import Session, brackets
 from recon.pixels import Progress, Shot, read_shot
@@ -196,12 +196,3 @@ def _view(
         ),
         shots=tuple(sorted(shots, key=lambda shot: shot.k)),
     )
-
-
-def falloff(camera: CameraCalibration, height: int, width: int) -> Float:
-    """Vignetting times gain at every pixel, float32 [height, width]."""
-    a, b, c = camera.vignetting
-    y = (np.arange(height) + 0.5 - height / 2)[:, None]
-    x = (np.arange(width) + 0.5 - width / 2)[None]
-    square = (x**2 + y**2) / ((height / 2) ** 2 + (width / 2) ** 2)
-    return np.asarray(camera.gain * (1 + a * square + b * square**2 + c * square**3), np.float32).clip(1e-3)
