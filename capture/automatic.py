@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from capture.choices import common_isos, common_times, exposure_list, without_idle_isos
+from capture.codes import ASSUMED, CodeTones
 from capture.metering import Metering, meter
 from capture.planner import Plan, Target, Wanted, plan_bracket
 from drivers.camera import Camera
@@ -33,7 +34,12 @@ def plan_automatically(
     Errors are those of the meter and the planner.
     """
     metering, exposures = _metered(cameras, like, wanted, frames, move_to)
-    useful = without_idle_isos(metering.targets, exposures, wanted.snr)
+    if any(isinstance(target.tones, CodeTones) for target in metering.targets):
+        useful = tuple(
+            one for one in exposures if one.iso == exposures[0].iso
+        )  # how noisy others are is unknown
+    else:
+        useful = without_idle_isos(metering.targets, exposures, wanted.snr)
     plan = plan_bracket(metering.targets, useful, wanted)
     return Automatic(plan, metering, _reason(plan, metering, wanted))
 
@@ -76,9 +82,13 @@ def _reason(plan: Plan, metering: Metering, wanted: Wanted) -> str:
         if value is not None
     ]
     widest = max(metering.targets, key=lambda target: target.stops)
+    developing = dict.fromkeys(
+        target.camera for target in metering.targets if isinstance(target.tones, CodeTones)
+    )
     parts = [
         f"metered with {len(metering.probes)} probes: up to {widest.stops:.1f} stops ({widest}); "
         f"the fewest exposures for {wanted.snr:g} dB" + (f" within {', '.join(limits)}" if limits else ""),
+        *([f"of {', '.join(developing)} {ASSUMED}, at the lowest ISO"] if developing else []),
         *(str(shortfall) for shortfall in plan.shortfalls),
         *(f"{name} was not metered: {why.rstrip('.')}" for name, why in metering.failed.items()),
     ]

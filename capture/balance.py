@@ -14,6 +14,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from capture.codes import CodeTones
 from capture.tones import Tones
 from imaging.exposure import Exposure
 
@@ -37,17 +38,18 @@ class Reach:
 
     @classmethod
     def of(
-        cls, tones: Tones, ends: tuple[float, float], exposures: Sequence[Exposure], snr: float, slack: float
+        cls,
+        tones: Tones | CodeTones,
+        ends: tuple[float, float],
+        exposures: Sequence[Exposure],
+        snr: float,
+        slack: float,
     ) -> Self:
         """From the noise of a camera; ends: of the target; slack: stops less at either end."""
         trusted = 2.0**slack
         low = np.array([tones.darkest(snr, exposure) * trusted for exposure in exposures])
         high = np.array([tones.brightest(exposure) / trusted for exposure in exposures])
-        profiles = np.array([tones.profile(exposure) for exposure in exposures])
-        scale = np.array([exposure.scale for exposure in exposures])
-        signal = scale[:, None] * high[None, :]
-        noise = np.sqrt(profiles[:, :1] * signal + profiles[:, 1:])
-        return cls(*ends, low, high, 20.0 * np.log10(signal / noise))
+        return cls(*ends, low, high, np.array([tones.snrs(high, exposure) for exposure in exposures]))
 
     def misses(self) -> tuple[Mask, Mask, Mask]:
         """What could be shown and is not: above each exposure [n], below each [n], between any two [n, n]."""

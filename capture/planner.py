@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 
 from capture.balance import Reach, balance
+from capture.codes import CodeTones
 from capture.tones import Tones
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
@@ -53,7 +54,7 @@ class Target:
 
     camera: str
     channel: str
-    tones: Tones
+    tones: Tones | CodeTones
     dark: float
     bright: float
     no_darker: bool = True
@@ -207,8 +208,8 @@ def _useful(target: Target, exposures: Sequence[Exposure], snr: float) -> list[t
     if not useful:
         most = max(tones.snr(high / trusted, exposures[index]) for index, _, high in ends)
         raise CaptureError(
-            f"{snr:g} dB are out of the reach of {target.camera}, whose sensor gives {most:.1f} dB "
-            "where it is nearly full: ask for less with --snr."
+            f"{snr:g} dB are out of the reach of {target.camera}, which gives {most:.1f} dB "
+            "where it is nearly white: ask for less with --snr."
         )
     return useful
 

@@ -7,12 +7,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
 from imaging.merge import MARGIN
 from imaging.mosaic import RawMosaic
 from imaging.noise import SensorNoise
+
+Values = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -45,11 +48,15 @@ class Tones:
         gained = self.noise.model_copy(update={"gain": self.noise.gain * exposure.iso_gain})
         return gained.profile(0.0, self.span)
 
-    def snr(self, radiance: float, exposure: Exposure) -> float:
-        """Signal to noise in dB, 20 log10; -inf without light. Clipping is not looked at."""
+    def snrs(self, radiances: Values, exposure: Exposure) -> Values:
+        """Signal to noise in dB, 20 log10, of positive radiances [n]. Clipping is not looked at."""
         slope, floor = self.profile(exposure)
-        signal = radiance * exposure.scale
-        return 20.0 * math.log10(signal / math.sqrt(slope * signal + floor)) if signal > 0 else -math.inf
+        signal = radiances * exposure.scale
+        return np.asarray(20.0 * np.log10(signal / np.sqrt(slope * signal + floor)))
+
+    def snr(self, radiance: float, exposure: Exposure) -> float:
+        """The same of one radiance; -inf without light."""
+        return float(self.snrs(np.array(radiance), exposure)) if radiance > 0 else -math.inf
 
     def darkest(self, snr: float, exposure: Exposure) -> float:
         """The radiance at which an exposure reaches `snr` dB: the root of `s^2 = r^2 (S s + O)`."""

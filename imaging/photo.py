@@ -65,19 +65,24 @@ def read_photo(path: Path) -> Photo:
         data = path.read_bytes()
     except OSError as error:
         raise _unreadable(path, error) from error
+    return decode_photo(data, str(path))
+
+
+def decode_photo(data: bytes, name: str) -> Photo:
+    """The same of bytes in memory; `name` is what errors call them."""
     if not data:
-        raise InputError(f"{path} is empty: copy it again from the camera.")
+        raise InputError(f"{name} is empty: copy it again from the camera.")
     decode = _decoder(data)
     if decode is None:
-        raise InputError(f"{path} is not a JPEG, PNG or TIFF file: convert it to one of them.")
+        raise InputError(f"{name} is not a JPEG, PNG or TIFF file: convert it to one of them.")
     try:
         codes = decode(data)
         largest = np.iinfo(codes.dtype).max
         pixels = _three_channels(codes).astype(np.float32) / np.float32(largest)
     except _UnfitError as error:
-        raise InputError(f"{path} {error}.") from error
+        raise InputError(f"{name} {error}.") from error
     except Exception as error:  # the decoders raise whatever damaged bytes make them trip over
-        raise InputError(f"{path} is damaged or cut off: copy it again from the camera.") from error
+        raise InputError(f"{name} is damaged or cut off: copy it again from the camera.") from error
     return Photo(pixels, 8 * codes.dtype.itemsize, _metadata(BytesIO(data)) or FrameMetadata())
 
 

@@ -169,7 +169,7 @@ def test_a_camera_with_its_cap_on_does_not_slow_the_others_down():
 
 
 def test_a_large_frame_is_metered_by_evenly_spread_blocks(monkeypatch):
-    monkeypatch.setattr("capture.metering.ENOUGH", WIDTH * HEIGHT // 4)
+    monkeypatch.setattr("capture.percentile.ENOUGH", WIDTH * HEIGHT // 4)
     wall = np.full((HEIGHT, WIDTH), 1.0)
     wall[20:32, 20:32] = 500.0
     scene = Scene(wall)
@@ -177,10 +177,3 @@ def test_a_large_frame_is_metered_by_evenly_spread_blocks(monkeypatch):
         own = scene.truth[scene.channels == channel]
         assert abs(np.log2(target.dark / np.percentile(own, 0.1))) < SLACK + 0.1
         assert abs(np.log2(target.bright / np.percentile(own, 99.99))) < SLACK + 0.1
-
-
-def test_cameras_that_cannot_be_metered_are_refused():
-    rig = simulate("toy-ldr")
-    exposures = [Exposure(time=1 / 60, f_number=4, iso=100)]
-    with pytest.raises(CaptureError, match="cam0 develops its photographs itself"):
-        meter({"cam0": rig.cameras[0]}, exposures)

@@ -239,7 +239,7 @@ def test_a_hole_in_the_list_is_said():
 
 
 def test_an_snr_that_the_sensor_never_reaches_is_refused():
-    with pytest.raises(CaptureError, match=r"50 dB are out of .* cam0, whose sensor gives 3\d\.\d dB"):
+    with pytest.raises(CaptureError, match=r"50 dB are out of .* cam0, which gives 3\d\.\d dB"):
         plan_bracket([scene(SENSORS[0], 4.0)], listed(), Wanted(snr=50.0))
 
 

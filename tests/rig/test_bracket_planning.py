@@ -59,15 +59,17 @@ def test_a_given_bracket_has_the_same_table(rig, tmp_path: Path) -> None:
     assert stops == pytest.approx(-4, abs=0.2)
 
 
-def test_cameras_that_cannot_be_metered_still_have_a_dry_run_but_no_automatic_bracket(rig, tmp_path) -> None:
-    arguments = ("capture", "--sim", "toy-ldr", str(tmp_path / "S"), "--frames", "1")
-    value = told(rig, *arguments, "--dry-run")
-    assert value["metered"] is None
-    assert value["shots"] == 2 * 5
-    code, out, err = rig(*arguments, "--bracket", "auto")
-    assert (code, out) == (2, "")
-    assert "cam0 develops its photographs itself" in err
-    assert list(tmp_path.iterdir()) == []
+def test_cameras_that_develop_their_photographs_are_planned_for_with_the_assumption_told(
+    rig, tmp_path
+) -> None:
+    folder = tmp_path / "S"
+    auto = ("capture", "--sim", "toy-ldr", str(folder), "--frames", "1", "--bracket", "auto", "--snr", "15")
+    value = told(rig, *auto, "--dry-run")
+    assert "of cam0, cam1 the codes 10 to 245 are taken as usable" in value["reason"]
+    assert value["not_reached"] == []
+    assert 2 <= len(value["bracket"]) <= 5
+    taken = told(rig, *auto)
+    assert taken["taken"] == value["shots"] == 2 * len(value["bracket"])
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,54 @@
+"""Both ends of what a camera sees, from two noisy takes of it."""
+
+import math
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+Values = npt.NDArray[np.float64]
+
+DARK_PERCENTILE, BRIGHT_PERCENTILE = 0.1, 99.99
+DARK_SHARE, BRIGHT_SHARE = DARK_PERCENTILE / 100.0, 1.0 - BRIGHT_PERCENTILE / 100.0
+"""Of all pixels that may be darker, and brighter, than what a bracket shows."""
+TAKES = 2
+ENOUGH, BLOCK = 1 << 20, 4
+"""Photosites of a frame that are kept, in blocks of so many by so many, spread evenly."""
+
+HOT = 4.0
+
+Pixel = TypeVar("Pixel", bound=np.generic)
+
+
+def percentile(one: Values, other: Values, rank: float) -> float:
+    """A percentile of the truth behind two noisy takes [n] of it: ranked in one, measured in the other.
+
+    The median over all ranks beyond the percentile, which errs outwards as far as misjudged ranks err
+    inwards; twice, with the takes exchanged, and averaged.
+    """
+    ranks = slice(0, math.ceil(min(rank, 100.0 - rank) / 100.0 * (len(one) - 1)) + 1)
+    sign = 1.0 if rank < 50.0 else -1.0
+    pairs = ((one, other), (other, one))
+    return float(np.mean([np.median(b[np.argsort(sign * a, kind="stable")[ranks]]) for a, b in pairs]))
+
+
+def thin(pixels: npt.NDArray[Pixel]) -> npt.NDArray[Pixel]:
+    """Evenly spread blocks of a large frame [H, W, ...]: they have the percentiles of the whole."""
+    height, width = pixels.shape[:2]
+    step = math.ceil(math.sqrt(height * width / ENOUGH))
+    if step == 1:
+        return pixels
+    rows, columns = (np.flatnonzero(np.arange(n) // BLOCK % step == 0) for n in (height, width))
+    return pixels[np.ix_(rows, columns)]
+
+
+def cooled(plane: Values) -> Values:
+    """One colour [H, W] without hot photosites: those HOT times above their eight neighbours.
+
+    They become as bright as the brightest of these. A lens spreads a true highlight further.
+    """
+    around = np.ones((3, 3), bool)
+    around[1, 1] = False
+    others = np.maximum(ndimage.maximum_filter(plane, footprint=around, mode="mirror"), 0.0)
+    return np.where(plane > HOT * others, others, plane)
