@@ -99,6 +99,36 @@ def test_a_target_that_is_a_file(rig, tmp_path: Path, arguments: list[str]) -> N
     assert_refused(rig, fill(arguments, it, it), tmp_path)
 
 
+WITH_RIG_FILE = {
+    "capture": ["capture", "{it}", "{out}", "--sim", "toy"],
+    "darks": ["capture", "{it}", "{out}", "--sim", "toy", "--darks"],
+    "dry run": ["capture", "{it}", "{out}", "--sim", "toy", "--dry-run"],
+}
+
+
+@pytest.mark.parametrize("name", WITH_RIG_FILE)
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\xff\xfe[", b"[[camera]]\n", b"x = " + b"[" * 9999, b"# \x00\n", b"a\x1b[2Jb"],
+    ids=["empty", "UTF-16", "no name", "nested", "NUL", "escape"],
+)
+def test_a_rig_file_that_is_none(rig, tmp_path: Path, name: str, content: bytes) -> None:
+    it = tmp_path / "RIG.toml"
+    it.write_bytes(content)
+    assert str(it) in assert_refused(rig, fill(WITH_RIG_FILE[name], it, tmp_path / "out"), tmp_path)
+
+
+@pytest.mark.parametrize("name", WITH_RIG_FILE)
+def test_a_rig_file_that_is_a_folder_or_missing(rig, tmp_path: Path, name: str) -> None:
+    for it in (tmp_path, tmp_path / "none.toml"):
+        assert str(it) in assert_refused(rig, fill(WITH_RIG_FILE[name], it, tmp_path / "out"), tmp_path)
+
+
+def test_a_rig_file_that_cannot_be_written(rig, tmp_path: Path, refusing: int) -> None:
+    err = assert_refused(rig, ["init", str(tmp_path / "RIG.toml"), "--sim", "toy"], tmp_path)
+    assert os.strerror(refusing).lower() in err
+
+
 def test_a_target_of_an_import_inside_the_photos(rig, tmp_path: Path) -> None:
     photograph(tmp_path / "a.jpg")
     assert_refused(rig, ["import", str(tmp_path), str(tmp_path / "S")], tmp_path)
