@@ -49,7 +49,7 @@ def capture(out: Path, cameras: int, frames: int, seed: int, model: str, mix: Mi
     )
     session.append_plan(plan)
     began = bus.clock.now()
-    result = record(session, plan, devices, move_to=rig.move_to)
+    result = record(session, plan, devices, clock=bus.clock, move_to=rig.move_to)
     seconds = bus.clock.now() - began
     proof = check(out)
     for camera in devices.values():

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from capture.beginning import begin, is_vacant
 from capture.originals import Original, Progress, shown
-from capture.recorder import Slot, shot_file
+from capture.saving import Slot, shot_file
 from imaging import store
 from imaging.errors import StorageError
 from imaging.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord

@@ -34,6 +34,15 @@ class Taken:
         return self.frame.metadata.exposure or self.set_to
 
 
+def made_ready(camera: Camera, requested: Exposure) -> Exposure:
+    """Set a camera and arm it; what it read back."""
+    set_to = camera.set_exposure(requested)
+    if deviates(set_to, requested):  # a camera that was still busy drops the setting
+        set_to = camera.set_exposure(requested)
+    camera.arm()
+    return set_to
+
+
 def expose(
     cameras: Mapping[str, Camera], requested: Exposure
 ) -> tuple[dict[str, Taken], dict[str, CameraError]]:
@@ -68,14 +77,7 @@ def _expose_once(
     """The phases one after the other; a camera that fails in one is left out of the next."""
     errors: dict[str, CameraError] = {}
 
-    def prepare(camera: Camera) -> Exposure:
-        set_to = camera.set_exposure(requested)
-        if deviates(set_to, requested):  # a camera that was still busy drops the setting
-            set_to = camera.set_exposure(requested)
-        camera.arm()
-        return set_to
-
-    ready = _each(cameras, cameras, prepare, errors)
+    ready = _each(cameras, cameras, lambda camera: made_ready(camera, requested), errors)
     opened = _each(cameras, ready, lambda camera: camera.trigger(), errors)
     frames = _each(cameras, opened, lambda camera: camera.collect(), errors)
     return {name: Taken(frames[name], ready[name], opened[name], attempt) for name in frames}, errors
@@ -87,7 +89,7 @@ def _each(
     act: Callable[[Camera], T],
     errors: dict[str, CameraError],
 ) -> dict[str, T]:
-    """`act` on every named camera; the one place to widen to a thread a camera and a barrier."""
+    """`act` on every named camera."""
     results: dict[str, T] = {}
     for name in names:
         try:

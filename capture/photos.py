@@ -17,7 +17,7 @@ from capture.layouts import detect, read_layout
 from capture.layouts.given import Given, LayoutName
 from capture.lock import sole_writer
 from capture.originals import Original, Progress, survey
-from capture.recorder import Slot
+from capture.saving import Slot
 from imaging.errors import InputError, PartialError
 from imaging.exposure import Exposure
 from imaging.records import PlanRecord

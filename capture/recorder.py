@@ -1,45 +1,34 @@
-"""Cameras driven through a plan, every shot on the disk before the next is taken.
+"""Cameras driven through a plan, every shot written while the next is taken.
 
 The order on the disk is what makes a capture safe to kill: the file is written whole, then its line
 is appended to shots.jsonl. A line therefore always has its file; a file without a line is a shot
 that was not finished, and it is taken again.
 """
 
-import hashlib
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
+from capture.budget import Budget
+from capture.crew import Crew
 from capture.deviation import deviates, stops_apart
-from capture.exposing import Taken, expose
+from capture.exposing import RETRIES
+from capture.hand import GivenUp
+from capture.rounds import PATIENCE, Round, Standing, Written
+from capture.saving import Slot, save_frame
 from drivers.camera import Camera
 from drivers.clock import THIS_MACHINE, Clock
 from imaging import store
-from imaging.dng import Compression, encode_dng
-from imaging.errors import CameraError, CaptureError, PartialError
+from imaging.dng import Compression
+from imaging.errors import CameraError, CaptureError, PartialError, RigError, StorageError
 from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
 from imaging.records import CameraRecord, PlanRecord, ShotRecord
 from imaging.session import Session
 
 Progress = Callable[[str, int, int], None]
-
-GIVE_UP_AFTER = 3
-"""Shots that a camera may miss in a row before the run goes on without it."""
-
-
-class Slot(NamedTuple):
-    """A shot of a plan: which camera, at which frame, at which step of the bracket."""
-
-    camera: str
-    frame: int
-    step: int
-
-    def __str__(self) -> str:
-        return f"{self.camera}, frame {self.frame}, step {self.step}"
 
 
 @dataclass(frozen=True)
@@ -95,58 +84,37 @@ def record(
     move_to: Callable[[int], None] = lambda frame: None,
     compression: Compression = "none",
     progress: Progress = lambda message, done, total: None,
+    tolerance: float = math.inf,
 ) -> CaptureResult:
     """Take the shots of `plan` that are not finished; those that are stay as they are.
 
     cameras: by the names of the plan. clock: the one that their drivers were given. move_to: brings rig
     or scene to a frame, before its first shot. progress: called with the file of each shot once it is
-    finished, shots done, shots planned.
-    A camera that fails is retried, then left out; what is missing is in the result. StorageError
-    when the disk refuses: everything finished stays, and another call goes on from there. CaptureError
-    if a camera is not the one that the session knows by its name.
+    finished, shots done, shots planned. tolerance: seconds between the shutters of a step beyond which the
+    result's problems say so.
+
+    A thread a camera: all that are to expose a step wait for one another before they are triggered, and
+    none for another's download. What a frame lacks is taken again at its end, RETRIES times, then left
+    out; what is missing is in the result, also when the disk refuses after the first shot: another call
+    goes on from there. StorageError when it refuses before. CaptureError if a camera is not the one that
+    the session knows by its name.
     """
     for name in plan.cameras:
         _must_be(cameras[name], session.camera(name))
-    planned = slots(plan)
     for leftover in leftovers(session):
         store.discard(leftover)
-    done = finished(session, plan)
-    kept = len([slot for slot in planned if slot in done])
-    problems: list[str] = []
-    missing: dict[Slot, str] = {}
-    failures = dict.fromkeys(plan.cameras, 0)
-    progress("shooting", kept, len(planned))
-    for frame in plan.frames:
-        open_slots = [slot for slot in planned if slot.frame == frame and slot not in done]
-        if not open_slots:
-            continue
-        move_to(frame)
-        for step in dict.fromkeys(slot.step for slot in open_slots):
-            wanted = [slot.camera for slot in open_slots if slot.step == step]
-            trusted = {name: cameras[name] for name in wanted if failures[name] < GIVE_UP_AFTER}
-            requested = _known(plan.bracket[step])
-            taken, errors = expose(trusted, requested)
-            skews = _skews(taken, together=len(wanted) == len(plan.cameras))
-            for name, shot in taken.items():
-                slot = Slot(name, frame, step)
-                done[slot] = _store(session, plan, slot, requested, shot, skews[name], compression)
-                if deviates(shot.reported, requested):
-                    problems.append(_deviation(slot, requested, shot.reported))
-                failures[name] = 0
-                progress(done[slot].file, len(done), len(planned))
-            for name in wanted:
-                if name not in taken:
-                    failures[name] += 1
-                    reason = str(errors[name]) if name in errors else "given up after failing before"
-                    missing[Slot(name, frame, step)] = reason.rstrip(".")
-    return CaptureResult(
-        session=session.folder,
-        planned=len(planned),
-        taken=len(done) - kept,
-        kept=kept,
-        missing=tuple(f"{slot}: {reason}" for slot, reason in missing.items()),
-        problems=tuple(problems),
-    )
+    run = Run(session, plan, clock, progress, tolerance)
+    taking_part = {name: cameras[name] for name in plan.cameras}
+    save = partial(save_frame, session, compression)
+    progress("shooting", run.kept, len(run.planned))
+    if len(run.done) < len(run.planned):
+        budget = Budget(clock)
+        with clock.worker("recorder"), Crew(taking_part, clock, save, run.standing, budget) as crew:
+            for frame in run.frames():
+                move_to(frame)
+                run.take(frame, crew)
+            return run.result()
+    return run.result()
 
 
 def _must_be(camera: Camera, known: CameraRecord) -> None:
@@ -167,59 +135,152 @@ def _known(requested: Exposure | None) -> Exposure:
     return requested
 
 
-def _skews(taken: Mapping[str, Taken], *, together: bool) -> dict[str, float | None]:
-    """Seconds after the first trigger; unknown where part of the rig exposed in another run."""
-    first = min((shot.opened for shot in taken.values()), default=0.0)
-    return {name: shot.opened - first if together else None for name, shot in taken.items()}
+class Run:
+    """What one call of `record` has come to. kept: shots that were there before."""
+
+    def __init__(
+        self, session: Session, plan: PlanRecord, clock: Clock, progress: Progress, tolerance: float
+    ) -> None:
+        self._session, self._plan, self._clock = session, plan, clock
+        self._progress, self._tolerance = progress, tolerance
+        self.planned = slots(plan)
+        self.done = finished(session, plan)
+        self.kept = len([slot for slot in self.planned if slot in self.done])
+        self.standing = Standing()
+        self._missing: dict[Slot, str] = {}
+        self._problems: list[str] = []
+        self._apart: dict[int, list[tuple[float, Slot]]] = {}
+
+    def frames(self) -> Iterator[int]:
+        """Frames of which shots are missing, as long as the disk takes them."""
+        for frame in self._plan.frames:
+            if self.standing.halted is None and any(
+                slot.frame == frame and slot not in self.done for slot in self.planned
+            ):
+                yield frame
+
+    def take(self, frame: int, crew: Crew) -> None:
+        """Shoot what a frame lacks, step by step; then once more what failed, and once more.
+
+        A frame is accepted when its *own* metadata agree with the request, since cameras do hand out the
+        frame before; one that does not is taken again once, then kept with what it reports.
+        """
+        pending: dict[int, list[str]] = {}
+        for slot in self.planned:
+            if slot.frame == frame and slot not in self.done:
+                pending.setdefault(slot.step, []).append(slot.camera)
+        together = {step for step, names in pending.items() if len(names) == len(self._plan.cameras)}
+        first: dict[int, float] = {}
+        suspects: dict[Slot, Written] = {}
+        for attempt in range(RETRIES + 1):
+            failed: dict[int, list[str]] = {}
+            for one in crew.shoot(self._rounds(frame, pending, attempt)):
+                if one.opened and one.step in together:
+                    first.setdefault(one.step, min(one.opened.values()))
+                for name in one.cameras:
+                    slot, outcome = Slot(name, frame, one.step), one.outcomes[name]
+                    if isinstance(outcome, Written):
+                        if slot in suspects or not deviates(outcome.reported, one.requested):
+                            self._book(slot, outcome, first.get(one.step), crew)
+                            continue
+                        suspects[slot] = outcome
+                    else:
+                        self._failed(slot, outcome)
+                    failed.setdefault(one.step, []).append(name)
+            pending = failed
+        for slot in [Slot(name, frame, step) for step, names in pending.items() for name in names]:
+            if slot in suspects:
+                self._book(slot, suspects[slot], first.get(slot.step), crew)
+
+    def result(self) -> CaptureResult:
+        """StorageError if the disk refused before there was any shot in the session."""
+        refused = self.standing.halted
+        if refused is not None and not self._session.shots():
+            raise refused
+        reasons = {
+            slot: self._missing.get(slot, str(refused)) for slot in self.planned if slot not in self.done
+        }
+        return CaptureResult(
+            session=self._session.folder,
+            planned=len(self.planned),
+            taken=len(self.done) - self.kept,
+            kept=self.kept,
+            missing=tuple(f"{slot}: {reason.rstrip('.')}" for slot, reason in reasons.items()),
+            problems=(*self._problems, *self._skews()),
+        )
+
+    def _rounds(self, frame: int, pending: Mapping[int, list[str]], attempt: int) -> list[Round]:
+        rounds, before = [], 0.0
+        for step, names in pending.items():
+            requested = _known(self._plan.bracket[step])
+            # The exposure before may be followed by a dark frame as long as itself.
+            patience = PATIENCE + 2 * before
+            rounds.append(
+                Round(
+                    self._clock,
+                    self.standing,
+                    frame,
+                    step,
+                    requested,
+                    names,
+                    attempt=attempt,
+                    patience=patience,
+                )
+            )
+            before = requested.time
+        return rounds
+
+    def _failed(self, slot: Slot, error: RigError) -> None:
+        if not (isinstance(error, GivenUp) and slot in self._missing):
+            self._missing[slot] = str(error)
+
+    def _book(self, slot: Slot, written: Written, first: float | None, crew: Crew) -> None:
+        """The line of a shot whose file is whole; first: when the first shutter of its step opened."""
+        requested = _known(self._plan.bracket[slot.step])
+        shot = ShotRecord(
+            kind=self._plan.kind,
+            plan=self._plan.plan,
+            camera=slot.camera,
+            frame=slot.frame,
+            step=slot.step,
+            file=written.file,
+            sha256=written.sha256,
+            requested=requested,
+            reported=written.reported,
+            width=written.width,
+            height=written.height,
+            captured_at=written.captured_at,
+            skew=None if first is None else max(0.0, written.opened - first),
+            retries=written.retries,
+        )
+        try:
+            self._session.append_shot(shot)
+        except StorageError as error:
+            crew.halt(error)
+            self._failed(slot, error)
+            return
+        self.done[slot] = shot
+        if deviates(written.reported, requested):
+            self._problems.append(_deviation(slot, requested, written.reported))
+        if shot.skew is not None and shot.skew > self._tolerance and not shot.retries:
+            self._apart.setdefault(slot.step, []).append((shot.skew, slot))
+        self._progress(shot.file, len(self.done), len(self.planned))
+
+    def _skews(self) -> Iterator[str]:
+        """A sentence for each step whose shutters opened too far apart; a shot taken again is always late."""
+        for step, late in sorted(self._apart.items()):
+            worst, slot = max(late)
+            frames = len({one.frame for _, one in late})
+            yield (
+                f"step {step}: in {frames} of {len(self._plan.frames)} frames the shutters opened more than "
+                f"{1000 * self._tolerance:.3g} ms apart, up to {1000 * worst:.3g} ms ({slot.camera}, frame "
+                f"{slot.frame}): keep the scene still, or trigger the cameras by a hardware line"
+            )
 
 
 def _deviation(slot: Slot, requested: Exposure, reported: Exposure) -> str:
     apart = stops_apart(reported, requested)
     return f"{slot}: the camera reports {reported} where {requested} was asked for ({apart:+.2f} stops)"
-
-
-def _store(
-    session: Session,
-    plan: PlanRecord,
-    slot: Slot,
-    requested: Exposure,
-    taken: Taken,
-    skew: float | None,
-    compression: Compression,
-) -> ShotRecord:
-    """File first, line second. The hash is of the bytes that were meant, so that `check` proves the disk."""
-    frame = taken.frame
-    if isinstance(frame, RawMosaic):
-        data, suffix = encode_dng(frame, compression), "dng"
-        height, width = frame.pixels.shape
-    else:
-        data, suffix = frame.data, frame.suffix.lstrip(".").lower()
-        height, width = frame.height, frame.width
-    file = shot_file(slot, suffix)
-    store.write_bytes(session.folder / file, data)
-    shot = ShotRecord(
-        kind=plan.kind,
-        plan=plan.plan,
-        camera=slot.camera,
-        frame=slot.frame,
-        step=slot.step,
-        file=file,
-        sha256=hashlib.sha256(data).hexdigest(),
-        requested=requested,
-        reported=taken.reported,
-        width=width,
-        height=height,
-        captured_at=frame.metadata.captured_at or datetime.now(UTC),
-        skew=skew,
-        retries=taken.retries,
-    )
-    session.append_shot(shot)
-    return shot
-
-
-def shot_file(slot: Slot, suffix: str) -> str:
-    """Where the file of a shot stands, relative to the session folder."""
-    return f"raw/{slot.frame:04d}/{slot.camera}_{slot.step}.{suffix}"
 
 
 def leftovers(session: Session) -> list[Path]:

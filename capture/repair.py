@@ -8,7 +8,8 @@ from capture.findings import Model
 from capture.index import read_index, stray_files
 from capture.lock import sole_writer
 from capture.reading import read_picture
-from capture.recorder import Progress, Slot, shot_file
+from capture.recorder import Progress
+from capture.saving import Slot, shot_file
 from imaging import store
 from imaging.errors import InputError
 from imaging.records import ShotRecord

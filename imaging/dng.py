@@ -50,7 +50,12 @@ def write_dng(path: Path, raw: RawMosaic, *, compression: Compression = "none") 
 
 
 def encode_dng(raw: RawMosaic, compression: Compression = "none") -> bytes:
-    """The bytes of a DNG file; the same mosaic gives the same bytes.
+    """The bytes of a DNG file; the same mosaic gives the same bytes. See `dng_pieces`."""
+    return b"".join(dng_pieces(raw, compression))
+
+
+def dng_pieces(raw: RawMosaic, compression: Compression = "none") -> list[bytes | memoryview]:
+    """The bytes of a DNG file one after another; those of uncompressed pixels are the mosaic's own.
 
     'ljpeg' halves the size and takes longer. ValueError if the mosaic cannot be written: not
     uint16 [H, W], a side below 22 px, white not in 1..65535, a black level negative or not below
@@ -58,7 +63,8 @@ def encode_dng(raw: RawMosaic, compression: Compression = "none") -> bytes:
     """
     _check(raw)
     tiled = compression == "ljpeg"
-    segments = list(_tiles(raw.pixels)) if tiled else [raw.pixels.astype("<u2").tobytes()]
+    segments: list[bytes | memoryview]
+    segments = list(_tiles(raw.pixels)) if tiled else [_as_stored(raw.pixels).data.cast("B")]
     lengths = [len(segment) for segment in segments]
     places, sizes = (tag.TILE_OFFSETS, tag.TILE_SIZES) if tiled else (tag.STRIP_OFFSETS, tag.STRIP_SIZES)
     # the lengths of all directories are known before the offsets in them are
@@ -66,11 +72,17 @@ def encode_dng(raw: RawMosaic, compression: Compression = "none") -> bytes:
     main |= {EXIF_IFD: Entry(LONG, [0]), places: Entry(LONG, lengths), sizes: Entry(LONG, lengths)}
     exif_at = 8 + len(encode_directory(main, 8))
     exif = encode_directory(exif_entries(raw.metadata), exif_at)
-    padded = [segment + b"\0" * (len(segment) % 2) for segment in segments]
+    padded = [piece for segment in segments for piece in (segment, b"\0" * (len(segment) % 2))]
     first = exif_at + len(exif)
-    starts = [first + end for end in np.cumsum([0, *map(len, padded[:-1])]).tolist()]
+    ends = np.cumsum([0, *(length + length % 2 for length in lengths[:-1])])
+    starts = [first + end for end in ends.tolist()]
     main |= {EXIF_IFD: Entry(LONG, [exif_at]), places: Entry(LONG, starts)}
-    return b"".join([b"II*\0", struct.pack("<I", 8), encode_directory(main, 8), exif, *padded])
+    return [b"II*\0", struct.pack("<I", 8), encode_directory(main, 8), exif, *padded]
+
+
+def _as_stored(pixels: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
+    """Little-endian and row by row; no copy if they are that already."""
+    return np.ascontiguousarray(pixels, "<u2")
 
 
 def _check(raw: RawMosaic) -> None:
@@ -146,12 +158,15 @@ def _geometry(raw: RawMosaic) -> dict[int, Entry]:
 def _colour(raw: RawMosaic) -> dict[int, Entry]:
     """What the numbers mean: levels, colour and noise."""
     meta = raw.metadata
+    identity = hashlib.md5(_as_stored(raw.pixels).data, usedforsecurity=False)
     entries = {
         tag.SOFTWARE: Entry(ASCII, "hdr-rig"),
         tag.DNG_VERSION: Entry(BYTE, [1, 4, 0, 0]),
         tag.DNG_BACKWARD: Entry(BYTE, [1, 4, 0, 0]),
         tag.UNIQUE_MODEL: Entry(ASCII, f"{meta.make} {meta.model}".strip() or "hdr-rig"),
-        tag.RAW_UNIQUE_ID: Entry(BYTE, hashlib.md5(raw.pixels.tobytes(), usedforsecurity=False).digest()),
+        tag.RAW_UNIQUE_ID: Entry(
+            BYTE, hashlib.md5(_as_stored(raw.pixels).data, usedforsecurity=False).digest()
+        ),
         tag.BLACK_REPEAT: Entry(SHORT, [2, 2]),
         tag.BLACK: Entry(RATIONAL, [rational(black) for black in raw.black]),
         tag.WHITE: Entry(LONG, [raw.white]),

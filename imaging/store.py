@@ -8,7 +8,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -136,6 +136,13 @@ def write_bytes(path: Path, data: bytes) -> None:
     """Write a whole file, or nothing."""
     with replacing(path) as part:
         part.write_bytes(data)
+
+
+def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
+    """Write a whole file, or nothing, from pieces that nobody needs to join in memory."""
+    with replacing(path) as part, part.open("wb") as file:
+        for piece in pieces:
+            file.write(piece)
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -41,6 +41,9 @@ class PtpCamera:
         self._body: StandardBody | None = None
         self._wanted: Exposure | None = None
         self._choices: list[tuple[Dial, Choice]] = []
+        self._asked: dict[int, float] = {}
+        self._proven: dict[tuple[int, float], Choice] = {}
+        """By property and value asked for: where the last picture shows a dial to have stood."""
         self._triggered: Exposure | None = None
         self._failed = False
         self._known: frozenset[int] = frozenset()
@@ -165,7 +168,7 @@ class PtpCamera:
         return self._body
 
     def _drop(self) -> None:
-        body, self._body = self._body, None
+        body, self._body, self._proven = self._body, None, {}
         if body is not None:
             body.session.transport.close()
 
@@ -178,8 +181,11 @@ class PtpCamera:
             raise CameraRefused(f"{self.where} has no exposure time to set: turn its mode dial to M.")
         body.wait_ready()
         asked = ((body.f_number, exposure.f_number), (body.iso, exposure.iso), (body.time, exposure.time))
+        # A dial is left alone if the last picture proves that it stands right: less to go wrong.
+        proven = {} if self._failed else self._proven
+        self._asked = {dial.code: value for dial, value in asked if dial is not None and value is not None}
         self._choices = [
-            (dial, dial.set(value, self._clock.sleep))
+            (dial, proven.get((dial.code, value)) or dial.set(value, self._clock.sleep))
             for dial, value in asked
             if dial is not None and value is not None
         ]
@@ -231,6 +237,7 @@ class PtpCamera:
         else:
             self._size, self._bits = (frame.width, frame.height), 8
         told = frame.metadata.exposure
+        self._proven = {}
         self.confirmed = told is not None
         if told is None:
             return
@@ -239,7 +246,10 @@ class PtpCamera:
             value = own.get(id(dial))
             if value is not None:
                 dial.learn(choice, value)
-                self.confirmed &= apart(choice.value, value) <= SAME
+                agrees = apart(choice.value, value) <= SAME
+                self.confirmed &= agrees
+                if agrees and choice.certain:
+                    self._proven[dial.code, self._asked[dial.code]] = choice
         self.certain = self.certain or self.confirmed
 
 

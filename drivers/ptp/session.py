@@ -22,6 +22,9 @@ from drivers.ptp.transport import MOST_BYTES, TIMEOUT, Reply, Transport
 SESSION = 1
 QUICK_TIMEOUT = 8.0
 """Seconds for the first command, which tells whether anybody is there, and for what needs no thought."""
+PROMPT_TIMEOUT = 3.0
+"""Seconds after which what needs no thought is asked once more: an answer was lost. Cards block some bodies
+for more than a second."""
 PATIENCE = 8.0
 """Seconds for which a busy camera is asked again."""
 PIECE = 1 << 20
@@ -52,6 +55,8 @@ _QUICK = frozenset(
     }
 )
 """What a camera answers out of its head."""
+_SLOW = frozenset({Operation.GET_OBJECT, Operation.GET_PARTIAL_OBJECT, Operation.GET_OBJECT_HANDLES})
+"""What takes a camera long: reading a card."""
 _GONE = {ResponseCode.SESSION_NOT_OPEN, ResponseCode.INVALID_TRANSACTION_ID}
 _TORN = {ResponseCode.INCOMPLETE_TRANSFER, ResponseCode.TRANSACTION_CANCELLED}
 
@@ -120,7 +125,7 @@ class PtpSession:
         limit = timeout or (QUICK_TIMEOUT if operation in _QUICK else TIMEOUT)
         may_repeat = operation in _REPEATABLE if repeatable is None else repeatable
 
-        def attempt() -> Reply:
+        def attempt(limit: float) -> Reply:
             command = Command(operation, self._next(), parameters)
             reply = self._recovered(command, data, limit, most)
             code = reply.response.code
@@ -132,12 +137,12 @@ class PtpSession:
             return reply
 
         def insisting() -> Reply:
+            if not may_repeat:
+                return attempt(limit)
             try:
-                return attempt()
+                return attempt(min(limit, PROMPT_TIMEOUT) if operation not in _SLOW else limit)
             except (CameraProtocol, CameraTimeout):
-                if not may_repeat:
-                    raise
-                return attempt()
+                return attempt(limit)
 
         return self._patiently(operation, insisting, patience)
 

@@ -128,7 +128,9 @@ class CanonBody(StandardBody):
     def wait(self, exposure: float) -> list[Download]:
         """Until its events tell of a picture, and for a moment of no more."""
         clock = self.session.clock
-        end, found, news = clock.now() + deadline(exposure), [], clock.now()
+        end = clock.now() + deadline(exposure)
+        clock.sleep(exposure)  # whoever asks meanwhile learns nothing
+        found, news = [], clock.now()
         while clock.now() < end:
             self._listen()
             if self._added:

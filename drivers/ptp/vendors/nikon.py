@@ -119,6 +119,7 @@ class NikonBody(StandardBody):
             return super().wait(exposure)
         clock = self.session.clock
         end = clock.now() + deadline(exposure)
+        clock.sleep(exposure)  # whoever asks meanwhile learns nothing
         self._until_ready(deadline(exposure))
         ask_at = clock.now() + _ASK_AFTER
         while clock.now() < end:

@@ -119,6 +119,7 @@ class SonyBody(StandardBody):
         """Until it says that a picture lies in its memory."""
         clock = self.session.clock
         end = clock.now() + deadline(exposure)
+        clock.sleep(exposure)  # whoever asks meanwhile learns nothing
         while clock.now() < end:
             if self._in_memory() >= READY:
                 return [Download(MEMORY_HANDLE, self.session.object_info(MEMORY_HANDLE), bytearray())]

@@ -1,0 +1,104 @@
+"""What is done with one camera, in a thread of its own: set, arm, meet the others, trigger, collect."""
+
+from collections.abc import Callable
+
+from capture.budget import Budget
+from capture.exposing import RETRIES, Taken, made_ready
+from capture.rounds import Round, Standing
+from capture.threads import Inbox
+from drivers.camera import Camera
+from drivers.clock import Clock
+from drivers.errors import CameraTimeout
+from imaging.errors import CameraError, RigError
+from imaging.exposure import Exposure
+from imaging.mosaic import RawMosaic
+
+GIVE_UP_AFTER = 3
+"""Shots that a camera may miss in a row, with all attempts, before the run goes on without it."""
+COPIES = 3
+"""Frames in memory during a download: the bytes that came, what their decoder makes of them, the pixels."""
+
+HandOver = Callable[[Round, str, Taken, int], None]
+"""Takes over a frame: its round, its camera, itself, and the bytes of the budget that it holds."""
+
+
+class GivenUp(CameraError):
+    """A camera that failed too often to be asked again."""
+
+
+class Hand:
+    """One camera of a crew. orders: the rounds that it has still to take part in.
+
+    sizes: bytes of a frame of each camera, by the last that it delivered; shared by the crew.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        camera: Camera,
+        clock: Clock,
+        standing: Standing,
+        budget: Budget,
+        sizes: dict[str, int],
+        hand_over: HandOver,
+    ) -> None:
+        self.name, self._camera = name, camera
+        self._clock, self._standing, self._budget, self._sizes = clock, standing, budget, sizes
+        self._hand_over = hand_over
+        self.orders: Inbox[Round] = Inbox(clock)
+        self._misses = 0
+
+    def serve(self) -> None:
+        """The work of the camera's thread."""
+        while (one := self.orders.get()) is not None:
+            self._take(one)
+            with self._clock.lock:
+                self._standing.late.discard(self.name)
+
+    def _take(self, one: Round) -> None:
+        """Expose with the others and collect; the round learns what became of it."""
+        if self._misses >= GIVE_UP_AFTER * (RETRIES + 1):
+            one.settle(self.name, GivenUp("given up after failing before"))
+            return
+        if one.begun:
+            one.settle(self.name, CameraTimeout("it was not ready when the others exposed"))
+            return
+        try:
+            set_to = made_ready(self._camera, one.requested)
+            one.meet(self.name)
+            opened = self._camera.trigger()
+            with self._clock.lock:
+                one.opened[self.name] = opened
+            self._collect(one, set_to, opened)
+            self._misses = 0
+        except CameraError as error:
+            self._misses += 1
+            one.settle(self.name, error)
+        except RigError as error:  # the disk ended the run
+            one.settle(self.name, error)
+
+    def _collect(self, one: Round, set_to: Exposure, opened: float) -> None:
+        """Download within the budget; the frame leaves with the part of it that it still takes."""
+        count = self._expected()
+        self._budget.take(count)
+        try:
+            frame = self._camera.collect()
+        except BaseException:
+            self._budget.give(count)
+            raise
+        if isinstance(frame, RawMosaic):
+            kept, pixels = frame.pixels.nbytes, frame.pixels.size
+        else:
+            kept, pixels = len(frame.data), frame.width * frame.height
+        with self._clock.lock:
+            self._sizes[self.name] = 2 * pixels
+            if frame.metadata.opened is not None:  # it knows better than who gave the order
+                one.opened[self.name] = opened = frame.metadata.opened
+        self._budget.give(count - kept)
+        self._hand_over(one, self.name, Taken(frame, set_to, opened, one.attempt), kept)
+
+    def _expected(self) -> int:
+        """Bytes that the next download takes; all that may be taken as long as no frame has told."""
+        with self._clock.lock:
+            known = self._sizes.get(self.name) or max(self._sizes.values(), default=0)
+        return COPIES * known or self._budget.limit
