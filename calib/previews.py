@@ -27,16 +27,16 @@ def preview(merged: Merged) -> Float:
 
     At most MAX_WIDTH wide; grey where the view shows nothing.
     """
-    luminance, sigma = _luminance(merged)
-    height, width = luminance.shape
+    brightness, sigma = luminance(merged)
+    height, width = brightness.shape
     if width > MAX_WIDTH:
         size = (MAX_WIDTH, max(1, round(height * MAX_WIDTH / width)))
-        luminance = cv2.resize(luminance, size, interpolation=cv2.INTER_AREA)
+        brightness = cv2.resize(brightness, size, interpolation=cv2.INTER_AREA)
         sigma = cv2.resize(sigma, size, interpolation=cv2.INTER_AREA)
     # The noise of the darkest fifth is the floor: below it there is nothing to see.
     floor = float(np.median(sigma[sigma <= np.percentile(sigma, 20)]))
-    floor = max(floor, 1e-6 * float(np.max(luminance, initial=0.0)), 1e-30)
-    stops = np.log2(np.maximum(luminance, -floor) + 2 * floor)
+    floor = max(floor, 1e-6 * float(np.max(brightness, initial=0.0)), 1e-30)
+    stops = np.log2(np.maximum(brightness, -floor) + 2 * floor)
     flat = stops - LOCAL_SHARE * ndimage.gaussian_filter(stops, max(stops.shape[1] / 40, 1.0))
     low, high = (float(value) for value in np.percentile(flat, (0.5, 99.5)))
     if high - low < 1e-6:
@@ -49,7 +49,7 @@ def enlargement(width: int) -> int:
     return max(1, round(MIN_WIDTH / width)) if width < MIN_WIDTH else 1
 
 
-def _luminance(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def luminance(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Brightness and its noise, [H, W]; a mosaic is smoothed over its 2x2 tiles, so that no checker stays."""
     known = merged.valid | merged.clipped | merged.dark
     radiance = np.where(known, merged.radiance, 0.0).astype(np.float64)

@@ -240,14 +240,14 @@ def _model(
         image = reconstruction.image(index)
         key = key_of(image.name)
         name = key[0]
-        poses[key] = _pose(image.cam_from_world())
+        poses[key] = pose_of(image.cam_from_world())
         points[key] = int(image.num_points3D)
         lenses[name] = _lens(reconstruction.cameras[image.camera_id], cameras[name])
         rig = reconstruction.rigs[image.frame.rig_id]
         sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, image.camera_id)
         if rig.num_sensors() > 1:
             still = Pose(quaternion=(1, 0, 0, 0), translation=(0, 0, 0))
-            mounted[name] = still if rig.is_ref_sensor(sensor) else _pose(rig.sensor_from_rig(sensor))
+            mounted[name] = still if rig.is_ref_sensor(sensor) else pose_of(rig.sensor_from_rig(sensor))
     reconstruction.update_point_3d_errors()
     return Model(
         reconstruction, lenses, poses, mounted, points,
@@ -255,7 +255,8 @@ def _model(
     )  # fmt: skip
 
 
-def _pose(motion: Any) -> Pose:
+def pose_of(motion: Any) -> Pose:
+    """A pycolmap.Rigid3d as a Pose."""
     x, y, z, w = (float(value) for value in motion.rotation.quat)
     a, b, c = (float(value) for value in motion.translation)
     return Pose(quaternion=(w, x, y, z), translation=(a, b, c))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from imaging.calibration import Response
 from imaging.errors import CalibrationError, InputError
 from imaging.linear import LinearFrame, read_linear
-from imaging.records import CameraRecord, ShotRecord
+from imaging.records import CameraRecord, Kind, ShotRecord
 from imaging.sensor import SensorCalibration
 from imaging.session import Session, brackets
 
@@ -37,11 +37,17 @@ class View:
 
 def scene_views(session: Session) -> list[View]:
     """Every view of the scene, in order of camera and frame; CalibrationError if there is none."""
-    groups = brackets(session.shots("scene"))
-    if not groups:
+    views = views_of(session, "scene")
+    if not views:
         raise CalibrationError(
             f"{session.folder} has no shot of a scene: capture or import images into it first."
         )
+    return views
+
+
+def views_of(session: Session, kind: Kind) -> list[View]:
+    """Every view of a kind, in order of camera and frame; InputError if a camera's images differ in size."""
+    groups = brackets(session.shots(kind))
     views = [View(session.camera(name), frame, tuple(group)) for (frame, name), group in groups.items()]
     for camera in {view.camera.name for view in views}:
         sizes = {(s.width, s.height) for v in views if v.camera.name == camera for s in v.shots}

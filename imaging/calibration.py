@@ -11,7 +11,7 @@ from pydantic import Field
 from imaging import store
 from imaging.errors import InputError
 from imaging.noise import SensorNoise
-from imaging.records import Name, Record, Rung, parse
+from imaging.records import Board, Name, Record, Rung, parse
 from imaging.sensor import SensorCalibration
 
 LensModel = Literal["PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
@@ -69,6 +69,42 @@ class Lens(Record):
         )
 
 
+class LensError(Record):
+    """Standard errors of the terms of a lens, px of its image where terms are in px."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    k1: float
+    k2: float
+    p1: float
+    p2: float
+    projection: tuple[tuple[float, ...], ...] = ()
+    """[rows][columns], px: how far a far point's projection may be off, at places evenly spread over the
+    image, when the camera's own turn is not counted."""
+
+
+class PoseError(Record):
+    """Standard errors of a pose: about the worst axis, degrees, and along the worst, in the record's unit."""
+
+    rotation: float
+    translation: float
+
+
+class BoardEvidence(Record):
+    """What views of a board gave: how many, and how well the corners fit, px."""
+
+    board: Board
+    printed: str
+    frames: int
+    views: int
+    corners: int
+    rms_px: float
+    outliers: tuple[str, ...] = ()
+    """A sentence for each view or camera that fits much worse than the others."""
+
+
 class Response(Record):
     """How a camera turns exposure into code values.
 
@@ -81,7 +117,7 @@ class Response(Record):
     log_exposure: tuple[tuple[float, ...], ...] = ()
     """[3][len(codes)], natural log, rising."""
     sigma: tuple[tuple[float, ...], ...] = ()
-    """[3][len(codes)], standard error of log_exposure; 0 at the code that fixes the scale; empty: not known."""
+    """[3][len(codes)], standard error of log_exposure; 0 where the scale is fixed; empty: not known."""
     valid: tuple[float, float] = (0.0, 1.0)
     """Code values between which the curve was measured; beyond it is extrapolated."""
     evidence: str
@@ -95,7 +131,9 @@ class CameraCalibration(Record):
     name: Name
     serial: str
     lens: Lens | None = None
+    lens_error: LensError | None = None
     cam_from_rig: Pose | None = None
+    cam_from_rig_error: PoseError | None = None
     noise: SensorNoise | None = None
     """At the ISO of the shots; None: not known."""
     sensors: tuple[SensorCalibration, ...] = ()
@@ -117,6 +155,7 @@ class ViewCalibration(Record):
     cam_from_world: Pose
     points: int
     """Scene points seen by it."""
+    error: PoseError | None = None
 
 
 class CalibrationRecord(Record):
@@ -131,6 +170,9 @@ class CalibrationRecord(Record):
     views: tuple[ViewCalibration, ...]
     unregistered: tuple[str, ...] = ()
     """'camera/frame' of images without a pose."""
+    unit: Literal["relative", "m"] = "relative"
+    """Of all lengths: metres where a board or a known distance gave the scale."""
+    board: BoardEvidence | None = None
     points: int = 0
     reprojection_px: float | None = None
     """Mean over observations."""

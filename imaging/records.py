@@ -9,7 +9,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator
+import numpy as np
+import numpy.typing as npt
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -66,6 +76,44 @@ class SessionRecord(Record):
         return cameras
 
 
+class Board(Record):
+    """A ChArUco board as it was printed: a chessboard whose white squares hold ArUco markers.
+
+    Board axes are OpenCV's: origin at the outer corner of the first square, x along its rows, y down, z into
+    the board.
+    """
+
+    columns: int = Field(ge=3, le=100)
+    """Squares along x."""
+    rows: int = Field(ge=3, le=100)
+    """Squares along y."""
+    square: float = Field(gt=0)
+    """Side of a square, m."""
+    marker: float = Field(gt=0)
+    """Side of a marker, m."""
+    dictionary: str = "DICT_4X4_50"
+    """OpenCV's name of the markers' dictionary."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        import cv2  # only boards need it, and it takes a while to load
+
+        if not (self.dictionary.startswith("DICT_") and hasattr(cv2.aruco, self.dictionary)):
+            raise ValueError(f"OpenCV has no dictionary {self.dictionary!r}; DICT_4X4_50 is one")
+        if self.marker >= self.square:
+            raise ValueError("a marker has to be smaller than a square")
+        needed = self.columns * self.rows // 2
+        has = len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary)).bytesList)
+        if needed > has:
+            raise ValueError(f"the board has {needed} markers and {self.dictionary} only {has}")
+        return self
+
+    def corners(self) -> npt.NDArray[np.float64]:
+        """The inner corners by id, m, float64 [(columns - 1) (rows - 1), 3], z = 0."""
+        x, y = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
+        return np.asarray(self.square * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1))
+
+
 class PlanRecord(Record):
     """One line of `plans.jsonl`: what a run was to shoot, and why."""
 
@@ -79,6 +127,8 @@ class PlanRecord(Record):
     reason: str
     asked: str | None = None
     """The bracket in the words in which it was asked for: whoever goes on with the plan asks for the same."""
+    board: Board | None = None
+    """What is shown, of a plan of kind board; None: to be told when it is calibrated."""
 
 
 class ShotRecord(Record):

@@ -1,0 +1,134 @@
+"""The corners of a ChArUco board in a picture, to a fraction of a pixel."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from calib.features import Key
+from calib.views import Progress
+from imaging.errors import CalibrationError
+from imaging.records import Board
+
+Picture = npt.NDArray[np.uint8]
+
+FEWEST = 6
+"""Corners of a view that are worth having: a pose needs four."""
+_TRIALS = 12
+"""Pictures that are looked at to find out which kind of board it is."""
+_OFF = 0.08
+"""Of the square's side in the picture, by which a corner may miss a plane view of the board: the lens
+bends straight lines, but a board of other rows and columns misses by whole squares."""
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Corners of one view: ids int64 [K]; points float64 [K, 2], px, pixel centres at +0.5."""
+
+    ids: npt.NDArray[np.int64]
+    points: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Print:
+    """How the board was printed: with the pattern before OpenCV 4.6, or black for white."""
+
+    legacy: bool = False
+    inverted: bool = False
+
+    def __str__(self) -> str:
+        words = [word for word, so in (("legacy", self.legacy), ("inverted", self.inverted)) if so]
+        return " and ".join(words) or "as OpenCV prints it"
+
+
+PRINTS = tuple(Print(legacy, inverted) for inverted, legacy in product((False, True), repeat=2))
+
+
+def find_all(
+    board: Board, views: Sequence[Key], read: Callable[[Key], Picture], progress: Progress
+) -> tuple[dict[Key, Corners], Print]:
+    """The corners in every picture that shows enough of the board, and how the board is printed.
+
+    read: the picture of a view, one at a time. CalibrationError if no picture shows the board that was
+    described.
+    """
+    some = views[:: -(-len(views) // _TRIALS)]
+    counts = dict.fromkeys(PRINTS, 0)
+    for done, key in enumerate(some):
+        progress("recognising the board", done, len(some))
+        picture = read(key)
+        for one in PRINTS:
+            counts[one] += len(find(board, picture, one).ids)
+    best = max(PRINTS, key=lambda one: counts[one])  # the first of equals: nothing special
+    if not counts[best]:
+        raise CalibrationError(_nothing(board, [read(key) for key in some[:3]]))
+    enough: dict[Key, Corners] = {}
+    for done, key in enumerate(views):
+        progress("finding the board", done, len(views))
+        corners = find(board, read(key), best)
+        if len(corners.ids) >= FEWEST:
+            enough[key] = corners
+    progress("finding the board", len(views), len(views))
+    return enough, best
+
+
+def _nothing(board: Board, some: Sequence[Picture]) -> str:
+    told = f"{board.columns} x {board.rows} squares with markers of {board.dictionary}"
+    turned = board.model_copy(update={"columns": board.rows, "rows": board.columns})
+    if any(len(find(turned, picture, one).ids) >= FEWEST for picture in some for one in PRINTS):
+        return (
+            f"No picture shows a board of {told}, but of {turned.columns} x {turned.rows}: "
+            "swap columns and rows in its description."
+        )
+    return (
+        f"No picture shows a board of {told}: correct its description, or show it larger, flat and in focus."
+    )
+
+
+def find(board: Board, picture: Picture, printed: Print) -> Corners:
+    """The corners in one picture [H, W]; none where the board is not seen, or another one is."""
+    if printed.inverted:
+        picture = np.asarray(255 - picture, np.uint8)
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    layout = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker, dictionary)
+    layout.setLegacyPattern(printed.legacy)
+    detector = cv2.aruco.CharucoDetector(layout)
+    points, ids, _, _ = detector.detectBoard(picture)
+    if ids is None or points is None or len(np.ravel(ids)) < 4:
+        return Corners(np.zeros(0, np.int64), np.zeros((0, 2)))
+    ids = np.ravel(ids).astype(np.int64)
+    points = np.asarray(points, np.float64).reshape(-1, 2)
+    flat = board.corners()[ids, :2]
+    side, keep = _plane_view(flat, points, board.square)
+    ids, points = ids[keep], points[keep]
+    if len(ids) < 4:
+        return Corners(np.zeros(0, np.int64), np.zeros((0, 2)))
+    return Corners(ids, _refined(picture, points, side) + 0.5)
+
+
+def _plane_view(flat: Any, points: Any, square: float) -> tuple[float, npt.NDArray[np.bool_]]:
+    """Side of a square in the picture, px, and which corners lie where a plane board has them."""
+    homography, _ = cv2.findHomography(flat, points, cv2.LMEDS)
+    if homography is None or not np.isfinite(homography).all():
+        return 0.0, np.zeros(len(points), bool)
+    ahead, beside, below = (
+        cv2.perspectiveTransform((flat + np.array(step)).reshape(-1, 1, 2), homography).reshape(-1, 2)
+        for step in ((0.0, 0.0), (square, 0.0), (0.0, square))
+    )
+    sides = np.minimum(np.linalg.norm(beside - ahead, axis=1), np.linalg.norm(below - ahead, axis=1))
+    return float(sides.min()), np.linalg.norm(ahead - points, axis=1) < _OFF * sides + 0.5
+
+
+def _refined(picture: Picture, points: Any, side: float) -> npt.NDArray[np.float64]:
+    """Each corner where the gradients around it meet, within a third of a square."""
+    half = int(np.clip(side / 3, 2, 11))
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
+    start = np.ascontiguousarray(points.reshape(-1, 1, 2), np.float32)
+    moved = cv2.cornerSubPix(picture, start, (half, half), (-1, -1), criteria)
+    moved = np.asarray(moved, np.float64).reshape(-1, 2)
+    strayed = np.linalg.norm(moved - points, axis=1) > half
+    return np.where(strayed[:, None], points, moved)

@@ -1,0 +1,73 @@
+"""Which terms the lenses need, judged on frames that did not take part in fitting them."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.adjust import Free
+from calib.boards.corners import Corners
+from calib.boards.rig import Solved, solve
+from calib.features import Key
+from calib.views import Progress
+from imaging.records import Board, Rung
+
+FOLDS = 4
+FEWEST_FRAMES = 8
+_BASE = Free("PINHOLE", principal_point=True)
+_STEPS = (
+    ("lens_radial_1", Free("SIMPLE_RADIAL", principal_point=True), "one radial term"),
+    ("lens_radial_2", Free("RADIAL", principal_point=True), "a second radial term"),
+    ("lens_tangential", Free("OPENCV", principal_point=True), "tangential terms and two focal lengths"),
+)
+RICHEST = _STEPS[-1][1]
+
+
+def climb(
+    board: Board, seen: Mapping[Key, Corners], solved: Solved, progress: Progress
+) -> tuple[Free, tuple[Rung, ...]]:
+    """The lens model to take for all cameras, and why; corners are those that `clean` left.
+
+    A fold's frames are held out of the fit; then only the poses of the board are found in them, and the
+    corners have to fit. The gain is in px^2 of mean squared miss, paired by frame.
+    """
+    frames = sorted({frame for _, frame in seen})
+    if len(frames) < FEWEST_FRAMES:
+        reason = f"{len(frames)} frames of the board cannot judge distortion beyond one radial term"
+        return _STEPS[0][1], (Rung(name="lens_terms", taken=False, reason=reason),)
+    taken, below = _BASE, _held_out(board, seen, solved, _BASE, frames)
+    rungs = []
+    for done, (name, free, what) in enumerate(_STEPS):
+        progress("judging the lens", done, len(_STEPS))
+        above = _held_out(board, seen, solved, free, frames)
+        gain = below - above
+        error = float(gain.std(ddof=1) / np.sqrt(len(gain)))
+        rung = Rung.judged(
+            name, float(gain.mean()), error, "px^2 of held-out corners, over frames of the board", what
+        )
+        rungs.append(rung)
+        if rung.taken:
+            taken, below = free, above
+    progress("judging the lens", len(_STEPS), len(_STEPS))
+    return taken, tuple(rungs)
+
+
+def _held_out(
+    board: Board, seen: Mapping[Key, Corners], solved: Solved, free: Free, frames: list[int]
+) -> npt.NDArray[np.float64]:
+    """Mean squared miss of each frame when it is held out, px^2 [frames]."""
+    losses: dict[int, float] = {}
+    for fold in range(FOLDS):
+        out = set(frames[fold::FOLDS])
+        fitted = solve(board, {key: seen[key] for key in seen if key[1] not in out}, solved, free)
+        # The poses of the held-out frames are those of the start, in whose rig they were found.
+        begin = replace(fitted, rig_from_board=dict(solved.rig_from_board))
+        tested = solve(
+            board, {key: seen[key] for key in seen if key[1] in out}, begin, free, boards_only=True
+        )
+        squares: dict[int, list[float]] = {}
+        for (_, frame, _), miss in zip(tested.places, tested.misses, strict=True):
+            squares.setdefault(frame, []).append(float(miss) ** 2)
+        losses |= {frame: float(np.mean(own)) for frame, own in squares.items()}
+    return np.array([losses[frame] for frame in frames])

@@ -1,0 +1,181 @@
+"""Lenses and rigs of a session from its views of a board."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.boards import ladder, rig, start, uncertainty
+from calib.boards.corners import Corners, Picture, find_all
+from calib.features import Key
+from calib.previews import luminance
+from calib.sfm import pose_of
+from calib.views import Progress, View, read_view, views_of
+from imaging.calibration import BoardEvidence, Lens, LensError, Pose, PoseError, Response
+from imaging.colmap import pycolmap
+from imaging.errors import CalibrationError
+from imaging.merge import merge_bracket
+from imaging.records import Board, Rung
+from imaging.session import Session
+
+OUTLIER = 2.5
+"""A view, or a camera, that misses by this many times the median of all is named."""
+_WHITE = 99.5
+"""Percentile of a picture that becomes white: a lamp beside the board must not darken it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What a board told.
+
+    cam_from_rig: metres, of cameras that are mounted together and that views connect.
+    """
+
+    lenses: dict[str, Lens]
+    lens_errors: dict[str, LensError]
+    cam_from_rig: dict[str, Pose]
+    rig_errors: dict[str, PoseError]
+    evidence: BoardEvidence
+    rungs: tuple[Rung, ...]
+
+
+def measure(session: Session, told: Board | None, progress: Progress) -> Measured | None:
+    """Calibrate from the session's shots of kind board; None if it has none.
+
+    told: the board, where the session does not say it or says it wrong. CalibrationError that names the
+    cause: no description, no board in any picture, too few views.
+    """
+    views = {view.key: view for view in views_of(session, "board")}
+    if not views:
+        return None
+    shown = [plan.board for plan in session.plans() if plan.kind == "board" and plan.board is not None]
+    board = told or (shown[-1] if shown else None)
+    if board is None:
+        raise CalibrationError(
+            f"{session.folder} has shots of a board and does not say which: describe it, as "
+            "--board 7x5,square=110mm,marker=82.5mm,DICT_4X4_50."
+        )
+    seen, printed = find_all(board, sorted(views), lambda key: picture_of(session, views[key]), progress)
+    sizes = {key[0]: (views[key].shots[0].width, views[key].shots[0].height) for key in seen}
+    groups: dict[str, list[str]] = {}
+    for camera in session.record.cameras:
+        if camera.name in sizes:
+            groups.setdefault(camera.rig or f"alone {camera.name}", []).append(camera.name)
+    solved = [
+        solve_group(
+            board,
+            {key: corners for key, corners in seen.items() if key[0] in names},
+            {name: sizes[name] for name in names},
+            progress,
+        )
+        for names in groups.values()
+    ]
+    return _joined(board, str(printed), seen, solved)
+
+
+def picture_of(session: Session, view: View) -> Picture:
+    """What a view shows of the board, uint8 [H, W], about evenly spaced to the eye."""
+    scales = {shot.file: shot.exposure.scale if shot.exposure is not None else 1.0 for shot in view.shots}
+    light, _ = luminance(merge_bracket(read_view(session, view, scales, Response(kind="srgb", evidence=""))))
+    white = max(float(np.percentile(light, _WHITE)), 1e-30)
+    return np.asarray(np.rint(255.0 * np.sqrt(np.clip(light / white, 0.0, 1.0))), np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """A rig, or one camera, solved. solved.rms is of the corners that fit; refused: why it could not be."""
+
+    names: tuple[str, ...]
+    solved: rig.Solved | None
+    doubt: uncertainty.Uncertainty | None
+    rungs: tuple[Rung, ...]
+    isolated: tuple[str, ...] = ()
+    refused: str = ""
+
+
+def solve_group(
+    board: Board, seen: Mapping[Key, Corners], sizes: Mapping[str, tuple[int, int]], progress: Progress
+) -> Group:
+    """Everything about cameras that are mounted together."""
+    names = tuple(sizes)
+    try:
+        begun = start.begin(board, seen, sizes)
+    except CalibrationError as error:
+        return Group(names, None, None, (), refused=str(error))
+    kept, solved = rig.clean(board, seen, begun, ladder.RICHEST)
+    free, rungs = ladder.climb(board, kept, solved, progress)
+    solved = rig.solve(board, kept, solved, free)
+    doubt = uncertainty.bootstrap(board, kept, solved, 0, progress)
+    return Group(names, solved, doubt, rungs, begun.isolated)
+
+
+def _joined(board: Board, printed: str, seen: Mapping[Key, Corners], groups: list[Group]) -> Measured:
+    good = [group for group in groups if group.solved is not None and group.doubt is not None]
+    if not good:
+        raise CalibrationError(groups[0].refused)
+    lenses: dict[str, Lens] = {}
+    lens_errors: dict[str, LensError] = {}
+    mounted: dict[str, Pose] = {}
+    rig_errors: dict[str, PoseError] = {}
+    misses, outliers = [], [group.refused for group in groups if group.refused]
+    for group in good:
+        solved, doubt = group.solved, group.doubt
+        assert solved is not None
+        assert doubt is not None
+        for name, lens in solved.lenses.items():
+            if name in solved.cam_from_rig:
+                lenses[name] = lens
+            if name in doubt.lenses and np.isfinite(list(doubt.lenses[name].values())).all():
+                projection = tuple(tuple(row) for row in doubt.map[name].tolist())
+                lens_errors[name] = LensError(projection=projection, **doubt.lenses[name])
+        if len(solved.cam_from_rig) > 1:
+            for name, pose in solved.cam_from_rig.items():
+                mounted[name] = pose_of(pycolmap.Rigid3d(pose[:3]))
+                error = (doubt.rotation[name], doubt.translation[name])
+                if np.isfinite(error).all():
+                    rig_errors[name] = PoseError(rotation=error[0], translation=error[1])
+        if group.isolated:
+            outliers.append(
+                f"{', '.join(group.isolated)} never saw the board together with the other cameras: hold it "
+                "where both see it."
+            )
+        misses.append(solved.misses)
+        outliers += _named(solved)
+    every = np.concatenate(misses)
+    evidence = BoardEvidence(
+        board=board,
+        printed=printed,
+        frames=len({frame for _, frame in seen}),
+        views=len(seen),
+        corners=len(every),
+        rms_px=float(np.sqrt(np.mean(every**2))),
+        outliers=tuple(outliers),
+    )
+    return Measured(
+        lenses,
+        lens_errors,
+        mounted,
+        rig_errors,
+        evidence,
+        tuple(rung for group in good for rung in group.rungs),
+    )
+
+
+def _named(solved: rig.Solved) -> list[str]:
+    """A sentence for each camera, and each view, that fits much worse than the typical one."""
+    found = []
+    by: tuple[tuple[Callable[[tuple[str, int, int]], str], str], ...] = (
+        (lambda place: place[0], "camera {}"),
+        (lambda place: f"{place[0]}/{place[1]:04d}", "view {}"),
+    )
+    for key_of, words in by:
+        squares: dict[str, list[float]] = {}
+        for place, miss in zip(solved.places, solved.misses, strict=True):
+            squares.setdefault(key_of(place), []).append(float(miss) ** 2)
+        rms = {key: float(np.sqrt(np.mean(own))) for key, own in squares.items()}
+        typical = float(np.median(list(rms.values())))
+        for key, own in rms.items():
+            if own > OUTLIER * typical:
+                told = words.format(key)
+                found.append(f"the board misses by {own:.2f} px in {told}, {typical:.2f} px in the others.")
+    return found

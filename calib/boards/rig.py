@@ -1,0 +1,210 @@
+"""The bundle adjustment of a rig before a board: corners are known points, a board pose is a frame."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.adjust import Free, opencv_parameters, set_model
+from calib.boards.corners import Corners
+from calib.boards.start import Start
+from calib.features import Key, image_name
+from imaging.calibration import Lens
+from imaging.colmap import pycolmap
+from imaging.records import Board
+
+Array = npt.NDArray[np.float64]
+
+CUT = 4.0
+"""Corners that miss by more than this many times the median of all are dropped."""
+LEAST_CUT = 0.3
+"""px; no corner is dropped for less."""
+ITERATIONS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A rig before a board. misses: px [M], of each corner used, in order of `places` (camera, frame, id)."""
+
+    lenses: dict[str, Lens]
+    cam_from_rig: dict[str, Array]
+    rig_from_board: dict[int, Array]
+    misses: Array
+    places: list[tuple[str, int, int]]
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the misses, px."""
+        return float(np.sqrt(np.mean(self.misses**2))) if len(self.misses) else 0.0
+
+
+def solve(
+    board: Board, seen: Mapping[Key, Corners], start: Start | Solved, free: Free, *, boards_only: bool = False
+) -> Solved:
+    """Adjust lenses, rig and board poses to the corners; boards_only: the board poses alone.
+
+    Least squares, since what was no corner is left out before (`clean`). Views of cameras or frames that the
+    start does not place are ignored.
+    """
+    model, rows = _model(board, seen, start, free)
+    _adjust(model, free, boards_only=boards_only, robust=None)
+    return _read(model, rows, start)
+
+
+def clean(
+    board: Board, seen: Mapping[Key, Corners], start: Start, free: Free
+) -> tuple[dict[Key, Corners], Solved]:
+    """Drop the corners that do not fit any placement: adjusts robustly, cuts, and adjusts again, twice."""
+    kept = {key: corners for key, corners in seen.items() if _placed(key, start)}
+    solved: Start | Solved = start
+    for scale in (2.0, 0.3):
+        model, rows = _model(board, kept, solved, free)
+        _adjust(model, free, boards_only=False, robust=scale)
+        fitted = _read(model, rows, solved)
+        worst = max(CUT * float(np.median(fitted.misses)), LEAST_CUT)
+        good = {place for place, miss in zip(fitted.places, fitted.misses, strict=True) if miss <= worst}
+        kept = {key: _only(corners, key, good) for key, corners in kept.items()}
+        kept = {key: corners for key, corners in kept.items() if len(corners.ids) >= 4}
+        solved = fitted
+    return kept, solve(board, kept, solved, free)
+
+
+def _placed(key: Key, start: "Start | Solved") -> bool:
+    return key[0] in start.cam_from_rig and key[1] in start.rig_from_board
+
+
+def _only(corners: Corners, key: Key, good: Collection[tuple[str, int, int]]) -> Corners:
+    keep = np.array([(*key, int(one)) in good for one in corners.ids], bool)
+    return Corners(corners.ids[keep], corners.points[keep])
+
+
+Rows = list[tuple[Key, int, npt.NDArray[np.int64], Array]]
+"""Of each image: its key, its number, corner ids and points."""
+
+
+def _model(
+    board: Board, seen: Mapping[Key, Corners], start: "Start | Solved", free: Free
+) -> tuple[Any, Rows]:
+    """A pycolmap reconstruction in the board's coordinates."""
+    flat = board.corners()
+    model = pycolmap.Reconstruction()
+    names = sorted(start.cam_from_rig)
+    number = {name: index + 1 for index, name in enumerate(names)}
+    rig = pycolmap.Rig(rig_id=1)
+    reference = min(names, key=lambda name: float(np.abs(start.cam_from_rig[name] - np.eye(4)).max()))
+    for name in [reference, *(name for name in names if name != reference)]:
+        camera = _camera(start.lenses[name], number[name])
+        set_model(camera, free.model)
+        model.add_camera(camera)
+        sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number[name])
+        if name == reference:
+            rig.add_ref_sensor(sensor)
+        else:
+            rig.add_sensor(sensor, pycolmap.Rigid3d(start.cam_from_rig[name][:3]))
+    model.add_rig(rig)
+    keys = sorted((key for key in seen if _placed(key, start)), key=lambda key: (key[1], key[0]))
+    rows: Rows = []
+    image_of = {key: index + 1 for index, key in enumerate(keys)}
+    for place, frame in enumerate(sorted({key[1] for key in keys}), start=1):
+        one = pycolmap.Frame(frame_id=place, rig_id=1)
+        one.rig_from_world = pycolmap.Rigid3d(start.rig_from_board[frame][:3])
+        for key in (key for key in keys if key[1] == frame):
+            sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number[key[0]])
+            one.add_data_id(pycolmap.data_t(sensor, image_of[key]))
+        model.add_frame(one)
+        for key in (key for key in keys if key[1] == frame):
+            corners = seen[key]
+            image = pycolmap.Image(
+                name=image_name(key),
+                image_id=image_of[key],
+                camera_id=number[key[0]],
+                frame_id=place,
+                points2D=[pycolmap.Point2D(point) for point in corners.points],
+            )
+            model.add_image(image)
+            rows.append((key, image_of[key], corners.ids, corners.points))
+        model.register_frame(place)
+    tracks: dict[int, list[Any]] = {}
+    for _, index, ids, _ in rows:
+        for place, corner in enumerate(ids.tolist()):
+            tracks.setdefault(corner, []).append(pycolmap.TrackElement(index, place))
+    for corner, elements in sorted(tracks.items()):
+        track = pycolmap.Track()
+        track.add_elements(elements)
+        model.add_point3D(flat[corner], track)
+    return model, rows
+
+
+def _camera(lens: Lens, number: int) -> Any:
+    camera = pycolmap.Camera(
+        camera_id=number,
+        model="OPENCV",
+        width=lens.width,
+        height=lens.height,
+        params=[lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2],
+    )
+    return camera
+
+
+def _adjust(model: Any, free: Free, *, boards_only: bool, robust: float | None) -> None:
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_focal_length = options.refine_extra_params = not boards_only
+    options.refine_principal_point = free.principal_point and not boards_only
+    options.refine_sensor_from_rig = not boards_only
+    options.refine_rig_from_world = True
+    if robust is not None:
+        options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+        options.ceres.loss_function_scale = robust
+    solver = options.ceres.solver_options
+    solver.num_threads = 1  # threads add up in the order in which they finish
+    solver.max_num_iterations = ITERATIONS
+    # Where tangential terms and the principal point trade places, the last digits of the cost decide.
+    solver.function_tolerance = 1e-12
+    solver.gradient_tolerance = solver.parameter_tolerance = 1e-12
+    config = pycolmap.BundleAdjustmentConfig()
+    for image in sorted(model.reg_image_ids()):
+        config.add_image(image)
+    for point in sorted(model.points3D):
+        config.add_constant_point(point)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+
+
+def _read(model: Any, rows: Rows, start: "Start | Solved") -> Solved:
+    rig = model.rigs[1]
+    names = sorted(start.cam_from_rig)
+    lenses, mounted = dict(start.lenses), {}
+    for index, name in enumerate(names, start=1):
+        camera = model.cameras[index]
+        terms = dict(
+            zip(("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"), opencv_parameters(camera), strict=True)
+        )
+        lenses[name] = start.lenses[name].model_copy(update={"model": camera.model_name, **terms})
+        sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, index)
+        mounted[name] = np.eye(4) if rig.is_ref_sensor(sensor) else _square(rig.sensor_from_rig(sensor))
+    boards, misses, places = dict(start.rig_from_board), [], []
+    flat_of = {}
+    for point in model.points3D.values():
+        for element in point.track.elements:
+            flat_of[element.image_id, element.point2D_idx] = point.xyz
+    for key, index, ids, points in rows:
+        image = model.images[index]
+        boards[key[1]] = _square(image.frame.rig_from_world)
+        motion = image.cam_from_world().matrix()
+        world = np.array([flat_of[index, place] for place in range(len(ids))]).reshape(-1, 3)
+        local = world @ motion[:, :3].T + motion[:, 3]
+        ahead = local[:, 2] > 1e-9
+        projected = np.full(points.shape, np.inf)
+        if ahead.any():
+            projected[ahead] = model.cameras[image.camera_id].img_from_cam(local[ahead])
+        misses.append(np.nan_to_num(np.linalg.norm(projected - points, axis=1), nan=np.inf, posinf=np.inf))
+        places += [(*key, corner) for corner in ids.tolist()]
+    return Solved(lenses, mounted, boards, np.concatenate(misses) if misses else np.zeros(0), places)
+
+
+def _square(motion: Any) -> Array:
+    pose = np.eye(4)
+    pose[:3] = motion.matrix()
+    return pose

@@ -1,0 +1,136 @@
+"""How well a rig is known: the adjustment repeated on frames drawn anew (bootstrap over frames).
+
+Frames are what varies independently; corners of one view share its blur, its light and the board's flatness.
+All terms of the lens are free meanwhile, also those that the ladder did not take: that a term is too small to
+be seen does not make what it trades places with (the principal point, the camera's turn) any surer.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from calib.boards.corners import Corners
+from calib.boards.ladder import RICHEST
+from calib.boards.rig import Solved, solve
+from calib.features import Key
+from calib.views import Progress
+from imaging.calibration import Lens
+from imaging.records import Board
+
+Array = npt.NDArray[np.float64]
+
+DRAWS = 50
+GRID = (9, 6)
+"""Places across and down the image of the projection-uncertainty map."""
+TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Standard errors.
+
+    lenses: by camera and term. rotation: degrees, of the camera in the rig, about its worst axis;
+    translation: m, along its worst. map: px [rows, columns], how far a far point's projection may be off at
+    places evenly spread over the image, when the camera's own turn is not counted.
+    """
+
+    lenses: dict[str, dict[str, float]]
+    rotation: dict[str, float]
+    translation: dict[str, float]
+    map: dict[str, Array]
+    draws: int
+
+
+def bootstrap(
+    board: Board, seen: Mapping[Key, Corners], solved: Solved, seed: int, progress: Progress
+) -> Uncertainty:
+    """Draw the frames with replacement and solve, DRAWS times; a seed gives the same draws."""
+    middle = solve(board, seen, solved, RICHEST)
+    rng = np.random.default_rng(seed)
+    frames = sorted({frame for _, frame in seen})
+    lenses: dict[str, list[Lens]] = {name: [] for name in solved.cam_from_rig}
+    turns: dict[str, list[Array]] = {name: [] for name in solved.cam_from_rig}
+    shifts: dict[str, list[Array]] = {name: [] for name in solved.cam_from_rig}
+    for draw in range(DRAWS):
+        progress("measuring how sure it is", draw, DRAWS)
+        chosen = rng.choice(frames, len(frames))
+        again = {
+            (name, place): seen[name, frame]
+            for place, frame in enumerate(chosen.tolist())
+            for name in solved.cam_from_rig
+            if (name, frame) in seen
+        }
+        boards = {place: middle.rig_from_board[frame] for place, frame in enumerate(chosen.tolist())}
+        if {name for name, _ in again} != set(solved.cam_from_rig):
+            continue  # a camera that none of the drawn frames shows has nothing to vary by
+        start = Solved(middle.lenses, middle.cam_from_rig, boards, np.zeros(0), [])
+        drawn = solve(board, again, start, RICHEST)
+        for name, pose in drawn.cam_from_rig.items():
+            apart = pose @ np.linalg.inv(middle.cam_from_rig[name])
+            lenses[name].append(drawn.lenses[name])
+            turns[name].append(np.ravel(cv2.Rodrigues(apart[:3, :3])[0]))
+            shifts[name].append(apart[:3, 3])
+    progress("measuring how sure it is", DRAWS, DRAWS)
+    return Uncertainty(
+        lenses={
+            name: {term: _spread([getattr(lens, term) for lens in own]) for term in TERMS}
+            for name, own in lenses.items()
+        },
+        rotation={name: float(np.degrees(_widest(own))) for name, own in turns.items()},
+        translation={name: _widest(own) for name, own in shifts.items()},
+        map={name: projection_map(middle.lenses[name], own) for name, own in lenses.items()},
+        draws=len(next(iter(lenses.values()))),
+    )
+
+
+def _spread(values: list[float]) -> float:
+    return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
+
+
+def _widest(vectors: list[Array]) -> float:
+    """Standard deviation along the direction in which it is the largest."""
+    if len(vectors) < 2:
+        return float("nan")
+    return float(np.sqrt(np.linalg.eigvalsh(np.cov(np.stack(vectors).T))[-1].clip(0.0)))
+
+
+def projection_map(lens: Lens, drawn: list[Lens]) -> Array:
+    """Standard deviation, px [rows, columns], of where drawn lenses see what `lens` sees at a grid of places.
+
+    A lens whose middle is elsewhere is a camera that looks elsewhere: the turn that brings the drawn lens's
+    rays nearest to the lens's own is taken out, as mrcal does (https://mrcal.secretsauce.net, "Projection
+    uncertainty").
+    """
+    columns, rows = GRID
+    across = (np.arange(columns) + 0.5) * lens.width / columns
+    down = (np.arange(rows) + 0.5) * lens.height / rows
+    places = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    rays = _rays(lens, places)
+    squares = np.zeros(len(places))
+    for other in drawn:
+        u, _, vt = np.linalg.svd(_rays(other, places).T @ rays)
+        turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        squares += ((_project(other, rays @ turn.T) - places) ** 2).sum(1)
+    return np.sqrt(squares / max(len(drawn), 1)).reshape(rows, columns)
+
+
+def _camera(lens: Lens) -> tuple[Array, Array]:
+    matrix = np.array([[lens.fx, 0.0, lens.cx], [0.0, lens.fy, lens.cy], [0.0, 0.0, 1.0]])
+    return matrix, np.array([lens.k1, lens.k2, lens.p1, lens.p2])
+
+
+def _rays(lens: Lens, places: Array) -> Array:
+    """Unit vectors [N, 3]."""
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-12)
+    plane = cv2.undistortPoints(places.reshape(-1, 1, 2), *_camera(lens), None, None, None, criteria)
+    rays = np.concatenate([plane.reshape(-1, 2), np.ones((len(places), 1))], axis=1)
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def _project(lens: Lens, rays: Array) -> Array:
+    matrix, distortion = _camera(lens)
+    found, _ = cv2.projectPoints(rays.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), matrix, distortion)
+    return np.asarray(found.reshape(-1, 2))

@@ -1,0 +1,145 @@
+"""Lenses and rigs from corners with known noise, against the rig that was simulated."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from calib.boards import ladder, rig, uncertainty
+from calib.boards.corners import Corners
+from calib.boards.measure import solve_group
+from calib.boards.start import begin
+from calib.features import Key
+from drivers.sim.lens import project
+from imaging.errors import CalibrationError
+from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of
+
+Array = npt.NDArray[np.float64]
+
+
+def silent(message: str, done: int, total: int) -> None:
+    pass
+
+
+def errors_of(stage: Stage, mounted: dict[str, Array]) -> tuple[list[float], list[float]]:
+    """Degrees and millimetres by which cameras lie beside their true places, as the reference sees them."""
+    reference = next(name for name, pose in mounted.items() if np.allclose(pose, np.eye(4)))
+    turns, shifts = [], []
+    for name, pose in mounted.items():
+        true = stage.relative(name, reference)
+        apart = pose @ np.linalg.inv(true)
+        sine = np.linalg.norm(apart[:3, :3] - apart[:3, :3].T) / np.sqrt(8)
+        turns.append(float(np.degrees(np.arcsin(sine))))
+        there, here = (-one[:3, :3].T @ one[:3, 3] for one in (true, pose))
+        shifts.append(float(1000 * np.linalg.norm(there - here)))
+    return turns, shifts
+
+
+def test_a_board_places_the_rig_to_the_figures(stage: Stage) -> None:
+    """25 partial views of 4 cameras, corners good to 0.06 px, one in a hundred wrong."""
+    group = solve_group(stage.board, stage.seen(25, wrong=0.01), stage.sizes, silent)
+    assert group.solved is not None
+    assert group.doubt is not None
+    turns, shifts = errors_of(stage, group.solved.cam_from_rig)
+    assert max(turns) < 0.05
+    assert max(shifts) < 0.3
+    assert group.solved.rms < 0.1
+    taken = {rung.name for rung in group.rungs if rung.taken}
+    assert "lens_radial_1" in taken  # the simulated lenses have it, and the rest is next to nothing
+    for mount in stage.rig.mounts:
+        lens, true = group.solved.lenses[mount.name], mount.optics.lens
+        doubt = group.doubt.lenses[mount.name]
+        assert abs(lens.fx - true.fx) < 5 * doubt["fx"] < 2.0
+        grid = np.stack(np.meshgrid(np.linspace(50, WIDTH - 50, 5), np.linspace(50, HEIGHT - 50, 5)), -1)
+        away = uncertainty.projection_map(true, [lens])
+        assert away.max() < 5 * group.doubt.map[mount.name].max() < 1.0
+        assert np.isfinite(grid).all()
+
+
+def test_the_true_rig_lies_within_what_is_stated() -> None:
+    """Of errors in a plane and an axis 95 % lie within 2.8 standard errors of the worst axis or more."""
+    inside = []
+    for seed in range(40, 44):
+        stage = stage_of(seed)
+        group = solve_group(stage.board, stage.seen(14, wrong=0.005), stage.sizes, silent)
+        assert group.solved is not None
+        assert group.doubt is not None
+        turns, shifts = errors_of(stage, group.solved.cam_from_rig)
+        for name, turn, shift in zip(group.solved.cam_from_rig, turns, shifts, strict=True):
+            if group.doubt.rotation[name] > 0:
+                inside.append(turn < 2.8 * group.doubt.rotation[name])
+                inside.append(shift < 2800 * group.doubt.translation[name])
+    assert np.mean(inside) >= 0.85
+    assert len(inside) == 24
+
+
+def test_wrong_corners_are_dropped_and_right_ones_kept(stage: Stage) -> None:
+    seen = stage.seen(12)
+    spoiled = {
+        key: Corners(corners.ids, corners.points + (3.0 * (corners.ids[:, None] == corners.ids[0])))
+        for key, corners in seen.items()
+    }
+    kept, _ = rig.clean(stage.board, spoiled, begin(stage.board, spoiled, stage.sizes), ladder.RICHEST)
+    for key, corners in kept.items():
+        assert spoiled[key].ids[0] not in corners.ids
+    right = sum(len(corners.ids) - 1 for corners in spoiled.values())
+    assert sum(len(corners.ids) for corners in kept.values()) > 0.97 * right
+
+
+def test_cameras_that_share_no_view_are_named(stage: Stage) -> None:
+    seen = {
+        key: corners
+        for key, corners in stage.seen(20).items()
+        if (key[0] in ("cam0", "cam1")) == (key[1] % 2 == 0)
+    }
+    group = solve_group(stage.board, seen, stage.sizes, silent)
+    assert len(group.isolated) == 2
+    assert group.solved is not None
+    assert set(group.solved.cam_from_rig).isdisjoint(group.isolated)
+    turns, shifts = errors_of(stage, group.solved.cam_from_rig)
+    assert max(turns) < 0.15
+    assert max(shifts) < 1.0
+
+
+def test_too_few_views_say_what_to_shoot(stage: Stage) -> None:
+    few = stage.seen(2)
+    with pytest.raises(CalibrationError, match=r"in 3 frames or more.*about 25 frames"):
+        begin(stage.board, few, stage.sizes)
+
+
+def test_a_richer_lens_is_taken_when_it_is_there(stage: Stage) -> None:
+    """Tangential terms of 2e-3 move corners by pixels; the simulated lenses have almost none."""
+    import cv2
+
+    rng = np.random.default_rng(0)
+    seen: dict[Key, Corners] = {}
+    for frame in range(16):
+        for camera, mount in enumerate(stage.rig.mounts):
+            lens = mount.optics.lens
+            pose = stage.cam_from_board(camera, frame)
+            corners = stage.board.corners() @ pose[:3, :3].T + pose[:3, 3]
+            matrix = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
+            terms = np.array([-0.2, 0.05, 2e-3, -1e-3])
+            points, _ = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), matrix, terms)
+            points = points.reshape(-1, 2) + rng.normal(0, 0.05, (len(corners), 2))
+            plain = project(lens, corners)  # far outside the terms fold over
+            ids = np.flatnonzero((plain > 0).all(1) & (plain < (WIDTH, HEIGHT)).all(1) & (corners[:, 2] > 0))
+            if len(ids) >= 6:
+                seen[mount.name, frame] = Corners(ids, points[ids])
+    group = solve_group(stage.board, seen, stage.sizes, silent)
+    assert {"lens_radial_1", "lens_radial_2", "lens_tangential"} <= {r.name for r in group.rungs if r.taken}
+    assert group.solved is not None
+    for lens in group.solved.lenses.values():
+        assert lens.p1 == pytest.approx(2e-3, abs=2e-4)
+        assert lens.k1 == pytest.approx(-0.2, abs=0.01)
+
+
+def test_the_same_corners_give_the_same_rig(stage: Stage) -> None:
+    seen = stage.seen(8)
+    one, other = (solve_group(stage.board, seen, stage.sizes, silent) for _ in range(2))
+    assert one.solved is not None
+    assert other.solved is not None
+    for name, pose in one.solved.cam_from_rig.items():
+        assert np.array_equal(pose, other.solved.cam_from_rig[name])
+    assert one.doubt is not None
+    assert other.doubt is not None
+    assert one.doubt.lenses == other.doubt.lenses
