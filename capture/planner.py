@@ -86,10 +86,11 @@ class Shortfall:
     def __str__(self) -> str:
         if self.stops == 0.0:
             return f"{self.target}: the meter found no {self.part} end"
-        stops = ("at least " if self.at_least else "") + f"{self.stops:.1f} stops"
+        size = f"{self.stops:.1f}" if self.stops >= 0.05 else "less than 0.1"
+        stops = ("at least " if self.at_least and self.stops >= 0.05 else "") + f"{size} stops"
         return {
             "dark": f"{self.target}: the dark end lacks {stops} of light for the wanted SNR",
-            "middle": f"{self.target}: {stops} between two exposures are in neither",
+            "middle": f"{self.target}: {stops} between exposures are in none",
             "bright": f"{self.target}: the bright end clips by {stops}",
         }[self.part]
 
@@ -192,7 +193,7 @@ def _cover(targets: Sequence[Target], exposures: Sequence[Exposure], snr: float)
             if all(target.tones.brightest(exposure) >= target.bright for target in targets)
         ]
         chosen.add(max(fit, default=0))
-    missed = [_unbounded(one, targets) for one in missed]
+    missed = [_unbounded(one, targets) for one in _joined(missed)]
     missed += _unknown(targets, missed)
     return Plan(tuple(exposures[index] for index in sorted(chosen)), tuple(missed))
 
@@ -222,6 +223,14 @@ def _skip(one: _Open) -> Shortfall:
     if further is None:
         return Shortfall(name, "bright", math.log2(bright / max(high for _, _, high in one.useful)))
     return Shortfall(name, "dark" if start == one.target.dark else "middle", math.log2(further / start))
+
+
+def _joined(missed: Sequence[Shortfall]) -> list[Shortfall]:
+    """One shortfall for all the gaps in the middle of a target."""
+    stops: dict[tuple[str, Literal["dark", "middle", "bright"]], float] = {}
+    for one in missed:
+        stops[one.target, one.part] = stops.get((one.target, one.part), 0.0) + one.stops
+    return [Shortfall(target, part, size) for (target, part), size in stops.items()]
 
 
 def _unbounded(one: Shortfall, targets: Sequence[Target]) -> Shortfall:

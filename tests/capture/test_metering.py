@@ -177,3 +177,48 @@ def test_a_large_frame_is_metered_by_evenly_spread_blocks(monkeypatch):
         own = scene.truth[scene.channels == channel]
         assert abs(np.log2(target.dark / np.percentile(own, 0.1))) < SLACK + 0.1
         assert abs(np.log2(target.bright / np.percentile(own, 99.99))) < SLACK + 0.1
+
+
+def planned(wall, wanted: Wanted):
+    scene = Scene(wall)
+    return plan_bracket(scene.meter(wanted).targets, scene.list(wanted), wanted)
+
+
+def test_one_bright_photosite_is_taken_for_a_hot_one_and_sixteen_for_a_lamp():
+    wall = np.full((HEIGHT, WIDTH), 8.0)
+    wall[20, 20] = 8.0 * 2**12
+    assert len(planned(wall, Wanted()).exposures) == 1
+    wall[20:24, 20:24] = 8.0 * 2**12
+    assert len(planned(wall, Wanted()).exposures) == 3
+
+
+@pytest.mark.parametrize("middle", [8.0, 300.0, 1e4])
+@pytest.mark.parametrize("stops", [20, 30])
+def test_what_no_list_covers_is_finite_and_said(stops, middle):
+    """Shutters from 1/8000 s to 30 s and an exposure of 6 stops show 24; here all or part lies beyond."""
+    scene = Scene(ramp(stops, middle))
+    metering = scene.meter(Wanted())
+    for target in metering.targets:
+        assert 0 < target.dark <= target.bright < np.inf
+    plan = plan_bracket(metering.targets, scene.list(Wanted()), Wanted())
+    assert plan.shortfalls
+    assert 3 <= len(plan.exposures) <= 5
+    assert all(np.isfinite(shortfall.stops) for shortfall in plan.shortfalls)
+
+
+def test_half_a_scene_without_any_light_is_not_called_covered():
+    wall = np.full((HEIGHT, WIDTH), 8.0)
+    wall[:, : WIDTH // 2] = 0.0
+    plan = planned(wall, Wanted())
+    assert {(one.part, one.at_least) for one in plan.shortfalls} == {("dark", True)}
+
+
+def test_limits_that_leave_nothing_are_said():
+    with pytest.raises(CaptureError, match="60 dB are out of the reach of cam0, which gives 38"):
+        planned(ramp(4), Wanted(snr=60.0))
+    with pytest.raises(
+        CaptureError, match=r"black: no camera sees light at 1/8000 s .* allow longer exposures"
+    ):
+        planned(ramp(4), Wanted(slowest=1 / 8000, total=1.0))
+    with pytest.raises(CaptureError, match=r"no bracket fits into 0\.0001 s in all"):
+        planned(ramp(4), Wanted(total=1e-4))

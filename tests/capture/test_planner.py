@@ -238,6 +238,27 @@ def test_a_hole_in_the_list_is_said():
     assert told(plan)["middle"] == pytest.approx(12.0 - stops_of(SENSORS[0], 20.0))
 
 
+def test_many_small_gaps_are_told_in_one_sentence():
+    """At 38 dB this sensor is good for less than the 1/3 stop between its shutter times."""
+    plan = plan_bracket([scene(SENSORS[0], 2.0)], listed(), Wanted(snr=37.9))
+    assert len(plan.exposures) > 3
+    (gaps,) = (shortfall for shortfall in plan.shortfalls if shortfall.part == "middle")
+    assert str(gaps).endswith("stops between exposures are in none")
+
+
+def test_a_camera_with_one_exposure_time_has_one_exposure_and_hears_what_it_misses():
+    lone = listed(times=(1 / 64,))
+    middle = SENSORS[0].brightest(lone[0])
+    inside = Target("cam0", "G", SENSORS[0], middle / 2**5, middle / 2)
+    assert plan_bracket([inside], lone, Wanted()) == Plan(lone, ())
+    wide = plan_bracket([Target("cam0", "G", SENSORS[0], middle / 2**9, middle * 4)], lone, Wanted())
+    assert wide.exposures == lone
+    assert told(wide) == {
+        "dark": pytest.approx(9 - SLACK - stops_of(SENSORS[0], 20.0), abs=1e-6),
+        "bright": pytest.approx(2 + SLACK),
+    }
+
+
 def test_an_snr_that_the_sensor_never_reaches_is_refused():
     with pytest.raises(CaptureError, match=r"50 dB are out of .* cam0, which gives 3\d\.\d dB"):
         plan_bracket([scene(SENSORS[0], 4.0)], listed(), Wanted(snr=50.0))
