@@ -2,11 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from capture.exposing import expose
+from capture.recorder import record
 from drivers.errors import CameraRefused, CameraTimeout
 from drivers.sim.bus import VirtualBus
 from drivers.sim.camera import SimulatedCamera
@@ -18,6 +21,9 @@ from drivers.sim.virtual_clock import VirtualClock
 from drivers.u3v import U3vCamera
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
+from imaging.raw import read_raw
+from imaging.records import CameraRecord, PlanRecord, SessionRecord
+from imaging.session import Session
 
 LABEL = Exposure(time=1 / 60, iso=200)
 BRACKET = [Exposure(time=time, iso=100) for time in (1 / 1000, 1 / 60, 1 / 4)]
@@ -216,3 +222,43 @@ def test_a_line_that_is_not_there_is_refused_with_those_that_are() -> None:
     )
     # The software trigger is still there.
     assert trio.right(trio.shoot(LABEL), LABEL)
+
+
+def test_a_recorded_bracket_tells_its_skew(tmp_path: Path) -> None:
+    trio = make_trio()
+    trio.wire_up()
+    named = {f"cam{index}": camera for index, camera in enumerate(trio.cameras)}
+    known = [(name, camera.identify()) for name, camera in named.items()]
+    session = Session.create(
+        tmp_path / "session",
+        SessionRecord(
+            name="wired",
+            created=datetime(2026, 3, 1),
+            origin="RIG.toml",
+            cameras=tuple(
+                CameraRecord(name=name, serial=told.serial, make=told.make, model=told.model, kind=told.kind)
+                for name, told in known
+            ),
+        ),
+    )
+    plan = PlanRecord(
+        plan="scene",
+        kind="scene",
+        created=datetime(2026, 3, 1),
+        bracket=tuple(BRACKET),
+        frames=(0,),
+        cameras=tuple(named),
+        reason="wires",
+    )
+    session.append_plan(plan)
+    result = record(session, plan, named, clock=trio.clock)
+    assert (result.taken, result.missing) == (9, ())
+    shots = session.shots()
+    for step, exposure in enumerate(BRACKET):
+        of_step = sorted((shot for shot in shots if shot.step == step), key=lambda shot: shot.camera)
+        assert trio.right([read_raw(session.file(shot)) for shot in of_step], exposure)
+        skews = np.array([shot.skew for shot in of_step], float)
+        opened = np.array([device.opened[step] for device in trio.devices])
+        assert np.abs(skews - (opened - opened.min())).max() < 100e-6
+        assert skews.max() < 100e-6
+    assert [shot.retries for shot in shots] == [0] * 9
