@@ -66,6 +66,7 @@ def check(session: Path, progress: Progress = lambda message, done, total: None)
     problems.extend(_duplicates(shots))
     problems.extend(_unrecorded(opened, shots))
     problems.extend(_skewed(shots))
+    looks = [own.look for _, own in pictures]
     return CheckReport(
         session=str(session),
         planned=sum(len(slots(plan)) for plan in plans),
@@ -73,8 +74,8 @@ def check(session: Path, progress: Progress = lambda message, done, total: None)
         sound=len(pictures),
         exposures=tuple(_exposed(pictures)),
         problems=tuple(problems),
-        warnings=tuple(warnings([own.look for _, own in pictures], opened.record.cameras)),
-        looks=tuple(own.look for _, own in pictures),
+        warnings=(*warnings(looks, opened.record.cameras), *_taken_again(shots)),
+        looks=tuple(looks),
         skews=tuple(_skews(shots)),
         thumbnails={shot.file: own.thumbnail for shot, own in pictures},
     )
@@ -173,7 +174,7 @@ def _unrecorded(session: Session, shots: list[ShotRecord]) -> Iterator[Problem]:
 
 def _skewed(shots: Iterable[ShotRecord]) -> Iterator[Problem]:
     for shot in shots:
-        if shot.skew is not None and shot.skew > SKEW_TOLERANCE:
+        if shot.skew is not None and shot.skew > SKEW_TOLERANCE and not shot.retries:
             yield _problem(
                 "skew",
                 shot,
@@ -182,13 +183,30 @@ def _skewed(shots: Iterable[ShotRecord]) -> Iterator[Problem]:
             )
 
 
-def _skews(shots: Iterable[ShotRecord]) -> Iterator[StepSkew]:
-    """The spread of the shutters of each step that says it; frames in order."""
+def _taken_again(shots: Iterable[ShotRecord]) -> Iterator[Problem]:
+    """Shots that came late because they had to be repeated, which no trigger would have helped."""
+    for _, own in _steps(shots):
+        for shot in own if len(own) > 1 else ():
+            if shot.retries and (shot.skew or 0.0) > SKEW_TOLERANCE:
+                yield _problem(
+                    "skew",
+                    shot,
+                    f"{shot.file} had to be taken again, {1000 * (shot.skew or 0.0):.0f} ms after the first "
+                    "camera of its step: take the frame again if the scene moves.",
+                )
+
+
+def _steps(shots: Iterable[ShotRecord]) -> Iterator[tuple[tuple[str, int, int], list[ShotRecord]]]:
+    """The shots of each bracket step of the rig, frames in order."""
     steps: dict[tuple[str, int, int], list[ShotRecord]] = {}
     for shot in shots:
-        if shot.skew is not None:
-            steps.setdefault((shot.plan, shot.frame, shot.step), []).append(shot)
-    for (plan, frame, step), own in sorted(steps.items()):
+        steps.setdefault((shot.plan, shot.frame, shot.step), []).append(shot)
+    yield from sorted(steps.items())
+
+
+def _skews(shots: Iterable[ShotRecord]) -> Iterator[StepSkew]:
+    """The spread of the shutters of each step that says it."""
+    for (plan, frame, step), own in _steps(shot for shot in shots if shot.skew is not None):
         skew = max(shot.skew or 0.0 for shot in own)
         yield StepSkew(kind=own[0].kind, plan=plan, frame=frame, step=step, skew=skew)
 

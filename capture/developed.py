@@ -102,7 +102,9 @@ class _Pairs:
 
     def only(self, keep: npt.NDArray[np.bool_]) -> "_Pairs":
         """Those for which `keep` holds."""
-        return _Pairs(*(values[keep] for values in _fields(self)))
+        return _Pairs(
+            self.long[keep], self.short[keep], self.step[keep], self.from_step[keep], self.to_step[keep]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +121,13 @@ def curves(brackets: Sequence[Codes]) -> Curves | None:
         return None
     labels = np.unique(np.concatenate([codes.labels for codes in brackets]).round(6))
     pairs = [_pairs(codes, labels) for codes in brackets]
-    joined = _Pairs(*(np.concatenate(values) for values in zip(*map(_fields, pairs), strict=True)))
+    joined = _Pairs(
+        np.concatenate([one.long for one in pairs]),
+        np.concatenate([one.short for one in pairs]),
+        np.concatenate([one.step for one in pairs]),
+        np.concatenate([one.from_step for one in pairs]),
+        np.concatenate([one.to_step for one in pairs]),
+    )
     # An exposure that shares hardly a patch with any other must not hold the trend of the labels.
     for _ in range(len(labels)):
         count = np.bincount(np.r_[joined.from_step, joined.to_step], minlength=len(labels))
@@ -177,30 +185,14 @@ def _spread(values: Array, weight: Array, group: npt.NDArray[np.intp]) -> float 
     return float(np.std(means, ddof=1) / np.sqrt(len(means)))
 
 
-def _fields(pairs: _Pairs) -> tuple[npt.NDArray[np.generic], ...]:
-    return pairs.long, pairs.short, pairs.step, pairs.from_step, pairs.to_step
-
-
 def _pairs(codes: Codes, labels: Array) -> _Pairs:
     """Every patch in every two neighbouring exposures that show it."""
     order = np.argsort(codes.labels, kind="stable")
     index = np.searchsorted(labels, codes.labels[order].round(6))
-    code = codes.code[:, order]
-    columns: list[tuple[npt.NDArray[np.generic], ...]] = []
-    for short, long in pairwise(range(len(order))):
-        both = np.isfinite(code[:, short]) & np.isfinite(code[:, long])
-        count = int(both.sum())
-        step = codes.labels[order[long]] - codes.labels[order[short]]
-        columns.append(
-            (
-                code[both, long],
-                code[both, short],
-                np.full(count, step),
-                np.full(count, index[long], np.intp),
-                np.full(count, index[short], np.intp),
-            )
-        )
-    return _Pairs(*(np.concatenate(values) for values in zip(*columns, strict=True)))
+    shorter, longer = codes.code[:, order[:-1]], codes.code[:, order[1:]]
+    patch, pair = np.nonzero(np.isfinite(shorter) & np.isfinite(longer))
+    step = np.diff(codes.labels[order])
+    return _Pairs(longer[patch, pair], shorter[patch, pair], step[pair], index[1:][pair], index[:-1][pair])
 
 
 def _design(codes: Array) -> Array:

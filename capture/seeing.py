@@ -62,7 +62,7 @@ def of_raw(mosaic: RawMosaic) -> Seen:
     green = [frame.signal[row:height:2, column:width:2] for row, column in sites]
     clipped = [frame.saturated[row:height:2, column:width:2] for row, column in sites]
     return Seen(
-        (green[0] + green[1]) / 2,
+        np.asarray((green[0] + green[1]) / 2, np.float32),
         clipped[0] | clipped[1],
         SensorSignalNoise(noise.slope / 2, noise.floor / 2),
         _reduced(frame, mosaic.cfa),

@@ -145,14 +145,14 @@ def test_missing_shots_strays_leftovers_and_duplicates_are_named(rig):
     assert (missing.camera, missing.frame, missing.step) == ("b", 2, 2)
 
 
-def test_an_exposure_that_the_file_does_not_confirm_is_named(fake_rig):
-    rig = fake_rig(a="raw")
-    wrong = Exposure(time=1 / 10, iso=100)
-    rig.cameras["a"].faults |= {("collect", 1): wrong, ("collect", 2): wrong}
-    record(rig.session, rig.plan, rig.cameras, move_to=rig.move_to)
+def test_an_exposure_that_the_file_does_not_confirm_is_named(rig):
+    records = lines(rig.session)
+    assert records[0]["reported"]["time"] == 1 / 8
+    records[0]["requested"]["time"] = 1 / 10
+    write(rig.session, records)
     (problem,) = check(rig.session.folder).problems
-    assert problem.kind == "exposure"
-    assert "1/10 s ISO 100 where 1/8 s ISO 100 was asked for (-0.32 stops)" in problem.message
+    assert (problem.kind, problem.file) == ("exposure", records[0]["file"])
+    assert "1/8 s ISO 100 where 1/10 s ISO 100 was asked for (+0.32 stops)" in problem.message
 
 
 def test_cameras_that_did_not_expose_together_are_named(rig):
@@ -365,3 +365,14 @@ def test_a_damaged_plan_is_a_problem_and_not_the_end(rig):
     report = check(rig.session.folder)
     assert kinds(report) == ["index"]
     assert report.sound == 18
+
+
+def test_a_shot_that_had_to_be_repeated_is_late_without_being_a_problem(rig):
+    records = lines(rig.session)
+    records[1] |= {"skew": 2.0, "retries": 1}
+    write(rig.session, records)
+    report = check(rig.session.folder)
+    assert report.ok
+    (warning,) = [one for one in report.warnings if one.kind == "skew"]
+    assert "had to be taken again, 2000 ms" in warning.message
+    assert max(step.skew for step in report.skews) == 2.0
