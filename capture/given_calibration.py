@@ -77,7 +77,7 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
         for place, shot in taken
         if (shot.camera, shot.frame) in posed
     }
-    model = _with_points(given, names) or _without_points(posed, lenses)
+    model = _with_points(given, names) or _model_of(posed, lenses, given)
     seen = {image.name: image.num_points3D for image in model.images.values()}
     views = tuple(
         ViewCalibration(
@@ -107,7 +107,7 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
         views=views,
         unregistered=tuple(f"{camera}/{frame:04d}" for camera, frame in sorted(every - posed.keys())),
         points=int(model.num_points3D()),
-        reprojection_px=float(model.compute_mean_reprojection_error()) if model.num_points3D() else None,
+        reprojection_px=float(model.compute_mean_reprojection_error()) if any(seen.values()) else None,
         exposure_scale={shot.file: _scale(session, shot) for _, shot in taken},
         rungs=(Rung(name="poses", taken=True, reason=f"given by {given.teller}, not measured"),),
     )
@@ -208,7 +208,8 @@ def _with_points(given: Given, names: Mapping[Path, str]) -> Any | None:
     return model
 
 
-def _without_points(posed: Mapping[Key, GivenPhoto], lenses: Mapping[str, Lens]) -> Any:
+def _model_of(posed: Mapping[Key, GivenPhoto], lenses: Mapping[str, Lens], given: Given) -> Any:
+    """A COLMAP model of the poses; its points, if the layout has any, are seen by no image."""
     model = pycolmap.Reconstruction()
     ids = {name: index for index, name in enumerate(sorted({camera for camera, _ in posed}), start=1)}
     for name, index in ids.items():
@@ -223,4 +224,6 @@ def _without_points(posed: Mapping[Key, GivenPhoto], lenses: Mapping[str, Lens])
         image.name, image.image_id, image.camera_id = _name(key), index, ids[key[0]]
         motion = pycolmap.Rigid3d(pycolmap.Rotation3d([x, y, z, w]), list(photo.cam_from_world.translation))
         model.add_image_with_trivial_frame(image, motion)
+    for point in [] if given.points is None else given.points:
+        model.add_point3D(point, pycolmap.Track())
     return model

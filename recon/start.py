@@ -46,7 +46,8 @@ def start_points(
     since then nothing says where the scene is.
     """
     model = read_points(dataset.session / "calibration" / "colmap")
-    good = np.isfinite(model.xyz).all(1) & (model.views >= 2)
+    # Points that came with somebody else's poses, but without the images that saw them, are believed.
+    good = np.isfinite(model.xyz).all(1) & ((model.views >= 2) | ~model.views.any())
     if good.any():
         good &= model.error <= max(2.0, 3 * float(np.median(model.error[good])))
     sparse = model.xyz[good] if len(model.xyz) else _points_of_poses(dataset, images, progress)

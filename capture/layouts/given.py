@@ -50,8 +50,9 @@ class Given:
 
     source: the file that most was read from. model: folder of a COLMAP model with scene points, whose
     names are relative to `images`. rigs: of cameras that are mounted to each other, the name of their
-    rig and `cam_from_rig`. truth: true light of a frame, linear EXR. missing: a sentence for each
-    photograph that is named and not there. notes: what was assumed, or could not be kept.
+    rig and `cam_from_rig`. points: float64 [P, 3], world, of scene points that come alone. truth: true
+    light of a frame, linear EXR. missing: a sentence for each photograph that is named and not there.
+    notes: what was assumed, or could not be kept.
     """
 
     layout: LayoutName
@@ -60,6 +61,7 @@ class Given:
     model: Path | None = None
     images: Path | None = None
     rigs: dict[str, tuple[str, Pose]] = field(default_factory=dict)
+    points: Array | None = None
     truth: dict[int, Path] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

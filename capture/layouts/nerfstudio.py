@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from capture.layouts.given import OPENCV_FROM_OPENGL, Given, GivenPhoto, inverse, lens_of, pose_of
+from capture.layouts.given import OPENCV_FROM_OPENGL, Array, Given, GivenPhoto, inverse, lens_of, pose_of
+from capture.layouts.ply_points import read_ply_points
 from capture.originals import natural, shown
 from capture.reading import read_picture
 from imaging import store
@@ -25,6 +26,9 @@ FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "tra
 
 KNOWN_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 """Camera models whose distortion is that of k1, k2, p1 and p2, or none."""
+
+MOST_POINTS = 100_000
+"""Scene points that are kept, evenly over their file."""
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".exr")
 """Tried in order for a file_path without a suffix, as Blender scenes have it."""
@@ -153,6 +157,7 @@ def read(folder: Path) -> Given:
         "nerfstudio",
         sources[0],
         tuple(sorted(photos.values(), key=lambda photo: natural(photo.path))),
+        points=_scene_points(folder, sources[0]),
         missing=tuple(missing),
         notes=tuple(_notes(sources, photos.values(), lenses)),
     )
@@ -170,6 +175,19 @@ def _notes(
     if len(sources) > 1:
         names = ", ".join(source.name for source in sources)
         yield f"The photos of {names} are one set: rig holds out views of its own choice."
+
+
+def _scene_points(folder: Path, source: Path) -> Array | None:
+    """The points in the PLY file that `ply_file_path` names, in the world of the poses."""
+    name = store.read_json(source).get("ply_file_path")
+    if name is None:
+        return None
+    if not isinstance(name, str):
+        raise InputError(f"{source} has a ply_file_path that is no name: correct it or take it out.")
+    points = read_ply_points(store.inside(folder, name))
+    points = points[np.isfinite(points).all(axis=1)]
+    # Laser scanners write millions; training starts from some ten thousand.
+    return points[:: 1 + len(points) // MOST_POINTS]
 
 
 def _photo(folder: Path, name: str) -> Path:

@@ -10,12 +10,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from capture.layouts import nerfstudio
+from capture.layouts.ply_points import read_ply_points
 from capture.photos import import_photos
 from imaging.calibration import read_calibration
-from imaging.colmap import pycolmap
+from imaging.colmap import pycolmap, read_points
 from imaging.errors import InputError, PartialError
 from imaging.photo import encode_png
 from imaging.session import Session
+from recon.dataset import load
+from recon.radiance import radiance_image
+from recon.start import start_points
 
 LENS = {"fl_x": 70.0, "fl_y": 72.0, "cx": 33.0, "cy": 22.5, "w": 64, "h": 48}
 TERMS = {"k1": -0.1, "k2": 0.03, "p1": 0.004, "p2": -0.003}
@@ -225,3 +229,47 @@ def test_any_value_of_any_key_is_read_or_refused(tmp_path_factory, top, frame):
         sentence = "; ".join(found.missing)
         assert len(found.photos) + len(found.missing) == 1
     assert len(sentence) < 1000
+
+
+def ply(xyz, form="ascii", colour="uint8") -> bytes:
+    names = "".join(
+        f"property {kind} {name}\n"
+        for kind, name in [("float", "x"), ("double", "y"), ("float", "z"), (colour, "red")]
+    )
+    head = f"ply\nformat {form} 1.0\ncomment c\nelement vertex {len(xyz)}\n{names}end_header\n".encode()
+    if form == "ascii":
+        return head + "".join(f"{x!r} {y!r} {z!r} 7\n" for x, y, z in xyz.tolist()).encode()
+    fields = [("x", "<f4"), ("y", "<f8"), ("z", "<f4"), ("red", "u1")]
+    return head + np.array([(*row, 7) for row in xyz.tolist()], fields).tobytes()
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_scene_points_come_along_and_training_may_start_from_them(tmp_path, form):
+    folder = scene(tmp_path / "n", LENS | {"ply_file_path": "sparse_pc.ply", "frames": frames()})
+    xyz = np.random.default_rng(0).uniform(-1, 1, (50, 3)).astype(np.float32).astype(np.float64)
+    (folder / "sparse_pc.ply").write_bytes(ply(xyz, form))
+    _, session, _ = imported(folder)
+    points = read_points(session.folder / "calibration" / "colmap")
+    np.testing.assert_array_equal(sorted(points.xyz.tolist()), sorted(xyz.tolist()))
+    assert not points.views.any()
+    record = read_calibration(session.folder)
+    assert (record.points, record.reprojection_px) == (50, None)
+    dataset = load(session.folder)
+    images = [radiance_image(view) for view in dataset.train]
+    start = start_points(dataset, images, 50, np.random.Generator(np.random.PCG64(0)))
+    assert start.sparse == 50
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_a_point_file_cut_off_anywhere_is_refused(tmp_path, form):
+    data = ply(np.ones((3, 3)), form)
+    path = tmp_path / "p.ply"
+    for end in range(len(data) - 2):
+        path.write_bytes(data[:end])
+        with pytest.raises(InputError, match="is no PLY file of points, or it is cut off"):
+            read_ply_points(path)
+    path.write_bytes(data.replace(b"vertex 3", b"vertex 3000000000"))
+    with pytest.raises(InputError, match="cut off"):
+        read_ply_points(path)
+    with pytest.raises(InputError, match="leads out of"):
+        imported(scene(tmp_path / "n", LENS | {"ply_file_path": "../p.ply", "frames": frames()}))
