@@ -164,9 +164,7 @@ def _colour(raw: RawMosaic) -> dict[int, Entry]:
         tag.DNG_VERSION: Entry(BYTE, [1, 4, 0, 0]),
         tag.DNG_BACKWARD: Entry(BYTE, [1, 4, 0, 0]),
         tag.UNIQUE_MODEL: Entry(ASCII, f"{meta.make} {meta.model}".strip() or "hdr-rig"),
-        tag.RAW_UNIQUE_ID: Entry(
-            BYTE, hashlib.md5(_as_stored(raw.pixels).data, usedforsecurity=False).digest()
-        ),
+        tag.RAW_UNIQUE_ID: Entry(BYTE, identity.digest()),
         tag.BLACK_REPEAT: Entry(SHORT, [2, 2]),
         tag.BLACK: Entry(RATIONAL, [rational(black) for black in raw.black]),
         tag.WHITE: Entry(LONG, [raw.white]),
