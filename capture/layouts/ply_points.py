@@ -56,7 +56,7 @@ def _points(data: bytes) -> npt.NDArray[np.float64]:
         return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
     if form != "ascii":
         raise ValueError(form)
-    width = len(fields)
-    values = np.array(data[start:].split()[: count * width], np.float64).reshape(count, width)
     names = list(fields.names or ())
+    cells = data[start:].split()[: count * len(names)]
+    values = np.array(cells, np.float64).reshape(count, len(names))
     return values[:, [names.index(axis) for axis in "xyz"]]
