@@ -14,7 +14,6 @@ from imaging import store
 from imaging.cfa import Cfa
 from imaging.dng import encode_dng
 from imaging.errors import InputError, StorageError
-from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
 from imaging.photo import encode_png
 from imaging.session import Session
