@@ -48,7 +48,10 @@ def pose_of(motion: npt.NDArray[np.float64]) -> Pose:
 
 
 def write_truth(rig: "SimulatedRig", session: Path, progress: "Progress") -> None:
-    """Write `truth/` for the frames that the session has shots of, or for all if it has none yet."""
+    """Write `truth/` for the frames that the session has shots of, or for all if it has none yet.
+
+    Radiance that an earlier run of the session has written stays: the seed makes it the same.
+    """
     shots = Session.open(session).shots() if (session / "session.json").exists() else []
     frames = sorted({shot.frame for shot in shots if shot.kind in ("scene", "probe")})
     if not shots:
@@ -59,7 +62,9 @@ def write_truth(rig: "SimulatedRig", session: Path, progress: "Progress") -> Non
     for frame in frames:
         for index, name in enumerate(names):
             progress("writing the true radiance", done, total)
-            write_exr(folder / f"{frame:04d}" / f"{name}.exr", rig.radiance(index, frame))
+            path = folder / f"{frame:04d}" / f"{name}.exr"
+            if not path.exists():
+                write_exr(path, rig.radiance(index, frame))
             done += 1
     bodies = dict(zip(names, rig.bodies, strict=True))
     applied = [
