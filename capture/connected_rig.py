@@ -161,6 +161,7 @@ def _source(
         f_number=bracket.f_number,
         positions=positions,
         frames=tables.frames,
+        tolerance=tables.trigger.tolerance,
         size=None,
         beside=nothing_beside,
     )

@@ -78,6 +78,7 @@ def shoot(
                 move_to=source.hands.move_to,
                 compression=compression,
                 progress=progress,
+                tolerance=source.tolerance,
             )
 
 

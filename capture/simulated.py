@@ -1,7 +1,8 @@
 """`rig capture --sim`: a session shot by simulated cameras, with the truth beside it."""
 
+import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from drivers.sim.on_bus import BusRig
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging import store
 from imaging.dng import Compression
-from imaging.errors import InputError
+from imaging.errors import InputError, PartialError, StorageError
 from imaging.records import PlanRecord
 from imaging.session import Session
 
@@ -106,6 +107,7 @@ def _source(name: str, seed: int, mix: Mix | None) -> Source:
         f_number=middle.f_number,
         positions=rig.frames,
         frames=rig.frames,
+        tolerance=math.inf,
         size=(able.width, able.height),
         beside=partial(_truth, rig, bus),
     )
@@ -115,16 +117,29 @@ def _source(name: str, seed: int, mix: Mix | None) -> Source:
 def _truth(
     rig: SimulatedRig, bus: BusRig, session: Session, plan: PlanRecord, progress: Progress
 ) -> Iterator[None]:
-    """truth/ is written once all is shot: it lists what was applied in every shot."""
+    """truth/ is written once all is shot: it lists what was applied in every shot.
+
+    PartialError if the disk has all shots and refuses the truth; where it lacks shots, resuming writes both.
+    """
     truth = session.folder / "truth" / "truth.json"
     if truth.exists() and len(finished(session, plan)) < len(slots(plan)):
         store.discard(truth)
     try:
         yield
-    finally:
+    except BaseException:
+        with suppress(StorageError):  # the first error is the one to tell
+            _list_faults(session.folder, bus)
+        raise
+    try:
         _list_faults(session.folder, bus)
-    if not truth.exists():
-        rig.write_truth(session.folder, progress)
+        if not truth.exists():
+            rig.write_truth(session.folder, progress)
+    except StorageError as error:
+        there = len(finished(session, plan))
+        if there == len(slots(plan)):
+            raise PartialError(f"all shots are there, the simulator's truth is not: {error}") from error
+        if not there:
+            raise
 
 
 def _list_faults(out: Path, bus: BusRig) -> None:

@@ -34,30 +34,35 @@ class Hands(Protocol):
 
 @dataclass(frozen=True)
 class Source:
-    """Cameras, and what is usual with them where nothing is asked for.
-
-    origin, seed, records: as session.json names them. cameras: by name; clock: that of their drivers.
-    called: what messages call it. bracket: its usual exposures, stops around the middle one, or what a
-    planned bracket has to reach. middle: exposure that stops count from, metered if None. f_number: of all
-    exposures. positions: how many there are for scenes; None: as many as one likes. frames: the usual number.
-    size: of a picture, (width, height), if it is known before there is one. beside: what is written
-    along with a plan's shots. close: lets go of the cameras.
-    """
+    """Cameras, and what is usual with them where nothing is asked for."""
 
     called: str
+    """What messages call it."""
     origin: str
     seed: int | None
     records: tuple[CameraRecord, ...]
+    """These three as session.json has them."""
     cameras: Mapping[str, Camera]
+    """By name."""
     clock: Clock
+    """That of the cameras' drivers."""
     hands: Hands
     bracket: tuple[Exposure, ...] | Stops | Wanted
+    """Exposures, stops around the middle one, or what a planned bracket has to reach."""
     middle: Exposure | None
+    """The exposure that stops count from; metered if None."""
     f_number: float | None
+    """Of all exposures."""
     positions: int | None
+    """How many frames a scene can have; None: as many as one likes."""
     frames: int
+    """How many it usually has."""
+    tolerance: float
+    """Seconds between the shutters of a step that are still together."""
     size: tuple[int, int] | None
+    """Width and height of a picture, if they are known before there is one."""
     beside: Callable[[Session, PlanRecord, Progress], AbstractContextManager[None]]
+    """What is written along with the shots of a plan."""
 
     def close(self) -> None:
         """Let go of the cameras."""

@@ -17,6 +17,7 @@ from capture.rigfile import read_rig_file
 from capture.shooting import Rehearsal
 from drivers.connected import ask_all
 from drivers.sim.bus import Holder, VirtualBus
+from drivers.sim.faults import Fault, Kind
 from drivers.sim.on_bus import BusRig
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.u3v_device import U3vDevice
@@ -196,7 +197,7 @@ def test_resume_goes_on_as_planned_and_says_so_where_the_file_has_changed(given:
     given.write(('exposures = "auto"', STOPS.replace("-4", "-3")))
     assert given.shoot(resume=True).taken == 0
     assert given.said[0].endswith("RIG.toml says stops -3, 0.")
-    assert "goes on with stops -4, 0 (1/1000 s f/8 ISO 100, 1/60 s f/8 ISO 100)" in given.said[0]
+    assert "as it was planned, with stops -4, 0 (1/1000 s f/8 ISO 100, 1/60 s f/8 ISO 100)" in given.said[0]
     for options in ({"auto": Wanted()}, {"bracket": (-3.0, 0.0)}, {"frames": 2}):
         with pytest.raises(InputError, match="was planned with"):
             given.shoot(resume=True, **options)
@@ -276,3 +277,18 @@ def test_a_hardware_trigger_opens_all_shutters_with_the_leader(tmp_path: Path) -
             assert np.ptp(opened) < 100e-6
         else:
             assert {one.split(",")[0] for one in result.missing} == {"cam1"}
+
+
+def test_shutters_further_apart_than_the_file_tolerates_are_told(given: Place) -> None:
+    """A camera that is busy for 50 ms when it is triggered."""
+
+    def dawdle(bus: BusRig) -> None:
+        bus.plan.faults = (Fault(Kind.BUSY, "SIM-RAW-002", "INITIATE_CAPTURE", nth=1, seconds=0.05),)
+
+    for tolerance, told in (("0.01", True), ("1.0", False)):
+        given.prepare = lambda bus: None
+        given.write(('exposures = "auto"', STOPS), ("tolerance = 0.02", f"tolerance = {tolerance}"))
+        given.prepare = dawdle
+        result = given.shoot(given.folder / tolerance)
+        assert result.missing == ()
+        assert bool(result.problems) is told
