@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from imaging.errors import InputError, PartialError, RigError, StorageError
     from imaging.exposure import Exposure
     from imaging.exr import read_exr, write_exr
+    from imaging.merging import merge_session
     from imaging.mosaic import RawMosaic
     from imaging.photo import read_photo
     from imaging.raw import read_raw
@@ -52,6 +53,7 @@ __all__ = [
     "check",
     "evaluate",
     "import_photos",
+    "merge_session",
     "read_calibration",
     "read_exr",
     "read_photo",
@@ -80,6 +82,7 @@ _HOMES = {
     "check": "capture.check",
     "evaluate": "recon.evaluate",
     "import_photos": "capture.photos",
+    "merge_session": "imaging.merging",
     "read_calibration": "imaging.calibration",
     "read_exr": "imaging.exr",
     "read_photo": "imaging.photo",

@@ -1,0 +1,78 @@
+"""`rig merge`: brackets as linear EXR files."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rig.commands.options import JsonOption, SessionArgument
+from rig.running import Outcome, leaving_nothing, running
+from rig.words import counted
+
+if TYPE_CHECKING:
+    from imaging.merging import MergedView
+
+
+def merge(
+    session: SessionArgument,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder for the EXR files.")],
+    frame: Annotated[int | None, typer.Option(min=0, help="Only this frame.")] = None,
+    camera: Annotated[str | None, typer.Option(metavar="NAME", help="Only this camera.")] = None,
+    as_json: JsonOption = False,
+) -> Outcome:
+    """Merge brackets to linear EXR files.
+
+    Writes OUT/FRAME/CAMERA.exr with light, its standard deviation and a mask. All files share one scale.
+    Exposures and response are those of rig calibrate where it was run, else labels and sRGB.
+
+    Example: rig merge S merged/ --frame 0
+    """
+    with (
+        running("merge") as meter,
+        leaving_nothing(out, unless=lambda path: any(path.rglob("*.exr"))),
+    ):
+        from imaging.merging import merge_session, read_session_calibration
+
+        calibration = read_session_calibration(session)
+        found = merge_session(session, out, calibration, frame=frame, camera=camera, progress=meter)
+    kept = sum(view.kept for view in found)
+    source = "labels (there is no calibration)" if calibration is None else "the calibration"
+    lines = [f"{out}: {counted(len(found), 'merged picture')}, exposures from {source}"]
+    if kept:
+        lines.append(f"{counted(kept, 'file')} of an earlier run kept")
+    lines += [f"{view.file}: {warning}" for view in found for warning in view.warnings]
+    data = {
+        "session": str(session),
+        "exposures": "labels" if calibration is None else "calibration",
+        "files": [_told(view) for view in found],
+    }
+    return Outcome(data, lines, _missing(session, found), usable=True)
+
+
+def _told(view: "MergedView") -> dict[str, Any]:
+    return {
+        "file": str(view.file),
+        "camera": view.camera,
+        "frame": view.frame,
+        "exposures": view.exposures,
+        "clipped": view.clipped,
+        "dark": view.dark,
+        "ghost": view.ghost,
+        "shift_px": view.shift,
+        "kept": view.kept,
+        "warnings": list(view.warnings),
+    }
+
+
+def _missing(session: Path, found: "list[MergedView]") -> str | None:
+    """Brackets that hold no measured light at all."""
+    blind = {
+        "saturated all over: take shorter ones": [view for view in found if view.clipped >= 1.0],
+        "black all over: take longer ones": [view for view in found if view.dark >= 1.0],
+    }
+    parts = [
+        f"every exposure of {', '.join(f'{view.camera}/{view.frame:04d}' for view in views)} is {cause}"
+        for cause, views in blind.items()
+        if views
+    ]
+    return f"{session}: {'; '.join(parts)}." if parts else None

@@ -1,0 +1,154 @@
+"""`rig merge`: right light on disk in one unit, resumed where it was, and refusals that name the mend."""
+
+import json
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imaging import store
+from imaging.colour import srgb_encode
+from imaging.exposure import Exposure
+from imaging.exr import read_exr
+from imaging.photo import encode_png
+from imaging.picture import CLIPPED, DARK
+from imaging.records import CameraRecord, SessionRecord, ShotRecord
+from imaging.session import Session
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+def test_every_bracket_becomes_an_exr_and_all_share_one_unit(rig: Run, toy: Path, tmp_path: Path) -> None:
+    code, out, _ = rig("merge", str(toy), str(tmp_path / "M"), "--json")
+    told = json.loads(out)
+    assert code == 0
+    assert told["exposures"] == "calibration"
+    assert len(told["files"]) == 6
+    scales = []
+    for entry in told["files"]:
+        image = read_exr(Path(entry["file"]))
+        assert set(image.channels) == {"R", "G", "B", "sigma.R", "sigma.G", "sigma.B", "mask"}
+        assert "per second of exposure scale" in str(image.attributes["rig:units"])
+        assert image.attributes["rig:colour"] == "Rec.709"
+        truth = read_exr(toy / "truth" / f"{entry['frame']:04d}" / f"{entry['camera']}.exr").rgb()
+        # In blocks: demosaicking blurs what is as fine as the mosaic of so small a picture.
+        found, real = _blocks(image.rgb()), _blocks(truth)
+        lit = (real > 0.1 * np.median(real)) & (found > 0)  # a lamp of one pixel lacks its other colours
+        assert lit.mean() > 0.9
+        logs = np.log2(found[lit] / real[lit])
+        scales.append(np.median(logs))
+        assert np.median(np.abs(logs - scales[-1])) < 0.1
+        sigma = image.channels["sigma.G"]
+        assert np.isfinite(sigma).all()
+        assert (sigma > 0).all()
+        assert entry["ghost"] < 0.01
+    assert np.ptp(scales) < 0.1
+
+
+def _blocks(image: np.ndarray) -> np.ndarray:
+    """Means of 8x8 pixels of a picture of 48x64."""
+    return image.reshape(6, 8, 8, 8, 3).mean((1, 3))
+
+
+def test_finished_files_are_kept_and_changed_ones_made_again(rig: Run, toy: Path, tmp_path: Path) -> None:
+    chosen = ("merge", str(toy), str(tmp_path / "M"), "--frame", "1", "--json")
+    first = json.loads(rig(*chosen)[1])["files"]
+    file = Path(first[0]["file"])
+    times = [Path(entry["file"]).stat().st_mtime_ns for entry in first]
+    file.write_bytes(b"torn")
+    second = json.loads(rig(*chosen)[1])["files"]
+    assert [entry["kept"] for entry in first] == [False, False]
+    assert [entry["kept"] for entry in second] == [False, True]
+    assert Path(first[1]["file"]).stat().st_mtime_ns == times[1]
+    assert [e | {"kept": None} for e in first] == [e | {"kept": None} for e in second]
+    assert not list((tmp_path / "M").rglob("cam0.exr.part"))
+    record = toy / "calibration" / "calibration.json"
+    known = json.loads(record.read_text())
+    known["cameras"][1]["gain"] *= 1.01
+    record.write_text(json.dumps(known))
+    third = json.loads(rig(*chosen)[1])["files"]
+    assert [entry["kept"] for entry in third] == [True, False]
+
+
+def bracket(folder: Path, codes: list[np.ndarray], times: list[float | None]) -> Path:
+    """A session of one view: photographs and what they say of their exposure."""
+    camera = CameraRecord(name="cam0", serial="1", kind="ldr")
+    record = SessionRecord(name="made", created=datetime.now(UTC), origin="test", cameras=(camera,))
+    session = Session.create(folder / "S", record)
+    for step, (code, time) in enumerate(zip(codes, times, strict=True)):
+        file = f"raw/0000/cam0_{step}.png"
+        store.write_bytes(session.folder / file, encode_png(code))
+        session.append_shot(
+            ShotRecord(
+                kind="scene", plan="test", camera="cam0", frame=0, step=step, file=file,
+                sha256=store.sha256(session.folder / file), width=code.shape[1], height=code.shape[0],
+                reported=None if time is None else Exposure(time=time),
+            )
+        )  # fmt: skip
+    return session.folder
+
+
+def flat(value: int) -> np.ndarray:
+    return np.full((40, 60, 3), value, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("codes", "mend", "bit"),
+    [([255, 255], "saturated all over: take shorter ones", CLIPPED), ([0, 0], "take longer ones", DARK)],
+    ids=["saturated", "black"],
+)
+def test_a_bracket_that_shows_nothing_says_what_to_shoot(
+    codes: list[int], mend: str, bit: int, rig: Run, tmp_path: Path
+) -> None:
+    session = bracket(tmp_path, [flat(code) for code in codes], [1.0, 0.25])
+    code, _, error = rig("merge", str(session), str(tmp_path / "M"))
+    assert code == 3
+    assert mend in error
+    (file,) = (tmp_path / "M").rglob("*.exr")
+    mask = read_exr(file).channels["mask"].astype(int)
+    assert (mask & bit == bit).all()
+
+
+def test_labels_that_are_wrong_by_two_are_told(rig: Run, tmp_path: Path) -> None:
+    light = np.geomspace(0.01, 0.9, 40 * 60).reshape(40, 60, 1).repeat(3, 2)
+
+    def develop(k: float) -> np.ndarray:
+        return np.rint(255 * srgb_encode(np.clip(light * k, 0, 1))).astype(np.uint8)
+
+    session = bracket(tmp_path, [develop(1.0), develop(0.25)], [1.0, 0.125])
+    code, out, _ = rig("merge", str(session), str(tmp_path / "M"))
+    assert code == 0
+    assert "labels (there is no calibration)" in out
+    assert "off their labels by 100 %: run `rig calibrate` first" in out
+
+
+def test_exposures_without_a_label_are_refused(rig: Run, tmp_path: Path) -> None:
+    session = bracket(tmp_path, [flat(100), flat(50)], [None, None])
+    code, _, error = rig("merge", str(session), str(tmp_path / "M"))
+    assert code == 2
+    assert "has no exposure" in error
+    assert not (tmp_path / "M").exists()
+
+
+def test_a_view_that_is_not_there_is_refused(rig: Run, toy: Path, tmp_path: Path) -> None:
+    code, _, error = rig("merge", str(toy), str(tmp_path / "M"), "--camera", "cam9", "--frame", "2")
+    assert code == 2
+    assert "no shot of the scene of camera cam9 at frame 2" in error
+
+
+def test_a_stale_calibration_is_refused(rig: Run, toy: Path, tmp_path: Path) -> None:
+    with (toy / "shots.jsonl").open("a") as file:
+        file.write((toy / "shots.jsonl").read_text().splitlines()[0] + "\n")
+    code, _, error = rig("merge", str(toy), str(tmp_path / "M"))
+    assert code == 2
+    assert "older than the shots" in error
+
+
+def test_a_single_exposure_is_its_own_picture(rig: Run, tmp_path: Path) -> None:
+    session = bracket(tmp_path, [flat(128)], [0.5])
+    code, _, _ = rig("merge", str(session), str(tmp_path / "M"))
+    assert code == 0
+    (file,) = (tmp_path / "M").rglob("*.exr")
+    assert np.median(read_exr(file).rgb()) == pytest.approx(0.2159 / Exposure(time=0.5).scale, rel=1e-3)
