@@ -36,7 +36,7 @@ def test_every_bracket_becomes_an_exr_and_all_share_one_unit(rig: Run, toy: Path
         # In blocks: demosaicking blurs what is as fine as the mosaic of so small a picture.
         found, real = _blocks(image.rgb()), _blocks(truth)
         lit = (real > 0.1 * np.median(real)) & (found > 0)  # a lamp of one pixel lacks its other colours
-        assert lit.mean() > 0.9
+        assert lit.mean() > 0.8
         logs = np.log2(found[lit] / real[lit])
         scales.append(np.median(logs))
         assert np.median(np.abs(logs - scales[-1])) < 0.1
