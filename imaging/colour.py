@@ -1,11 +1,12 @@
 """The few colour matrices and curves that `rig` needs; matrices act on column vectors.
 
 Rec.709: ITU-R BT.709-6, white D65; Rec.2020: ITU-R BT.2020-2; AP0 and AP1: SMPTE ST 2065-1 and
-AMPAS S-2014-004; the sRGB curve: IEC 61966-2-1.
+AMPAS S-2014-004; the sRGB curve: IEC 61966-2-1. Whites are adapted as the ACES transforms do it, by
+Bradford's matrix (Lam 1985).
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,26 @@ XYZ_FROM_REC709 = xyz_from_rgb(PRIMARIES["rec709"])
 REC709_FROM_XYZ = np.linalg.inv(XYZ_FROM_REC709)
 LUMINANCE_REC709 = XYZ_FROM_REC709[1]
 """Weights of luminance on linear Rec.709 RGB, summing to 1."""
+
+Space = Literal["rec709", "acescg", "aces2065-1"]
+"""Of files of linear light, under the names that their users know."""
+SPACE_PRIMARIES: dict[Space, str] = {"rec709": "rec709", "acescg": "ap1", "aces2065-1": "ap0"}
+_BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+
+
+def adaptation(white: tuple[float, float], to: tuple[float, float]) -> Matrix3:
+    """float64 [3, 3], XYZ under one white (CIE xy) to XYZ of what looks alike under another."""
+    before, after = (_BRADFORD @ (np.array((x, y, 1.0 - x - y)) / y) for x, y in (white, to))
+    return np.asarray(np.linalg.inv(_BRADFORD) @ np.diag(after / before) @ _BRADFORD, np.float64)
+
+
+def space_from_rec709(space: Space) -> Matrix3:
+    """float64 [3, 3], linear Rec.709 to the linear RGB of a space; white stays (1, 1, 1)."""
+    if space == "rec709":
+        return np.eye(3)  # exactly: no rounding where nothing is to be done
+    primaries = PRIMARIES[SPACE_PRIMARIES[space]]
+    adapted = adaptation(PRIMARIES["rec709"][3], primaries[3]) @ XYZ_FROM_REC709
+    return np.asarray(np.linalg.solve(xyz_from_rgb(primaries), adapted), np.float64)
 
 
 def camera_from_rec709(camera_from_xyz: npt.ArrayLike) -> Matrix3:

@@ -75,9 +75,10 @@ def write_exr(
 
     `channels`: [H, W, 3] as R, G, B; [H, W] as Y; or arrays [H, W] by name. Stored as float32, or
     as float16 with `half`. NaN and infinities are kept; a finite value too large for the type is
-    an InputError. `chromaticities` names an entry of `colour.PRIMARIES`, or None. `attributes`
-    are written under their names (`rig:...` for our own, or OpenEXR's, as `whiteLuminance`);
-    numbers become float32, as do those of `exposure`. ValueError for other shapes or names.
+    an InputError. `chromaticities` names an entry of `colour.PRIMARIES`, whose white is written as
+    `adoptedNeutral` too, or None: the primaries are not known. `attributes` are written under their
+    names (`rig:...` for our own, or OpenEXR's, as `whiteLuminance`); numbers become float32, as do
+    those of `exposure`. ValueError for other shapes or names.
     """
     planes = {name: _stored(path, name, plane, half) for name, plane in _planes(channels).items()}
     if len({plane.shape for plane in planes.values()}) != 1:
@@ -88,6 +89,7 @@ def write_exr(
     }
     if chromaticities is not None:
         header["chromaticities"] = tuple(part for point in PRIMARIES[chromaticities] for part in point)
+        header["adoptedNeutral"] = PRIMARIES[chromaticities][3]
     if exposure is not None:
         told = {"expTime": exposure.time, "aperture": exposure.f_number, "isoSpeed": exposure.iso}
         header |= {name: float(value) for name, value in told.items() if value is not None}
@@ -173,6 +175,8 @@ def _attribute(value: Any) -> Attribute | None:
         return value
     if isinstance(value, bool | int | float | np.number):
         return float(value)
+    if isinstance(value, np.ndarray) and value.ndim == 1:  # so the library gives short vectors
+        value = tuple(value.tolist())
     if isinstance(value, tuple) and all(isinstance(part, int | float | np.number) for part in value):
         return tuple(float(part) for part in value)
     return None

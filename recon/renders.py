@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging import store
-from imaging.colour import srgb_encode
+from imaging.colour import SPACE_PRIMARIES, Space, space_from_rec709, srgb_encode
 from imaging.exr import write_exr
 from imaging.photo import encode_png
 from recon.dataset import View
@@ -24,17 +24,20 @@ def render(
     *,
     views: Sequence[str] | None = None,
     stops: Sequence[float] = (0.0,),
+    space: Space = "rec709",
     progress: Progress | None = None,
 ) -> list[Path]:
     """Render views of a reconstruction into `out`; the files written, EXR first.
 
     views: names `frame/camera`; None: every view of the session. Of each view an EXR of linear
-    Rec.709 radiance in the units of the calibration, and one PNG for each of `stops`: sRGB, exposed
-    so that the median luminance over all these views is middle grey, plus so many stops.
+    radiance in the units of the calibration, its primaries those of `space`, and one PNG for each of
+    `stops`: sRGB, exposed so that the median luminance over all these views is middle grey, plus so
+    many stops.
     ReconstructionError for a view that the session does not have.
     """
     opened = open_model(folder)
     chosen = opened.dataset.views if views is None else tuple(opened.view(name) for name in views)
+    from_rec709 = space_from_rec709(space).astype(np.float32)
     files, images = [], []
     store.make_folder(out)
     for done, view in enumerate(chosen):
@@ -42,7 +45,12 @@ def render(
             progress("rendering", done, len(chosen))
         image = radiance(opened, view)
         path = out / f"{stem(view)}.exr"
-        write_exr(path, image, attributes={"rig:view": view.name})
+        write_exr(
+            path,
+            image @ from_rec709.T,
+            chromaticities=SPACE_PRIMARIES[space],
+            attributes={"rig:view": view.name},
+        )
         files.append(path)
         images.append(image)
     grey = display_scale(images)

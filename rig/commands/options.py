@@ -3,7 +3,7 @@
 import math
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -20,6 +20,10 @@ JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else there.")
 ]
 """Read by `main`, which prints: the commands themselves only declare it."""
+SpaceOption = Annotated[
+    Literal["rec709", "acescg", "aces2065-1"],
+    typer.Option(help="Primaries of the EXR files, which say so themselves; light is linear in all."),
+]
 SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the same bytes.")]
 
 

@@ -9,7 +9,10 @@ from imaging.colour import (
     PRIMARIES,
     REC709_FROM_XYZ,
     XYZ_FROM_REC709,
+    Space,
+    adaptation,
     camera_from_rec709,
+    space_from_rec709,
     srgb_decode,
     srgb_encode,
     xyz_from_rgb,
@@ -33,6 +36,26 @@ def test_primaries_as_colour_science_has_them(name: str, space: str) -> None:
     assert np.allclose(PRIMARIES[name][3], peer.whitepoint)
     peer = colour.normalised_primary_matrix(peer.primaries, peer.whitepoint)
     assert np.allclose(xyz_from_rgb(PRIMARIES[name]), peer, atol=1e-12)
+
+
+@pytest.mark.parametrize(("space", "name"), [("acescg", "ACEScg"), ("aces2065-1", "ACES2065-1")])
+def test_aces_spaces_as_colour_science_has_them(space: Space, name: str) -> None:
+    matrix = space_from_rec709(space)
+    peer = colour.matrix_RGB_to_RGB("ITU-R BT.709", name, chromatic_adaptation_transform="Bradford")
+    assert np.abs(matrix - peer).max() < 1e-6
+    assert matrix @ np.ones(3) == pytest.approx(np.ones(3), abs=1e-12)
+
+
+def test_rec709_stays_what_it_is() -> None:
+    assert np.array_equal(space_from_rec709("rec709"), np.eye(3))
+
+
+def test_adaptation_as_colour_science_has_it() -> None:
+    d50, d65 = (0.3457, 0.3585), (0.3127, 0.3290)
+    whites = [colour.xy_to_XYZ(white) for white in (d50, d65)]
+    peer = colour.adaptation.matrix_chromatic_adaptation_VonKries(*whites, transform="Bradford")
+    assert np.abs(adaptation(d50, d65) - peer).max() < 1e-12
+    assert adaptation(d50, d65) @ whites[0] == pytest.approx(whites[1])
 
 
 def test_the_green_row_of_the_camera_sums_to_one() -> None:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from imaging.colour import PRIMARIES
 from imaging.errors import InputError, StorageError
 from imaging.exposure import Exposure
 from imaging.exr import ExrImage, read_exr, read_exr_header, write_exr
@@ -44,6 +45,20 @@ def test_channels_are_named_as_others_expect(tmp_path: Path) -> None:
         assert file.parts[0].header["chromaticities"] == pytest.approx(
             (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
         )
+
+
+@pytest.mark.parametrize(("primaries", "white"), [("rec709", (0.3127, 0.3290)), ("ap1", (0.32168, 0.33767))])
+def test_primaries_and_their_white_come_back(
+    tmp_path: Path, primaries: str, white: tuple[float, float]
+) -> None:
+    write_exr(tmp_path / "a.exr", RGB, chromaticities=primaries)
+    attributes = read_exr_header(tmp_path / "a.exr").attributes
+    assert attributes["chromaticities"] == pytest.approx(np.ravel(PRIMARIES[primaries]))
+    assert attributes["adoptedNeutral"] == pytest.approx(white)
+    write_exr(tmp_path / "unknown.exr", RGB, chromaticities=None)
+    assert not {"chromaticities", "adoptedNeutral"} & set(
+        read_exr_header(tmp_path / "unknown.exr").attributes
+    )
 
 
 def test_special_values_survive(tmp_path: Path) -> None:

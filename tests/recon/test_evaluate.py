@@ -9,6 +9,7 @@ import torch
 
 import recon.reconstruct as stage
 from imaging import metrics
+from imaging.colour import PRIMARIES, space_from_rec709
 from imaging.errors import InputError, ReconstructionError, RigError
 from imaging.exr import read_exr
 from recon.evaluate import evaluate, render
@@ -241,3 +242,16 @@ def test_other_settings_replace_what_was_there(trained, tmp_path):
     reconstruct(folder.parent.parent, quality="draft", seed=5)
     assert read_model(folder).settings.seed == 5
     assert not np.array_equal(before, read_ply(folder / "splats.ply")["x"])
+
+
+def test_renders_in_another_space_are_the_same_light(trained, tmp_path):
+    plain, wide = tmp_path / "plain", tmp_path / "wide"
+    render(trained, plain, views=["0000/cam0"])
+    render(trained, wide, views=["0000/cam0"], space="aces2065-1")
+    image = read_exr(wide / "0000_cam0.exr")
+    assert image.attributes["chromaticities"] == pytest.approx(np.ravel(PRIMARIES["ap0"]))
+    back = image.rgb() @ np.linalg.inv(space_from_rec709("aces2065-1")).T
+    truth = read_exr(plain / "0000_cam0.exr").rgb()
+    assert np.abs(back - truth).max() < 1e-5 * truth.max()
+    assert np.abs(image.rgb() - truth).max() > 0.01 * truth.max()
+    assert (wide / "0000_cam0.png").read_bytes() == (plain / "0000_cam0.png").read_bytes()
