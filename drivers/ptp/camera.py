@@ -48,6 +48,8 @@ class PtpCamera:
         self._failed = False
         self._known: frozenset[int] = frozenset()
         self._shooter: StandardBody | None = None
+        self._listening: StandardBody | None = None
+        """The body that was ready, and has answered since: it need not be waited for again."""
         self._objects: list[Download] = []
         self._size, self._bits = (0, 0), 0
         self.confirmed = self.certain = False
@@ -79,6 +81,7 @@ class PtpCamera:
         `certain`. CameraRefused if the camera is not at manual exposure.
         """
         self._objects, self._triggered = [], None
+        self._listening = None
         found = self._again(lambda body: self._set(body, exposure))
         self._wanted = exposure
         return found
@@ -88,7 +91,8 @@ class PtpCamera:
         self._must(self._wanted is not None, "be armed")
 
         def ready(body: StandardBody) -> None:
-            body.wait_ready()
+            if body is not self._listening:
+                body.wait_ready()
             if self._failed:
                 body.recount()
 
@@ -100,7 +104,7 @@ class PtpCamera:
         body = self._connected()
         self._objects, self._triggered, self._failed = [], None, True
         time = next(choice.value for dial, choice in self._choices if dial is body.time)
-        self._known, self._shooter = frozenset(body.known), body
+        self._known, self._shooter, self._listening = frozenset(body.known), body, None
         try:
             try:
                 body.release()
@@ -180,6 +184,7 @@ class PtpCamera:
         if body.time is None:
             raise CameraRefused(f"{self.where} has no exposure time to set: turn its mode dial to M.")
         body.wait_ready()
+        self._listening = body
         asked = ((body.f_number, exposure.f_number), (body.iso, exposure.iso), (body.time, exposure.time))
         # A dial is left alone if the last picture proves that it stands right: less to go wrong.
         proven = {} if self._failed else self._proven

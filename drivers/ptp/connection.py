@@ -19,7 +19,7 @@ from imaging.errors import CameraError
 
 REPLUG_SECONDS = 10.0
 """Seconds for which a camera that vanished is looked for."""
-_LOOK_EVERY = 0.25
+_LOOK_EVERY = 0.1
 
 
 def body_for(session: PtpSession, usb_vendor: int) -> StandardBody:

@@ -290,4 +290,4 @@ class PtpSession:
             if self.clock.now() >= end:
                 raise CameraBusy(f"{self.where} stays busy: let it finish writing, or switch it off and on.")
             self.clock.sleep(pause)
-            pause = min(1.5 * pause, 0.1)
+            pause = min(1.5 * pause, 0.03)
