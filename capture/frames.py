@@ -30,7 +30,7 @@ def frames_in_time(
     Cameras that were fired together become a rig. Returned with a sentence for each guess.
     """
     split = [split_into_brackets(one, count) for one in series]
-    matched = match_frames([one.camera.name for one in series], [own for own, _ in split], together)
+    matched = match_frames([one.camera for one in series], [own for own, _ in split], together)
     numbered = [
         Numbered(
             one.camera if rig is None else one.camera.model_copy(update={"rig": f"rig{rig}"}),

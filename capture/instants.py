@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.grouping import Bracket
+from imaging.records import CameraRecord
 
 Together = Literal["time", "order", "never"]
 """What makes brackets of several cameras one frame: their time, their order, or nothing."""
@@ -29,6 +30,8 @@ SHARE_TOGETHER = 0.8
 """Of the brackets of the camera that has fewer, so many coincide if both were fired together."""
 FEWEST = 3
 """Brackets that have to coincide before clocks are believed to be off; fewer coincide only if they agree."""
+MOST_DIFFERENCES = 4_000_000
+"""Of longer series a part tells the offset as well."""
 CLOCKS_AGREE = 2.0
 """Seconds between clocks that were set by the same person."""
 
@@ -44,19 +47,20 @@ class Matched:
 
 
 def match_frames(
-    names: Sequence[str], cameras: Sequence[Sequence[Bracket]], together: Together | None
+    cameras: Sequence[CameraRecord], brackets: Sequence[Sequence[Bracket]], together: Together | None
 ) -> Matched:
     """Number the frames of all cameras; guessed by time, else by order, when `together` is None."""
+    in_order = tuple(tuple(range(len(own))) for own in brackets)
     if len(cameras) < 2:
-        return Matched(tuple(tuple(range(len(own))) for own in cameras), (None,) * len(cameras), ())
-    times = [_starts(brackets) for brackets in cameras]
+        return Matched(in_order, (None,) * len(cameras), ())
+    times = [_starts(own) for own in brackets]
     clocked = [own for own in times if own is not None]
     if together in (None, "time") and len(clocked) == len(cameras):
-        return _by_time(names, clocked)
+        return _by_time(cameras, clocked)
     if together == "never":
-        return _apart([len(own) for own in cameras])
-    in_order = tuple(tuple(range(len(own))) for own in cameras)
-    counts = {len(own) for own in cameras}
+        return _apart([len(own) for own in brackets])
+    names = [camera.name for camera in cameras]
+    counts = {len(own) for own in brackets}
     lacking = "since not all files tell their time, " if together != "order" else ""
     short = "" if len(counts) == 1 else ", although they have different numbers of them"
     why = (
@@ -84,8 +88,15 @@ def _apart(counts: Sequence[int]) -> Matched:
     return Matched(frames, (None,) * len(counts), ())
 
 
-def _by_time(names: Sequence[str], times: Sequence[Array]) -> Matched:
+def _same_body(one: CameraRecord, other: CameraRecord) -> bool:
+    """Whether two cameras of a session differ in the size of their pictures alone, as when one is turned."""
+    unknown = all(camera.serial.startswith(f"{camera.make} {camera.model} ") for camera in (one, other))
+    return one.serial == other.serial or (unknown and (one.make, one.model) == (other.make, other.model))
+
+
+def _by_time(cameras: Sequence[CameraRecord], times: Sequence[Array]) -> Matched:
     """Groups of cameras that were fired together, those with most brackets first."""
+    names = [camera.name for camera in cameras]
     frames: dict[int, tuple[int, ...]] = {}
     rigs: dict[int, int | None] = {}
     why = []
@@ -96,6 +107,8 @@ def _by_time(names: Sequence[str], times: Sequence[Array]) -> Matched:
         offsets = {leader: 0.0}
         reach = _reach([times[leader]])
         for other in list(left):
+            if any(_same_body(cameras[other], cameras[member]) for member in offsets):
+                continue  # which cannot have been there twice
             offset = clock_offset(times[leader], times[other])
             if offset is not None:
                 offsets[other] = offset
@@ -142,13 +155,14 @@ def clock_offset(leader: Array, other: Array) -> float | None:
     ones the nearest to zero, since an intervalometer repeats itself.
     """
     reach = _reach([leader, other])
-    differences = np.sort((other[:, None] - leader[None]).ravel())
+    some = other[:: 1 + len(leader) * len(other) // MOST_DIFFERENCES]
+    differences = np.sort((some[:, None] - leader[None]).ravel())
     ends = np.searchsorted(differences, differences + 2 * reach + 1e-6, side="right")
     counts = ends - np.arange(len(differences))
     middles = (differences + differences[ends - 1]) / 2
-    best = min(range(len(counts)), key=lambda index: (-counts[index], abs(middles[index])))
+    best = int(np.lexsort((np.abs(middles), -counts))[0])
     offset = float(np.median(differences[best : ends[best]]))
-    fewer = min(len(leader), len(other))
+    fewer = min(len(leader), len(some))
     agree = abs(offset) <= CLOCKS_AGREE
     if counts[best] < SHARE_TOGETHER * fewer or not (agree or counts[best] >= FEWEST):
         return None
