@@ -83,24 +83,29 @@ def compare(
     values = np.array([start, 0.0, 0.0, 0.0, 0.0])
     inverse: npt.NDArray[np.floating] = np.eye(5)
     variance: Array = np.ones(len(mean_x))
+    kept = clear = np.ones(len(mean_x), bool)
     for _ in range(3):
         residual = x - values[0] * y - values[1 + np.arange(size) // len(EDGES)][groups]
         variance, kept = _scatter(residual, groups, size)
         variance, kept = variance[good], kept[good]
-        error = np.sqrt(np.maximum(variance, 1e-6) / np.maximum(kept, 1))
-        design = np.concatenate([mean_y[:, None], site[:, None] == np.arange(4)], axis=1) / error[:, None]
+        # Where noise reaches down to 0 DN it is cut off, and mean and variance are not the signal's.
+        clear = mean_y + black[site] > 4.0 * np.sqrt(variance) / values[0]
+        weight = clear / np.sqrt(np.maximum(variance, 1e-6) / np.maximum(kept, 1))
+        design = np.concatenate([mean_y[:, None], site[:, None] == np.arange(4)], axis=1) * weight[:, None]
         inverse = np.linalg.pinv(design.T @ design)
-        values = inverse @ (design.T @ (mean_x / error))
+        values = inverse @ (design.T @ (mean_x * weight))
     ratio = float(values[0])
-    if not 1.2 < ratio < 400:
+    if not 1.2 < ratio < 400 or clear.sum() < 6:
         return None
+    site = site[clear]
     told = np.isin(np.arange(4), site)
     shift = np.where(told, values[1:] / (1.0 - ratio), 0.0)
     sigma = np.where(told, np.sqrt(np.diag(inverse)[1:]) / (ratio - 1.0), np.inf)
     full = ceiling(
         long.reshape(4, -1), np.where(short > 0.1 * span, ratio * short, np.nan).reshape(4, -1), black
     )
-    return Pair(ratio, shift, sigma, site, mean_x, mean_y, variance, kept, full)
+    levels = (mean_x[clear], mean_y[clear], variance[clear], kept[clear].astype(np.float64))
+    return Pair(ratio, shift, sigma, site, *levels, full)
 
 
 def _scatter(residual: Array, groups: npt.NDArray[np.int64], size: int) -> tuple[Array, Array]:

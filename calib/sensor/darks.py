@@ -22,23 +22,24 @@ class Dark:
     current: tuple[float, float] | None
 
 
-def level(stacks: Sequence[Stack], usable: Bool) -> Dark:
-    """Black of each CFA site and what it gains in a second, the same for all, from one stack or more.
+def mean(stack: Stack, usable: Bool) -> tuple[Array, Array]:
+    """Mean of each CFA site, DN, float64 [4], and its standard error.
 
     The error counts what moves a whole frame, as its own level tells, and the fixed pattern.
     """
-    means, errors = [], []
-    for stack in stacks:
-        mask, mean = sites(usable), sites(stack.mean)
-        chosen = [plane[keep].astype(np.float64) for plane, keep in zip(mean, mask, strict=True)]
-        means.append(np.array([own.mean() for own in chosen]))
-        still = np.array([own.std() / np.sqrt(own.size) for own in chosen])
-        # All of a frame may shift; few frames tell by how much only if the sites are pooled.
-        moved = stack.levels - stack.levels.mean(axis=0)
-        errors.append(np.hypot(still, np.sqrt((moved**2).mean() / max(stack.frames - 1, 1))))
-    value, sigma = np.array(means), np.array(errors)
-    times = np.array([stack.time for stack in stacks])
-    if len(set(times.tolist())) < 2:
+    planes = zip(sites(stack.mean), sites(usable), strict=True)
+    chosen = [plane[keep].astype(np.float64) for plane, keep in planes]
+    still = np.array([own.std() / np.sqrt(own.size) for own in chosen])
+    # All of a frame may shift; few frames tell by how much only if the sites are pooled.
+    moved = stack.levels - stack.levels.mean(axis=0)
+    error = np.hypot(still, np.sqrt((moved**2).mean() / max(stack.frames - 1, 1)))
+    return np.array([own.mean() for own in chosen]), np.asarray(error)
+
+
+def level(times: Sequence[float], means: Sequence[tuple[Array, Array]]) -> Dark:
+    """Black of each CFA site and what it gains in a second, the same for all, from one stack or more."""
+    value, sigma = np.array([own[0] for own in means]), np.array([own[1] for own in means])
+    if len(set(times)) < 2:
         weight = 1.0 / sigma**2
         return Dark((value * weight).sum(0) / weight.sum(0), 1.0 / np.sqrt(weight.sum(0)), None)
     rows = [np.hstack([np.eye(4), np.full((4, 1), time)]) for time in times]
@@ -59,19 +60,20 @@ class Coarse:
     scatter_error: float
 
 
-def coarse(first: npt.NDArray[np.integer], second: npt.NDArray[np.integer]) -> Coarse | None:
-    """Black and scatter by maximum likelihood from two darks of one CFA site, DN, flattened.
+def coarse(frames: Sequence[npt.NDArray[np.integer]]) -> Coarse | None:
+    """Black and scatter by maximum likelihood from darks of one CFA site, DN, flattened; they are paired up.
 
     A photosite has `round(black + pattern + scatter z)`, not below 0: where the scatter is under half a DN,
     means and variances of the numbers are not those of the signal. The pattern is normal over the
     photosites, its size unknown. None where all numbers are equal, which bounds the scatter only.
     """
-    low = int(min(first.min(), second.min()))
-    size = int(max(first.max(), second.max())) - low + 1
-    if size < 2 or size > 64:
+    low = min(int(frame.min()) for frame in frames)
+    size = max(int(frame.max()) for frame in frames) - low + 1
+    if size < 2 or size > 64 or len(frames) < 2:
         return None
-    one, other = ((frame - low).astype(np.intp) for frame in (first, second))
-    table = np.bincount(one * size + other, minlength=size**2).reshape(size, size)
+    numbers = [(frame - low).astype(np.intp) for frame in frames]
+    pairs = [a * size + b for a, b in zip(numbers[::2], numbers[1::2], strict=False)]
+    table = np.bincount(np.concatenate(pairs), minlength=size**2).reshape(size, size)
     nodes, weights = np.polynomial.hermite_e.hermegauss(41)
     weights = weights / weights.sum()
     edges = np.arange(size + 1) + low - 0.5
@@ -84,8 +86,10 @@ def coarse(first: npt.NDArray[np.integer], second: npt.NDArray[np.integer]) -> C
         joint = np.einsum("n,ni,nj->ij", weights, each, each)
         return -float((table * np.log(np.maximum(joint, 1e-300))).sum())
 
-    mean = float(np.concatenate([first, second]).mean())
-    spread = max(float(np.sqrt(((first.astype(float) - second) ** 2).mean() / 2)), 0.1)
+    place = np.arange(size)
+    mean = low + float((table * place).sum() / table.sum())
+    apart = float((table * (place[:, None] - place) ** 2).sum() / table.sum()) / 2
+    spread = max(float(np.sqrt(apart)), 0.1)
     best = min(
         (
             optimize.minimize(loss, [mean, np.log(spread * guess), np.log(0.05)], method="Nelder-Mead",
@@ -101,7 +105,8 @@ def coarse(first: npt.NDArray[np.integer], second: npt.NDArray[np.integer]) -> C
     return Coarse(
         black=float(best.x[0]),
         scatter=scatter,
-        black_error=float(np.sqrt(covariance[0, 0])),
+        # The pairs share their photosites, and with them the pattern.
+        black_error=float(np.sqrt(covariance[0, 0] * len(pairs))),
         scatter_error=scatter * float(np.sqrt(covariance[1, 1])),
     )
 

@@ -1,14 +1,14 @@
 """A sensor at one ISO from repeated darks and flats: all that EMVA 1288 asks of them, with errors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from calib.sensor import darks, defects, flats, pattern
 from calib.sensor.flats import Falloff
-from calib.sensor.linearity import Levels, straightness
+from calib.sensor.linearity import straightness
 from calib.sensor.photon_transfer import HIGHEST, SMALLEST, Points, Transfer, fit
 from calib.sensor.stack import Bool, Stack, sites, tiles
 from imaging.sensor import Measured, SensorCalibration
@@ -31,12 +31,12 @@ class Nominal:
 class Frames:
     """Stacks of one ISO, of one size.
 
-    pair: two darks of the shortest time, uint16 [H, W] each, needed where the sensor counts coarsely.
+    few: of each stack of darks some frames, uint16 [H, W], needed where the sensor counts coarsely.
     """
 
     darks: Sequence[Stack] = ()
     flats: Sequence[Stack] = ()
-    pair: Sequence[npt.NDArray[np.uint16]] = field(default=())
+    few: Sequence[Sequence[npt.NDArray[np.uint16]]] = ()
 
 
 def measure(
@@ -63,6 +63,11 @@ def measure(
         usable = usable & ~dead
         level = _level(frames, nominal, usable)
     points = _points(frames, level.black, usable, HIGHEST * top)
+    white = nominal.white - float(level.black.mean())
+    shared = flats.shared_levels(frames.flats, level.black, usable, white, 0.95 * top)
+    line = straightness(shared, float(level.black_error.mean()) / white)
+    if line is not None and not line.linear:
+        points = points.straightened(line.share / white)
     transfer = fit(points) or _in_the_dark(points, gain)
     values: dict[str, object] = {"iso": iso}
     source = "darks and flats" if frames.darks and frames.flats else "darks" if frames.darks else "flats"
@@ -86,10 +91,6 @@ def measure(
             put("prnu", *prnu, "flats")
     if dark is not None or lit is not None:
         values["defects"] = defects.listed(hot, noisy, dead)
-    line = straightness(
-        _shared(frames, level, usable, nominal, top),
-        float(level.black_error.mean()) / (nominal.white - float(level.black.mean())),
-    )
     if line is not None:
         put("nonlinearity", line.share, line.error, "flats")
         values["linear"] = line.linear
@@ -101,14 +102,13 @@ def _level(frames: Frames, nominal: Nominal, usable: Bool) -> darks.Dark:
     """Black by the darks; by the files without them, and by likelihood where the sensor counts coarsely."""
     if not frames.darks:
         return darks.Dark(nominal.black, np.full(4, FILE_BLACK), None)
-    found = darks.level(frames.darks, usable)
-    if not is_coarse(frames.darks) or len(frames.pair) < 2:
-        return found
-    black, error = found.black.copy(), found.black_error.copy()
-    for site, one in enumerate(_coarse(frames, usable)):
-        if one is not None:
-            black[site], error[site] = one.black, one.black_error
-    return darks.Dark(black, error, found.current)
+    own = [darks.mean(stack, usable) for stack in frames.darks]
+    if is_coarse(frames.darks):
+        for index, few in enumerate(frames.few):
+            for site, one in enumerate(_coarse(few, usable)):
+                if one is not None:
+                    own[index][0][site], own[index][1][site] = one.black, one.black_error
+    return darks.level([stack.time for stack in frames.darks], own)
 
 
 def is_coarse(stacks: Sequence[Stack]) -> bool:
@@ -118,10 +118,9 @@ def is_coarse(stacks: Sequence[Stack]) -> bool:
     return bool(np.any(spread < SMALLEST) or shortest.levels.min() < 4.0 * np.sqrt(spread.max()))
 
 
-def _coarse(frames: Frames, usable: Bool) -> list[darks.Coarse | None]:
-    mask = sites(usable)
-    first, second = (sites(frame) for frame in frames.pair[:2])
-    return [darks.coarse(first[site][mask[site]], second[site][mask[site]]) for site in range(4)]
+def _coarse(few: Sequence[npt.NDArray[np.uint16]], usable: Bool) -> list[darks.Coarse | None]:
+    mask, planes = sites(usable), [sites(frame) for frame in few]
+    return [darks.coarse([plane[site][mask[site]] for plane in planes]) for site in range(4)]
 
 
 def _brightest(stacks: Sequence[Stack], black: Array, top: float) -> Stack | None:
@@ -132,12 +131,23 @@ def _brightest(stacks: Sequence[Stack], black: Array, top: float) -> Stack | Non
 
 
 def _points(frames: Frames, black: Array, usable: Bool, top: float) -> Points:
-    parts = []
-    for stack in [*frames.darks, *frames.flats]:
+    """One point for each stack and CFA site, over the tiles that are not too bright.
+
+    The noise of a tile's mean and of its variance are correlated, which would pull the line: average first.
+    """
+    parts: list[Points] = []
+    # Numbers of coarse darks do not scatter as the signal does.
+    dark = () if frames.darks and is_coarse(frames.darks) else frames.darks
+    for stack in [*dark, *frames.flats]:
         if stack.frames >= 2:
             cut = tiles(stack, usable)
             light = cut.mean - black[cut.site]
-            parts.append(Points(light, cut.variance, cut.freedom).part(light < top))
+            count = np.bincount(cut.site[light < top], cut.count[light < top], 4)
+            weight = np.where(light < top, cut.count, 0.0) / np.maximum(count, 1.0)[cut.site]
+            mean, variance = (
+                np.bincount(cut.site, weight * own, 4).astype(np.float64) for own in (light, cut.variance)
+            )
+            parts.append(Points(mean, variance, ((stack.frames - 1) * count).astype(np.float64)))
     empty = np.zeros(0)
     return Points.joined(parts) if parts else Points(empty, empty, empty)
 
@@ -159,8 +169,10 @@ def _electrons(
     gain, error = transfer.gain, float(np.sqrt(transfer.covariance[0, 0]))
     put("gain", gain, error)
     read, read_error = transfer.read_noise()
-    if frames.darks and is_coarse(frames.darks) and len(frames.pair) >= 2:
-        told = [one for one in _coarse(frames, usable) if one is not None]
+    coarse = bool(frames.darks) and is_coarse(frames.darks)
+    if coarse and frames.few:
+        few = min(zip(frames.darks, frames.few, strict=True), key=lambda own: own[0].time)[1]
+        told = [one for one in _coarse(few, usable) if one is not None]
         if told:
             weight = np.array([1.0 / one.scatter_error**2 for one in told])
             scatter = float((weight * [one.scatter for one in told]).sum() / weight.sum())
@@ -169,7 +181,7 @@ def _electrons(
             share = read_error**2 / (read_error**2 + own_error**2)
             read = share * own + (1 - share) * read
             read_error = float(1 / np.hypot(1 / read_error, 1 / own_error))
-    common = [stack.rows for stack in frames.darks if stack.frames >= 2]
+    common = [stack.rows for stack in frames.darks if stack.frames >= 2 and not coarse]
     if common:
         precise = min(common, key=lambda one: one[1])
         if precise[0] > 4 * precise[1] and read**2 > precise[0] / gain**2:
@@ -185,11 +197,6 @@ def _electrons(
         current, current_error = level.current
         put("dark_current", current / gain, float(np.hypot(current_error / gain, current * error / gain**2)))
     shortest = min(frames.darks, key=lambda one: one.time, default=None)
-    dsnu = None if shortest is None else pattern.dark_signal(shortest, usable)
+    dsnu = None if shortest is None or coarse else pattern.dark_signal(shortest, usable)
     if dsnu is not None:
         put("dsnu", dsnu[0] / gain, dsnu[1] / gain)
-
-
-def _shared(frames: Frames, level: darks.Dark, usable: Bool, nominal: Nominal, top: float) -> list[Levels]:
-    white = nominal.white - float(level.black.mean())
-    return flats.shared_levels(frames.flats, level.black, usable, white, 0.95 * top)

@@ -25,6 +25,9 @@ from imaging.shutter import exact_times
 VIEWS = 6
 """Views of a camera that its sensor is measured from where there are no darks and flats."""
 
+COARSE = 8
+"""Darks of each time that are kept at hand where the sensor counts coarsely."""
+
 
 @dataclass(frozen=True)
 class Sensors:
@@ -122,11 +125,10 @@ def _frames(session: Session, darks: list[ShotRecord], flats: list[ShotRecord], 
                     f"{session.folder}: {shots[0].kind} shots of {shots[0].camera}: {error}."
                 ) from error
         stacks.append(own)
-    pair: list[npt.NDArray[np.uint16]] = []
+    few: list[list[npt.NDArray[np.uint16]]] = []
     if stacks[0] and emva.is_coarse(stacks[0]):
-        shortest = min(groups[0].items(), key=lambda item: item[0].time)[1]
-        pair = list(_pixels(session, shortest[:2]))
-    return Frames(stacks[0], stacks[1], pair)
+        few = [list(_pixels(session, shots[:COARSE])) for shots in groups[0].values()]
+    return Frames(stacks[0], stacks[1], few)
 
 
 def _groups(shots: Iterable[ShotRecord]) -> dict[Exposure, list[ShotRecord]]:

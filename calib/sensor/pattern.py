@@ -43,13 +43,19 @@ def _strength(halves: list[Array], usable: Bool, level: Array) -> tuple[float, f
     whole = ndimage.minimum_filter(mask, size=(1, BOX, BOX), mode="constant", cval=0)
     if whole.sum() < 500:
         return None
-    a, b = (((half - _blurred(half, mask)) / np.maximum(level, 1e-6))[whole] for half in halves)
-    a, b = a - a.mean(), b - b.mean()
-    kept = 1.0 - 1.0 / BOX**2
+    a, b = (_flattened((half - _blurred(half, mask)) / np.maximum(level, 1e-6), whole) for half in halves)
+    kept = (1.0 - 1.0 / BOX**2) * (1.0 - 1.0 / whole.shape[2])
     common = float((a * b).mean()) / kept
     error = float(np.sqrt((a.var() * b.var() + (common * kept) ** 2) / len(a))) / kept
     value = float(np.sqrt(max(common, 0.0)))
     return value, error / (2.0 * max(value, float(np.sqrt(error))))
+
+
+def _flattened(planes: Array, whole: npt.NDArray[np.generic]) -> Array:
+    """The chosen photosites less the mean of their row, which noise of whole rows moves."""
+    count = whole.sum(axis=2, keepdims=True)
+    rows = np.where(whole, planes, 0.0).sum(axis=2, keepdims=True) / np.maximum(count, 1)
+    return np.asarray((planes - rows)[whole])
 
 
 def _blurred(planes: Array, mask: npt.NDArray[np.generic]) -> Array:

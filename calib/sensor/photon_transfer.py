@@ -41,6 +41,12 @@ class Points:
             np.concatenate([part.freedom for part in parts]),
         )
 
+    def straightened(self, share: float) -> "Points":
+        """The points of a sensor with a signal of `light (1 - share light)`, as a straight one has them."""
+        slope = 1.0 + 2.0 * share * self.light
+        light = self.light * (1.0 + share * self.light)
+        return Points(light, self.variance * slope**2, self.freedom)
+
     def part(self, keep: npt.NDArray[np.bool_]) -> "Points":
         """Those that `keep` [N] names."""
         return Points(self.light[keep], self.variance[keep], self.freedom[keep])

@@ -87,6 +87,10 @@ def gather(frames: Iterable[npt.NDArray[np.uint16]], time: float, black: float |
     if count == 1:
         halves[1] = halves[0]
     variance = np.asarray((square - sums * sums / count) / max(count - 1, 1), np.float32)
+    if black is not None:
+        # What is scaled to the level of the first frame has its noise scaled too.
+        apart = np.array([own.mean() for own in levels]) - black
+        variance /= np.float32(np.mean((apart[0] / np.maximum(apart, 1e-6)) ** 2)) if apart[0] > 0 else 1.0
     return Stack(time, count, halves, variance, np.array(levels), _rows(common, variance), top)
 
 
