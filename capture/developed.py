@@ -92,7 +92,10 @@ def _fog(mean: Array, labels: Array) -> float:
 
 @dataclass(frozen=True)
 class _Pairs:
-    """Codes of one patch in two neighbouring exposures; step: the difference of the ln of their labels."""
+    """Codes of one patch in two neighbouring exposures; step: the difference of the ln of their labels.
+
+    from_step, to_step: the numbers of the shorter and of the longer shot.
+    """
 
     long: Array
     short: Array
@@ -119,8 +122,10 @@ def curves(brackets: Sequence[Codes]) -> Curves | None:
     """The curve of a camera from its brackets; None where no three different exposures overlap."""
     if not brackets:
         return None
-    labels = np.unique(np.concatenate([codes.labels for codes in brackets]).round(6))
-    pairs = [_pairs(codes, labels) for codes in brackets]
+    # Every shot has an exposure of its own: shutters that scatter tell more of the curve, not less.
+    labels = np.concatenate([codes.labels for codes in brackets])
+    first = np.cumsum([0, *(len(codes.labels) for codes in brackets)])
+    pairs = [_pairs(codes, int(start)) for codes, start in zip(brackets, first, strict=False)]
     joined = _Pairs(
         np.concatenate([one.long for one in pairs]),
         np.concatenate([one.short for one in pairs]),
@@ -136,7 +141,7 @@ def curves(brackets: Sequence[Codes]) -> Curves | None:
             break
         joined = joined.only(~rare[joined.from_step] & ~rare[joined.to_step])
     used = np.unique(np.r_[joined.from_step, joined.to_step])
-    if len(used) < 3:
+    if len(np.unique(labels[used].round(3))) < 3:
         return None
     place = np.searchsorted(used, np.arange(len(labels)))
     joined = replace(joined, from_step=place[joined.from_step], to_step=place[joined.to_step])
@@ -185,10 +190,10 @@ def _spread(values: Array, weight: Array, group: npt.NDArray[np.intp]) -> float 
     return float(np.std(means, ddof=1) / np.sqrt(len(means)))
 
 
-def _pairs(codes: Codes, labels: Array) -> _Pairs:
-    """Every patch in every two neighbouring exposures that show it."""
+def _pairs(codes: Codes, first: int) -> _Pairs:
+    """Every patch in every two neighbouring exposures that show it; shots are numbered from `first` on."""
     order = np.argsort(codes.labels, kind="stable")
-    index = np.searchsorted(labels, codes.labels[order].round(6))
+    index = order + first
     shorter, longer = codes.code[:, order[:-1]], codes.code[:, order[1:]]
     patch, pair = np.nonzero(np.isfinite(shorter) & np.isfinite(longer))
     step = np.diff(codes.labels[order])
