@@ -8,7 +8,7 @@ import numpy as np
 
 from capture.layouts.colmap_files import check_whole
 from capture.layouts.given import Given, GivenPhoto, lens_of, pose_of
-from capture.originals import pictures_in, shown
+from capture.originals import natural, pictures_in, shown
 from imaging import store
 from imaging.calibration import Lens, LensModel, Pose
 from imaging.colmap import pycolmap
@@ -57,10 +57,13 @@ def read(folder: Path) -> Given:
             f"Cameras of the model {' and '.join(sorted(unfit))} come without lens and poses, since rig has "
             "no such lens: undistort the images first if the poses matter."
         )
+    others = [path.name for path in sorted(place.parent.iterdir()) if path.is_dir() and path != place]
+    if place.name == "0" and others:
+        notes.append(f"Only sparse/0 is read; the photos of sparse/{', sparse/'.join(others)} have no poses.")
     rigs = _rigs(model, place)
     frames = _frames(model) if rigs else {}
     photos: dict[Path, GivenPhoto] = {}
-    for key, image in sorted(model.images.items(), key=lambda item: item[1].name):
+    for key, image in sorted(model.images.items(), key=lambda item: natural(Path(item[1].name))):
         path = store.inside(root, image.name)
         if not path.is_file():
             missing.append(f"{shown(path)} is named in {place} but is not there")
@@ -89,9 +92,12 @@ def read_model(place: Path) -> Any:
     """The pycolmap reconstruction of a model folder; InputError if it is damaged."""
     check_whole(place)
     try:
-        return pycolmap.Reconstruction(str(place))
+        model = pycolmap.Reconstruction(str(place))
+        for image in model.images.values():
+            image.name.encode()  # raises for a name that is no UTF-8
     except Exception as error:  # of many types, one for each way in which a file may be wrong
         raise InputError(f"{place} cannot be read as a COLMAP model: export it again.") from error
+    return model
 
 
 def lens_of_camera(camera: Any, place: Path) -> Lens | None:

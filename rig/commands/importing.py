@@ -17,7 +17,11 @@ Together = Literal["time", "order", "never"]
 
 def import_(
     photos: Annotated[
-        Path, typer.Argument(metavar="PHOTOS", help="A folder of RAW, JPEG, PNG, TIFF or EXR files.")
+        Path,
+        typer.Argument(
+            metavar="PHOTOS",
+            help="A folder of RAW, JPEG, PNG, TIFF or EXR files; or a nerfstudio, COLMAP or HDR-NeRF scene.",
+        ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make.")],
     layout: Annotated[

@@ -170,15 +170,16 @@ def test_a_model_cut_off_anywhere_is_refused_in_one_sentence(project, name):
     assert not (folder.parent / "s").exists()
 
 
-def test_a_model_of_wrong_bytes_is_read_or_refused(project):
-    folder, _ = project(frames=2)
+@pytest.mark.parametrize("text", [False, True])
+def test_a_model_of_wrong_bytes_is_read_or_refused(project, text):
+    folder, _ = project(frames=2, text=text)
     place = folder / "sparse" / "0"
     rng = np.random.default_rng(4)
     sentences = []
     for name in ("cameras", "images", "points3D", "rigs", "frames"):
-        path = place / f"{name}.bin"
+        path = place / f"{name}.{'txt' if text else 'bin'}"
         data = path.read_bytes()
-        for _ in range(12):
+        for _ in range(8):
             wrong = bytearray(data)
             for at in rng.integers(0, len(wrong), 3):
                 wrong[at] = int(rng.integers(256))
@@ -189,8 +190,16 @@ def test_a_model_of_wrong_bytes_is_read_or_refused(project):
                 sentences.append(str(error))
             shutil.rmtree(folder.parent / "s", ignore_errors=True)
         path.write_bytes(data)
-    assert len(sentences) > 20
+    assert len(sentences) > 10
     assert all("\n" not in sentence and len(sentence) < 400 for sentence in sentences)
+
+
+def test_of_several_models_the_first_is_read_and_that_is_said(project):
+    folder, _ = project()
+    (folder / "sparse" / "1").mkdir()
+    result, _, _ = imported(folder)
+    assert any("Only sparse/0 is read; the photos of sparse/1" in guess for guess in result.guesses)
+    assert result.views == 4
 
 
 def test_a_name_that_leads_out_of_the_folder_is_refused(project):
