@@ -109,7 +109,7 @@ def estimate(samples: Samples | None) -> Estimate:
         )
         return Estimate(Response(kind="srgb", evidence=evidence, residual=known.median), tuple(rungs), shift)
     response = _exported(channels, fitted, known, best)
-    sigma = standard_errors(channels, fitted, noise, NODES)
+    sigma = standard_errors(channels, fitted, noise, NODES, labels_hold=not freed)
     told = tuple(tuple(own.round(6).tolist()) for own in sigma)
     return Estimate(response.model_copy(update={"sigma": told}), tuple(rungs), shift)
 

@@ -4,21 +4,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.curve import FLOOR, Channel, Equations, Model, Noise, label_trust, moved, robust
+from calib.curve import FIRM, FLOOR, Channel, Equations, Model, Noise, label_trust, moved, robust
 from calib.response_models import MIDDLE, Array
 
 REPLICAS = 200
 
 
 def standard_errors(
-    channels: Sequence[Channel], models: Sequence[Model], noise: Sequence[Noise], codes: Array
+    channels: Sequence[Channel],
+    models: Sequence[Model],
+    noise: Sequence[Noise],
+    codes: Array,
+    *,
+    labels_hold: bool,
 ) -> list[Array]:
     """Standard error of ln light at codes, of each channel: a bootstrap over the parts of the views.
 
     Parts, because pixels near each other err together. Each replica is one step from the fit, which is
     exact as far as the curve is linear in its parameters. The scale is that of the code where all curves
-    meet. What no resampling shows (rounding, the mean of a patch through a curve) is counted as `FLOOR` for
-    a factor of e of light, and for more.
+    meet, and of the labels where these hold. What no resampling shows (rounding, the mean of a patch through
+    a curve) is counted as `FLOOR` for a factor of e of light, and for more.
     """
     rng = np.random.Generator(np.random.PCG64(0x8E5))
     groups = np.unique(np.concatenate([channel.group for channel in channels]))
@@ -29,7 +34,7 @@ def standard_errors(
     normals = [np.stack([block.normal for block in own]) for own in blocks]
     rights = [np.stack([block.right for block in own]) for own in blocks]
     labels = channels[0].steps
-    trust = label_trust(labels, models[0].shift)
+    trust = np.full(len(labels), FIRM) if labels_hold else label_trust(labels, models[0].shift)
     drawn = []
     for _ in range(REPLICAS):
         times = np.bincount(rng.integers(len(groups), size=len(groups)), minlength=len(groups)).astype(float)

@@ -54,7 +54,7 @@ def charts(
         camera for camera in record.cameras if camera.response.kind == "curve" and camera.response.codes
     ]
     if curves:
-        yield _response_chart(curves)
+        yield from _response_charts(curves)
     if points is not None and len(points.error):
         yield (
             "Reprojection error",
@@ -83,22 +83,41 @@ def _falloff(camera: CameraCalibration, radius: Array) -> Array:
     return np.asarray(1 + a * radius**2 + b * radius**4 + c * radius**6)
 
 
-def _response_chart(cameras: Sequence[CameraCalibration]) -> tuple[str, str, Markup]:
+def _response_charts(cameras: Sequence[CameraCalibration]) -> Iterable[tuple[str, str, Markup]]:
     """One curve a channel; cameras that share a curve (as a rig usually does) are drawn once."""
     distinct = {camera.response: camera for camera in reversed(cameras)}
-    series = []
+    series, errors = [], []
     for response, camera in distinct.items():
         prefix = f"{camera.name} " if len(distinct) > 1 else ""
         for channel, name in enumerate(("red", "green", "blue")[: len(response.log_exposure)]):
-            stops = [value / math.log(2) for value in response.log_exposure[channel]]
-            series.append(Series(prefix + name, list(response.codes), stops, colour=(3, 2, 0)[channel]))
-    first = cameras[0].response
-    return (
+            stops = np.array(response.log_exposure[channel]) / math.log(2)
+            codes, colour = list(response.codes), (3, 2, 0)[channel]
+            series.append(Series(prefix + name, codes, stops.tolist(), colour=colour))
+            if response.sigma:
+                margin = 1.96 * np.array(response.sigma[channel]) / math.log(2)
+                for edge in (stops - margin, stops + margin):
+                    series.append(Series("", codes, edge.tolist(), dashed=True, colour=colour))
+                errors.append(Series(prefix + name, codes, margin.tolist(), colour=colour))
+    valid = cameras[0].response.valid
+    yield (
         "Response",
         "Light that a code value stands for. Shaded: the codes between which it was measured; "
-        "beyond, it is extrapolated.",
-        chart("Camera response", series, "code value", "log2 exposure, stops", shaded=first.valid),
+        "beyond, it is extrapolated. Dashed: the band that holds the truth at 95 %.",
+        chart("Camera response", series, "code value", "log2 exposure, stops", shaded=valid),
     )
+    if errors:
+        yield (
+            "Response: how sure",
+            "Half the width of that band. It is none where the curves are tied to a common scale.",
+            chart(
+                "Uncertainty of the response",
+                errors,
+                "code value",
+                "± stops, 95 %",
+                y_zero=True,
+                shaded=valid,
+            ),
+        )
 
 
 def _error_histogram(points: SparsePoints) -> Markup:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calib import radiometry
-from calib.codes import Patches, Samples, patches, sample
+from calib.codes import Patches, Samples, patches, pedestal, sample
 from calib.response import estimate
 from calib.views import scene_views
 from capture.photos import import_photos
@@ -113,6 +113,39 @@ def flat(code: float) -> Samples:
     return sample([Patches(plain, plain, plain)] * 3, STEPS[:3], 500)
 
 
+@pytest.mark.parametrize("family", ["gamma", "s-curve"])
+def test_the_band_holds_the_curve(family: str) -> None:
+    response = estimate(shoot(FAMILIES[family], STEPS, seed=1)).response
+    codes, sigma = np.array(response.codes), np.array(response.sigma)
+    light = np.geomspace(1e-6, 1, 100_000)
+    truth = np.interp(codes, FAMILIES[family](light), np.log(light))
+    found = np.array(response.log_exposure)
+    middle = np.flatnonzero(codes.round(4) == round(128 / 255, 4))[0]
+    away = found - found[:, [middle]] - (truth - truth[middle])
+    inside = (codes > response.valid[0]) & (codes < response.valid[1]) & (sigma[0] > 1e-4)
+    assert (np.abs(away) < 1.96 * sigma)[:, inside].mean() > 0.75
+    assert np.median(sigma[:, inside]) < 0.02
+    assert sigma[:, 0].min() >= sigma[:, inside].min()
+
+
+def test_a_label_that_is_wrong_by_two_is_found() -> None:
+    true = STEPS + np.array([0.0, np.log(2.0), 0.0, 0.0, 0.0])
+    samples = shoot(FAMILIES["gamma"], true)
+    labelled = Samples(samples.codes, np.broadcast_to(STEPS, samples.log_k.shape).copy(), samples.group)
+    found = estimate(labelled)
+    shift = [found.shift[round(step, 6)] for step in STEPS]
+    np.testing.assert_allclose(shift, true - STEPS, atol=0.05)
+    assert rmse(found.response, FAMILIES["gamma"]) < 0.05
+
+
+def test_the_base_of_a_film_tells_no_light() -> None:
+    short = STEPS - np.log(64.0)
+    samples = shoot(lambda x: 0.08 + 0.92 * np.maximum(x - 1e-3, 0) ** (1 / 2.2), short, views=1)
+    assert 20 <= pedestal(samples.codes[..., 0], samples.log_k) <= 40
+    plain = shoot(FAMILIES["log"], STEPS, views=1)
+    assert pedestal(plain.codes[..., 0], plain.log_k) == 0
+
+
 @pytest.mark.parametrize(
     "samples",
     [
@@ -121,14 +154,17 @@ def flat(code: float) -> Samples:
         flat(0.0),
         shoot(FAMILIES["gamma"], np.zeros(3)),
         shoot(FAMILIES["gamma"], STEPS[:1]),
+        shoot(FAMILIES["gamma"], np.log([2.0**-14, 2.0**6])),
     ],
-    ids=["no bracket", "all saturated", "all dark", "one exposure thrice", "one exposure"],
+    ids=["no bracket", "all saturated", "all dark", "one exposure thrice", "one exposure", "20 stops apart"],
 )
 def test_srgb_is_assumed_and_said_so_where_nothing_can_be_measured(samples: Samples | None) -> None:
     found = estimate(samples)
     assert found.response.kind == "srgb"
     assert found.response.residual is None
     assert "assumed" in found.response.evidence
+    assert "take" in found.response.evidence
+    assert "1 to 3 stops apart" in found.response.evidence
     assert found.shift == {}
 
 
