@@ -48,7 +48,7 @@ class Place:
         return self.folder / "S"
 
     def bus(self) -> tuple[SimulatedRig, BusRig]:
-        rig = simulate("toy", self.seed)
+        rig = simulate("toy", self.seed, samples=1)
         bus = BusRig(rig)
         self.prepare(bus)
         return rig, bus
@@ -250,7 +250,7 @@ def test_the_rehearsal_is_what_is_then_shot(given: Place) -> None:
 def test_a_hardware_trigger_opens_all_shutters_with_the_leader(tmp_path: Path) -> None:
     """Line1 of cam0 is soldered to Line0 of cam1, as the file says; without that wire cam1 sees no edge."""
     for soldered in (True, False):
-        rig = simulate("toy", 3)
+        rig = simulate("toy", 3, samples=1)
         clock = VirtualClock()
         bus, wire = VirtualBus(clock), Wire(clock)
         devices = [U3vDevice(camera, clock) for camera in rig.devices]

@@ -44,7 +44,7 @@ class Cameras:
     clocks: list[VirtualClock] = field(default_factory=list)
 
     def __call__(self, sim: str | None, seed: int = 0, *, rough: bool = False) -> Bus:
-        bus = BusRig(simulate("toy", self.seed))
+        bus = BusRig(simulate("toy", self.seed, samples=1))
         if self.held is not None:
             bus.backend.hold(self.held, Holder.OTHER_PROGRAM)
         self.clocks.append(bus.clock)
@@ -70,9 +70,10 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
 
 @pytest.fixture
 def file(rig, tmp_path: Path) -> Path:
-    """The rig file of the simulated toy rig."""
+    """The rig file of the simulated toy rig, with a middle exposure that needs no meter."""
     path = tmp_path / "RIG.toml"
     assert rig("init", str(path), "--sim", "toy")[0] == 0
+    path.write_text(path.read_text().replace("# time = ", "time = "))
     return path
 
 
