@@ -19,8 +19,8 @@ from drivers.camera import Camera
 from drivers.clock import Clock
 from imaging.errors import RigError, StorageError
 
-WRITERS = 2
-"""One hashes while the disk has the other wait."""
+WRITERS = 4
+"""Some hash while the disk has the others wait."""
 
 Save = Callable[[Round, str, Taken], Written]
 """Makes a file of a camera's frame; StorageError if the disk refuses."""
