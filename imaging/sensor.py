@@ -54,7 +54,7 @@ class SensorCalibration(Record):
     dark_current: Measured | None = None
     """Electrons/s, mean."""
     ceiling: Measured | None = None
-    """DN at which photosites saturate, as overexposed ones show it."""
+    """DN at which photosites saturate; sigma is the scatter of saturated ones, rounding included."""
     full_well: Measured | None = None
     """Electrons between black and the ceiling (saturation capacity)."""
     nonlinearity: Measured | None = None
@@ -82,7 +82,7 @@ class SensorCalibration(Record):
             a, b, c, d = (level.value for level in self.black)
             black = (a, b, c, d)
         # A photosite within the scatter of the ceiling may be saturated.
-        white = None if self.ceiling is None else int(np.floor(self.ceiling.value))
+        white = None if self.ceiling is None else int(np.ceil(self.ceiling.value - 3 * self.ceiling.sigma))
         return Levels(black, white, self.noise(), tuple((d.x, d.y) for d in self.defects or ()))
 
 

@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from calib.sensor.ceiling import Ceiling, ceiling
 from calib.sensor.linearity import Levels
-from calib.sensor.photon_transfer import QUANTISATION, SMALLEST, Transfer
+from calib.sensor.photon_transfer import SMALLEST, Transfer
 from calib.sensor.stack import sites
 
 Array = npt.NDArray[np.float64]
@@ -29,9 +29,9 @@ OUTLIERS = 6.0
 """Standard deviations beyond which a photosite shows something that moved."""
 USEFUL = 0.1
 """Relative error above which a gain is not told; of read noise twice that."""
-GAIN_SYSTEMATIC, READ_SYSTEMATIC = 0.005, 0.02
-"""Relative errors beyond chance: levels are not of one light within a bin, and the fixed pattern of the dark
-does not cancel, which a read noise by brackets holds."""
+GAIN_SYSTEMATIC, READ_SYSTEMATIC, BLACK_SYSTEMATIC = 0.005, 0.03, 0.01
+"""Errors beyond chance, relative, relative and DN: levels are not of one light within a bin; the fixed
+pattern of the dark does not cancel, so that a read noise by brackets holds it; rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ def pooled(pairs: Sequence[Pair], white: float) -> Blind:
     with np.errstate(divide="ignore", invalid="ignore"):
         black = np.where(total > 0, (weight * shift).sum(0) / total, 0.0)
         chi = (weight * (shift - black) ** 2).sum(0) / np.maximum((weight > 0).sum(0) - 1, 1)
-        error = np.where(total > 0, np.sqrt(np.maximum(chi, 1.0) / total), np.inf)
+        error = np.where(total > 0, np.hypot(np.sqrt(np.maximum(chi, 1.0) / total), BLACK_SYSTEMATIC), np.inf)
     transfer, reason = _transfer(pairs, black)
     levels = tuple(
         Levels(
@@ -201,7 +201,7 @@ def read_noise(transfer: Transfer) -> tuple[float, float] | None:
     """Electrons and standard error, None where the error is too large to be of use."""
     value, error = transfer.read_noise()
     error = float(np.hypot(error, READ_SYSTEMATIC * value))
-    return (value, error) if transfer.floor > QUANTISATION and error < 2 * USEFUL * value else None
+    return (value, error) if transfer.floor > SMALLEST and error < 2 * USEFUL * value else None
 
 
 def gain(transfer: Transfer) -> tuple[float, float]:

@@ -22,23 +22,31 @@ class Dark:
     current: tuple[float, float] | None
 
 
-def mean(stack: Stack, usable: Bool) -> tuple[Array, Array]:
-    """Mean of each CFA site, DN, float64 [4], and its standard error.
+@dataclass(frozen=True, eq=False)
+class Mean:
+    """Of each CFA site: value and error, float64 [4], DN; common: of the error what all sites share."""
 
-    The error counts what moves a whole frame, as its own level tells, and the fixed pattern.
-    """
+    value: Array
+    error: Array
+    common: float
+
+
+def mean(stack: Stack, usable: Bool) -> Mean:
+    """Mean of each CFA site; the error counts what moves a whole frame, and the fixed pattern."""
     planes = zip(sites(stack.mean), sites(usable), strict=True)
     chosen = [plane[keep].astype(np.float64) for plane, keep in planes]
     still = np.array([own.std() / np.sqrt(own.size) for own in chosen])
     # All of a frame may shift; few frames tell by how much only if the sites are pooled.
     moved = stack.levels - stack.levels.mean(axis=0)
-    error = np.hypot(still, np.sqrt((moved**2).mean() / max(stack.frames - 1, 1)))
-    return np.array([own.mean() for own in chosen]), np.asarray(error)
+    last = max(stack.frames - 1, 1)
+    error = np.hypot(still, np.sqrt((moved**2).mean() / last))
+    common = max(float((moved.mean(axis=1) ** 2).mean()) - float((moved**2).mean()) / 4, 0.0) * 4 / 3 / last
+    return Mean(np.array([own.mean() for own in chosen]), np.asarray(error), float(np.sqrt(common)))
 
 
-def level(times: Sequence[float], means: Sequence[tuple[Array, Array]]) -> Dark:
+def level(times: Sequence[float], means: Sequence[Mean]) -> Dark:
     """Black of each CFA site and what it gains in a second, the same for all, from one stack or more."""
-    value, sigma = np.array([own[0] for own in means]), np.array([own[1] for own in means])
+    value, sigma = np.array([own.value for own in means]), np.array([own.error for own in means])
     if len(set(times)) < 2:
         weight = 1.0 / sigma**2
         return Dark((value * weight).sum(0) / weight.sum(0), 1.0 / np.sqrt(weight.sum(0)), None)
@@ -46,7 +54,12 @@ def level(times: Sequence[float], means: Sequence[tuple[Array, Array]]) -> Dark:
     design = np.concatenate([row / own[:, None] for row, own in zip(rows, sigma, strict=True)])
     inverse = np.linalg.inv(design.T @ design)
     found = inverse @ (design.T @ (value / sigma).reshape(-1))
-    error = np.sqrt(np.diag(inverse))
+    error = np.diag(inverse).copy()
+    # The sites of a frame move together, which their own errors do not say.
+    pull = ((inverse @ design.T)[4] / sigma.reshape(-1)).reshape(-1, 4)
+    together = (pull.sum(axis=1) ** 2 - (pull**2).sum(axis=1)) * np.array([own.common for own in means]) ** 2
+    error[4] += max(float(together.sum()), 0.0)
+    error = np.sqrt(error)
     return Dark(found[:4], error[:4], (float(found[4]), float(error[4])))
 
 

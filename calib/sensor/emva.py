@@ -68,7 +68,9 @@ def measure(
     line = straightness(shared, float(level.black_error.mean()) / white)
     if line is not None and not line.linear:
         points = points.straightened(line.share / white)
-    transfer = fit(points) or _in_the_dark(points, gain)
+    # Darks tell a gain too, by the noise of their dark current, but roughly.
+    known = gain if not frames.flats else None
+    transfer = fit(points) if known is None else _in_the_dark(points, known)
     values: dict[str, object] = {"iso": iso}
     source = "darks and flats" if frames.darks and frames.flats else "darks" if frames.darks else "flats"
 
@@ -107,7 +109,7 @@ def _level(frames: Frames, nominal: Nominal, usable: Bool) -> darks.Dark:
         for index, few in enumerate(frames.few):
             for site, one in enumerate(_coarse(few, usable)):
                 if one is not None:
-                    own[index][0][site], own[index][1][site] = one.black, one.black_error
+                    own[index].value[site], own[index].error[site] = one.black, one.black_error
     return darks.level([stack.time for stack in frames.darks], own)
 
 
@@ -152,9 +154,9 @@ def _points(frames: Frames, black: Array, usable: Bool, top: float) -> Points:
     return Points.joined(parts) if parts else Points(empty, empty, empty)
 
 
-def _in_the_dark(points: Points, gain: Measured | None) -> Transfer | None:
+def _in_the_dark(points: Points, gain: Measured) -> Transfer | None:
     """Darks alone tell the floor, which a gain from elsewhere turns into electrons."""
-    if gain is None or not len(points.light):
+    if not len(points.light):
         return None
     weight = points.freedom / points.variance.mean() ** 2 / 2.0
     floor = float((weight * (points.variance - gain.value * points.light)).sum() / weight.sum())
