@@ -32,6 +32,7 @@ from drivers.sim.camera import Body, SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.seeds import generator
 from imaging.exposure import Exposure
+from imaging.linear import from_raw
 
 Array = npt.NDArray[np.float64]
 
@@ -86,7 +87,7 @@ def shots(device: SimulatedCamera, labels: Sequence[Exposure]) -> list[seeing.Se
         if isinstance(frame, EncodedPhoto):
             seen.append(seeing.of_photo(imagecodecs.jpeg_decode(frame.data).astype(np.float32) / 255))
         else:
-            seen.append(seeing.of_raw(frame))
+            seen.append(seeing.of_raw(from_raw(frame, 1.0), frame.cfa))
     return seen
 
 

@@ -19,8 +19,10 @@ CLEAR = 5.0
 """Standard deviations that the light has in the shorter exposure."""
 FEWEST = 0.04
 """Share of the picture that both must show."""
-LEVELS = (8, 4, 2, 1)
+LEVELS = (16, 8, 4, 2, 1)
 """Samples that are averaged, from coarse to fine."""
+ENOUGH = 1 << 20
+"""Samples that tell a shift well enough; of larger pictures the finest levels are left out."""
 BLOCK = 4
 """Side of the blocks, in samples, in which something may have moved."""
 DIFFERENT, DEVELOPED = 0.15, 0.3
@@ -125,6 +127,8 @@ def _shift(pair: _Pair, start: npt.NDArray[np.float64]) -> tuple[tuple[float, fl
     for level in LEVELS:
         if min(pair.long.shape) < 16 * level:
             continue
+        if level < LEVELS[0] and pair.long.size > 4 * level**2 * ENOUGH:
+            break
         part = _averaged(pair, level)
         at = shift / level
         for _ in range(4):

@@ -11,6 +11,7 @@ from capture import seeing, thumbnails
 from imaging.colour import srgb_encode
 from imaging.errors import InputError
 from imaging.exr import read_exr
+from imaging.linear import LinearFrame, from_raw
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.photo import Photo, is_photo, read_metadata, read_photo
 from imaging.raw import is_raw, read_raw
@@ -65,9 +66,11 @@ def read_picture(path: Path) -> Picture:
 def examine(path: Path) -> Examined:
     """Read a whole file, for what it shows; InputError if it is no picture, or is torn."""
     content = _content(path)
-    picture = _shares(path, content)
     if isinstance(content, RawMosaic):
-        return Examined(picture, seeing.of_raw(content), thumbnails.of_raw(content))
+        frame = from_raw(content, 1.0)
+        picture = _of_mosaic(content, frame)
+        return Examined(picture, seeing.of_raw(frame, content.cfa), thumbnails.of_raw(frame, content))
+    picture = _shares(path, content)
     if isinstance(content, Photo):
         return Examined(picture, seeing.of_photo(content.pixels), thumbnails.of_photo(content.pixels))
     return Examined(picture, seeing.of_light(content), thumbnails.of_light(content))
@@ -86,7 +89,7 @@ def _content(path: Path) -> RawMosaic | Photo | npt.NDArray[np.float32]:
 
 def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) -> Picture:
     if isinstance(content, RawMosaic):
-        return _of_mosaic(content)
+        return _of_mosaic(content, from_raw(content, 1.0))
     if isinstance(content, Photo):
         height, width = content.pixels.shape[:2]
         return Picture("ldr", width, height, content.metadata, *_photo_shares(content.pixels))
@@ -95,12 +98,16 @@ def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) ->
     return Picture("hdr", width, height, read_metadata(path), (0.0, 0.0, 0.0), black, 1.0 - black)
 
 
-def _of_mosaic(mosaic: RawMosaic) -> Picture:
+def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> Picture:
     height, width = mosaic.pixels.shape
-    channels = mosaic.cfa.channels(height, width)
-    saturated, signal = mosaic.saturated(), mosaic.signal()
-    red, green, blue = (float(np.mean(saturated[channels == channel])) for channel in range(3))
-    black, lit = float(np.mean(signal <= 0)), float(np.mean(signal > LIT))
+    saturated, signal = frame.saturated, frame.signal
+    clipped, sites = [0, 0, 0], [0, 0, 0]
+    for (row, column), channel in np.ndenumerate(mosaic.cfa.pattern):
+        own = saturated[row::2, column::2]
+        clipped[channel] += np.count_nonzero(own)
+        sites[channel] += own.size
+    red, green, blue = (count / max(every, 1) for count, every in zip(clipped, sites, strict=True))
+    black, lit = np.count_nonzero(signal <= 0) / signal.size, np.count_nonzero(signal > LIT) / signal.size
     return Picture("raw", width, height, mosaic.metadata, (red, green, blue), black, lit)
 
 

@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from imaging.cfa import Cfa
 from imaging.colour import srgb_decode
-from imaging.linear import LinearFrame, SensorSignalNoise, from_raw
-from imaging.mosaic import RawMosaic
+from imaging.linear import LinearFrame, SensorSignalNoise
 
 Float = npt.NDArray[np.float32]
 Bool = npt.NDArray[np.bool_]
@@ -53,19 +52,18 @@ class Seen:
     patches: Patches | None
 
 
-def of_raw(mosaic: RawMosaic) -> Seen:
+def of_raw(frame: LinearFrame, cfa: Cfa) -> Seen:
     """A RAW frame; the two greens of each tile are one sample."""
-    frame = from_raw(mosaic, 1.0)
     noise = frame.noise if isinstance(frame.noise, SensorSignalNoise) else TYPICAL
     height, width = (side // 2 * 2 for side in frame.signal.shape)
-    sites = [site for site, channel in np.ndenumerate(mosaic.cfa.pattern) if channel == 1]
+    sites = [site for site, channel in np.ndenumerate(cfa.pattern) if channel == 1]
     green = [frame.signal[row:height:2, column:width:2] for row, column in sites]
     clipped = [frame.saturated[row:height:2, column:width:2] for row, column in sites]
     return Seen(
         np.asarray((green[0] + green[1]) / 2, np.float32),
         clipped[0] | clipped[1],
         SensorSignalNoise(noise.slope / 2, noise.floor / 2),
-        _reduced(frame, mosaic.cfa),
+        _reduced(frame, cfa),
         None,
     )
 

@@ -5,6 +5,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.colour import srgb_encode
+from imaging.linear import LinearFrame
 from imaging.mosaic import RawMosaic
 from imaging.photo import encode_jpeg
 
@@ -16,9 +17,9 @@ TOP = 254 / 255
 QUALITY = 72
 
 
-def of_raw(mosaic: RawMosaic) -> bytes:
-    """JPEG of a mosaic: white at white, white balance as the camera had it, nothing lifted."""
-    signal, saturated = mosaic.signal(), mosaic.saturated()
+def of_raw(frame: LinearFrame, mosaic: RawMosaic) -> bytes:
+    """JPEG of a mosaic and its light: white at white, its white balance, nothing lifted."""
+    signal, saturated = frame.signal, frame.saturated
     height, width = (side // 2 * 2 for side in signal.shape)
     rgb = np.zeros((height // 2, width // 2, 3), np.float32)
     clipped = np.zeros((height // 2, width // 2), bool)

@@ -8,12 +8,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from capture.seeing import Seen, of_raw
 from drivers.sim.response import develop
 from drivers.sim.sensor import Sensor, SensorModel
 from imaging import store
 from imaging.cfa import Cfa, mosaic
 from imaging.dng import encode_dng
 from imaging.exposure import Exposure
+from imaging.linear import from_raw
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.photo import encode_jpeg
 from imaging.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord
@@ -60,6 +62,11 @@ def raw(light: Light, exposure: Exposure, seed: int = 0) -> RawMosaic:
     profile = (gain / span, ((gain * SENSOR.read_noise) ** 2 + 1 / 12) / span**2)
     metadata = FrameMetadata(serial="unit", exposure=exposure)
     return RawMosaic(pixels, Cfa.RGGB, (BLACK,) * 4, WHITE, noise_profile=profile, metadata=metadata)
+
+
+def seen_raw(light: Light, exposure: Exposure, seed: int = 0) -> Seen:
+    """The same as `rig check` sees it."""
+    return of_raw(from_raw(raw(light, exposure, seed), 1.0), Cfa.RGGB)
 
 
 def photo(light: Light, exposure: Exposure, seed: int = 0) -> npt.NDArray[np.uint8]:

@@ -8,7 +8,7 @@ from capture.estimating import estimates, meant, raw_edges
 from imaging.exposure import Exposure
 from imaging.ratios import Ratio
 
-from .brackets import photo, raw, scene
+from .brackets import photo, scene, seen_raw
 
 LABELS = [Exposure(time=time) for time in (1 / 2, 1 / 8, 1 / 32, 1 / 128)]
 
@@ -29,7 +29,7 @@ def departures(found, truth: list[Exposure]) -> np.ndarray:
 def test_ratios_of_a_raw_bracket_are_right_to_a_thousandth(seed):
     truth = wrongly(seed)
     light = scene(seed, 320, 480)
-    frames = [seeing.of_raw(raw(light, one, seed)).linear for one in truth]
+    frames = [seen_raw(light, one, seed).linear for one in truth]
     labels = np.log([one.scale for one in LABELS])
     found = estimates(LABELS, raw_edges(frames, labels))
     off = departures(found, truth)
@@ -41,14 +41,14 @@ def test_ratios_of_a_raw_bracket_are_right_to_a_thousandth(seed):
 
 def test_the_common_scale_is_that_of_the_labels():
     truth = wrongly(7)
-    frames = [seeing.of_raw(raw(scene(7), one, 7)).linear for one in truth]
+    frames = [seen_raw(scene(7), one, 7).linear for one in truth]
     found = estimates(LABELS, raw_edges(frames, np.log([one.scale for one in LABELS])))
     assert np.mean([one.over_label for one in found]) == pytest.approx(0.0, abs=0.01)
 
 
 def test_a_label_far_off_the_others_does_not_pull_them_along():
     truth = [LABELS[0], LABELS[1].with_time(1 / 4), *LABELS[2:]]
-    frames = [seeing.of_raw(raw(scene(3), one, 3)).linear for one in truth]
+    frames = [seen_raw(scene(3), one, 3).linear for one in truth]
     found = estimates(LABELS, raw_edges(frames, np.log([one.scale for one in LABELS])))
     assert [one.over_label for one in found] == pytest.approx([0, 1, 0, 0], abs=0.03)
 
@@ -56,7 +56,7 @@ def test_a_label_far_off_the_others_does_not_pull_them_along():
 def test_large_frames_are_averaged_in_blocks_with_the_same_ratios(monkeypatch):
     truth = wrongly(1)
     monkeypatch.setattr(seeing, "ENOUGH", 20_000)
-    frames = [seeing.of_raw(raw(scene(1, 320, 480), one, 1)).linear for one in truth]
+    frames = [seen_raw(scene(1, 320, 480), one, 1).linear for one in truth]
     assert frames[0].signal.size <= 20_000
     found = estimates(LABELS, raw_edges(frames, np.log([one.scale for one in LABELS])))
     assert np.abs(departures(found, truth)).max() < 3e-3
@@ -65,12 +65,12 @@ def test_large_frames_are_averaged_in_blocks_with_the_same_ratios(monkeypatch):
 def test_round_names_of_shutter_times_are_what_they_stand_for():
     labels = [Exposure(time=time) for time in (1 / 4, 1 / 60, 1 / 1000)]
     truth = [Exposure(time=time) for time in (1 / 4, 1 / 64, 1 / 1024)]
-    frames = [seeing.of_raw(raw(scene(2), one, 2)).linear for one in truth]
+    frames = [seen_raw(scene(2), one, 2).linear for one in truth]
     found = estimates(labels, raw_edges(frames, np.log([one.scale for one in labels])))
     assert [one.over_meant for one in found] == pytest.approx([0, 0, 0], abs=0.01)
     assert found[1].over_label == pytest.approx(np.log2(60 / 64), abs=0.01)
     # An industrial camera means 1/60 s as it says.
-    frames = [seeing.of_raw(raw(scene(2), one, 2)).linear for one in labels]
+    frames = [seen_raw(scene(2), one, 2).linear for one in labels]
     found = estimates(labels, raw_edges(frames, np.log([one.scale for one in labels])))
     assert [one.over_meant for one in found] == pytest.approx([0, 0, 0], abs=0.01)
     assert found[1].over_label == pytest.approx(0, abs=0.01)
@@ -78,7 +78,7 @@ def test_round_names_of_shutter_times_are_what_they_stand_for():
 
 def test_where_pictures_do_not_overlap_the_label_stands():
     exposures = [Exposure(time=1.0), Exposure(time=1e-3)]
-    frames = [seeing.of_raw(raw(np.full((64, 64, 3), 5.0), one, 0)).linear for one in exposures]
+    frames = [seen_raw(np.full((64, 64, 3), 5.0), one, 0).linear for one in exposures]
     assert estimates(exposures, raw_edges(frames, np.log([one.scale for one in exposures]))) == [None, None]
 
 

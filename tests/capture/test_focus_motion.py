@@ -7,14 +7,14 @@ from capture import focus, motion, seeing
 from capture.seeing import Seen
 from imaging.exposure import Exposure
 
-from .brackets import blurred, photo, raw, scene, shifted
+from .brackets import blurred, photo, scene, seen_raw, shifted
 
 LONG, SHORT = Exposure(time=1 / 4), Exposure(time=1 / 32)
 
 
 def seen(light, exposure=LONG, seed=0, kind="raw") -> Seen:
     if kind == "raw":
-        return seeing.of_raw(raw(light, exposure, seed))
+        return seen_raw(light, exposure, seed)
     return seeing.of_photo(photo(light, exposure, seed).astype(np.float32) / 255)
 
 
