@@ -125,6 +125,35 @@ class Response(Record):
     """Median held-out disagreement of overlapping exposures, natural log."""
 
 
+class ChartPatch(Record):
+    """One patch of a colour chart, as the calibrated camera sees it and as it was published.
+
+    Both linear Rec.709 under D65, a perfect diffuser being (1, 1, 1).
+    """
+
+    number: int = Field(ge=1)
+    """On the chart, row by row."""
+    measured: tuple[float, float, float]
+    published: tuple[float, float, float]
+    delta_e: float
+    """CIEDE2000 under a fit that did not see this patch."""
+
+
+class ChartEvidence(Record):
+    """The view of a colour chart that a camera's colour comes from; delta E as of the patches."""
+
+    frame: int = Field(ge=0)
+    chart: str
+    patches: tuple[ChartPatch, ...]
+    delta_e_mean: float
+    delta_e_p95: float
+    delta_e_max: float
+    delta_e_files: float | None = None
+    """The mean with the matrix of the camera's files and the chart's white; None: they name none."""
+    corners: tuple[tuple[float, float], ...] = ()
+    """Of the chart in the image, px: of patches 1, 6, 24 and 19."""
+
+
 class CameraCalibration(Record):
     """One camera: lens, place in the rig, sensor, response and vignetting."""
 
@@ -145,6 +174,13 @@ class CameraCalibration(Record):
     """Sensitivity relative to the rig's mean, divided out by later stages."""
     camera_from_rec709: tuple[tuple[float, float, float], ...] | None = None
     """[3][3] linear Rec.709 to camera RGB (RAW only), green row summing to 1; None: not known."""
+    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Sensitivities of red, green and blue relative to the rig and to green, as shared scene points tell
+    them: part of `camera_from_rec709` already, kept to be known when that is measured anew."""
+    white_balance_error: tuple[float, float, float] | None = None
+    """Their standard errors, relative; None: not measured."""
+    chart: ChartEvidence | None = None
+    """None: this camera's colour comes from its files, or from the chart that another of its model saw."""
 
 
 class ViewCalibration(Record):
