@@ -118,6 +118,8 @@ def capture(
     """
     rig_file, out = _places(context, paths, sim)
     kind = _kind(context, {"dark": darks, "flat": flats, "board": board})
+    if sim is None and (seed or rough):
+        raise WrongUsage("--seed and --rough are for simulated rigs: add --sim, or leave them out", context)
     limits = {"snr": snr, "slowest": slowest, "total": total, "highest_iso": highest_iso}
     if kind != "scene" and (bracket == () or any(value is not None for value in limits.values())):
         raise WrongUsage("An automatic bracket, and its limits, are for scenes: leave them out", context)

@@ -87,6 +87,8 @@ def _commands(
         yield f"rig capture --sim {shlex.quote(record.origin[4:])} --seed {record.seed or 0} {name}"
     elif record.origin == "import":
         yield f"rig import {_source(session)} {name}"
+    else:
+        yield f"rig capture {shlex.quote(record.origin)} {name}"
     if calibrated:
         yield f"rig calibrate {name}"
     if model is not None:

@@ -134,6 +134,7 @@ def test_frames_for_the_calibration_are_announced_by_a_dry_run(rig, tmp_path: Pa
         (["--darks", "--flats"], "give one"),
         (["--darks", "--bracket", "auto"], "an automatic bracket, and its limits, are for scenes"),
         (["--board", "--slowest", "1/8"], "an automatic bracket, and its limits, are for scenes"),
+        (["--rough"], "--seed and --rough are for simulated rigs"),
         (["third"], "unexpected extra argument (third)"),
         (["--bracket", "0,3", "--snr", "30"], "stops are no bracket that is planned"),
     ],
