@@ -65,6 +65,8 @@ def read(folder: Path) -> Given:
     photos: dict[Path, GivenPhoto] = {}
     for key, image in sorted(model.images.items(), key=lambda item: natural(Path(item[1].name))):
         path = store.inside(root, image.name)
+        if path in photos:
+            raise InputError(f"{place} names {shown(path)} twice: take one of both out.")
         if not path.is_file():
             missing.append(f"{shown(path)} is named in {place} but is not there")
             continue

@@ -202,6 +202,14 @@ def test_of_several_models_the_first_is_read_and_that_is_said(project):
     assert result.views == 4
 
 
+def test_two_images_of_one_name_are_refused(project):
+    folder, truth = project(text=True)
+    path = folder / "sparse" / "0" / "images.txt"
+    path.write_text(path.read_text().replace(truth.images[1].name, truth.images[2].name))
+    with pytest.raises(InputError, match="twice: take one of both out"):
+        imported(folder)
+
+
 def test_a_name_that_leads_out_of_the_folder_is_refused(project):
     folder, truth = project(text=True)
     path = folder / "sparse" / "0" / "images.txt"
