@@ -54,15 +54,15 @@ def run(trouble: Trouble, arguments: Sequence[str], tell: Connection, out: Path,
 
     plans: list[FaultPlan] = []
 
-    def plan(clock, faults, *more):  # type: ignore[no-untyped-def]
+    def plan(clock, faults, *more):
         if trouble.unplug is not None:
             serial, nth, count = trouble.unplug
             faults = [Fault(Kind.UNPLUG, serial, nth=nth, seconds=FOR_EVER, count=count)]
         plans.append(FaultPlan(clock, faults, *more))
         return plans[-1]
 
-    Session.append_shot = append_and_tell  # type: ignore[method-assign]
-    on_bus.FaultPlan = plan  # type: ignore[misc,assignment]
+    Session.append_shot = append_and_tell
+    on_bus.FaultPlan = plan
     calls = _watch(trouble)
     code = rig(arguments)
     tell.send((calls[0], sum(one.operations() for one in plans)))

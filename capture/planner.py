@@ -138,7 +138,8 @@ def _balanced(
         return plan
     reaches = [Reach.of(one.tones, (one.dark, one.bright), exposures, snr, SLACK) for one in targets]
     times = np.array([exposure.time for exposure in exposures])
-    chosen = balance(reaches, times, count, min(most, BALANCE * plan.total))
+    longest = min(most, BALANCE * plan.total) * (1 + 1e-9)  # sums round differently in another order
+    chosen = balance(reaches, times, count, longest)
     return replace(plan, exposures=tuple(exposures[index] for index in chosen))
 
 
