@@ -25,20 +25,21 @@ def must_be_the_same(session: Session, wanted: SessionRecord) -> None:
             f"{session.folder} was captured with seed {there.seed}, not {wanted.seed}: "
             "resume it with the same seed, or name a new folder."
         )
-    known = {camera.name: camera for camera in there.cameras}
-    given = {camera.name: camera for camera in wanted.cameras}
-    if known == given:
-        return
     if not _is_rig_file(there.origin):
-        raise InputError(
-            f"{session.folder} was captured with other cameras than {wanted.origin} has now: "
-            "resume it with the version of rig that began it, or name a new folder."
-        )
-    name = next(name for name in {**known, **given} if known.get(name) != given.get(name))
-    raise InputError(
-        f"{session.folder} was captured with {_told(known.get(name), name)}, and {wanted.origin} now has "
-        f"{_told(given.get(name), name)}: resume it with the rig file that began it, or name a new folder."
-    )
+        if there.cameras != wanted.cameras:
+            raise InputError(
+                f"{session.folder} was captured with other cameras than {wanted.origin} has now: "
+                "resume it with the version of rig that began it, or name a new folder."
+            )
+        return
+    known, given = ({one.name: _told(one) for one in record.cameras} for record in (there, wanted))
+    for name in {**known, **given}:
+        had, has = (cameras.get(name, f"no camera {name}") for cameras in (known, given))
+        if had != has:
+            raise InputError(
+                f"{session.folder} was captured with {had}, and {wanted.origin} now has {has}: "
+                "resume it with the rig file that began it, or name a new folder."
+            )
 
 
 def _is_rig_file(origin: str) -> bool:
@@ -46,11 +47,10 @@ def _is_rig_file(origin: str) -> bool:
     return origin != "import" and not origin.startswith("sim:")
 
 
-def _told(camera: CameraRecord | None, name: str) -> str:
-    if camera is None:
-        return f"no camera {name}"
+def _told(camera: CameraRecord) -> str:
+    """All that has to be the same again."""
     rig = "no rig" if camera.rig is None else f"rig {camera.rig}"
-    return f"{name} as {camera.serial} ({camera.kind}, {rig})"
+    return f"{camera.name} as {camera.serial} ({camera.kind}, {rig})"
 
 
 def continued(
