@@ -26,6 +26,8 @@ Codes = npt.NDArray[np.float32]
 
 PAIRS = 20_000
 """Codes that are compared from one probe to the next."""
+_LARGEST = np.float32(65_535)
+"""Of the whole numbers as which codes of 8 and 16 bits are kept, exactly."""
 
 
 class CodeLook:
@@ -35,11 +37,12 @@ class CodeLook:
     """Stops between the probes: most pixels are well exposed in two of them, which tells the tone curve."""
 
     def __init__(self) -> None:
-        self._probes: dict[Exposure, dict[tuple[int, int], Codes]] = {}
+        self._probes: dict[Exposure, dict[tuple[int, int], npt.NDArray[np.uint16]]] = {}
 
     def add(self, exposure: Exposure, position: int, take: int, codes: Codes) -> None:
         """Keep a photograph, or what of a large one tells as much."""
-        self._probes.setdefault(exposure, {})[position, take] = thin(codes)
+        kept = np.rint(thin(codes) * _LARGEST).astype(np.uint16)
+        self._probes.setdefault(exposure, {})[position, take] = kept
 
     def clips(self, exposure: Exposure) -> bool:
         """Whether the bright percentile of any channel is beyond the trusted codes."""
@@ -80,12 +83,14 @@ class CodeLook:
 
     def _all(self, exposure: Exposure) -> Codes:
         """Every pixel of an exposure, [N, 3]."""
-        return np.concatenate([codes.reshape(-1, 3) for codes in self._probes[exposure].values()])
+        kept = np.concatenate([codes.reshape(-1, 3) for codes in self._probes[exposure].values()])
+        return kept.astype(np.float32) / _LARGEST
 
     def _take(self, exposure: Exposure, take: int) -> Codes:
         """Those of one take at all positions, one below the other, [H, W, 3]."""
         photos = self._probes[exposure]
-        return np.concatenate([photos[key] for key in sorted(photos) if key[1] == take])
+        kept = np.concatenate([photos[key] for key in sorted(photos) if key[1] == take])
+        return kept.astype(np.float32) / _LARGEST
 
     def _tones(self, ascending: list[Exposure]) -> CodeTones:
         """The tone curve, from what becomes of a pixel's code from one probe to the next."""

@@ -14,7 +14,7 @@ DARK_SHARE, BRIGHT_SHARE = DARK_PERCENTILE / 100.0, 1.0 - BRIGHT_PERCENTILE / 10
 """Of all pixels that may be darker, and brighter, than what a bracket shows."""
 TAKES = 2
 ENOUGH, BLOCK = 1 << 20, 4
-"""Photosites of a frame that are kept, in blocks of so many by so many, spread evenly."""
+"""Values of a frame that are kept, in blocks of so many by so many pixels, spread evenly."""
 
 HOT = 4.0
 
@@ -36,7 +36,7 @@ def percentile(one: Values, other: Values, rank: float) -> float:
 def thin(pixels: npt.NDArray[Pixel]) -> npt.NDArray[Pixel]:
     """Evenly spread blocks of a large frame [H, W, ...]: they have the percentiles of the whole."""
     height, width = pixels.shape[:2]
-    step = math.ceil(math.sqrt(height * width / ENOUGH))
+    step = math.ceil(math.sqrt(pixels.size / ENOUGH))
     if step == 1:
         return pixels
     rows, columns = (np.flatnonzero(np.arange(n) // BLOCK % step == 0) for n in (height, width))

@@ -123,6 +123,15 @@ def test_the_metered_range_is_that_of_the_scene(stops):
         assert stops - 0.3 < target.stops < stops + 1.4
 
 
+def test_a_large_photograph_is_metered_by_evenly_spread_blocks(monkeypatch):
+    """Blocks of four columns: the ramp's last four may be left out, at either end."""
+    whole, four_columns = Scene(ramp(9)).meter().targets, 4 * 9 / (WIDTH - 1)
+    monkeypatch.setattr("capture.percentile.ENOUGH", WIDTH * HEIGHT * 3 // 4)
+    for target, own in zip(Scene(ramp(9)).meter().targets, whole, strict=True):
+        assert abs(math.log2(target.dark / own.dark)) < four_columns + 0.1
+        assert abs(math.log2(target.bright / own.bright)) < four_columns + 0.1
+
+
 def test_black_and_glare_are_said():
     with pytest.raises(CaptureError, match="the scene is black: no camera sees light at 1/30 s"):
         Scene(0.0, slowest=1 / 30).meter()
