@@ -138,7 +138,11 @@ def _told(names: Sequence[str], offsets: dict[int, float], missed: dict[int, int
         for index, offset in offsets.items()
         if abs(offset) > CLOCKS_AGREE
     ]
-    parts += [f"{names[index]} lacks {count} frames" for index, count in missed.items() if count]
+    parts += [
+        f"{names[index]} lacks {count} frame{'' if count == 1 else 's'}"
+        for index, count in missed.items()
+        if count
+    ]
     return f"{', '.join(parts)}; --together never keeps them apart."
 
 

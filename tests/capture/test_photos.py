@@ -337,7 +337,7 @@ def test_cameras_that_fired_together_share_frames_whatever_their_clocks_say(tmp_
     assert {camera.rig for camera in Session.open(tmp_path / "s").record.cameras} == {"rig0"}
     (told,) = (guess for guess in result.guesses if "fired together" in guess)
     assert "3600 s ahead" in told
-    assert "lacks 1 frames" in told
+    assert "lacks 1 frame;" in told
     import_photos(tmp_path / "photos", tmp_path / "t", together="order")
     assert frames_by_camera(tmp_path / "t")["8"] == {0: {"00"}, 1: {"01"}, 2: {"03"}, 3: {"04"}}
     import_photos(tmp_path / "photos", tmp_path / "u", together="never")
