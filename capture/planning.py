@@ -51,8 +51,10 @@ def plan_for(
     elif request.kind == "dark":
         exposures, reason = _darks(source, plans, frames)
     elif request.kind == "flat":
-        exposures = ladder(_metered(source, "flat", frames).targets, singles(source.cameras, source.f_number))
-        reason = "metered: levels from 90 % of white of the camera that sees most light down into the noise"
+        targets = _metered(source, "flat", frames).targets
+        exposures = ladder(targets, singles(source.cameras, source.f_number))
+        full = max(target.bright for target in targets) * exposures[-1].scale
+        reason = f"metered: levels down from {full:.0%} of white, where the camera that sees most light is"
     else:
         metering = _metered(source, "board", frames)
         exposures = (middle_of(metering.targets, singles(source.cameras, source.f_number, STILL)),)
