@@ -84,10 +84,10 @@ class Shortfall:
     """Whether it may be more, since the meter found no end."""
 
     def __str__(self) -> str:
-        if self.stops == 0.0:
+        if self.at_least and self.stops < 0.05:
             return f"{self.target}: the meter found no {self.part} end"
         size = f"{self.stops:.1f}" if self.stops >= 0.05 else "less than 0.1"
-        stops = ("at least " if self.at_least and self.stops >= 0.05 else "") + f"{size} stops"
+        stops = ("at least " if self.at_least else "") + f"{size} stops"
         return {
             "dark": f"{self.target}: the dark end lacks {stops} of light for the wanted SNR",
             "middle": f"{self.target}: {stops} between exposures are in none",

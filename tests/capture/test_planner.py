@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture.choices import common_isos, common_times, exposure_list, without_idle_isos
-from capture.planner import BALANCE, SLACK, Plan, Target, Wanted, plan_bracket
+from capture.planner import BALANCE, SLACK, Plan, Shortfall, Target, Wanted, plan_bracket
 from capture.tones import Tones
 from drivers.camera import Capabilities
 from imaging.errors import CaptureError, InputError
@@ -271,6 +271,19 @@ def test_an_end_that_the_meter_did_not_find_is_never_called_covered():
         "dark": "cam0 R: the meter found no dark end",
         "bright": "cam0 R: the meter found no bright end",
     }
+
+
+@pytest.mark.parametrize(
+    ("stops", "at_least", "words"),
+    [
+        (1.26, False, "lacks 1.3 stops"),
+        (1.26, True, "lacks at least 1.3 stops"),
+        (0.01, False, "lacks less than 0.1 stops"),
+        (0.01, True, "the meter found no dark end"),
+    ],
+)
+def test_a_shortfall_says_no_more_than_is_known(stops, at_least, words):
+    assert words in str(Shortfall("cam0 G", "dark", stops, at_least))
 
 
 def test_a_rig_has_what_all_its_cameras_have():
