@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from capture import developed, focus, motion
 from capture.estimating import Estimate, estimates, meant, raw_edges
 from capture.findings import ProblemKind, ShotLook
 from capture.reading import Examined, Picture, examine
+from capture.seeing import Seen
 from imaging import store
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -38,6 +40,14 @@ class Read:
     sha256: str
     look: ShotLook
     thumbnail: bytes
+
+
+class _Comparable(NamedTuple):
+    """A shot that can be compared with the rest of its bracket."""
+
+    shot: ShotRecord
+    picture: Picture
+    seen: Seen
 
 
 Failure = tuple[ProblemKind, str]
@@ -105,7 +115,11 @@ def _examine(
     looks = {shot.file: _look(shot, one.picture) for shot, one in examined}
     undecided = None
     if group[0].kind in COMPARED:
-        same = [(shot, one) for shot, one in examined if digests[shot.file] == shot.sha256]
+        same = [
+            _Comparable(shot, one.picture, one.seen)
+            for shot, one in examined
+            if one.seen is not None and digests[shot.file] == shot.sha256
+        ]
         looks |= _compared(same, looks)
         undecided = _estimated(same, looks)
     read = {
@@ -149,11 +163,9 @@ def label(look: ShotLook) -> Exposure | None:
     return look.reported or look.requested
 
 
-def _compared(
-    shots: Sequence[tuple[ShotRecord, Examined]], looks: dict[str, ShotLook]
-) -> dict[str, ShotLook]:
+def _compared(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> dict[str, ShotLook]:
     """Focus and motion of the shots of one bracket."""
-    details = {shot.file: focus.detail(one.seen) for shot, one in shots}
+    details = {shot.file: focus.detail(seen) for shot, _, seen in shots}
     found = {}
     for file, detail in details.items():
         others = [other for name, other in details.items() if name != file]
@@ -163,7 +175,8 @@ def _compared(
                 "relative_sharpness": focus.against(detail, others),
             }
         )
-    for (_, longer), (shot, shorter) in pairwise(_longest_first(shots, looks)):
+    for longer, shorter in pairwise(_longest_first(shots, looks)):
+        shot = shorter.shot
         if longer.picture.kind != shorter.picture.kind:
             continue
         moved = motion.compare(longer.seen, shorter.seen)
@@ -173,38 +186,36 @@ def _compared(
     return found
 
 
-def _longest_first(
-    shots: Sequence[tuple[ShotRecord, Examined]], looks: dict[str, ShotLook]
-) -> list[tuple[ShotRecord, Examined]]:
+def _longest_first(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> list[_Comparable]:
     """By label; where labels lack, by brightness."""
-    labels = [label(looks[shot.file]) for shot, _ in shots]
+    labels = [label(looks[one.shot.file]) for one in shots]
     if all(labels):
-        scale = {shot.file: own.scale for (shot, _), own in zip(shots, labels, strict=True) if own}
+        scale = {one.shot.file: own.scale for one, own in zip(shots, labels, strict=True) if own}
     else:
-        scale = {shot.file: float(one.seen.green.mean()) for shot, one in shots}
-    return sorted(shots, key=lambda pair: -scale[pair[0].file])
+        scale = {one.shot.file: float(one.seen.green.mean()) for one in shots}
+    return sorted(shots, key=lambda one: -scale[one.shot.file])
 
 
-def _estimated(shots: Sequence[tuple[ShotRecord, Examined]], looks: dict[str, ShotLook]) -> _Undecided | None:
+def _estimated(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> _Undecided | None:
     """Estimates of a RAW bracket go into `looks`; of a developed one the codes are kept for later."""
-    known = [(shot, one, own) for shot, one in shots if (own := label(looks[shot.file])) is not None]
-    if len(known) < 2 or len({one.picture.kind for _, one, _ in known}) > 1:
+    known = [(one, own) for one in shots if (own := label(looks[one.shot.file])) is not None]
+    if len(known) < 2 or len({one.picture.kind for one, _ in known}) > 1:
         return None
-    if len({(one.picture.width, one.picture.height) for _, one, _ in known}) > 1:
+    if len({(one.picture.width, one.picture.height) for one, _ in known}) > 1:
         return None
-    if any((looks[shot.file].moved or 0.0) > ELSEWHERE for shot, _, _ in known):
+    if any((looks[one.shot.file].moved or 0.0) > ELSEWHERE for one, _ in known):
         return None
-    files, exposures = [shot.file for shot, _, _ in known], [own for _, _, own in known]
-    frames = [one.seen.linear for _, one, _ in known if one.seen.linear is not None]
+    files, exposures = [one.shot.file for one, _ in known], [own for _, own in known]
+    frames = [one.seen.linear for one, _ in known if one.seen.linear is not None]
     if len(frames) == len(known):
         edges = raw_edges(frames, np.log([own.scale for own in exposures]))
         for file, estimate in zip(files, estimates(exposures, edges), strict=True):
             looks[file] = _with(looks[file], estimate)
         return None
-    patches = [one.seen.patches for _, one, _ in known if one.seen.patches is not None]
+    patches = [one.seen.patches for one, _ in known if one.seen.patches is not None]
     if len(patches) < len(known):
         return None
-    return _Undecided(shots[0][0].camera, files, exposures, developed.codes_of(patches, meant(exposures)))
+    return _Undecided(shots[0].shot.camera, files, exposures, developed.codes_of(patches, meant(exposures)))
 
 
 def _developed(brackets: Sequence[_Bracket]) -> Iterable[tuple[str, Estimate | None]]:

@@ -18,6 +18,8 @@ from imaging.raw import is_raw, read_raw
 
 Kind = Literal["raw", "ldr", "hdr"]
 
+SMALLEST = 16
+"""Pixels on a side below which a picture shows nothing that could be compared."""
 LIT = 0.02
 """Of white, linear: a photosite above it saw light, or is hot."""
 
@@ -42,10 +44,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Examined:
-    """A picture, what of it is compared with others, and a thumbnail as JPEG."""
+    """A picture, what of it is compared with others (None: it is too small), and a thumbnail as JPEG."""
 
     picture: Picture
-    seen: seeing.Seen
+    seen: seeing.Seen | None
     thumbnail: bytes
 
 
@@ -69,11 +71,18 @@ def examine(path: Path) -> Examined:
     if isinstance(content, RawMosaic):
         frame = from_raw(content, 1.0)
         picture = _of_mosaic(content, frame)
-        return Examined(picture, seeing.of_raw(frame, content.cfa), thumbnails.of_raw(frame, content))
+        seen = seeing.of_raw(frame, content.cfa) if _large(picture) else None
+        return Examined(picture, seen, thumbnails.of_raw(frame, content))
     picture = _shares(path, content)
     if isinstance(content, Photo):
-        return Examined(picture, seeing.of_photo(content.pixels), thumbnails.of_photo(content.pixels))
-    return Examined(picture, seeing.of_light(content), thumbnails.of_light(content))
+        seen = seeing.of_photo(content.pixels) if _large(picture) else None
+        return Examined(picture, seen, thumbnails.of_photo(content.pixels))
+    seen = seeing.of_light(content) if _large(picture) else None
+    return Examined(picture, seen, thumbnails.of_light(content))
+
+
+def _large(picture: Picture) -> bool:
+    return min(picture.width, picture.height) >= SMALLEST
 
 
 def _content(path: Path) -> RawMosaic | Photo | npt.NDArray[np.float32]:
@@ -104,8 +113,8 @@ def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> Picture:
     clipped, sites = [0, 0, 0], [0, 0, 0]
     for (row, column), channel in np.ndenumerate(mosaic.cfa.pattern):
         own = saturated[row::2, column::2]
-        clipped[channel] += np.count_nonzero(own)
-        sites[channel] += own.size
+        clipped[int(channel)] += np.count_nonzero(own)
+        sites[int(channel)] += own.size
     red, green, blue = (count / max(every, 1) for count, every in zip(clipped, sites, strict=True))
     black, lit = np.count_nonzero(signal <= 0) / signal.size, np.count_nonzero(signal > LIT) / signal.size
     return Picture("raw", width, height, mosaic.metadata, (red, green, blue), black, lit)

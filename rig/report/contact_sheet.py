@@ -42,6 +42,7 @@ class Cell:
     """One shot in the grid; uri is None where there is no picture of it."""
 
     title: str
+    frame: int
     uri: str | None
     lines: tuple[tuple[str, str, bool], ...]
     """Name, value, whether it is marked."""
@@ -88,7 +89,6 @@ def check_report(folder: Path, report: CheckReport) -> Path:
             left_out=max(0, len(report.problems) + len(report.warnings) - MOST_ROWS),
             charts=tuple(_charts(report)),
             sheets=tuple(_sheets(report)),
-            tolerance=OFF_STOPS,
         )
     )
     store.write_bytes(path, html.encode("utf-8", "replace"))
@@ -148,7 +148,7 @@ def _charts(report: CheckReport) -> Iterable[tuple[str, str, Markup]]:
         yield (
             "Exposure: estimated against label",
             "Stops by which overlapping pixels say that a shot got more light than its label stands for "
-            "(1/60 s: 1/64 s), within its bracket.",
+            f"(1/60 s: 1/64 s), within its bracket. Doubted beyond {OFF_STOPS} and three standard errors.",
             chart(
                 "Estimated exposure against label",
                 series,
@@ -248,7 +248,7 @@ def _cell(place: Place, look: ShotLook | None, found: Sequence[Problem], report:
     marks = tuple((kind, " ".join(messages)) for kind, messages in said.items())
     title = f"{camera}, frame {frame}, step {step}"
     if look is None:
-        return Cell(title, None, (), marks)
+        return Cell(title, frame, None, (), marks)
     lines = [("asked", _exposure(look.requested), False)] if look.requested else []
     lines.append(("file", _exposure(look.reported), False))
     if look.estimated is not None and look.off is not None:
@@ -261,7 +261,7 @@ def _cell(place: Place, look: ShotLook | None, found: Sequence[Problem], report:
         length = (look.shift[0] ** 2 + look.shift[1] ** 2) ** 0.5
         lines.append(("shift", f"{length:.1f} px, {_percent(look.moved)} %", "motion" in said))
     data = base64.b64encode(report.thumbnails[look.file]).decode("ascii")
-    return Cell(title, f"data:image/jpeg;base64,{data}", tuple(lines), marks)
+    return Cell(title, frame, f"data:image/jpeg;base64,{data}", tuple(lines), marks)
 
 
 def _exposure(exposure: Exposure | None) -> str:

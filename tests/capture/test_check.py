@@ -14,6 +14,7 @@ from imaging import store
 from imaging.cfa import Cfa
 from imaging.dng import encode_dng
 from imaging.errors import InputError, StorageError
+from imaging.exr import write_exr
 from imaging.mosaic import RawMosaic
 from imaging.photo import encode_png
 from imaging.session import Session
@@ -375,3 +376,41 @@ def test_a_shot_that_had_to_be_repeated_is_late_without_being_a_problem(rig):
     (warning,) = [one for one in report.warnings if one.kind == "skew"]
     assert "had to be taken again, 2000 ms" in warning.message
     assert max(step.skew for step in report.skews) == 2.0
+
+
+POISON = {
+    "black": np.zeros((40, 48, 3), np.uint8),
+    "white": np.full((40, 48, 3), 255, np.uint8),
+    "grey": np.full((40, 48, 3), 99, np.uint8),
+    "a pixel": np.full((1, 1, 3), 99, np.uint8),
+    "a row": np.full((1, 300, 3), 99, np.uint8),
+    "a column": np.full((300, 2, 3), 99, np.uint8),
+    "noise": np.random.default_rng(0).integers(0, 256, (40, 48, 3), dtype=np.uint8),
+}
+
+
+@pytest.mark.parametrize("name", POISON)
+def test_pictures_that_show_nothing_are_checked_without_a_finding(tmp_path, name):
+    """Three times the same picture, but for one sample, under three exposures."""
+    (tmp_path / "photos").mkdir()
+    for number in range(3):
+        pixels = POISON[name].copy()
+        pixels[0, 0, 0] = number
+        (tmp_path / "photos" / f"{number}.png").write_bytes(encode_png(pixels))
+    (tmp_path / "photos" / "image_list.txt").write_text("0.png 8 4 0 0\n1.png 2 4 0 0\n2.png 0.5 4 0 0\n")
+    import_photos(tmp_path / "photos", tmp_path / "s")
+    report = check(tmp_path / "s")
+    assert report.ok
+    assert report.sound == 3
+    assert [warning for warning in report.warnings if warning.kind != "label"] == []
+    assert len(report.thumbnails) == 3
+
+
+def test_light_without_numbers_is_checked(tmp_path):
+    (tmp_path / "photos").mkdir()
+    light = np.full((40, 48, 3), np.nan, np.float32)
+    light[:20] = np.inf
+    write_exr(tmp_path / "photos" / "a.exr", light)
+    import_photos(tmp_path / "photos", tmp_path / "s")
+    report = check(tmp_path / "s")
+    assert (report.sound, report.warnings) == (1, ())
