@@ -17,10 +17,15 @@ CUT = 4.0
 
 @dataclass(frozen=True)
 class Free:
-    """Which terms of the lenses are adjusted, beside the focal length."""
+    """Which terms of the lenses are adjusted, beside the focal length.
+
+    fixed: cameras, by COLMAP's number, whose lens stays as it is. placed: those whose place in the rig stays.
+    """
 
     model: LensModel = "SIMPLE_RADIAL"
     principal_point: bool = False
+    fixed: frozenset[int] = frozenset()
+    placed: frozenset[int] = frozenset()
 
 
 def adjust(reconstruction: Any, free: Free, scale: float, threads: int, *, points_only: bool = False) -> None:
@@ -28,8 +33,9 @@ def adjust(reconstruction: Any, free: Free, scale: float, threads: int, *, point
 
     points_only: poses and lenses stay.
     """
-    for camera in reconstruction.cameras.values():
-        set_model(camera, free.model)
+    for number, camera in reconstruction.cameras.items():
+        if number not in free.fixed:
+            set_model(camera, free.model)
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
     options.refine_focal_length = options.refine_extra_params = not points_only
@@ -44,10 +50,27 @@ def adjust(reconstruction: Any, free: Free, scale: float, threads: int, *, point
     config = pycolmap.BundleAdjustmentConfig()
     for image in sorted(reconstruction.reg_image_ids()):
         config.add_image(image)
-    if not points_only:
+    for number in sorted(free.fixed):
+        config.set_constant_cam_intrinsics(number)
+    tied = _tied(reconstruction, free.placed)
+    for sensor in tied:
+        config.set_constant_sensor_from_rig_pose(sensor)
+    if tied and not points_only:  # the rig has a size: only where the world begins is free
+        config.set_constant_rig_from_world_pose(min(reconstruction.reg_frame_ids()))
+    elif not points_only:
         config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     # The class, and not `bundle_adjustment`, which prints whatever it is told.
     pycolmap.create_default_bundle_adjuster(options, config, reconstruction).solve()
+
+
+def _tied(reconstruction: Any, placed: frozenset[int]) -> list[Any]:
+    """The sensors of rigs of several cameras whose place in the rig stays."""
+    return [
+        sensor
+        for number in sorted(reconstruction.rigs)
+        for sensor in sorted(reconstruction.rigs[number].non_ref_sensors, key=lambda sensor: sensor.id)
+        if sensor.id in placed
+    ]
 
 
 def set_model(camera: Any, model: LensModel) -> None:

@@ -3,14 +3,16 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
 from calib import radiometry, sensors, sfm, tracks, vignetting
+from calib.assemble import assemble
+from calib.boards.measure import Measured as MeasuredBoard
+from calib.boards.measure import measure as measure_board
 from calib.exports import write_exports
 from calib.features import Key, image_name
+from calib.known_rig import NOTHING, Known
 from calib.looks import Look, look
 from calib.radiometry import Light
 from calib.response import RUNGS
@@ -21,14 +23,11 @@ from calib.views import Progress, View, scene_views
 from imaging import store
 from imaging.calibration import (
     CalibrationRecord,
-    CameraCalibration,
-    Response,
-    ViewCalibration,
     is_stale,
     read_calibration,
 )
 from imaging.errors import CalibrationError, InputError, PartialError
-from imaging.records import Rung, ShotRecord
+from imaging.records import Board, ShotRecord
 from imaging.session import Session
 
 Part = Literal["sensor", "response", "colour", "poses"]
@@ -45,20 +44,23 @@ def calibrate(
     session: Path,
     *,
     only: Part | None = None,
+    board: Board | None = None,
     progress: Progress = lambda message, done, total: None,
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder; returns what was written.
 
     only: redo this part and keep the rest of the calibration that is there; all but 'poses' need no
-    poses. The folder is replaced as a whole or not at all. Views without a pose are listed in the record.
+    poses. board: what the session's shots of a board show, where it does not say so itself. The folder is
+    replaced as a whole or not at all. Views without a pose are listed in the record.
 
     Errors: CalibrationError when no view can be placed and nothing else was learnt, or when an earlier
     calibration has poses, which then stays; PartialError when no view can be placed but exposures or
     response were measured, which are then written; InputError for a damaged session; StorageError.
     """
     opened = Session.open(session)
-    # Darks and flats alone tell of the sensor.
-    views = scene_views(opened) if only != "sensor" or opened.shots("scene") else []
+    # Darks and flats alone tell of the sensor, a board alone of lenses and rig.
+    alone = only == "sensor" or (only in (None, "poses") and bool(opened.shots("board")))
+    views = scene_views(opened) if opened.shots("scene") or not alone else []
     earlier = _earlier(opened, only)
     if earlier is not None and only in ("response", "colour"):
         measured = {camera.name: Sensors(at=camera.sensors) for camera in earlier.cameras}
@@ -74,7 +76,12 @@ def calibrate(
         record = _with_part(opened, views, only, found, light, earlier)
         store.write_json(_folder(opened) / "calibration.json", record.model_dump(mode="json"))
         return record
-    return _with_poses(opened, views, found, light, progress)
+    known = measure_board(opened, board, progress)
+    if known is not None and not views:
+        record = assemble(opened, views, found, light, board=known)
+        _write(opened, record, {}, None, progress)
+        return record
+    return _with_poses(opened, views, found, light, known, progress)
 
 
 def _folder(session: Session) -> Path:
@@ -116,7 +123,12 @@ def _known_light(record: CalibrationRecord) -> Light:
 
 
 def _with_poses(
-    session: Session, views: Sequence[View], found: Mapping[str, Sensor], light: Light, progress: Progress
+    session: Session,
+    views: Sequence[View],
+    found: Mapping[str, Sensor],
+    light: Light,
+    board: MeasuredBoard | None,
+    progress: Progress,
 ) -> CalibrationRecord:
     threads = len(os.sched_getaffinity(0))
     looks: dict[Key, Look] = {}
@@ -129,12 +141,12 @@ def _with_poses(
     progress("finding features", len(views), len(views))
     try:
         # One thread: Ceres adds up in the order in which its threads finish.
-        model = _placed(session, looks, found, 1, progress)
+        model = _placed(session, looks, found, board, 1, progress)
     except CalibrationError as error:
         cause = f"{str(error)[0].lower()}{str(error)[1:]}"
-        if not light.measured or _has_poses(session):
+        if not (light.measured or board is not None) or _has_poses(session):
             raise CalibrationError(f"{session.folder}: {cause}") from error
-        _write(session, _record(session, views, found, light, None, None), {}, None, progress)
+        _write(session, assemble(session, views, found, light, board=board), {}, None, progress)
         raise PartialError(
             f"{session.folder}: exposures and response are measured, but no view has a pose: {cause}"
         ) from error
@@ -145,7 +157,7 @@ def _with_poses(
         names,
         {camera.name: f"{camera.make} {camera.model}" for camera in session.record.cameras},
     )
-    record = _record(session, views, found, light, model, falloff)
+    record = assemble(session, views, found, light, model, falloff, board)
     _write(session, record, {key: own.png for key, own in looks.items()}, model, progress)
     return record
 
@@ -154,6 +166,7 @@ def _placed(
     session: Session,
     looks: Mapping[Key, Look],
     found: Mapping[str, Sensor],
+    board: MeasuredBoard | None,
     threads: int,
     progress: Progress,
 ) -> sfm.Model:
@@ -162,13 +175,22 @@ def _placed(
     for camera in session.record.cameras:
         if camera.rig is not None and camera.name in sizes:
             rigs.setdefault(camera.rig, []).append(camera.name)
+    guesses = {camera: found[camera].lens.resized(*size) for camera, size in sizes.items()}
+    focal_known = {camera for camera, sensor in found.items() if sensor.focal_known}
+    known = NOTHING
+    if board is not None:
+        lenses = {name: lens.resized(*sizes[name]) for name, lens in board.lenses.items() if name in sizes}
+        guesses |= lenses
+        sure = {name: lens for name, lens in lenses.items() if name in board.sure_lenses}
+        known = Known(sure, board.cam_from_rig, tied=board.sure_rig)
     return sfm.solve(
         {key: own.features for key, own in looks.items()},
-        {camera: found[camera].lens.resized(*size) for camera, size in sizes.items()},
+        guesses,
         list(rigs.values()),
         threads,
         progress,
-        focal_known=[camera for camera, sensor in found.items() if sensor.focal_known],
+        focal_known=focal_known if board is None else focal_known | set(board.lenses),
+        known=known,
         blank={key: own.blank for key, own in looks.items() if own.blank is not None},
     )
 
@@ -214,7 +236,7 @@ def _with_part(
     earlier: CalibrationRecord | None,
 ) -> CalibrationRecord:
     """An earlier calibration with one part of it measured again; without one, that part and what it needs."""
-    fresh = _record(session, views, found, light, None, None)
+    fresh = assemble(session, views, found, light)
     if earlier is None:
         return fresh
     fields = {"colour": ("camera_from_rec709",), "response": ("response",), "sensor": ("noise", "sensors")}
@@ -235,62 +257,3 @@ def _with_part(
     if only == "response":
         update["exposure_scale"] = fresh.exposure_scale
     return earlier.model_copy(update=update)
-
-
-def _record(
-    session: Session,
-    views: Sequence[View],
-    found: Mapping[str, Sensor],
-    light: Light,
-    model: sfm.Model | None,
-    falloff: vignetting.Falloff | None,
-) -> CalibrationRecord:
-    """What is written; without a model, all but lenses and poses."""
-    cameras = []
-    for camera in session.record.cameras:
-        own = found.get(camera.name)
-        update: dict[str, object] = {}
-        if own is not None:
-            update |= {
-                "noise": own.noise,
-                "sensors": own.measured.at,
-                "camera_from_rec709": own.camera_from_rec709,
-            }
-        if own is not None and model is not None and falloff is not None and camera.name in model.lenses:
-            update |= {
-                "lens": model.lenses[camera.name].resized(own.lens.width, own.lens.height),
-                "cam_from_rig": model.cam_from_rig.get(camera.name),
-                "vignetting": falloff.vignetting[camera.name],
-                "gain": falloff.gain[camera.name],
-            }
-        if own is not None and own.measured.falloff is not None:
-            update["vignetting"] = own.measured.falloff.vignetting
-        blank_kind: Literal["linear", "srgb"] = "linear" if camera.kind == "raw" else "srgb"
-        no_images = Response(kind=blank_kind, evidence="it has no images of a scene")
-        response = light.responses.get(camera.name, no_images)
-        blank = CameraCalibration(name=camera.name, serial=camera.serial, response=response)
-        cameras.append(blank.model_copy(update=update))
-    poses = {} if model is None else model.poses
-    rungs: tuple[Rung, ...] = (*sensors.rungs(found), *light.rungs)
-    if model is not None and falloff is not None:
-        rungs = (*rungs, *model.rungs, *falloff.rungs)
-    return CalibrationRecord(
-        created=datetime.now(UTC),
-        versions={name: version(name) for name in ("hdr-rig", "pycolmap", "numpy")},
-        shots_sha256=store.sha256(session.folder / "shots.jsonl"),
-        cameras=tuple(cameras),
-        views=tuple(
-            ViewCalibration(
-                camera=name,
-                frame=frame,
-                cam_from_world=pose,
-                points=model.points[name, frame] if model else 0,
-            )
-            for (name, frame), pose in sorted(poses.items())
-        ),
-        unregistered=tuple(view.name for view in views if view.key not in poses),
-        points=0 if model is None else int(model.reconstruction.num_points3D()),
-        reprojection_px=None if model is None else model.reprojection_px,
-        exposure_scale=light.scale,
-        rungs=rungs,
-    )

@@ -21,10 +21,11 @@ MOST_POINTS = 2000
 
 
 def climb(
-    reconstruction: Any, scale: float, threads: int, progress: Progress
+    reconstruction: Any, free: Free, scale: float, threads: int, progress: Progress
 ) -> tuple[Free, tuple[Rung, ...]]:
     """Try each term on top of those already taken; scale: the typical miss, px. Changes nothing."""
-    free = Free()
+    if free.fixed.issuperset(reconstruction.cameras):
+        return free, (Rung(name="lens_terms", taken=False, reason="a board told the lenses"),)
     if reconstruction.num_reg_images() < FEWEST_VIEWS:
         reason = f"fewer than {FEWEST_VIEWS} views cannot judge more than focal length and one radial term"
         return free, (Rung(name="lens_terms", taken=False, reason=reason),)

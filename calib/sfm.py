@@ -1,14 +1,16 @@
 """Structure from motion: poses, lenses and scene points from features, with the rig as a constraint."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from calib import half_samples
 from calib.adjust import Free, adjust, cut, misses, opencv_parameters
 from calib.features import FEWEST_MATCHES, Features, Key, Pair, fill_database, key_of
+from calib.known_rig import NOTHING, Known, camera_of, to_metres
 from calib.lens_ladder import climb
 from calib.views import Progress
 from imaging.calibration import Lens, Pose
@@ -52,6 +54,8 @@ class Model:
     points: dict[Key, int]
     reprojection_px: float
     rungs: tuple[Rung, ...]
+    spread: half_samples.Spread | None
+    metric: bool
 
     @property
     def rigged(self) -> bool:
@@ -67,33 +71,42 @@ def solve(
     progress: Progress,
     *,
     focal_known: Collection[str] = (),
+    known: Known = NOTHING,
     blank: Mapping[Key, str] | None = None,
 ) -> Model:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
 
     features: of every view, in picture pixels. cameras: a first guess of each lens, at picture size.
     rigs: names of cameras that are rigidly mounted to each other. focal_known: cameras whose guess comes
-    from a file's focal length rather than from nothing. blank: why a view shows nothing, of those that
-    do not.
+    from a file's focal length rather than from nothing. known: what a board told, which stays, lenses
+    at picture size; the model is in metres where that placed two cameras of a rig. blank: why a view shows
+    nothing, of those that do not.
     """
     refuse_hopeless(features, blank or {})
     width = max(lens.width for lens in cameras.values())
     max_error = MAX_ERROR * min(max(width / 1280, 0.5), 1.0)
     database = pycolmap.Database.open(":memory:")
-    models = {name: _camera(lens, name in focal_known) for name, lens in cameras.items()}
+    models = {
+        name: camera_of(known.lenses[name]) if name in known.lenses else _camera(lens, name in focal_known)
+        for name, lens in cameras.items()
+    }
     pairs = fill_database(database, models, features, max_error, progress)
     if not pairs:
         raise CalibrationError(
             "No two views share enough of the scene to be placed: take views that overlap by two thirds."
         )
     _refuse_turning(pairs, cameras, max_error)
-    reconstruction = _map(database, len(features), max_error, threads, progress)
+    fixed = frozenset(models[name].camera_id for name in known.lenses if name in models)
+    reconstruction = _map(database, len(features), max_error, fixed, threads, progress)
     if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(_NO_START.format(len(pairs)))
     alone = misses(reconstruction).typical
+    metric = sum(to_metres(reconstruction, known, rig) is not None for rig in rigs) > 0
     loose = pycolmap.Reconstruction(reconstruction)
-    rung = _rig(database, reconstruction, rigs)
-    free = Free()
+    rung = _rig(database, reconstruction, rigs, known)
+    told = known.cam_from_rig if known.tied else ()
+    placed = frozenset(models[name].camera_id for name in told if name in models)
+    free = Free(fixed=fixed, placed=placed)
     typical = _polish(reconstruction, free, max_error, threads, progress)
     if rung.taken and typical > LOOSE * max(alone, 0.1):
         reconstruction = loose
@@ -102,12 +115,14 @@ def solve(
             f"instead of {alone:.2f} px"
         )
         rung = Rung(name="rig_constraint", taken=False, reason=reason)
+        free = replace(free, placed=frozenset())
         typical = _polish(reconstruction, free, max_error, threads, progress)
     if reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(_NO_START.format(len(pairs)))
-    free, rungs = climb(reconstruction, typical, threads, progress)
+    free, rungs = climb(reconstruction, free, typical, threads, progress)
     adjust(reconstruction, free, typical, threads)
-    return _model(reconstruction, cameras, rung, rungs)
+    spread = half_samples.measure(reconstruction, free, typical, threads, progress)
+    return _model(reconstruction, cameras, (rung, *rungs), spread, metric)
 
 
 def _polish(reconstruction: Any, free: Free, max_error: float, threads: int, progress: Progress) -> float:
@@ -162,8 +177,11 @@ def _camera(lens: Lens, focal_known: bool) -> Any:
     return camera
 
 
-def _map(database: Any, views: int, max_error: float, threads: int, progress: Progress) -> Any | None:
+def _map(
+    database: Any, views: int, max_error: float, fixed: frozenset[int], threads: int, progress: Progress
+) -> Any | None:
     options = pycolmap.IncrementalPipelineOptions()
+    options.constant_cameras = set(fixed)
     options.min_model_size = 2
     options.random_seed = 0
     options.num_threads = threads
@@ -196,8 +214,11 @@ def _map(database: Any, views: int, max_error: float, threads: int, progress: Pr
     return max(models, key=lambda model: model.num_reg_images(), default=None)
 
 
-def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]]) -> Rung:
-    """Tie the cameras of each rig together, those that several frames show with a common reference camera."""
+def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], known: Known) -> Rung:
+    """Tie the cameras of each rig together.
+
+    Those whose places are known; else those that several frames show with a common reference camera.
+    """
     frames: dict[str, set[int]] = {}
     for index in reconstruction.reg_image_ids():
         camera, frame = key_of(reconstruction.image(index).name)
@@ -205,10 +226,13 @@ def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]]) -> R
     configs = []
     for names in rigs:
         seen = [name for name in names if name in frames]
+        told = [name for name in seen if known.tied and name in known.cam_from_rig]
         tied = {
             name: [other for other in seen if len(frames[other] & frames[name]) >= FEWEST_FRAMES]
             for name in seen
         }
+        if len(told) > 1:
+            tied = dict.fromkeys(told, told)
         reference = max(seen, key=lambda name: len(tied[name]), default=None)
         if reference is None or len(tied[reference]) < 2:
             continue
@@ -217,6 +241,9 @@ def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]]) -> R
             member = pycolmap.RigConfigCamera()
             member.image_prefix = f"{name}/"
             member.ref_sensor = name == reference
+            if len(told) > 1 and name != reference:
+                here, there = (known.cam_from_rig[one].matrix() for one in (name, reference))
+                member.cam_from_rig = pycolmap.Rigid3d((here @ np.linalg.inv(there))[:3])
             members.append(member)
         config = pycolmap.RigConfig()
         config.cameras = members
@@ -226,11 +253,17 @@ def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]]) -> R
         return Rung(name="rig_constraint", taken=False, reason=reason)
     pycolmap.apply_rig_config(configs, database, reconstruction)
     reason = "the session says that the cameras are mounted to each other, and several frames show them so"
+    if known.tied:
+        reason = "a board told where the cameras are mounted"
     return Rung(name="rig_constraint", taken=True, reason=reason)
 
 
 def _model(
-    reconstruction: Any, cameras: Mapping[str, Lens], rig_rung: Rung, lens_rungs: Sequence[Rung]
+    reconstruction: Any,
+    cameras: Mapping[str, Lens],
+    rungs: tuple[Rung, ...],
+    spread: half_samples.Spread | None,
+    metric: bool,
 ) -> Model:
     poses: dict[Key, Pose] = {}
     points: dict[Key, int] = {}
@@ -251,7 +284,7 @@ def _model(
     reconstruction.update_point_3d_errors()
     return Model(
         reconstruction, lenses, poses, mounted, points,
-        float(reconstruction.compute_mean_reprojection_error()), (rig_rung, *lens_rungs),
+        float(reconstruction.compute_mean_reprojection_error()), rungs, spread, metric,
     )  # fmt: skip
 
 

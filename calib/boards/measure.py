@@ -20,6 +20,9 @@ from imaging.session import Session
 
 OUTLIER = 2.5
 """A view, or a camera, that misses by this many times the median of all is named."""
+SURE_PX, SURE_RIG_PX = 0.3, 0.5
+"""Standard errors of a projection below which a board's lens, and a board's rig, are kept as they are: an
+adjustment to a textured scene does about as well."""
 _WHITE = 99.5
 """Percentile of a picture that becomes white: a lamp beside the board must not darken it."""
 
@@ -28,7 +31,8 @@ _WHITE = 99.5
 class Measured:
     """What a board told.
 
-    cam_from_rig: metres, of cameras that are mounted together and that views connect.
+    cam_from_rig: metres, of cameras that are mounted together and that views connect. sure_lenses, sure_rig:
+    what is known well enough to be kept as it is when a scene is looked at; the rest is where that begins.
     """
 
     lenses: dict[str, Lens]
@@ -37,6 +41,8 @@ class Measured:
     rig_errors: dict[str, PoseError]
     evidence: BoardEvidence
     rungs: tuple[Rung, ...]
+    sure_lenses: frozenset[str]
+    sure_rig: bool
 
 
 def measure(session: Session, told: Board | None, progress: Progress) -> Measured | None:
@@ -151,14 +157,34 @@ def _joined(board: Board, printed: str, seen: Mapping[Key, Corners], groups: lis
         rms_px=float(np.sqrt(np.mean(every**2))),
         outliers=tuple(outliers),
     )
-    return Measured(
-        lenses,
-        lens_errors,
-        mounted,
-        rig_errors,
-        evidence,
-        tuple(rung for group in good for rung in group.rungs),
+    sure_lenses, lens_rung = _sure_lenses(lenses, lens_errors)
+    sure_rig, rig_rung = _sure_rig(lenses, rig_errors)
+    rungs = [rung for group in good for rung in group.rungs] + [lens_rung] + [rig_rung] * bool(mounted)
+    return Measured(lenses, lens_errors, mounted, rig_errors, evidence, tuple(rungs), sure_lenses, sure_rig)
+
+
+def _sure_lenses(lenses: Mapping[str, Lens], errors: Mapping[str, LensError]) -> tuple[frozenset[str], Rung]:
+    """Cameras whose lens, and its middle, are known to a fraction of a pixel over the whole image."""
+    off = {name: max(float(np.mean(error.projection)), error.cx, error.cy) for name, error in errors.items()}
+    sure = frozenset(name for name in lenses if off.get(name, np.inf) < SURE_PX)
+    worst = max(off.values(), default=float("nan"))
+    reason = (
+        f"the board tells {len(sure)} of {len(lenses)} lenses to {SURE_PX:g} px or better (the worst to "
+        f"{worst:.2g} px); a scene adjusts the others"
     )
+    return sure, Rung(name="board_lenses", taken=bool(sure), reason=reason)
+
+
+def _sure_rig(lenses: Mapping[str, Lens], errors: Mapping[str, PoseError]) -> tuple[bool, Rung]:
+    """Whether where the cameras look is known to a fraction of a pixel."""
+    off = [float(np.radians(error.rotation)) * lenses[name].fx for name, error in errors.items()]
+    worst = max(off, default=float("inf"))
+    reason = f"the board tells where the cameras look to {worst:.2g} px"
+    if worst >= SURE_RIG_PX:
+        reason += (
+            "; a scene tells it better, and the board only the scale: show it in more frames, and larger"
+        )
+    return worst < SURE_RIG_PX, Rung(name="board_rig", taken=worst < SURE_RIG_PX, reason=reason)
 
 
 def _named(solved: rig.Solved) -> list[str]:

@@ -89,6 +89,7 @@ def _model(
 ) -> tuple[Any, Rows]:
     """A pycolmap reconstruction in the board's coordinates."""
     flat = board.corners()
+    seen = _twice({key: corners for key, corners in seen.items() if _placed(key, start)})
     model = pycolmap.Reconstruction()
     names = sorted(start.cam_from_rig)
     number = {name: index + 1 for index, name in enumerate(names)}
@@ -104,7 +105,7 @@ def _model(
         else:
             rig.add_sensor(sensor, pycolmap.Rigid3d(start.cam_from_rig[name][:3]))
     model.add_rig(rig)
-    keys = sorted((key for key in seen if _placed(key, start)), key=lambda key: (key[1], key[0]))
+    keys = sorted(seen, key=lambda key: (key[1], key[0]))
     rows: Rows = []
     image_of = {key: index + 1 for index, key in enumerate(keys)}
     for place, frame in enumerate(sorted({key[1] for key in keys}), start=1):
@@ -135,6 +136,17 @@ def _model(
         track.add_elements(elements)
         model.add_point3D(flat[corner], track)
     return model, rows
+
+
+def _twice(seen: Mapping[Key, Corners]) -> dict[Key, Corners]:
+    """Without the corners that only one view shows: pycolmap takes no point that is seen once."""
+    ids, counts = np.unique(np.concatenate([corners.ids for corners in seen.values()]), return_counts=True)
+    often = ids[counts > 1]
+    kept = {}
+    for key, corners in seen.items():
+        keep = np.isin(corners.ids, often)
+        kept[key] = Corners(corners.ids[keep], corners.points[keep])
+    return kept
 
 
 def _camera(lens: Lens, number: int) -> Any:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from imaging.errors import PartialError
+from rig.commands.board import EXAMPLE, BoardText, board_text
 from rig.commands.options import JsonOption, SessionArgument
 from rig.progress import Meter
 from rig.running import Outcome, leaving_nothing, running
@@ -13,6 +14,7 @@ from rig.words import counted, number
 
 if TYPE_CHECKING:
     from imaging.calibration import CalibrationRecord
+    from imaging.records import Board
 
 Part = Literal["sensor", "response", "colour", "poses"]
 
@@ -21,6 +23,14 @@ def calibrate(
     session: SessionArgument,
     only: Annotated[
         Part | None, typer.Option(help="Redo this part and keep the rest; all but poses need no poses.")
+    ] = None,
+    board: Annotated[
+        BoardText | None,
+        typer.Option(
+            parser=board_text,
+            metavar="COLUMNSxROWS,...",
+            help=f"The ChArUco board in the session's shots of one, where these do not say: {EXAMPLE}.",
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> Outcome:
@@ -32,10 +42,12 @@ def calibrate(
     Example: rig calibrate S
     """
     with running("calibrate") as meter:
-        return run_calibrate(session, meter, only)
+        return run_calibrate(session, meter, only, board.board() if board else None)
 
 
-def run_calibrate(session: Path, meter: Meter, only: Part | None = None) -> Outcome:
+def run_calibrate(
+    session: Path, meter: Meter, only: Part | None = None, board: "Board | None" = None
+) -> Outcome:
     """Calibrate, write the report and say what came of it."""
     folder = session / "calibration"
     with leaving_nothing(folder, unless=lambda path: (path / "calibration.json").is_file()):
@@ -43,13 +55,14 @@ def run_calibrate(session: Path, meter: Meter, only: Part | None = None) -> Outc
         from rig.report.calibration_page import calibration_report
 
         try:
-            record = calibrate_session(session, only=only, progress=meter)
+            record = calibrate_session(session, only=only, board=board, progress=meter)
         except PartialError:
             # What was found has its page too; the error says what is missing.
             calibration_report(session, meter)
             raise
     calibration_report(session, meter)
-    return told_cameras(session, record) if only and not record.views else told(session, record)
+    poseless = not record.views and not record.unregistered
+    return told_cameras(session, record) if poseless or (only and not record.views) else told(session, record)
 
 
 def calibration_outcome(session: Path) -> Outcome:
@@ -65,7 +78,25 @@ def told_cameras(session: Path, record: "CalibrationRecord") -> Outcome:
     evidence = {camera.name: camera.response.evidence for camera in record.cameras}
     responses = {camera.name: camera.response.kind for camera in record.cameras}
     lines = [f"{session}: {name}: {responses[name]}, {why}" for name, why in evidence.items()]
-    data = {"session": str(session), "responses": responses, "report": str(report)}
+    for camera in record.cameras:
+        for sensor in camera.sensors:
+            words = [
+                f"{what} {number(value.value)} ± {number(value.sigma)} {unit}".rstrip()
+                for what, value, unit in (
+                    ("gain", sensor.gain, "DN/e⁻"),
+                    ("read noise", sensor.read_noise, "e⁻"),
+                    ("ceiling", sensor.ceiling, "DN"),
+                )
+                if value is not None
+            ]
+            at = "" if sensor.iso is None else f" at ISO {sensor.iso:g}"
+            found = ", ".join(words) or "gain, read noise and ceiling are not determined"
+            lines.append(f"{session}: {camera.name}{at}: {found}")
+    sensors = {
+        camera.name: [sensor.model_dump(mode="json", exclude={"defects"}) for sensor in camera.sensors]
+        for camera in record.cameras
+    }
+    data = {"session": str(session), "responses": responses, "sensors": sensors, "report": str(report)}
     return Outcome(data, [*lines, f"Report: {report}"])
 
 

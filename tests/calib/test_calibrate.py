@@ -240,6 +240,6 @@ def test_a_camera_without_a_shot_is_listed_with_nothing_known(small: Path) -> No
 
 def test_pose_of_a_pycolmap_motion() -> None:
     motion = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.1, -0.7, 0.1, 0.7])), np.array([1.0, 2.0, 3.0]))
-    pose = sfm._pose(motion)
+    pose = sfm.pose_of(motion)
     assert isinstance(pose, Pose)
     np.testing.assert_allclose(pose.matrix()[:3], motion.matrix(), atol=1e-12)
