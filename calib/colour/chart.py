@@ -1,0 +1,212 @@
+"""Where in a view a colour chart is, and what its patches measure.
+
+OpenCV finds the chart in a small picture of 8 bits; what is measured is linear light. A find is
+believed only when the greys fall from white to black and the colours fit the chart's own.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from calib.colour.fit import Model, Patches, fit
+from calib.colour.reference import COLUMNS, NEUTRAL, PATCHES, chart, delta_e
+from imaging.cfa import Cfa
+from imaging.colour import srgb_encode
+from imaging.merge import Merged
+
+Array = npt.NDArray[np.float64]
+
+NO_FALLOFF = (0.0, 0.0, 0.0)
+PROXY_WIDTHS = (800, 1200)
+"""Of the pictures that are searched; a small chart needs the larger one."""
+EXPOSURES = ((99.0, 0.9), (60.0, 0.25))
+"""Percentiles of light and the linear levels they are put at: for a chart in the light, and in the shade."""
+MOST_FINDS = 4
+INSET = 0.8
+"""Share of an outline's width that is sampled. Outlines span half of their patches, and are off by up to a
+seventh of them."""
+LEAST_SITES = 9
+"""Photosites of a channel, below which a patch is too small."""
+LEAST_SNR = 10.0
+UNEVEN = 0.06
+"""Largest difference between the quarters of a patch, relative: more is a shadow, a gleam or its edge."""
+LEAST_PATCHES = 12
+MOST_DELTA_E = 8.0
+"""Mean after a fit, above which what was found is no chart, or not this one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A chart in a view: its patches, and their outlines float64 [24, 4, 2] in px of the whole image."""
+
+    patches: Patches
+    outlines: Array
+    delta_e: float
+
+
+@dataclass(frozen=True)
+class Missed:
+    """Why a view gives no chart, as half a sentence; near: something chart-like was there."""
+
+    reason: str
+    near: bool = False
+
+
+def locate(rgb: npt.NDArray[np.floating]) -> list[Array]:
+    """Outlines [24, 4, 2], in px of linear camera RGB [H, W, 3], of all that looks like a chart."""
+    balanced = np.maximum(np.nan_to_num(rgb), 0.0)
+    balanced = balanced / np.maximum(np.percentile(balanced, 90, axis=(0, 1)), 1e-12)
+    light = balanced.mean(axis=-1)
+    finds: list[Array] = []
+    for width in PROXY_WIDTHS:
+        scale = min(1.0, width / rgb.shape[1])
+        small = cv2.resize(
+            balanced.astype(np.float32), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA
+        )
+        for percentile, level in EXPOSURES:
+            gain = level / max(float(np.percentile(light, percentile)), 1e-12)
+            proxy = np.rint(255 * srgb_encode(small * gain)).astype(np.uint8)
+            finds += [outlines / scale for outlines in _search(np.ascontiguousarray(proxy[..., ::-1]))]
+        if finds or scale == 1.0:
+            break
+    return finds
+
+
+def _search(proxy: npt.NDArray[np.uint8]) -> list[Array]:
+    detector = cv2.mcc.CCheckerDetector.create()
+    detector.setColorChartType(cv2.mcc.MCC24)
+    # Asking for the best one when there is none would end the process, so the list is asked for.
+    if not detector.process(proxy, MOST_FINDS):
+        return []
+    charts = [np.array(one.getColorCharts(), np.float64) for one in detector.getListColorChecker()]
+    return [one.reshape(PATCHES, 4, 2) for one in charts if one.shape == (4 * PATCHES, 2)]
+
+
+def measure(merged: Merged, outlines: Array, vignetting: tuple[float, float, float] = NO_FALLOFF) -> Patches:
+    """The patches inside these outlines [24, 4, 2], in px of the merged mosaic.
+
+    vignetting: of the lens where it is known (`CameraCalibration.vignetting`), which is divided out.
+    """
+    rgb, sigma, usable = np.zeros((PATCHES, 3)), np.ones((PATCHES, 3)), np.zeros(PATCHES, bool)
+    for index, outline in enumerate(outlines):
+        found = _patch(merged, outline)
+        if found is not None:
+            rgb[index], sigma[index] = found
+            usable[index] = True
+    height, width = merged.radiance.shape
+    away = outlines.mean(axis=1) - np.array((width, height)) / 2
+    square = (away**2).sum(axis=1) / ((width / 2) ** 2 + (height / 2) ** 2)
+    fall = 1.0 + square[:, None] ** np.array([1, 2, 3]) @ np.array(vignetting)
+    rgb, sigma = rgb / fall[:, None], sigma / fall[:, None]
+    row, column = np.divmod(np.arange(PATCHES), COLUMNS)
+    place = np.stack([column / 2.5 - 1, row / 1.5 - 1], axis=1)
+    return Patches(rgb, sigma, place, usable)
+
+
+def _patch(merged: Merged, outline: Array) -> tuple[Array, Array] | None:
+    """Median camera RGB of a patch and its standard error; None if it is clipped, uneven, small or dim."""
+    height, width = merged.radiance.shape
+    centre = outline.mean(axis=0)
+    inner = centre + INSET * (outline - centre)
+    low = np.maximum(np.floor(inner.min(axis=0)).astype(int), 0)
+    high = np.minimum(np.ceil(inner.max(axis=0)).astype(int) + 1, (width, height))
+    outside = (inner.min(axis=0) < 0) | (inner.max(axis=0) > (width, height))
+    if outside.any() or (high <= low).any():
+        return None
+    x, y = np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5)
+    inside = _inside(x, y, inner)
+    window = (slice(low[1], high[1]), slice(low[0], high[0]))
+    if merged.cfa is None or (merged.clipped[window] & inside).mean() > 0.01:
+        return None
+    channels = merged.cfa.channels(height, width)[window]
+    known = inside & merged.valid[window]
+    light = merged.radiance[window]
+    # Quarters along the patch's own sides, whichever way it lies.
+    along, down = inner[1] - inner[0], inner[3] - inner[0]
+    quarter = 2 * ((x - centre[0]) * along[0] + (y - centre[1]) * along[1] > 0) + (
+        (x - centre[0]) * down[0] + (y - centre[1]) * down[1] > 0
+    )
+    values, errors = np.zeros(3), np.zeros(3)
+    for channel in range(3):
+        own = known & (channels == channel)
+        sites = light[own].astype(np.float64)
+        if len(sites) < LEAST_SITES:
+            return None
+        values[channel], errors[channel] = _median(sites)
+        if not values[channel] > LEAST_SNR * errors[channel]:
+            return None
+        parts = [_median(light[own & (quarter == part)].astype(np.float64)) for part in range(4)]
+        middles, spread = np.array(parts).T
+        limit = UNEVEN * values[channel] + 4 * np.max(spread)
+        if not np.ptp(middles) < limit:
+            return None
+    return values, errors
+
+
+def _median(sites: Array) -> tuple[float, float]:
+    """The median and its standard error, from the spread of the middle of the sites; infinite of nothing."""
+    if len(sites) < 2:
+        return float("nan"), float("inf")
+    middle = float(np.median(sites))
+    deviation = 1.4826 * float(np.median(np.abs(sites - middle)))
+    return middle, 1.2533 * deviation / float(np.sqrt(len(sites)))
+
+
+def _inside(x: Array, y: Array, corners: Array) -> npt.NDArray[np.bool_]:
+    """Whether points lie in a convex quadrilateral [4, 2]."""
+    sides = []
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        sides.append((end[0] - start[0]) * (y - start[1]) - (end[1] - start[1]) * (x - start[0]))
+    return np.asarray((np.array(sides) >= 0).all(axis=0) | (np.array(sides) <= 0).all(axis=0))
+
+
+def best(
+    merged: Merged, finds: list[Array], vignetting: tuple[float, float, float] = NO_FALLOFF
+) -> Found | Missed:
+    """The find that is the chart; Missed when none is."""
+    if not finds:
+        return Missed("nothing in it looks like a chart of 24 patches")
+    verdicts = [judge(measure(merged, outlines, vignetting), outlines) for outlines in finds]
+    good = [verdict for verdict in verdicts if isinstance(verdict, Found)]
+    if good:
+        return min(good, key=lambda one: one.delta_e)
+    return next((one for one in verdicts if isinstance(one, Missed) and one.near), verdicts[0])
+
+
+def judge(patches: Patches, outlines: Array) -> Found | Missed:
+    """Whether these patches are those of the chart."""
+    count = int(patches.usable.sum())
+    if count < LEAST_PATCHES:
+        return Missed(
+            f"of a chart-like find only {count} of {PATCHES} patches are even, unclipped and bright enough "
+            f"({LEAST_PATCHES} are needed)",
+            near=True,
+        )
+    greys = [index for index in NEUTRAL if patches.usable[index]]
+    green = patches.rgb[greys, 1]
+    if len(greys) < 3 or np.any(np.diff(green) > 0):
+        return Missed("the greys of a chart-like find do not fall from white to black")
+    reference = chart()
+    (found,) = fit([patches], reference, Model(shaded=True))
+    error = float(delta_e(found.colours(patches), reference)[patches.usable].mean())
+    if not error < MOST_DELTA_E:
+        return Missed(
+            f"the colours of a chart-like find are not the chart's (delta E {error:.1f} after the best fit)"
+        )
+    return Found(patches, outlines, error)
+
+
+def half(radiance: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[np.float32]:
+    """Camera RGB of the 2x2 tiles of a mosaic, float32 [H // 2, W // 2, 3]."""
+    height, width = (side // 2 * 2 for side in radiance.shape)
+    planes = [radiance[row:height:2, column:width:2] for row in (0, 1) for column in (0, 1)]
+    pattern = cfa.pattern.reshape(-1)
+    return np.stack(
+        [
+            np.mean([p for p, c in zip(planes, pattern, strict=True) if c == channel], axis=0)
+            for channel in range(3)
+        ],
+        axis=-1,
+    ).astype(np.float32)

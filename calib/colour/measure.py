@@ -1,0 +1,260 @@
+"""The colours of a session's cameras from a chart that their views show.
+
+Searched only when asked for: a search takes time, and a poster or a keyboard may look like a chart.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.colour.chart import Found, Missed, best, half, locate
+from calib.colour.fit import Fit, Model, Patches, fit, held_out, of_camera
+from calib.colour.reference import EDITION, chart
+from calib.radiometry import Light
+from calib.sensors import Sensor
+from calib.views import Progress, View, read_view
+from imaging.calibration import ChartEvidence, ChartPatch
+from imaging.errors import CalibrationError
+from imaging.linear import read_linear
+from imaging.merge import merge_bracket
+from imaging.mosaic import Matrix, as_matrix
+from imaging.records import Rung
+from imaging.session import Session
+
+Array = npt.NDArray[np.float64]
+
+SEARCHED = 6
+"""Views of each camera, the first and the last among them: searching all would take minutes."""
+UNIT = "delta E 2000 per held-out patch"
+
+
+@dataclass(frozen=True)
+class Charts:
+    """What charts told: camera_from_rec709 and evidence by camera name, and the rungs."""
+
+    matrices: dict[str, Matrix] = field(default_factory=dict)
+    evidence: dict[str, ChartEvidence] = field(default_factory=dict)
+    rungs: tuple[Rung, ...] = ()
+
+    def applied(self, found: Mapping[str, Sensor]) -> dict[str, Sensor]:
+        """The cameras with the colours that the charts gave them."""
+        return {
+            name: replace(sensor, camera_from_rec709=self.matrices.get(name, sensor.camera_from_rec709))
+            for name, sensor in found.items()
+        }
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """One candidate: cameras in groups that share a matrix, and the model of each group."""
+
+    groups: tuple[tuple[str, ...], ...]
+    models: tuple[Model, ...]
+
+    def errors(self, patches: Mapping[str, Patches], reference: Array) -> dict[str, Array]:
+        """Held-out delta E of every patch, by camera."""
+        return {
+            name: error
+            for group, model in zip(self.groups, self.models, strict=True)
+            for name, error in zip(
+                group, held_out([patches[n] for n in group], reference, model), strict=True
+            )
+        }
+
+    def fits(self, patches: Mapping[str, Patches], reference: Array) -> dict[str, Fit]:
+        """The fit of every camera, by name."""
+        return {
+            name: one
+            for group, model in zip(self.groups, self.models, strict=True)
+            for name, one in zip(group, fit([patches[n] for n in group], reference, model), strict=True)
+        }
+
+
+def measure_charts(
+    session: Session, views: Sequence[View], found: Mapping[str, Sensor], light: Light, progress: Progress
+) -> Charts:
+    """Search each RAW camera's views for a chart, and fit its colours; CalibrationError if none shows one."""
+    raw = [view for view in views if view.camera.kind == "raw"]
+    if not raw:
+        raise CalibrationError(
+            f"{session.folder} has no RAW view of a scene, and a chart tells nothing of developed ones: "
+            "leave --chart out."
+        )
+    names = list(dict.fromkeys(view.camera.name for view in raw))
+    seen: dict[str, tuple[View, Found]] = {}
+    missed: list[Missed] = []
+    for done, name in enumerate(names):
+        progress("searching the colour chart", done, len(names))
+        for view in _searched([view for view in raw if view.camera.name == name]):
+            verdict = _look(session, view, found[name], light)
+            if isinstance(verdict, Found):
+                seen[name] = (view, verdict)
+                break
+            missed.append(verdict)
+    progress("searching the colour chart", len(names), len(names))
+    if not seen:
+        worst = next((one for one in missed if one.near), missed[0])
+        raise CalibrationError(
+            f"{session.folder}: no colour chart in {len(missed)} views that were searched ({worst.reason}): "
+            "show a classic ColorChecker, whole and evenly lit, in the first or the last frame, or leave "
+            "--chart out."
+        )
+    models = {view.camera.name: f"{view.camera.make} {view.camera.model}" for view in raw}
+    return colours(seen, {name: found[name].camera_from_rec709 for name in names}, models)
+
+
+def _searched(views: Sequence[View]) -> Iterator[View]:
+    """The first view, the last, and some evenly between."""
+    places = np.unique(np.rint(np.linspace(0, len(views) - 1, SEARCHED)).astype(int))
+    ends = [0, len(views) - 1]
+    for place in dict.fromkeys([*ends, *places.tolist()]):
+        yield views[place]
+
+
+def _look(session: Session, view: View, sensor: Sensor, light: Light) -> Found | Missed:
+    """Search the middle exposure, and merge the bracket only where it shows something."""
+    shots = sorted(view.shots, key=lambda shot: light.scale[shot.file])
+    middle = shots[len(shots) // 2]
+    name = view.camera.name
+    frame = read_linear(
+        session.file(middle), "raw", light.scale[middle.file], light.responses[name], view.sensors
+    )
+    assert frame.cfa is not None
+    finds = [2 * outlines for outlines in locate(half(frame.signal, frame.cfa))]
+    if not finds:
+        return best(merge_bracket([frame]), finds)
+    merged = merge_bracket(read_view(session, view, light.scale, light.responses[name]))
+    falloff = sensor.measured.falloff
+    return best(merged, finds, (0.0, 0.0, 0.0) if falloff is None else falloff.vignetting)
+
+
+def colours(
+    seen: Mapping[str, tuple[View, Found]],
+    files: Mapping[str, Matrix | None],
+    models: Mapping[str, str],
+) -> Charts:
+    """What the charts seen tell of all cameras.
+
+    files: camera_from_rec709 as the files name it, models: make and model, both of every RAW camera by name.
+    A camera that saw no chart gets the matrix of one of its model that did.
+    """
+    reference = chart()
+    patches = {name: view_found[1].patches for name, view_found in seen.items()}
+    trial, rungs, errors = _climb(patches, files, models, reference)
+    fits = trial.fits(patches, reference)
+    matrices = {name: as_matrix(one.camera_from_rec709) for name, one in fits.items()}
+    for name in files:
+        if name not in matrices:
+            twin = next((other for other in fits if models[other] == models[name]), None)
+            if twin is not None:
+                matrices[name] = _of_twin(matrices[twin], files[twin], files[name])
+    balanced = {
+        name: _Trial(((name,),), (of_camera(matrix, balanced=True),)).errors(patches, reference)[name]
+        for name, matrix in files.items()
+        if matrix is not None and name in patches
+    }
+    evidence = {
+        name: _evidence(
+            view, found, fits[name].colours(found.patches), reference, errors[name], balanced.get(name)
+        )
+        for name, (view, found) in seen.items()
+    }
+    return Charts(matrices, evidence, rungs)
+
+
+def _climb(
+    patches: Mapping[str, Patches],
+    files: Mapping[str, Matrix | None],
+    models: Mapping[str, str],
+    reference: Array,
+) -> tuple[_Trial, tuple[Rung, ...], dict[str, Array]]:
+    """From what the files say to what held-out patches ask for: the trial, its rungs, its held-out errors."""
+    alone = tuple((name,) for name in patches)
+    alike: dict[str, list[str]] = {}
+    for name in patches:
+        alike.setdefault(models[name], []).append(name)
+    shared = tuple(tuple(group) for group in alike.values())
+    named = [files[name] or as_matrix(np.eye(3)) for name in patches]
+    trial = _Trial(alone, tuple(of_camera(matrix, balanced=False) for matrix in named))
+    errors = trial.errors(patches, reference)
+    rungs: list[Rung] = []
+
+    def climb(name: str, taller: _Trial, what: str) -> None:
+        nonlocal trial, errors
+        found = taller.errors(patches, reference)
+        # Cameras err alike on a patch, so that a patch is one sample, however many see it.
+        gains = _patchwise(errors) - _patchwise(found)
+        gains = gains[np.isfinite(gains)]
+        error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
+        rungs.append(Rung.judged(name, float(gains.mean()), error, UNIT, what))
+        if rungs[-1].taken:
+            trial, errors = taller, found
+
+    climb(
+        "chart_white",
+        _Trial(alone, tuple(of_camera(matrix, balanced=True) for matrix in named)),
+        "white is what the chart's greys say",
+    )
+    shaded = tuple(replace(model, shaded=True) for model in trial.models)
+    climb("chart_shading", _Trial(trial.groups, shaded), "the light may grow across the chart")
+    lit = trial.models[0].shaded
+    climb(
+        "chart_matrix",
+        _Trial(shared, (Model(shaded=lit),) * len(shared)),
+        f"a matrix from {' and '.join(sorted(patches))}, one for each camera model, in place of the files'",
+    )
+    if rungs[-1].taken and len(alone) > len(shared):
+        climb(
+            "chart_matrix_each_camera",
+            _Trial(alone, (Model(shaded=lit),) * len(alone)),
+            "a matrix for each camera that saw the chart",
+        )
+    return trial, tuple(rungs), errors
+
+
+def _patchwise(errors: Mapping[str, Array]) -> Array:
+    """The mean over cameras that saw a patch well, NaN where none did."""
+    table = np.array(list(errors.values()))
+    count = np.isfinite(table).sum(axis=0)
+    return np.where(count > 0, np.nansum(table, axis=0) / np.maximum(count, 1), np.nan)
+
+
+def _of_twin(matrix: Matrix, files_twin: Matrix | None, files_own: Matrix | None) -> Matrix:
+    """A twin's matrix, white as much apart as the files of both say."""
+    if files_twin is None or files_own is None:
+        return matrix
+    whites = np.array(files_own).sum(axis=1) / np.array(files_twin).sum(axis=1)
+    return as_matrix((whites / whites[1])[:, None] * np.array(matrix))
+
+
+def _evidence(
+    view: View, found: Found, measured: Array, reference: Array, errors: Array, files: Array | None
+) -> ChartEvidence:
+    used = np.flatnonzero(found.patches.usable)
+    known = errors[used]
+    corners = tuple((float(x), float(y)) for x, y in found.outlines[[0, 5, 23, 18], [0, 1, 2, 3]])
+    return ChartEvidence(
+        frame=view.frame,
+        chart=EDITION,
+        patches=tuple(
+            ChartPatch(
+                number=int(index) + 1,
+                measured=_triple(measured[index]),
+                published=_triple(reference[index]),
+                delta_e=float(errors[index]),
+            )
+            for index in used
+        ),
+        delta_e_mean=float(known.mean()),
+        delta_e_p95=float(np.percentile(known, 95)),
+        delta_e_max=float(known.max()),
+        delta_e_files=None if files is None else float(np.nanmean(files)),
+        corners=corners,
+    )
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    red, green, blue = (float(value) for value in values)
+    return red, green, blue
