@@ -89,16 +89,17 @@ def estimate(samples: Samples | None) -> Estimate:
         )
     noise = [noise_of(channel) for channel in channels]
     known = held_out(channels, noise, LADDER[0][0])
-    best, rungs = known, []
+    best, rival, rungs = known, known, []
     for variants in LADDER[1:]:
         trials = [held_out(channels, noise, shape) for shape in variants if _told(channels, shape)]
-        lowest = min(trial.mean for trial in trials)
-        trial = next(trial for trial in trials if trial.mean <= NEARLY * lowest)
-        rung = _judge(best, trial)
+        keenest = min(trials, key=lambda trial: trial.mean)
+        trial = next(trial for trial in trials if trial.mean <= NEARLY * keenest.mean)
+        rung = _judge(rival, trial)
         if rung.taken and not all(model.rises() for model in fit(channels, trial.shape, noise)):
             rung = rung.model_copy(update={"taken": False, "reason": f"a {trial.shape.name} does not rise"})
         rungs.append(rung)
-        best = trial if rung.taken else best
+        if rung.taken:
+            best, rival = trial, keenest
     freed, rung = _exposures(channels, noise, best)
     rungs.append(rung)
     fitted = fit(channels, best.shape, noise, labels_hold=not freed)
@@ -115,7 +116,7 @@ def estimate(samples: Samples | None) -> Estimate:
 
 
 def _judge(simple: Judged, freer: Judged) -> Rung:
-    """Whether a freer shape is worth it, paired over the held-out groups."""
+    """Whether a freer shape is worth it, paired over the held-out groups; `simple`: the best of its rung."""
     gain = simple.loss - freer.loss
     gain = gain[np.isfinite(gain)]
     value, error = float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain)))

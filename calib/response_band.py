@@ -22,8 +22,8 @@ def standard_errors(
 
     Parts, because pixels near each other err together. Each replica is one step from the fit, which is
     exact as far as the curve is linear in its parameters. The scale is that of the code where all curves
-    meet, and of the labels where these hold. What no resampling shows (rounding, the mean of a patch through
-    a curve) is counted as `FLOOR` for a factor of e of light, and for more.
+    meet. What no resampling shows (rounding, the mean of a patch through a curve) is counted as `FLOOR` for a
+    factor of e of light, and for more; and where labels do not hold, the exponent that they leave open.
     """
     rng = np.random.Generator(np.random.PCG64(0x8E5))
     groups = np.unique(np.concatenate([channel.group for channel in channels]))
@@ -45,8 +45,19 @@ def standard_errors(
         drawn.append([model.curve(codes) for model in moved(models, parts, labels, trust)])
     spread = np.asarray(drawn).std(0)
     middle = np.array([float(MIDDLE)])
-    away = np.array([np.minimum(np.abs(model.curve(codes) - model.curve(middle)), 1.0) for model in models])
-    return list(np.hypot(spread, FLOOR * away))
+    away = np.array([np.abs(model.curve(codes) - model.curve(middle)) for model in models])
+    exponent = 0.0 if labels_hold else _exponent_error(labels, models[0].shift, trust)
+    return list(np.sqrt(spread**2 + (FLOOR * np.minimum(away, 1.0)) ** 2 + (exponent * away) ** 2))
+
+
+def _exponent_error(labels: Array, shift: Array, trust: Array) -> float:
+    """Standard error, relative, of the exponent that scattered labels leave to the curve.
+
+    It is the slope of a line through the shifts, whose scatter tells how far labels are off.
+    """
+    centred = labels - (trust * labels).sum() / trust.sum()
+    scatter = (trust * shift**2).sum() / max(trust.sum() - 2.0, 1.0)
+    return float(np.sqrt(scatter / (trust * centred**2).sum()))
 
 
 def _equations(channel: Channel, model: Model, noise: Noise, group: int) -> Equations:
