@@ -113,7 +113,7 @@ def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> Picture:
     clipped, sites = [0, 0, 0], [0, 0, 0]
     for (row, column), channel in np.ndenumerate(mosaic.cfa.pattern):
         own = saturated[row::2, column::2]
-        clipped[int(channel)] += np.count_nonzero(own)
+        clipped[int(channel)] += int(np.count_nonzero(own))
         sites[int(channel)] += own.size
     red, green, blue = (count / max(every, 1) for count, every in zip(clipped, sites, strict=True))
     black, lit = np.count_nonzero(signal <= 0) / signal.size, np.count_nonzero(signal > LIT) / signal.size
