@@ -63,6 +63,9 @@ class SensorCalibration(Record):
     """Whether the response is a straight line as far as the data tell; None: not tested."""
     defects: tuple[Defect, ...] | None = None
     """None: not looked for."""
+    transfer: tuple[tuple[float, float], ...] = ()
+    """Points of the photon transfer curve, where darks and flats gave some: mean above black, DN, and
+    variance in time, DN^2."""
 
     def noise(self) -> SensorNoise | None:
         """The noise model of a photosite, row noise included; None without gain or read noise."""

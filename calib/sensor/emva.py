@@ -63,6 +63,7 @@ def measure(
         usable = usable & ~dead
         level = _level(frames, nominal, usable)
     points = _points(frames, level.black, usable, HIGHEST * top)
+    seen = points.part((points.freedom > 0) & (points.variance > 0))
     white = nominal.white - float(level.black.mean())
     shared = flats.shared_levels(frames.flats, level.black, usable, white, 0.95 * top)
     line = straightness(shared, float(level.black_error.mean()) / white)
@@ -71,7 +72,10 @@ def measure(
     # Darks tell a gain too, by the noise of their dark current, but roughly.
     known = gain if not frames.flats else None
     transfer = fit(points) if known is None else _in_the_dark(points, known)
-    values: dict[str, object] = {"iso": iso}
+    values: dict[str, object] = {
+        "iso": iso,
+        "transfer": tuple(zip(seen.light.tolist(), seen.variance.tolist(), strict=True)),
+    }
     source = "darks and flats" if frames.darks and frames.flats else "darks" if frames.darks else "flats"
 
     def put(name: str, value: float, sigma: float, of: str = source) -> None:

@@ -93,7 +93,9 @@ def told_cameras(session: Path, record: "CalibrationRecord") -> Outcome:
             found = ", ".join(words) or "gain, read noise and ceiling are not determined"
             lines.append(f"{session}: {camera.name}{at}: {found}")
     sensors = {
-        camera.name: [sensor.model_dump(mode="json", exclude={"defects"}) for sensor in camera.sensors]
+        camera.name: [
+            sensor.model_dump(mode="json", exclude={"defects", "transfer"}) for sensor in camera.sensors
+        ]
         for camera in record.cameras
     }
     data = {"session": str(session), "responses": responses, "sensors": sensors, "report": str(report)}

@@ -38,6 +38,9 @@ def test_every_value_is_close_and_as_close_as_it_says(shoot: Shoot, nominal: Nom
         assert told(found, "full_well").value == pytest.approx((4095 - 256.2) / 0.4, rel=0.01)
         assert found.linear
         assert found.row_noise is None
+        light, variance = np.array(found.transfer).T
+        # (K read)^2 + rounding without light, K DN^2 for each DN of it.
+        np.testing.assert_allclose(variance, 0.4 * light + 1.44 + 1 / 12, rtol=0.2)
 
 
 def test_white_may_end_before_the_nominal_one(shoot: Shoot, nominal: Nominal) -> None:
