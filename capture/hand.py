@@ -61,21 +61,34 @@ class Hand:
             one.settle(self.name, GivenUp("given up after failing before"))
             return
         if one.begun:
+            one.failed(self.name)
             one.settle(self.name, CameraTimeout("it was not ready when the others exposed"))
             return
         try:
             set_to = made_ready(self._camera, one.requested)
             one.meet(self.name)
-            opened = self._camera.trigger()
-            with self._clock.lock:
-                one.opened[self.name] = opened
-            self._collect(one, set_to, opened)
+            met = self._clock.now()
+            try:
+                self._shoot(one, set_to)
+            except CameraError:
+                if self._clock.now() - met > one.requested.time / 2:
+                    raise
+                # The others still expose: what is made up for at once costs them least.
+                one.failed(self.name)
+                self._shoot(one, made_ready(self._camera, one.requested))
             self._misses = 0
         except CameraError as error:
             self._misses += 1
+            one.failed(self.name)
             one.settle(self.name, error)
         except RigError as error:  # the disk ended the run
             one.settle(self.name, error)
+
+    def _shoot(self, one: Round, set_to: Exposure) -> None:
+        opened = self._camera.trigger()
+        with self._clock.lock:
+            one.opened.setdefault(self.name, opened)
+        self._collect(one, set_to, opened)
 
     def _collect(self, one: Round, set_to: Exposure, opened: float) -> None:
         """Download within the budget; the frame leaves with the part of it that it still takes."""
@@ -93,9 +106,10 @@ class Hand:
         with self._clock.lock:
             self._sizes[self.name] = 2 * pixels
             if frame.metadata.opened is not None:  # it knows better than who gave the order
-                one.opened[self.name] = opened = frame.metadata.opened
+                opened = frame.metadata.opened
+                one.opened[self.name] = min(opened, one.opened[self.name])
         self._budget.give(count - kept)
-        self._hand_over(one, self.name, Taken(frame, set_to, opened, one.attempt), kept)
+        self._hand_over(one, self.name, Taken(frame, set_to, opened, one.tries(self.name)), kept)
 
     def _expected(self) -> int:
         """Bytes that the next download takes; all that may be taken as long as no frame has told."""

@@ -172,9 +172,9 @@ class Run:
         together = {step for step, names in pending.items() if len(names) == len(self._plan.cameras)}
         first: dict[int, float] = {}
         suspects: dict[Slot, Written] = {}
-        for attempt in range(RETRIES + 1):
+        for _ in range(RETRIES + 1):
             failed: dict[int, list[str]] = {}
-            for one in crew.shoot(self._rounds(frame, pending, attempt)):
+            for one in crew.shoot(self._rounds(frame, pending)):
                 if one.opened and one.step in together:
                     first.setdefault(one.step, min(one.opened.values()))
                 for name in one.cameras:
@@ -184,6 +184,7 @@ class Run:
                             self._book(slot, outcome, first.get(one.step), crew)
                             continue
                         suspects[slot] = outcome
+                        one.failed(name)
                     else:
                         self._failed(slot, outcome)
                     failed.setdefault(one.step, []).append(name)
@@ -209,24 +210,13 @@ class Run:
             problems=(*self._problems, *self._skews()),
         )
 
-    def _rounds(self, frame: int, pending: Mapping[int, list[str]], attempt: int) -> list[Round]:
+    def _rounds(self, frame: int, pending: Mapping[int, list[str]]) -> list[Round]:
         rounds, before = [], 0.0
         for step, names in pending.items():
             requested = _known(self._plan.bracket[step])
             # The exposure before may be followed by a dark frame as long as itself.
             patience = PATIENCE + 2 * before
-            rounds.append(
-                Round(
-                    self._clock,
-                    self.standing,
-                    frame,
-                    step,
-                    requested,
-                    names,
-                    attempt=attempt,
-                    patience=patience,
-                )
-            )
+            rounds.append(Round(self._clock, self.standing, frame, step, requested, names, patience=patience))
             before = requested.time
         return rounds
 

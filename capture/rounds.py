@@ -1,6 +1,7 @@
 """One exposure of the whole rig: where its cameras wait for one another, and what became of each."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -36,10 +37,12 @@ class Written:
 class Standing:
     """What the rounds of one run know of the cameras.
 
-    late: those that the others went on without, and that are still at it. halted: why no more is shot.
+    late: those that the others went on without, and that are still at it. failures: of each camera at a
+    frame and step. halted: why no more is shot.
     """
 
     late: set[str] = field(default_factory=set)
+    failures: Counter[tuple[str, int, int]] = field(default_factory=Counter)
     halted: RigError | None = None
 
 
@@ -58,12 +61,11 @@ class Round:
         requested: Exposure,
         cameras: Sequence[str],
         *,
-        attempt: int = 0,
         patience: float = PATIENCE,
     ) -> None:
         self._clock, self._standing = clock, standing
         self.frame, self.step, self.requested = frame, step, requested
-        self.cameras, self.attempt = tuple(cameras), attempt
+        self.cameras = tuple(cameras)
         self.opened: dict[str, float] = {}
         self.outcomes: dict[str, Written | RigError] = {}
         self._patience = patience
@@ -89,6 +91,16 @@ class Round:
                 self._begin()
             if camera not in self._ready:
                 raise CameraTimeout("it was not ready when the others exposed")
+
+    def failed(self, camera: str) -> None:
+        """Count an attempt that gave no frame, or not the one that was asked for."""
+        with self._clock.lock:
+            self._standing.failures[camera, self.frame, self.step] += 1
+
+    def tries(self, camera: str) -> int:
+        """Attempts that failed so far."""
+        with self._clock.lock:
+            return self._standing.failures[camera, self.frame, self.step]
 
     @property
     def begun(self) -> bool:

@@ -64,6 +64,18 @@ def test_all_trigger_at_one_moment_also_those_that_stumble_on_the_way(fake_rig):
     assert all(shot.skew == pytest.approx(0.0) for shot in shots.values() if not shot.retries)
 
 
+def test_what_fails_while_the_others_expose_is_taken_again_at_once(fake_rig):
+    rig, clock = fake_rig(a="raw", b="raw"), VirtualClock()
+    log = slowed(rig, clock, {("a", "collect"): 1.0, ("b", "set_exposure"): 0.01})
+    rig.cameras["b"].faults["trigger", 4] = CameraError("camera b did not understand.")
+    assert run(rig, clock).missing == ()
+    first = [when(log, "trigger", camera) for camera in "ab"]
+    assert first[0] == [*first[1][:4], *first[1][5:]]
+    shots = {(s.camera, s.frame, s.step): s for s in rig.session.shots()}
+    assert [(key, shot.retries) for key, shot in shots.items() if shot.retries] == [(("b", 1, 0), 1)]
+    assert shots["b", 1, 0].skew == pytest.approx(0.001 + 0.01 + 0.01 + 0.001 - 0.001)
+
+
 def test_a_slow_camera_delays_nobodys_download(fake_rig):
     rig, clock = fake_rig(a="raw", b="raw"), VirtualClock()
     log = slowed(rig, clock, {("b", "collect"): 5.0})
