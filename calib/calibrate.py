@@ -12,7 +12,7 @@ from calib.boards.measure import Measured as MeasuredBoard
 from calib.boards.measure import measure as measure_board
 from calib.exports import write_exports
 from calib.features import Key, image_name
-from calib.known_rig import NOTHING, Known
+from calib.known_rig import Known
 from calib.looks import Look, look
 from calib.radiometry import Light
 from calib.response import RUNGS
@@ -177,12 +177,15 @@ def _placed(
             rigs.setdefault(camera.rig, []).append(camera.name)
     guesses = {camera: found[camera].lens.resized(*size) for camera, size in sizes.items()}
     focal_known = {camera for camera, sensor in found.items() if sensor.focal_known}
-    known = NOTHING
+    places = {c.name: c.position for c in session.record.cameras if c.position is not None}
+    known = Known(places=places)
     if board is not None:
         lenses = {name: lens.resized(*sizes[name]) for name, lens in board.lenses.items() if name in sizes}
         guesses |= lenses
         sure = {name: lens for name, lens in lenses.items() if name in board.sure_lenses}
-        known = Known(sure, board.cam_from_rig, tied=board.sure_rig)
+        # A board measures the distances of cameras better than a ruler.
+        places |= {name: board.place(name) for name in board.cam_from_rig}
+        known = Known(sure, board.cam_from_rig if board.sure_rig else {}, places)
     return sfm.solve(
         {key: own.features for key, own in looks.items()},
         guesses,

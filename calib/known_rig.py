@@ -17,14 +17,14 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Known:
-    """lenses: by camera, at picture size; they stay. cam_from_rig: in metres.
+    """lenses, at picture size, and cam_from_rig, metres, stay; by camera.
 
-    tied: whether the places in the rig stay too, or only give the scale.
+    places: of cameras in their rig, metres, in axes of its own: they give the scale.
     """
 
     lenses: Mapping[str, Lens] = field(default_factory=dict)
     cam_from_rig: Mapping[str, Pose] = field(default_factory=dict)
-    tied: bool = False
+    places: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
 
 NOTHING = Known()
@@ -46,16 +46,16 @@ def camera_of(lens: Lens) -> Any:
 def to_metres(reconstruction: Any, known: Known, rig: Sequence[str]) -> float | None:
     """Scale a model by the distances between the cameras of a rig; returns the factor, None if there is none.
 
-    By the median over all pairs of cameras of all frames: each is a distance that a board has measured.
+    By the median over all pairs of cameras of all frames: each is a distance that was measured.
     """
     frames: dict[int, dict[str, Array]] = {}
     for index in sorted(reconstruction.reg_image_ids()):
         image = reconstruction.image(index)
         name, frame = key_of(image.name)
-        if name in known.cam_from_rig and name in rig:
+        if name in known.places and name in rig:
             motion = image.cam_from_world().matrix()
             frames.setdefault(frame, {})[name] = -motion[:, :3].T @ motion[:, 3]
-    places = {name: _centre(known.cam_from_rig[name].matrix()) for name in rig if name in known.cam_from_rig}
+    places = {name: np.array(known.places[name]) for name in rig if name in known.places}
     factors = []
     for seen in frames.values():
         names = sorted(seen)
@@ -70,7 +70,3 @@ def to_metres(reconstruction: Any, known: Known, rig: Sequence[str]) -> float | 
     factor = float(np.median(factors))
     reconstruction.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
     return factor
-
-
-def _centre(motion: Array) -> Array:
-    return np.asarray(-motion[:3, :3].T @ motion[:3, 3])

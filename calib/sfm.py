@@ -104,8 +104,7 @@ def solve(
     metric = sum(to_metres(reconstruction, known, rig) is not None for rig in rigs) > 0
     loose = pycolmap.Reconstruction(reconstruction)
     rung = _rig(database, reconstruction, rigs, known)
-    told = known.cam_from_rig if known.tied else ()
-    placed = frozenset(models[name].camera_id for name in told if name in models)
+    placed = frozenset(models[name].camera_id for name in known.cam_from_rig if name in models)
     free = Free(fixed=fixed, placed=placed)
     typical = _polish(reconstruction, free, max_error, threads, progress)
     if rung.taken and typical > LOOSE * max(alone, 0.1):
@@ -226,7 +225,7 @@ def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], know
     configs = []
     for names in rigs:
         seen = [name for name in names if name in frames]
-        told = [name for name in seen if known.tied and name in known.cam_from_rig]
+        told = [name for name in seen if name in known.cam_from_rig]
         tied = {
             name: [other for other in seen if len(frames[other] & frames[name]) >= FEWEST_FRAMES]
             for name in seen
@@ -253,7 +252,7 @@ def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], know
         return Rung(name="rig_constraint", taken=False, reason=reason)
     pycolmap.apply_rig_config(configs, database, reconstruction)
     reason = "the session says that the cameras are mounted to each other, and several frames show them so"
-    if known.tied:
+    if known.cam_from_rig:
         reason = "a board told where the cameras are mounted"
     return Rung(name="rig_constraint", taken=True, reason=reason)
 

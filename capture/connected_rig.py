@@ -144,6 +144,7 @@ def _source(
             model=known[table.name][1].model,
             kind=known[table.name][1].kind,
             rig=table.rig,
+            position=table.position,
         )
         for table in tables.camera
     )
@@ -163,6 +164,7 @@ def _source(
         frames=tables.frames,
         tolerance=tables.trigger.tolerance,
         size=None,
+        board=tables.board,
         beside=nothing_beside,
     )
 

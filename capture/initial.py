@@ -32,9 +32,17 @@ mode = "software"           # "hardware": exposed by a rising edge on a line
 # output = "Line1"          #   that goes out on this line of it; without a leader edges come from elsewhere
 tolerance = {SKEW_TOLERANCE}            # seconds between the shutters of one step that are still together
 
+# [board]                   # what rig capture --board shows: a ChArUco board, sizes in metres
+# columns = 7               # squares along its longer side
+# rows = 5
+# square = 0.04
+# marker = 0.03
+# dictionary = "DICT_4X4_50"
+
 # A camera is known by its serial number, wherever it is plugged in. Its name stands in the names of its
 # files: raw/0000/{{leader}}_0.dng. Cameras that name the same rig are fixed to each other for as long as a
-# session is shot; a camera that moves by itself has no rig.
+# session is shot; a camera that moves by itself has no rig. With the positions of two cameras in it the scene
+# has a scale.
 """
 
 
@@ -79,7 +87,8 @@ def _camera(name: str, one: Listed, *, alone: bool) -> str:
     able = one.capabilities
     size = f", {able.width} x {able.height}" if able and able.width else ""
     about = f"{one.identity.make} {one.identity.model}, {one.protocol}{size}"
-    rig = "" if alone else 'rig = "rig"\n'
+    place = "# position = [0.2, 0.0, 0.0]  # in its rig, in metres, in any axes\n"
+    rig = "" if alone else f'rig = "rig"\n{place}'
     table = f"name = {_quoted(name)}\nserial = {_quoted(one.identity.serial)}\n{rig}"
     return f"\n[[camera]]  # {_printable(about)}\n{table}"
 

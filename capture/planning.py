@@ -68,6 +68,7 @@ def plan_for(
         cameras=tuple(source.cameras),
         reason=reason,
         asked=asked_for(bracket),
+        board=source.board if request.kind == "board" else None,
     )
     return plan, automatic
 

@@ -22,7 +22,7 @@ from capture.toml_lines import Path as KeyPath
 from capture.toml_lines import key_lines, line_of
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.records import Name
+from imaging.records import Board, Name
 
 
 def _time(value: Any) -> float:
@@ -58,6 +58,16 @@ def _stops(value: Any) -> tuple[float, ...] | Literal["auto"]:
     return tuple(sorted(stops))
 
 
+def _place(value: Any) -> tuple[float, ...]:
+    try:
+        place = tuple(_number(one) for one in value) if isinstance(value, list) else ()
+    except ValueError:
+        place = ()
+    if len(place) != 3:
+        raise ValueError("three numbers, metres, as [0.2, 0.0, 0.0]")
+    return place
+
+
 def _number(value: Any) -> float:
     """ValueError for all but finite numbers, true and false included."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
@@ -77,12 +87,14 @@ class _Table(BaseModel):
 class CameraTable(_Table):
     """A camera: `serial` is its identity, `name` its place in file names.
 
-    rig: cameras that name the same rig keep their places to each other; None: it stands alone.
+    rig: cameras that name the same rig keep their places to each other; None: it stands alone. position: in
+    the rig, m, in any axes; with those of two cameras the scene has a scale.
     """
 
     name: Annotated[Name, Field(strict=True)]
     serial: Text
     rig: Text | None = None
+    position: Annotated[tuple[float, float, float], BeforeValidator(_place)] | None = None
 
 
 class BracketTable(_Table):
@@ -136,6 +148,7 @@ class RigTables(_Table):
     pause: Annotated[float | Literal["key"], BeforeValidator(_pause)] = "key"
     bracket: BracketTable = BracketTable()
     trigger: TriggerTable = TriggerTable()
+    board: Board | None = None
     camera: Annotated[tuple[CameraTable, ...], Field(min_length=1)]
 
 
@@ -165,10 +178,15 @@ def read_rig_file(path: Path) -> RigFile:
     try:
         tables = RigTables.model_validate(value)
     except ValidationError as error:
-        # A key that is misspelt is also missing: its own error comes first.
+        # A key that is misspelt is also missing: its own error comes first. A table that is wrong is not
+        # counted, and the cameras may seem too few.
         first = min(
             error.errors(),
-            key=lambda one: (one["type"] != "extra_forbidden", line_of(lines, one["loc"])),
+            key=lambda one: (
+                one["type"] != "extra_forbidden",
+                one["type"] == "too_short",
+                line_of(lines, one["loc"]),
+            ),
         )
         raise InputError(_told(path, first, lines)) from None
     rig = RigFile(path, tables, lines)
@@ -215,7 +233,9 @@ def _told(path: Path, error: ErrorDetails, lines: Mapping[KeyPath, int]) -> str:
     if keys == ("camera",) and kind in ("missing", "too_short"):
         return f"{path} names no camera: add a [[camera]] with name and serial, or write it with rig init."
     if kind == "missing":
-        return f"{where}: the camera has no {key}; add it."
+        return f"{where}: the {keys[0]} has no {key}; add it."
+    if keys == ("board",) and kind == "value_error":
+        return f"{where}: {error['msg'].removeprefix('Value error, ')}."
     limits = error.get("ctx", {})
     words = {
         "string_type": "text in quotes",

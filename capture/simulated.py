@@ -16,7 +16,7 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from imaging import store
 from imaging.dng import Compression
 from imaging.errors import InputError, PartialError, StorageError
-from imaging.records import PlanRecord
+from imaging.records import Board, PlanRecord
 from imaging.session import Session
 
 
@@ -109,6 +109,7 @@ def _source(name: str, seed: int, mix: Mix | None) -> Source:
         frames=rig.frames,
         tolerance=math.inf,
         size=(able.width, able.height),
+        board=Board.model_validate(rig.board.description()),
         beside=partial(_truth, rig, bus),
     )
 

@@ -10,7 +10,7 @@ from capture.recorder import Progress
 from drivers.camera import Camera
 from drivers.clock import Clock
 from imaging.exposure import Exposure
-from imaging.records import CameraRecord, PlanRecord
+from imaging.records import Board, CameraRecord, PlanRecord
 from imaging.session import Session
 
 Subject = Literal["scene", "dark", "flat", "board"]
@@ -61,6 +61,8 @@ class Source:
     """Seconds between the shutters of a step that are still together."""
     size: tuple[int, int] | None
     """Width and height of a picture, if they are known before there is one."""
+    board: Board | None
+    """What is shown where a board is to be."""
     beside: Callable[[Session, PlanRecord, Progress], AbstractContextManager[None]]
     """What is written along with the shots of a plan."""
 

@@ -55,6 +55,8 @@ class CameraRecord(Record):
     """raw: Bayer mosaics; ldr: display-referred 8 or 16 bit; hdr: linear EXR."""
     rig: str | None = None
     """Cameras that name the same rig are rigidly mounted to each other; None: it stands alone."""
+    position: tuple[float, float, float] | None = None
+    """Where it is in its rig, m, in any axes, as it was measured: between two cameras it is the scale."""
 
 
 class SessionRecord(Record):

@@ -44,6 +44,12 @@ class Measured:
     sure_lenses: frozenset[str]
     sure_rig: bool
 
+    def place(self, name: str) -> tuple[float, float, float]:
+        """Where a mounted camera is in the rig, m."""
+        pose = self.cam_from_rig[name].matrix()
+        x, y, z = (-pose[:3, :3].T @ pose[:3, 3]).tolist()
+        return x, y, z
+
 
 def measure(session: Session, told: Board | None, progress: Progress) -> Measured | None:
     """Calibrate from the session's shots of kind board; None if it has none.

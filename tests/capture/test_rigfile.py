@@ -1,5 +1,6 @@
 """Rig files: what is read, what is refused and on which line, and what `rig init` writes."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from drivers.camera import CameraIdentity, Capabilities
 from drivers.connected import Listed
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure
+from imaging.records import Board
 
 SOUND = """\
 frames = 2
@@ -160,12 +162,27 @@ def test_cameras_are_named_in_the_order_of_their_serial_numbers(tmp_path: Path) 
 def test_every_setting_that_is_commented_out_may_be_used(tmp_path: Path) -> None:
     """Each `# key = value` of the file, without its mark, is a setting that is understood."""
     lines = rig_file_text([listed("A", f_numbers=())]).splitlines()
-    options = [n for n, line in enumerate(lines) if line.startswith("# ") and " = " in line]
-    assert len(options) == 9
+    options = [n for n, line in enumerate(lines) if re.match(r"# (\[\w+\]|\w+ = )", line)]
+    assert len(options) == 15
     for number in options:
         lines[number] = lines[number].removeprefix("# ")
-    bracket = read(tmp_path, "\n".join(lines)).tables.bracket
+    tables = read(tmp_path, "\n".join(lines)).tables
+    bracket = tables.bracket
+    assert tables.board == Board(columns=7, rows=5, square=0.04, marker=0.03)
     assert (bracket.f_number, bracket.iso, bracket.total, bracket.slowest) == (8, 100, 2, 1 / 4)
+
+
+def test_positions_and_boards_that_cannot_be_name_their_line(tmp_path: Path) -> None:
+    text = (
+        '[board]\ncolumns = 7\nrows = 5\nsquare = 0.03\nmarker = 0.04\n[[camera]]\nname = "a"\nserial = "1"\n'
+    )
+    with pytest.raises(InputError, match=r"line 1: .*marker has to be smaller"):
+        read(tmp_path, text)
+    text = '[[camera]]\nname = "a"\nserial = "1"\nposition = [1, 2]\n'
+    with pytest.raises(InputError, match=r"line 4: .*three numbers, metres"):
+        read(tmp_path, text)
+    placed = read(tmp_path, text.replace("[1, 2]", "[1, 2.5, 0]"))
+    assert placed.tables.camera[0].position == (1.0, 2.5, 0.0)
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)
