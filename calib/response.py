@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from calib.codes import HIGHEST, LOWEST, Samples
 from calib.curve import Channel, Model, Noise, channel_of, fit, huber, neighbours, noise_of
@@ -22,6 +23,9 @@ LADDER: tuple[tuple[Shape, ...], ...] = (
 NEARLY = 1.04
 """A simpler curve is preferred up to this much held-out loss: exposures in equal steps say nothing about
 ripples of that period, so only smoothness keeps them out, and no held-out sample would notice them."""
+ODD = 5.0
+"""Groups with so many times the median loss under the freest curve are left out of all judgements: something
+moved there, or alignment left a border."""
 FOLDS = 3
 FEWEST = 300
 """Photosites below which nothing is measured."""
@@ -64,6 +68,10 @@ class Judged:
         """Mean loss over the groups."""
         return float(np.nanmean(self.loss))
 
+    def without(self, odd: npt.NDArray[np.bool_]) -> "Judged":
+        """The same without some groups."""
+        return Judged(self.shape, np.where(odd, np.nan, self.loss), self.median)
+
 
 def assumed(evidence: str) -> Estimate:
     """sRGB, for want of anything better, saying so."""
@@ -88,10 +96,16 @@ def estimate(samples: Samples | None) -> Estimate:
             "take exposures 1 to 3 stops apart that are neither black nor white all over"
         )
     noise = [noise_of(channel) for channel in channels]
-    known = held_out(channels, noise, LADDER[0][0])
+    ladder = [
+        [held_out(channels, noise, shape) for shape in variants if _told(channels, shape)]
+        for variants in LADDER
+    ]
+    freest = min(ladder[-1], key=lambda trial: trial.mean).loss
+    odd = freest > ODD * np.nanmedian(freest)
+    ladder = [[trial.without(odd) for trial in trials] for trials in ladder]
+    known = ladder[0][0]
     best, rival, rungs = known, known, []
-    for variants in LADDER[1:]:
-        trials = [held_out(channels, noise, shape) for shape in variants if _told(channels, shape)]
+    for trials in ladder[1:]:
         keenest = min(trials, key=lambda trial: trial.mean)
         trial = next(trial for trial in trials if trial.mean <= NEARLY * keenest.mean)
         rung = _judge(rival, trial)
@@ -100,7 +114,8 @@ def estimate(samples: Samples | None) -> Estimate:
         rungs.append(rung)
         if rung.taken:
             best, rival = trial, keenest
-    freed, rung = _exposures(channels, noise, best)
+    held = held_out(channels, noise, best.shape, labels_hold=True).without(odd)
+    freed, rung = _exposures(held, best, len(channels[0].steps))
     rungs.append(rung)
     fitted = fit(channels, best.shape, noise, labels_hold=not freed)
     shift = dict(zip(channels[0].steps.tolist(), fitted[0].shift.tolist(), strict=True))
@@ -131,12 +146,14 @@ def _judge(simple: Judged, freer: Judged) -> Rung:
     )
 
 
-def _exposures(channels: Sequence[Channel], noise: Sequence[Noise], best: Judged) -> tuple[bool, Rung]:
-    """Whether the exposures are other than their labels say; with two there is no telling."""
-    if len(channels[0].steps) < 3:
+def _exposures(held: Judged, best: Judged, steps: int) -> tuple[bool, Rung]:
+    """Whether the exposures are other than their labels say; with two there is no telling.
+
+    held: with the exposures of the labels; best: with others.
+    """
+    if steps < 3:
         reason = "two exposures tell no ratio beside the curve: the labels are taken as they are"
         return False, Rung(name="exposure_labels", taken=False, reason=reason)
-    held = held_out(channels, noise, best.shape, labels_hold=True)
     gain = held.loss - best.loss
     gain = gain[np.isfinite(gain)]
     value, error = float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain)))
