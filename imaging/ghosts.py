@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 CHANCE = 1e-4
 """Probability that noise alone makes a place disagree that much."""
 TOLERANCE = 0.02
-"""Disagreement of exposures, relative, that is no motion: flicker, rounded ratios, a response's own error."""
+"""Disagreement of exposures, relative, that is no motion: flicker and rounded ratios."""
 OPENING = 3
 """Places in a row, along both axes, that have to disagree: one alone is an outlier of the sensor."""
 SATURATED = 0.01
@@ -37,13 +37,14 @@ class Deghosted:
     noise: float
 
 
-def without_ghosts(frames: Sequence[LinearFrame]) -> Deghosted:
+def without_ghosts(frames: Sequence[LinearFrame], tolerance: float = TOLERANCE) -> Deghosted:
     """Merge a bracket (see `merge_bracket`), but show what moved as the best single exposure saw it.
 
-    Without a noise model, or with one exposure, nothing can be told and nothing is.
+    tolerance: disagreement of exposures, relative, that is no motion. Without a noise model, or with one
+    exposure, nothing can be told and nothing is.
     """
     merged = merge_bracket(frames)
-    ghost, noise = find_ghosts(frames, merged)
+    ghost, noise = find_ghosts(frames, merged, tolerance)
     if not ghost.any():
         return Deghosted(merged, ghost, None, noise)
     reference = _reference(frames, ghost)
@@ -61,7 +62,9 @@ def without_ghosts(frames: Sequence[LinearFrame]) -> Deghosted:
     return Deghosted(shown, ghost, reference, noise)
 
 
-def find_ghosts(frames: Sequence[LinearFrame], merged: Merged) -> tuple[Bool, float]:
+def find_ghosts(
+    frames: Sequence[LinearFrame], merged: Merged, tolerance: float = TOLERANCE
+) -> tuple[Bool, float]:
     """Where the exposures contradict the merged value, bool of its shape, and the noise over its model.
 
     The chi-square of the rates is summed over the channels of a pixel, or the 2x2 tile of a mosaic. Its
@@ -70,7 +73,7 @@ def find_ghosts(frames: Sequence[LinearFrame], merged: Merged) -> tuple[Bool, fl
     shape = merged.radiance.shape
     if len(frames) < 2 or any(frame.noise is None for frame in frames):
         return np.zeros(shape, bool), 1.0
-    square, count = _disagreement(frames, merged)
+    square, count = _disagreement(frames, merged, tolerance)
     square, count = _places(square, frames[0].cfa is not None), _places(count, frames[0].cfa is not None)
     freedom = np.maximum(count, 1).astype(np.intp)
     told = count > 0
@@ -84,7 +87,7 @@ def find_ghosts(frames: Sequence[LinearFrame], merged: Merged) -> tuple[Bool, fl
     return _spread(moved, shape), float(np.sqrt(excess))
 
 
-def _disagreement(frames: Sequence[LinearFrame], merged: Merged) -> tuple[Float, Float]:
+def _disagreement(frames: Sequence[LinearFrame], merged: Merged, tolerance: float) -> tuple[Float, Float]:
     """Chi-square of the exposures against the merged value, and its degrees of freedom.
 
     A saturated exposure only says that the light is at least so much, a dark one that it is at most.
@@ -94,7 +97,7 @@ def _disagreement(frames: Sequence[LinearFrame], merged: Merged) -> tuple[Float,
     for frame in frames:
         assert frame.noise is not None
         expected = radiance * np.float32(frame.k)
-        variance = frame.noise.variance(expected) + (TOLERANCE * expected) ** 2
+        variance = frame.noise.variance(expected) + (tolerance * expected) ** 2
         residual = frame.signal - expected
         number = frame.valid & np.isfinite(frame.signal)
         near = expected + MARGIN * np.sqrt(variance) >= (np.inf if frame.ceiling is None else frame.ceiling)

@@ -19,7 +19,7 @@ from imaging import alignment
 from imaging.calibration import CalibrationRecord, CameraCalibration, Response, is_stale, read_calibration
 from imaging.errors import InputError
 from imaging.exr import read_exr_header, write_exr
-from imaging.ghosts import without_ghosts
+from imaging.ghosts import TOLERANCE, without_ghosts
 from imaging.linear import LinearFrame, read_linear
 from imaging.picture import BITS, CLIPPED, DARK, GHOST, picture_of
 from imaging.ratios import overlap, ratio
@@ -32,6 +32,8 @@ Progress = Callable[[str, int, int], None]
 VERSION = 1
 """Of what is written; another number makes every file anew."""
 UNIT = "signal (1 = white) per second of exposure scale k = time * ISO/100 / f-number^2, relative"
+PAIR = 0.954
+"""Median difference of two exposures over the standard deviation of one: 0.6745 times the root of two."""
 WRONG = 0.03
 """Disagreement, natural log, of overlapping exposures with their labels that is worth telling."""
 
@@ -121,7 +123,7 @@ def _merge_view(
         raise InputError(
             f"the shots of camera {name} at frame {number} differ in size: delete the odd one out."
         )
-    best = without_ghosts(frames)
+    best = without_ghosts(frames, max(TOLERANCE, (response.residual or 0.0) / PAIR))
     picture = picture_of(best, frames[0].cfa, camera)
     moved = alignment.shifts(frames)
     shift = max((one.size for one in moved), default=None)
