@@ -225,7 +225,7 @@ def rows(
 
 
 def run(quick: bool) -> dict[str, Any]:
-    count, few, many = (4, 3, 3) if quick else (24, 24, 100)
+    count, few, many = (4, 3, 3) if quick else (25, 20, 100)
     bent = replace(_PLAIN, nonlinearity=0.02)
     models = KINDS | {BENT: bent}
 

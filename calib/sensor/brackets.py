@@ -25,6 +25,8 @@ EDGES = np.array((0.003, 0.006, 0.012, 0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.22,
 """Levels relative to white between which photosites are gathered; below the first is a bin too."""
 FEWEST = 100
 """Photosites of a bin."""
+LOW = 0.25
+"""Level, relative to white, up to which black and the ratio are read."""
 OUTLIERS = 6.0
 """Standard deviations beyond which a photosite shows something that moved."""
 USEFUL = 0.1
@@ -83,24 +85,27 @@ def compare(
     values = np.array([start, 0.0, 0.0, 0.0, 0.0])
     inverse: npt.NDArray[np.floating] = np.eye(5)
     variance: Array = np.ones(len(mean_x))
-    kept = clear = np.ones(len(mean_x), bool)
+    kept = clear = told = np.ones(len(mean_x), bool)
     for _ in range(3):
         residual = x - values[0] * y - values[1 + np.arange(size) // len(EDGES)][groups]
         variance, kept = _scatter(residual, groups, size)
         variance, kept = variance[good], kept[good]
         # Where noise reaches down to 0 DN it is cut off, and mean and variance are not the signal's.
         clear = mean_y + black[site] > 4.0 * np.sqrt(variance) / values[0]
-        weight = clear / np.sqrt(np.maximum(variance, 1e-6) / np.maximum(kept, 1))
+        # A response that bends at the top would pull black along.
+        low = clear & (mean_x < LOW * span)
+        told = low if low.sum() >= 6 else clear
+        weight = told / np.sqrt(np.maximum(variance, 1e-6) / np.maximum(kept, 1))
         design = np.concatenate([mean_y[:, None], site[:, None] == np.arange(4)], axis=1) * weight[:, None]
         inverse = np.linalg.pinv(design.T @ design)
         values = inverse @ (design.T @ (mean_x * weight))
     ratio = float(values[0])
     if not 1.2 < ratio < 400 or clear.sum() < 6:
         return None
+    fitted = np.isin(np.arange(4), site[told])
     site = site[clear]
-    told = np.isin(np.arange(4), site)
-    shift = np.where(told, values[1:] / (1.0 - ratio), 0.0)
-    sigma = np.where(told, np.sqrt(np.diag(inverse)[1:]) / (ratio - 1.0), np.inf)
+    shift = np.where(fitted, values[1:] / (1.0 - ratio), 0.0)
+    sigma = np.where(fitted, np.sqrt(np.diag(inverse)[1:]) / (ratio - 1.0), np.inf)
     full = ceiling(
         long.reshape(4, -1), np.where(short > 0.1 * span, ratio * short, np.nan).reshape(4, -1), black
     )

@@ -12,6 +12,10 @@ from calib.sensor.stack import Bool, Stack, sites
 Array = npt.NDArray[np.float64]
 
 
+PATTERN = 1.0
+"""What is known of the fixed pattern beforehand, natural log: a quarter of the scatter, give or take this."""
+
+
 @dataclass(frozen=True, eq=False)
 class Dark:
     """black, black_error: float64 [4], DN of the CFA sites at no time; current: DN/s and its standard
@@ -92,17 +96,20 @@ def coarse(frames: Sequence[npt.NDArray[np.integer]]) -> Coarse | None:
     edges = np.arange(size + 1) + low - 0.5
     edges[0], edges[-1] = -np.inf, np.inf
 
+    place = np.arange(size)
+    mean = low + float((table * place).sum() / table.sum())
+    apart = float((table * (place[:, None] - place) ** 2).sum() / table.sum()) / 2
+    spread = max(float(np.sqrt(apart)), 0.1)
+
     def loss(values: Array) -> float:
         black, scatter, pattern = values[0], np.exp(values[1]), np.exp(values[2])
         below = special.ndtr((edges[None] - (black + pattern * nodes)[:, None]) / scatter)
         each = np.diff(below, axis=1)
         joint = np.einsum("n,ni,nj->ij", weights, each, each)
-        return -float((table * np.log(np.maximum(joint, 1e-300))).sum())
+        # Half-way between two codes, or far from both, nothing tells the pattern from the scatter.
+        prior = 0.5 * ((values[2] - np.log(spread / 4)) / PATTERN) ** 2
+        return float(prior - (table * np.log(np.maximum(joint, 1e-300))).sum())
 
-    place = np.arange(size)
-    mean = low + float((table * place).sum() / table.sum())
-    apart = float((table * (place[:, None] - place) ** 2).sum() / table.sum()) / 2
-    spread = max(float(np.sqrt(apart)), 0.1)
     best = min(
         (
             optimize.minimize(loss, [mean, np.log(spread * guess), np.log(0.05)], method="Nelder-Mead",
@@ -125,17 +132,16 @@ def coarse(frames: Sequence[npt.NDArray[np.integer]]) -> Coarse | None:
 
 
 def _inverse_hessian(loss: Callable[[Array], float], at: Array) -> Array | None:
-    """Covariance of the first two values with the third held, unless the data tell that one too."""
-    step = 0.02
-    for count in (3, 2):
-        units = np.eye(len(at))[:count] * step
-        corners = np.array(
-            [
-                [loss(at + a + b) - loss(at + a - b) - loss(at - a + b) + loss(at - a - b) for b in units]
-                for a in units
-            ]
-        )
-        hessian = corners / (4 * step**2)
-        if np.all(np.linalg.eigvalsh(hessian) > 1e-3):
-            return np.asarray(np.linalg.inv(hessian))
-    return None
+    """Covariance of the values; None where the loss has no minimum there."""
+    step = 0.004
+    units = np.eye(len(at)) * step
+    corners = np.array(
+        [
+            [loss(at + a + b) - loss(at + a - b) - loss(at - a + b) + loss(at - a - b) for b in units]
+            for a in units
+        ]
+    )
+    hessian = corners / (4 * step**2)
+    if not np.all(np.linalg.eigvalsh(hessian) > 0):
+        return None
+    return np.asarray(np.linalg.inv(hessian))

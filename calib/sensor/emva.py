@@ -180,6 +180,9 @@ def _electrons(
         few = min(zip(frames.darks, frames.few, strict=True), key=lambda own: own[0].time)[1]
         told = [one for one in _coarse(few, usable) if one is not None]
         if told:
+            # A site whose black lies between two codes may tell a scatter that is all pattern.
+            usual = float(np.median([one.scatter for one in told]))
+            told = [one for one in told if abs(one.scatter - usual) < 0.3 * usual]
             weight = np.array([1.0 / one.scatter_error**2 for one in told])
             scatter = float((weight * [one.scatter for one in told]).sum() / weight.sum())
             own = scatter / gain
