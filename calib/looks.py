@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from calib.features import Features, extract
 from calib.previews import preview
-from calib.tracks import brightness_at, light
+from calib.tracks import brightness_at, colour_at, light
 from calib.views import View, read_view
 from imaging.calibration import Response
 from imaging.merge import Merged, merge_bracket
@@ -26,7 +26,8 @@ class Look:
     """One view after its images were looked at.
 
     png: the feature picture, 8 bits; width, height: its size. brightness: float64 [K], natural log of
-    the luminance around each feature, NaN where it is not known well. blank: why the view shows
+    the luminance around each feature, NaN where it is not known well; colour: float64 [K, 3], the same of
+    camera RGB. blank: why the view shows
     nothing, 'black' or 'saturated'; None if it shows something.
     """
 
@@ -35,6 +36,7 @@ class Look:
     height: int
     features: Features
     brightness: npt.NDArray[np.float64]
+    colour: npt.NDArray[np.float64]
     blank: str | None
 
 
@@ -52,13 +54,14 @@ def look(
     height, width = picture.shape
     blank = _blank(merged)
     found = extract(picture, threads)
-    matrix = None if camera_from_rec709 is None else np.array(camera_from_rec709)
+    seen = light(merged, None if camera_from_rec709 is None else np.array(camera_from_rec709))
     return Look(
         png=encode_png(np.rint(255.0 * picture).astype(np.uint8)),
         width=width,
         height=height,
         features=found,
-        brightness=brightness_at(light(merged, matrix), found.points, width, height),
+        brightness=brightness_at(seen, found.points, width, height),
+        colour=colour_at(seen, found.points, width, height),
         blank=blank,
     )
 

@@ -22,10 +22,16 @@ LEAST_SNR = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """Smoothed luminance of a view [h, w], at a fraction of its pixels, and where it can be trusted."""
+    """Smoothed light of a view at a fraction of its pixels, and where it can be trusted.
+
+    luminance: float32 [h, w]; colour: float32 [h, w, 3], camera RGB; trusted: bool [h, w]; vivid: bool
+    [h, w], where every channel of the colour can be.
+    """
 
     luminance: npt.NDArray[np.float32]
+    colour: npt.NDArray[np.float32]
     trusted: npt.NDArray[np.bool_]
+    vivid: npt.NDArray[np.bool_]
 
 
 def light(merged: Merged, camera_from_rec709: Array | None) -> Light:
@@ -39,24 +45,44 @@ def light(merged: Merged, camera_from_rec709: Array | None) -> Light:
     else:
         rgb, known = np.nan_to_num(merged.radiance), np.asarray(merged.valid.all(axis=-1))
         window = max(5, merged.radiance.shape[1] // 300)
+    weights = LUMINANCE
     if camera_from_rec709 is not None:
-        rgb = rgb @ np.linalg.inv(camera_from_rec709).T.astype(np.float32)
-    luminance = ndimage.uniform_filter((rgb @ LUMINANCE).astype(np.float32), window)
+        weights = LUMINANCE @ np.linalg.inv(camera_from_rec709)
+    planes = [ndimage.uniform_filter(rgb[..., c].astype(np.float32), window) for c in range(3)]
+    colour = np.stack(planes, axis=-1)
+    luminance = (colour @ weights).astype(np.float32)
     trusted = ndimage.minimum_filter(known, window) & (luminance > 0)
+    vivid = colour.min(axis=-1) > 0
     if merged.sigma is not None:
         sigma = merged.sigma if merged.sigma.ndim == 2 else merged.sigma.mean(-1)
         noise = ndimage.uniform_filter(np.nan_to_num(sigma, posinf=1e30), window) / window
         trusted &= luminance > LEAST_SNR * noise
-    return Light(luminance, np.asarray(trusted))
+        # Red and blue have a quarter of the sites, hence twice the noise.
+        vivid &= colour.min(axis=-1) > 2 * LEAST_SNR * noise
+    return Light(luminance, colour, np.asarray(trusted), np.asarray(trusted & vivid))
 
 
 def brightness_at(view: Light, points: Array, width: int, height: int) -> Array:
     """Natural log of luminance at points [K, 2] of a picture of `width` x `height`; NaN where not trusted."""
+    row, column = _sites(view, points, width, height)
+    value = np.where(view.trusted[row, column], view.luminance[row, column], np.nan)
+    return np.asarray(np.log(value), np.float64)
+
+
+def colour_at(view: Light, points: Array, width: int, height: int) -> Array:
+    """Natural log of camera RGB [K, 3] at points, as `brightness_at`; NaN where a channel is not trusted."""
+    row, column = _sites(view, points, width, height)
+    value = np.where(view.vivid[row, column, None], view.colour[row, column], np.nan)
+    return np.asarray(np.log(value), np.float64)
+
+
+def _sites(
+    view: Light, points: Array, width: int, height: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     rows, columns = view.luminance.shape
     row = np.clip((points[:, 1] * rows / height).astype(np.intp), 0, rows - 1)
     column = np.clip((points[:, 0] * columns / width).astype(np.intp), 0, columns - 1)
-    value = np.where(view.trusted[row, column], view.luminance[row, column], np.nan)
-    return np.asarray(np.log(value), np.float64)
+    return row, column
 
 
 def tracks_of(model: Model, brightness: Mapping[Key, Array], cameras: Sequence[str]) -> Tracks:

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from calib.colour.chart import Found, Missed, best, half, locate
+from calib.colour.chart import NO_FALLOFF, Found, Missed, best, half, locate
 from calib.colour.fit import Fit, Model, Patches, fit, held_out, of_camera
 from calib.colour.reference import EDITION, chart
 from calib.radiometry import Light
 from calib.sensors import Sensor
 from calib.views import Progress, View, read_view
-from imaging.calibration import ChartEvidence, ChartPatch
+from imaging.calibration import CalibrationRecord, ChartEvidence, ChartPatch
 from imaging.errors import CalibrationError
 from imaging.linear import read_linear
 from imaging.merge import merge_bracket
@@ -73,9 +73,17 @@ class _Trial:
 
 
 def measure_charts(
-    session: Session, views: Sequence[View], found: Mapping[str, Sensor], light: Light, progress: Progress
+    session: Session,
+    views: Sequence[View],
+    found: Mapping[str, Sensor],
+    light: Light,
+    earlier: CalibrationRecord | None,
+    progress: Progress,
 ) -> Charts:
-    """Search each RAW camera's views for a chart, and fit its colours; CalibrationError if none shows one."""
+    """Search each RAW camera's views for a chart, and fit its colours; CalibrationError if none shows one.
+
+    earlier: a calibration of the session, whose vignetting is divided out; else only that of flats is.
+    """
     raw = [view for view in views if view.camera.kind == "raw"]
     if not raw:
         raise CalibrationError(
@@ -83,12 +91,20 @@ def measure_charts(
             "leave --chart out."
         )
     names = list(dict.fromkeys(view.camera.name for view in raw))
+    falls = {
+        name: earlier.camera(name).vignetting
+        if earlier is not None
+        else NO_FALLOFF
+        if (flat := found[name].measured.falloff) is None
+        else flat.vignetting
+        for name in names
+    }
     seen: dict[str, tuple[View, Found]] = {}
     missed: list[Missed] = []
     for done, name in enumerate(names):
         progress("searching the colour chart", done, len(names))
         for view in _searched([view for view in raw if view.camera.name == name]):
-            verdict = _look(session, view, found[name], light)
+            verdict = _look(session, view, falls[name], light)
             if isinstance(verdict, Found):
                 seen[name] = (view, verdict)
                 break
@@ -113,7 +129,9 @@ def _searched(views: Sequence[View]) -> Iterator[View]:
         yield views[place]
 
 
-def _look(session: Session, view: View, sensor: Sensor, light: Light) -> Found | Missed:
+def _look(
+    session: Session, view: View, vignetting: tuple[float, float, float], light: Light
+) -> Found | Missed:
     """Search the middle exposure, and merge the bracket only where it shows something."""
     shots = sorted(view.shots, key=lambda shot: light.scale[shot.file])
     middle = shots[len(shots) // 2]
@@ -126,8 +144,7 @@ def _look(session: Session, view: View, sensor: Sensor, light: Light) -> Found |
     if not finds:
         return best(merge_bracket([frame]), finds)
     merged = merge_bracket(read_view(session, view, light.scale, light.responses[name]))
-    falloff = sensor.measured.falloff
-    return best(merged, finds, (0.0, 0.0, 0.0) if falloff is None else falloff.vignetting)
+    return best(merged, finds, vignetting)
 
 
 def colours(

@@ -1,0 +1,123 @@
+"""What charts and shared points told, in the record of a calibration."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.colour.measure import Charts
+from calib.colour.white_balance import Balance, Sights, estimate, folded
+from calib.features import Key
+from calib.sensors import Sensor
+from calib.sfm import Model
+from calib.tracks import tracks_of
+from calib.vignetting import DARKEST, Falloff
+from imaging.calibration import CalibrationRecord, CameraCalibration
+from imaging.mosaic import Matrix, as_matrix
+from imaging.records import Rung
+
+Array = npt.NDArray[np.float64]
+
+CHART_RUNGS = frozenset({"chart_white", "chart_shading", "chart_matrix", "chart_matrix_each_camera"})
+
+
+def balance(
+    model: Model,
+    colours: Mapping[Key, Array],
+    found: Mapping[str, Sensor],
+    falloff: Falloff,
+    anchors: Sequence[str],
+) -> Balance:
+    """The white balance between the placed RAW cameras; colours: `Look.colour` of each view.
+
+    anchors: cameras whose white a chart told.
+    """
+    placed = sorted(model.lenses)
+    matrices = {name: found[name].camera_from_rec709 for name in placed}
+    known = [name for name in placed if matrices[name] is not None]
+    if len(known) < 2:
+        return Balance({}, {}, ())
+    usable = {
+        key: colour if key[0] in known else np.full(colour.shape, np.nan) for key, colour in colours.items()
+    }
+    planes = [
+        tracks_of(model, {key: colour[:, channel] for key, colour in usable.items()}, placed)
+        for channel in range(3)
+    ]
+    first = planes[0]
+    terms = np.array([falloff.vignetting[name] for name in placed])[first.camera]
+    fall = 1.0 + (terms * first.radius[:, None] ** np.array([2, 4, 6])).sum(axis=1)
+    colour = np.stack([plane.brightness for plane in planes], axis=1)
+    colour = colour - np.log(np.maximum(fall, DARKEST))[:, None]
+    order = np.array([known.index(name) if name in known else -1 for name in placed])
+    sights = Sights(first.point, order[first.camera], colour)
+    return estimate(sights, known, [np.array(matrices[name]) for name in known], anchors)
+
+
+def with_balance(record: CalibrationRecord, found: Balance) -> CalibrationRecord:
+    """The record with the white balance between its cameras folded into matrices and gains."""
+    cameras = tuple(_balanced(camera, found) for camera in record.cameras)
+    return record.model_copy(update={"cameras": cameras, "rungs": (*record.rungs, *found.rungs)})
+
+
+def _balanced(camera: CameraCalibration, found: Balance) -> CameraCalibration:
+    channels = found.channels.get(camera.name)
+    if channels is None or camera.camera_from_rec709 is None:
+        return camera
+    matrix, relative, gain = folded(np.array(camera.camera_from_rec709), channels)
+    return camera.model_copy(
+        update={
+            "camera_from_rec709": as_matrix(matrix),
+            "white_balance": relative,
+            "white_balance_error": found.errors[camera.name],
+            "gain": gain,
+        }
+    )
+
+
+def with_charts(record: CalibrationRecord, charts: Charts) -> CalibrationRecord:
+    """The record with the evidence of charts, whose matrices its cameras have already."""
+    if not charts.evidence:
+        return record
+    cameras = tuple(
+        camera.model_copy(update={"chart": charts.evidence.get(camera.name)}) for camera in record.cameras
+    )
+    told = Rung(
+        name="camera_colour",
+        taken=True,
+        reason=f"{len(charts.matrices)} of {len(record.cameras)} cameras by a colour chart that "
+        f"{', '.join(sorted(charts.evidence))} saw",
+    )
+    rungs = tuple(told if rung.name == "camera_colour" else rung for rung in record.rungs)
+    return record.model_copy(update={"cameras": cameras, "rungs": (*rungs, *charts.rungs)})
+
+
+def charts_of(record: CalibrationRecord) -> Charts:
+    """The charts of an earlier calibration, for one that measures other parts again."""
+    evidence = {camera.name: camera.chart for camera in record.cameras if camera.chart is not None}
+    if not evidence:
+        return Charts()
+    matrices: dict[str, Matrix] = {}
+    for camera in record.cameras:
+        if camera.camera_from_rec709 is not None:
+            balance = np.array(camera.white_balance)[:, None]
+            matrices[camera.name] = as_matrix(np.array(camera.camera_from_rec709) / balance)
+    return Charts(matrices, evidence, tuple(rung for rung in record.rungs if rung.name in CHART_RUNGS))
+
+
+def rebalanced(record: CalibrationRecord) -> CalibrationRecord:
+    """The record after its matrices were measured again, with the white balance it has folded into them.
+
+    Cameras whose own chart was measured have their balance from it; the others' is relative to theirs.
+    """
+    anchors = [camera for camera in record.cameras if camera.chart is not None]
+    known = np.array([camera.white_balance for camera in anchors]).reshape(-1, 3)
+    middle = np.exp(np.log(known).mean(axis=0)) if anchors else np.ones(3)
+    cameras = []
+    for camera in record.cameras:
+        relative = np.ones(3) if camera.chart is not None else np.array(camera.white_balance) / middle
+        update: dict[str, object] = {"white_balance": tuple(relative.tolist())}
+        if camera.camera_from_rec709 is not None:
+            update["camera_from_rec709"] = as_matrix(relative[:, None] * np.array(camera.camera_from_rec709))
+        cameras.append(camera.model_copy(update=update))
+    return record.model_copy(update={"cameras": tuple(cameras)})

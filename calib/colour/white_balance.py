@@ -1,0 +1,197 @@
+"""Cameras of a rig whose channels differ in sensitivity, made equal by the points that they share.
+
+A scene point has one colour, so what is left between the views of its track, once each camera's matrix
+is accounted for, is the sensitivity of each camera's channels: `ln rgb = ln (M scene) + ln d`. Matrices that
+differ are accounted for by each point's own colour, found in turn with the sensitivities; everything else is
+the graph of log ratios that points span between cameras, solved by robust least squares.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.records import Rung
+
+Array = npt.NDArray[np.float64]
+Int = npt.NDArray[np.int64]
+
+FEWEST_TRACKS = 100
+FEWEST_SIGHTS = 30
+"""Of a camera, below which its channels stay as they are."""
+ROUNDS = 6
+HUBER = 1.5
+FOLDS = 5
+UNIT = "robust whitened loss per held-out track"
+
+
+@dataclass(frozen=True, eq=False)
+class Sights:
+    """Colours of scene points in the views that see them; rows are observations.
+
+    point: int [N], which scene point; camera: int [N]; colour: float64 [N, 3], natural log of camera RGB,
+    vignetting divided out.
+    """
+
+    point: Int
+    camera: Int
+    colour: Array
+
+    def part(self, keep: npt.NDArray[np.bool_]) -> "Sights":
+        """The observations that `keep` [N] names."""
+        return Sights(self.point[keep], self.camera[keep], self.colour[keep])
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Sensitivity of red, green and blue of each camera relative to the rig, and standard errors (relative).
+
+    Errors count points as independent of each other. Empty where it was not taken.
+    """
+
+    channels: dict[str, tuple[float, float, float]]
+    errors: dict[str, tuple[float, float, float]]
+    rungs: tuple[Rung, ...]
+
+
+def estimate(
+    sights: Sights, cameras: Sequence[str], matrices: Sequence[Array], anchors: Sequence[str] = ()
+) -> Balance:
+    """Sensitivities of channels that held-out tracks ask for.
+
+    cameras: names, in the order of `Sights.camera`; matrices: camera_from_rec709 [3, 3] of each; anchors:
+    cameras whose white is known, as from a chart: theirs stays in the mean. Without any the rig's does.
+    """
+    _, own = np.unique(sights.point, return_inverse=True)
+    shared = np.isin(np.arange(len(cameras)), sights.camera)
+    if len(np.unique(own)) < FEWEST_TRACKS or shared.sum() < 2:
+        reason = (
+            f"fewer than {FEWEST_TRACKS} scene points are seen well, in every channel, by several cameras"
+        )
+        return Balance({}, {}, (Rung(name="white_balance", taken=False, reason=reason),))
+    stack = np.array(matrices)
+    gain, error = _gain(sights, stack)
+    rung = Rung.judged(
+        "white_balance",
+        gain,
+        error,
+        UNIT,
+        "a sensitivity for each channel of each camera, not one for each camera",
+    )
+    if not rung.taken:
+        return Balance({}, {}, (rung,))
+    logs, covariance = _solve(sights, stack)
+    fixed = np.array([name in anchors and shared[i] for i, name in enumerate(cameras)])
+    fixed = fixed if fixed.any() else shared
+    to_gauge = np.eye(len(cameras)) - np.outer(np.ones(len(cameras)), fixed / fixed.sum())
+    logs = to_gauge @ logs
+    errors = np.sqrt(np.maximum(np.einsum("ij,cjk,ik->ic", to_gauge, covariance, to_gauge), 0.0))
+    count = np.bincount(sights.camera, minlength=len(cameras))
+    known = [i for i in range(len(cameras)) if count[i] >= FEWEST_SIGHTS]
+    return Balance(
+        {cameras[i]: _triple(np.exp(logs[i])) for i in known},
+        {cameras[i]: _triple(errors[i]) for i in known},
+        (rung,),
+    )
+
+
+def folded(
+    camera_from_rec709: Array, channels: tuple[float, float, float]
+) -> tuple[Array, tuple[float, float, float], float]:
+    """A camera's matrix with the sensitivities in it, its balance relative to green, and its gain.
+
+    The matrix keeps a green row that sums to 1, so that what green has of its own is the gain.
+    """
+    balance = np.array(channels) / channels[1]
+    return balance[:, None] * camera_from_rec709, _triple(balance), channels[1]
+
+
+def _gain(sights: Sights, matrices: Array) -> tuple[float, float]:
+    """By how much three sensitivities a camera predict held-out tracks better than one, and its error."""
+    _, own = np.unique(sights.point, return_inverse=True)
+    fold = own % FOLDS
+    differences = []
+    for held in range(FOLDS):
+        rest, test = sights.part(fold != held), sights.part(fold == held)
+        logs, _ = _solve(rest, matrices)
+        one = np.repeat(logs.mean(axis=1, keepdims=True), 3, axis=1)
+        low, high = (_residual(test, matrices, each) for each in (one, logs))
+        scale = max(float(1.4826 * np.median(np.abs(low))), 1e-6)
+        _, track = np.unique(test.point, return_inverse=True)
+        losses = [_huber(each / scale).mean(axis=1) for each in (low, high)]
+        differences.append(np.bincount(track, losses[0] - losses[1]) / np.bincount(track))
+    gains = np.concatenate(differences)
+    return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+
+
+def _solve(sights: Sights, matrices: Array) -> tuple[Array, Array]:
+    """Log sensitivities [C, 3], zero in the mean of every channel, and their covariances [3, C, C]."""
+    count = len(matrices)
+    logs = np.zeros((count, 3))
+    covariance = np.zeros((3, count, count))
+    _, own = np.unique(sights.point, return_inverse=True)
+    weight = np.ones(sights.colour.shape)
+    columns = (sights.camera[:, None] == np.arange(count)).astype(np.float64)
+    for _ in range(ROUNDS):
+        target = _as_one_camera(sights, matrices, logs)
+        for channel in range(3):
+            residual = _demeaned(
+                (target[:, channel] - logs[sights.camera, channel])[:, None], weight[:, channel], own
+            )
+            scale = max(float(1.4826 * np.median(np.abs(residual))), 1e-6)
+            weight[:, channel] = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual[:, 0]), 1e-12))
+            design = _demeaned(columns, weight[:, channel], own)
+            value = _demeaned(target[:, [channel]], weight[:, channel], own)[:, 0]
+            normal = design.T @ (design * weight[:, [channel]])
+            # A camera that shares no point, and the gauge of all, are left at zero.
+            inverse = np.linalg.pinv(normal, rcond=1e-9, hermitian=True)
+            logs[:, channel] = inverse @ (design.T @ (weight[:, channel] * value))
+            covariance[channel] = scale**2 * inverse
+        logs -= logs.mean(axis=0)
+    return logs, covariance
+
+
+def _as_one_camera(sights: Sights, matrices: Array, logs: Array) -> Array:
+    """ln rgb [N, 3] as a camera of the rig's mean matrix would have seen each point."""
+    return np.asarray(sights.colour - _predicted(sights, matrices, logs))
+
+
+def _residual(sights: Sights, matrices: Array, logs: Array) -> Array:
+    """What the sensitivities leave between the views of each track, [N, 3]."""
+    _, own = np.unique(sights.point, return_inverse=True)
+    left = _as_one_camera(sights, matrices, logs) - logs[sights.camera]
+    return np.stack([_demeaned(left[:, [c]], np.ones(len(left)), own)[:, 0] for c in range(3)], axis=1)
+
+
+def _predicted(sights: Sights, matrices: Array, logs: Array) -> Array:
+    """ln of what each point becomes in its camera, over what it becomes in the mean camera, [N, 3]."""
+    _, own = np.unique(sights.point, return_inverse=True)
+    scene = np.linalg.solve(matrices[sights.camera], np.exp(sights.colour - logs[sights.camera])[..., None])[
+        ..., 0
+    ]
+    # The brightness of a point drops out, so its views count alike whatever their exposure says.
+    scene /= np.maximum(np.abs(scene).sum(axis=1, keepdims=True), 1e-12)
+    mean = np.stack([np.bincount(own, column) for column in scene.T], axis=1) / np.bincount(own)[:, None]
+    point = mean[own]
+    here = np.einsum("nij,nj->ni", matrices[sights.camera], point)
+    there = point @ matrices.mean(axis=0).T
+    floor = 1e-3 * np.abs(point).sum(axis=1, keepdims=True)
+    return np.asarray(np.log(np.maximum(here, floor) / np.maximum(there, floor)))
+
+
+def _demeaned(values: Array, weight: Array, own: Int) -> Array:
+    """Values [N, C] less the weighted mean of their track."""
+    total = np.bincount(own, weight)
+    means = np.stack([np.bincount(own, weight * column) / total for column in values.T], axis=1)
+    return np.asarray(values - means[own])
+
+
+def _huber(whitened: Array) -> Array:
+    size = np.abs(whitened)
+    return np.asarray(np.where(size < HUBER, 0.5 * size**2, HUBER * (size - 0.5 * HUBER)))
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    red, green, blue = (float(value) for value in values)
+    return red, green, blue
