@@ -10,6 +10,8 @@ from calib import radiometry, sensors, sfm, tracks, vignetting
 from calib.assemble import assemble
 from calib.boards.measure import Measured as MeasuredBoard
 from calib.boards.measure import measure as measure_board
+from calib.colour.measure import Charts, measure_charts
+from calib.colour.recorded import CHART_RUNGS, balance, charts_of, rebalanced, with_balance, with_charts
 from calib.exports import write_exports
 from calib.features import Key, image_name
 from calib.known_rig import Known
@@ -34,7 +36,7 @@ Part = Literal["sensor", "response", "colour", "poses"]
 
 _PARTS: dict[Part, frozenset[str]] = {
     "sensor": NAMES,
-    "colour": frozenset({"camera_colour"}),
+    "colour": frozenset({"camera_colour", *CHART_RUNGS}),
     "response": frozenset({*RUNGS, "exposure_ratios", "exposure_per_shot"}),
 }
 """The rungs that belong to each part but the poses, which all others belong to."""
@@ -45,13 +47,15 @@ def calibrate(
     *,
     only: Part | None = None,
     board: Board | None = None,
+    chart: bool = False,
     progress: Progress = lambda message, done, total: None,
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder; returns what was written.
 
     only: redo this part and keep the rest of the calibration that is there; all but 'poses' need no
-    poses. board: what the session's shots of a board show, where it does not say so itself. The folder is
-    replaced as a whole or not at all. Views without a pose are listed in the record.
+    poses. board: what the session's shots of a board show, where it does not say so itself. chart: search
+    the views for a colour chart, and measure colours by it. The folder is replaced as a whole or not at
+    all. Views without a pose are listed in the record.
 
     Errors: CalibrationError when no view can be placed and nothing else was learnt, or when an earlier
     calibration has poses, which then stays; PartialError when no view can be placed but exposures or
@@ -72,16 +76,22 @@ def calibrate(
         light = _known_light(earlier)
     else:
         light = radiometry.measure(opened, views, progress)
+    charts = charts_of(earlier) if only == "poses" and earlier is not None else Charts()
+    if chart:
+        if only not in (None, "colour"):
+            raise InputError(f"a chart tells of colour, not of {only}: leave --chart or --only {only} out.")
+        charts = measure_charts(opened, views, found, light, earlier, progress)
+    found = charts.applied(found)
     if only is not None and only != "poses":
-        record = _with_part(opened, views, only, found, light, earlier)
+        record = _with_part(opened, views, only, found, light, charts, earlier)
         store.write_json(_folder(opened) / "calibration.json", record.model_dump(mode="json"))
         return record
     known = measure_board(opened, board, progress)
     if known is not None and not views:
-        record = assemble(opened, views, found, light, board=known)
+        record = with_charts(assemble(opened, views, found, light, board=known), charts)
         _write(opened, record, {}, None, progress)
         return record
-    return _with_poses(opened, views, found, light, known, progress)
+    return _with_poses(opened, views, found, light, charts, known, progress)
 
 
 def _folder(session: Session) -> Path:
@@ -127,6 +137,7 @@ def _with_poses(
     views: Sequence[View],
     found: Mapping[str, Sensor],
     light: Light,
+    charts: Charts,
     board: MeasuredBoard | None,
     progress: Progress,
 ) -> CalibrationRecord:
@@ -146,7 +157,8 @@ def _with_poses(
         cause = f"{str(error)[0].lower()}{str(error)[1:]}"
         if not (light.measured or board is not None) or _has_poses(session):
             raise CalibrationError(f"{session.folder}: {cause}") from error
-        _write(session, assemble(session, views, found, light, board=board), {}, None, progress)
+        record = with_charts(assemble(session, views, found, light, board=board), charts)
+        _write(session, record, {}, None, progress)
         raise PartialError(
             f"{session.folder}: exposures and response are measured, but no view has a pose: {cause}"
         ) from error
@@ -157,7 +169,11 @@ def _with_poses(
         names,
         {camera.name: f"{camera.make} {camera.model}" for camera in session.record.cameras},
     )
-    record = assemble(session, views, found, light, model, falloff, board)
+    equal = balance(
+        model, {key: own.colour for key, own in looks.items()}, found, falloff, list(charts.evidence)
+    )
+    record = with_charts(assemble(session, views, found, light, model, falloff, board), charts)
+    record = with_balance(record, equal)
     _write(session, record, {key: own.png for key, own in looks.items()}, model, progress)
     return record
 
@@ -236,13 +252,18 @@ def _with_part(
     only: Part,
     found: Mapping[str, Sensor],
     light: Light,
+    charts: Charts,
     earlier: CalibrationRecord | None,
 ) -> CalibrationRecord:
     """An earlier calibration with one part of it measured again; without one, that part and what it needs."""
-    fresh = assemble(session, views, found, light)
+    fresh = with_charts(assemble(session, views, found, light), charts)
     if earlier is None:
         return fresh
-    fields = {"colour": ("camera_from_rec709",), "response": ("response",), "sensor": ("noise", "sensors")}
+    fields = {
+        "colour": ("camera_from_rec709", "chart"),
+        "response": ("response",),
+        "sensor": ("noise", "sensors"),
+    }
     cameras = []
     for camera in earlier.cameras:
         own = found.get(camera.name)
@@ -259,4 +280,5 @@ def _with_part(
     }
     if only == "response":
         update["exposure_scale"] = fresh.exposure_scale
-    return earlier.model_copy(update=update)
+    record = earlier.model_copy(update=update)
+    return rebalanced(record) if only == "colour" else record
