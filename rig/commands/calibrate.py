@@ -1,7 +1,7 @@
 """`rig calibrate`: find out what the cameras did."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -32,6 +32,9 @@ def calibrate(
             help=f"The ChArUco board in the session's shots of one, where these do not say: {EXAMPLE}.",
         ),
     ] = None,
+    chart: Annotated[
+        bool, typer.Option("--chart", help="Measure colours by a ColorChecker that some views show.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> Outcome:
     """Find out what the cameras did.
@@ -42,11 +45,15 @@ def calibrate(
     Example: rig calibrate S
     """
     with running("calibrate") as meter:
-        return run_calibrate(session, meter, only, board.board() if board else None)
+        return run_calibrate(session, meter, only, board.board() if board else None, chart)
 
 
 def run_calibrate(
-    session: Path, meter: Meter, only: Part | None = None, board: "Board | None" = None
+    session: Path,
+    meter: Meter,
+    only: Part | None = None,
+    board: "Board | None" = None,
+    chart: bool = False,
 ) -> Outcome:
     """Calibrate, write the report and say what came of it."""
     folder = session / "calibration"
@@ -55,7 +62,7 @@ def run_calibrate(
         from rig.report.calibration_page import calibration_report
 
         try:
-            record = calibrate_session(session, only=only, board=board, progress=meter)
+            record = calibrate_session(session, only=only, board=board, chart=chart, progress=meter)
         except PartialError:
             # What was found has its page too; the error says what is missing.
             calibration_report(session, meter)
@@ -98,8 +105,33 @@ def told_cameras(session: Path, record: "CalibrationRecord") -> Outcome:
         ]
         for camera in record.cameras
     }
-    data = {"session": str(session), "responses": responses, "sensors": sensors, "report": str(report)}
-    return Outcome(data, [*lines, f"Report: {report}"])
+    data = {
+        "session": str(session),
+        "responses": responses,
+        "sensors": sensors,
+        "charts": told_charts(record),
+        "report": str(report),
+    }
+    return Outcome(data, [*lines, *chart_lines(session, record), f"Report: {report}"])
+
+
+def chart_lines(session: Path, record: "CalibrationRecord") -> list[str]:
+    """What the charts that cameras saw came to, a line each."""
+    return [
+        f"{session}: {name}: colours by the chart at frame {told['frame']}, delta E 2000 of held-out patches "
+        f"{number(told['delta_e_mean'])} in the mean, {number(told['delta_e_max'])} at most"
+        for name, told in told_charts(record).items()
+    ]
+
+
+def told_charts(record: "CalibrationRecord") -> dict[str, dict[str, Any]]:
+    """The figures of each camera's chart, by its name."""
+    fields = {"frame", "delta_e_mean", "delta_e_p95", "delta_e_max", "delta_e_files"}
+    return {
+        camera.name: camera.chart.model_dump(mode="json", include=fields)
+        for camera in record.cameras
+        if camera.chart is not None
+    }
 
 
 def told(session: Path, record: "CalibrationRecord") -> Outcome:
@@ -109,6 +141,7 @@ def told(session: Path, record: "CalibrationRecord") -> Outcome:
     lines = [
         f"{session}: {len(record.views)} of {counted(images, 'image')} with a pose, "
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
+        *chart_lines(session, record),
         f"Report: {report}",
         f"Next: rig reconstruct {session}",
     ]
@@ -119,6 +152,7 @@ def told(session: Path, record: "CalibrationRecord") -> Outcome:
         "unregistered": list(record.unregistered),
         "points": record.points,
         "reprojection_px": record.reprojection_px,
+        "charts": told_charts(record),
         "report": str(report),
     }
     missing = None
