@@ -173,12 +173,11 @@ def test_every_setting_that_is_commented_out_may_be_used(tmp_path: Path) -> None
 
 
 def test_positions_and_boards_that_cannot_be_name_their_line(tmp_path: Path) -> None:
-    text = (
-        '[board]\ncolumns = 7\nrows = 5\nsquare = 0.03\nmarker = 0.04\n[[camera]]\nname = "a"\nserial = "1"\n'
-    )
+    camera = '[[camera]]\nname = "a"\nserial = "1"\n'
+    text = f"[board]\ncolumns = 7\nrows = 5\nsquare = 0.03\nmarker = 0.04\n{camera}"
     with pytest.raises(InputError, match=r"line 1: .*marker has to be smaller"):
         read(tmp_path, text)
-    text = '[[camera]]\nname = "a"\nserial = "1"\nposition = [1, 2]\n'
+    text = f"{camera}position = [1, 2]\n"
     with pytest.raises(InputError, match=r"line 4: .*three numbers, metres"):
         read(tmp_path, text)
     placed = read(tmp_path, text.replace("[1, 2]", "[1, 2.5, 0]"))
