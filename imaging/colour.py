@@ -37,6 +37,7 @@ LUMINANCE_REC709 = XYZ_FROM_REC709[1]
 Space = Literal["rec709", "acescg", "aces2065-1"]
 """Of files of linear light, under the names that their users know."""
 SPACE_PRIMARIES: dict[Space, str] = {"rec709": "rec709", "acescg": "ap1", "aces2065-1": "ap0"}
+SPACE_NAMES: dict[Space, str] = {"rec709": "Rec.709", "acescg": "ACEScg", "aces2065-1": "ACES2065-1"}
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from imaging import alignment
 from imaging.calibration import CalibrationRecord, CameraCalibration, Response, is_stale, read_calibration
+from imaging.colour import SPACE_NAMES, SPACE_PRIMARIES, Space
 from imaging.errors import InputError
 from imaging.exr import read_exr_header, write_exr
 from imaging.ghosts import TOLERANCE, without_ghosts
@@ -65,13 +66,15 @@ def merge_session(
     *,
     frame: int | None = None,
     camera: str | None = None,
+    space: Space = "rec709",
     progress: Progress = lambda message, done, total: None,
 ) -> list[MergedView]:
     """Merge the brackets of the scene (of one frame, of one camera) into EXR files under `out`.
 
     calibration: exposures, responses, gains and colour; None: labels are taken as they are, photographs as
-    sRGB. Files that are there and were made from the same are kept. InputError when there is no such
-    bracket, a file is missing or damaged, or exposures of a bracket are not known.
+    sRGB. space: the primaries of what is written. Files that are there and were made from the same are
+    kept. InputError when there is no such bracket, a file is missing or damaged, exposures of a bracket
+    are not known, or the colour of a camera is not known and a space other than Rec.709 is asked for.
     """
     opened = Session.open(session)
     groups = {
@@ -91,7 +94,7 @@ def merge_session(
         progress("merging", done, len(groups))
         own = None if calibration is None else calibration.camera(name)
         scales = None if calibration is None else calibration.exposure_scale
-        found.append(_merge_view(opened, out, number, name, shots, own, scales))
+        found.append(_merge_view(opened, out, number, name, shots, own, scales, space))
     progress("merging", len(groups), len(groups))
     return found
 
@@ -104,12 +107,18 @@ def _merge_view(
     shots: Sequence[ShotRecord],
     camera: CameraCalibration | None,
     scales: Mapping[str, float] | None,
+    space: Space,
 ) -> MergedView:
     kind = session.camera(name).kind
+    if kind == "raw" and space != "rec709" and (camera is None or camera.camera_from_rec709 is None):
+        raise InputError(
+            f"{session.folder}: the colour of camera {name} is not known, so it cannot become {space}: "
+            "run `rig calibrate`, or leave --space out."
+        )
     k = _scales(session, shots, scales)
     response = camera.response if camera is not None else assumed_response(kind)
     path = out / f"{number:04d}" / f"{name}.exr"
-    key = _key(shots, k, response, camera)
+    key = _key(shots, k, response, camera, space)
     told = _kept(path, key)
     if told is not None:
         clipped, dark, ghost, shift, said = told
@@ -124,7 +133,7 @@ def _merge_view(
             f"the shots of camera {name} at frame {number} differ in size: delete the odd one out."
         )
     best = without_ghosts(frames, max(TOLERANCE, (response.residual or 0.0) / PAIR))
-    picture = picture_of(best, frames[0].cfa, camera)
+    picture = picture_of(best, frames[0].cfa, camera, space)
     moved = alignment.shifts(frames)
     shift = max((one.size for one in moved), default=None)
     clipped, dark, ghost = (float(np.mean(picture.mask & bit > 0)) for bit in (CLIPPED, DARK, GHOST))
@@ -139,14 +148,15 @@ def _merge_view(
         "rig:k": json.dumps(sorted(k)),
         "rig:response": response.evidence,
         "rig:noise": "unknown: no sigma" if picture.sigma is None else f"{best.noise:.3g} times its model",
-        "rig:colour": "Rec.709" if picture.rec709 else "camera RGB",
+        "rig:colour": SPACE_NAMES[space] if picture.known_colour else "camera RGB",
         "rig:result": json.dumps([*shares, shift, warnings]),
     }
     channels = {letter: picture.light[..., index] for index, letter in enumerate("RGB")}
     if picture.sigma is not None:
         channels |= {f"sigma.{letter}": picture.sigma[..., index] for index, letter in enumerate("RGB")}
     channels["mask"] = picture.mask.astype(np.float32)
-    write_exr(path, channels, chromaticities="rec709" if picture.rec709 else None, attributes=attributes)
+    primaries = SPACE_PRIMARIES[space] if picture.known_colour else None
+    write_exr(path, channels, chromaticities=primaries, attributes=attributes)
     return MergedView(name, number, path, len(shots), clipped, dark, ghost, shift, False, warnings)
 
 
@@ -179,10 +189,18 @@ def _scales(session: Session, shots: Sequence[ShotRecord], scales: Mapping[str, 
 
 
 def _key(
-    shots: Sequence[ShotRecord], k: Sequence[float], response: Response, camera: CameraCalibration | None
+    shots: Sequence[ShotRecord],
+    k: Sequence[float],
+    response: Response,
+    camera: CameraCalibration | None,
+    space: Space,
 ) -> str:
     """Digest of all that a file is made from."""
-    parts = [VERSION, [[shot.sha256, scale] for shot, scale in zip(shots, k, strict=True)]]
+    parts: list[object] = [
+        VERSION,
+        space,
+        [[shot.sha256, scale] for shot, scale in zip(shots, k, strict=True)],
+    ]
     parts.append(response.model_dump(mode="json"))
     if camera is not None:
         parts.append(camera.model_dump(mode="json", exclude={"lens", "cam_from_rig"}))

@@ -8,6 +8,7 @@ from scipy import ndimage
 
 from imaging.calibration import CameraCalibration
 from imaging.cfa import Cfa, demosaic
+from imaging.colour import Space, space_from_rec709
 from imaging.falloff import falloff
 from imaging.ghosts import Deghosted
 from imaging.linear import Bool, Float
@@ -18,16 +19,24 @@ BITS = "1 clipped: a lower bound; 2 dark: an upper bound; 4 no number; 8 ghost: 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """light and sigma: float32 [H, W, 3]; sigma None if not known; mask: int [H, W]."""
+    """light and sigma: float32 [H, W, 3]; sigma None if not known; mask: int [H, W].
+
+    known_colour: whether light is of the space that was asked for, and not camera RGB.
+    """
 
     light: Float
     sigma: Float | None
     mask: npt.NDArray[np.intp]
-    rec709: bool
+    known_colour: bool
 
 
-def picture_of(best: Deghosted, cfa: Cfa | None, camera: CameraCalibration | None) -> Picture:
-    """A merged bracket in colour, with what lens and camera do to light divided out."""
+def picture_of(
+    best: Deghosted, cfa: Cfa | None, camera: CameraCalibration | None, space: Space = "rec709"
+) -> Picture:
+    """A merged bracket in colour, with what lens and camera do to light divided out.
+
+    RAW of a camera whose colour is not known stays camera RGB, whatever the space.
+    """
     merged = best.merged
     height, width = merged.radiance.shape[:2]
     fall = np.ones((height, width), np.float32) if camera is None else falloff(camera, height, width)
@@ -44,15 +53,16 @@ def picture_of(best: Deghosted, cfa: Cfa | None, camera: CameraCalibration | Non
     light = light / fall[..., None]
     variance = None if variance is None else variance / fall[..., None] ** 2
     matrix = None if camera is None else camera.camera_from_rec709
-    if matrix is not None:
-        inverse = np.linalg.inv(np.array(matrix))
-        light = light @ inverse.T
-        variance = None if variance is None else _finite(variance) @ (inverse**2).T
+    known_colour = cfa is None or matrix is not None
+    if matrix is not None or (known_colour and space != "rec709"):
+        mixing = space_from_rec709(space) @ np.linalg.inv(np.eye(3) if matrix is None else np.array(matrix))
+        light = (light @ mixing.T).astype(np.float32)
+        variance = None if variance is None else _finite(variance) @ (mixing**2).T
     mask = sum(
         bit * flag.astype(np.intp) for bit, flag in zip((CLIPPED, DARK, NOTHING, GHOST), flags, strict=True)
     )
     sigma = None if variance is None else np.sqrt(variance).astype(np.float32)
-    return Picture(light.astype(np.float32), sigma, np.asarray(mask), cfa is None or matrix is not None)
+    return Picture(light.astype(np.float32), sigma, np.asarray(mask), known_colour)
 
 
 def _finite(variance: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rig.commands.options import JsonOption, SessionArgument
+from rig.commands.options import JsonOption, SessionArgument, SpaceOption
 from rig.running import Outcome, leaving_nothing, running
 from rig.words import counted
 
@@ -18,6 +18,7 @@ def merge(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder for the EXR files.")],
     frame: Annotated[int | None, typer.Option(min=0, help="Only this frame.")] = None,
     camera: Annotated[str | None, typer.Option(metavar="NAME", help="Only this camera.")] = None,
+    space: SpaceOption = "rec709",
     as_json: JsonOption = False,
 ) -> Outcome:
     """Merge brackets to linear EXR files.
@@ -34,7 +35,9 @@ def merge(
         from imaging.merging import merge_session, read_session_calibration
 
         calibration = read_session_calibration(session)
-        found = merge_session(session, out, calibration, frame=frame, camera=camera, progress=meter)
+        found = merge_session(
+            session, out, calibration, frame=frame, camera=camera, space=space, progress=meter
+        )
     kept = sum(view.kept for view in found)
     source = "labels (there is no calibration)" if calibration is None else "the calibration"
     lines = [f"{out}: {counted(len(found), 'merged picture')}, exposures from {source}"]
@@ -44,6 +47,7 @@ def merge(
     data = {
         "session": str(session),
         "exposures": "labels" if calibration is None else "calibration",
+        "space": space,
         "files": [_told(view) for view in found],
     }
     return Outcome(data, lines, _missing(session, found), usable=True)

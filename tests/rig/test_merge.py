@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from imaging import store
-from imaging.colour import srgb_encode
+from imaging.colour import PRIMARIES, space_from_rec709, srgb_encode
 from imaging.exposure import Exposure
 from imaging.exr import read_exr
 from imaging.photo import encode_png
@@ -152,3 +152,33 @@ def test_a_single_exposure_is_its_own_picture(rig: Run, tmp_path: Path) -> None:
     assert code == 0
     (file,) = (tmp_path / "M").rglob("*.exr")
     assert np.median(read_exr(file).rgb()) == pytest.approx(0.2159 / Exposure(time=0.5).scale, rel=1e-3)
+
+
+def test_another_space_is_the_same_light_and_says_so(rig: Run, toy: Path, tmp_path: Path) -> None:
+    chosen = ("--frame", "0", "--camera", "cam0", "--json")
+    images = []
+    for space in ("rec709", "acescg"):
+        code, out, _ = rig("merge", str(toy), str(tmp_path / "M"), "--space", space, *chosen)
+        (entry,) = json.loads(out)["files"]
+        assert code == 0
+        assert entry["kept"] is False
+        images.append(read_exr(Path(entry["file"])))
+    plain, wide = images
+    assert wide.attributes["rig:colour"] == "ACEScg"
+    assert wide.attributes["chromaticities"] == pytest.approx(np.ravel(PRIMARIES["ap1"]))
+    assert plain.attributes["chromaticities"] == pytest.approx(np.ravel(PRIMARIES["rec709"]))
+    expected = plain.rgb() @ space_from_rec709("acescg").T
+    assert np.abs(wide.rgb() - expected).max() < 1e-5 * expected.max()
+    # Noise is mixed from the photosites once, and not from channels that share theirs.
+    sigma = np.stack([wide.channels[f"sigma.{letter}"] for letter in "RGB"], axis=-1)
+    apart = np.stack([plain.channels[f"sigma.{letter}"] for letter in "RGB"], axis=-1) ** 2
+    assert not np.allclose(sigma**2, apart @ (space_from_rec709("acescg") ** 2).T, rtol=1e-3)
+    assert (sigma > 0).all()
+
+
+def test_a_camera_of_unknown_colour_has_no_other_space(rig: Run, toy: Path, tmp_path: Path) -> None:
+    (toy / "calibration" / "calibration.json").unlink()
+    code, _, err = rig("merge", str(toy), str(tmp_path / "M"), "--space", "acescg")
+    assert code == 2
+    assert "the colour of camera cam0 is not known" in err
+    assert not (tmp_path / "M").exists()
