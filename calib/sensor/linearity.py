@@ -55,7 +55,7 @@ def straightness(pairs: Sequence[Levels], black_error: float) -> Straightness | 
     rows, values, weights = [], [], []
     kept = []
     for pair in pairs:
-        good = (pair.long > LOWEST) & (pair.short > 0.2 * LOWEST / 4) & (pair.error < 0.05)
+        good = (pair.long > LOWEST) & (pair.short > LOWEST / 20) & (pair.error < 0.05)
         if good.sum() >= 3:
             kept.append(Levels(pair.long[good], pair.short[good], pair.error[good]))
     if not kept:

@@ -1,6 +1,6 @@
 """What was measured of the sensors, in the words of a ladder."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Literal
 
 from calib.sensor.measure import Sensors
@@ -167,8 +167,7 @@ def _linearity(at: list[SensorCalibration]) -> Rung:
     lines = [(sensor.nonlinearity, sensor.linear) for sensor in at if sensor.nonlinearity is not None]
     if not lines:
         return _not("sensor_linearity", "RAW is taken as linear and not tested: no two exposures overlap")
-    key: Callable[[tuple[Measured, bool | None]], float] = lambda pair: abs(pair[0].value)  # noqa: E731
-    worst, linear = max(lines, key=key)
+    worst, linear = max(lines, key=lambda line: abs(line[0].value))
     bent = sum(one is False for _, one in lines)
     return Rung(
         name="sensor_linearity",
