@@ -113,15 +113,16 @@ def read_linear(
 def from_raw(raw: RawMosaic, k: float, sensors: Sequence[SensorCalibration] = ()) -> LinearFrame:
     """The black-subtracted mosaic, by the levels that were measured at its ISO, else by those of the file.
 
-    The signal is 1 at the file's white level, wherever the sensor really ends: `saturated` and
-    `ceiling` tell. Without a measurement the noise is that of the file's NoiseProfile, if it has one.
+    The signal is 1 at the file's white level, wherever the sensor really ends: `saturated` and `ceiling`
+    tell. A response that was found bent is straightened. Without a measurement the noise is that of the
+    file's NoiseProfile, if it has one.
     """
     iso = raw.metadata.exposure.iso if raw.metadata.exposure else None
     measured = at_iso(sensors, iso)
     levels = Levels() if measured is None else measured.levels()
     if levels.black is not None:
         raw = replace(raw, black=levels.black)
-    signal, black = raw.signal(), float(np.mean(raw.black))
+    signal, black = levels.straight(raw.signal()), float(np.mean(raw.black))
     top = raw.white if levels.white is None else min(levels.white, raw.white)
     noise = SensorSignalNoise(*raw.noise_profile) if raw.noise_profile else None
     if levels.noise is not None:
@@ -134,7 +135,7 @@ def from_raw(raw: RawMosaic, k: float, sensors: Sequence[SensorCalibration] = ()
         valid=levels.valid(*signal.shape),
         cfa=raw.cfa,
         noise=noise,
-        ceiling=(top - black) / (raw.white - black),
+        ceiling=float(levels.straight(np.float32([(top - black) / (raw.white - black)]))[0]),
     )
 
 

@@ -12,6 +12,7 @@ from imaging.noise import SensorNoise
 from imaging.records import Record
 
 Bool = npt.NDArray[np.bool_]
+Float = npt.NDArray[np.float32]
 
 
 class Measured(Record):
@@ -86,7 +87,8 @@ class SensorCalibration(Record):
             black = (a, b, c, d)
         # A photosite within the scatter of the ceiling may be saturated.
         white = None if self.ceiling is None else int(np.ceil(self.ceiling.value - 3 * self.ceiling.sigma))
-        return Levels(black, white, self.noise(), tuple((d.x, d.y) for d in self.defects or ()))
+        bend = self.nonlinearity.value if self.linear is False and self.nonlinearity is not None else 0.0
+        return Levels(black, white, self.noise(), tuple((d.x, d.y) for d in self.defects or ()), bend)
 
 
 @dataclass(frozen=True)
@@ -94,13 +96,23 @@ class Levels:
     """Levels of a RAW file as they were measured, in place of what the file claims; None: as it claims.
 
     black: DN of the 2x2 sites; white: DN at and above which a photosite counts as saturated; noise: of
-    the photosites; defects: column and row of photosites that hold no number.
+    the photosites; defects: column and row of photosites that hold no number; bend: share of the signal that
+    is missing at white, 0 where the response is as straight as the data can tell.
     """
 
     black: tuple[float, float, float, float] | None = None
     white: int | None = None
     noise: SensorNoise | None = None
     defects: tuple[tuple[int, int], ...] = ()
+    bend: float = 0.0
+
+    def straight(self, signal: Float) -> Float:
+        """The light that a signal stands for, both relative to white; the inverse of `x (1 - bend x)`."""
+        if self.bend == 0.0:
+            return signal
+        # Beyond the parabola's top no light has that signal; no sensor bends that far below white.
+        root = np.sqrt(np.maximum(1.0 - 4.0 * self.bend * signal.astype(np.float64), 0.0))
+        return np.asarray(2.0 * signal / (1.0 + root), np.float32)
 
     def valid(self, height: int, width: int) -> Bool:
         """False at the defects, bool [H, W]."""

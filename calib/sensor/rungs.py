@@ -177,7 +177,7 @@ def _linearity(at: list[SensorCalibration]) -> Rung:
         unit="% of the signal missing at white",
         reason="RAW is linear"
         if linear and not bent
-        else f"RAW of {bent} sensors bends; it is kept linear: lower the ceiling or the exposures",
+        else f"RAW of {bent} sensors bends, and is straightened by a parabola when it is read",
     )
 
 
