@@ -135,7 +135,7 @@ def from_raw(raw: RawMosaic, k: float, sensors: Sequence[SensorCalibration] = ()
         valid=levels.valid(*signal.shape),
         cfa=raw.cfa,
         noise=noise,
-        ceiling=float(levels.straight(np.float32([(top - black) / (raw.white - black)]))[0]),
+        ceiling=float(levels.straight(np.array((top - black) / (raw.white - black), np.float32))),
     )
 
 
