@@ -167,7 +167,7 @@ def best(
 ) -> Found | Missed:
     """The find that is the chart; Missed when none is."""
     if not finds:
-        return Missed("nothing in it looks like a chart of 24 patches")
+        return Missed("nothing looks like a chart of 24 patches")
     verdicts = [judge(measure(merged, outlines, vignetting), outlines) for outlines in finds]
     good = [verdict for verdict in verdicts if isinstance(verdict, Found)]
     if good:

@@ -113,7 +113,7 @@ def measure_charts(
     if not seen:
         worst = next((one for one in missed if one.near), missed[0])
         raise CalibrationError(
-            f"{session.folder}: no colour chart in {len(missed)} views that were searched ({worst.reason}): "
+            f"{session.folder}: no colour chart found (views searched: {len(missed)}; {worst.reason}): "
             "show a classic ColorChecker, whole and evenly lit, in the first or the last frame, or leave "
             "--chart out."
         )
