@@ -1,14 +1,10 @@
-"""The section "What was calibrated": verdicts, poses, lens, exposure ratios, vignetting, response, rungs."""
+"""The section "What was calibrated": verdicts, what to shoot next, and topic by topic what was found."""
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from typing import Literal
-
-import numpy as np
-from markupsafe import Markup
 
 from imaging import store
 from imaging.calibration import CalibrationRecord, CameraCalibration
@@ -17,40 +13,24 @@ from imaging.errors import InputError
 from imaging.records import Rung
 from imaging.session import Session
 from rig.report.calibration_charts import charts
-from rig.report.topview import top_view
+from rig.report.lens_charts import lens_topic
+from rig.report.next_shots import next_shots
+from rig.report.pose_charts import pose_topic
+from rig.report.residuals import read_residuals
+from rig.report.sensor_charts import sensor_topic
+from rig.report.topic import Figure, Table, Topic
+from rig.report.verdicts import Verdict, outliers, verdicts
 from rig.words import counted, number, sentence
 
-Grade = Literal["pass", "warn", "fail"]
-
-GOOD_PX, POOR_PX = 0.8, 1.5
-"""Mean reprojection error: below the first is good for photographs, above the second something is wrong."""
-FEW_POINTS = 30
-"""A view that sees fewer scene points than this has a pose that should not be trusted."""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """One line that says whether to go on: the number, and what it is held against."""
-
-    grade: Grade
-    text: str
-
-
-@dataclass(frozen=True)
-class LensRow:
-    """One row of the table of cameras."""
-
-    name: str
-    views: str
-    points: str
-    model: str
-    focal: str
-    field_of_view: str
-    centre: str
-    distortion: str
-    corner: str
-    gain: str
-    noise: str
+TOPICS = (
+    ("Sensors", ("sensor_",)),
+    ("Exposure and response", ("exposure_", "response")),
+    ("Colour", ("camera_colour", "colour_", "chart_", "white_")),
+    ("Light over the image and between cameras", ("vignetting", "camera_gain")),
+    ("Lenses", ("lens_", "board_lens")),
+    ("Rig and poses", ("rig_", "board_", "pose_")),
+)
+"""Which rungs belong together, by the beginning of their name; the first that fits."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +44,14 @@ class RungRow:
 
 
 @dataclass(frozen=True)
+class RungGroup:
+    """The steps of one topic."""
+
+    title: str
+    rows: tuple[RungRow, ...]
+
+
+@dataclass(frozen=True)
 class Calibrated:
     """Everything the section shows."""
 
@@ -71,14 +59,13 @@ class Calibrated:
     posed: bool
     registered: str
     verdicts: tuple[Verdict, ...]
+    outliers: tuple[str, ...]
+    next: tuple[str, ...]
     unregistered: tuple[str, ...]
-    lenses: tuple[LensRow, ...]
-    top: Markup | None
-    charts: tuple[tuple[str, str, Markup], ...]
-    """Heading, explanation, drawing."""
+    topics: tuple[Topic, ...]
     responses: tuple[tuple[str, str, str], ...]
     """Cameras, kind, evidence."""
-    rungs: tuple[RungRow, ...]
+    rungs: tuple[RungGroup, ...]
     stale: bool
 
 
@@ -89,8 +76,15 @@ def is_stale(session: Session, record: CalibrationRecord) -> bool:
 
 def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Calibrated:
     """Turn a calibration into what the page shows."""
-    points = _points(session.folder / "calibration" / "colmap")
+    colmap = session.folder / "calibration" / "colmap"
+    points, residuals = _points(colmap), read_residuals(colmap)
     images = len(record.views) + len(record.unregistered)
+    topics = (
+        pose_topic(record, points, residuals),
+        lens_topic(record, residuals),
+        sensor_topic(record),
+        _light(session, record),
+    )
     return Calibrated(
         summary=f"{len(record.views)} of {counted(images, 'image')} with a pose, "
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px"
@@ -98,13 +92,13 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
         else "Exposures and cameras; no image has a pose",
         posed=bool(record.views),
         registered=f"{len(record.views)} of {images}",
-        verdicts=tuple(_verdicts(session, record)),
+        verdicts=tuple(verdicts(record, residuals)),
+        outliers=tuple(outliers(record, residuals)),
+        next=tuple(next_shots(session, record)),
         unregistered=record.unregistered,
-        lenses=tuple(_lens_row(camera, record) for camera in record.cameras),
-        top=_top(record, points),
-        charts=tuple(charts(session, record, points)),
+        topics=tuple(topic for topic in topics if not topic.empty),
         responses=tuple(_responses(record)),
-        rungs=rung_rows(record.rungs),
+        rungs=tuple(_groups(record.rungs)),
         stale=stale,
     )
 
@@ -117,72 +111,38 @@ def _points(folder: Path) -> SparsePoints | None:
         return None
 
 
-def _verdicts(session: Session, record: CalibrationRecord) -> Iterable[Verdict]:
-    if not record.views:
-        yield Verdict("warn", "No image has a pose: only what needs none was measured")
-        return
-    error = record.reprojection_px
-    if error is not None:
-        grade: Grade = "pass" if error < GOOD_PX else "warn" if error < POOR_PX else "fail"
-        yield Verdict(
-            grade,
-            f"Mean reprojection error {number(error)} px (good below {GOOD_PX}, doubtful above {POOR_PX} px)",
-        )
-    for camera in record.cameras:
-        own = [view for view in record.views if view.camera == camera.name]
-        missed = [name for name in record.unregistered if name.split("/", 1)[0] == camera.name]
-        total = len(own) + len(missed)
-        weak = [view for view in own if view.points < FEW_POINTS]
-        if not own:
-            yield Verdict("fail", f"{camera.name}: none of {counted(total, 'image')} has a pose")
-        elif missed or weak:
-            words = [f"{len(own)} of {counted(total, 'image')} with a pose"]
-            words += [f"{len(weak)} of them from fewer than {FEW_POINTS} scene points"] if weak else []
-            yield Verdict("warn", f"{camera.name}: {', '.join(words)}")
-        else:
-            least = min(view.points for view in own)
-            yield Verdict(
-                "pass",
-                f"{camera.name}: all {counted(total, 'image')} with a pose, from {least} points or more",
-            )
+def _light(session: Session, record: CalibrationRecord) -> Topic:
+    """Exposure, vignetting, response, and what each camera makes of the same light."""
+    return Topic(
+        "Light",
+        figures=tuple(Figure(*chart) for chart in charts(session, record)),
+        tables=(
+            Table(
+                "Cameras",
+                "",
+                ("Camera", "#Views", "#Points a view, least / median", "#Field of view",
+                 "#Vignetting in the corner", "#Gain", "Noise model"),
+                tuple(_row(camera, record) for camera in record.cameras),
+            ),
+        ),
+    )  # fmt: skip
 
 
-def _lens_row(camera: CameraCalibration, record: CalibrationRecord) -> LensRow:
+def _row(camera: CameraCalibration, record: CalibrationRecord) -> tuple[str, ...]:
     own = [view.points for view in record.views if view.camera == camera.name]
     lens, noise = camera.lens, camera.noise
     corner = 1 + sum(camera.vignetting)
-    return LensRow(
-        name=camera.name,
-        views=str(len(own)),
-        points=f"{min(own)} / {median(own):.0f}" if own else "n/a",
-        model=lens.model if lens else "none",
-        focal=(f"{lens.fx:.2f}" if lens.fx == lens.fy else f"{lens.fx:.2f}, {lens.fy:.2f}")
-        if lens
-        else "n/a",
-        field_of_view=f"{2 * math.degrees(math.atan(lens.width / 2 / lens.fx)):.1f}°" if lens else "n/a",
-        centre=f"{lens.cx:.2f}, {lens.cy:.2f}" if lens else "n/a",
-        distortion=", ".join(
-            f"{name} {value:+.4f}".replace("-", "−")
-            for name, value in (("k1", lens.k1), ("k2", lens.k2), ("p1", lens.p1), ("p2", lens.p2))
-            if abs(value) >= 5e-5
-        )
-        or "none"
-        if lens
-        else "n/a",
-        corner=f"{math.log2(corner):+.2f} stops".replace("-", "−")
+    return (
+        camera.name,
+        str(len(own)),
+        f"{min(own)} / {median(own):.0f}" if own else "n/a",
+        f"{2 * math.degrees(math.atan(lens.width / 2 / lens.fx)):.1f}°" if lens else "n/a",
+        f"{math.log2(corner):+.2f} stops".replace("-", "−")
         if corner > 0 and any(camera.vignetting)
         else "none",
-        gain=f"{camera.gain:.4f}",
-        noise=f"K {number(noise.gain)} DN/e⁻, read {number(noise.read_noise)} e⁻" if noise else "not known",
+        f"{camera.gain:.4f}",
+        f"K {number(noise.gain)} DN/e⁻, read {number(noise.read_noise)} e⁻" if noise else "not known",
     )
-
-
-def _top(record: CalibrationRecord, points: SparsePoints | None) -> Markup | None:
-    if not record.views:
-        return None
-    poses = {(view.frame, view.camera): view.cam_from_world.matrix() for view in record.views}
-    cloud = points.xyz if points is not None else np.zeros((0, 3))
-    return top_view(poses, cloud, "Cameras and scene points seen from above")
 
 
 def _responses(record: CalibrationRecord) -> Iterable[tuple[str, str, str]]:
@@ -200,6 +160,17 @@ def _kind(camera: CameraCalibration) -> str:
         "srgb": "sRGB, assumed and not measured",
         "curve": "a curve, measured from overlapping exposures",
     }[camera.response.kind]
+
+
+def _groups(rungs: Sequence[Rung]) -> Iterable[RungGroup]:
+    """By topic, in the order of `TOPICS`; what fits none comes last."""
+    groups: dict[str, list[Rung]] = {title: [] for title, _ in TOPICS}
+    for rung in rungs:
+        title = next((title for title, starts in TOPICS if rung.name.startswith(starts)), "Other")
+        groups.setdefault(title, []).append(rung)
+    for title, own in groups.items():
+        if own:
+            yield RungGroup(title, rung_rows(own))
 
 
 def rung_rows(rungs: Sequence[Rung]) -> tuple[RungRow, ...]:

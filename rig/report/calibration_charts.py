@@ -1,4 +1,4 @@
-"""The charts of a calibration: exposure labels, vignetting, response, reprojection error."""
+"""The charts of a calibration: exposure labels, vignetting, response."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -8,7 +8,6 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from imaging.calibration import CalibrationRecord, CameraCalibration
-from imaging.colmap import SparsePoints
 from imaging.session import Session
 from rig.report.captured import label_ratio
 from rig.report.chart import Series, chart
@@ -16,9 +15,7 @@ from rig.report.chart import Series, chart
 Array = npt.NDArray[np.float64]
 
 
-def charts(
-    session: Session, record: CalibrationRecord, points: SparsePoints | None
-) -> Iterable[tuple[str, str, Markup]]:
+def charts(session: Session, record: CalibrationRecord) -> Iterable[tuple[str, str, Markup]]:
     """Every chart that this calibration gives something to draw: heading, explanation, drawing."""
     ratios = _ratio_series(session, record)
     if any(stops for series in ratios for stops in series.y):
@@ -55,12 +52,6 @@ def charts(
     ]
     if curves:
         yield from _response_charts(curves)
-    if points is not None and len(points.error):
-        yield (
-            "Reprojection error",
-            "How far the scene points land from where they were seen, one count a point.",
-            _error_histogram(points),
-        )
 
 
 def _ratio_series(session: Session, record: CalibrationRecord) -> list[Series]:
@@ -89,20 +80,34 @@ def _response_charts(cameras: Sequence[CameraCalibration]) -> Iterable[tuple[str
     series, errors = [], []
     for response, camera in distinct.items():
         prefix = f"{camera.name} " if len(distinct) > 1 else ""
+        codes = np.array(response.codes)
+        # The ends share their last measured code with the middle, so that the line does not break.
+        inside = np.flatnonzero((codes >= response.valid[0]) & (codes <= response.valid[1]))
+        first, last = (inside[0], inside[-1]) if len(inside) else (0, len(codes) - 1)
+        parts = ((0, first + 1, True), (first, last + 1, False), (last, len(codes), True))
         for channel, name in enumerate(("red", "green", "blue")[: len(response.log_exposure)]):
             stops = np.array(response.log_exposure[channel]) / math.log(2)
-            codes, colour = list(response.codes), (3, 2, 0)[channel]
-            series.append(Series(prefix + name, codes, stops.tolist(), colour=colour))
-            if response.sigma:
-                margin = 1.96 * np.array(response.sigma[channel]) / math.log(2)
-                for edge in (stops - margin, stops + margin):
-                    series.append(Series("", codes, edge.tolist(), dashed=True, colour=colour))
-                errors.append(Series(prefix + name, codes, margin.tolist(), colour=colour))
+            colour = (3, 2, 0)[channel]
+            margin = 1.96 * np.array(response.sigma[channel]) / math.log(2) if response.sigma else None
+            for start, end, dashed in parts:
+                if end - start > 1:
+                    series.append(
+                        Series(
+                            "" if dashed else prefix + name,
+                            codes[start:end].tolist(),
+                            stops[start:end].tolist(),
+                            dashed=dashed,
+                            colour=colour,
+                            margin=() if margin is None else margin[start:end].tolist(),
+                        )
+                    )
+            if margin is not None:
+                errors.append(Series(prefix + name, codes.tolist(), margin.tolist(), colour=colour))
     valid = cameras[0].response.valid
     yield (
         "Response",
-        "Light that a code value stands for. Shaded: the codes between which it was measured; "
-        "beyond, it is extrapolated. Dashed: the band that holds the truth at 95 %.",
+        "Light that a code value stands for. Solid: between the codes where it was measured; dashed: "
+        "extrapolated beyond. The band holds the truth at 95 %.",
         chart("Camera response", series, "code value", "log2 exposure, stops", shaded=valid),
     )
     if errors:
@@ -118,17 +123,3 @@ def _response_charts(cameras: Sequence[CameraCalibration]) -> Iterable[tuple[str
                 shaded=valid,
             ),
         )
-
-
-def _error_histogram(points: SparsePoints) -> Markup:
-    top = max(float(np.percentile(points.error, 99)), 1e-6)
-    counts, edges = np.histogram(np.minimum(points.error, top), bins=30, range=(0, top))
-    x = np.repeat(edges, 2)[1:-1]
-    y = np.repeat(counts, 2)
-    return chart(
-        "Reprojection errors",
-        [Series("", x.tolist(), y.astype(float).tolist())],
-        "mean reprojection error of a point, px",
-        "points",
-        y_zero=True,
-    )

@@ -1,9 +1,10 @@
 """SESSION/calibration/report.html: what was captured and calibrated."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import rig
-from imaging.calibration import read_calibration
+from imaging.calibration import CalibrationRecord, read_calibration
 from imaging.session import Session
 from rig.progress import Progress, unreported
 from rig.report.calibrated import calibrated, is_stale
@@ -11,6 +12,17 @@ from rig.report.captured import captured
 from rig.report.page import Page, Tile, now, write_page
 from rig.report.provenance import provenance
 from rig.words import number
+
+
+def _tiles(record: CalibrationRecord, registered: str) -> Iterable[Tile]:
+    if record.views or record.unregistered:
+        yield Tile(registered, "", "images with a pose")
+    if record.views:
+        unit = "px" if record.reprojection_px is not None else ""
+        yield Tile(number(record.reprojection_px), unit, "mean reprojection error")
+        yield Tile(f"{record.points:,}", "", "scene points")
+    if record.board is not None:
+        yield Tile(number(record.board.rms_px), "px", "rms of the board's corners")
 
 
 def calibration_report(folder: Path, progress: Progress = unreported) -> Path:
@@ -23,15 +35,7 @@ def calibration_report(folder: Path, progress: Progress = unreported) -> Path:
         lead=section.summary + ".",
         version=rig.__version__,
         made=now(),
-        tiles=(
-            Tile(section.registered, "", "images with a pose"),
-            Tile(
-                number(record.reprojection_px),
-                "px" if record.reprojection_px is not None else "",
-                "mean reprojection error",
-            ),
-            Tile(f"{record.points:,}", "", "scene points"),
-        ),
+        tiles=tuple(_tiles(record, section.registered)),
         captured=captured(session, record, progress),
         calibrated=section,
         provenance=provenance(session, record, None, rig.__version__),

@@ -12,6 +12,9 @@ LEFT, RIGHT, TOP, BOTTOM = 78, 18, 14, 48
 COLOURS = 8
 """Series colours that the style sheet has: `s0` ... `s7`."""
 
+MANY = 40
+"""Dots of a series above which they are drawn smaller, so as not to hide each other."""
+
 Scale = Literal["linear", "log"]
 
 
@@ -26,6 +29,15 @@ class Series:
     dashed: bool = False
     colour: int | None = None
     """Index of a series colour; by order if None."""
+    margin: Sequence[float] = ()
+    """Half widths of a band around the line, as many as points; none if empty."""
+
+    def reach(self) -> list[float]:
+        """The ends in y of what is drawn."""
+        if not len(self.margin):
+            return list(self.y)
+        pairs = list(zip(self.y, self.margin, strict=True))
+        return [y - m for y, m in pairs] + [y + m for y, m in pairs]
 
 
 @dataclass(frozen=True)
@@ -48,9 +60,14 @@ class Axis:
 
     @classmethod
     def around(
-        cls, label: str, values: Sequence[float], scale: Scale = "linear", zero: bool = False
+        cls,
+        label: str,
+        values: Sequence[float],
+        scale: Scale = "linear",
+        zero: bool = False,
+        whole: bool = False,
     ) -> "Axis":
-        """An axis that holds all finite `values`, with some air; from zero if asked."""
+        """An axis that holds all finite `values`, with some air; from zero, or in whole steps, if asked."""
         finite = [v for v in values if math.isfinite(v) and (scale == "linear" or v > 0)]
         low, high = (min(finite), max(finite)) if finite else (0.1 if scale == "log" else 0.0, 1.0)
         if scale == "log":
@@ -60,7 +77,7 @@ class Axis:
         if high - low < 1e-12 * max(abs(high), abs(low), 1e-12):
             pad = abs(high) * 0.5 or 0.5
             low, high = low - (0 if zero and low == 0 else pad), high + pad
-        step = nice_step((high - low) / 5)
+        step = nice_step(max((high - low) / 5, 1.0 if whole else 0.0))
         low, high = math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
         count = round((high - low) / step)
         return cls(label, low, high, tuple(low + index * step for index in range(count + 1)))
@@ -102,6 +119,7 @@ def chart(
     y_scale: Scale = "linear",
     x_zero: bool = False,
     y_zero: bool = False,
+    x_whole: bool = False,
     shaded: tuple[float, float] | None = None,
     level: tuple[float, str] | None = None,
 ) -> Markup:
@@ -110,8 +128,8 @@ def chart(
     shaded: a range of x set off from the rest; level: a horizontal line with a name.
     """
     extra = [level[0]] if level else []
-    x_axis = Axis.around(x_label, [v for s in series for v in s.x], x_scale, x_zero)
-    y_axis = Axis.around(y_label, [v for s in series for v in s.y] + extra, y_scale, y_zero)
+    x_axis = Axis.around(x_label, [v for s in series for v in s.x], x_scale, x_zero, x_whole)
+    y_axis = Axis.around(y_label, [v for s in series for v in s.reach()] + extra, y_scale, y_zero)
     right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
 
     def x_at(value: float) -> float:
@@ -135,16 +153,26 @@ def chart(
         at = y_at(level[0])
         parts.append(f'<path class="level" d="M{LEFT} {at:.1f}H{right}"/>')
         parts.append(f'<text class="note" x="{right - 4}" y="{at - 5:.1f}">{escape(level[1])}</text>')
-    for index, one in enumerate(series):
-        points = [
+
+    def placed(x_values: Sequence[float], y_values: Sequence[float]) -> list[tuple[float, float]]:
+        return [
             (x_at(x), y_at(y))
-            for x, y in zip(one.x, one.y, strict=True)
+            for x, y in zip(x_values, y_values, strict=True)
             if math.isfinite(x)
             and math.isfinite(y)
             and (x_scale == "linear" or x > 0)
             and (y_scale == "linear" or y > 0)
         ]
+
+    for index, one in enumerate(series):
         colour = (index if one.colour is None else one.colour) % COLOURS
+        if len(one.margin):
+            pairs = list(zip(one.y, one.margin, strict=True))
+            # On a logarithmic axis a band that reaches below zero ends at the frame.
+            least = y_axis.low if y_scale == "log" else -math.inf
+            low, high = [max(y - m, least) for y, m in pairs], [y + m for y, m in pairs]
+            parts.append(_band(placed(one.x, low), placed(one.x, high), colour))
+        points = placed(one.x, one.y)
         parts.append(_dots(points, colour) if one.dots else _line(points, colour, one.dashed))
     parts.append("</svg>")
     return Markup("".join(parts) + legend(series))
@@ -178,9 +206,16 @@ def _line(points: Sequence[tuple[float, float]], colour: int, dashed: bool) -> s
     return f'<path class="line s{colour}{" dashed" if dashed else ""}" d="{path}"/>'
 
 
+def _band(low: Sequence[tuple[float, float]], high: Sequence[tuple[float, float]], colour: int) -> str:
+    around = [*low, *reversed(high)]
+    path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in around) + "Z" if around else ""
+    return f'<path class="band s{colour}" d="{path}"/>'
+
+
 def _dots(points: Sequence[tuple[float, float]], colour: int) -> str:
     path = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in points)
-    return f'<path class="dots s{colour}" d="{path}"/>'
+    kind = "dots fine" if len(points) > MANY else "dots"
+    return f'<path class="{kind} s{colour}" d="{path}"/>'
 
 
 def legend(series: Sequence[Series]) -> str:

@@ -85,7 +85,7 @@ def calibrated_from_truth(session: Path) -> CalibrationRecord:
         ),
     )
     store.write_json(session / "calibration" / "calibration.json", record.model_dump(mode="json"))
-    _write_colmap(session / "calibration" / "colmap", cloud, rig)
+    _write_colmap(session / "calibration" / "colmap", cloud, record)
     return record
 
 
@@ -102,25 +102,50 @@ def _response(truth: dict) -> Response:
     )
 
 
-def _write_colmap(folder: Path, points: np.ndarray, rig: object) -> None:
-    """A COLMAP model that holds the points, each seen by two images of one pinhole camera."""
-    import zlib  # noqa: F401
+MISS = np.array([0.15, -0.2])
+"""px by which every other observation of the toy's COLMAP model is off, seen less projected; the rest are off
+by as much the other way, but those in the right half of the image, which are all off by MISS."""
 
-    import pycolmap
 
-    import imaging.colmap  # noqa: F401
+def _write_colmap(folder: Path, points: np.ndarray, record: CalibrationRecord) -> None:
+    """A COLMAP model of the cameras, views and points; every view sees what falls into its image."""
+    from imaging.colmap import pycolmap
 
     model = pycolmap.Reconstruction()
-    camera = pycolmap.Camera(model="PINHOLE", width=100, height=100, params=[100, 100, 50, 50], camera_id=1)
-    model.add_camera_with_trivial_rig(camera)
-    for number in (1, 2):
-        image = pycolmap.Image(name=f"{number}.png", camera_id=1, image_id=number)
-        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(np.array([50.0, 50.0])) for _ in points])
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d())
-    for index, xyz in enumerate(points):
-        elements = [pycolmap.TrackElement(number, index) for number in (1, 2)]
-        key = model.add_point3D(xyz, pycolmap.Track(elements))
-        model.points3D[key].error = 0.1 + 0.4 * (index % 7) / 7
+    tracks: list[list[tuple[int, int]]] = [[] for _ in points]
+    names = [camera.name for camera in record.cameras]
+    for number, camera in enumerate(record.cameras, 1):
+        lens = camera.lens
+        model.add_camera_with_trivial_rig(
+            pycolmap.Camera(
+                model="OPENCV",
+                width=lens.width,
+                height=lens.height,
+                params=[lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2],
+                camera_id=number,
+            )
+        )
+    for number, view in enumerate(record.views, 1):
+        lens, pose = record.camera(view.camera).lens, view.cam_from_world.matrix()
+        rays = points @ pose[:3, :3].T + pose[:3, 3]
+        front = rays[:, 2] > 0.1
+        places = np.full((len(points), 2), -1.0)
+        camera = model.cameras[1 + names.index(view.camera)]
+        places[front] = camera.img_from_cam(rays[front])
+        inside = np.flatnonzero(((places > 0) & (places < (lens.width, lens.height))).all(1))
+        image = pycolmap.Image(
+            name=f"{view.camera}/{view.frame:04d}.png", camera_id=camera.camera_id, image_id=number
+        )
+        left = (places[inside, 0] < lens.width / 2) & (np.arange(len(inside)) % 2 == 1)
+        seen = places[inside] + np.where(left[:, None], -MISS, MISS)
+        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(place) for place in seen])
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
+        for place, index in enumerate(inside):
+            tracks[index].append((number, place))
+    for xyz, seen_by in zip(points, tracks, strict=True):
+        elements = [pycolmap.TrackElement(number, place) for number, place in seen_by]
+        if elements:
+            model.add_point3D(xyz, pycolmap.Track(elements))
     folder.mkdir(parents=True, exist_ok=True)
     model.write(str(folder))
 

@@ -14,6 +14,7 @@ from imaging import store
 from imaging.photo import read_photo
 from imaging.session import Session
 from rig.report.calibration_page import calibration_report
+from rig.report.rig_view import STEPS
 from rig.report.shots import look_at
 
 from .pages import Page, assert_self_contained
@@ -48,8 +49,9 @@ def test_the_page_tells_what_the_records_say(toy: Path) -> None:
     ):
         assert words in page.text, words
     assert len(page.all("img")) == 6
-    # From above, exposure labels, vignetting, reprojection error.
-    assert len(page.all("svg")) == 4
+    # Turntable, from above, residuals by view, a field for each camera, histogram, distortion, exposure
+    # labels, vignetting.
+    assert len(page.all("svg")) == STEPS + 8
 
 
 def test_nothing_from_a_file_is_ever_markup(toy: Path) -> None:
@@ -135,7 +137,9 @@ def test_a_damaged_file_is_named_and_the_page_still_made(toy: Path) -> None:
 def test_a_calibration_without_a_colmap_model_still_has_its_page(toy: Path) -> None:
     shutil.rmtree(toy / "calibration" / "colmap")
     page = Page.read(calibration_report(toy, quiet))
-    assert len(page.all("svg")) == 3
+    # No residuals: turntable, from above, distortion, exposure labels, vignetting.
+    assert len(page.all("svg")) == STEPS + 4
+    assert "Residual field" not in page.text
 
 
 def test_clipped_highlights_ask_for_a_shorter_exposure(toy: Path) -> None:
