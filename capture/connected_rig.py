@@ -162,6 +162,7 @@ def _source(
         f_number=bracket.f_number,
         positions=positions,
         frames=tables.frames,
+        leader=tables.trigger.leader if tables.trigger.mode == "hardware" else None,
         tolerance=tables.trigger.tolerance,
         size=None,
         board=tables.board,

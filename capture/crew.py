@@ -72,7 +72,7 @@ class Crew:
         What a thread died of is raised here.
         """
         for one in rounds:
-            for camera in one.cameras:
+            for camera in one.party:
                 self._hands[camera].orders.put(one)
         for one in rounds:
             self._clock.wait(partial(self._settled, one), math.inf)

@@ -49,26 +49,29 @@ def expose(
     """Expose all `cameras` at `requested`: the frames by camera, and the errors of those without one.
 
     All cameras are set and armed before the first is triggered, all are triggered before the first
-    is emptied. A camera that fails is tried again, with the others that failed, RETRIES times.
-    A frame is accepted when its *own* metadata agree with the request, since cameras do hand out
-    the frame before; one that does not is taken again once, then kept with what it reports.
+    is emptied. When one fails all are exposed again, RETRIES times, since one may be what triggers another;
+    frames that are there already stay. A frame is accepted when its *own* metadata agree with the request,
+    since cameras do hand out the frame before; one that does not is taken again once, then kept with what
+    it reports.
     """
     taken: dict[str, Taken] = {}
     suspect: dict[str, Taken] = {}
     errors: dict[str, CameraError] = {}
-    waiting = dict(cameras)
+    waiting = set(cameras)
     for attempt in range(RETRIES + 1):
-        frames, errors = _expose_once(waiting, requested, attempt)
-        for name, new in frames.items():
+        frames, errors = _expose_once(cameras, requested, attempt)
+        for name in waiting & set(frames):
+            new = frames[name]
             if deviates(new.reported, requested) and name not in suspect:
                 suspect[name] = new
             else:
                 taken[name] = new
-        waiting = {name: camera for name, camera in waiting.items() if name not in taken}
+        waiting -= set(taken)
         if not waiting:
             break
-    kept = {name: suspect[name] for name in waiting if name in suspect}
-    return taken | kept, {name: error for name, error in errors.items() if name not in kept}
+    kept = {name: suspect[name] for name in cameras if name in waiting and name in suspect}
+    lacking = waiting - set(kept)
+    return taken | kept, {name: error for name, error in errors.items() if name in lacking}
 
 
 def _expose_once(

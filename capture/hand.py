@@ -65,13 +65,15 @@ class Hand:
             one.settle(self.name, CameraTimeout("it was not ready when the others exposed"))
             return
         try:
+            one.come(self.name)
             set_to = made_ready(self._camera, one.requested)
             one.meet(self.name)
             met = self._clock.now()
             try:
                 self._shoot(one, set_to)
             except CameraError:
-                if self._clock.now() - met > one.requested.time / 2:
+                # Alone, one on a wire would wait for an edge, or trigger those that are not meant.
+                if one.leader is not None or self._clock.now() - met > one.requested.time / 2:
                     raise
                 # The others still expose: what is made up for at once costs them least.
                 one.failed(self.name)
@@ -85,10 +87,7 @@ class Hand:
             one.settle(self.name, error)
 
     def _shoot(self, one: Round, set_to: Exposure) -> None:
-        opened = self._camera.trigger()
-        with self._clock.lock:
-            one.opened.setdefault(self.name, opened)
-        self._collect(one, set_to, opened)
+        self._collect(one, set_to, self._camera.trigger())
 
     def _collect(self, one: Round, set_to: Exposure, opened: float) -> None:
         """Download within the budget; the frame leaves with the part of it that it still takes."""
@@ -107,7 +106,11 @@ class Hand:
             self._sizes[self.name] = 2 * pixels
             if frame.metadata.opened is not None:  # it knows better than who gave the order
                 opened = frame.metadata.opened
-                one.opened[self.name] = min(opened, one.opened[self.name])
+            if self.name in one.cameras:
+                one.opened[self.name] = opened
+        if self.name not in one.cameras:
+            self._budget.give(count)
+            return
         self._budget.give(count - kept)
         self._hand_over(one, self.name, Taken(frame, set_to, opened, one.tries(self.name)), kept)
 

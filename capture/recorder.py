@@ -85,13 +85,15 @@ def record(
     compression: Compression = "none",
     progress: Progress = lambda message, done, total: None,
     tolerance: float = math.inf,
+    leader: str | None = None,
 ) -> CaptureResult:
     """Take the shots of `plan` that are not finished; those that are stay as they are.
 
     cameras: by the names of the plan. clock: the one that their drivers were given. move_to: brings rig
     or scene to a frame, before its first shot. progress: called with the file of each shot once it is
     finished, shots done, shots planned. tolerance: seconds between the shutters of a step beyond which the
-    result's problems say so.
+    result's problems say so. leader: the camera whose exposure triggers all others by a wire, if one does;
+    it exposes along whenever one of them is to, and a frame of its own that is there already stays.
 
     A thread a camera: all that are to expose a step wait for one another before they are triggered, and
     none for another's download. What a frame lacks is taken again at its end, RETRIES times, then left
@@ -99,12 +101,13 @@ def record(
     goes on from there. StorageError when it refuses before. CaptureError if a camera is not the one that
     the session knows by its name.
     """
-    for name in plan.cameras:
-        _must_be(cameras[name], session.camera(name))
+    names = plan.cameras if leader is None else dict.fromkeys([*plan.cameras, leader])
+    taking_part = {name: cameras[name] for name in names}
+    for name, camera in taking_part.items():
+        _must_be(camera, session.camera(name))
     for leftover in leftovers(session):
         store.discard(leftover)
-    run = Run(session, plan, clock, progress, tolerance)
-    taking_part = {name: cameras[name] for name in plan.cameras}
+    run = Run(session, plan, clock, progress, tolerance, leader)
     save = partial(save_frame, session, compression)
     progress("shooting", run.kept, len(run.planned))
     if len(run.done) < len(run.planned):
@@ -139,10 +142,16 @@ class Run:
     """What one call of `record` has come to. kept: shots that were there before."""
 
     def __init__(
-        self, session: Session, plan: PlanRecord, clock: Clock, progress: Progress, tolerance: float
+        self,
+        session: Session,
+        plan: PlanRecord,
+        clock: Clock,
+        progress: Progress,
+        tolerance: float,
+        leader: str | None,
     ) -> None:
         self._session, self._plan, self._clock = session, plan, clock
-        self._progress, self._tolerance = progress, tolerance
+        self._progress, self._tolerance, self._leader = progress, tolerance, leader
         self.planned = slots(plan)
         self.done = finished(session, plan)
         self.kept = len([slot for slot in self.planned if slot in self.done])
@@ -216,7 +225,20 @@ class Run:
             requested = _known(self._plan.bracket[step])
             # The exposure before may be followed by a dark frame as long as itself.
             patience = PATIENCE + 2 * before
-            rounds.append(Round(self._clock, self.standing, frame, step, requested, names, patience=patience))
+            # The leader exposes alone where it alone is missing: nobody else is armed then.
+            leader = self._leader if names != [self._leader] else None
+            rounds.append(
+                Round(
+                    self._clock,
+                    self.standing,
+                    frame,
+                    step,
+                    requested,
+                    names,
+                    patience=patience,
+                    leader=leader,
+                )
+            )
             before = requested.time
         return rounds
 

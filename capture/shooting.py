@@ -79,6 +79,7 @@ def shoot(
                 compression=compression,
                 progress=progress,
                 tolerance=source.tolerance,
+                leader=source.leader,
             )
 
 

@@ -107,6 +107,7 @@ def _source(name: str, seed: int, mix: Mix | None) -> Source:
         f_number=middle.f_number,
         positions=rig.frames,
         frames=rig.frames,
+        leader=None,
         tolerance=math.inf,
         size=(able.width, able.height),
         board=Board.model_validate(rig.board.description()),

@@ -57,6 +57,8 @@ class Source:
     """How many frames a scene can have; None: as many as one likes."""
     frames: int
     """How many it usually has."""
+    leader: str | None
+    """The camera whose exposure triggers all others by a wire, if one does."""
     tolerance: float
     """Seconds between the shutters of a step that are still together."""
     size: tuple[int, int] | None

@@ -17,7 +17,7 @@ from capture.rigfile import read_rig_file
 from capture.shooting import Rehearsal
 from drivers.connected import ask_all
 from drivers.sim.bus import Holder, VirtualBus
-from drivers.sim.faults import Fault, Kind
+from drivers.sim.faults import Fault, FaultPlan, Kind
 from drivers.sim.on_bus import BusRig
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.u3v_device import U3vDevice
@@ -248,12 +248,16 @@ def test_the_rehearsal_is_what_is_then_shot(given: Place) -> None:
 
 
 def test_a_hardware_trigger_opens_all_shutters_with_the_leader(tmp_path: Path) -> None:
-    """Line1 of cam0 is soldered to Line0 of cam1, as the file says; without that wire cam1 sees no edge."""
+    """Line1 of cam0 is soldered to Line0 of cam1, as the file says; without that wire cam1 sees no edge.
+
+    cam1 loses a frame, which it gets only if the leader of the file exposes along once more.
+    """
     for soldered in (True, False):
         rig = simulate("toy", 3, samples=1)
         clock = VirtualClock()
         bus, wire = VirtualBus(clock), Wire(clock)
-        devices = [U3vDevice(camera, clock) for camera in rig.devices]
+        lost = Fault(Kind.TIMEOUT, rig.devices[1].body.serial, "Frame", nth=2)
+        devices = [U3vDevice(camera, clock, FaultPlan(clock, [lost])) for camera in rig.devices]
         for number, device in enumerate(devices):
             bus.plug(device)
             if soldered:
@@ -273,6 +277,7 @@ def test_a_hardware_trigger_opens_all_shutters_with_the_leader(tmp_path: Path) -
         result = capture_rig(file, tmp_path / f"S{soldered}", hands=rig, backend=bus, clock=clock)
         if soldered:
             assert (result.taken, result.missing) == (4, ())
+            assert [len(device.opened) for device in devices] == [3, 3]
             opened = np.array([device.opened[-1] for device in devices])
             assert np.ptp(opened) < 100e-6
         else:
