@@ -13,6 +13,7 @@ from imaging.errors import InputError
 from imaging.records import Rung
 from imaging.session import Session
 from rig.report.calibration_charts import charts
+from rig.report.colour_chart import colour_topic
 from rig.report.lens_charts import lens_topic
 from rig.report.next_shots import next_shots
 from rig.report.pose_charts import pose_topic
@@ -83,6 +84,7 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
         pose_topic(record, points, residuals),
         lens_topic(record, residuals),
         sensor_topic(record),
+        colour_topic(record),
         _light(session, record),
     )
     return Calibrated(
