@@ -23,6 +23,8 @@ OUTLIER = 2.5
 SURE_PX, SURE_RIG_PX = 0.3, 0.5
 """Standard errors of a projection below which a board's lens, and a board's rig, are kept as they are: an
 adjustment to a textured scene does about as well."""
+DISAGREE = 1.5
+"""Times what noise explains, by which two halves of the frames may disagree about a lens."""
 _WHITE = 99.5
 """Percentile of a picture that becomes white: a lamp beside the board must not darken it."""
 
@@ -151,6 +153,12 @@ def _joined(board: Board, printed: str, seen: Mapping[Key, Corners], groups: lis
                 f"{', '.join(group.isolated)} never saw the board together with the other cameras: hold it "
                 "where both see it."
             )
+        outliers += [
+            f"odd and even frames of the board disagree about the lens of {name} {ratio:.1f} times as far as "
+            "noise explains: lock its focus, keep the board flat, or its lens is of another kind."
+            for name, ratio in doubt.halves.items()
+            if ratio > DISAGREE
+        ]
         misses.append(solved.misses)
         outliers += _named(solved)
     every = np.concatenate(misses)

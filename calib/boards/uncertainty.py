@@ -35,12 +35,15 @@ class Uncertainty:
     lenses: by camera and term. rotation: degrees, of the camera in the rig, about its worst axis;
     translation: m, along its worst. map: px [rows, columns], how far a far point's projection may be off at
     places evenly spread over the image, when the camera's own turn is not counted.
+    halves: how far the odd and the even frames disagree about a lens, relative to what `map` lets expect:
+    1 or less; above 1.5 no one lens of this kind fits all frames (mrcal's cross-validation).
     """
 
     lenses: dict[str, dict[str, float]]
     rotation: dict[str, float]
     translation: dict[str, float]
     map: dict[str, Array]
+    halves: dict[str, float]
     draws: int
 
 
@@ -74,6 +77,7 @@ def bootstrap(
             turns[name].append(np.ravel(cv2.Rodrigues(apart[:3, :3])[0]))
             shifts[name].append(apart[:3, 3])
     progress("measuring how sure it is", DRAWS, DRAWS)
+    maps = {name: projection_map(middle.lenses[name], own) for name, own in lenses.items()}
     return Uncertainty(
         lenses={
             name: {term: _spread([getattr(lens, term) for lens in own]) for term in TERMS}
@@ -81,9 +85,25 @@ def bootstrap(
         },
         rotation={name: float(np.degrees(_widest(own))) for name, own in turns.items()},
         translation={name: _widest(own) for name, own in shifts.items()},
-        map={name: projection_map(middle.lenses[name], own) for name, own in lenses.items()},
+        map=maps,
+        halves=_halves(board, seen, middle, maps),
         draws=len(next(iter(lenses.values()))),
     )
+
+
+def _halves(
+    board: Board, seen: Mapping[Key, Corners], middle: Solved, maps: Mapping[str, Array]
+) -> dict[str, float]:
+    """The disagreement of two halves is twice what is expected of the whole: each has half of the frames."""
+    frames = sorted({frame for _, frame in seen})
+    sides = []
+    for start in (0, 1):
+        half = {key: corners for key, corners in seen.items() if key[1] in set(frames[start::2])}
+        if {name for name, _ in half} != set(middle.cam_from_rig):
+            return {}
+        sides.append(solve(board, half, middle, RICHEST).lenses)
+    apart = {name: float(np.mean(projection_map(sides[0][name], [sides[1][name]]))) for name in maps}
+    return {name: apart[name] / (2.0 * float(np.mean(own))) for name, own in maps.items() if own.mean() > 0}
 
 
 def _spread(values: list[float]) -> float:

@@ -6,7 +6,7 @@ import pytest
 
 from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
-from calib.boards.measure import solve_group
+from calib.boards.measure import DISAGREE, solve_group
 from calib.boards.start import begin
 from calib.features import Key
 from drivers.sim.lens import project
@@ -43,6 +43,7 @@ def test_a_board_places_the_rig_to_the_figures(stage: Stage) -> None:
     assert max(turns) < 0.05
     assert max(shifts) < 0.3
     assert group.solved.rms < 0.1
+    assert max(group.doubt.halves.values()) < DISAGREE
     taken = {rung.name for rung in group.rungs if rung.taken}
     assert "lens_radial_1" in taken  # the simulated lenses have it, and the rest is next to nothing
     for mount in stage.rig.mounts:
@@ -131,6 +132,23 @@ def test_a_richer_lens_is_taken_when_it_is_there(stage: Stage) -> None:
     for lens in group.solved.lenses.values():
         assert lens.p1 == pytest.approx(2e-3, abs=2e-4)
         assert lens.k1 == pytest.approx(-0.2, abs=0.01)
+
+
+def test_a_lens_that_changes_meanwhile_is_found_by_halves(stage: Stage) -> None:
+    """The focus of one camera is turned in every second frame, which stretches its image by 1 %."""
+    middle = np.array((WIDTH / 2, HEIGHT / 2))
+    seen = {
+        (name, frame): Corners(
+            corners.ids,
+            middle + (corners.points - middle) * (1.01 if name == "cam2" and frame % 2 else 1.0),
+        )
+        for (name, frame), corners in stage.seen(16).items()
+    }
+    group = solve_group(stage.board, seen, stage.sizes, silent)
+    assert group.doubt is not None
+    ratios = group.doubt.halves
+    assert max(ratios, key=lambda name: ratios[name]) == "cam2"
+    assert ratios["cam2"] > DISAGREE
 
 
 def test_the_same_corners_give_the_same_rig(stage: Stage) -> None:
