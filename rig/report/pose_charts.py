@@ -46,11 +46,6 @@ def _figures(
         ),
         wide=True,
     )
-    yield Figure(
-        "From above",
-        "Cameras open towards where they look; dots are scene points.",
-        top_view(poses, cloud, "Cameras and scene points seen from above"),
-    )
     turns = {(v.camera, v.frame): v.error.rotation for v in record.views if v.error is not None}
     if turns:
         yield Figure(
@@ -78,6 +73,11 @@ def _figures(
                 x_whole=True,
             ),
         )
+    yield Figure(
+        "From above",
+        "Cameras open towards where they look; dots are scene points.",
+        top_view(poses, cloud, "Cameras and scene points seen from above"),
+    )
 
 
 def _by_camera(values: Mapping[tuple[str, int], float]) -> list[Series]:

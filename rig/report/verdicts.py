@@ -25,6 +25,8 @@ FEW_POINTS = 30
 """A view that sees fewer scene points than this has a pose that should not be trusted."""
 LENS_PX = 0.5
 """Mean standard error of a projection above which a lens adds visibly to the errors of a scene."""
+FOCAL = 0.005
+"""Relative error of a focal length above which the scene's shape suffers."""
 GAIN = 0.05
 """Relative error of a gain above which the weights of a merge suffer."""
 OUTLIER = 2.5
@@ -91,6 +93,10 @@ def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: 
         doubt = float(np.mean(camera.lens_error.projection))
         grades += ["warn"] * (doubt >= LENS_PX)
         words.append(f"lens known to {number(doubt, 2)} px on average (good below {LENS_PX})")
+    elif camera.lens_error is not None and camera.lens is not None:
+        doubt = camera.lens_error.fx / camera.lens.fx
+        grades += ["warn"] * (doubt >= FOCAL)
+        words.append(f"focal length known to {100 * doubt:.2g} % (good below {100 * FOCAL:g} %)")
     gains = [one.gain for one in camera.sensors if one.gain is not None]
     if gains:
         doubt = max(one.sigma / one.value for one in gains if one.value > 0)
