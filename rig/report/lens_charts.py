@@ -221,7 +221,7 @@ def _tables(record: CalibrationRecord) -> Iterable[Table]:
         yield Table(
             "Places in the rig",
             "Where each camera stands in the rig's frame, and how far it is turned from it. Standard errors "
-            + ("are those of the board." if kept else "are those of the camera's views, as the scene tells them."),
+            + ("are those of the board." if kept else "are those of its views, as the scene tells them."),
             ("Camera", f"#x, {unit}", f"#y, {unit}", f"#z, {unit}", "#Turned, °", f"#Standard error, {unit}",
              "#Standard error, °"),
             tuple(_place(camera, scale) for camera in mounted),
