@@ -3,18 +3,19 @@
     python bench/recording.py [--quick] [--json] [--write] [--folder FOLDER]
 
 Eight cameras in memory replay a mosaic of 24 megapixels, stamped with camera and shot, through the recorder
-on the machine's clock into a session in FOLDER. In the same run `dd` writes as many frames to one file that
-it syncs once; the recorder's are hashed twice, and each is a file that is synced. All files are deleted
-afterwards. --write puts the table into bench/results/recording.md.
+on the machine's clock into a session in FOLDER, five shots at a time. Before and after each of these parts
+`dd` writes as many frames to one file that it syncs once, so that whatever disturbs the disk hits both; the
+recorder's frames are hashed, and each is a file that is synced. All files are deleted afterwards.
+--write puts the table into bench/results/recording.md.
 """
 
 import os
 import shutil
-import statistics
 import subprocess
 import tempfile
 import time
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.records import CameraRecord, PlanRecord, SessionRecord
 
-CAMERAS, SHOTS, QUICK_SHOTS = 8, 25, 3
+CAMERAS, SHOTS, QUICK_SHOTS, PART = 8, 25, 5, 5
 WIDTH, HEIGHT = 6000, 4000
 MEBIBYTE = 1 << 20
 
@@ -93,104 +94,122 @@ def reset_peak() -> None:
     Path("/proc/self/clear_refs").write_text("5")
 
 
-def capture(folder: Path, shots: int) -> dict[str, Any]:
-    """Seconds, bytes, and the peak of memory up to the end of each shot of the rig."""
-    mosaic = replayed()
-    cameras = {f"cam{number}": Replaying(number, mosaic) for number in range(CAMERAS)}
-    now = datetime.now(UTC)
-    records = tuple(CameraRecord(name=n, serial=c.identify().serial, kind="raw") for n, c in cameras.items())
-    identity = SessionRecord(name="recording", created=now, origin="bench", cameras=records)
-    session = begin(folder, identity)
-    plan = PlanRecord(
-        plan="scene",
-        kind="scene",
-        created=now,
-        bracket=(Exposure(time=1 / 60),),
-        frames=tuple(range(shots)),
-        cameras=tuple(cameras),
-        reason="bench/recording.py",
-    )
-    session.append_plan(plan)
-    peaks: list[int] = []
+class Replay:
+    """A session that the cameras fill part by part. peaks: of memory, up to the end of each shot."""
 
-    def sample(message: str, done: int, total: int) -> None:
+    def __init__(self, folder: Path) -> None:
+        mosaic = replayed()
+        self.cameras = {f"cam{number}": Replaying(number, mosaic) for number in range(CAMERAS)}
+        records = tuple(
+            CameraRecord(name=name, serial=camera.identify().serial, kind="raw")
+            for name, camera in self.cameras.items()
+        )
+        identity = SessionRecord(name="recording", created=datetime.now(UTC), origin="bench", cameras=records)
+        self.session = begin(folder, identity)
+        self.peaks: list[int] = []
+        self.before = resident()
+
+    def take(self, frames: range) -> float:
+        """Seconds that the recorder needs for these."""
+        plan = PlanRecord(
+            plan=f"scene{frames.start}",
+            kind="scene",
+            created=datetime.now(UTC),
+            bracket=(Exposure(time=1 / 60),),
+            frames=tuple(frames),
+            cameras=tuple(self.cameras),
+            reason="bench/recording.py",
+        )
+        self.session.append_plan(plan)
+        reset_peak()
+        began = time.perf_counter()
+        record(self.session, plan, self.cameras, progress=self._sample).require_complete()
+        return time.perf_counter() - began
+
+    def _sample(self, message: str, done: int, total: int) -> None:
         if done and done % CAMERAS == 0:
-            peaks.append(peak_since_reset())
+            self.peaks.append(peak_since_reset())
             reset_peak()
 
-    reset_peak()
-    before, began = resident(), time.perf_counter()
-    result = record(session, plan, cameras, progress=sample)
-    seconds = time.perf_counter() - began
-    result.require_complete()
-    size = sum(session.file(shot).stat().st_size for shot in session.shots())
-    different = len({shot.sha256 for shot in session.shots()})
-    assert different == CAMERAS * shots
-    return {"seconds": seconds, "bytes": size, "before": before, "peaks": peaks}
+    def size(self) -> int:
+        """Bytes of all files, which are all different."""
+        shots = self.session.shots()
+        assert len({shot.sha256 for shot in shots}) == len(shots)
+        return sum(self.session.file(shot).stat().st_size for shot in shots)
 
 
 def control(folder: Path, frames: int) -> float:
-    """Seconds in which `dd` writes as many frames, of the same mosaic, to one file that it syncs."""
-    source, file = folder / "frame", folder / "control"
-    replayed().tofile(source)
-    script = f'for i in $(seq {frames}); do cat "$1"; done | dd of="$2" bs=1M iflag=fullblock conv=fsync'
+    """Seconds in which `dd` writes as many frames, of the mosaic in `folder`, to one file that it syncs."""
+    file = folder / "control"
+    append = "bs=1M oflag=append conv=notrunc"
+    frame = f'dd if="$1" of="$2" {append}'
+    script = f'for i in $(seq {frames}); do {frame}; done; dd if=/dev/null of="$2" {append},fsync'
     began = time.perf_counter()
-    subprocess.run(["sh", "-c", script, "sh", source, file], check=True, capture_output=True)
+    subprocess.run(["sh", "-c", script, "sh", folder / "frame", file], check=True, capture_output=True)
     seconds = time.perf_counter() - began
     file.unlink()
     return seconds
 
 
 def measure(place: Path, shots: int) -> dict[str, Any]:
-    size = CAMERAS * shots * WIDTH * HEIGHT * 2
+    size = CAMERAS * (shots + PART) * WIDTH * HEIGHT * 2
     free = shutil.disk_usage(place).free
     if free < 1.2 * size:
         raise SystemExit(f"{place} has {free / 1e9:.1f} GB free, not {1.2 * size / 1e9:.1f}: name another.")
-    with tempfile.TemporaryDirectory(dir=place) as folder:
-        # The control before and after: a disk that others use does not stay as fast as it was.
-        before = control(Path(folder), CAMERAS * shots)
-        taken = capture(Path(folder) / "session", shots)
-        shutil.rmtree(Path(folder) / "session")
-        after = control(Path(folder), CAMERAS * shots)
-    megabytes = taken["bytes"] / 1e6
-    rate, controls = megabytes / taken["seconds"], [megabytes / before, megabytes / after]
-    later = taken["peaks"][3:]
+    with tempfile.TemporaryDirectory(dir=place) as name:
+        folder = Path(name)
+        replayed().tofile(folder / "frame")
+        replay, seconds = Replay(folder / "session"), []
+        controls = [control(folder, CAMERAS * PART)]
+        for first in range(0, shots, PART):
+            seconds.append(replay.take(range(first, first + PART)))
+            controls.append(control(folder, CAMERAS * PART))
+        written = replay.size() / 1e6
+    part = written / len(seconds)
+    beside = [(before + after) / 2 for before, after in pairwise(controls)]
+    rate, control_rate = written / sum(seconds), written / sum(beside)
+    later = replay.peaks[3:]
     return {
         "machine": machine(),
         "cameras": CAMERAS,
         "shots": shots,
         "megapixels": WIDTH * HEIGHT / 1e6,
-        "megabytes": megabytes,
-        "seconds": taken["seconds"],
+        "megabytes": written,
+        "seconds": sum(seconds),
         "megabytes_per_second": rate,
-        "dd_megabytes_per_second": controls,
-        "ratio": rate / statistics.mean(controls),
-        "before_megabytes": taken["before"] / 1e6,
-        "peak_megabytes": max(taken["peaks"]) / 1e6,
-        "peaks_megabytes": [round(peak / 1e6) for peak in taken["peaks"]],
-        "growth_after_third_megabytes": (max(later) - max(taken["peaks"][:3])) / 1e6 if later else None,
+        "dd_megabytes_per_second": control_rate,
+        "parts_megabytes_per_second": [round(part / one) for one in seconds],
+        "dd_parts_megabytes_per_second": [round(part / one) for one in controls],
+        "ratio": rate / control_rate,
+        "before_megabytes": replay.before / 1e6,
+        "peak_megabytes": max(replay.peaks) / 1e6,
+        "peaks_megabytes": [round(peak / 1e6) for peak in replay.peaks],
+        "growth_after_third_megabytes": (max(later) - max(replay.peaks[:3])) / 1e6,
     }
 
 
 def report(result: dict[str, Any]) -> str:
-    growth = result["growth_after_third_megabytes"]
-    controls = " and ".join(f"{rate:.0f}" for rate in result["dd_megabytes_per_second"])
+    parts, controls = (
+        ", ".join(str(rate) for rate in result[name])
+        for name in ("parts_megabytes_per_second", "dd_parts_megabytes_per_second")
+    )
     rows = [
         ("written", f"{result['megabytes']:.0f} MB in {result['seconds']:.1f} s"),
-        ("rate", f"{result['megabytes_per_second']:.0f} MB/s"),
-        ("`dd conv=fsync` of as many bytes, before and after", f"{controls} MB/s"),
-        ("share of its mean", f"{result['ratio']:.2f}"),
+        ("rate", f"{result['megabytes_per_second']:.0f} MB/s ({parts})"),
+        ("`dd conv=fsync` beside it", f"{result['dd_megabytes_per_second']:.0f} MB/s ({controls})"),
+        ("share of it", f"{result['ratio']:.2f}"),
         ("memory before the first shot", f"{result['before_megabytes']:.0f} MB"),
         ("peak", f"{result['peak_megabytes']:.0f} MB"),
-        ("growth of the peak after the third shot", "-" if growth is None else f"{growth:.0f} MB"),
+        ("growth of the peak after the third shot", f"{result['growth_after_third_megabytes']:.0f} MB"),
     ]
     return "\n".join(
         [
             "# A capture on its way to the disk",
             "",
             f"`python bench/recording.py --write`: {result['cameras']} cameras x {result['shots']} shots x "
-            f"{result['megapixels']:.0f} megapixels, uncompressed DNG. {words(result['machine'])}. `dd` "
-            "writes the same to one file and syncs once; the recorder hashes twice and syncs each file.",
+            f"{result['megapixels']:.0f} megapixels, uncompressed DNG. {words(result['machine'])}. Before "
+            "and after every five shots `dd` writes as much to one file and syncs once; the recorder hashes, "
+            "and syncs each file.",
             "",
             "| | |",
             "|---|---|",
