@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib import half_samples
+from calib import spread as spreads
 from calib.adjust import Free, adjust, cut, misses, opencv_parameters
 from calib.features import FEWEST_MATCHES, Features, Key, Pair, fill_database, key_of
 from calib.known_rig import NOTHING, Known, camera_of, to_metres
@@ -54,7 +54,7 @@ class Model:
     points: dict[Key, int]
     reprojection_px: float
     rungs: tuple[Rung, ...]
-    spread: half_samples.Spread | None
+    spread: spreads.Spread | None
     metric: bool
 
     @property
@@ -120,7 +120,7 @@ def solve(
         raise CalibrationError(_NO_START.format(len(pairs)))
     free, rungs = climb(reconstruction, free, typical, threads, progress)
     adjust(reconstruction, free, typical, threads)
-    spread = half_samples.measure(reconstruction, free, typical, threads, progress)
+    spread = spreads.measure(reconstruction, free, typical, progress)
     return _model(reconstruction, cameras, (rung, *rungs), spread, metric)
 
 
@@ -261,7 +261,7 @@ def _model(
     reconstruction: Any,
     cameras: Mapping[str, Lens],
     rungs: tuple[Rung, ...],
-    spread: half_samples.Spread | None,
+    spread: spreads.Spread | None,
     metric: bool,
 ) -> Model:
     poses: dict[Key, Pose] = {}
