@@ -17,8 +17,9 @@ Array = npt.NDArray[np.float64]
 
 MOST_CAMERAS = 8
 """Cameras that are drawn one by one; of a larger rig those that miss most, or are least sure."""
-COLUMNS, FEWEST = 12, 4
-"""Cells across the field of residuals, and observations that a cell takes."""
+COLUMNS, FEWEST, LONGEST = 12, 8, 1.5
+"""Cells across the field of residuals, observations that a cell takes, and cells that the longest arrow may
+span."""
 WIDTH = 300
 FREE: dict[LensModel, tuple[str, ...]] = {
     "PINHOLE": ("fx", "fy", "cx", "cy"),
@@ -105,11 +106,11 @@ def field(name: str, own: CameraResiduals) -> Markup:
     error = np.sqrt(np.maximum(square - (mean**2).sum(1), 0) / count[filled])
     length = np.hypot(*mean.T)
     scale = WIDTH / width
-    longest = float(np.percentile(length, 95)) if len(length) else 0.0
-    factor = _magnified(0.8 * width / COLUMNS / longest) if longest > 0 else 1.0
+    longest = float(length.max()) if len(length) else 0.0
+    factor = _magnified(LONGEST * width / COLUMNS / longest) if longest > 1e-9 else 1.0
     tall = height * scale
     parts = [
-        f'<figure><svg class="chart" viewBox="0 0 {WIDTH} {tall:.0f}" role="img" '
+        f'<figure><svg class="chart field" viewBox="0 0 {WIDTH} {tall:.0f}" role="img" '
         f'aria-label="Residual field of {escape(name)}"><rect class="sheet-of" width="{WIDTH}" '
         f'height="{tall:.1f}"/>'
     ]

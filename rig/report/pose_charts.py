@@ -36,8 +36,13 @@ def _figures(
     few = f" {MOST_VIEWS} of {len(poses)} views at most are drawn." if len(poses) > MOST_VIEWS else ""
     yield Figure(
         "Rig and scene",
-        "Each pyramid is a view, open towards what it sees; the cameras of a frame are joined. "
-        f"Turn it with the row of buttons, or with the arrow keys.{few}",
+        "Each pyramid is a view, open towards what it sees"
+        + (
+            "; the cameras of a frame are joined. "
+            if len({frame for frame, _ in poses}) < len(poses)
+            else ". "
+        )
+        + f"Turn it with the row of buttons, or with the arrow keys.{few}",
         turntable(
             poses,
             {camera.name: camera.lens for camera in record.cameras if camera.lens is not None},

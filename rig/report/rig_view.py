@@ -76,7 +76,7 @@ def turntable(
             title = f"<title>{escape(camera)}, frame {frame}</title>" if len(shown) <= MOST_LABELLED else ""
             parts.append(_drawn(place(corners), names.index(camera) % COLOURS, title))
         first = min(frame for frame, _ in shown)
-        if len(names) <= 12:
+        if 1 < len(names) <= 12:
             for (frame, camera), corners in frusta:
                 if frame == first:
                     x, y = place(corners[:1])[0]

@@ -106,7 +106,7 @@ def test_arrows_are_magnified_by_what_is_told() -> None:
     arrow = of_class(drawings(markup)[0], "arrow")[0]
     x, _, tip_x, _ = (float(v) for v in re.findall(r"-?[\d.]+", arrow.get("d"))[:4])
     assert tip_x - x == pytest.approx(0.03 * factor * 300 / 120, abs=0.11)
-    assert factor == 200  # 0.8 of a cell of 10 px would be 267
+    assert factor == 500  # a cell and a half, 15 px
 
 
 def test_points_that_miss_nothing_have_a_field_too() -> None:
