@@ -19,7 +19,7 @@ TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 class Linear:
     """Of N observations of M points, with P parameters of cameras; rows alternate x and y of an observation.
 
-    residual: px [N, 2]. seen: where, px [N, 2]. cameras: sparse [2N, P]. points: [N, 2, 3], by the observation's own point. owner:
+    residual, and seen: where: px [N, 2]. cameras: sparse [2N, P]. points: [N, 2, 3], by its own point. owner:
     of each observation the point [N], in order of COLMAP's numbers. image: COLMAP's number [N]. frames,
     sensors, lenses: where the 6 or 8 columns of a frame, of a sensor in its rig, and of a camera begin; poses
     move by a rotation vector and a shift in their own coordinates, lenses by TERMS. What stays has no column.
