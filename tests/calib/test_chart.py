@@ -1,14 +1,18 @@
 """A chart is found where it was painted, measured as it was painted, and refused where it is none."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from calib.colour.chart import Found, Missed, best, half, judge, locate, measure
-from calib.colour.fit import Patches
+from calib.colour.fit import Model, Patches, held_out, of_camera
 from calib.colour.reference import chart
 from imaging.cfa import Cfa
+from imaging.colour import camera_from_rec709
 from imaging.linear import from_raw
 from imaging.merge import Merged, merge_bracket
+from imaging.raw import read_raw
 
 from .charts import painted, photograph, square_on, world
 
@@ -90,6 +94,21 @@ def test_a_chart_in_a_mirror_is_measured_and_one_of_other_colours_refused() -> N
     other = painted(OWN.camera[[*range(17, -1, -1), *range(18, 24)]], OWN.white, corners, WIDTH, HEIGHT)
     verdict = found_in(merge_bracket([from_raw(photograph(other, 0.8 / other.max()), 1.0)]))
     assert isinstance(verdict, Missed)
+
+
+def test_a_real_chart_is_found_and_fitted(real: Path) -> None:
+    """A folding chart with other patches above, out of focus, lit from behind by a window."""
+    raw = read_raw(real / "raw" / "colorchart.dng")
+    assert raw.camera_from_xyz is not None
+    found = found_in(merge_bracket([from_raw(raw, 1.0)]))
+    assert isinstance(found, Found)
+    centre = found.outlines.mean(axis=(0, 1))
+    assert centre == pytest.approx((983, 777), abs=30)
+    assert found.patches.usable.sum() >= 20
+    files = of_camera(camera_from_rec709(raw.camera_from_xyz), balanced=True)
+    chosen, stated = (np.nanmean(held_out([found.patches], chart(), one)[0]) for one in (Model(), files))
+    assert chosen < 4.0
+    assert chosen < stated - 1.0
 
 
 def judged(rgb: np.ndarray, usable: np.ndarray | None = None) -> Found | Missed:

@@ -1,6 +1,9 @@
 """The colours on a calibration's page: in their places, and nothing where nothing is known."""
 
+import json
+from collections.abc import Callable
 from datetime import UTC, datetime
+from pathlib import Path
 
 from imaging.calibration import (
     CalibrationRecord,
@@ -60,3 +63,19 @@ def test_the_topic_tells_figures_and_balance() -> None:
 
 def test_without_chart_and_balance_there_is_no_topic() -> None:
     assert colour_topic(record()).empty
+
+
+def test_a_session_without_a_chart_is_told_so(rig: Callable[..., tuple[int, str, str]], toy: Path) -> None:
+    before = (toy / "calibration" / "calibration.json").read_bytes()
+    code, out, err = rig("calibrate", str(toy), "--only", "colour", "--chart")
+    assert code == 2
+    assert out == ""
+    assert "no colour chart found (views searched: 6;" in err
+    assert "leave --chart out" in err
+    assert (toy / "calibration" / "calibration.json").read_bytes() == before
+    code, _, err = rig("calibrate", str(toy), "--only", "poses", "--chart")
+    assert code == 2
+    assert "not of poses" in err
+    code, out, _ = rig("calibrate", str(toy), "--only", "colour", "--json")
+    assert code == 0
+    assert json.loads(out)["charts"] == {}
