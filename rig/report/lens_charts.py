@@ -8,7 +8,7 @@ import numpy.typing as npt
 from markupsafe import Markup, escape
 
 from imaging.calibration import CalibrationRecord, CameraCalibration, Lens, LensError, LensModel
-from rig.report.chart import Series, chart
+from rig.report.chart import COLOURS, Series, chart
 from rig.report.residuals import CameraResiduals, Residuals
 from rig.report.topic import NOT_DETERMINED, Figure, Table, Topic, plus_minus
 from rig.words import number
@@ -73,7 +73,11 @@ def _figures(record: CalibrationRecord, residuals: Residuals) -> Iterable[Figure
             "How far the radial terms move a pixel outwards, by its distance from the principal point.",
             chart(
                 "Distortion",
-                [_distortion(camera.name, camera.lens) for camera in bent if camera.lens],
+                [
+                    _distortion(camera.name if len(bent) <= COLOURS else "", camera.lens)
+                    for camera in bent
+                    if camera.lens
+                ],
                 "distance from the principal point, px",
                 "moved outwards, px",
                 y_zero=True,

@@ -6,7 +6,7 @@ import numpy as np
 
 from imaging.calibration import CalibrationRecord, ViewCalibration
 from imaging.colmap import SparsePoints
-from rig.report.chart import Series, chart
+from rig.report.chart import COLOURS, Series, chart
 from rig.report.residuals import Residuals
 from rig.report.rig_view import MOST_VIEWS, turntable
 from rig.report.topic import NOT_DETERMINED, Figure, Table, Topic
@@ -88,7 +88,7 @@ def _figures(
 def _by_camera(values: Mapping[tuple[str, int], float]) -> list[Series]:
     """One cloud a camera; so many that colours tell nothing are one."""
     names = sorted({camera for camera, _ in values})
-    groups = [[name] for name in names] if len(names) <= 24 else [names]
+    groups = [[name] for name in names] if len(names) <= COLOURS else [names]
     return [
         Series(
             group[0] if len(groups) > 1 else "",

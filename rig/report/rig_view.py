@@ -52,7 +52,8 @@ def turntable(
     reach = np.maximum(np.max([np.ptp(own, axis=0) for own in spots], axis=0), 1e-9)
     factor = min((WIDTH - 2 * MARGIN) / reach[0], (HEIGHT - 2 * MARGIN) / reach[1])
     names = sorted({camera for _, camera in poses})
-    depth = 36.0 / factor
+    # Many small frusta tell more than many that cover each other.
+    depth = 36.0 * min(1.0, math.sqrt(40 / len(shown))) / factor
     frusta = [(key, _frustum(pose, lenses.get(key[1]), depth) @ axes.T) for key, pose in shown.items()]
     joined = _joined(list(shown), centres)
     drawings = []
@@ -95,7 +96,7 @@ def turntable(
     keys = "".join(
         f'<li><span class="key s{i % COLOURS}"></span>{escape(name)}</li>' for i, name in enumerate(names)
     )
-    legend = f'<ul class="legend">{keys}</ul>' if len(names) <= 24 else ""
+    legend = f'<ul class="legend">{keys}</ul>' if len(names) <= COLOURS else ""
     return Markup(f'<div class="turn">{inputs}{"".join(drawings)}</div>{legend}')
 
 

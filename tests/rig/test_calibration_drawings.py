@@ -152,6 +152,18 @@ def test_a_single_view_without_points_can_be_turned() -> None:
     assert "nan" not in markup
 
 
+def test_many_views_are_thinned_and_the_drawing_stays_small() -> None:
+    rng = np.random.default_rng(0)
+    poses = {}
+    for index in range(1000):
+        pose = np.eye(4)
+        pose[:3, 3] = rng.normal(0, 3, 3)
+        poses[index // 30, f"cam{index % 30}"] = pose
+    markup = turntable(poses, {}, rng.normal(0, 5, (100_000, 3)), metric=True)
+    assert len(markup) < 2e6
+    assert len(of_class(drawings(markup)[0], "camera")) == 200
+
+
 SENSOR = SensorCalibration(
     iso=100.0,
     gain=Measured(value=0.4, sigma=0.003, source="flats"),
