@@ -47,13 +47,26 @@ def adaptation(white: tuple[float, float], to: tuple[float, float]) -> Matrix3:
     return np.asarray(np.linalg.inv(_BRADFORD) @ np.diag(after / before) @ _BRADFORD, np.float64)
 
 
+def rec709_from_rgb(primaries: Sequence[tuple[float, float]]) -> Matrix3:
+    """float64 [3, 3], linear RGB of these primaries and white to linear Rec.709; white stays (1, 1, 1).
+
+    ValueError when these are no primaries of a space: all on one line, or without a white.
+    """
+    with np.errstate(all="ignore"):
+        try:
+            adapted = adaptation(primaries[3], PRIMARIES["rec709"][3]) @ xyz_from_rgb(primaries)
+        except (np.linalg.LinAlgError, ZeroDivisionError):
+            adapted = np.full((3, 3), np.nan)
+    if not np.all(np.isfinite(adapted)) or abs(np.linalg.det(adapted)) < 1e-9:
+        raise ValueError("the primaries span no space")
+    return np.asarray(REC709_FROM_XYZ @ adapted, np.float64)
+
+
 def space_from_rec709(space: Space) -> Matrix3:
     """float64 [3, 3], linear Rec.709 to the linear RGB of a space; white stays (1, 1, 1)."""
     if space == "rec709":
         return np.eye(3)  # exactly: no rounding where nothing is to be done
-    primaries = PRIMARIES[SPACE_PRIMARIES[space]]
-    adapted = adaptation(PRIMARIES["rec709"][3], primaries[3]) @ XYZ_FROM_REC709
-    return np.asarray(np.linalg.solve(xyz_from_rgb(primaries), adapted), np.float64)
+    return np.asarray(np.linalg.inv(rec709_from_rgb(PRIMARIES[SPACE_PRIMARIES[space]])), np.float64)
 
 
 def camera_from_rec709(camera_from_xyz: npt.ArrayLike) -> Matrix3:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import OpenEXR
 
 from imaging import store
-from imaging.colour import PRIMARIES
+from imaging.colour import PRIMARIES, rec709_from_rgb
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.quiet import quiet
@@ -44,12 +44,28 @@ class ExrImage:
     attributes: dict[str, Attribute] = field(default_factory=dict)
 
     def rgb(self) -> npt.NDArray[np.float32]:
-        """float32 [H, W, 3]: R, G, B, or Y three times; InputError if the file has neither."""
+        """Linear Rec.709, float32 [H, W, 3]: R, G, B, or Y three times; InputError if the file has neither.
+
+        Other primaries that the file names are converted; a file that names none has those of Rec.709.
+        """
         names = "RGB" if all(name in self.channels for name in "RGB") else "YYY"
         if not all(name in self.channels for name in names):
             found = ", ".join(sorted(self.channels))
             raise InputError(f"the EXR has channels {found}, but neither R, G, B nor Y: export it as RGB.")
-        return np.stack([self.channels[name] for name in names], axis=-1)
+        light = np.stack([self.channels[name] for name in names], axis=-1)
+        matrix = self._rec709_from_own() if names == "RGB" else None
+        return light if matrix is None else (light @ matrix.T).astype(np.float32)
+
+    def _rec709_from_own(self) -> npt.NDArray[np.float64] | None:
+        told = self.attributes.get("chromaticities")
+        if not isinstance(told, tuple) or len(told) != 8:
+            return None
+        if np.allclose(told, np.ravel(PRIMARIES["rec709"]), atol=1e-3):
+            return None
+        try:
+            return rec709_from_rgb(list(zip(told[::2], told[1::2], strict=True)))
+        except ValueError:  # nonsense is as good as nothing
+            return None
 
     @property
     def exposure(self) -> Exposure | None:

@@ -12,6 +12,7 @@ from imaging.colour import (
     Space,
     adaptation,
     camera_from_rec709,
+    rec709_from_rgb,
     space_from_rec709,
     srgb_decode,
     srgb_encode,
@@ -44,6 +45,12 @@ def test_aces_spaces_as_colour_science_has_them(space: Space, name: str) -> None
     peer = colour.matrix_RGB_to_RGB("ITU-R BT.709", name, chromatic_adaptation_transform="Bradford")
     assert np.abs(matrix - peer).max() < 1e-6
     assert matrix @ np.ones(3) == pytest.approx(np.ones(3), abs=1e-12)
+
+
+def test_files_of_plain_xyz_are_understood() -> None:
+    equal = (1 / 3, 1 / 3)
+    matrix = rec709_from_rgb([(1.0, 0.0), (0.0, 1.0), (0.0, 0.0), equal])
+    assert matrix == pytest.approx(REC709_FROM_XYZ @ adaptation(equal, (0.3127, 0.3290)), abs=1e-12)
 
 
 def test_rec709_stays_what_it_is() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging.colour import PRIMARIES
+from imaging.colour import PRIMARIES, space_from_rec709
 from imaging.errors import InputError, StorageError
 from imaging.exposure import Exposure
 from imaging.exr import ExrImage, read_exr, read_exr_header, write_exr
@@ -59,6 +59,22 @@ def test_primaries_and_their_white_come_back(
     assert not {"chromaticities", "adoptedNeutral"} & set(
         read_exr_header(tmp_path / "unknown.exr").attributes
     )
+
+
+def test_other_primaries_are_read_as_the_same_light(tmp_path: Path) -> None:
+    wide = RGB @ space_from_rec709("acescg").T
+    write_exr(tmp_path / "a.exr", wide, chromaticities="ap1")
+    image = read_exr(tmp_path / "a.exr")
+    assert np.array_equal(image.channels["R"], wide[..., 0].astype(np.float32))
+    assert image.rgb() == pytest.approx(RGB, abs=1e-5)
+    assert image.rgb().dtype == np.float32
+    assert np.array_equal(ExrImage({"Y": RGB[..., 0]}, image.attributes).rgb()[..., 2], RGB[..., 0])
+
+
+@pytest.mark.parametrize("told", [(0.0,) * 8, (0.3, 0.3) * 4, (float("nan"),) * 8, (0.64, 0.33), "Rec.709"])
+def test_primaries_that_are_none_are_passed_over(told: tuple[float, ...] | str) -> None:
+    image = ExrImage(dict(zip("RGB", np.moveaxis(RGB, -1, 0), strict=True)), {"chromaticities": told})
+    assert np.array_equal(image.rgb(), RGB)
 
 
 def test_special_values_survive(tmp_path: Path) -> None:
