@@ -88,10 +88,7 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
         _light(session, record),
     )
     return Calibrated(
-        summary=f"{len(record.views)} of {counted(images, 'image')} with a pose, "
-        f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px"
-        if record.views
-        else "Exposures and cameras; no image has a pose",
+        summary=_summary(record, images),
         posed=bool(record.views),
         registered=f"{len(record.views)} of {images}",
         verdicts=tuple(verdicts(record, residuals)),
@@ -103,6 +100,17 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
         rungs=tuple(_groups(record.rungs)),
         stale=stale,
     )
+
+
+def _summary(record: CalibrationRecord, images: int) -> str:
+    if record.views:
+        return (
+            f"{len(record.views)} of {counted(images, 'image')} with a pose, "
+            f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px"
+        )
+    if record.board is not None:
+        return f"Lenses and rig from {counted(record.board.views, 'view')} of a board; no image has a pose"
+    return "Exposures and cameras; no image has a pose"
 
 
 def _points(folder: Path) -> SparsePoints | None:

@@ -21,6 +21,11 @@ def _tiles(record: CalibrationRecord, registered: str) -> Iterable[Tile]:
         unit = "px" if record.reprojection_px is not None else ""
         yield Tile(number(record.reprojection_px), unit, "mean reprojection error")
         yield Tile(f"{record.points:,}", "", "scene points")
+    else:
+        sensors = sum(bool(camera.sensors) for camera in record.cameras)
+        curves = sum(camera.response.residual is not None for camera in record.cameras)
+        yield Tile(f"{sensors} of {len(record.cameras)}", "", "sensors measured")
+        yield Tile(f"{curves} of {len(record.cameras)}", "", "responses measured")
     if record.board is not None:
         yield Tile(number(record.board.rms_px), "px", "rms of the board's corners")
 

@@ -80,8 +80,8 @@ def captured(session: Session, calibration: CalibrationRecord | None, progress: 
     return Captured(
         origin=_origin(session),
         summary=f"{counted(len(session.record.cameras), 'camera')}, {counted(frames, 'frame')}, "
-        f"{counted(views, 'view')}, {counted(len(shots), 'exposure')}",
-        cameras=tuple(_camera_rows(session, shots)),
+        f"{counted(views, 'view')}, {counted(len(shots), 'exposure')}{_others(session)}",
+        cameras=tuple(_camera_rows(session, shots or session.shots())),
         steps=tuple(_step_row(step, group, looks, calibration) for step, group in steps.items()),
         thumbnails=looks.thumbnails,
         merged=looks.merged,
@@ -99,6 +99,14 @@ def _origin(session: Session) -> str:
     if record.origin.startswith("sim:"):
         return f"Simulated rig “{record.origin[4:]}”, seed {record.seed}"
     return "Imported photographs" if record.origin == "import" else f"Rig {record.origin}"
+
+
+def _others(session: Session) -> str:
+    """Shots that show no scene, in words."""
+    kinds = [shot.kind for shot in session.shots()]
+    named = (("dark", "darks"), ("flat", "flats"), ("board", "of a board"))
+    told = [f"{kinds.count(kind)} {words}" for kind, words in named if kind in kinds]
+    return f"; {', '.join(told)}" if told else ""
 
 
 def _camera_rows(session: Session, shots: Iterable[ShotRecord]) -> Iterable[CameraRow]:
@@ -186,5 +194,5 @@ def _advice(steps: dict[int, list[ShotRecord]], looks: Looks, views: int) -> Ite
                 f"The longest exposure leaves {_percent(median(longest))} of its samples dark: "
                 "add a longer one to lift the shadows above the noise."
             )
-    if views < 8:
+    if 0 < views < 8:
         yield f"{counted(views, 'view')} can hardly make a scene: take 20 or more that overlap."

@@ -48,10 +48,10 @@ def _figures(sensors: Sequence[Named]) -> Iterable[Figure]:
         series = []
         for index, own in enumerate(lines):
             points = [(max(x, DIMMEST), y) for x, y in own.sensor.transfer if y > 0]
+            series.append(_line(own, index))
             series += [
                 Series("", [x for x, _ in points], [y for _, y in points], dots=True, colour=index)
             ] * bool(points)
-            series.append(_line(own, index))
         measured = any(own.sensor.transfer for own in lines)
         more = len(sensors) - len(lines)
         yield Figure(
@@ -109,7 +109,8 @@ def _linearity(own: Named) -> Figure:
     return Figure(
         "Linearity",
         f"How far the signal of {own.name}, the least straight, departs from a straight line; the band holds "
-        "the truth at 95 %. " + ("It counts as linear." if own.sensor.linear else "It counts as bent."),
+        "the truth at 95 %. "
+        + ("It counts as linear." if own.sensor.linear else "It counts as bent, and is straightened."),
         chart(
             "Linearity deviation",
             [

@@ -29,6 +29,8 @@ FOCAL = 0.005
 """Relative error of a focal length above which the scene's shape suffers."""
 GAIN = 0.05
 """Relative error of a gain above which the weights of a merge suffer."""
+BEND = 0.05
+"""Share of the signal that is missing at white above which a parabola hardly straightens it."""
 OUTLIER = 2.5
 """A camera or view that misses by this many times the median of all is named."""
 UNSURE = 5.0
@@ -45,7 +47,7 @@ class Verdict:
 
 def verdicts(record: CalibrationRecord, residuals: Residuals) -> Iterable[Verdict]:
     """The line of the whole first, then one a camera."""
-    if not record.views:
+    if not record.views and record.unregistered:
         yield Verdict("warn", "No image has a pose: only what needs none was measured")
     error = record.reprojection_px
     if record.views and error is not None:
@@ -104,9 +106,11 @@ def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: 
         words.append(f"sensor gain known to {100 * doubt:.2g} % (good below {100 * GAIN:g} %)")
     bent = [one for one in camera.sensors if one.linear is False and one.nonlinearity is not None]
     if bent:
-        grades.append("warn")
         share = max(abs(one.nonlinearity.value) for one in bent if one.nonlinearity is not None)
-        words.append(f"RAW bends by {100 * share:.1f} % at white")
+        grades += ["warn"] * (share >= BEND)
+        words.append(
+            f"RAW bends by {100 * share:.1f} % at white and is straightened (good below {100 * BEND:g} %)"
+        )
     if camera.response.kind == "srgb" and camera.response.residual is None and total:
         grades.append("warn")
         words.append("its response is assumed, not measured")

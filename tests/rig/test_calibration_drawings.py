@@ -206,10 +206,13 @@ def test_what_a_sensor_does_not_tell_is_not_determined(toy: Path) -> None:
     assert blank.tables[1].rows[0][-1] == "not looked for"
 
 
-def test_a_camera_whose_raw_bends_is_warned_of(toy: Path) -> None:
+def test_a_camera_whose_raw_bends_is_told_and_warned_of_if_much(toy: Path) -> None:
     line = next(v for v in verdicts(with_sensor(toy, SENSOR), NOTHING) if v.text.startswith("cam0"))
+    assert line.grade == "pass"
+    assert "RAW bends by 2.0 % at white and is straightened (good below 5 %)" in line.text
+    worse = SENSOR.model_copy(update={"nonlinearity": Measured(value=0.2, sigma=0.01, source="flats")})
+    line = next(v for v in verdicts(with_sensor(toy, worse), NOTHING) if v.text.startswith("cam0"))
     assert line.grade == "warn"
-    assert "RAW bends by 2.0 % at white" in line.text
     assert "sensor gain known to 0.75 % (good below 5 %)" in line.text
 
 
@@ -310,6 +313,20 @@ def test_a_band_is_drawn_around_its_line() -> None:
     line = of_class(drawings(markup)[0], "line")[0].get("d")
     middle = {float(y) for y in re.findall(r" ([\d.]+)", line)}
     assert sum(heights) / 2 == pytest.approx(next(iter(middle)), abs=0.1)
+
+
+def test_a_session_without_a_scene_is_told_by_what_it_has(toy: Path) -> None:
+    """All shots become darks: no bracket, no views to ask more of."""
+    shutil.rmtree(toy / "calibration" / "colmap")
+    lines = (toy / "shots.jsonl").read_text().replace('"kind": "scene"', '"kind": "dark"')
+    (toy / "shots.jsonl").write_text(lines)
+    record = read_calibration(toy).model_copy(update={"views": (), "points": 0, "reprojection_px": None})
+    store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
+    page = Page.read(calibration_report(toy, quiet))
+    assert_self_contained(page)
+    assert "0 exposures; 18 darks" in page.text
+    for words in ("can hardly make a scene", "Bracket", "There are no darks", "No image has a pose:"):
+        assert words not in page.text
 
 
 def test_a_calibration_of_nothing_has_a_page(toy: Path) -> None:
