@@ -56,22 +56,27 @@ class Missed:
 
 def locate(rgb: npt.NDArray[np.floating]) -> list[Array]:
     """Outlines [24, 4, 2], in px of linear camera RGB [H, W, 3], of all that looks like a chart."""
-    balanced = np.maximum(np.nan_to_num(rgb), 0.0)
-    balanced = balanced / np.maximum(np.percentile(balanced, 90, axis=(0, 1)), 1e-12)
-    light = balanced.mean(axis=-1)
+    light = _reduced(np.maximum(np.nan_to_num(rgb), 0.0).astype(np.float32), max(PROXY_WIDTHS))
+    light = light / np.maximum(np.percentile(light, 90, axis=(0, 1)), 1e-12)
     finds: list[Array] = []
     for width in PROXY_WIDTHS:
-        scale = min(1.0, width / rgb.shape[1])
-        small = cv2.resize(
-            balanced.astype(np.float32), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA
-        )
+        small = _reduced(light, width)
+        scale = np.array((rgb.shape[1] / small.shape[1], rgb.shape[0] / small.shape[0]))
         for percentile, level in EXPOSURES:
-            gain = level / max(float(np.percentile(light, percentile)), 1e-12)
+            gain = level / max(float(np.percentile(small.mean(axis=-1), percentile)), 1e-12)
             proxy = np.rint(255 * srgb_encode(small * gain)).astype(np.uint8)
-            finds += [outlines / scale for outlines in _search(np.ascontiguousarray(proxy[..., ::-1]))]
-        if finds or scale == 1.0:
+            finds += [outlines * scale for outlines in _search(np.ascontiguousarray(proxy[..., ::-1]))]
+        if finds or small.shape == light.shape:
             break
     return finds
+
+
+def _reduced(light: npt.NDArray[np.floating], width: int) -> npt.NDArray[np.floating]:
+    """The picture [H, W, 3] at most so wide, averaged over areas."""
+    if light.shape[1] <= width:
+        return light
+    size = (width, max(1, round(light.shape[0] * width / light.shape[1])))
+    return np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA))
 
 
 def _search(proxy: npt.NDArray[np.uint8]) -> list[Array]:
