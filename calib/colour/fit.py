@@ -20,6 +20,10 @@ Array = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 
 ROUNDS = 4
+PATCH_ERROR = 0.01
+"""Relative, that a grey of a real chart may be off its published value."""
+FLARE = 0.002
+"""Stray light, or black that is not quite black, relative to white: dark greys count for less."""
 LIGHTNESS_ERROR = 0.5
 """Delta E that a patch of a real chart may be off its published value: no patch counts for more."""
 
@@ -136,9 +140,11 @@ def _lit(fit: Fit, patches: Patches, reference: Array, model: Model) -> Fit:
     grey = own & np.isin(np.arange(len(own)), NEUTRAL)
     if model.white is not None or not grey.any():
         grey = own
-    # Least squares on expected light: brighter greys count for more, the black one hardly.
-    level = expected[grey] * light[grey]
-    white = np.asarray((patches.rgb[grey] * level).sum(0) / (level**2).sum(0))
+    noise = (patches.sigma / np.maximum(patches.rgb, 1e-12))[grey]
+    variance = PATCH_ERROR**2 + (FLARE / np.maximum(expected[grey], 1e-4)) ** 2 + noise**2
+    weight = 1.0 / variance
+    own_white = np.log((ratio / light)[grey])
+    white = np.exp((weight * own_white).sum(axis=0) / weight.sum(axis=0))
     if model.white is not None:
         white = model.white * float(np.exp(np.mean(np.log(white / model.white))))
     return Fit(fit.matrix, white, np.asarray(slope))

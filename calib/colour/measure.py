@@ -222,7 +222,7 @@ def _climb(
         _Trial(shared, (Model(shaded=lit),) * len(shared)),
         f"a matrix from {' and '.join(sorted(patches))}, one for each camera model, in place of the files'",
     )
-    if rungs[-1].taken and len(alone) > len(shared):
+    if len(alone) > len(shared):
         climb(
             "chart_matrix_each_camera",
             _Trial(alone, (Model(shaded=lit),) * len(alone)),

@@ -59,7 +59,7 @@ def test_light_that_grows_across_the_chart_is_found_and_divided_out() -> None:
 
 @pytest.mark.parametrize(
     ("camera", "illuminant", "mean", "largest"),
-    [("nikon", "D65", 1.0, 3.5), ("nikon", "A", 1.3, 4.0), ("sigma", "D65", 2.4, 6.0)],
+    [("nikon", "D65", 0.95, 3.6), ("nikon", "A", 1.2, 4.0), ("sigma", "D65", 2.2, 5.6)],
 )
 def test_real_sensitivities_are_fitted_as_well_as_a_matrix_can(
     camera: str, illuminant: str, mean: float, largest: float

@@ -8,13 +8,18 @@ import numpy as np
 import pytest
 
 from calib.calibrate import calibrate
+from calib.colour.chart import Found
+from calib.colour.fit import Patches
+from calib.colour.measure import Charts, colours
 from calib.colour.recorded import charts_of, rebalanced
 from calib.colour.reference import chart, delta_e
+from calib.views import View
 from imaging.calibration import CalibrationRecord, read_calibration
 from imaging.colour import REC709_FROM_XYZ
 from imaging.errors import CalibrationError, InputError
 from imaging.exposure import Exposure
 from imaging.mosaic import Matrix, RawMosaic, as_matrix
+from imaging.records import CameraRecord
 
 from .charts import painted, photograph, square_on
 from .conftest import make_session, silent
@@ -160,3 +165,41 @@ def test_no_chart_and_no_use_of_one_are_refused(seen: Path, tmp_path: Path) -> N
     )
     with pytest.raises(CalibrationError, match="has no RAW view"):
         calibrate(photos, only="colour", chart=True, progress=silent)
+
+
+def found_of(camera: np.ndarray, seed: int) -> Found:
+    """Patches of a chart, a per cent of noise on each."""
+    random = np.random.default_rng(seed)
+    rgb = chart() @ camera.T * random.lognormal(0, 0.01, (24, 3))
+    row, column = np.divmod(np.arange(24), 6)
+    place = np.stack([column / 2.5 - 1, row / 1.5 - 1], axis=1)
+    return Found(Patches(rgb, 0.01 * rgb, place, np.ones(24, bool)), np.zeros((24, 4, 2)), 1.0)
+
+
+def told_by_two(cameras: dict[str, np.ndarray]) -> Charts:
+    seen = {
+        name: (View(CameraRecord(name=name, serial=name, kind="raw"), 0, ()), found_of(camera, index))
+        for index, (name, camera) in enumerate(cameras.items())
+    }
+    files = {name: as_matrix(FILES / FILES[1].sum()) for name in cameras}
+    return colours(seen, files, dict.fromkeys(cameras, "one model"))
+
+
+def test_cameras_of_a_model_share_a_matrix_and_have_whites_of_their_own() -> None:
+    charts = told_by_two({"a": TRUE, "b": TINT @ TRUE})
+    rungs = {rung.name: rung for rung in charts.rungs}
+    assert rungs["chart_matrix"].taken
+    assert not rungs["chart_matrix_each_camera"].taken
+    one, other = (np.array(charts.matrices[name]) for name in "ab")
+    # Up to whites, the rows are the same.
+    rows = other / one
+    assert np.ptp(rows, axis=1) == pytest.approx(np.zeros(3), abs=1e-9)
+    assert rows[:, 0] == pytest.approx(np.diag(TINT), rel=0.01)
+
+
+def test_cameras_whose_patches_say_so_get_a_matrix_each() -> None:
+    filtered = TRUE @ np.array([[0.8, 0.2, 0.0], [0.1, 0.8, 0.1], [0.0, 0.25, 0.75]])
+    charts = told_by_two({"a": TRUE, "b": filtered})
+    assert {rung.name: rung.taken for rung in charts.rungs}["chart_matrix_each_camera"]
+    matrix = np.array(charts.matrices["b"])
+    assert matrix == pytest.approx(filtered / filtered[1].sum(), abs=0.02)
