@@ -104,7 +104,7 @@ def _origin(session: Session) -> str:
 def _others(session: Session) -> str:
     """Shots that show no scene, in words."""
     kinds = [shot.kind for shot in session.shots()]
-    named = (("dark", "darks"), ("flat", "flats"), ("board", "of a board"))
+    named = (("dark", "darks"), ("flat", "flats"), ("board", "shots of a board"))
     told = [f"{kinds.count(kind)} {words}" for kind, words in named if kind in kinds]
     return f"; {', '.join(told)}" if told else ""
 

@@ -4,11 +4,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from imaging.calibration import CalibrationRecord
 from imaging.sensor import Measured, SensorCalibration
 from rig.report.chart import Series, chart
 from rig.report.topic import NOT_DETERMINED, Figure, Table, Topic, plus_minus
+
+Array = npt.NDArray[np.float64]
 
 MOST_SENSORS = 6
 """Sensors whose photon transfer is drawn; more would hide each other."""
@@ -74,6 +77,21 @@ def _figures(sensors: Sequence[Named]) -> Iterable[Figure]:
                 y_scale="log",
             ),
         )
+    seen = [own for own in lines if own.sensor.transfer]
+    if seen:
+        yield Figure(
+            "Photon transfer: off the line",
+            "The same dots, relative to the fitted line. They scatter about zero where the model holds; "
+            "a trend is a bend, a rise on the left noise that is not read noise.",
+            chart(
+                "Photon transfer, off the line",
+                [_off(own, lines.index(own)) for own in seen],
+                "signal above black, DN",
+                "variance off the line, %",
+                x_scale="log",
+                level=(0.0, ""),
+            ),
+        )
     bends = [own for own in sensors if own.sensor.nonlinearity is not None]
     if bends:
         yield _linearity(max(bends, key=lambda own: abs(_value(own.sensor.nonlinearity))))
@@ -83,20 +101,30 @@ def _value(told: Measured | None) -> float:
     return 0.0 if told is None else told.value
 
 
+def _fitted(sensor: SensorCalibration, signal: Array) -> Array:
+    """`K signal + (K read)^2 + 1/12`, DN^2."""
+    dark = _value(sensor.gain) ** 2 * (_value(sensor.read_noise) ** 2 + _value(sensor.row_noise) ** 2)
+    rounding = QUANTISATION if sensor.read_noise is not None else 0.0
+    return np.asarray(_value(sensor.gain) * signal + dark + rounding)
+
+
+def _off(own: Named, colour: int) -> Series:
+    """How far the measured variances are off the fitted ones, %."""
+    signal, variance = np.array(own.sensor.transfer).T
+    off = 100 * (variance / np.maximum(_fitted(own.sensor, signal), 1e-9) - 1)
+    return Series(own.name, np.maximum(signal, DIMMEST).tolist(), off.tolist(), dots=True, colour=colour)
+
+
 def _line(own: Named, colour: int) -> Series:
-    """`K signal + (K read)^2 + 1/12`, with the band that errors of gain and read noise leave."""
+    """The fitted line, with the band that errors of gain and read noise leave."""
     sensor = own.sensor
-    assert sensor.gain is not None
-    gain, gain_error = sensor.gain.value, sensor.gain.sigma
-    read = 0.0 if sensor.read_noise is None else sensor.read_noise.value
-    read_error = 0.0 if sensor.read_noise is None else sensor.read_noise.sigma
-    row = _value(sensor.row_noise)
+    gain, read, row = (_value(one) for one in (sensor.gain, sensor.read_noise, sensor.row_noise))
+    gain_error, read_error = (0.0 if one is None else one.sigma for one in (sensor.gain, sensor.read_noise))
     black = float(np.mean([level.value for level in sensor.black])) if sensor.black else 0.0
     lit = [x for x, _ in sensor.transfer if x > 0]
     end = max(sensor.ceiling.value - black if sensor.ceiling else 0.0, max(lit, default=0.0), 100.0)
     signal = np.geomspace(DIMMEST, end, 60)
-    dark = gain**2 * (read**2 + row**2)
-    variance = gain * signal + dark + (QUANTISATION if sensor.read_noise else 0.0)
+    variance = _fitted(sensor, signal)
     slope = signal + 2 * gain * (read**2 + row**2)
     error = np.hypot(slope * gain_error, 2 * gain**2 * read * read_error)
     return Series(own.name, signal.tolist(), variance.tolist(), colour=colour, margin=(1.96 * error).tolist())

@@ -196,6 +196,20 @@ def test_photon_transfer_goes_through_the_points(toy: Path) -> None:
         assert np.interp(float(x), *np.array(line).T) == pytest.approx(float(y), abs=1.5)
 
 
+def test_points_off_the_photon_transfer_line_are_drawn_off_it(toy: Path) -> None:
+    """A variance of 110 % of the fitted one stands 10 % above the line, one on it at zero."""
+    fitted = 0.4 * 100 + (0.4 * 3) ** 2 + 1 / 12
+    sensor = SENSOR.model_copy(update={"transfer": ((100.0, fitted), (1000.0, 1.1 * (fitted + 360)))})
+    figure = sensor_topic(with_sensor(toy, sensor)).figures[1]
+    drawing = drawings(figure.drawing)[0]
+    dots = re.findall(r"M([\d.]+) ([\d.]+)h0", of_class(drawing, "dots")[0].get("d"))
+    (level,) = of_class(drawing, "level")
+    zero = float(re.match(r"M\d+ ([\d.]+)", level.get("d"))[1])
+    ticks = {part.text: float(part.get("y")) - 4 for part in of_class(drawing, "ytick")}
+    assert float(dots[0][1]) == pytest.approx(zero, abs=0.2)
+    assert float(dots[1][1]) == pytest.approx(ticks["10"], abs=0.2)
+
+
 def test_what_a_sensor_does_not_tell_is_not_determined(toy: Path) -> None:
     noise, levels = sensor_topic(with_sensor(toy, SENSOR)).tables
     assert noise.rows[0][2:4] == ("0.4000 ± 0.0030", "3.000 ± 0.040")
@@ -313,6 +327,17 @@ def test_a_band_is_drawn_around_its_line() -> None:
     line = of_class(drawings(markup)[0], "line")[0].get("d")
     middle = {float(y) for y in re.findall(r" ([\d.]+)", line)}
     assert sum(heights) / 2 == pytest.approx(next(iter(middle)), abs=0.1)
+
+
+def test_a_long_list_of_images_without_a_pose_is_cut_short(toy: Path) -> None:
+    record = read_calibration(toy)
+    lost = tuple(f"cam0/{frame:04d}" for frame in range(100, 140))
+    store.write_json(
+        toy / "calibration" / "calibration.json", changed(record, unregistered=lost).model_dump(mode="json")
+    )
+    text = Page.read(calibration_report(toy, quiet)).text
+    assert "cam0/0123 and 16 more." in text
+    assert "cam0: 3 of 43 images with a pose" in text
 
 
 def test_a_session_without_a_scene_is_told_by_what_it_has(toy: Path) -> None:
