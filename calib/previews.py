@@ -19,6 +19,8 @@ MIN_WIDTH = 640
 """Narrower ones are enlarged to it, inside the feature extractor only: SIFT's first octave is coarse."""
 LOCAL_SHARE = 0.8
 """Of the local mean that is taken away; all of it would leave halos as the only large features."""
+_HOT = 2.0
+"""A photosite that has so many times the light of all like it around shows a defect, and no scene."""
 _BINOMIAL = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 16
 
 
@@ -59,5 +61,26 @@ def luminance(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.f
         sigma = np.where(np.isfinite(merged.sigma), merged.sigma, 0.0).astype(np.float64)
     if radiance.ndim == 3:
         return radiance.mean(-1), np.sqrt((sigma**2).sum(-1)) / 3
+    radiance = _without_hot(radiance, sigma)
     smooth = ndimage.convolve(radiance, _BINOMIAL, mode="mirror")
     return smooth, np.sqrt(ndimage.convolve(sigma**2, _BINOMIAL**2, mode="mirror"))
+
+
+def _without_hot(
+    radiance: npt.NDArray[np.float64], sigma: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """A mosaic [H, W] whose hot photosites have the median of those of their colour around them.
+
+    They stand still when the camera moves, and would be matched between all of its views.
+    """
+    around = np.zeros((5, 5), bool)
+    around[::2, ::2] = True
+    around[2, 2] = False
+    limit = _HOT * ndimage.maximum_filter(radiance, footprint=around, mode="mirror") + 5 * sigma
+    rows, columns = np.nonzero(radiance > limit)
+    padded = np.pad(radiance, 2, mode="reflect")
+    near = np.stack([padded[rows + row, columns + column] for row, column in np.argwhere(around)])
+    mended = radiance.copy()
+    if len(rows):
+        mended[rows, columns] = np.median(near, axis=0)
+    return mended
