@@ -92,6 +92,8 @@ def compare(
         variance, kept = variance[good], kept[good]
         # Where noise reaches down to 0 DN it is cut off, and mean and variance are not the signal's.
         clear = mean_y + black[site] > 4.0 * np.sqrt(variance) / values[0]
+        if clear.sum() < 6:
+            return None
         # A response that bends at the top would pull black along.
         low = clear & (mean_x < LOW * span)
         told = low if low.sum() >= 6 else clear
@@ -100,7 +102,7 @@ def compare(
         inverse = np.linalg.pinv(design.T @ design)
         values = inverse @ (design.T @ (mean_x * weight))
     ratio = float(values[0])
-    if not 1.2 < ratio < 400 or clear.sum() < 6:
+    if not 1.2 < ratio < 400:
         return None
     fitted = np.isin(np.arange(4), site[told])
     site = site[clear]
