@@ -27,7 +27,7 @@ from imaging.cfa import Cfa
 from imaging.linear import from_raw
 from imaging.merge import Merged, merge_bracket
 
-sys.path.append(str(Path(__file__).parent.parent))
+sys.path.append(str(Path(__file__).parent.parent))  # the photographs are those of the tests
 from tests.calib.charts import FULL_WELL, READ, painted, photograph, square_on, world
 
 Array = npt.NDArray[np.float64]
