@@ -24,6 +24,11 @@ def next_shots(session: Session, record: CalibrationRecord) -> Iterable[str]:
     yield from _board(session, record)
 
 
+def _how(session: Session, option: str) -> str:
+    """The command that takes such shots, where we drive the cameras."""
+    return "" if session.record.origin == "import" else f" and run rig capture {option}"
+
+
 def _named(names: Sequence[str]) -> str:
     more = len(names) - MOST_NAMES
     return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
@@ -61,12 +66,12 @@ def _sensors(session: Session, record: CalibrationRecord) -> Iterable[str]:
     if not session.shots("dark"):
         yield (
             "There are no darks: black without light, dark current, DSNU and hot photosites are not "
-            "determined. Cover the lenses and run rig capture --darks."
+            f"determined. Cover the lenses{_how(session, '--darks')}."
         )
     if not session.shots("flat"):
         yield (
             "There are no flats: PRNU and dead photosites are not determined, and vignetting rests on the "
-            "scene. Show an evenly lit surface and run rig capture --flats."
+            f"scene. Show an evenly lit surface{_how(session, '--flats')}."
         )
     blind = [camera.name for camera in own if not any(sensor.gain for sensor in camera.sensors)]
     if blind:
@@ -113,7 +118,7 @@ def _board(session: Session, record: CalibrationRecord) -> Iterable[str]:
         if record.views and record.unit != "m":
             yield (
                 "Lengths have no unit" + (" and the rig's own geometry rests on the scene" if rigged else "")
-                + ": show a calibration board and run rig capture --board."
+                + f": show a calibration board{_how(session, '--board')}."
             )  # fmt: skip
         return
     if record.board.frames < FEW_FRAMES:

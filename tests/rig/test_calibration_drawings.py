@@ -146,6 +146,15 @@ def test_the_turntable_is_one_scene_from_all_sides(toy: Path) -> None:
     assert "lengths are relative" in turntable(poses, lenses, points, metric=False)
 
 
+def test_every_button_of_the_turntable_shows_its_drawing(toy: Path) -> None:
+    html = calibration_report(toy, quiet).read_text(encoding="utf-8")
+    rules = re.findall(r"input:nth-of-type\((\d+)\):checked ~ svg:nth-of-type\((\d+)\)", html)
+    assert rules == [(str(turn), str(turn)) for turn in range(1, STEPS + 1)]
+    (table,) = re.findall(r'<div class="turn">(.*?)</div>', html, re.DOTALL)
+    assert re.findall(r"<(input|svg) ", table) == ["input"] * STEPS + ["svg"] * STEPS
+    assert table.count(" checked") == 1
+
+
 def test_a_single_view_without_points_can_be_turned() -> None:
     markup = turntable({(0, "cam"): np.eye(4)}, {}, np.zeros((0, 3)), metric=False)
     assert len(drawings(markup)) == STEPS
@@ -273,6 +282,8 @@ def test_what_lacks_is_asked_for_and_nothing_else(toy: Path) -> None:
         assert words in told
     for words in ("got no pose", "The gain of", "response of"):
         assert words not in told
+    store.write_json(toy / "session.json", store.read_json(toy / "session.json") | {"origin": "import"})
+    assert "rig capture" not in "\n".join(next_shots(Session.open(toy), record))
     lost = changed(record, views=record.views[1:], unregistered=("cam0/0000",))
     assert "cam0/0000 got no pose" in "\n".join(next_shots(session, lost))
     blind = changed(
