@@ -187,7 +187,8 @@ def rung_rows(rungs: Sequence[Rung]) -> tuple[RungRow, ...]:
     """The ladder as words: what was modelled, what not, and what it would have bought."""
     return tuple(
         RungRow(
-            name=rung.name.replace("_", " "),
+            # The same step is climbed by corners of a board and by points of the scene.
+            name=rung.name.replace("_", " ") + (", board" if "of the board" in rung.unit else ""),
             taken=rung.taken,
             gain="decided without a trial"
             if rung.gain is None

@@ -11,8 +11,10 @@ import pytest
 
 from imaging import store
 from imaging.calibration import CalibrationRecord, LensError, PoseError, read_calibration
+from imaging.records import Rung
 from imaging.sensor import Defect, Measured, SensorCalibration
 from imaging.session import Session
+from rig.report.calibrated import calibrated
 from rig.report.calibration_page import calibration_report
 from rig.report.chart import Series, chart
 from rig.report.lens_charts import field, heat_map
@@ -153,6 +155,27 @@ def test_every_button_of_the_turntable_shows_its_drawing(toy: Path) -> None:
     (table,) = re.findall(r'<div class="turn">(.*?)</div>', html, re.DOTALL)
     assert re.findall(r"<(input|svg) ", table) == ["input"] * STEPS + ["svg"] * STEPS
     assert table.count(" checked") == 1
+
+
+def test_rungs_are_grouped_by_topic_and_those_of_a_board_told_apart(toy: Path) -> None:
+    rungs = (
+        Rung(
+            name="lens_radial_2",
+            taken=True,
+            unit="px^2 of held-out corners, over frames of the board",
+            reason="b",
+        ),
+        Rung(name="sensor_noise", taken=True, reason="n"),
+        Rung(name="lens_radial_2", taken=False, reason="s"),
+        Rung(name="something_new", taken=False, reason="x"),
+    )
+    record = changed(read_calibration(toy), rungs=rungs)
+    groups = calibrated(Session.open(toy), record, stale=False).rungs
+    assert [(group.title, [row.name for row in group.rows]) for group in groups] == [
+        ("Sensors", ["sensor noise"]),
+        ("Lenses", ["lens radial 2, board", "lens radial 2"]),
+        ("Other", ["something new"]),
+    ]
 
 
 def test_a_single_view_without_points_can_be_turned() -> None:
