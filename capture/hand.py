@@ -1,14 +1,19 @@
-"""What is done with one camera, in a thread of its own: set, arm, meet the others, trigger, collect."""
+"""What is done with one camera, in a thread of its own: set, arm, meet the others, trigger, collect.
+
+A camera that keeps its shots is emptied of each while it exposes the next.
+"""
 
 from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
 
 from capture.budget import Budget
 from capture.exposing import RETRIES, Taken, made_ready
 from capture.rounds import Round, Standing
 from capture.threads import Inbox
-from drivers.camera import Camera
+from drivers.camera import Camera, EncodedPhoto, Keeping
 from drivers.clock import Clock
-from drivers.errors import CameraTimeout
+from drivers.errors import CameraBusy, CameraTimeout
 from imaging.errors import CameraError, RigError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
@@ -20,6 +25,15 @@ COPIES = 3
 
 HandOver = Callable[[Round, str, Taken, int], None]
 """Takes over a frame: its round, its camera, itself, and the bytes of the budget that it holds."""
+
+
+class _Kept(NamedTuple):
+    """A shot that is stored in the camera: `shot` is what the camera knows it by."""
+
+    one: Round
+    set_to: Exposure
+    opened: float
+    shot: Any
 
 
 class GivenUp(CameraError):
@@ -47,13 +61,24 @@ class Hand:
         self._hand_over = hand_over
         self.orders: Inbox[Round] = Inbox(clock)
         self._misses = 0
+        self._kept: _Kept | None = None
+        self._overlaps = True
+        """Whether it has not refused yet to be emptied while it exposes."""
 
     def serve(self) -> None:
         """The work of the camera's thread."""
-        while (one := self.orders.get()) is not None:
+        while (one := self._next()) is not None:
             self._take(one)
             with self._clock.lock:
                 self._standing.late.discard(self.name)
+
+    def _next(self) -> Round | None:
+        """The next order; while there is none, nothing is left in the camera."""
+        one = self.orders.poll()
+        if one is None:
+            self._empty()
+            one = self.orders.get()
+        return one
 
     def _take(self, one: Round) -> None:
         """Expose with the others and collect; the round learns what became of it."""
@@ -77,24 +102,57 @@ class Hand:
                     raise
                 # The others still expose: what is made up for at once costs them least.
                 one.failed(self.name)
+                self._empty()
                 self._shoot(one, made_ready(self._camera, one.requested))
-            self._misses = 0
         except CameraError as error:
-            self._misses += 1
-            one.failed(self.name)
-            one.settle(self.name, error)
+            self._missed(one, error)
+            self._empty()
         except RigError as error:  # the disk ended the run
             one.settle(self.name, error)
 
-    def _shoot(self, one: Round, set_to: Exposure) -> None:
-        self._collect(one, set_to, self._camera.trigger())
+    def _missed(self, one: Round, error: CameraError) -> None:
+        self._misses += 1
+        one.failed(self.name)
+        one.settle(self.name, error)
 
-    def _collect(self, one: Round, set_to: Exposure, opened: float) -> None:
+    def _shoot(self, one: Round, set_to: Exposure) -> None:
+        """Expose, and meanwhile fetch the shot before; this one stays in the camera if another is to come."""
+        opened, camera = self._camera.trigger(), self._camera
+        self._empty(again=True)
+        if isinstance(camera, Keeping) and self._overlaps and self.orders.waits and camera.keeps():
+            shot = camera.keep()
+            self._empty()
+            self._kept = _Kept(one, set_to, opened, shot)
+        else:
+            self._collect(one, set_to, opened, camera.collect)
+            self._empty()
+
+    def _empty(self, again: bool = False) -> None:
+        """Fetch the shot that is still in the camera, if there is one; its round learns what became of it.
+
+        again: what fails now is tried once more later, and a camera that was too busy is emptied from then
+        on before it exposes again.
+        """
+        kept, self._kept = self._kept, None
+        if kept is None:
+            return
+        assert isinstance(self._camera, Keeping)
+        try:
+            self._collect(kept.one, kept.set_to, kept.opened, partial(self._camera.fetch, kept.shot))
+        except CameraError as error:
+            if again:
+                self._kept, self._overlaps = kept, not isinstance(error, CameraBusy)
+            else:
+                self._missed(kept.one, error)
+
+    def _collect(
+        self, one: Round, set_to: Exposure, opened: float, deliver: Callable[[], RawMosaic | EncodedPhoto]
+    ) -> None:
         """Download within the budget; the frame leaves with the part of it that it still takes."""
         count = self._expected()
         self._budget.take(count)
         try:
-            frame = self._camera.collect()
+            frame = deliver()
         except BaseException:
             self._budget.give(count)
             raise
@@ -108,6 +166,7 @@ class Hand:
                 opened = frame.metadata.opened
             if self.name in one.cameras:
                 one.opened[self.name] = opened
+        self._misses = 0
         if self.name not in one.cameras:
             self._budget.give(count)
             return

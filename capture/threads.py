@@ -41,6 +41,17 @@ class Inbox(Generic[T]):
                 if self._closed:
                     return None
 
+    def poll(self) -> T | None:
+        """The oldest item; None if there is none now."""
+        with self._clock.lock:
+            return self._items.popleft() if self._items else None
+
+    @property
+    def waits(self) -> bool:
+        """Whether there is an item."""
+        with self._clock.lock:
+            return bool(self._items)
+
     def take_all(self) -> list[T]:
         """What nobody has begun with, oldest first."""
         with self._clock.lock:

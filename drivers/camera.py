@@ -1,7 +1,7 @@
 """What every camera can be asked, whatever the bus: the `Camera` protocol."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata, RawMosaic
@@ -69,4 +69,21 @@ class Camera(Protocol):
 
     def close(self) -> None:
         """Let go of the camera."""
+        ...
+
+
+@runtime_checkable
+class Keeping(Protocol):
+    """A camera that may keep a shot until the next one exposes, so that neither waits for the other."""
+
+    def keeps(self) -> bool:
+        """Whether this one does: `keep` may then be called instead of collect()."""
+        ...
+
+    def keep(self) -> Any:
+        """Wait until the camera has stored the frame that trigger() exposed; what `fetch` knows it by."""
+        ...
+
+    def fetch(self, kept: Any) -> RawMosaic | EncodedPhoto:
+        """The frame of such a shot, with its own metadata; also while the next one is exposed."""
         ...

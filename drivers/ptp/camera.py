@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from drivers import usb
@@ -21,7 +22,20 @@ from imaging.mosaic import RawMosaic
 _MOST_OBJECTS = 8
 """Objects of one shot beyond which a camera has renumbered its card."""
 
+_DARK_FRAME = 15.0
+"""Seconds of a dark frame that the patience with a stored shot allows for anyway."""
+
 T = TypeVar("T")
+
+
+@dataclass
+class Kept:
+    """A shot that is stored: its files, the session that knows their handles, how the camera was set."""
+
+    objects: list[Download]
+    body: StandardBody
+    choices: list[tuple[Dial, Choice]]
+    asked: dict[int, float]
 
 
 def find_cameras(backend: Any, clock: Clock) -> list["PtpCamera"]:
@@ -51,6 +65,10 @@ class PtpCamera:
         self._listening: StandardBody | None = None
         """The body that was ready, and has answered since: it need not be waited for again."""
         self._objects: list[Download] = []
+        self._ends = 0.0
+        """When the shutter closes that was triggered last, by the clock."""
+        self._doubtful = False
+        """Whether it was unplugged with two shots of ours, of which the later was not stored yet."""
         self._size, self._bits = (0, 0), 0
         self.confirmed = self.certain = False
 
@@ -102,7 +120,7 @@ class PtpCamera:
         """Expose; the clock's time, s, at which the camera took the order. It is not given twice."""
         self._must(self._wanted is not None, "be triggered")
         body = self._connected()
-        self._objects, self._triggered, self._failed = [], None, True
+        self._objects, self._triggered, self._failed, self._doubtful = [], None, True, False
         time = next(choice.value for dial, choice in self._choices if dial is body.time)
         self._known, self._shooter, self._listening = frozenset(body.known), body, None
         try:
@@ -116,6 +134,7 @@ class PtpCamera:
             self._drop()
             raise
         self._triggered = Exposure(time=time)
+        self._ends = self._clock.now() + time
         return self._clock.now()
 
     def collect(self) -> RawMosaic | EncodedPhoto:
@@ -124,19 +143,53 @@ class PtpCamera:
         A camera that is unplugged meanwhile is found again and asked for the shot. CameraTimeout if no
         picture comes, CameraProtocol if it stays damaged.
         """
+        frame = self.fetch(self._stored())
+        self._triggered, self._failed = None, False
+        return frame
+
+    def keeps(self) -> bool:
+        """Whether its pictures stay on a card, where they can be fetched later."""
+        return self._body is not None and self._body.remembers
+
+    def keep(self) -> Kept:
+        """Wait until the picture that trigger() took is stored. CameraTimeout if none comes."""
+        kept = self._stored()
+        self._triggered, self._failed, self._objects = None, False, []
+        return kept
+
+    def fetch(self, kept: Kept) -> RawMosaic | EncodedPhoto:
+        """The picture of a shot that is stored, as `collect` gives it; the next may be exposed meanwhile."""
+
+        def fetched(body: StandardBody) -> RawMosaic | EncodedPhoto:
+            if body is not kept.body:
+                self._doubtful = self._triggered is not None and kept.objects is not self._objects
+                for one in kept.objects:
+                    one.handle = self._handle_of(body.session, one)
+                kept.body = body
+            return self._fetched(body, kept)
+
+        try:
+            return self._again(fetched)
+        except CameraError:
+            self._failed = True
+            raise
+
+    def _stored(self) -> Kept:
+        """The shot that was triggered, once the camera has all its files."""
         self._must(self._triggered is not None, "deliver a picture")
         assert self._triggered is not None
         time = self._triggered.time
 
-        def emptied(body: StandardBody) -> RawMosaic | EncodedPhoto:
+        def stored(body: StandardBody) -> Kept:
             if body is not self._shooter:
                 self._continue_on(body)
-            self._objects = self._objects or body.wait(time)
-            return self._fetched(body)
+            if not self._objects:
+                left = self._ends - self._clock.now()
+                # A dark frame as long as the exposure may follow a long one.
+                self._objects = body.wait(max(left, time - _DARK_FRAME, 0.0))
+            return Kept(self._objects, body, self._choices, self._asked)
 
-        frame = self._again(emptied)
-        self._triggered, self._failed = None, False
-        return frame
+        return self._again(stored)
 
     def close(self) -> None:
         """Give the camera back to its own buttons and let go; a second time does nothing."""
@@ -187,8 +240,10 @@ class PtpCamera:
         self._listening = body
         asked = ((body.f_number, exposure.f_number), (body.iso, exposure.iso), (body.time, exposure.time))
         # A dial is left alone if the last picture proves that it stands right: less to go wrong.
-        proven = {} if self._failed else self._proven
         self._asked = {dial.code: value for dial, value in asked if dial is not None and value is not None}
+        stands = {} if self._failed else self._proven
+        proven = {key: choice for key, choice in stands.items() if self._asked.get(key[0]) == key[1]}
+        self._proven = proven
         self._choices = [
             (dial, proven.get((dial.code, value)) or dial.set(value, self._clock.sleep))
             for dial, value in asked
@@ -200,6 +255,9 @@ class PtpCamera:
 
     def _continue_on(self, body: StandardBody) -> None:
         """Take a shot up again in a new session: the same files under whatever handles they have now."""
+        if self._doubtful:
+            self._clock.sleep(max(0.0, self._ends - self._clock.now()))
+            raise CameraRefused(f"{self.where} was unplugged with two shots in it: take the later one again.")
         if not self._objects:
             new = body.known - self._known
             if len(new) > _MOST_OBJECTS or not body.remembers:
@@ -216,9 +274,9 @@ class PtpCamera:
                     return handle
         raise CameraRefused(f"{self.where} no longer has {one.info.filename}: take the shot again.")
 
-    def _fetched(self, body: StandardBody) -> RawMosaic | EncodedPhoto:
+    def _fetched(self, body: StandardBody, kept: Kept) -> RawMosaic | EncodedPhoto:
         """The best picture of the shot, whole; the camera may then forget all of them."""
-        best = best_of(self._objects)
+        best = best_of(kept.objects)
         try:
             frame = decode(body.fetch(best), best)
         except InputError:
@@ -227,14 +285,13 @@ class PtpCamera:
                 frame = decode(body.fetch(best), best)
             except InputError as error:
                 raise CameraProtocol(f"{self.where} delivered a damaged file twice: {error}") from error
-        for one in self._objects:
+        for one in kept.objects:
             with suppress(CameraError):  # the picture is here; what is stuck shows in the next shot
                 body.discard(one)
-        self._objects = []
-        self._verify(body, frame)
+        self._verify(body, frame, kept)
         return frame
 
-    def _verify(self, body: StandardBody, frame: RawMosaic | EncodedPhoto) -> None:
+    def _verify(self, body: StandardBody, frame: RawMosaic | EncodedPhoto, kept: Kept) -> None:
         """Hold the file's own exposure against what the camera had read back, and learn from it."""
         if isinstance(frame, RawMosaic):
             height, width = frame.pixels.shape
@@ -253,8 +310,9 @@ class PtpCamera:
                 dial.learn(choice, value)
                 agrees = apart(choice.value, value) <= SAME
                 self.confirmed &= agrees
-                if agrees and choice.certain:
-                    self._proven[dial.code, self._asked[dial.code]] = choice
+                # The dial may have been turned since, for the next shot.
+                if agrees and choice.certain and self._asked.get(dial.code) == kept.asked[dial.code]:
+                    self._proven[dial.code, kept.asked[dial.code]] = choice
         self.certain = self.certain or self.confirmed
 
 

@@ -66,9 +66,10 @@ def fail(number: int) -> USBError:
 class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
     """The bus and everything plugged into it; all methods from `enumerate_devices` on are pyusb's."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: Timeline, bandwidth: float | None = None) -> None:
+        """bandwidth: bytes per second of bulk transfers, else those of the device's speed."""
         super().__init__()
-        self.timeline = timeline
+        self.timeline, self._bandwidth = timeline, bandwidth
         self.open_handles = 0
         self._ports: list[Port] = []
         self._address = 0
@@ -309,7 +310,7 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
     def _spend(self, handle: _Handle, count: int) -> None:
         """Let the time pass that a transfer of `count` bytes takes."""
         fast = self._there(handle).device.description.speed >= SUPER_SPEED
-        self.timeline.sleep(_MICROFRAME + count / _RATE[fast])
+        self.timeline.sleep(_MICROFRAME + count / (self._bandwidth or _RATE[fast]))
 
     def _there(self, handle: _Handle) -> Port:
         if handle.port.gone:

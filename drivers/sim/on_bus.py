@@ -16,6 +16,7 @@ from drivers.sim.virtual_clock import VirtualClock
 class BusRig:
     """The cameras of a rig as PTP devices: `backend` and `clock` are what drivers are given.
 
+    bandwidth: of the bus, see there.
     faults: what goes wrong, and when; mix: what goes wrong at random, by the rig's seed; `plan.log` lists
     what did.
     """
@@ -26,9 +27,10 @@ class BusRig:
         faults: Sequence[Fault] = (),
         mix: Mix | None = None,
         model: str = "generic",
+        bandwidth: float | None = None,
     ) -> None:
         self.clock = VirtualClock()
-        self.backend = VirtualBus(self.clock)
+        self.backend = VirtualBus(self.clock, bandwidth)
         self.plan = FaultPlan(self.clock, faults, mix, rig.seed)
         for device in rig.devices:
             self.backend.plug(PtpDevice(Responder(device, profile(model), self.clock, self.plan)))
