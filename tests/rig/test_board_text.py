@@ -1,0 +1,45 @@
+"""A board described in one word, and words that describe none."""
+
+import pytest
+import typer
+
+from imaging.errors import InputError
+from imaging.records import Board
+from rig.commands.board import EXAMPLE, board_text
+
+
+def test_the_example_of_the_help_is_a_board() -> None:
+    assert board_text(EXAMPLE).board() == Board(columns=7, rows=5, square=0.11, marker=0.0825)
+
+
+def test_order_units_and_case_do_not_matter() -> None:
+    told = board_text("dict_5x5_100, marker=2.2cm ,square=0.03m,12x9").board()
+    assert told.dictionary == "DICT_5X5_100"
+    assert (told.columns, told.rows) == (12, 9)
+    assert told.marker == pytest.approx(0.022)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("7x5", "square: field required"),
+        ("7x5,square=110mm,marker=120mm", "a marker has to be smaller"),
+        ("7x5,square=110,marker=82.5", "'square=110' describes no board"),
+        ("7x5,square=110mm,marker=82.5mm,DICT_9X9", "has no dictionary"),
+        ("70x50,square=11mm,marker=8mm", "1750 markers"),
+        ("2x5,square=11mm,marker=8mm", "greater than or equal to 3"),
+        ("7x5,square=0mm,marker=0mm", "greater than 0"),
+        ("a board", "'a board' describes no board"),
+    ],
+)
+def test_words_that_describe_no_board_say_so_in_one_sentence(text: str, told: str) -> None:
+    with pytest.raises(InputError) as error:
+        board_text(text).board()
+    assert told in str(error.value)
+    assert EXAMPLE in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_nothing_is_refused_as_usage() -> None:
+    with pytest.raises(typer.BadParameter, match="describe the board"):
+        board_text("  ")
