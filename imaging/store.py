@@ -8,6 +8,7 @@ import hashlib
 import json
 import os
 import shutil
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
@@ -139,10 +140,26 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
-    """Write a whole file, or nothing, from pieces that nobody needs to join in memory."""
+    """Write a whole file, or nothing, from pieces that nobody needs to join in memory.
+
+    For large files that are not read soon: the system's cache drops them.
+    """
     with replacing(path) as part, part.open("wb") as file:
         for piece in pieces:
             file.write(piece)
+    _uncache(path)
+
+
+def _uncache(path: Path) -> None:
+    """Give the memory of a synced file's cache back: to reclaim it later costs more than writing the file."""
+    if sys.platform != "linux":
+        return
+    with suppress(OSError):
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
+        finally:
+            os.close(descriptor)
 
 
 def write_json(path: Path, value: Any) -> None:
