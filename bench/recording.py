@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import tempfile
 import time
+import weakref
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -35,11 +36,29 @@ WIDTH, HEIGHT = 6000, 4000
 MEBIBYTE = 1 << 20
 
 
+class Buffers:
+    """Copies of a mosaic, each given out again once nobody holds what was made of it, as a driver does it."""
+
+    def __init__(self, mosaic: np.ndarray) -> None:
+        self._mosaic = mosaic
+        self._free: list[bytearray] = []
+
+    def take(self) -> np.ndarray:
+        """One of them, uint16 [H, W]."""
+        try:
+            buffer = self._free.pop()
+        except IndexError:
+            buffer = bytearray(self._mosaic.data.cast("B"))
+        pixels = np.frombuffer(buffer, np.uint16)
+        weakref.finalize(pixels, self._free.append, buffer)
+        return pixels.reshape(self._mosaic.shape)
+
+
 class Replaying:
     """A camera whose next picture is always there."""
 
-    def __init__(self, number: int, mosaic: np.ndarray) -> None:
-        self.number, self.mosaic, self.shots = number, mosaic, 0
+    def __init__(self, number: int, buffers: Buffers) -> None:
+        self.number, self.buffers, self.shots = number, buffers, 0
         self.exposure = Exposure(time=1 / 60)
 
     def identify(self) -> CameraIdentity:
@@ -65,7 +84,7 @@ class Replaying:
 
     def collect(self) -> RawMosaic:
         """The mosaic, stamped."""
-        pixels = self.mosaic.copy()
+        pixels = self.buffers.take()
         pixels[0, :2] = self.number, self.shots
         metadata = FrameMetadata(serial=f"replay-{self.number}", exposure=self.exposure)
         return RawMosaic(pixels, Cfa.RGGB, (512.0,) * 4, 16383, metadata=metadata)
@@ -98,8 +117,8 @@ class Replay:
     """A session that the cameras fill part by part. peaks: of memory, up to the end of each shot."""
 
     def __init__(self, folder: Path) -> None:
-        mosaic = replayed()
-        self.cameras = {f"cam{number}": Replaying(number, mosaic) for number in range(CAMERAS)}
+        buffers = Buffers(replayed())
+        self.cameras = {f"cam{number}": Replaying(number, buffers) for number in range(CAMERAS)}
         records = tuple(
             CameraRecord(name=name, serial=camera.identify().serial, kind="raw")
             for name, camera in self.cameras.items()
