@@ -128,8 +128,8 @@ def peer(seed: int) -> dict[str, Any]:
             [flat[view.ids] for view in views],
             [(view.points - 0.5).astype(np.float32)[:, None] for view in views],
             (WIDTH, HEIGHT),
-            None,  # type: ignore[arg-type]
-            None,  # type: ignore[arg-type]
+            None,
+            None,
             flags=cv2.CALIB_FIX_K3,
         )
         matrices.append(matrix)
