@@ -28,8 +28,9 @@ DRAWS = 100
 FEWEST_POINTS = 60
 CELLS = 20
 """Across a picture; points that are first seen in the same cell of it err together."""
-BUILT = {"cx": 0.01, "cy": 0.01, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
-"""Standard deviations of what is free only here; of the middle in widths of the image."""
+BUILT = {"fx": 0.2, "k1": 0.3, "cx": 0.01, "cy": 0.01, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
+"""Standard deviations of terms that the ladder did not take; focal length and middle in widths of the image.
+Focal length and first radial term are bounded always: a few views on a line tell them no better."""
 _RIDGE = 1e-9
 """Of the diagonal: holds where the world begins, its turn and its size, which no point tells."""
 
@@ -152,7 +153,7 @@ def _built(linear: Linear, reconstruction: Any, free: Free) -> tuple[npt.NDArray
         width = reconstruction.cameras[number].width
         for term in BUILT.keys() - taken:
             columns.append(at + TERMS.index(term))
-            errors.append(BUILT[term] * (width if term in ("cx", "cy") else 1.0))
+            errors.append(BUILT[term] * (width if term in ("fx", "cx", "cy") else 1.0))
     order = np.argsort(columns)
     return np.array(columns, np.int64)[order], np.array(errors)[order]
 
