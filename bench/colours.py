@@ -142,9 +142,9 @@ def mosaics(count: int) -> int:
 
 def table(result: dict[str, Any]) -> str:
     lines = [
-        "### Colour (`bench/colours.py`)",
+        "# Colour from a chart",
         "",
-        f"{words(result['machine'])}.",
+        f"`python bench/colours.py --write`: CIEDE2000 of patches left out. {words(result['machine'])}.",
         "",
         "| Camera | Light | Noise | Mean | 95 % | Largest | Least squares: mean | largest |",
         "| --- | --- | --- | ---: | ---: | ---: | ---: | ---: |",

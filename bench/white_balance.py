@@ -65,9 +65,10 @@ def table(result: dict[str, Any]) -> str:
     own = result["balance"]
     return "\n".join(
         [
-            "### White balance of a rig (`bench/white_balance.py`)",
+            "# White balance of a rig",
             "",
-            f"{words(result['machine'])}. The demo's rig, {result['frames']} frames, seed {SEED}.",
+            f"`python bench/white_balance.py --write`: the demo's rig with tinted matrices, {result['frames']} "
+            f"frames, seed {SEED}. {words(result['machine'])}.",
             "",
             "| Cameras | Off before, % | Off after, % | Stated standard error, % | Taken | Held-out gain |",
             "| ---: | ---: | ---: | ---: | --- | ---: |",
