@@ -67,8 +67,8 @@ def table(result: dict[str, Any]) -> str:
         [
             "# White balance of a rig",
             "",
-            f"`python bench/white_balance.py --write`: the demo's rig with tinted matrices, {result['frames']} "
-            f"frames, seed {SEED}. {words(result['machine'])}.",
+            f"`python bench/white_balance.py --write`: the demo's rig with tinted matrices, "
+            f"{result['frames']} frames, seed {SEED}. {words(result['machine'])}.",
             "",
             "| Cameras | Off before, % | Off after, % | Stated standard error, % | Taken | Held-out gain |",
             "| ---: | ---: | ---: | ---: | --- | ---: |",
