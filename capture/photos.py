@@ -11,6 +11,7 @@ from capture.deviation import deviates
 from capture.frames import Numbered, frames_in_time, frames_of_layout
 from capture.given_calibration import FILE as CALIBRATION
 from capture.given_calibration import check_sizes, has_poses, write_given, write_truth
+from capture.given_split import write_split
 from capture.grouping import Identity, sort_into_cameras
 from capture.instants import Together
 from capture.layouts import detect, read_layout
@@ -104,6 +105,7 @@ def import_photos(
         try:
             append_plans(session, plans)
             if given is not None:
+                notes += write_split(session, given, places)
                 notes += write_truth(session, given, places)
             unread = copy_all(session, places, progress)
             given_views = 0

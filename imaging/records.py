@@ -1,4 +1,4 @@
-"""The records that a session is made of: `session.json`, `plans.jsonl`, `shots.jsonl`.
+"""The records that a session is made of: `session.json`, `plans.jsonl`, `shots.jsonl`, `split.json`.
 
 A *shot* is one exposure by one camera; a *bracket* the shots of one camera at one frame; a *frame*
 one instant of the whole rig. Unknown fields and unknown schema versions are errors.
@@ -166,6 +166,20 @@ class ShotRecord(Record):
     def exposure(self) -> Exposure | None:
         """The best known exposure: estimated, else reported, else requested."""
         return self.estimated or self.reported or self.requested
+
+
+class SplitRecord(Record):
+    """`split.json`, of a data set that says what it trains and tests on; other sessions have none.
+
+    Files of shots, relative to the session. A view is tested or trained on, never both; shots that are in
+    neither are looked at by no training and no test.
+    """
+
+    schema_version: Literal[1] = 1
+    reason: str
+    """Who says so."""
+    train: tuple[str, ...]
+    test: tuple[str, ...]
 
 
 RecordT = TypeVar("RecordT", bound=BaseModel)

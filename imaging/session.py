@@ -5,7 +5,9 @@ from pathlib import Path
 
 from imaging import store
 from imaging.errors import InputError
-from imaging.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, parse
+from imaging.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord, parse
+
+SPLIT = "split.json"
 
 
 class Session:
@@ -50,6 +52,11 @@ class Session:
         shots = [parse(ShotRecord, value, path) for value in store.read_lines(path)]
         unique = {shot.identity: shot for shot in shots}
         return [shot for shot in unique.values() if kind is None or shot.kind == kind]
+
+    def split(self) -> SplitRecord | None:
+        """What the data set trains and tests on; None: it does not say."""
+        path = self.folder / SPLIT
+        return parse(SplitRecord, store.read_json(path), path) if path.exists() else None
 
     def append_plan(self, plan: PlanRecord) -> None:
         """Record what a run is about to shoot."""

@@ -18,10 +18,10 @@ from imaging.calibration import (
     read_calibration,
 )
 from imaging.cfa import Cfa
-from imaging.errors import ReconstructionError
+from imaging.errors import InputError, ReconstructionError
 from imaging.falloff import falloff
-from imaging.records import CameraRecord, ShotRecord
-from imaging.session import Session, brackets
+from imaging.records import CameraRecord, ShotRecord, SplitRecord
+from imaging.session import SPLIT, Session, brackets
 from recon.pixels import Progress, Shot, read_shot
 from recon.splat import SplatCamera
 
@@ -72,19 +72,27 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """All that training may look at: the training views; and the held-out ones, for evaluation only."""
+    """All that training may look at: the training views; and the held-out ones, for evaluation only.
+
+    kind: of all cameras; mixed: they differ.
+    """
 
     session: Path
-    kind: Literal["raw", "ldr", "hdr"]
+    kind: Literal["raw", "ldr", "hdr", "mixed"]
     train: tuple[View, ...]
     held_out: tuple[View, ...]
     calibration: CalibrationRecord
     calibration_sha256: str
+    """Of calibration.json, and of split.json where there is one."""
 
     @property
     def views(self) -> tuple[View, ...]:
         """Every view, in order of frame and camera."""
         return tuple(sorted(self.train + self.held_out, key=lambda view: (view.frame, view.camera)))
+
+    def trained_at(self, k: float) -> bool:
+        """Whether an exposure scale is one that training saw, to a sixth of a stop."""
+        return any(abs(math.log2(k / shot.k)) < 1 / 6 for view in self.train for shot in view.shots)
 
     @cached_property
     def extent(self) -> float:
@@ -118,38 +126,65 @@ def held_out(names: list[tuple[int, str]]) -> set[tuple[int, str]]:
 def load(session: Path, *, max_width: int | None = None, progress: Progress | None = None) -> Dataset:
     """Read every registered view of a session; images wider than `max_width` are scaled down.
 
+    A session whose data set says what it tests on (split.json) holds out just that.
     Photographs and EXR are averaged over areas in linear light; mosaics of at least twice the width
     are demosaicked and averaged, narrower ones are kept as they are. ReconstructionError when no
     view is registered; InputError for missing or damaged files.
     """
     opened = Session.open(session)
     calibration = read_calibration(session)
-    digest = hashlib.sha256((session / "calibration" / "calibration.json").read_bytes()).hexdigest()
+    digest = hashlib.sha256((session / "calibration" / "calibration.json").read_bytes())
+    split = opened.split()
+    if split is not None:
+        digest.update((session / SPLIT).read_bytes())
     poses = {(view.frame, view.camera): view for view in calibration.views}
-    groups = {key: group for key, group in brackets(opened.shots("scene")).items() if key in poses}
+    groups = {key: group for key, group in brackets(_used(opened, split)).items() if key in poses}
     if not groups:
         raise ReconstructionError(
             f"{session} has no view with a pose: run `rig calibrate`, or take images that overlap."
         )
     kinds = {opened.camera(camera).kind for _, camera in groups}
-    if len(kinds) > 1:
-        raise ReconstructionError(
-            f"{session} mixes {' and '.join(sorted(kinds))} cameras: reconstruct sessions of one kind."
-        )
+    out = held_out(sorted(groups)) if split is None else _tested(session, groups, split)
     views = []
     for done, (key, group) in enumerate(sorted(groups.items())):
         if progress:
             progress("reading images", done, len(groups))
         views.append(_view(opened, calibration, poses[key], opened.camera(key[1]), group, max_width))
-    out = held_out([(view.frame, view.camera) for view in views])
     return Dataset(
         session=session,
-        kind=kinds.pop(),
+        kind=kinds.pop() if len(kinds) == 1 else "mixed",
         train=tuple(view for view in views if (view.frame, view.camera) not in out),
         held_out=tuple(view for view in views if (view.frame, view.camera) in out),
         calibration=calibration,
-        calibration_sha256=digest,
+        calibration_sha256=digest.hexdigest(),
     )
+
+
+def _used(session: Session, split: SplitRecord | None) -> list[ShotRecord]:
+    """The shots that training or testing looks at."""
+    shots = session.shots("scene")
+    used = None if split is None else {*split.train, *split.test}
+    return shots if used is None else [shot for shot in shots if shot.file in used]
+
+
+def _tested(
+    session: Path, groups: dict[tuple[int, str], list[ShotRecord]], split: SplitRecord
+) -> set[tuple[int, str]]:
+    """The views whose shots are for testing; what is left has to suffice for training."""
+    train, test = (
+        {key for key, group in groups.items() if any(shot.file in files for shot in group)}
+        for files in (set(split.train), set(split.test))
+    )
+    if both := sorted(train & test):
+        frame, camera = both[0]
+        raise InputError(
+            f"{session / SPLIT} trains and tests on camera {camera} at frame {frame}: leave it in one."
+        )
+    if not train:
+        raise ReconstructionError(
+            f"{session / SPLIT} leaves no view with a pose to train on: correct or delete it."
+        )
+    return test
 
 
 def _view(

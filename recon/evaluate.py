@@ -11,6 +11,7 @@ import torch
 from imaging import metrics, store
 from imaging.exr import write_exr
 from recon.dataset import FEWEST_FOR_HOLDOUT, View
+from recon.mixed import Mixed
 from recon.model import SPLATS, Opened, open_model
 from recon.photographs import ToneCurve
 from recon.pixels import Progress
@@ -93,7 +94,8 @@ def _reference(opened: Opened) -> list[Float] | None:
 def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Fills the rows; returns what is pooled over the views."""
     peak = float(max(image.max() for image in truth))
-    everything, true = np.stack(light), np.stack(truth)
+    # Views of several cameras may differ in size: pooled, they are so many pixels.
+    everything, true = (np.concatenate([image.reshape(-1, 3) for image in side]) for side in (light, truth))
     scale = metrics.align_scale(everything, true)
     for row, image, goal in zip(rows, light, truth, strict=True):
         aligned = image * scale
@@ -112,15 +114,25 @@ def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, 
 
 
 def _against_shots(opened: Opened, renders: list[torch.Tensor], rows: list[dict[str, Any]]) -> None:
-    """Fills the rows with the distance from what the cameras recorded, mean over the bracket."""
+    """Fills the rows with the distance from what the cameras recorded, mean over the bracket.
+
+    Photographs at exposures that training saw (`_oe`, `ssim`) are apart from those at others (`_ne`).
+    """
     for row, image, view in zip(rows, renders, opened.dataset.held_out, strict=True):
-        if opened.dataset.kind == "hdr":
+        if view.sensor.kind == "hdr":
             continue
         pairs = [_recorded(opened, image, view, index) for index in range(len(view.shots))]
-        name = "raw_psnr" if opened.dataset.kind == "raw" else "ldr_psnr_oe"
-        row[name] = float(np.mean([metrics.psnr(*pair) for pair in pairs]))
-        if opened.dataset.kind == "ldr" and min(view.lens.width, view.lens.height) >= 11:
-            row["ssim"] = float(np.mean([metrics.ssim(*pair) for pair in pairs]))
+        if view.sensor.kind == "raw":
+            row["raw_psnr"] = float(np.mean([metrics.psnr(*pair) for pair in pairs]))
+            continue
+        known = [opened.dataset.trained_at(shot.k) for shot in view.shots]
+        for suffix, seen in (("oe", True), ("ne", False)):
+            own = [pair for pair, trained in zip(pairs, known, strict=True) if trained == seen]
+            if not own:
+                continue
+            row[f"ldr_psnr_{suffix}"] = float(np.mean([metrics.psnr(*pair) for pair in own]))
+            if min(view.lens.width, view.lens.height) >= 11:
+                row["ssim" if seen else "ssim_ne"] = float(np.mean([metrics.ssim(*pair) for pair in own]))
 
 
 def _recorded(opened: Opened, image: torch.Tensor, view: View, index: int) -> tuple[Float, Float]:
@@ -132,10 +144,13 @@ def _recorded(opened: Opened, image: torch.Tensor, view: View, index: int) -> tu
 
 def _response(opened: Opened) -> dict[str, float]:
     """response_rmse of the learned curve, else of the calibrated one."""
-    if opened.dataset.kind != "ldr":
+    responses = [view.sensor.response for view in opened.dataset.views if view.sensor.kind == "ldr"]
+    if not responses:
         return {}
     observation = opened.training.method.observation
-    response = opened.dataset.train[0].sensor.response
+    if isinstance(observation, Mixed):
+        observation = observation.photographs
+    response = responses[0]
 
     def calibrated(logs: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         return encode(np.exp(logs)[:, None].repeat(3, 1), response).astype(np.float64)

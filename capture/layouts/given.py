@@ -34,6 +34,7 @@ class GivenPhoto:
     camera: the layout's word for the camera; photographs of one word share a lens. lens: at the size
     that the layout states, None where rig has no such lens model. cam_from_world: None where the
     layout has no pose. frame: photographs of one camera and frame are a bracket; None: not told.
+    use: what a data set with a split of its own has it for; None: for neither.
     """
 
     path: Path
@@ -42,6 +43,7 @@ class GivenPhoto:
     cam_from_world: Pose | None = None
     exposure: Exposure | None = None
     frame: int | None = None
+    use: Literal["train", "test"] | None = None
 
 
 @dataclass(frozen=True)

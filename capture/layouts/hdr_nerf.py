@@ -9,12 +9,15 @@ Photographs are named `<view>_<index of the exposure>.png` (or .jpg). Three form
   length), two depths, and the exposure in seconds;
 * both as HDR-GS (Cai et al., NeurIPS 2024) hands them on: a COLMAP model of one exposure of every
   view in `sparse/0`, photographs in `images/` or `input_images/`, true light in `exr/<view>.exr`.
+
+Every other view is for testing, in all its exposures; of the others t1, t3 and t5 are for training. The first
+form says which views are which, the other two leave it to their order by name, as text.
 """
 
 import math
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -48,8 +51,7 @@ def is_one(folder: Path) -> bool:
 def read(folder: Path) -> Given:
     """The photographs of a scene, the exposures of a view as one frame.
 
-    The split into training and test views is not kept. InputError if the folder is in none of the
-    forms, or what is there contradicts itself.
+    InputError if the folder is in none of the forms, or what is there contradicts itself.
     """
     if _is_rendered(folder):
         return _rendered(folder)
@@ -100,16 +102,27 @@ def _rendered(folder: Path) -> Given:
                     f"{entry.where} names {entry.file_path!r} a second time: take one of both out."
                 )
             seen.add(entry.file_path)
-            found, lost = _exposures(folder, entry, times, frame)
+            found, lost = _exposures(folder, entry, times, frame, split == "test")
             photos += found
             missing += lost
             light = folder / f"{split}_hdr" / f"hdr_{number:03d}.exr"
             if light.is_file():
                 truth[frame] = light
             frame += 1
-    note = "Training and test views are one set: rig holds out views of its own choice."
     source = folder / "transforms_train.json"
-    return Given("hdr-nerf", source, tuple(photos), truth=truth, missing=tuple(missing), notes=(note,))
+    return Given("hdr-nerf", source, tuple(photos), truth=truth, missing=tuple(missing))
+
+
+def _use(tested: bool, step: int) -> Literal["train", "test"] | None:
+    """What the exposure of that index is for."""
+    if tested:
+        return "test"
+    return "train" if step % 2 == 0 else None
+
+
+def _tested(views: dict[str, list[Path]]) -> set[str]:
+    """The views that are for testing where no file says so."""
+    return set(sorted(views, key=lambda view: f"{view}_0")[1::2])
 
 
 def _times(path: Path) -> dict[str, float]:
@@ -135,7 +148,7 @@ def _seconds(value: Any, where: str) -> float:
 
 
 def _exposures(
-    folder: Path, entry: Entry, times: dict[str, float], frame: int
+    folder: Path, entry: Entry, times: dict[str, float], frame: int, tested: bool
 ) -> tuple[list[GivenPhoto], list[str]]:
     """The photographs of one view, which are those that have a time; and those that are not there."""
     stem = _plain(entry.file_path)
@@ -153,8 +166,11 @@ def _exposures(
         return [], missing
     lens, pose = entry.lens(next(iter(there.values()))), entry.cam_from_world()
     return [
-        GivenPhoto(path, "0", lens, pose if lens else None, Exposure(time=times[name]), frame)
-        for name, path in there.items()
+        GivenPhoto(
+            path, "0", lens, pose if lens else None, Exposure(time=times[name]), frame, _use(tested, step)
+        )
+        for step, (name, path) in enumerate(paths.items())
+        if name in there
     ], missing
 
 
@@ -173,14 +189,15 @@ def _photographed(folder: Path) -> Given:
         )
     row = dict(zip(ordered, range(len(table)), strict=True))
     lens = _llff_lens(table, source)
-    photos = []
-    for frame, group in enumerate(views.values()):
+    photos, tested = [], _tested(views)
+    for frame, (view, group) in enumerate(views.items()):
         # One tripod, but every photograph got a pose of its own: the middle exposure shows most.
         middle = row[group[len(group) // 2]]
         pose = _llff_pose(table[middle], f"row {middle} of {source}")
-        for path in group:
+        for step, path in enumerate(group):
             time = _seconds(table[row[path], -1], f"row {row[path]} of {source}")
-            photos.append(GivenPhoto(path, "0", lens, pose, Exposure(time=time), frame))
+            use = _use(view in tested, step)
+            photos.append(GivenPhoto(path, "0", lens, pose, Exposure(time=time), frame, use))
     return Given("hdr-nerf", source, tuple(photos))
 
 
@@ -236,15 +253,15 @@ def _handed_on(folder: Path) -> Given:
         pose = colmap.pose_of_image(image, place) if lens is not None and image.has_pose else None
         posed.setdefault(match[1], (str(image.camera_id), lens, pose))
     times, note = _times_of(folder, root, views)
-    photos, truth = [], {}
+    photos, truth, tested = [], {}, _tested(views)
     any_camera = next(iter(posed.values()), ("0", None, None))
     for frame, (view, group) in enumerate(views.items()):
         camera, lens, pose = posed.get(view, (any_camera[0], any_camera[1], None))
-        for path in group:
+        for step, path in enumerate(group):
             time = times.get(path)
-            photos.append(
-                GivenPhoto(path, camera, lens, pose, None if time is None else Exposure(time=time), frame)
-            )
+            exposure = None if time is None else Exposure(time=time)
+            use = _use(view in tested, step)
+            photos.append(GivenPhoto(path, camera, lens, pose, exposure, frame, use))
         light = folder / "exr" / f"{view}.exr"
         if light.is_file() and kind_of(light) == "hdr":
             truth[frame] = light

@@ -13,6 +13,7 @@ from imaging.errors import InputError, ReconstructionError
 from imaging.exr import write_exr
 from imaging.mosaic import RawMosaic
 from imaging.photo import encode_png
+from imaging.session import Session
 from recon.dataset import held_out, load
 from recon.pixels import read_shot
 from recon.tone import encode
@@ -143,4 +144,41 @@ def test_a_missing_image_is_named(session_copy):
     victim = sorted((session_copy / "raw").rglob("*.dng"))[3]
     victim.unlink()
     with pytest.raises(InputError, match=victim.name):
+        load(session_copy)
+
+
+def write_split(folder, train, test):
+    record = {"schema_version": 1, "reason": "test", "train": train, "test": test}
+    store.write_json(folder / "split.json", record)
+
+
+def test_a_split_decides_what_is_held_out_and_what_nobody_looks_at(session_copy):
+    files = {
+        shot.file: (shot.frame, shot.camera, shot.step) for shot in Session.open(session_copy).shots("scene")
+    }
+    before = load(session_copy)
+    test = [file for file, (frame, _, _) in files.items() if frame == 1]
+    train = [file for file, (frame, _, step) in files.items() if frame == 0 and step != 1]
+    write_split(session_copy, [*train, "raw/gone.dng"], test)
+    dataset = load(session_copy)
+    assert {view.frame for view in dataset.train} == {0}
+    assert {view.frame for view in dataset.held_out} == {1}
+    assert sorted(shot.file for view in dataset.train for shot in view.shots) == sorted(train)
+    assert sorted(shot.file for view in dataset.held_out for shot in view.shots) == sorted(test)
+    assert dataset.calibration_sha256 != before.calibration_sha256
+    middle = next(shot.k for shot in dataset.held_out[0].shots if files[shot.file][2] == 1)
+    assert not dataset.trained_at(middle)
+    assert dataset.trained_at(dataset.held_out[0].shots[0].k)
+
+
+def test_a_split_that_contradicts_itself_or_leaves_nothing_is_refused(session_copy):
+    files = [shot.file for shot in Session.open(session_copy).shots("scene")]
+    write_split(session_copy, files[:1], files[1:])
+    with pytest.raises(InputError, match=r"split\.json trains and tests on camera \S+ at frame \d"):
+        load(session_copy)
+    write_split(session_copy, ["raw/gone.dng"], files)
+    with pytest.raises(ReconstructionError, match=r"leaves no view with a pose to train on"):
+        load(session_copy)
+    store.write_json(session_copy / "split.json", {"schema_version": 1, "train": []})
+    with pytest.raises(InputError, match=r"split\.json: reason"):
         load(session_copy)

@@ -152,6 +152,53 @@ def test_a_scene_handed_on_with_a_model_has_its_points_and_every_exposure_a_pose
     assert (read_points(session.folder / "calibration" / "colmap").views == 4).all()
 
 
+@pytest.mark.parametrize(
+    ("form", "tested"), [(rendered, ("test",)), (photographed, ("001", "003")), (handed_on, ("1", "3"))]
+)
+def test_what_the_data_set_tests_on_is_what_training_does_not_see(tmp_path, form, tested):
+    result, session, _ = imported(form(tmp_path / "h"))
+    assert any("2 views are for training and 2 for testing" in guess for guess in result.guesses)
+    assert any("4 photographs are for neither" in guess for guess in result.guesses)
+    dataset = load(session.folder)
+    sources = {shot.file: Path(shot.source) for shot in session.shots()}
+    for view in dataset.views:
+        test = view in dataset.held_out
+        assert [shot.k for shot in view.shots] == list(TIMES if test else TIMES[::2])
+        for shot in view.shots:
+            path = sources[shot.file]
+            own = path.parent.name if form is rendered else path.stem.split("_")[0]
+            assert (own in tested) == test
+    assert len(dataset.held_out) == len(dataset.train) == 2
+    assert [dataset.trained_at(time) for time in TIMES] == [True, False, True, False, True]
+
+
+def test_views_take_turns_in_the_order_of_names_as_text(tmp_path):
+    """As in the loader of HDR-GS, which sorts `10_0` before `1_0`."""
+    folder = handed_on(tmp_path / "h")
+    for old, new in (("3", "10"), ("2", "3"), ("1", "2"), ("0", "1")):
+        for path in sorted((folder / "images").glob(f"{old}_?.png")):
+            path.rename(path.with_name(path.name.replace(f"{old}_", f"{new}_", 1)))
+        (folder / "exr" / f"{old}.exr").rename(folder / "exr" / f"{new}.exr")
+    model = pycolmap.Reconstruction(str(folder / "sparse" / "0"))
+    for image in model.images.values():
+        image.name = {
+            "0_1.png": "1_1.png",
+            "1_1.png": "2_1.png",
+            "2_1.png": "3_1.png",
+            "3_1.png": "10_1.png",
+        }[image.name]
+    model.write(str(folder / "sparse" / "0"))
+    given = hdr_nerf.read(folder)
+    assert {photo.path.stem.split("_")[0] for photo in given.photos if photo.use == "test"} == {"1", "3"}
+
+
+def test_a_layout_without_test_views_has_no_split(tmp_path):
+    folder = rendered(tmp_path / "h")
+    (folder / "transforms_test.json").unlink()
+    _, session, _ = imported(folder)
+    assert session.split() is None
+
+
 @pytest.mark.parametrize("form", [rendered, handed_on])
 def test_true_light_is_where_an_evaluation_looks_for_it(tmp_path, form):
     folder = form(tmp_path / "h")
