@@ -27,7 +27,7 @@ from record import WORK, arguments, deliver, machine, words
 from imaging import store
 
 VERSIONS = ("hdr-rig", "pycolmap", "numpy", "opencv-contrib-python-headless")
-SESSIONS = {320: 8, 640: 4}
+SESSIONS = {320: 4, 640: 2}
 ROOT = Path(__file__).parent.parent
 
 
