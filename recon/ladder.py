@@ -17,7 +17,10 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
     only then the curve can be told from the light; otherwise display values are all there is.
     """
     if dataset.kind != "ldr":
-        kind = "RAW mosaics" if dataset.kind == "raw" else "linear EXR"
+        if any(view.sensor.kind == "ldr" for view in dataset.views):
+            reason = "only some cameras give linear light: the photographs of the others are tied to it"
+            return nh_3dgs.NAME, (_rung("tone curve", True, reason),)
+        kind = {"raw": "RAW mosaics", "hdr": "linear EXR", "mixed": "RAW mosaics and EXR"}[dataset.kind]
         return nh_3dgs.NAME, (_rung("linear light", True, f"{kind} are linear: no tone curve is needed"),)
     stops = np.log2([shot.k for view in dataset.train for shot in view.shots])
     apart = float(stops.max() - stops.min())

@@ -10,9 +10,13 @@ from torch import Tensor
 from imaging.calibration import Response
 from imaging.linear import decode
 from recon.appearance import Rate
-from recon.dataset import View
+from recon.dataset import Dataset, View
+from recon.method import Light
 from recon.tone import encode
-from recon.tone_grid import apply_curve, curve_values, roughness
+from recon.tone_grid import Grid, apply_curve, curve_values, middle_of, remap_rate, roughness, sampled
+
+KNOWN_RESIDUAL = 0.01
+"""A calibrated curve whose held-out disagreement, natural log, is below this counts as known."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +134,34 @@ class ToneCurve:
         nodes = self.nodes.to(image.dtype)
         channels = [apply_curve(x[:, channel], values[channel], nodes, leaky=leaky) for channel in range(3)]
         return torch.stack(channels, 1)
+
+
+def tone_curve(dataset: Dataset, light: Light) -> ToneCurve:
+    """The tone curve of the photographs of a session, with known exposures; it starts from the calibration's response.
+
+    HDRGS starts from a sigmoid; a measured (or sRGB) curve is nearer, and the colours that training
+    starts from come through the same curve, so the two agree from the first iteration.
+    """
+    photographed = [view for view in dataset.views if view.sensor.kind == "ldr"]
+    responses = list({view.camera: view.sensor.response for view in photographed}.items())
+    distinct = list(dict.fromkeys(response for _, response in responses))
+    rate = remap_rate([shot.k for view in dataset.train if view.sensor.kind == "ldr" for shot in view.shots])
+    middle = float(np.mean([middle_of(response) for response in distinct]))
+    nodes = Grid().nodes()
+    known = all(
+        response.kind == "linear" or (response.residual is not None and response.residual < KNOWN_RESIDUAL)
+        for response in distinct
+    )
+    return ToneCurve(
+        normaliser=light.normaliser,
+        nodes=torch.from_numpy(nodes.astype(np.float32)),
+        theta=torch.stack([sampled(response, nodes, rate, middle) for response in distinct]),
+        of_camera={camera: distinct.index(response) for camera, response in responses},
+        rate=rate,
+        middle=middle,
+        epsilon=0.01 * (light.reference or 2.0**-20),
+        fixed=1.0 if known else 0.2,
+    )
 
 
 @dataclass

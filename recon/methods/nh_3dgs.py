@@ -3,15 +3,15 @@
 from recon.appearance import LuminanceChromaticity
 from recon.dataset import Dataset
 from recon.method import Light, Method
-from recon.observation import LinearLight
+from recon.mixed import linear_or_mixed
 
 NAME = "nh-3dgs"
 
 
 def compose(dataset: Dataset, light: Light) -> Method:
-    """For RAW brackets, camera RGB and linear EXR."""
+    """For RAW brackets, camera RGB and linear EXR; photographs among them are seen as HDR-GS sees them."""
     return Method(
         name=NAME,
         appearance=LuminanceChromaticity(floor=light.reference or 2.0**-20),
-        observation=LinearLight(light.normaliser),
+        observation=linear_or_mixed(dataset, light),
     )

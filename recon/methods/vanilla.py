@@ -1,8 +1,8 @@
 """The baseline: 3DGS (Kerbl et al., arXiv 2308.04079) with its own colours, and nothing of HDR.
 
-On RAW and EXR it sees the same mosaics, mu-law, loss, schedule and start as NH-3DGS; only the
-appearance differs, with learning rates tuned for it (bench/appearance.py). On photographs it is
-3DGS as published, in display values.
+On RAW and EXR, and on photographs beside them, it sees the same mosaics, mu-law, loss, schedule and
+start as NH-3DGS; only the appearance differs, with learning rates tuned for it (bench/appearance.py).
+On photographs alone it is 3DGS as published, in display values.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from imaging.calibration import Response
 from recon.appearance import PlainHarmonics, Rate
 from recon.dataset import Dataset
 from recon.method import Light, Method
-from recon.observation import LinearLight
+from recon.mixed import linear_or_mixed
 from recon.photographs import Display
 
 NAME = "vanilla"
@@ -23,7 +23,7 @@ def compose(dataset: Dataset, light: Light) -> Method:
         return Method(
             name=NAME,
             appearance=PlainHarmonics(dc_rate=Rate(1e-4, 1e-5), rest_rate=Rate(5e-6, 5e-7)),
-            observation=LinearLight(light.normaliser),
+            observation=linear_or_mixed(dataset, light),
         )
     responses: list[Response] = [view.sensor.response for view in dataset.train]
     scales = [shot.k for view in dataset.train for shot in view.shots]

@@ -1,0 +1,149 @@
+"""Simulated sessions with something extreme about them, calibrated from their truth, and short trainings."""
+
+import json
+import math
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from capture.simulated import capture_simulated
+from drivers.sim.rigs import simulate
+from imaging import metrics, store
+from imaging.cfa import Cfa
+from imaging.exposure import Exposure
+from recon import reconstruct as stage
+from recon.dataset import View
+from recon.evaluate import evaluate
+from recon.model import SPLATS, Opened, open_model
+from recon.ply import read_ply
+from recon.truth import true_radiance
+
+SHORT = stage.Quality(iterations=120, gaussians=1200, width=320)
+"""Enough at 64x48 for light to be told to about a third of a stop."""
+
+
+class Studio:
+    """Makes sessions below one folder, and keeps those that are asked for again; none is to be changed."""
+
+    def __init__(self, folder: Path, calibrate: Callable[..., None]) -> None:
+        self._folder, self._calibrate = folder, calibrate
+        self._made: dict[str, Path] = {}
+
+    def session(
+        self, name: str, times: Sequence[float] = (), phases: Sequence[Cfa] = (), **overrides: Any
+    ) -> Path:
+        """One of the simulated rig `name`: shot at `times`, with mosaics of these phases, other settings."""
+        key = json.dumps([name, times, phases, overrides], sort_keys=True)
+        if key not in self._made:
+
+            def rig(name: str, seed: int) -> Any:
+                made = simulate(name, seed, samples=2, **overrides)
+                if times:
+                    made.bracket = tuple(Exposure(time=time, f_number=4.0, iso=100.0) for time in times)
+                for device, phase in zip(made.devices, phases, strict=False):
+                    device.body = replace(device.body, cfa=phase)
+                return made
+
+            folder = self._folder / str(len(self._made))
+            with mock.patch("capture.simulated.simulate", rig):
+                capture_simulated(name, folder)
+            self._calibrate(folder, points=300)
+            self._made[key] = folder
+        return self._made[key]
+
+
+@pytest.fixture(scope="session")
+def studio(oracle: Any, tmp_path_factory: pytest.TempPathFactory) -> Studio:
+    return Studio(tmp_path_factory.mktemp("studio"), oracle.calibrate_from_truth)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A scene that was trained, and what `rig evaluate` says of it."""
+
+    scene: Opened
+    metrics: dict[str, Any]
+
+    def light(self, view: View) -> npt.NDArray[np.float32]:
+        """Radiance of a view, [H, W, 3]."""
+        return np.asarray(self.scene.training.method.observation.radiance(self.scene.render(view.lens)))
+
+    def stops(self) -> float:
+        """Median |log2| to the true radiance of the view where it is worst; nothing is aligned."""
+        session, views = self.scene.dataset.session, self.scene.dataset.views
+        return max(metrics.stops_median(self.light(view), true_radiance(session, view)) for view in views)
+
+
+@pytest.fixture
+def train(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
+    """A function that reconstructs a session, briefly; of the same session and method only once."""
+    monkeypatch.setitem(stage.QUALITIES, "draft", SHORT)
+    return trained
+
+
+def trained(session: Path, method: stage.MethodName = "auto") -> Outcome:
+    """Reconstruct and evaluate; every number that comes out is finite."""
+    folder = stage.reconstruct(session, method=method, quality="draft", name=method)
+    for name, column in read_ply(folder / SPLATS).items():
+        assert np.isfinite(column).all(), name
+    known = folder / "metrics.json"
+    result = store.read_json(known) if known.is_file() else evaluate(folder)
+    assert_finite(result)
+    outcome = Outcome(open_model(folder), result)
+    assert all(np.isfinite(outcome.light(view)).all() for view in outcome.scene.dataset.views)
+    return outcome
+
+
+def assert_finite(value: Any) -> None:
+    """Every number in it is one."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        for item in value:
+            assert_finite(item)
+    elif isinstance(value, float):
+        assert math.isfinite(value)
+
+
+def joined(first: Path, second: Path, folder: Path) -> Path:
+    """A session of the first one's cam0 and the second one's cam1: rigs of a seed stand at the same places."""
+    shutil.copytree(first, folder, ignore=shutil.ignore_patterns("cam1*", "reconstructions"))
+    shutil.copytree(
+        second,
+        folder,
+        ignore=shutil.ignore_patterns("cam0*", "reconstructions", "calibration", "*.json", "*.jsonl"),
+        dirs_exist_ok=True,
+    )
+
+    def of_both(path: str) -> tuple[dict[str, Any], dict[str, Any]]:
+        return store.read_json(first / path), store.read_json(second / path)
+
+    record, other = of_both("session.json")
+    record["cameras"][1] = other["cameras"][1]
+    store.write_json(folder / "session.json", record)
+    record, other = of_both("calibration/calibration.json")
+    record["cameras"][1] = other["cameras"][1]
+    record["exposure_scale"] = {
+        **{file: k for file, k in record["exposure_scale"].items() if "cam0" in file},
+        **{file: k for file, k in other["exposure_scale"].items() if "cam1" in file},
+    }
+    store.write_json(folder / "calibration" / "calibration.json", record)
+    record, other = of_both("truth/truth.json")
+    record["cameras"]["cam1"] = other["cameras"]["cam1"]
+    record["response"] = record["response"] or other["response"]
+    record["exposures"] = [one for one in record["exposures"] if one["camera"] == "cam0"]
+    record["exposures"] += [one for one in other["exposures"] if one["camera"] == "cam1"]
+    store.write_json(folder / "truth" / "truth.json", record)
+    store.discard(folder / "shots.jsonl")
+    for session, camera in ((first, "cam0"), (second, "cam1")):
+        for line in store.read_lines(session / "shots.jsonl"):
+            if line["camera"] == camera:
+                store.append_line(folder / "shots.jsonl", line)
+    return folder

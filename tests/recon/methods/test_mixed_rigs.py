@@ -1,0 +1,105 @@
+"""Cameras that differ, in one scene: RAW beside photographs, other sizes, other phases of the mosaic."""
+
+import numpy as np
+import pytest
+
+from imaging import store
+from imaging.cfa import Cfa
+from imaging.errors import ReconstructionError
+from imaging.exr import read_exr, write_exr
+from recon.truth import true_radiance
+
+from .conftest import joined
+
+
+@pytest.fixture(scope="module")
+def raw_and_photographs(studio, tmp_path_factory):
+    return joined(studio.session("toy"), studio.session("toy-ldr"), tmp_path_factory.mktemp("one") / "mixed")
+
+
+@pytest.mark.parametrize("method", ["auto", "vanilla"])
+def test_raw_beside_photographs_is_as_right_as_raw_alone(studio, train, raw_and_photographs, method):
+    alone = train(studio.session("toy"), method)
+    both = train(raw_and_photographs, method)
+    assert alone.stops() < 0.45
+    assert both.stops() < 1.1 * alone.stops()
+    assert "raw_psnr" in both.metrics
+    assert both.metrics["response_rmse"] < 0.02
+
+
+def test_photographs_beside_raw_are_as_right_as_photographs_alone(studio, train, tmp_path):
+    """The held-out view is now a photograph."""
+    ldr = studio.session("toy-ldr")
+    both = train(joined(ldr, studio.session("toy"), tmp_path / "mixed"))
+    alone = train(ldr)
+    assert alone.scene.record.settings.method == "hdr-gs"
+    assert both.scene.record.settings.method == "nh-3dgs"
+    assert both.stops() < 1.1 * alone.stops()
+    assert both.metrics["ldr_psnr_oe"] > alone.metrics["ldr_psnr_oe"] - 1
+
+
+def test_raw_beside_exr_needs_no_curve(studio, train, tmp_path):
+    """The second camera's files are the true radiance; no tone curve is made for them."""
+    raw = studio.session("toy")
+    session = joined(raw, raw, tmp_path / "mixed")
+    record = store.read_json(session / "session.json")
+    record["cameras"][1]["kind"] = "hdr"
+    store.write_json(session / "session.json", record)
+    found = store.read_json(session / "calibration" / "calibration.json")
+    found["cameras"][1] |= {"vignetting": [0, 0, 0], "gain": 1.0, "camera_from_rec709": None}
+    lines = [line for line in store.read_lines(session / "shots.jsonl") if line["camera"] == "cam0"]
+    for frame in range(3):
+        file = f"raw/{frame:04d}/cam1.exr"
+        light = read_exr(session / "truth" / f"{frame:04d}" / "cam1.exr").rgb()
+        write_exr(session / file, light)
+        found["exposure_scale"][file] = 1.0
+        lines.append(lines[0] | {"camera": "cam1", "frame": frame, "step": 0, "file": file})
+    store.write_json(session / "calibration" / "calibration.json", found)
+    store.discard(session / "shots.jsonl")
+    for line in lines:
+        store.append_line(session / "shots.jsonl", line)
+    outcome = train(session)
+    assert outcome.scene.dataset.kind == "mixed"
+    assert not outcome.scene.training.method.observation.shared
+    assert outcome.stops() < 1.1 * train(raw).stops()
+
+
+def test_hdr_gs_refuses_what_is_not_all_photographs(train, raw_and_photographs):
+    with pytest.raises(ReconstructionError, match=r"holds linear images.*use --method nh-3dgs\.$"):
+        train(raw_and_photographs, "hdr-gs")
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("toy", {"width": 80, "height": 60}), ("toy-ldr", {"width": 50, "height": 30})]
+)
+def test_cameras_of_different_sizes(studio, train, tmp_path, name, size):
+    small = studio.session(name)
+    both = train(joined(small, studio.session(name, **size), tmp_path / "mixed"))
+    assert len({view.shots[0].pixels.shape for view in both.scene.dataset.views}) == 2
+    assert both.stops() < 1.15 * train(small).stops()
+
+
+def test_held_out_views_of_different_sizes_are_pooled(studio, train, tmp_path):
+    """Nine views or more hold out two, of one camera each."""
+    small, large = (
+        studio.session("toy", positions=5, width=width, height=width * 3 // 4) for width in (32, 48)
+    )
+    both = train(joined(small, large, tmp_path / "mixed"))
+    assert len({view.lens.width for view in both.scene.dataset.held_out}) == 2
+    pixels = sum(entry["count"] for entry in both.metrics["relative_error_by_decade"])
+    assert pixels == 3 * (32 * 24 + 48 * 36)
+    assert both.metrics["stops_median"] < 0.6
+
+
+@pytest.mark.parametrize("method", ["nh-3dgs", "vanilla"])
+def test_every_phase_of_the_mosaic_in_one_scene(studio, train, method):
+    """Four cameras, each of its own phase, are as right as four of one phase; no colours are exchanged."""
+    settings = {"cameras": 4, "positions": 1}
+    one = train(studio.session("toy", phases=[Cfa.RGGB] * 4, **settings), method)
+    all_four = train(studio.session("toy", phases=list(Cfa), **settings), method)
+    assert {view.sensor.cfa for view in all_four.scene.dataset.views} == set(Cfa)
+    assert all_four.stops() < 1.1 * one.stops()
+    assert one.stops() < 0.5
+    for view in all_four.scene.dataset.views:
+        ratio = np.median(all_four.light(view) / true_radiance(all_four.scene.dataset.session, view), (0, 1))
+        assert ratio.max() < 1.15 * ratio.min()
