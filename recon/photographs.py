@@ -137,7 +137,7 @@ class ToneCurve:
 
 
 def tone_curve(dataset: Dataset, light: Light) -> ToneCurve:
-    """The tone curve of the photographs of a session, with known exposures; it starts from the calibration's response.
+    """The tone curve of the photographs of a session; it starts from the response of the calibration.
 
     HDRGS starts from a sigmoid; a measured (or sRGB) curve is nearer, and the colours that training
     starts from come through the same curve, so the two agree from the first iteration.

@@ -113,7 +113,7 @@ def assert_finite(value: Any) -> None:
 
 
 def joined(first: Path, second: Path, folder: Path) -> Path:
-    """A session of the first one's cam0 and the second one's cam1: rigs of a seed stand at the same places."""
+    """The cam0 of one session and the cam1 of another: rigs of one seed stand at the same places."""
     shutil.copytree(first, folder, ignore=shutil.ignore_patterns("cam1*", "reconstructions"))
     shutil.copytree(
         second,
