@@ -1,7 +1,7 @@
 """HDR-NeRF's protocol (Huang et al., CVPR 2022): what is imported, trained and tested, as `rig` does it.
 
     python bench/hdr_nerf_protocol.py [--quick] [--json] [--write] [--seeds 1] [--pixels 200]
-        [--quality draft|standard|best] [--protocols exp-3,exp-1] [--methods vanilla,hdr-gs,nh-3dgs]
+        [--quality draft|standard|best] [--protocols exp-3,exp-1] [--methods vanilla,hdr-gs,...]
         [--scene FOLDER] [--work FOLDER]
 
 Scenes of the simulator in that layout, or with --scene one of the data set, as it was downloaded.
@@ -9,9 +9,14 @@ Training sees every other view at t1, t3 and t5: at all three in Exp-3 (as HDR-G
 in Exp-1 (as HDR-NeRF has it; here each is drawn equally often). The other views are tested at all five
 exposures, t2 and t4 being new, and against the true light over its maximum. NH-3DGS sees the true light
 of the training views: a bound for all that sees photographs. Finished rows are kept in FOLDER.
+
+`rig calibrate --only response` comes before HDR-GS, and sees the photographs of the training alone. In Exp-1
+no view has two of them, so there is only hdr-gs-unmeasured, whose curve is learnt from sRGB on.
 """
 
 import argparse
+import json
+import shutil
 import sys
 from functools import partial
 from importlib.metadata import version
@@ -24,6 +29,7 @@ from hdr_nerf_scene import Size, curve, write_scene
 from record import WORK, arguments, deliver, machine, words
 from trial import Cache
 
+from calib.calibrate import calibrate
 from capture.photos import import_photos
 from imaging import store
 from imaging.calibration import read_calibration
@@ -32,8 +38,11 @@ from imaging.session import SPLIT, Session
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
 
-METHODS = ("vanilla", "hdr-gs", "nh-3dgs")
-TITLES = {"vanilla": "vanilla 3DGS", "hdr-gs": "HDR-GS", "nh-3dgs": "NH-3DGS on the true light"}
+METHODS = ("vanilla", "hdr-gs", "hdr-gs-unmeasured", "nh-3dgs")
+TITLES = {
+    "vanilla": "vanilla 3DGS", "hdr-gs": "HDR-GS", "hdr-gs-unmeasured": "HDR-GS, response not measured",
+    "nh-3dgs": "NH-3DGS on the true light",
+}  # fmt: skip
 KEEP = (
     "ldr_psnr_oe", "ssim", "ldr_psnr_ne", "ssim_ne", "hdr_psnr_mu", "hdr_psnr_mu_aligned",
     "response_rmse", "alignment_scale", "train_seconds", "iterations", "gaussians", "render_fps",
@@ -108,6 +117,29 @@ def one_exposure_each(photos: Path, session: Path, scene: Path, seed: int) -> Pa
     return session
 
 
+def with_measured_response(photos: Path, session: Path) -> Path:
+    """The same session with the response that the photographs for training tell."""
+    if (session / "calibration" / "calibration.json").exists():
+        return session
+    alone, split = session.with_name(f"{session.name}-training"), set(_split_of(photos).train)
+    shutil.rmtree(alone, ignore_errors=True)
+    shutil.copytree(photos, alone, ignore=shutil.ignore_patterns("reconstructions", "truth", "calibration"))
+    lines = [line for line in store.read_lines(photos / "shots.jsonl") if line["file"] in split]
+    store.write_bytes(alone / "shots.jsonl", "".join(f"{json.dumps(line)}\n" for line in lines).encode())
+    response = calibrate(alone, only="response").cameras[0].response
+    record = read_calibration(photos)
+    cameras = tuple(camera.model_copy(update={"response": response}) for camera in record.cameras)
+    record = record.model_copy(update={"cameras": cameras})
+    shutil.copytree(
+        photos,
+        session,
+        ignore=shutil.ignore_patterns("reconstructions", "calibration.json"),
+        dirs_exist_ok=True,
+    )
+    store.write_json(session / "calibration" / "calibration.json", record.model_dump(mode="json"))
+    return session
+
+
 def _split_of(session: Path) -> SplitRecord:
     split = Session.open(session).split()
     if split is None:
@@ -145,11 +177,22 @@ def row(options: argparse.Namespace, protocol: str, method: str, seed: int) -> d
         session = true_light(photos, base / "light")
     elif protocol == "exp-1":
         session = one_exposure_each(photos, base / "exp-1", scene, seed)
+    if method == "hdr-gs":
+        session = with_measured_response(session, base / f"{protocol}-measured")
+    learned = "hdr-gs" if method == "hdr-gs-unmeasured" else method
     name = f"{method}-{options.quality}"
-    found = evaluate(reconstruct(session, method=method, quality=options.quality, seed=seed, name=name))
+    folder = reconstruct(
+        session, method=learned, quality=options.quality, seed=seed, name=name, progress=_told
+    )
+    found = evaluate(folder)
     if method == "vanilla":
         found.pop("response_rmse", None)  # of what the import assumed: it learns none
     return {key: found[key] for key in KEEP if key in found}
+
+
+def _told(message: str, done: int, total: int) -> None:
+    if done % 500 == 0:
+        print(f"  {message} {done}/{total}", file=sys.stderr)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -158,6 +201,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     for seed, protocol, method in product(range(options.seeds), options.protocols, options.methods):
         if method == "nh-3dgs" and protocol != options.protocols[0]:
             continue  # it sees no exposures
+        if method == "hdr-gs" and protocol == "exp-1":
+            continue  # no view has two exposures that a response could be measured from
         key = f"{version('hdr-rig')} {options.name} {options.quality} {protocol} {method} {seed}"
         print(key, file=sys.stderr)
         found = cache.get(key, partial(row, options, protocol, method, seed))
@@ -207,7 +252,7 @@ def main() -> None:
     options.size = Size(options.pixels, 7, 5)
     if options.quick:
         options.size, options.quality, options.seeds = Size(80, 6, 3), "draft", 1
-        options.protocols = options.protocols[:1]
+        options.protocols, options.methods = ["exp-3"], ["vanilla", "hdr-gs"]
     told = f"{options.size.pixels}px-{options.size.views}"
     options.name = options.scene.resolve().name if options.scene else told
     result = measure(options)
