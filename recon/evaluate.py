@@ -93,7 +93,7 @@ def _reference(opened: Opened) -> list[Float] | None:
 
 def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Fills the rows; returns what is pooled over the views."""
-    peak = float(max(image.max() for image in truth))
+    peak = max(0.0, *(float(image.max()) for image in truth))
     # Views of several cameras may differ in size: pooled, they are so many pixels.
     everything, true = (np.concatenate([image.reshape(-1, 3) for image in side]) for side in (light, truth))
     scale = metrics.align_scale(everything, true)

@@ -18,6 +18,8 @@ from recon.appearance import Rate
 from recon.dataset import View
 from recon.losses import exposed_mu_law, mu_law
 
+MIDDLE_GREY = 0.18
+
 
 class Observation(Protocol):
     """The part of a model that knows about cameras."""
@@ -108,6 +110,12 @@ class _Prepared:
         return _Prepared(**moved, valid=None if self.valid is None else self.valid.to(device))
 
 
+def _white(light: np.ndarray) -> float:
+    """What counts as white in an EXR, whose numbers may be of any unit: where its median is middle grey."""
+    lit = light[light > 0]
+    return float(np.median(lit)) / MIDDLE_GREY if lit.size else 1.0
+
+
 @dataclass
 class LinearLight:
     """RAW mosaics, camera RGB and linear EXR, every exposure compared in its own mu-law.
@@ -178,8 +186,10 @@ class LinearLight:
 
         falloff = torch.from_numpy(sensor.falloff)
         scales = [self.normaliser * shot.k for shot in view.shots]
-        # In scene units every shot is divided by its own scale again: one mu-law for the whole scene.
-        units = [scale if self.space == "scene" else 1.0 for scale in scales]
+        if self.space == "scene":  # every shot is divided by its own scale again: one mu-law for them all
+            units = scales
+        else:
+            units = [_white(shot.pixels) if sensor.kind == "hdr" else 1.0 for shot in view.shots]
         pairs = list(zip(view.shots, scales, units, strict=True))
         target = torch.stack([mu_law(planes(shot.pixels) / unit) for shot, _, unit in pairs])
         saturated = torch.stack([planes(shot.saturated) for shot in view.shots])

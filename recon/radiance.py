@@ -8,6 +8,8 @@ from imaging.merge import merge_bracket
 from recon.dataset import Dataset, View
 from recon.method import Light
 
+_STEP = {"raw": 1 / 4095, "ldr": 1 / 255, "hdr": 0.0}
+
 
 def radiance_image(view: View) -> tuple[Float, Bool]:
     """Linear radiance [H, W, 3] and where it is trusted [H, W]: the merged bracket, demosaicked.
@@ -34,11 +36,10 @@ def light_of(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Light:
     normaliser: the 99.99th percentile of the largest channel, so that a hot pixel does not set it; 1
     for a scene without any light. reference: one code value (of 12 bits for linear input, of 8 for
     photographs) of the longest exposures, the least that they can tell from black, but not less
-    than 2^-20 of the normaliser.
+    than 2^-20 of the normaliser, which is what it is for EXR, whose numbers have no steps.
     """
     brightest = np.concatenate([rgb.max(-1).reshape(-1) for rgb, _ in images])
     top = float(np.percentile(brightest, 99.99)) if brightest.size else 0.0
     normaliser = top if np.isfinite(top) and top > 0 else 1.0
-    longest = float(np.median([max(shot.k for shot in view.shots) for view in dataset.train]))
-    step = 1 / 255 if dataset.kind == "ldr" else 1 / 4095
-    return Light(normaliser, float(np.clip(step / longest / normaliser, 2.0**-20, 1.0)))
+    steps = [_STEP[view.sensor.kind] / max(shot.k for shot in view.shots) for view in dataset.train]
+    return Light(normaliser, float(np.clip(np.median(steps) / normaliser, 2.0**-20, 1.0)))

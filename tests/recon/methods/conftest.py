@@ -18,6 +18,7 @@ from drivers.sim.rigs import simulate
 from imaging import metrics, store
 from imaging.cfa import Cfa
 from imaging.exposure import Exposure
+from imaging.exr import read_exr, write_exr
 from recon import reconstruct as stage
 from recon.dataset import View
 from recon.evaluate import evaluate
@@ -25,8 +26,8 @@ from recon.model import SPLATS, Opened, open_model
 from recon.ply import read_ply
 from recon.truth import true_radiance
 
-SHORT = stage.Quality(iterations=120, gaussians=1200, width=320)
-"""Enough at 64x48 for light to be told to about a third of a stop."""
+SHORT = stage.Quality(iterations=100, gaussians=1000, width=320)
+"""Enough at 48x36 for light to be told to about a third of a stop."""
 
 
 class Studio:
@@ -44,7 +45,7 @@ class Studio:
         if key not in self._made:
 
             def rig(name: str, seed: int) -> Any:
-                made = simulate(name, seed, samples=2, **overrides)
+                made = simulate(name, seed, **{"samples": 2, "width": 48, "height": 36, **overrides})
                 if times:
                     made.bracket = tuple(Exposure(time=time, f_number=4.0, iso=100.0) for time in times)
                 for device, phase in zip(made.devices, phases, strict=False):
@@ -146,4 +147,46 @@ def joined(first: Path, second: Path, folder: Path) -> Path:
         for line in store.read_lines(session / "shots.jsonl"):
             if line["camera"] == camera:
                 store.append_line(folder / "shots.jsonl", line)
+    return folder
+
+
+def in_other_units(session: Path, folder: Path, factor: float) -> Path:
+    """The same files as shots of `factor` times the light, at exposure scales that much smaller."""
+    shutil.copytree(session, folder, ignore=shutil.ignore_patterns("reconstructions"))
+    path = folder / "calibration" / "calibration.json"
+    record = store.read_json(path)
+    record["exposure_scale"] = {file: k / factor for file, k in record["exposure_scale"].items()}
+    store.write_json(path, record)
+    for truth in (folder / "truth").rglob("*.exr"):
+        write_exr(truth, read_exr(truth).rgb() * np.float32(factor))
+    return folder
+
+
+def as_exr(
+    session: Path, folder: Path, change: Callable[[Any], Any], of: Sequence[str] = ("cam0", "cam1")
+) -> Path:
+    """The session with EXR of some cameras: their true radiance, changed, which then is the truth."""
+    shutil.copytree(session, folder, ignore=shutil.ignore_patterns("reconstructions"))
+    identity = store.read_json(folder / "session.json")
+    path = folder / "calibration" / "calibration.json"
+    record = store.read_json(path)
+    for camera, found in zip(identity["cameras"], record["cameras"], strict=True):
+        if camera["name"] in of:
+            camera["kind"] = "hdr"
+            found |= {"vignetting": [0, 0, 0], "gain": 1.0, "camera_from_rec709": None}
+    lines = store.read_lines(folder / "shots.jsonl")
+    store.discard(folder / "shots.jsonl")
+    for line in lines:
+        if line["camera"] in of:
+            if line["step"] > 0:
+                continue
+            place = f"{line['frame']:04d}/{line['camera']}.exr"
+            light = change(read_exr(folder / "truth" / place).rgb().astype(np.float64)).astype(np.float32)
+            for kept in ("truth", "raw"):
+                write_exr(folder / kept / place, light)
+            line["file"] = f"raw/{place}"
+            record["exposure_scale"][line["file"]] = 1.0
+        store.append_line(folder / "shots.jsonl", line)
+    store.write_json(folder / "session.json", identity)
+    store.write_json(path, record)
     return folder

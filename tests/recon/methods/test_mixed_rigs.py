@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from imaging import store
 from imaging.cfa import Cfa
 from imaging.errors import ReconstructionError
-from imaging.exr import read_exr, write_exr
 from recon.truth import true_radiance
 
-from .conftest import joined
+from .conftest import as_exr, joined
 
 
 @pytest.fixture(scope="module")
@@ -41,23 +39,7 @@ def test_photographs_beside_raw_are_as_right_as_photographs_alone(studio, train,
 def test_raw_beside_exr_needs_no_curve(studio, train, tmp_path):
     """The second camera's files are the true radiance; no tone curve is made for them."""
     raw = studio.session("toy")
-    session = joined(raw, raw, tmp_path / "mixed")
-    record = store.read_json(session / "session.json")
-    record["cameras"][1]["kind"] = "hdr"
-    store.write_json(session / "session.json", record)
-    found = store.read_json(session / "calibration" / "calibration.json")
-    found["cameras"][1] |= {"vignetting": [0, 0, 0], "gain": 1.0, "camera_from_rec709": None}
-    lines = [line for line in store.read_lines(session / "shots.jsonl") if line["camera"] == "cam0"]
-    for frame in range(3):
-        file = f"raw/{frame:04d}/cam1.exr"
-        light = read_exr(session / "truth" / f"{frame:04d}" / "cam1.exr").rgb()
-        write_exr(session / file, light)
-        found["exposure_scale"][file] = 1.0
-        lines.append(lines[0] | {"camera": "cam1", "frame": frame, "step": 0, "file": file})
-    store.write_json(session / "calibration" / "calibration.json", found)
-    store.discard(session / "shots.jsonl")
-    for line in lines:
-        store.append_line(session / "shots.jsonl", line)
+    session = as_exr(raw, tmp_path / "mixed", lambda light: light, of=["cam1"])
     outcome = train(session)
     assert outcome.scene.dataset.kind == "mixed"
     assert not outcome.scene.training.method.observation.shared
@@ -70,7 +52,7 @@ def test_hdr_gs_refuses_what_is_not_all_photographs(train, raw_and_photographs):
 
 
 @pytest.mark.parametrize(
-    ("name", "size"), [("toy", {"width": 80, "height": 60}), ("toy-ldr", {"width": 50, "height": 30})]
+    ("name", "size"), [("toy", {"width": 64, "height": 48}), ("toy-ldr", {"width": 40, "height": 40})]
 )
 def test_cameras_of_different_sizes(studio, train, tmp_path, name, size):
     small = studio.session(name)
@@ -82,7 +64,8 @@ def test_cameras_of_different_sizes(studio, train, tmp_path, name, size):
 def test_held_out_views_of_different_sizes_are_pooled(studio, train, tmp_path):
     """Nine views or more hold out two, of one camera each."""
     small, large = (
-        studio.session("toy", positions=5, width=width, height=width * 3 // 4) for width in (32, 48)
+        studio.session("toy", times=[1 / 60], positions=5, width=width, height=width * 3 // 4)
+        for width in (32, 48)
     )
     both = train(joined(small, large, tmp_path / "mixed"))
     assert len({view.lens.width for view in both.scene.dataset.held_out}) == 2
