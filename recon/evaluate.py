@@ -60,9 +60,8 @@ def evaluate(folder: Path, progress: Progress | None = None) -> dict[str, Any]:
             write_exr(folder / "renders" / f"{stem(view)}.exr", image, attributes={"rig:view": view.name})
     else:
         count = len(opened.dataset.views)
-        result["held_out_note"] = (
-            f"{count} views are too few to hold one out: take {FEWEST_FOR_HOLDOUT} or more."
-        )
+        views_are = "1 view is" if count == 1 else f"{count} views are"
+        result["held_out_note"] = f"{views_are} too few to hold one out: take {FEWEST_FOR_HOLDOUT} or more."
     if has_truth(opened.dataset.session):
         result |= calibration_errors(opened.dataset.session, opened.dataset.calibration)
         result |= _response(opened)

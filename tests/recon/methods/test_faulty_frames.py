@@ -1,0 +1,57 @@
+"""Photosites and exposure tags that are wrong, with and without a calibration that knows."""
+
+import pytest
+
+from calib.calibrate import calibrate
+from imaging import store
+from recon.truth import calibration_errors
+
+from .conftest import in_other_units
+
+EACH = [("toy", "nh-3dgs"), ("toy-ldr", "hdr-gs"), ("toy", "vanilla")]
+VICTIM = (1, "cam1", 1)
+"""Frame, camera and step of the shot whose tag is wrong."""
+
+
+@pytest.mark.parametrize(("name", "method"), EACH)
+@pytest.mark.parametrize("fault", ["dead_share", "hot_share"])
+def test_a_tenth_of_the_photosites_is_bad_and_nobody_knows(studio, train, name, method, fault):
+    """No darks and flats: the loss is of absolute differences, which a tenth of outliers cannot lead far."""
+    outcome = train(studio.session(name, sensor={fault: 0.1}), method)
+    assert all(shot.valid.all() for view in outcome.scene.dataset.views for shot in view.shots)
+    assert outcome.stops() < 1.35 * train(studio.session(name), method).stops()
+
+
+def wrongly_tagged(session, folder, factor):
+    """A copy in which one shot says that it was exposed `factor` times as long, and k believes it."""
+    in_other_units(session, folder, 1.0)
+    lines = store.read_lines(folder / "shots.jsonl")
+    store.discard(folder / "shots.jsonl")
+    path = folder / "calibration" / "calibration.json"
+    record = store.read_json(path)
+    for line in lines:
+        if (line["frame"], line["camera"], line["step"]) == VICTIM:
+            for tag in ("requested", "reported"):
+                line[tag]["time"] *= factor
+            record["exposure_scale"][line["file"]] *= factor
+        store.append_line(folder / "shots.jsonl", line)
+    record["shots_sha256"] = store.sha256(folder / "shots.jsonl")
+    store.write_json(path, record)
+    return folder
+
+
+@pytest.mark.parametrize("factor", [2.0, 0.5])
+@pytest.mark.parametrize(("name", "method"), EACH)
+def test_a_tag_that_is_wrong_by_two_and_believed(studio, train, tmp_path, name, method, factor):
+    """One shot in eighteen, or thirty, argues with the others."""
+    outcome = train(wrongly_tagged(studio.session(name), tmp_path / "tagged", factor), method)
+    assert outcome.stops() < 1.25 * train(studio.session(name), method).stops()
+
+
+@pytest.mark.parametrize("factor", [2.0, 0.5])
+def test_calibration_finds_the_wrong_tag_of_raw(studio, tmp_path, factor):
+    session = wrongly_tagged(studio.session("toy"), tmp_path / "tagged", factor)
+    before = calibration_errors(session, calibrate(session, only="colour"))["exposure_ratio_error_max"]
+    after = calibration_errors(session, calibrate(session, only="response"))["exposure_ratio_error_max"]
+    assert before > 0.4
+    assert after < 0.03

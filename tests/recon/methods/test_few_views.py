@@ -1,0 +1,38 @@
+"""One view and two: what they show is right, or they are refused."""
+
+import shutil
+
+import pytest
+
+from imaging import store
+from imaging.errors import ReconstructionError
+
+
+def first_views(session, folder, count):
+    """The session with only its first views placed."""
+    shutil.copytree(session, folder, ignore=shutil.ignore_patterns("reconstructions"))
+    path = folder / "calibration" / "calibration.json"
+    record = store.read_json(path)
+    record["views"] = record["views"][:count]
+    store.write_json(path, record)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "method", "stops"),
+    [("toy", "nh-3dgs", 0.9), ("toy-ldr", "hdr-gs", 0.9), ("toy", "vanilla", 0.9)],
+)
+@pytest.mark.parametrize("count", [1, 2])
+def test_views_that_have_points(studio, train, tmp_path, count, name, method, stops):
+    outcome = train(first_views(studio.session(name), tmp_path / "few", count), method)
+    assert len(outcome.scene.dataset.train) == count
+    assert not outcome.scene.dataset.held_out
+    words = "1 view is too few" if count == 1 else "2 views are too few"
+    assert outcome.metrics["held_out_note"] == f"{words} to hold one out: take 4 or more."
+    assert outcome.stops() < (stops if count == 1 else stops / 2)
+
+
+def test_one_view_that_no_point_was_found_in(studio, train):
+    """Two views make a point."""
+    with pytest.raises(ReconstructionError, match=r"has 0 scene points .*: take images that overlap more"):
+        train(studio.session("toy", cameras=1, positions=1))

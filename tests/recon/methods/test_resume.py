@@ -1,0 +1,50 @@
+"""A reconstruction that was interrupted and called again gives the same files, byte for byte."""
+
+import os
+import shutil
+import signal
+
+import pytest
+
+from imaging import store
+from recon.model import CHECKPOINT, MODEL, SPLATS
+from recon.reconstruct import reconstruct
+
+from .conftest import joined
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        ("toy", "nh-3dgs"),
+        ("toy-ldr", "hdr-gs"),
+        ("toy", "vanilla"),
+        ("toy-ldr", "vanilla"),
+        ("mixed", "nh-3dgs"),
+    ],
+)
+def test_interrupted_and_called_again(studio, train, tmp_path, name, method):
+    session = tmp_path / "session"
+    if name == "mixed":
+        joined(studio.session("toy"), studio.session("toy-ldr"), session)
+    else:
+        shutil.copytree(studio.session(name), session, ignore=shutil.ignore_patterns("reconstructions"))
+    whole = reconstruct(session, method=method, quality="draft", name="whole")
+
+    def interrupt(message: str, done: int, total: int) -> None:
+        if message.startswith("training") and done < total:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(session, method=method, quality="draft", name="twice", progress=interrupt)
+    stopped = whole.with_name("twice")
+    assert (stopped / CHECKPOINT).is_file()
+    assert not (stopped / MODEL).exists()
+    assert not (stopped / SPLATS).exists()
+    again = reconstruct(session, method=method, quality="draft", name="twice")
+    assert again == stopped
+    assert (again / SPLATS).read_bytes() == (whole / SPLATS).read_bytes()
+    models = [store.read_json(folder / MODEL) for folder in (whole, again)]
+    for model in models:
+        del model["created"], model["train_seconds"]
+    assert models[0] == models[1]
