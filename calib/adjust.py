@@ -52,13 +52,10 @@ def adjust(reconstruction: Any, free: Free, scale: float, threads: int, *, point
         config.add_image(image)
     for number in sorted(free.fixed):
         config.set_constant_cam_intrinsics(number)
-    tied = _tied(reconstruction, free.placed)
-    for sensor in tied:
+    for sensor in _tied(reconstruction, free.placed):
         config.set_constant_sensor_from_rig_pose(sensor)
-    if tied and not points_only:  # the rig has a size: only where the world begins is free
-        config.set_constant_rig_from_world_pose(min(reconstruction.reg_frame_ids()))
-    elif not points_only:
-        config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    # Nothing fixes where the world begins, or its scale: the solver's damping keeps them where they are. Two
+    # cameras held in place, as is usual, are too near to each other where a view was taken twice.
     # The class, and not `bundle_adjustment`, which prints whatever it is told.
     pycolmap.create_default_bundle_adjuster(options, config, reconstruction).solve()
 

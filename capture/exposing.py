@@ -60,7 +60,7 @@ def expose(
     waiting = set(cameras)
     for attempt in range(RETRIES + 1):
         frames, errors = _expose_once(cameras, requested, attempt)
-        for name in waiting & set(frames):
+        for name in (name for name in frames if name in waiting):
             new = frames[name]
             if deviates(new.reported, requested) and name not in suspect:
                 suspect[name] = new

@@ -86,7 +86,8 @@ def meter(
         probe(exposures[high])
     if not looks:
         raise CaptureError(f"no camera gave a picture to meter: {'; '.join(failed.values())}")
-    targets = [target for name, look in looks.items() for target in look.targets(name)]
+    seen = [name for name in cameras if name in looks]  # in the rig's order, whoever answered first
+    targets = [target for name in seen for target in looks[name].targets(name)]
     _must_be_seen(targets, looks, exposures[low], exposures[high])
     for name in looks:
         if not any(target.bright > target.dark for target in targets if target.camera == name):
