@@ -13,8 +13,9 @@ VICTIM = (1, "cam1", 1)
 """Frame, camera and step of the shot whose tag is wrong."""
 
 
-@pytest.mark.parametrize(("name", "method"), EACH)
-@pytest.mark.parametrize("fault", ["dead_share", "hot_share"])
+@pytest.mark.parametrize(
+    ("name", "method", "fault"), [(*one, "dead_share") for one in EACH] + [("toy", "nh-3dgs", "hot_share")]
+)
 def test_a_tenth_of_the_photosites_is_bad_and_nobody_knows(studio, train, name, method, fault):
     """No darks and flats: the loss is of absolute differences, which a tenth of outliers cannot lead far."""
     outcome = train(studio.session(name, sensor={fault: 0.1}), method)
@@ -40,8 +41,9 @@ def wrongly_tagged(session, folder, factor):
     return folder
 
 
-@pytest.mark.parametrize("factor", [2.0, 0.5])
-@pytest.mark.parametrize(("name", "method"), EACH)
+@pytest.mark.parametrize(
+    ("name", "method", "factor"), [(*one, 2.0) for one in EACH] + [("toy", "nh-3dgs", 0.5)]
+)
 def test_a_tag_that_is_wrong_by_two_and_believed(studio, train, tmp_path, name, method, factor):
     """One shot in eighteen, or thirty, argues with the others."""
     outcome = train(wrongly_tagged(studio.session(name), tmp_path / "tagged", factor), method)
@@ -50,7 +52,7 @@ def test_a_tag_that_is_wrong_by_two_and_believed(studio, train, tmp_path, name, 
 
 @pytest.mark.parametrize("factor", [2.0, 0.5])
 def test_calibration_finds_the_wrong_tag_of_raw(studio, tmp_path, factor):
-    session = wrongly_tagged(studio.session("toy"), tmp_path / "tagged", factor)
+    session = wrongly_tagged(studio.session("toy", width=64, height=48), tmp_path / "tagged", factor)
     before = calibration_errors(session, calibrate(session, only="colour"))["exposure_ratio_error_max"]
     after = calibration_errors(session, calibrate(session, only="response"))["exposure_ratio_error_max"]
     assert before > 0.4

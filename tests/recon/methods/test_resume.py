@@ -14,14 +14,7 @@ from .conftest import joined
 
 
 @pytest.mark.parametrize(
-    ("name", "method"),
-    [
-        ("toy", "nh-3dgs"),
-        ("toy-ldr", "hdr-gs"),
-        ("toy", "vanilla"),
-        ("toy-ldr", "vanilla"),
-        ("mixed", "nh-3dgs"),
-    ],
+    ("name", "method"), [("toy", "nh-3dgs"), ("toy-ldr", "hdr-gs"), ("toy", "vanilla"), ("mixed", "nh-3dgs")]
 )
 def test_interrupted_and_called_again(studio, train, tmp_path, name, method):
     session = tmp_path / "session"
