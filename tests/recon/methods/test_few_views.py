@@ -23,7 +23,7 @@ def first_views(session, folder, count):
     [(1, "toy", "nh-3dgs"), (1, "toy-ldr", "hdr-gs"), (2, "toy", "vanilla"), (2, "toy-ldr", "hdr-gs")],
 )
 def test_views_that_have_points(studio, train, tmp_path, count, name, method):
-    outcome = train(first_views(studio.session(name, width=64, height=48), tmp_path / "few", count), method)
+    outcome = train(first_views(studio.session(name, width=48, height=36), tmp_path / "few", count), method)
     assert len(outcome.scene.dataset.train) == count
     assert not outcome.scene.dataset.held_out
     words = "1 view is too few" if count == 1 else "2 views are too few"
