@@ -120,6 +120,9 @@ def solve(
         raise CalibrationError(_NO_START.format(len(pairs)))
     free, rungs = climb(reconstruction, free, typical, threads, progress)
     adjust(reconstruction, free, typical, threads)
+    if metric and not free.placed:  # distances are better known now than at first
+        for rig in rigs:
+            to_metres(reconstruction, known, rig)
     spread = spreads.measure(reconstruction, free, typical, progress)
     return _model(reconstruction, cameras, (rung, *rungs), spread, metric)
 
