@@ -39,7 +39,8 @@ def calibrate(
 ) -> Outcome:
     """Find out what the cameras did.
 
-    Poses, lenses, exposure ratios, response and vignetting come from the pictures themselves.
+    Poses, lenses, exposure ratios, response and vignetting come from the pictures themselves; the sensor
+    from darks and flats, lenses, rig and scale from a board, where the session has them.
     Writes SESSION/calibration with a COLMAP model and report.html.
 
     Example: rig calibrate S

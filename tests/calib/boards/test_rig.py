@@ -50,15 +50,13 @@ def test_a_board_places_the_rig_to_the_figures(stage: Stage) -> None:
         lens, true = group.solved.lenses[mount.name], mount.optics.lens
         doubt = group.doubt.lenses[mount.name]
         assert abs(lens.fx - true.fx) < 5 * doubt["fx"] < 2.0
-        grid = np.stack(np.meshgrid(np.linspace(50, WIDTH - 50, 5), np.linspace(50, HEIGHT - 50, 5)), -1)
         away = uncertainty.projection_map(true, [lens])
         assert away.max() < 5 * group.doubt.map[mount.name].max() < 1.0
-        assert np.isfinite(grid).all()
 
 
 def test_the_true_rig_lies_within_what_is_stated() -> None:
     """Of errors in a plane and an axis 95 % lie within 2.8 standard errors of the worst axis or more."""
-    inside = []
+    inside, stated = [], []
     for seed in range(40, 44):
         stage = stage_of(seed)
         group = solve_group(stage.board, stage.seen(14, wrong=0.005), stage.sizes, silent)
@@ -67,10 +65,12 @@ def test_the_true_rig_lies_within_what_is_stated() -> None:
         turns, shifts = errors_of(stage, group.solved.cam_from_rig)
         for name, turn, shift in zip(group.solved.cam_from_rig, turns, shifts, strict=True):
             if group.doubt.rotation[name] > 0:
+                stated.append(group.doubt.rotation[name])
                 inside.append(turn < 2.8 * group.doubt.rotation[name])
                 inside.append(shift < 2800 * group.doubt.translation[name])
     assert np.mean(inside) >= 0.85
     assert len(inside) == 24
+    assert 0.005 < np.median(stated) < 0.05  # errors stated too large would hold any truth
 
 
 def test_wrong_corners_are_dropped_and_right_ones_kept(stage: Stage) -> None:
