@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.simulated import capture_simulated
-from drivers.sim.tabletop import demo_scene
+from drivers.sim.rigs import simulate
 from imaging import store
 from imaging.calibration import (
     CalibrationRecord,
@@ -108,7 +108,8 @@ def _points(
     rng: np.random.Generator,
 ) -> npt.NDArray[np.float64]:
     """World points under the best-textured tenth of random pixels of every view."""
-    scene = demo_scene()
+    # Where surfaces are depends on the rig's name alone, not on its light or its seed.
+    scene = simulate(Session.open(folder).record.origin.removeprefix("sim:")).scene
     each, found = -(-count // len(poses)), []
     for (frame, camera), pose in poses.items():
         image = read_exr(folder / "truth" / f"{frame:04d}" / f"{camera}.exr").rgb().mean(-1)

@@ -1,4 +1,4 @@
-"""The simulated rigs by name, each a list of cameras on one arm before the demo scene."""
+"""The simulated rigs by name, each a list of cameras on one arm before a scene."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from drivers.camera import Camera
 from drivers.sim.board import Board, board_from_rig
 from drivers.sim.camera import HEADROOM, MAKE, Body, SimulatedCamera
+from drivers.sim.gallery import gallery_scene
 from drivers.sim.mounting import Mount, mounts, rig_from_world
 from drivers.sim.scene import Scene
 from drivers.sim.sensor import SensorModel
@@ -36,9 +37,10 @@ LDR_BRACKET = tuple(
 class Settings:
     """What can be overridden of a rig.
 
-    positions: frames on the arc; bit_depth: of the RAW files; samples: rays along a pixel's side;
-    light: factor on all light of the scene, 0 for dark frames; effects: jitter, flicker and row noise;
-    sensor: fields of SensorModel in which the sensors differ from what their files say, such as prnu.
+    scene: the laid table, or the gallery; positions: frames on the arc; bit_depth: of the RAW files;
+    samples: rays along a pixel's side; light: factor on all light of the scene, 0 for dark frames;
+    effects: jitter, flicker and row noise; sensor: fields of SensorModel in which the sensors differ
+    from what their files say, such as prnu.
     """
 
     kind: Literal["raw", "ldr"]
@@ -46,6 +48,7 @@ class Settings:
     positions: int
     width: int
     height: int
+    scene: Literal["table", "gallery"] = "table"
     bit_depth: int = 12
     samples: int = 4
     light: float = 1.0
@@ -56,6 +59,8 @@ class Settings:
 _RIGS = {
     "demo": Settings("raw", cameras=4, positions=6, width=320, height=240),
     "demo-ldr": Settings("ldr", cameras=4, positions=6, width=320, height=240),
+    "gallery": Settings("raw", cameras=4, positions=6, width=320, height=240, scene="gallery"),
+    "gallery-ldr": Settings("ldr", cameras=4, positions=6, width=320, height=240, scene="gallery"),
     "toy": Settings("raw", cameras=2, positions=3, width=64, height=48),
     "toy-ldr": Settings("ldr", cameras=2, positions=3, width=64, height=48),
 }
@@ -95,7 +100,8 @@ class SimulatedRig:
         self.name, self.seed, self.settings = name, seed, settings
         self.frames = settings.positions
         self.bracket = RAW_BRACKET if settings.kind == "raw" else LDR_BRACKET
-        self.scene: Scene = demo_scene() if settings.light == 1.0 else demo_scene().brightened(settings.light)
+        scene = demo_scene() if settings.scene == "table" else gallery_scene()
+        self.scene: Scene = scene if settings.light == 1.0 else scene.brightened(settings.light)
         self.mounts: tuple[Mount, ...] = mounts(
             seed, settings.cameras, settings.width, settings.height, settings.kind
         )

@@ -36,8 +36,8 @@ def capture(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="A simulated rig: demo, demo-ldr, toy or toy-ldr. With RIG.toml: its cameras in place of "
-            "real ones.",
+            help="A simulated rig: demo, gallery, or toy, a small one; with -ldr it takes photographs. With "
+            "RIG.toml: its cameras in place of real ones.",
         ),
     ] = None,
     seed: SeedOption = 0,

@@ -107,8 +107,8 @@ def test_cameras_differ_as_cameras_do(demo: SimulatedRig) -> None:
 
 
 def test_names_and_overrides() -> None:
-    assert names() == ("demo", "demo-ldr", "toy", "toy-ldr")
-    with pytest.raises(InputError, match="demo, demo-ldr, toy, toy-ldr"):
+    assert names() == ("demo", "demo-ldr", "gallery", "gallery-ldr", "toy", "toy-ldr")
+    with pytest.raises(InputError, match="demo, demo-ldr, gallery, gallery-ldr, toy, toy-ldr"):
         simulate("demos")
     with pytest.raises(InputError, match="positions"):
         simulate("toy", colour=3)

@@ -1,10 +1,12 @@
 """The ray-caster against analytic intersections and the rendering equation written out by hand."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
+from drivers.sim.gallery import gallery_scene
 from drivers.sim.lens import project, unproject
 from drivers.sim.mounting import look_at
 from drivers.sim.scene import Builder, Scene
@@ -165,14 +167,23 @@ def camera_rays(angle: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return pose, np.linalg.inv(pose)[:3, 3], directions
 
 
-def test_every_ray_of_the_demo_scene_ends_on_something_finite() -> None:
-    scene = demo_scene()
+@pytest.mark.parametrize("made", [demo_scene, gallery_scene])
+def test_every_ray_of_a_scene_ends_on_something_finite(made: Callable[[], Scene]) -> None:
+    scene = made()
     o = np.random.default_rng(3).normal(size=(20_000, 3))
     start = np.array((-1.5, -1.5, 1.3))
     assert np.all(np.isfinite(scene.depth(start, o)))
     colour = scene.radiance(start, o)
     assert np.all(np.isfinite(colour))
     assert np.all(colour > 0)
+
+
+@pytest.mark.parametrize(("made", "stops"), [(demo_scene, 17.7), (gallery_scene, 14.0)])
+def test_a_view_spans_the_stops_that_its_scene_is_made_for(made: Callable[[], Scene], stops: float) -> None:
+    scene = made()
+    _, eye, directions = camera_rays(0.0)
+    light = np.sort(scene.radiance(eye, directions).max(-1), axis=None)
+    assert np.log2(light[-1] / light[len(light) // 1000]) == pytest.approx(stops, abs=0.5)
 
 
 def test_lambertian_points_look_the_same_from_everywhere() -> None:
