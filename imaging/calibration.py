@@ -14,7 +14,10 @@ from imaging.noise import SensorNoise
 from imaging.records import Board, Name, Record, Rung, parse
 from imaging.sensor import SensorCalibration
 
-LensModel = Literal["PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
+LensModel = Literal["PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
+
+BROWN_TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
+FISHEYE_TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
 
 
 class Pose(Record):
@@ -39,7 +42,8 @@ class Pose(Record):
 class Lens(Record):
     """A COLMAP camera model; pixel centres at +0.5. Parameters as `fx fy cx cy k1 k2 p1 p2` (OPENCV).
 
-    `model` says which of them were free; the others are zero (or fx = fy).
+    `model` says which of them were free; the others are zero (or fx = fy). A fisheye (OPENCV_FISHEYE) has
+    `fx fy cx cy k1 k2 k3 k4`, terms in the angle from the axis. `imaging.lens` projects.
     """
 
     model: LensModel
@@ -53,6 +57,23 @@ class Lens(Record):
     k2: float = 0.0
     p1: float = 0.0
     p2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+
+    @property
+    def fisheye(self) -> bool:
+        """Whether the terms are those of the angle from the axis, not of its tangent."""
+        return self.model == "OPENCV_FISHEYE"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the eight `terms` are called."""
+        return FISHEYE_TERMS if self.fisheye else BROWN_TERMS
+
+    @property
+    def terms(self) -> tuple[float, ...]:
+        """`fx fy cx cy k1 k2 p1 p2`, or of a fisheye `fx fy cx cy k1 k2 k3 k4`: COLMAP's order."""
+        return tuple(float(getattr(self, name)) for name in self.names)
 
     def resized(self, width: int, height: int) -> "Lens":
         """The same lens seen on an image of another size."""
@@ -70,7 +91,7 @@ class Lens(Record):
 
 
 class LensError(Record):
-    """Standard errors of the terms of a lens, px of its image where terms are in px."""
+    """Standard errors of the terms of a lens, px of its image where terms are in px; 0 of those it lacks."""
 
     fx: float
     fy: float
@@ -78,8 +99,10 @@ class LensError(Record):
     cy: float
     k1: float
     k2: float
-    p1: float
-    p2: float
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
     projection: tuple[tuple[float, ...], ...] = ()
     """[rows][columns], px: how far a far point's projection may be off, at places evenly spread over the
     image, when the camera's own turn is not counted."""
@@ -192,6 +215,8 @@ class ViewCalibration(Record):
     points: int
     """Scene points seen by it."""
     error: PoseError | None = None
+    by_rig: bool = False
+    """Nothing in its picture was recognised: the other cameras of its rig alone tell where it was."""
 
 
 class CalibrationRecord(Record):
