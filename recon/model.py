@@ -12,6 +12,7 @@ from imaging.errors import ReconstructionError
 from imaging.records import Record, Rung, parse
 from recon.checkpoint import read_checkpoint
 from recon.dataset import Dataset, View, load
+from recon.fixed import Fixed
 from recon.methods import METHODS
 from recon.splat import SplatCamera
 from recon.trainer import Training
@@ -36,6 +37,8 @@ class Settings(Record):
     """Views a step; as many as processes trained together."""
     budget: float | None = None
     """Seconds asked for; None: the preset's iterations."""
+    fixed: Fixed = Fixed()
+    """What was set by hand."""
 
 
 class ModelRecord(Record):
@@ -102,12 +105,13 @@ def open_model(folder: Path) -> Opened:
     ReconstructionError if it is none, or if its session was calibrated anew since.
     """
     record = read_model(folder)
-    dataset = load(folder.resolve().parent.parent, max_width=record.settings.max_width)
+    fixed = record.settings.fixed
+    dataset = fixed.seen(load(folder.resolve().parent.parent, max_width=record.settings.max_width))
     if dataset.calibration_sha256 != record.calibration_sha256:
         raise ReconstructionError(
             f"{dataset.session} was calibrated again since {folder}: reconstruct again."
         )
     checkpoint = read_checkpoint(folder / CHECKPOINT)
     light_of_training = Training.light_in(checkpoint)
-    method = METHODS[record.settings.method](dataset, light_of_training)
+    method = fixed.composed(METHODS[record.settings.method](dataset, light_of_training))
     return Opened(folder, record, dataset, Training.restore(method, checkpoint, dataset.extent))

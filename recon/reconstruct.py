@@ -19,6 +19,7 @@ from recon.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from recon.dataset import Dataset, load
 from recon.density import DensityRules
 from recon.device import device_name, training_device
+from recon.fixed import Fixed
 from recon.ladder import chosen_method, rungs
 from recon.methods import METHODS, hdr_gs, nh_3dgs
 from recon.model import CHECKPOINT, LOG, MODEL, SPLATS, ModelRecord, Settings
@@ -52,6 +53,7 @@ QUALITIES: dict[str, Quality] = {
 
 START_SHARE = 0.5
 """Share of the largest number of Gaussians that training starts with; the rest grows where it is wrong."""
+_AS_IT_IS = Fixed()
 
 
 def reconstruct(
@@ -61,13 +63,16 @@ def reconstruct(
     quality: QualityName = "standard",
     budget: float | None = None,
     seed: int = 0,
+    fixed: Fixed = _AS_IT_IS,
     name: str | None = None,
+    shelf: str = "reconstructions",
     progress: Progress = lambda message, done, total: None,
 ) -> Path:
-    """Train a scene on a calibrated session; returns the folder SESSION/reconstructions/NAME.
+    """Train a scene on a calibrated session; returns the folder SESSION/SHELF/NAME.
 
     budget: most seconds of training; if the preset's iterations do not fit at the speed measured at the
-    start, the whole schedule is made shorter. name: the method's if None. A training that was stopped goes on
+    start, the whole schedule is made shorter. fixed: what is not to be as the preset and the method have
+    it. name: the method's if None. A training that was stopped goes on
     bit for bit when called again with the same settings; a finished one is returned as it is; other
     settings replace it. Runs on the GPU if there is one. Started several times over by torchrun, the
     processes train one scene together, each looking at a share of the views: a step then takes as many
@@ -79,7 +84,7 @@ def reconstruct(
     if not 0 <= seed < 2**32:
         raise InputError(f"The seed {seed} is out of range: give a number from 0 to 4294967295.")
     with joined() as ranks:
-        return _reconstruct(session, method, quality, budget, seed, name, progress, ranks)
+        return _reconstruct(session, method, quality, budget, seed, fixed, name, shelf, progress, ranks)
 
 
 def _reconstruct(
@@ -88,34 +93,39 @@ def _reconstruct(
     quality: QualityName,
     budget: float | None,
     seed: int,
+    fixed: Fixed,
     name: str | None,
+    shelf: str,
     progress: Progress,
     ranks: Ranks,
 ) -> Path:
     """`reconstruct` on one of the ranks."""
     preset, device = QUALITIES[quality], training_device()
-    dataset = load(session, max_width=preset.width, progress=progress)
+    width = fixed.width or preset.width
+    dataset = fixed.seen(load(session, max_width=width, progress=progress))
     chosen, reasons = _method(dataset, method)
     wanted = Settings.model_validate(
         {
             "method": chosen,
             "quality": quality,
             "seed": seed,
-            "iterations": math.ceil(preset.iterations / ranks.count),
+            "iterations": math.ceil((fixed.iterations or preset.iterations) / ranks.count),
             "batch": ranks.count,
-            "max_gaussians": preset.gaussians,
-            "max_width": preset.width,
+            "max_gaussians": fixed.gaussians or preset.gaussians,
+            "max_width": width,
             "budget": budget,
+            "fixed": fixed,
         }
     )
-    folder = store.inside(session, f"reconstructions/{name or chosen}")
+    folder = store.inside(session, f"{shelf}/{name or chosen}")
     found = _checkpoint(folder, wanted, dataset)
     if found is None:
         training, settings = _begin(folder, dataset, wanted, device, ranks, progress)
     else:
         settings = Settings.model_validate(found.facts["settings"])
         light = Training.light_in(found)
-        training = Training.restore(METHODS[chosen](dataset, light), found, dataset.extent, device)
+        composed = fixed.composed(METHODS[chosen](dataset, light))
+        training = Training.restore(composed, found, dataset.extent, device)
         if not ranks.first:  # the first one holds what all had counted
             training.stats = SplatStats(len(training.gaussians))
         if training.iteration >= settings.iterations and (folder / MODEL).is_file():
@@ -162,10 +172,11 @@ def _begin(
     images = [radiance_image(view) for view in dataset.train]
     light = light_of(dataset, images)
     rng = np.random.Generator(np.random.PCG64([wanted.seed, 0x57A27]))
-    points = start_points(dataset, images, int(START_SHARE * wanted.max_gaussians), rng, progress)
+    share = START_SHARE if wanted.fixed.growth is None else 1 - wanted.fixed.growth
+    points = start_points(dataset, images, int(share * wanted.max_gaussians), rng, progress)
 
     def training() -> Training:
-        method = METHODS[wanted.method](dataset, light)
+        method = wanted.fixed.composed(METHODS[wanted.method](dataset, light))
         gaussians = gaussians_at(points, method.appearance, method.observation.units)
         return Training.begin(method, light, gaussians, dataset.extent, device)
 

@@ -1,5 +1,6 @@
 """`rig reconstruct`: train a scene."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -27,6 +28,15 @@ def reconstruct(
         typer.Option(parser=seconds, metavar="TIME", help="Train no longer than this, as 90s or 5m."),
     ] = None,
     seed: SeedOption = 0,
+    sets: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Fix one of iterations, gaussians, width, degree, ssim, growth, views, exposures; may be "
+            "repeated. rig trade says what each of them buys.",
+        ),
+    ] = None,
     name: Annotated[
         str | None, typer.Option(help="Folder name under SESSION/reconstructions; the method if not given.")
     ] = None,
@@ -42,7 +52,7 @@ def reconstruct(
     """
     with running("reconstruct") as meter:
         return run_reconstruct(
-            session, meter, method=method, quality=quality, budget=budget, seed=seed, name=name
+            session, meter, method=method, quality=quality, budget=budget, seed=seed, name=name, sets=sets
         )
 
 
@@ -55,10 +65,11 @@ def run_reconstruct(
     budget: float | None,
     seed: int,
     name: str | None,
+    sets: Sequence[str] | None = None,
 ) -> Outcome:
     """Train, evaluate, write the report and say what came of it."""
     trained = run_training(
-        session, meter, method=method, quality=quality, budget=budget, seed=seed, name=name
+        session, meter, method=method, quality=quality, budget=budget, seed=seed, name=name, sets=sets
     )
     if not speaks():
         return Outcome({}, [])
@@ -75,13 +86,24 @@ def run_training(
     budget: float | None = None,
     seed: int = 0,
     name: str | None = None,
+    sets: Sequence[str] | None = None,
 ) -> Outcome:
     """Train a scene, or go on with it."""
+    from recon.fixed import Fixed
+
+    fixed = Fixed.of(sets or ())
     from recon.model import read_model
     from recon.reconstruct import reconstruct as reconstruct_session
 
     folder = reconstruct_session(
-        session, method=method, quality=quality, budget=budget, seed=seed, name=name, progress=meter
+        session,
+        method=method,
+        quality=quality,
+        budget=budget,
+        seed=seed,
+        fixed=fixed,
+        name=name,
+        progress=meter,
     )
     if not speaks():
         return Outcome({"reconstruction": str(folder)})

@@ -63,7 +63,7 @@ def _rows(
     if model is not None:
         yield "Trained", model.created.isoformat(timespec="seconds")
         for name, value in model.settings.model_dump().items():
-            if value is not None:
+            if value is not None and name != "fixed":
                 yield f"Training: {name.replace('_', ' ')}", str(value)
         yield "Trained on calibration", model.calibration_sha256
         yield "Unit of light", model.radiance
@@ -96,7 +96,8 @@ def _commands(
         options = f"--method {chosen.method} --quality {chosen.quality} --seed {chosen.seed}"
         budget = "" if chosen.budget is None else f" --budget {chosen.budget:g}s"
         own = "" if reconstruction in (None, chosen.method) else f" --name {shlex.quote(str(reconstruction))}"
-        yield f"rig reconstruct {name} {options}{budget}{own}"
+        sets = "".join(f" --set {word}" for word in chosen.fixed.words())
+        yield f"rig reconstruct {name} {options}{budget}{sets}{own}"
 
 
 def _source(session: Session) -> str:
