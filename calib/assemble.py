@@ -1,6 +1,6 @@
 """What was found out about a session, put together as the record that is written."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from math import degrees, hypot
@@ -34,8 +34,12 @@ def assemble(
     model: sfm.Model | None = None,
     falloff: vignetting.Falloff | None = None,
     board: Measured | None = None,
+    by_rig: Collection[Key] = (),
 ) -> CalibrationRecord:
-    """What is written; without a model no poses, and lenses only as far as a board told them."""
+    """What is written; without a model no poses, and lenses only as far as a board told them.
+
+    by_rig: the views of the model that nothing but their rig placed.
+    """
     cameras = []
     for camera in session.record.cameras:
         own = found.get(camera.name)
@@ -91,6 +95,7 @@ def assemble(
                 cam_from_world=pose,
                 points=model.points[name, frame] if model else 0,
                 error=_pose_error(model, (name, frame), board),
+                by_rig=(name, frame) in by_rig,
             )
             for (name, frame), pose in sorted(poses.items())
         ),

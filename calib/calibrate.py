@@ -10,6 +10,7 @@ from calib import radiometry, sensors, sfm, tracks, vignetting
 from calib.assemble import assemble
 from calib.boards.measure import Measured as MeasuredBoard
 from calib.boards.measure import measure as measure_board
+from calib.by_rig import place
 from calib.colour.measure import Charts, measure_charts
 from calib.colour.recorded import CHART_RUNGS, balance, charts_of, rebalanced, with_balance, with_charts
 from calib.exports import write_exports
@@ -162,6 +163,8 @@ def _with_poses(
         raise PartialError(
             f"{session.folder}: exposures and response are measured, but no view has a pose: {cause}"
         ) from error
+    rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
+    model, by_rig = place(model, looks, rigs)
     names = sorted(model.lenses)
     progress("measuring falloff", 0, 1)
     falloff = vignetting.estimate(
@@ -172,7 +175,7 @@ def _with_poses(
     equal = balance(
         model, {key: own.colour for key, own in looks.items()}, found, falloff, list(charts.evidence)
     )
-    record = with_charts(assemble(session, views, found, light, model, falloff, board), charts)
+    record = with_charts(assemble(session, views, found, light, model, falloff, board, by_rig), charts)
     record = with_balance(record, equal)
     _write(session, record, {key: own.png for key, own in looks.items()}, model, progress)
     return record

@@ -124,7 +124,7 @@ def held_out(names: list[tuple[int, str]]) -> set[tuple[int, str]]:
 
 
 def load(session: Path, *, max_width: int | None = None, progress: Progress | None = None) -> Dataset:
-    """Read every registered view of a session; images wider than `max_width` are scaled down.
+    """Read every view that its own picture placed; images wider than `max_width` are scaled down.
 
     A session whose data set says what it tests on (split.json) holds out just that.
     Photographs and EXR are averaged over areas in linear light; mosaics of at least twice the width
@@ -137,7 +137,8 @@ def load(session: Path, *, max_width: int | None = None, progress: Progress | No
     split = opened.split()
     if split is not None:
         digest.update((session / SPLIT).read_bytes())
-    poses = {(view.frame, view.camera): view for view in calibration.views}
+    # What was not recognised is black, blurred or bare; such a picture would be taken at its word.
+    poses = {(view.frame, view.camera): view for view in calibration.views if not view.by_rig}
     groups = {key: group for key, group in brackets(_used(opened, split)).items() if key in poses}
     if not groups:
         raise ReconstructionError(

@@ -139,9 +139,11 @@ def told(session: Path, record: "CalibrationRecord") -> Outcome:
     """A calibration as an outcome."""
     report = session / "calibration" / "report.html"
     images = len(record.views) + len(record.unregistered)
+    by_rig = [f"{view.camera}/{view.frame:04d}" for view in record.views if view.by_rig]
     lines = [
         f"{session}: {len(record.views)} of {counted(images, 'image')} with a pose, "
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
+        *[f"{session}: {name} shows nothing that was recognised: its pose is the rig's" for name in by_rig],
         *chart_lines(session, record),
         f"Report: {report}",
         f"Next: rig reconstruct {session}",
@@ -151,6 +153,7 @@ def told(session: Path, record: "CalibrationRecord") -> Outcome:
         "registered": len(record.views),
         "images": images,
         "unregistered": list(record.unregistered),
+        "by_rig": by_rig,
         "points": record.points,
         "reprojection_px": record.reprojection_px,
         "charts": told_charts(record),

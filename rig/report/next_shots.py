@@ -50,7 +50,13 @@ def _poses(record: CalibrationRecord) -> Iterable[str]:
             "No image has a pose: walk around a textured scene and take 20 views or more, each showing two "
             "thirds of the one before."
         )
-    weak = [f"{v.camera}/{v.frame:04d}" for v in record.views if v.points < FEW_POINTS]
+    guessed = [f"{v.camera}/{v.frame:04d}" for v in record.views if v.by_rig]
+    if guessed:
+        yield (
+            f"Nothing in {_named(guessed)} was recognised: its pose is the rig's, and no reconstruction "
+            "looks at it; see whether it is black, blurred or bare, and take the frame again."
+        )
+    weak = [f"{v.camera}/{v.frame:04d}" for v in record.views if v.points < FEW_POINTS and not v.by_rig]
     if weak:
         yield (
             f"{_named(weak)} sees fewer than {FEW_POINTS} scene points: take pictures nearby that show more "

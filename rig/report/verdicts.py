@@ -79,13 +79,17 @@ def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: 
     if record.views and total and not own:
         return Verdict("fail", f"{camera.name}: none of {counted(total, 'image')} has a pose")
     if own:
-        weak = sum(view.points < FEW_POINTS for view in own)
-        grades += ["warn"] * bool(missed or weak)
+        by_rig = sum(view.by_rig for view in own)
+        weak = sum(view.points < FEW_POINTS for view in own) - by_rig
+        grades += ["warn"] * bool(missed or weak or by_rig)
         sight = (
             f"{weak} of them from fewer than {FEW_POINTS} scene points"
             if weak
-            else f"each from {min(view.points for view in own)} scene points or more (at least {FEW_POINTS})"
+            else f"each from {min((v.points for v in own if not v.by_rig), default=0)} scene points or more "
+            f"(at least {FEW_POINTS})"
         )
+        if by_rig:
+            sight = f"{by_rig} of them by the rig alone, {'the others: ' if by_rig < len(own) else ''}{sight}"
         words += [f"{len(own)} of {counted(total, 'image')} with a pose, {sight}"]
     if camera.name in residuals.cameras:
         rms = residuals.cameras[camera.name].rms

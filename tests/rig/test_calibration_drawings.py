@@ -317,6 +317,18 @@ def test_what_lacks_is_asked_for_and_nothing_else(toy: Path) -> None:
     assert "cam1 has no pose at all" in "\n".join(next_shots(session, blind))
 
 
+def test_what_the_rig_alone_placed_is_told(toy: Path) -> None:
+    record = read_calibration(toy)
+    first = record.views[0].model_copy(update={"by_rig": True, "points": 0})
+    record = changed(record, views=(first, *record.views[1:]))
+    (asked,) = (words for words in next_shots(Session.open(toy), record) if "cam0/0000" in words)
+    assert "its pose is the rig's" in asked
+    graded = {verdict.text.split(":")[0]: verdict for verdict in verdicts(record, NOTHING)}
+    assert graded["cam0"].grade == "warn"
+    assert "1 of them by the rig alone, the others: each from" in graded["cam0"].text
+    assert "rig alone" not in graded["cam1"].text
+
+
 def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> None:
     error = dict.fromkeys(("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"), 0.1)
     grid = np.full((6, 9), 0.1)
