@@ -8,6 +8,7 @@ from torch import Tensor
 
 from recon.appearance import Appearance, Parameters, Rate
 from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
+from recon.splat.moved import moved
 
 GEOMETRY = ("means", "log_scales", "quats", "opacity_logits")
 
@@ -75,10 +76,15 @@ class Renderer:
         *,
         degree: int,
         stats: SplatStats | None = None,
+        camera_delta: Tensor | None = None,
     ) -> Render:
-        """Linear Rec.709 radiance in scene units, before black; differentiable in every parameter."""
+        """Linear Rec.709 radiance in scene units, before black; differentiable in every parameter.
+
+        camera_delta [14]: how far the camera is moved, as `rasterize` has it; differentiable too.
+        """
         parameters = gaussians.parameters
-        motion = camera.cam_from_world
+        place = camera if camera_delta is None else moved(camera, camera_delta.detach())[0]
+        motion = place.cam_from_world
         centre = torch.from_numpy((-motion[:3, :3].T @ motion[:3, 3]).astype(np.float32))
         with torch.no_grad():
             away = parameters["means"] - centre.to(parameters["means"])
@@ -93,6 +99,7 @@ class Renderer:
             None,
             self.limits,
             stats,
+            camera_delta,
         )
 
 

@@ -24,17 +24,20 @@ class _MuLaw(torch.autograd.Function):
         if ceiling is not None:
             below = value <= ceiling
             value = torch.minimum(value, ceiling, out=value)
-        ctx.save_for_backward(bend, scales, below)
+        ctx.save_for_backward(bend, scales, below, signal if ctx.needs_input_grad[1] else None)
         return value
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        bend, scales, below = ctx.saved_tensors
+        bend, scales, below, signal = ctx.saved_tensors
         slope = gradients[0] * scales
         slope.mul_(MU / math.log1p(MU)).div_(bend)
         if below is not None:
             slope.mul_(below)
-        return slope.sum(0), None, None
+        if signal is None:
+            return slope.sum(0), None, None
+        rest = tuple(range(1, slope.ndim))
+        return slope.sum(0), (slope * signal).sum(rest, keepdim=True) / scales, None
 
 
 def mu_law(signal: Tensor) -> Tensor:
@@ -50,7 +53,7 @@ def exposed_mu_law(signal: Tensor, scales: Tensor, ceiling: Tensor | None) -> Te
     """Odd mu-law of one signal at several exposures: [J, ...] of `signal` [...] times `scales` [J, 1, ...].
 
     ceiling [J, ...]: nothing above it is told apart from it, and such values have no gradient; infinite
-    where there is no such limit. Differentiable in the signal.
+    where there is no such limit. Differentiable in the signal and in the scales.
     """
     result: Tensor = _MuLaw.apply(signal, scales, ceiling)  # type: ignore[no-untyped-call]
     return result

@@ -37,9 +37,11 @@ class Mixed:
         """Move the curves."""
         self.photographs.to(device)
 
-    def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """As the view's own kind has it."""
-        return self._of(view).compare(image, view, progress)
+        return self._of(view).compare(image, view, progress, factors)
 
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
         """As the view's own kind has it."""

@@ -38,8 +38,13 @@ class Observation(Protocol):
         """Move the shared parameters to a device."""
         ...
 
-    def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
-        """Prediction and target, [P, h, w] each, from an image [H, W, 3]; progress is 0..1."""
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Prediction and target, [P, h, w] each, from an image [H, W, 3]; progress is 0..1.
+
+        factors [shots]: on the exposure scale of each shot; differentiable in them too.
+        """
         ...
 
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
@@ -142,13 +147,16 @@ class LinearLight:
     def to(self, device: torch.device) -> None:
         """Nothing to move: views follow the first image that they are compared with."""
 
-    def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """All shots of the bracket, darkest first: [shots * 4, H/2, W/2], or [shots * 3, H, W]."""
         known = self._prepared.get(view.name)
         if known is None:
             known = self._prepared[view.name] = self._prepare(view).to(image.device)
         light = through_filter(image, known.matrix, view.sensor.cfa) * known.falloff
-        prediction = exposed_mu_law(light, known.scales, known.ceiling)
+        scales = known.scales if factors is None else known.scales * factors[:, None, None, None]
+        prediction = exposed_mu_law(light, scales, known.ceiling)
         if known.valid is not None:
             prediction = torch.where(known.valid, prediction, known.target)
         return prediction.flatten(0, 1), known.target.flatten(0, 1)

@@ -84,13 +84,17 @@ class ToneCurve:
         """Move the curves and their nodes."""
         self.theta, self.nodes = self.theta.to(device), self.nodes.to(device)
 
-    def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """Predicted and photographed codes of all shots, [shots * 3, H, W]."""
         self._progress = progress
         codes = self._known.get(view.name)
         if codes is None:
             codes = self._known[view.name] = _codes(view, image.device)
         exposures = image.new_tensor([shot.k for shot in view.shots])
+        if factors is not None:
+            exposures = exposures * factors
         prediction = self._expose(image, view, exposures, leaky=True).flatten(0, 1)
         return prediction.clamp(codes.floor, codes.ceiling), codes.target
 
@@ -188,8 +192,10 @@ class Display:
     def to(self, device: torch.device) -> None:
         """Nothing to move."""
 
-    def compare(self, image: Tensor, view: View, progress: float) -> tuple[Tensor, Tensor]:
-        """The image, once for every shot, beside the photographs: [shots * 3, H, W]."""
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """The image, once for every shot whatever its exposure, beside the photographs: [shots * 3, H, W]."""
         codes = self._known.get(view.name)
         if codes is None:
             codes = self._known[view.name] = _codes(view, image.device)

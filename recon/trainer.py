@@ -17,6 +17,7 @@ from recon.interrupt import deferred
 from recon.method import Light, Method
 from recon.pixels import Progress
 from recon.ranks import Ranks
+from recon.refinement import RATES, Refinement
 from recon.splat import SplatStats
 from recon.torch_threads import torch_on_one_thread
 
@@ -49,18 +50,29 @@ class Training:
     gaussians: Gaussians
     optimizer: torch.optim.Optimizer
     stats: SplatStats
+    refinement: Refinement | None = None
     iteration: int = 0
     seconds: float = 0.0
 
     @classmethod
     def begin(
-        cls, method: Method, light: Light, gaussians: Gaussians, extent: float, device: torch.device = _CPU
+        cls,
+        method: Method,
+        light: Light,
+        gaussians: Gaussians,
+        extent: float,
+        device: torch.device = _CPU,
+        refinement: Refinement | None = None,
     ) -> "Training":
         """Nothing trained yet, on a device; `extent` scales the learning rate of the means."""
         gaussians = gaussians.to(device)
         method.observation.to(device)
         rates = {**method.geometry.all(extent), **method.appearance.rates, **method.observation.rates}
         parameters = {**gaussians.parameters, **method.observation.shared}
+        if refinement is not None:
+            refinement.to(device)
+            rates |= {name: RATES[name] for name in refinement.parameters}
+            parameters |= refinement.parameters
         groups = [
             {
                 "name": name,
@@ -71,7 +83,7 @@ class Training:
             for name, value in parameters.items()
         ]
         optimizer = torch.optim.Adam(groups, eps=1e-15, fused=True)
-        return cls(method, light, gaussians, optimizer, SplatStats(len(gaussians)))
+        return cls(method, light, gaussians, optimizer, SplatStats(len(gaussians)), refinement)
 
     def renderer(self) -> Renderer:
         """How its Gaussians are drawn."""
@@ -97,10 +109,12 @@ class Training:
             for key in ("seen", "gradient", "radius", "weight")
         }
         own = {"iteration": self.iteration, "seconds": self.seconds, "light": vars(self.light)}
+        corrections = {} if self.refinement is None else self.refinement.parameters
         return Checkpoint(
             {
                 **{f"gaussians.{name}": value for name, value in self.gaussians.parameters.items()},
                 **{f"shared.{name}": value for name, value in self.method.observation.shared.items()},
+                **{f"refinement.{name}": value for name, value in corrections.items()},
                 **adam_tensors(self.optimizer),
                 **stats,
             },
@@ -114,13 +128,23 @@ class Training:
 
     @classmethod
     def restore(
-        cls, method: Method, checkpoint: Checkpoint, extent: float, device: torch.device = _CPU
+        cls,
+        method: Method,
+        checkpoint: Checkpoint,
+        extent: float,
+        device: torch.device = _CPU,
+        refinement: Refinement | None = None,
     ) -> "Training":
-        """The training that `checkpoint` was taken of; `method` is composed anew, as it was then."""
+        """The training that `checkpoint` was taken of; `method` is composed anew, as it was then.
+
+        refinement: of what `refined_in` names, where that is anything.
+        """
         for name, value in checkpoint.part("shared").items():
             method.observation.shared[name].data.copy_(value)
+        for name, value in ({} if refinement is None else refinement.parameters).items():
+            value.data.copy_(checkpoint.tensors[f"refinement.{name}"])
         gaussians = Gaussians(checkpoint.part("gaussians"))
-        training = cls.begin(method, cls.light_in(checkpoint), gaussians, extent, device)
+        training = cls.begin(method, cls.light_in(checkpoint), gaussians, extent, device, refinement)
         restore_adam(training.optimizer, checkpoint.part("adam"))
         for key, value in checkpoint.part("stats").items():
             setattr(training.stats, key, value.numpy().copy())
@@ -148,7 +172,7 @@ def train(
     `plan.checkpoint_seconds`, and when the user interrupts. Several `ranks` share the views of an
     iteration; `plan.batch` must be a multiple of their number. Only the first logs and saves.
     """
-    method, views = training.method, dataset.train
+    method, views, refinement = training.method, dataset.train, training.refinement
     if plan.batch % ranks.count:
         raise ValueError(f"a batch of {plan.batch} views cannot be shared by {ranks.count} ranks")
     density = Density(plan.density, training.light.reference)
@@ -169,8 +193,13 @@ def train(
             own_loss, degree = 0.0, method.schedule.degree(done)
             for turn in range(ranks.number, plan.batch, ranks.count):
                 view = views[_turn(training.iteration * plan.batch + turn, len(views), plan.seed)]
-                render = renderer(training.gaussians, view.lens, degree=degree, stats=training.stats)
-                prediction, target = method.observation.compare(render.image, view, done)
+                delta = refinement.motion(view, done) if refinement else None
+                factors = refinement.factors(view, done) if refinement else None
+                image = renderer(
+                    training.gaussians, view.lens, degree=degree, stats=training.stats, camera_delta=delta
+                ).image
+                image = refinement.shaded(image, view, done) if refinement else image
+                prediction, target = method.observation.compare(image, view, done, factors)
                 loss = (
                     method.loss(prediction, target)
                     + method.appearance.penalty(training.gaussians.parameters)
@@ -181,6 +210,8 @@ def train(
                 own_loss += float(loss.detach())
             ranks.add([tensor.grad for tensor in training.parameters() if tensor.grad is not None])
             training.optimizer.step()
+            if refinement:
+                refinement.settle()
             training.iteration += 1
             losses.append(own_loss)
 
