@@ -73,8 +73,13 @@ class Model:
 
     @cached_property
     def values(self) -> Array:
-        """The curve on the grid."""
-        return self.shape.curve(self.theta)
+        """The curve on the grid; in step with sRGB beyond the codes that are used, where it would fall."""
+        values = self.shape.curve(self.theta).copy()
+        low, high = at(np.array([LOWEST, HIGHEST]))
+        for part, edge in ((slice(PER_CODE, low + 1), low), (slice(high, None), high)):
+            if np.any(np.diff(values[part]) <= 0):
+                values[part] = values[edge] + SRGB[part] - SRGB[edge]
+        return values
 
     def curve(self, codes: Array) -> Array:
         """g, natural log, at codes 0..255."""

@@ -1,7 +1,7 @@
 """The response of a camera that develops its photographs: the simplest curve that the data do not refute."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -9,20 +9,21 @@ import numpy.typing as npt
 from calib.codes import HIGHEST, LOWEST, Samples
 from calib.curve import Channel, Model, Noise, channel_of, fit, huber, neighbours, noise_of
 from calib.response_band import standard_errors
-from calib.response_models import Array, Gamma, Known, Polynomial, Shape, Spline
+from calib.response_models import Array, Blend, Gamma, Known, Shape, Spline
 from imaging.calibration import Response
 from imaging.records import Rung
 
 LADDER: tuple[tuple[Shape, ...], ...] = (
     (Known(),),
     (Gamma(),),
-    tuple(Polynomial(order) for order in range(2, 8)),
+    tuple(Blend(terms) for terms in range(3, 8)),
     tuple(Spline(smoothness) for smoothness in (1e6, 1e5, 1e4, 1e3)),
 )
 """From the simplest shape to the freest; of each rung the variants, the simplest first."""
-NEARLY = 1.04
-"""A simpler curve is preferred up to this much held-out loss: exposures in equal steps say nothing about
-ripples of that period, so only smoothness keeps them out, and no held-out sample would notice them."""
+NEARLY, HARDLY = 1.04, 0.03
+"""A simpler curve is preferred up to this much held-out loss, as a factor or per sample: exposures in equal
+steps say nothing about ripples of that period, so only smoothness keeps them out, and no held-out sample
+would notice them. The second is a third of the standard deviation of the noise."""
 ODD = 5.0
 """Groups with so many times the median loss under the freest curve are left out of all judgements: something
 moved there, or alignment left a border."""
@@ -40,7 +41,7 @@ NODES = np.concatenate(
 ).astype(float)
 """Codes that a curve is written at: between them a straight line is right to 0.2 %."""
 RUNGS = frozenset(
-    {"response_curve", "response_gamma", "response_polynomial", "response_spline", "exposure_labels"}
+    {"response_curve", "response_gamma", "response_blend", "response_spline", "exposure_labels"}
 )
 """Names of all rungs that an estimate may have."""
 UNIT = "whitened log-likelihood per held-out sample"
@@ -57,11 +58,15 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A shape, held out: mean loss per sample of each group, in units of the noise; median disagreement."""
+    """A shape, held out: mean loss per sample of each group, in units of the noise; median disagreement.
+
+    rises: whether it did, however it was fitted.
+    """
 
     shape: Shape
     loss: Array
     median: float
+    rises: bool
 
     @property
     def mean(self) -> float:
@@ -70,7 +75,7 @@ class Judged:
 
     def without(self, odd: npt.NDArray[np.bool_]) -> "Judged":
         """The same without some groups."""
-        return Judged(self.shape, np.where(odd, np.nan, self.loss), self.median)
+        return replace(self, loss=np.where(odd, np.nan, self.loss))
 
 
 def assumed(evidence: str) -> Estimate:
@@ -107,7 +112,8 @@ def estimate(samples: Samples | None) -> Estimate:
     best, rival, rungs = known, known, []
     for trials in ladder[1:]:
         keenest = min(trials, key=lambda trial: trial.mean)
-        trial = next(trial for trial in trials if trial.mean <= NEARLY * keenest.mean)
+        near = [trial for trial in trials if not _clearly_worse(trial, keenest)]
+        trial = next((trial for trial in near if trial.rises), near[0])
         rung = _judge(rival, trial)
         if rung.taken and not all(model.rises() for model in fit(channels, trial.shape, noise)):
             rung = rung.model_copy(update={"taken": False, "reason": f"a {trial.shape.name} does not rise"})
@@ -130,6 +136,10 @@ def estimate(samples: Samples | None) -> Estimate:
     return Estimate(response.model_copy(update={"sigma": told}), tuple(rungs), shift)
 
 
+def _clearly_worse(simple: Judged, freer: Judged) -> bool:
+    return simple.mean > max(NEARLY * freer.mean, freer.mean + HARDLY)
+
+
 def _judge(simple: Judged, freer: Judged) -> Rung:
     """Whether a freer shape is worth it, paired over the held-out groups; `simple`: the best of its rung."""
     gain = simple.loss - freer.loss
@@ -137,7 +147,7 @@ def _judge(simple: Judged, freer: Judged) -> Rung:
     value, error = float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain)))
     return Rung(
         name=f"response_{freer.shape.name.split()[0]}",
-        taken=value > error and simple.mean > NEARLY * freer.mean,
+        taken=value > error and _clearly_worse(simple, freer),
         gain=value,
         standard_error=error,
         unit=UNIT,
@@ -194,13 +204,14 @@ def held_out(
     """How well a shape, fitted to some parts of the views, brings the exposures of the others into accord."""
     groups = int(max(channel.group.max() for channel in channels)) + 1
     folds = np.arange(groups) % FOLDS
-    losses, counts, medians = np.zeros(groups), np.zeros(groups), []
+    losses, counts, medians, rises = np.zeros(groups), np.zeros(groups), [], True
     for fold in range(FOLDS):
         training = [channel.only(folds[channel.group] != fold) for channel in channels]
         testing = [channel.only(folds[channel.group] == fold) for channel in channels]
         if not all(len(part.code) for part in (*training, *testing)):
             continue
         models = fit(training, shape, noise, labels_hold=labels_hold)
+        rises &= all(model.rises() for model in models)
         for channel, model, own in zip(testing, models, noise, strict=True):
             sigma = own.of(channel)
             owner = channel.group[channel.site]
@@ -209,7 +220,7 @@ def held_out(
             counts += np.bincount(owner, minlength=groups)
             medians.append(_disagreement(channel, model))
     with np.errstate(invalid="ignore"):
-        return Judged(shape, losses / np.where(counts > 0, counts, np.nan), float(np.median(medians)))
+        return Judged(shape, losses / np.where(counts > 0, counts, np.nan), float(np.median(medians)), rises)
 
 
 def _disagreement(channel: Channel, model: Model) -> float:
