@@ -61,6 +61,10 @@ class _Shape:
     """Group of each camera; empty: no falloff."""
     gains: bool
 
+    def parameters(self, cameras: int) -> int:
+        """Numbers that are fitted; the mean of the gains is not one."""
+        return 3 * len(set(self.lenses)) + (cameras - 1) * self.gains
+
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
@@ -91,7 +95,8 @@ def estimate(tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str]) 
     def climb(name: str, taller: _Shape, what: str) -> None:
         nonlocal shape
         gain, error = _gain(tracks, shape, taller, count)
-        rung = Rung.judged(name, gain, error, "robust whitened loss per held-out track", what)
+        more = taller.parameters(count) - shape.parameters(count)
+        rung = Rung.judged(name, gain, error, "robust whitened loss per held-out track", what, more)
         rungs.append(rung)
         if rung.taken:
             shape = taller

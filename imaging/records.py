@@ -210,9 +210,19 @@ class Rung(Record):
     standard_error: float | None = None
     unit: str = ""
     reason: str
+    parameters: int | None = None
+    """What it costs: numbers that it adds to the model; None: not counted."""
 
     @classmethod
-    def judged(cls, name: str, gain: float, standard_error: float, unit: str, reason: str) -> Self:
+    def judged(
+        cls,
+        name: str,
+        gain: float,
+        standard_error: float,
+        unit: str,
+        reason: str,
+        parameters: int | None = None,
+    ) -> Self:
         """Taken only when the held-out gain is above one standard error."""
         return cls(
             name=name,
@@ -221,4 +231,5 @@ class Rung(Record):
             standard_error=standard_error,
             unit=unit,
             reason=reason,
+            parameters=parameters,
         )

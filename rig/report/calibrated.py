@@ -41,6 +41,8 @@ class RungRow:
     name: str
     taken: bool
     gain: str
+    cost: str
+    """What it adds to the model; nothing where that was not counted."""
     reason: str
 
 
@@ -97,7 +99,7 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
         unregistered=record.unregistered,
         topics=tuple(topic for topic in topics if not topic.empty),
         responses=tuple(_responses(record)),
-        rungs=tuple(_groups(record.rungs)),
+        rungs=tuple(rung_groups(record.rungs)),
         stale=stale,
     )
 
@@ -172,7 +174,7 @@ def _kind(camera: CameraCalibration) -> str:
     }[camera.response.kind]
 
 
-def _groups(rungs: Sequence[Rung]) -> Iterable[RungGroup]:
+def rung_groups(rungs: Sequence[Rung]) -> Iterable[RungGroup]:
     """By topic, in the order of `TOPICS`; what fits none comes last."""
     groups: dict[str, list[Rung]] = {title: [] for title, _ in TOPICS}
     for rung in rungs:
@@ -195,6 +197,7 @@ def rung_rows(rungs: Sequence[Rung]) -> tuple[RungRow, ...]:
             else f"{rung.gain:+.3g}"
             + (f" ± {rung.standard_error:.2g}" if rung.standard_error is not None else "")
             + (f" {rung.unit}" if rung.unit else ""),
+            cost="" if rung.parameters is None else counted(rung.parameters, "number"),
             reason=rung.reason,
         )
         for rung in rungs

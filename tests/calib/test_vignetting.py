@@ -44,6 +44,9 @@ def test_shared_falloff_and_gains_are_found_through_outliers():
 def test_cameras_that_differ_get_a_falloff_each():
     found = estimate(made([(-0.5, 0, 0), (-0.1, 0, 0), (-0.3, 0, 0), (0, 0, 0)], [1] * 4), NAMES, MODELS)
     assert taken(found)["vignetting_each_camera"]
+    # Three powers of the radius for one model, then for four cameras; gains have no mean of their own.
+    costs = {rung.name: rung.parameters for rung in found.rungs}
+    assert costs == {"vignetting": 3, "camera_gain": 3, "vignetting_each_camera": 9}
     corner = [1 + sum(found.vignetting[name]) for name in NAMES]
     assert corner == pytest.approx([0.5, 0.9, 0.7, 1.0], abs=0.03)
 

@@ -1,0 +1,95 @@
+"""`rig explain`: the rungs that the records hold, as a table and as JSON."""
+
+import json
+
+import pytest
+
+from imaging import store
+from imaging.records import Rung
+
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "120")
+
+
+def test_a_scene_is_explained_stage_by_stage(rig, scene) -> None:
+    code, out, err = rig("explain", str(scene))
+    assert (code, err) == (0, "")
+    capture, calibration, model = (part.splitlines() for part in out.replace("\n\n", "\0").split("\0", 2))
+    assert "1 plan" in capture[0]
+    assert "3 exposures x 3 frames x 2 cameras:" in " ".join(capture)
+    assert "1/1000 s f/4 ISO 100 to 1/4 s f/4 ISO 100" in " ".join(capture)
+    assert "3 parts considered, 1 taken" in calibration[0]
+    (row,) = [line for line in calibration if line.lstrip().startswith("vignetting")]
+    assert row.split()[1] == "yes"
+    assert "+0.031 ± 0.004 stops" in row
+    assert "nh-3dgs" in model[0]
+    assert "20 iterations" in model[0]
+    assert any(line.lstrip().startswith("one-sided saturation") for line in model)
+
+
+def test_json_has_every_rung_of_both_records(rig, scene) -> None:
+    folder = scene / "reconstructions" / "nh-3dgs"
+    code, out, _ = rig("explain", str(folder), "--json")
+    told = json.loads(out)
+    assert code == 0
+    calibration = store.read_json(scene / "calibration" / "calibration.json")
+    assert told["calibration"] == [Rung(**rung).model_dump() for rung in calibration["rungs"]]
+    assert told["model_rungs"] == store.read_json(folder / "model.json")["rungs"]
+    (plan,) = told["capture"]
+    assert (plan["exposures"], plan["frames"], plan["cameras"], plan["shots"]) == (3, 3, 2, 18)
+    assert plan["reason"]
+    assert not told["calibration_is_stale"]
+
+
+def test_a_calibrated_session_without_a_scene(rig, toy) -> None:
+    code, out, _ = rig("explain", str(toy))
+    assert code == 0
+    assert out.splitlines()[-1] == f"{toy}: no reconstruction yet, next: rig reconstruct {toy}"
+    assert json.loads(rig("explain", str(toy), "--json")[1])["reconstruction"] is None
+
+
+def test_what_is_out_of_date_is_said(rig, scene) -> None:
+    path = scene / "calibration" / "calibration.json"
+    record = store.read_json(path)
+    store.write_json(path, record | {"created": "2999-01-01T00:00:00Z", "shots_sha256": "0" * 64})
+    code, out, _ = rig("explain", str(scene))
+    assert code == 0
+    assert out.count("OUT OF DATE") == 2
+
+
+def test_costs_are_told_where_they_were_counted_and_long_reasons_wrap(rig, toy) -> None:
+    path = toy / "calibration" / "calibration.json"
+    record = store.read_json(path)
+    reason = "a falloff, since [red]corners[/red] are \x1b[2J dark " + "and darker " * 20
+    rungs = [Rung.judged("vignetting", 1.0, 0.1, "stops", reason, parameters=3).model_dump(mode="json")]
+    store.write_json(path, record | {"rungs": rungs})
+    code, out, _ = rig("explain", str(toy))
+    assert code == 0
+    assert "3 numbers" in out
+    assert "[red]corners[/red]" in " ".join(out.split())
+    assert "\x1b" not in out
+    assert max(map(len, out.splitlines()[1:-1])) <= 120
+    assert out.count("darker") == 20
+
+
+def test_a_session_without_a_calibration_is_told_what_to_do(rig, toy) -> None:
+    store.discard(toy / "calibration" / "calibration.json")
+    code, out, err = rig("explain", str(toy))
+    assert (code, out) == (2, "")
+    assert err == f"{toy} has nothing to explain yet: run `rig calibrate` first.\n"
+
+
+@pytest.mark.parametrize("where", ["nowhere", "."])
+def test_what_is_no_session_is_one_sentence(rig, tmp_path, where) -> None:
+    code, out, err = rig("explain", str(tmp_path / where))
+    assert (code, out, err.count("\n")) == (2, "", 1)
+
+
+@pytest.mark.parametrize("damaged", ["calibration/calibration.json", "plans.jsonl", "session.json"])
+def test_damaged_records_are_one_sentence(rig, toy, damaged) -> None:
+    (toy / damaged).write_bytes(b'{"x": 1}\n{"y": 2}\n')
+    code, out, err = rig("explain", str(toy))
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "defect" not in err
