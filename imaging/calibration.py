@@ -115,6 +115,14 @@ class PoseError(Record):
     translation: float
 
 
+class BoardPlace(Record):
+    """Where a board stood at a frame, seen from the first of the cameras that saw it together; metres."""
+
+    frame: int = Field(ge=0)
+    cameras: tuple[Name, ...] = Field(min_length=1)
+    cam_from_board: Pose
+
+
 class BoardEvidence(Record):
     """What views of a board gave: how many, and how well the corners fit, px."""
 
@@ -126,6 +134,8 @@ class BoardEvidence(Record):
     rms_px: float
     outliers: tuple[str, ...] = ()
     """A sentence for each view or camera that fits much worse than the others."""
+    places: tuple[BoardPlace, ...] = ()
+    """By frame; cameras that never saw it together have places of their own."""
 
 
 class Response(Record):

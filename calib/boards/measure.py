@@ -11,7 +11,7 @@ from calib.features import Key
 from calib.previews import luminance
 from calib.sfm import pose_of
 from calib.views import Progress, View, read_view, views_of
-from imaging.calibration import BoardEvidence, Lens, LensError, Pose, PoseError, Response
+from imaging.calibration import BoardEvidence, BoardPlace, Lens, LensError, Pose, PoseError, Response
 from imaging.colmap import pycolmap
 from imaging.errors import CalibrationError
 from imaging.merge import merge_bracket
@@ -131,6 +131,7 @@ def _joined(board: Board, printed: str, seen: Mapping[Key, Corners], groups: lis
     lens_errors: dict[str, LensError] = {}
     mounted: dict[str, Pose] = {}
     rig_errors: dict[str, PoseError] = {}
+    places: list[BoardPlace] = []
     misses, outliers = [], [group.refused for group in groups if group.refused]
     for group in good:
         solved, doubt = group.solved, group.doubt
@@ -159,6 +160,7 @@ def _joined(board: Board, printed: str, seen: Mapping[Key, Corners], groups: lis
             for name, ratio in doubt.halves.items()
             if ratio > DISAGREE
         ]
+        places += places_of(solved)
         misses.append(solved.misses)
         outliers += _named(solved)
     every = np.concatenate(misses)
@@ -170,11 +172,29 @@ def _joined(board: Board, printed: str, seen: Mapping[Key, Corners], groups: lis
         corners=len(every),
         rms_px=float(np.sqrt(np.mean(every**2))),
         outliers=tuple(outliers),
+        places=tuple(sorted(places, key=lambda place: (place.frame, place.cameras))),
     )
     sure_lenses, lens_rung = _sure_lenses(lenses, lens_errors)
     sure_rig, rig_rung = _sure_rig(lenses, rig_errors)
     rungs = [rung for group in good for rung in group.rungs] + [lens_rung] + [rig_rung] * bool(mounted)
     return Measured(lenses, lens_errors, mounted, rig_errors, evidence, tuple(rungs), sure_lenses, sure_rig)
+
+
+def places_of(solved: rig.Solved) -> list[BoardPlace]:
+    """Where the board stood at every frame that has a corner which fits."""
+    seen: dict[int, set[str]] = {}
+    for name, frame, _ in solved.places:
+        seen.setdefault(frame, set()).add(name)
+    return [
+        BoardPlace(
+            frame=frame,
+            cameras=tuple(sorted(names)),
+            cam_from_board=pose_of(
+                pycolmap.Rigid3d((solved.cam_from_rig[min(names)] @ solved.rig_from_board[frame])[:3])
+            ),
+        )
+        for frame, names in sorted(seen.items())
+    ]
 
 
 def _sure_lenses(lenses: Mapping[str, Lens], errors: Mapping[str, LensError]) -> tuple[frozenset[str], Rung]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from imaging.calibration import CalibrationRecord, ViewCalibration
 from imaging.colmap import SparsePoints
+from rig.report.board_view import board_figures
 from rig.report.chart import COLOURS, Series, chart
 from rig.report.residuals import Residuals
 from rig.report.rig_view import MOST_VIEWS, turntable
@@ -18,12 +19,13 @@ WORST = 10
 
 
 def pose_topic(record: CalibrationRecord, points: SparsePoints | None, residuals: Residuals) -> Topic:
-    """What is known of where the cameras were; an empty topic if no view has a pose."""
+    """What is known of where cameras and boards were; an empty topic if nothing is."""
+    boards = tuple(board_figures(record))
     if not record.views:
-        return Topic("Poses")
+        return Topic("Poses", figures=boards)
     return Topic(
         "Poses",
-        figures=tuple(_figures(record, points, residuals)),
+        figures=(*_figures(record, points, residuals), *boards),
         tables=(_least_sure(record, residuals),),
     )
 

@@ -23,16 +23,25 @@ STEPS, FIRST = 12, 1
 ELEVATION = math.radians(28)
 WIDTH, HEIGHT, MARGIN = 1000, 460, 30
 MOST_POINTS, MOST_VIEWS = 1000, 240
+NO_BOARDS: Mapping[int, Array] = {}
 MOST_LABELLED = 60
 """Views up to which each says its name when it is pointed at."""
 
 
 def turntable(
-    poses: Mapping[Key, Array], lenses: Mapping[str, Lens], points: Array, *, metric: bool
+    poses: Mapping[Key, Array],
+    lenses: Mapping[str, Lens],
+    points: Array,
+    *,
+    metric: bool,
+    boards: Mapping[int, Array] = NO_BOARDS,
+    group: str = "turn",
 ) -> Markup:
     """Cameras as frusta by colour, joined where they belong to one frame; scene points as dots.
 
     poses: (frame, camera) -> cam_from_world [4, 4]. points: float64 [P, 3]. metric: lengths are metres.
+    boards: the corners of a board at each frame, in order around it, world, float64 [4, 3]. group: of the
+    buttons, another for each turntable of a page.
     """
     axes = ground(list(poses.values()))
     axes = np.stack([*axes, np.cross(axes[0], axes[1])])  # right, away, up
@@ -40,7 +49,9 @@ def turntable(
     shown = dict(sorted(poses.items())[::step])
     centres = np.array([-pose[:3, :3].T @ pose[:3, 3] for pose in shown.values()]) @ axes.T
     cloud = points[np.isfinite(points).all(1)] @ axes.T if len(points) else np.zeros((0, 3))
-    low, high = centres.min(0), centres.max(0)
+    shapes = {frame: corners @ axes.T for frame, corners in boards.items()}
+    solid = np.concatenate([centres, *shapes.values()])
+    low, high = solid.min(0), solid.max(0)
     if len(cloud):
         # A few stray points would shrink everything else.
         low = np.minimum(low, np.percentile(cloud, 3, axis=0))
@@ -48,7 +59,7 @@ def turntable(
         cloud = cloud[((cloud >= low) & (cloud <= high)).all(1)]
         cloud = cloud[:: max(1, -(-len(cloud) // MOST_POINTS))]
     views = [_flat(turn) for turn in range(STEPS)]
-    spots = [np.concatenate([centres, cloud]) @ view.T for view in views]
+    spots = [np.concatenate([solid, cloud]) @ view.T for view in views]
     reach = np.maximum(np.max([np.ptp(own, axis=0) for own in spots], axis=0), 1e-9)
     factor = min((WIDTH - 2 * MARGIN) / reach[0], (HEIGHT - 2 * MARGIN) / reach[1])
     names = sorted({camera for _, camera in poses})
@@ -70,6 +81,9 @@ def turntable(
             f'aria-label="Rig and scene, turned by {round(360 * turn / STEPS)} degrees">',
             '<path class="cloud" d="' + "".join(f"M{x:.0f} {y:.0f}h0" for x, y in place(cloud)) + '"/>',
         ]
+        for frame, corners in shapes.items():
+            path = "L".join(f"{x:.1f} {y:.1f}" for x, y in place(corners))
+            parts.append(f'<g><title>board, frame {frame}</title><path class="board" d="M{path}Z"/></g>')
         for line in joined:
             path = "L".join(f"{x:.1f} {y:.1f}" for x, y in place(line))
             parts.append(f'<path class="bar-of" d="M{path}"/>')
@@ -89,7 +103,7 @@ def turntable(
         parts.append(_scale(factor, metric))
         drawings.append("".join(parts) + "</svg>")
     inputs = "".join(
-        f'<input type="radio" name="turn" aria-label="Turned by {round(360 * turn / STEPS)} degrees"'
+        f'<input type="radio" name="{group}" aria-label="Turned by {round(360 * turn / STEPS)} degrees"'
         f"{' checked' if turn == FIRST else ''}>"
         for turn in range(STEPS)
     )

@@ -6,7 +6,7 @@ import pytest
 
 from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
-from calib.boards.measure import DISAGREE, solve_group
+from calib.boards.measure import DISAGREE, places_of, solve_group
 from calib.boards.start import begin
 from calib.features import Key
 from drivers.sim.lens import project
@@ -44,6 +44,12 @@ def test_a_board_places_the_rig_to_the_figures(stage: Stage) -> None:
     assert max(shifts) < 0.3
     assert group.solved.rms < 0.1
     assert max(group.doubt.halves.values()) < DISAGREE
+    number = {mount.name: index for index, mount in enumerate(stage.rig.mounts)}
+    places = places_of(group.solved)
+    assert len(places) == 25
+    for place in places:
+        true = stage.cam_from_board(number[place.cameras[0]], place.frame)
+        np.testing.assert_allclose(place.cam_from_board.matrix(), true, atol=5e-3)
     taken = {rung.name for rung in group.rungs if rung.taken}
     assert "lens_radial_1" in taken  # the simulated lenses have it, and the rest is next to nothing
     for mount in stage.rig.mounts:
