@@ -30,16 +30,8 @@ moved there, or alignment left a border."""
 FOLDS = 3
 FEWEST = 300
 """Photosites below which nothing is measured."""
-NODES = np.concatenate(
-    [
-        np.arange(1, 24),
-        np.arange(24, 64, 2),
-        np.arange(64, 128, 4),
-        np.arange(128, 248, 8),
-        np.arange(248, 256),
-    ]
-).astype(float)
-"""Codes that a curve is written at: between them a straight line is right to 0.2 %."""
+NODES = np.arange(1.0, 256.0)
+"""Codes that a curve is written at: all of 8 bits, since a shoulder is too steep for straight lines."""
 RUNGS = frozenset(
     {"response_curve", "response_gamma", "response_blend", "response_spline", "exposure_labels"}
 )
