@@ -46,6 +46,8 @@ def distort(tangents: Array, terms: Sequence[float], *, fisheye: bool) -> Array:
         some = radius > 0
         ratio = np.divide(fisheye_radius(np.arctan(radius), terms), radius, out=np.ones_like(u), where=some)
         return np.asarray(tangents * ratio[..., None])
+    if not any(terms):
+        return tangents
     k1, k2, p1, p2 = terms
     radial = 1 + square * (k1 + square * k2)
     x = u * radial + 2 * p1 * u * v + p2 * (square + 2 * u * u)

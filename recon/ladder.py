@@ -25,11 +25,15 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
     stops = np.log2([shot.k for view in dataset.train for shot in view.shots])
     apart = float(stops.max() - stops.min())
     several = any(len(view.shots) > 1 for view in dataset.train)
-    if several and apart >= STOP_APART:
-        reason = f"exposures of a view lie up to {apart:.1f} stops apart"
+    measured = all(view.sensor.response.residual is not None for view in dataset.train)
+    if (several or measured) and apart >= STOP_APART:
+        reason = f"exposures of {'a view' if several else 'the views'} lie up to {apart:.1f} stops apart"
+        if not several:
+            reason += ", and calibration measured the response on points that views share"
         return hdr_gs.NAME, (_rung("tone curve", True, reason),)
     reason = (
-        f"exposures span {apart:.1f} stops and no view has a bracket: curve and light cannot be told apart"
+        f"exposures span {apart:.1f} stops, no view has a bracket and the response was not measured: curve "
+        "and light cannot be told apart"
         if not several
         else f"exposures span only {apart:.1f} stops: curve and light cannot be told apart"
     )
@@ -41,7 +45,7 @@ def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
     clipped = float(np.mean([shot.saturated.mean() for view in dataset.train for shot in view.shots]))
     shares = [shot.saturated.mean() for view in dataset.train for shot in view.shots[:1]]
     cameras = [camera for camera in dataset.calibration.cameras if camera.lens is not None]
-    distorted = [c.name for c in cameras if c.lens and any((c.lens.k1, c.lens.k2, c.lens.p1, c.lens.p2))]
+    distorted = [c.name for c in cameras if c.lens and (c.lens.fisheye or any(c.lens.terms[4:]))]
     shaded = [c.name for c in cameras if any(c.vignetting)]
     gains = [c.gain for c in cameras]
     span = float(np.log2(max(gains) / min(gains))) if gains else 0.0

@@ -1,12 +1,17 @@
-"""The camera as the rasteriser sees it: a pose and an OPENCV lens."""
+"""The camera as the rasteriser sees it: a pose and a lens."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from imaging.calibration import Lens, Pose
+from imaging import lens as optics
+from imaging.calibration import BROWN_TERMS, FISHEYE_TERMS, Lens, Pose
+from imaging.errors import ReconstructionError
 
 Floats = npt.NDArray[np.float64]
 
@@ -17,6 +22,7 @@ class SplatCamera:
 
     cam_from_world: float64 [4, 4], x right, y down, z forward. fx, fy, cx, cy in pixels, pixel centres
     at +0.5. k1, k2 radial, p1, p2 tangential. width, height in pixels.
+    fisheye: k1 to k4 are the terms of an equidistant lens instead (COLMAP `OPENCV_FISHEYE`), p1, p2 unused.
     """
 
     cam_from_world: Floats
@@ -30,10 +36,13 @@ class SplatCamera:
     k2: float = 0.0
     p1: float = 0.0
     p2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    fisheye: bool = False
 
     def __post_init__(self) -> None:
         """ValueError for values that are not finite, and for no pixels or focal length."""
-        for name in ("cam_from_world", "fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"):
+        for name in ("cam_from_world", "fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4"):
             if not np.isfinite(getattr(self, name)).all():
                 raise ValueError(f"SplatCamera.{name} is not finite")
         for name in ("fx", "fy", "width", "height"):
@@ -42,7 +51,17 @@ class SplatCamera:
 
     @classmethod
     def of(cls, lens: Lens, cam_from_world: Pose) -> "SplatCamera":
-        """The camera of a calibrated lens at a pose."""
+        """The camera of a calibrated lens at a pose.
+
+        ReconstructionError for a fisheye whose image reaches farther from the axis than tangents do.
+        """
+        widest = math.degrees(optics.widest_angle(lens)) if lens.fisheye else 0.0
+        if widest > math.degrees(optics.WIDEST):
+            found = f"sees {widest:.0f} degrees from its axis" if widest < math.inf else "folds over"
+            raise ReconstructionError(
+                f"A fisheye {found} in the corners of its {lens.width}x{lens.height} image, and rig draws at "
+                f"most {math.degrees(optics.WIDEST):.0f}: crop the photographs and calibrate them again."
+            )
         return cls(
             cam_from_world.matrix(),
             fx=lens.fx,
@@ -55,7 +74,24 @@ class SplatCamera:
             k2=lens.k2,
             p1=lens.p1,
             p2=lens.p2,
+            k3=lens.k3,
+            k4=lens.k4,
+            fisheye=lens.fisheye,
         )
+
+    @property
+    def lens(self) -> tuple[float, ...]:
+        """`fx fy cx cy k1 k2 p1 p2`, or of a fisheye `fx fy cx cy k1 k2 k3 k4`."""
+        return tuple(getattr(self, name) for name in self._names)
+
+    def with_lens(self, values: Sequence[float]) -> "SplatCamera":
+        """The camera with other numbers of its `lens`."""
+        changed: dict[str, Any] = dict(zip(self._names, values, strict=True))
+        return replace(self, **changed)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return FISHEYE_TERMS if self.fisheye else BROWN_TERMS
 
     @cached_property
     def monotone_radius2(self) -> float:
@@ -63,22 +99,25 @@ class SplatCamera:
 
         Beyond it the polynomial folds the world back into the image, so Gaussians there are not drawn.
         Smallest positive root s of d(r + k1 r^3 + k2 r^5)/dr = 1 + 3 k1 s + 5 k2 s^2, s = r^2.
+        Of a fisheye never inf: tangents end at a right angle from the axis (`imaging.lens.WIDEST`).
         """
+        if self.fisheye:
+            return math.tan(min(optics.fisheye_fold(self.lens[4:]), optics.WIDEST)) ** 2
         roots = np.roots([5 * self.k2, 3 * self.k1, 1.0])
         real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
         return float(real.min()) if len(real) else float("inf")
 
     def distort(self, points: Floats) -> Floats:
         """Undistorted tangents (x/z, y/z) [..., 2] to distorted ones [..., 2]."""
-        u, v = points[..., 0], points[..., 1]
-        r2 = u * u + v * v
-        radial = 1 + r2 * (self.k1 + r2 * self.k2)
-        x = u * radial + 2 * self.p1 * u * v + self.p2 * (r2 + 2 * u * u)
-        y = v * radial + self.p1 * (r2 + 2 * v * v) + 2 * self.p2 * u * v
-        return np.stack([x, y], axis=-1)
+        return optics.distort(points, self.lens[4:], fisheye=self.fisheye)
 
     def tangent_bounds(self, margin: float) -> tuple[float, float, float, float]:
-        """(u_min, u_max, v_min, v_max) of the undistorted field of view, widened by `margin` half widths."""
+        """(u_min, u_max, v_min, v_max) of the undistorted field of view, widened by `margin` half widths.
+
+        Infinite of a fisheye: its Jacobian is of the size of f / distance everywhere, and needs no clamp.
+        """
+        if self.fisheye:
+            return -math.inf, math.inf, -math.inf, math.inf
         low, high = self._field_of_view
         half = 0.5 * margin * (high - low)
         (u_min, v_min), (u_max, v_max) = low - half, high + half

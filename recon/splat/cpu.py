@@ -113,6 +113,7 @@ class _Tables:
         n, width, height = len(arrays[0]), call.camera.width, call.camera.height
         across, down = -(-width // tiles.TILE), -(-height // tiles.TILE)
         self.parameters = parameters(call.camera, call.limits)
+        self.fisheye = True if call.camera.fisheye else None
         shape = get("shape", (n, 8), np.float64)
         self.projected = Projected(
             shape=shape,
@@ -122,7 +123,7 @@ class _Tables:
             radius=get("radius", n, np.float32),
             state=get("state", n, np.uint8),
         )
-        share(project, 0.1 * n, *arrays[:5], self.parameters, self.projected)
+        share(project, 0.1 * n, *arrays[:5], self.parameters, self.fisheye, self.projected)
         state = self.projected.state
         order = tiles.depth_order(self.projected.depth.view(np.uint32), state)
         start = get("start", n + 1, np.int64)
@@ -185,8 +186,9 @@ class _Tables:
             self.kept, self.chunks, image, left, slots,
         )  # fmt: skip
         share(
-            project_backward, 0.1 * n, *arrays[:5], self.parameters, self.projected, self.entries,
-            self.lists.across, slots, *(gradient.numpy() for gradient in found), screen, weight, view,
+            project_backward, 0.1 * n, *arrays[:5], self.parameters, self.fisheye, self.projected,
+            self.entries, self.lists.across, slots, *(gradient.numpy() for gradient in found),
+            screen, weight, view,
         )  # fmt: skip
         if self.call.stats is not None:
             _count(self.call.stats, self.call.camera, self.projected.radius, screen, weight)

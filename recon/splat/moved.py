@@ -8,9 +8,9 @@ import torch
 from recon.splat.camera import SplatCamera
 
 DELTA = 14
-"""Numbers of a `camera_delta`: translation 3, rotation 3, fx, fy, cx, cy, k1, k2, p1, p2."""
+"""Numbers of a `camera_delta`: translation 3, rotation 3, and the 8 of `SplatCamera.lens`."""
 VIEW = 20
-"""Numbers of a camera's view: rotation 9 (row-major), translation 3, fx, fy, cx, cy, k1, k2, p1, p2."""
+"""Numbers of a camera's view: rotation 9 (row-major), translation 3, and the 8 of `SplatCamera.lens`."""
 
 
 def moved(camera: SplatCamera, delta: torch.Tensor) -> tuple[SplatCamera, torch.Tensor]:
@@ -18,30 +18,24 @@ def moved(camera: SplatCamera, delta: torch.Tensor) -> tuple[SplatCamera, torch.
 
     delta: a motion in camera axes, applied after `cam_from_world`: the exponential of the twist of
     translation (3, world units) and rotation (3, rotation vector, radians); then what is added to fx,
-    fy, cx, cy (pixels) and k1, k2, p1, p2. Zeros leave the camera as it is. ValueError for values that
-    are not finite.
+    fy, cx, cy (pixels) and k1, k2, p1, p2, of a fisheye k1, k2, k3, k4. Zeros leave the camera as
+    it is. ValueError for values that are not finite.
     """
     if not torch.isfinite(delta).all():
         raise ValueError("camera_delta is not finite")
     change = delta.to("cpu", torch.float64)
     motion = torch.from_numpy(np.array(camera.cam_from_world, np.float64))
     motion = torch.linalg.matrix_exp(_twist(change[:6])) @ motion
-    lens = change[6:] + torch.from_numpy(_lens(camera))
+    lens = change[6:] + torch.tensor(camera.lens, dtype=torch.float64)
     view = torch.cat([motion[:3, :3].reshape(9), motion[:3, 3], lens])
-    fx, fy, cx, cy, k1, k2, p1, p2 = lens.tolist()
-    place = motion.detach().numpy()
-    return replace(camera, cam_from_world=place, fx=fx, fy=fy, cx=cx, cy=cy, k1=k1, k2=k2, p1=p1, p2=p2), view
+    place = replace(camera, cam_from_world=motion.detach().numpy())
+    return place.with_lens(lens.tolist()), view
 
 
 def view_of(camera: SplatCamera) -> torch.Tensor:
     """The camera's view, float64 [20], constant."""
     motion = np.asarray(camera.cam_from_world, np.float64)
-    return torch.from_numpy(np.concatenate([motion[:3, :3].ravel(), motion[:3, 3], _lens(camera)]))
-
-
-def _lens(camera: SplatCamera) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    c = camera
-    return np.array([c.fx, c.fy, c.cx, c.cy, c.k1, c.k2, c.p1, c.p2], np.float64)
+    return torch.from_numpy(np.concatenate([motion[:3, :3].ravel(), motion[:3, 3], camera.lens]))
 
 
 def _twist(motion: torch.Tensor) -> torch.Tensor:

@@ -8,7 +8,8 @@ from recon.splat.camera import Floats, SplatCamera
 from recon.splat.limits import Limits
 
 LENS = 12
-"""Index in the parameter vector of fx fy cx cy k1 k2 p1 p2; before it rotation (9) and translation (3)."""
+"""Index in the parameter vector of fx fy cx cy k1 k2 p1 p2, of a fisheye fx fy cx cy k1 k2 k3 k4; before it
+rotation (9) and translation (3)."""
 BOUNDS = 20
 """Index of u_min u_max v_min v_max, the clamp of the Jacobian, then the squared monotone radius."""
 LIMITS = 25
@@ -29,7 +30,7 @@ def parameters(camera: SplatCamera, limits: Limits) -> Floats:
         [
             *motion[:3, :3].ravel(),
             *motion[:3, 3],
-            *(camera.fx, camera.fy, camera.cx, camera.cy, camera.k1, camera.k2, camera.p1, camera.p2),
+            *camera.lens,
             *camera.tangent_bounds(limits.tangent_margin),
             camera.monotone_radius2,
             *(limits.near, limits.blur, limits.alpha_max, limits.alpha_min),

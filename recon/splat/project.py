@@ -3,6 +3,7 @@
 
 Computed in float64, eight Gaussians at a time: positions in pixels and the covariances of needles need
 more digits than float32 has. The functions here work on lanes; `k` is the vector of `parameters`.
+`fisheye` is None for a Brown lens: then the compiler leaves the other lens out, and else this one.
 """
 
 import math
@@ -27,6 +28,7 @@ from recon.lanes import (
     split_exponent,
     store,
 )
+from recon.splat.fisheye import radial as fisheye_radial
 from recon.splat.limits import ALPHA_FLOOR, COLOUR_MOST, QUAT_LEAST
 from recon.splat.parameters import BOUNDS, FOLD, LENS, LIMITS
 from recon.splat.tables import DRAWN, PAINT
@@ -64,11 +66,14 @@ def to_camera(x, y, z, k):
 
 
 @inlined
-def distort(u, v, k):
+def distort(u, v, k, fisheye):
     """Distorted tangents and their derivatives: x, y, dx/du, dx/dv = dy/du, dy/dv."""
-    k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
     uu, vv, uv = u * u, v * v, u * v
     r2 = uu + vv
+    if fisheye is not None:
+        radial, slope, _ = fisheye_radial(r2, k)
+        return u * radial, v * radial, radial + slope * uu, slope * uv, radial + slope * vv
+    k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
     radial = 1.0 + r2 * (k1 + r2 * k2)
     slope = 2.0 * k1 + (4.0 * k2) * r2
     x = u * radial + (2.0 * p1) * uv + p2 * (r2 + 2.0 * uu)
@@ -100,7 +105,7 @@ def rotation(w, x, y, z):
 
 
 @inlined
-def screen_axes(x, y, z, k):
+def screen_axes(x, y, z, k, fisheye):
     """A = J W [2, 3]: how a small world offset moves the projection, at a camera point, px per unit.
 
     Also the tangents u, v, the clamped ones, 1 / z, and the derivative E of the lens at the clamped ones.
@@ -109,7 +114,7 @@ def screen_axes(x, y, z, k):
     u, v = x * inverse, y * inverse
     uc = minimum(maximum(u, k[BOUNDS]), k[BOUNDS + 1])
     vc = minimum(maximum(v, k[BOUNDS + 2]), k[BOUNDS + 3])
-    _, _, xu, xv, yv = distort(uc, vc, k)
+    _, _, xu, xv, yv = distort(uc, vc, k, fisheye)
     fx, fy = k[LENS], k[LENS + 1]
     e00, e01, e10, e11 = fx * xu, fx * xv, fy * xv, fy * yv
     j00, j01, j02 = inverse * e00, inverse * e01, minus(inverse * (e00 * uc + e01 * vc))
@@ -195,13 +200,13 @@ def _opacity_and_reach(values, k):
 
 
 @inlined
-def _project_eight(values, k, out):
+def _project_eight(values, k, fisheye, out):
     """Fill out float64 [_OUTPUTS * 8] with, eight at a time: state, camera z, three-sigma radius, the five
     numbers of Projected.shape, the reach, the opacity, the four of Projected.box.
     """
     sound = _sound(values)
     x, y, z = to_camera(load(values, 0), load(values, 8), load(values, 16), k)
-    axes, tangents, _ = screen_axes(x, y, z, k)
+    axes, tangents, _ = screen_axes(x, y, z, k, fisheye)
     u, v = tangents[0], tangents[1]
     ahead = both(at_least(z, k[LIMITS]), above(k[BOUNDS + 4], u * u + v * v))
     r = rotation(load(values, 24), load(values, 32), load(values, 40), load(values, 48))
@@ -215,7 +220,7 @@ def _project_eight(values, k, out):
     m11 = FOLD / deviation
     m22 = FOLD * root(a / determinant)
     m21 = minus(m22 * b / a)
-    dx, dy, _, _, _ = distort(u, v, k)
+    dx, dy, _, _, _ = distort(u, v, k, fisheye)
     px, py = k[LENS] * dx + k[LENS + 2], k[LENS + 1] * dy + k[LENS + 3]
     rx, ry = across * deviation * (1.0 / FOLD), across * root(c) * (1.0 / FOLD)
     first_x = ceiling(maximum(px - rx - 0.5, 0.0))
@@ -245,8 +250,8 @@ def _project_eight(values, k, out):
 
 
 @kernel
-def project(counter, means, quats, scales, opacities, colours, k, out):
-    """Project N Gaussians; float32 inputs as in `rasterize`, out: Projected."""
+def project(counter, means, quats, scales, opacities, colours, k, fisheye, out):
+    """Project N Gaussians; float32 inputs as in `rasterize`, out: Projected; fisheye: None or True."""
     n = len(means)
     ids = np.empty(8, np.int64)
     values, found = np.empty(INPUTS * 8), np.empty(_OUTPUTS * 8)
@@ -257,7 +262,7 @@ def project(counter, means, quats, scales, opacities, colours, k, out):
             for j in range(8):
                 ids[j] = min(first + j, stop - 1)
             read_eight(means, quats, scales, opacities, colours, ids, values)
-            _project_eight(values, k, found)
+            _project_eight(values, k, fisheye, found)
             for j in range(min(8, stop - first)):
                 i = first + j
                 state = np.uint8(found[j])

@@ -9,6 +9,7 @@ import numpy as np
 from recon.jit import inlined, kernel
 from recon.lanes import above, at_least, both, choose, load, minimum, minus, root, store
 from recon.splat.composite_backward import SLOT
+from recon.splat.fisheye import radial as fisheye_radial
 from recon.splat.moved import VIEW
 from recon.splat.parameters import BOUNDS, LENS, LIMITS
 from recon.splat.project import (
@@ -59,8 +60,16 @@ def _add_slots(slots, first, last, tile, entry, across, px, py, moments, j, colo
 
 
 @inlined
-def _lens_curvature(u, v, k):
+def _lens_curvature(u, v, k, fisheye):
     """Second derivatives of the distorted tangents: xuu, xuv, xvv = yuv, yvv (yuu = xuv)."""
+    if fisheye is not None:
+        _, slope, curve = fisheye_radial(u * u + v * v, k)
+        return (
+            u * (3.0 * slope + curve * u * u),
+            v * (slope + curve * u * u),
+            u * (slope + curve * v * v),
+            v * (3.0 * slope + curve * v * v),
+        )
     k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
     slope = 2.0 * k1 + (4.0 * k2) * (u * u + v * v)
     xuu = 3.0 * slope * u + (8.0 * k2) * u * u * u + 6.0 * p2
@@ -147,7 +156,7 @@ def _jacobian_gradient(outer, k):
 
 
 @inlined
-def _point_gradient(jacobian, centre, tangents, lens, k):
+def _point_gradient(jacobian, centre, tangents, lens, k, fisheye):
     """d loss / d camera point from d loss / d J and d loss / d mean2d; J = E [I, -(uc, vc)] / z."""
     j00, j01, j02, j10, j11, j12 = jacobian
     u, v, uc, vc, inverse = tangents
@@ -156,10 +165,10 @@ def _point_gradient(jacobian, centre, tangents, lens, k):
     d00, d01, d10, d11 = j00 - uc * j02, j01 - vc * j02, j10 - uc * j12, j11 - vc * j12
     # J is proportional to 1 / z.
     g_inverse = e00 * d00 + e01 * d01 + e10 * d10 + e11 * d11
-    xuu, xuv, xvv, yvv = _lens_curvature(uc, vc, k)
+    xuu, xuv, xvv, yvv = _lens_curvature(uc, vc, k, fisheye)
     guc = fx * (d00 * xuu + d01 * xuv) + fy * (d10 * xuv + d11 * xvv) - (j02 * e00 + j12 * e10)
     gvc = fx * (d00 * xuv + d01 * xvv) + fy * (d10 * xvv + d11 * yvv) - (j02 * e01 + j12 * e11)
-    _, _, xu, xv, yv = distort(u, v, k)
+    _, _, xu, xv, yv = distort(u, v, k, fisheye)
     gx, gy = centre
     free_u = both(at_least(u, k[BOUNDS]), at_least(k[BOUNDS + 1], u))
     free_v = both(at_least(v, k[BOUNDS + 2]), at_least(k[BOUNDS + 3], v))
@@ -170,13 +179,13 @@ def _point_gradient(jacobian, centre, tangents, lens, k):
 
 
 @inlined
-def _backward_eight(values, moments, k, out, counted, sums, view):
+def _backward_eight(values, moments, k, fisheye, out, counted, sums, view):
     """Fill out float64 [_OUTPUTS * 8] from the Gaussians and their moments.
 
     And `add_view` to the sums, unless view is None: then the compiler leaves that out.
     """
     x, y, z = to_camera(load(values, 0), load(values, 8), load(values, 16), k)
-    axes, tangents, lens = screen_axes(x, y, z, k)
+    axes, tangents, lens = screen_axes(x, y, z, k, fisheye)
     qw, qx, qy, qz = load(values, 24), load(values, 32), load(values, 40), load(values, 48)
     sx, sy, sz = load(values, 56), load(values, 64), load(values, 72)
     r = rotation(qw, qx, qy, qz)
@@ -206,9 +215,9 @@ def _backward_eight(values, moments, k, out, counted, sums, view):
     p, q = (p[0] * sx, p[1] * sy, p[2] * sz), (q[0] * sx, q[1] * sy, q[2] * sz)
     outer = _axes_gradient(p, q, r)
     jacobian = _jacobian_gradient(outer, k)
-    x, y, z = _point_gradient(jacobian, centre, tangents, lens, k)
+    x, y, z = _point_gradient(jacobian, centre, tangents, lens, k, fisheye)
     if view is not None:
-        add_view(sums, values, counted, centre, (x, y, z), outer, jacobian, tangents, lens, k)
+        add_view(sums, values, counted, centre, (x, y, z), outer, jacobian, tangents, lens, k, fisheye)
     store(out, 0, k[0] * x + k[3] * y + k[6] * z)
     store(out, 8, k[1] * x + k[4] * y + k[7] * z)
     store(out, 16, k[2] * x + k[5] * y + k[8] * z)
@@ -216,7 +225,7 @@ def _backward_eight(values, moments, k, out, counted, sums, view):
 
 @kernel
 def project_backward(
-    counter, means, quats, scales, opacities, colours, k, projected, entries, across, slots,
+    counter, means, quats, scales, opacities, colours, k, fisheye, projected, entries, across, slots,
     grad_means, grad_quats, grad_scales, grad_opacities, grad_colours, grad_screen, weight, view,
 ):  # fmt: skip
     """Gradients [N, ...] of all inputs, zero for Gaussians that were not drawn.
@@ -252,7 +261,7 @@ def project_backward(
                 )  # fmt: skip
                 counted[j] = weight[i] if first + j < count else 0.0
             read_eight(means, quats, scales, opacities, colours, ids, values)
-            _backward_eight(values, moments, k, found, counted, sums, view)
+            _backward_eight(values, moments, k, fisheye, found, counted, sums, view)
             for j in range(8):
                 i = ids[j]
                 if weight[i] > 0.0:

@@ -7,6 +7,7 @@ A = J(lens, P) W of its ellipse. Computed beside the gradients of the Gaussians,
 
 from recon.jit import inlined
 from recon.lanes import above, choose, load, minus, store, total
+from recon.splat.fisheye import radial_by_terms
 from recon.splat.moved import VIEW
 from recon.splat.parameters import LENS
 from recon.splat.project import distort
@@ -25,10 +26,13 @@ def _add(sums, number, share, counted):
 
 
 @inlined
-def _tangent_slopes(u, v):
-    """Derivatives of the distorted tangents by k1, k2, p1, p2: of x, then of y."""
+def _tangent_slopes(u, v, fisheye):
+    """Derivatives of the distorted tangents by the four terms of distortion: of x, then of y."""
     uu, vv, uv = u * u, v * v, u * v
     r2 = uu + vv
+    if fisheye is not None:
+        (a, b, c, d), _ = radial_by_terms(r2)
+        return (u * a, u * b, u * c, u * d), (v * a, v * b, v * c, v * d)
     return (
         (u * r2, u * r2 * r2, 2.0 * uv, r2 + 2.0 * uu),
         (v * r2, v * r2 * r2, r2 + 2.0 * vv, 2.0 * uv),
@@ -36,10 +40,17 @@ def _tangent_slopes(u, v):
 
 
 @inlined
-def _lens_slopes(u, v):
-    """Derivatives of dx/du, dx/dv = dy/du and dy/dv by k1, k2, p1, p2."""
+def _lens_slopes(u, v, fisheye):
+    """Derivatives of dx/du, dx/dv = dy/du and dy/dv by the four terms of distortion."""
     uu, vv, uv = u * u, v * v, u * v
     r2 = uu + vv
+    if fisheye is not None:
+        (a, b, c, d), (e, f, g, h) = radial_by_terms(r2)
+        return (
+            (a + e * uu, b + f * uu, c + g * uu, d + h * uu),
+            (e * uv, f * uv, g * uv, h * uv),
+            (a + e * vv, b + f * vv, c + g * vv, d + h * vv),
+        )
     return (
         (r2 + 2.0 * uu, r2 * (r2 + 4.0 * uu), 2.0 * v, 6.0 * u),
         (2.0 * uv, 4.0 * r2 * uv, 2.0 * u, 2.0 * v),
@@ -64,14 +75,14 @@ def _add_motion(sums, counted, mean, point, outer, tangents, lens):
 
 
 @inlined
-def _add_lens(sums, counted, centre, jacobian, tangents, k):
+def _add_lens(sums, counted, centre, jacobian, tangents, k, fisheye):
     """The lens, from d loss / d (pixel mean) (centre) and d loss / d J (jacobian [2, 3])."""
     u, v, uc, vc, inverse = tangents
     j00, j01, j02, j10, j11, j12 = jacobian
     fx, fy = k[LENS], k[LENS + 1]
     gx, gy = centre
-    x, y, _, _, _ = distort(u, v, k)
-    _, _, xu, xv, yv = distort(uc, vc, k)
+    x, y, _, _, _ = distort(u, v, k, fisheye)
+    _, _, xu, xv, yv = distort(uc, vc, k, fisheye)
     # J = E [I, -(uc, vc)] / z, and E = [[fx xu, fx xv], [fy xv, fy yv]].
     d00, d01 = inverse * (j00 - uc * j02), inverse * (j01 - vc * j02)
     d10, d11 = inverse * (j10 - uc * j12), inverse * (j11 - vc * j12)
@@ -79,8 +90,8 @@ def _add_lens(sums, counted, centre, jacobian, tangents, k):
     _add(sums, 13, gy * y + d10 * xv + d11 * yv, counted)
     _add(sums, 14, gx, counted)
     _add(sums, 15, gy, counted)
-    by_x, by_y = _tangent_slopes(u, v)
-    by_xu, by_xv, by_yv = _lens_slopes(uc, vc)
+    by_x, by_y = _tangent_slopes(u, v, fisheye)
+    by_xu, by_xv, by_yv = _lens_slopes(uc, vc, fisheye)
     gx, gy = fx * gx, fy * gy
     gxu, gxv, gyv = fx * d00, fx * d01 + fy * d10, fy * d11
     for a in range(4):
@@ -89,7 +100,7 @@ def _add_lens(sums, counted, centre, jacobian, tangents, k):
 
 
 @inlined
-def add_view(sums, values, counted, centre, point, outer, jacobian, tangents, lens, k):
+def add_view(sums, values, counted, centre, point, outer, jacobian, tangents, lens, k, fisheye):
     """Add eight Gaussians to the sums, those with counted float64 [8] above 0.
 
     centre (2), point (3), outer (6), jacobian (6): d loss / d pixel mean, camera point, A, J; tangents
@@ -98,7 +109,7 @@ def add_view(sums, values, counted, centre, point, outer, jacobian, tangents, le
     weight = load(counted, 0)
     mean = (load(values, 0), load(values, 8), load(values, 16))
     _add_motion(sums, weight, mean, point, outer, tangents, lens)
-    _add_lens(sums, weight, centre, jacobian, tangents, k)
+    _add_lens(sums, weight, centre, jacobian, tangents, k, fisheye)
 
 
 @inlined

@@ -15,6 +15,8 @@ from recon.splat.render import Render, SplatStats
 
 _CHUNK = 1 << 20
 """Pixel-Gaussian pairs held at a time (8 MB a temporary)."""
+_NEAR_AXIS = 0.02
+"""Squared tangent below which a fisheye is computed by its series."""
 
 
 def rasterize_reference(
@@ -123,12 +125,13 @@ def _project(
     safe = torch.where(in_front[:, None], points, points.new_tensor([0.0, 0.0, 1.0]))
     u, v = safe[:, 0] / safe[:, 2], safe[:, 1] / safe[:, 2]
     drawn = in_front & ((u * u + v * v).detach() < camera.monotone_radius2)
-    x, y, *_ = _distort(u, v, view[16:])
+    distort = _distort_fisheye if camera.fisheye else _distort
+    x, y, *_ = distort(u, v, view[16:])
     mean2d = torch.stack([fx * x + cx, fy * y + cy], dim=1)
 
     u_min, u_max, v_min, v_max = camera.tangent_bounds(limits.tangent_margin)
     u, v = u.clamp(u_min, u_max), v.clamp(v_min, v_max)
-    _, _, xu, xv, yu, yv = _distort(u, v, view[16:])
+    _, _, xu, xv, yu, yv = distort(u, v, view[16:])
     inverse = 1 / safe[:, 2]
     jacobian = torch.stack(
         [
@@ -158,6 +161,35 @@ def _distort(u: torch.Tensor, v: torch.Tensor, lens: torch.Tensor) -> tuple[torc
     yv = radial + slope * v * v + 6 * p1 * v + 2 * p2 * u
     xv = slope * u * v + 2 * p1 * u + 2 * p2 * v
     return x, y, xu, xv, xv, yv
+
+
+def _distort_fisheye(u: torch.Tensor, v: torch.Tensor, lens: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """The same of a fisheye. lens [4]: k1, k2, k3, k4."""
+    s = u * u + v * v
+    near = s < _NEAR_AXIS
+    far = torch.where(near, 1.0, s)
+    along = 1 / (1 + s)  # d theta / dr
+    # theta / r and what turns it with s; on the axis both are quotients of zeros, and their series is used.
+    terms = [(-1) ** i / (2 * i + 1) for i in range(12)]
+    series = sum(c * s**i for i, c in enumerate(terms))
+    turning = sum(2 * i * c * s ** (i - 1) for i, c in enumerate(terms) if i)
+    h = torch.where(near, series, torch.atan(far.sqrt()) / far.sqrt())
+    w = torch.where(near, turning, (along - h) / far)  # 2 dh / ds
+    q = h * h * s  # theta^2
+    powers = torch.stack([q**i for i in range(5)])
+    one = torch.cat([torch.ones_like(lens[:1]), lens])[:, None]
+    polynomial = (one * powers).sum(0)
+    rising = sum(i * one[i] * powers[i - 1] for i in range(1, 5))  # its derivative by q
+    radial = h * polynomial
+    slope = w * polynomial + 2 * h * h * along * rising  # d radial / du = slope * u
+    return (
+        u * radial,
+        v * radial,
+        radial + slope * u * u,
+        slope * u * v,
+        slope * u * v,
+        radial + slope * v * v,
+    )
 
 
 def rotation_matrices(quats: torch.Tensor) -> torch.Tensor:

@@ -1,5 +1,7 @@
 """Where training starts from, against the simulator's true surfaces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,9 @@ LENS = SplatCamera(
     np.eye(4) + np.array([[0, 0, 0, 0.3], [0, 0, 0, -0.2], [0, 0, 0, 1.0], [0, 0, 0, 0]]),
     310.0, 305.0, 161.0, 118.0, 320, 240, k1=-0.12, k2=0.03, p1=0.002, p2=-0.001,
 )  # fmt: skip
+FISHEYE = replace(
+    LENS, fx=150.0, fy=151.0, k1=0.03, k2=-0.01, k3=0.004, k4=-0.001, p1=0.0, p2=0.0, fisheye=True
+)
 
 
 @pytest.fixture(scope="module")
@@ -32,20 +37,31 @@ def true_depth(view, pixels):
     return demo_scene().depth(origin, directions) / np.linalg.norm(directions, axis=-1)
 
 
-def test_pixels_to_points_and_back_through_a_distorted_lens():
-    pixels = pixel_centres(LENS)
+@pytest.mark.parametrize("lens", [LENS, FISHEYE])
+def test_pixels_to_points_and_back_through_a_distorted_lens(lens):
+    pixels = pixel_centres(lens)
     depth = np.random.default_rng(0).uniform(0.5, 9, pixels.shape[:2])
-    found, at = project(LENS, lift(LENS, pixels, depth))
+    found, at = project(lens, lift(lens, pixels, depth))
     np.testing.assert_allclose(found, pixels, atol=1e-6)
     np.testing.assert_allclose(at, depth, rtol=1e-12)
 
 
-def test_projection_is_that_of_the_rasteriser():
+@pytest.mark.parametrize("lens", [LENS, FISHEYE])
+def test_projection_is_that_of_the_rasteriser(lens):
     points = np.random.default_rng(1).uniform((-1, -1, 1), (1, 1, 3), (50, 3))
-    found, _ = project(LENS, points)
-    camera = points @ LENS.cam_from_world[:3, :3].T + LENS.cam_from_world[:3, 3]
-    tangents = LENS.distort(camera[:, :2] / camera[:, 2:])
-    np.testing.assert_allclose(found, tangents * [LENS.fx, LENS.fy] + [LENS.cx, LENS.cy], rtol=1e-12)
+    found, _ = project(lens, points)
+    camera = points @ lens.cam_from_world[:3, :3].T + lens.cam_from_world[:3, 3]
+    tangents = lens.distort(camera[:, :2] / camera[:, 2:])
+    np.testing.assert_allclose(found, tangents * [lens.fx, lens.fy] + [lens.cx, lens.cy], rtol=1e-12)
+
+
+def test_a_fisheye_folds_nothing_back_into_the_image():
+    """Terms that fit an image may fold far outside it: what lies there projects outside too."""
+    lens = replace(FISHEYE, k1=-0.1, k2=-0.05, k3=-0.01, k4=0.0, cam_from_world=np.eye(4))
+    angles = np.linspace(0.0, 1.57, 50)
+    pixels, _ = project(lens, np.stack([np.sin(angles), 0 * angles, np.cos(angles)], 1))
+    assert (np.diff(pixels[:, 0]) > -1e-9).all()
+    assert lens.distort(np.array([np.tan(1.5), 0.0]))[0] * lens.fx + lens.cx < pixels[-1, 0] - 10
 
 
 def test_merged_radiance_is_near_the_truth(toy_dataset, images):

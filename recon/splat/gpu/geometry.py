@@ -1,13 +1,15 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
 """The formulas of the projection, shared by its forward and its backward kernel, in float64.
 
-`k` is the vector of `recon.splat.parameters`, read once (see `tuples`).
+`k` is the vector of `recon.splat.parameters`, read once (see `tuples`). Brown's lens and the fisheye have
+kernels each: FISHEYE is known when they are compiled.
 """
 
 import triton
 import triton.language as tl
 
 from recon.splat import parameters
+from recon.splat.gpu.fisheye import radial as fisheye_radial
 
 LENS = tl.constexpr(parameters.LENS)
 BOUNDS = tl.constexpr(parameters.BOUNDS)
@@ -42,18 +44,23 @@ def to_camera(mean, k):
 
 
 @triton.jit
-def distort(u, v, k):
+def distort(u, v, k, FISHEYE: tl.constexpr):
     """Distorted tangents and their derivatives: x, y, dx/du, dx/dv = dy/du, dy/dv."""
-    k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
     uu, vv, uv = u * u, v * v, u * v
     r2 = uu + vv
-    radial = 1.0 + r2 * (k1 + r2 * k2)
-    slope = 2.0 * k1 + (4.0 * k2) * r2
-    x = u * radial + (2.0 * p1) * uv + p2 * (r2 + 2.0 * uu)
-    y = v * radial + p1 * (r2 + 2.0 * vv) + (2.0 * p2) * uv
-    xu = radial + slope * uu + (2.0 * p1) * v + (6.0 * p2) * u
-    yv = radial + slope * vv + (6.0 * p1) * v + (2.0 * p2) * u
-    xv = slope * uv + (2.0 * p1) * u + (2.0 * p2) * v
+    if FISHEYE:
+        radial, slope, _ = fisheye_radial(r2, k)
+        x, y = u * radial, v * radial
+        xu, xv, yv = radial + slope * uu, slope * uv, radial + slope * vv
+    else:
+        k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
+        radial = 1.0 + r2 * (k1 + r2 * k2)
+        slope = 2.0 * k1 + (4.0 * k2) * r2
+        x = u * radial + (2.0 * p1) * uv + p2 * (r2 + 2.0 * uu)
+        y = v * radial + p1 * (r2 + 2.0 * vv) + (2.0 * p2) * uv
+        xu = radial + slope * uu + (2.0 * p1) * v + (6.0 * p2) * u
+        yv = radial + slope * vv + (6.0 * p1) * v + (2.0 * p2) * u
+        xv = slope * uv + (2.0 * p1) * u + (2.0 * p2) * v
     return x, y, xu, xv, yv
 
 
@@ -79,7 +86,7 @@ def rotation(quat):
 
 
 @triton.jit
-def screen_axes(x, y, z, k):
+def screen_axes(x, y, z, k, FISHEYE: tl.constexpr):
     """A = J W [2, 3]: how a small world offset moves the projection, at a camera point, px per unit.
 
     Also the tangents u, v, the clamped ones, 1 / z, and the derivative E of the lens at the clamped ones.
@@ -88,7 +95,7 @@ def screen_axes(x, y, z, k):
     u, v = x * inverse, y * inverse
     uc = tl.minimum(tl.maximum(u, k[BOUNDS]), k[BOUNDS + 1])
     vc = tl.minimum(tl.maximum(v, k[BOUNDS + 2]), k[BOUNDS + 3])
-    _, _, xu, xv, yv = distort(uc, vc, k)
+    _, _, xu, xv, yv = distort(uc, vc, k, FISHEYE)
     fx, fy = k[LENS], k[LENS + 1]
     e00, e01, e10, e11 = fx * xu, fx * xv, fy * xv, fy * yv
     j00, j01, j02 = inverse * e00, inverse * e01, -(inverse * (e00 * uc + e01 * vc))

@@ -79,7 +79,7 @@ def _opacity_and_reach(opacity, red, green, blue, k):
 @triton.jit
 def project(
     means, quats, scales, opacities, colours, parameter, n, record, paint, box, depth, radius, state, number,
-    BLOCK: tl.constexpr,
+    BLOCK: tl.constexpr, FISHEYE: tl.constexpr,
 ):  # fmt: skip
     """Project N Gaussians; float32 inputs as in `rasterize`.
 
@@ -111,7 +111,7 @@ def project(
     ahead = sound & (z >= k[LIMITS])
     x, y, z = tl.where(ahead, x, 0.0), tl.where(ahead, y, 0.0), tl.where(ahead, z, 1.0)
 
-    axes, tangents, _ = screen_axes(x, y, z, k)
+    axes, tangents, _ = screen_axes(x, y, z, k, FISHEYE)
     u, v = tangents[0], tangents[1]
     ahead = ahead & (u * u + v * v < k[BOUNDS + 4])
     m = root_covariance(axes, rotation(quat), scale)
@@ -121,7 +121,7 @@ def project(
 
     # q = (m11 dx)^2 + (m21 dx + m22 dy)^2 with the factor FOLD^2; the ellipse is q <= reach.
     deviation, across = tl.sqrt(a), tl.sqrt(reach)
-    dx, dy, _, _, _ = distort(u, v, k)
+    dx, dy, _, _, _ = distort(u, v, k, FISHEYE)
     px, py = k[LENS] * dx + k[LENS + 2], k[LENS + 1] * dy + k[LENS + 3]
     rx, ry = across * deviation * (1.0 / _FOLD), across * tl.sqrt(c) * (1.0 / _FOLD)
     width, height = k[LIMITS + 6], k[LIMITS + 7]

@@ -7,6 +7,7 @@ As there, in float64 and one thread a Gaussian.
 import triton
 import triton.language as tl
 
+from recon.splat.gpu.fisheye import radial as fisheye_radial
 from recon.splat.gpu.geometry import (
     BOUNDS,
     LENS,
@@ -25,14 +26,19 @@ from recon.splat.gpu.tuples import appended, read_parameters
 
 
 @triton.jit
-def _lens_curvature(u, v, k):
+def _lens_curvature(u, v, k, FISHEYE: tl.constexpr):
     """Second derivatives of the distorted tangents: xuu, xuv, xvv = yuv, yvv (yuu = xuv)."""
-    k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
-    slope = 2.0 * k1 + (4.0 * k2) * (u * u + v * v)
-    xuu = 3.0 * slope * u + (8.0 * k2) * u * u * u + 6.0 * p2
-    xuv = slope * v + (8.0 * k2) * u * u * v + 2.0 * p1
-    xvv = slope * u + (8.0 * k2) * u * v * v + 2.0 * p2
-    yvv = 3.0 * slope * v + (8.0 * k2) * v * v * v + 6.0 * p1
+    if FISHEYE:
+        _, slope, curve = fisheye_radial(u * u + v * v, k)
+        xuu, xuv = u * (3.0 * slope + curve * u * u), v * (slope + curve * u * u)
+        xvv, yvv = u * (slope + curve * v * v), v * (3.0 * slope + curve * v * v)
+    else:
+        k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
+        slope = 2.0 * k1 + (4.0 * k2) * (u * u + v * v)
+        xuu = 3.0 * slope * u + (8.0 * k2) * u * u * u + 6.0 * p2
+        xuv = slope * v + (8.0 * k2) * u * u * v + 2.0 * p1
+        xvv = slope * u + (8.0 * k2) * u * v * v + 2.0 * p2
+        yvv = 3.0 * slope * v + (8.0 * k2) * v * v * v + 6.0 * p1
     return xuu, xuv, xvv, yvv
 
 
@@ -117,7 +123,7 @@ def _jacobian_gradient(outer, k):
 
 
 @triton.jit
-def _point_gradient(jacobian, centre, tangents, lens, k):
+def _point_gradient(jacobian, centre, tangents, lens, k, FISHEYE: tl.constexpr):
     """d loss / d camera point from d loss / d J and d loss / d mean2d; J = E [I, -(uc, vc)] / z."""
     j00, j01, j02, j10, j11, j12 = jacobian
     u, v, uc, vc, inverse = tangents
@@ -126,10 +132,10 @@ def _point_gradient(jacobian, centre, tangents, lens, k):
     d00, d01, d10, d11 = j00 - uc * j02, j01 - vc * j02, j10 - uc * j12, j11 - vc * j12
     # J is proportional to 1 / z.
     g_inverse = e00 * d00 + e01 * d01 + e10 * d10 + e11 * d11
-    xuu, xuv, xvv, yvv = _lens_curvature(uc, vc, k)
+    xuu, xuv, xvv, yvv = _lens_curvature(uc, vc, k, FISHEYE)
     guc = fx * (d00 * xuu + d01 * xuv) + fy * (d10 * xuv + d11 * xvv) - (j02 * e00 + j12 * e10)
     gvc = fx * (d00 * xuv + d01 * xvv) + fy * (d10 * xvv + d11 * yvv) - (j02 * e01 + j12 * e11)
-    _, _, xu, xv, yv = distort(u, v, k)
+    _, _, xu, xv, yv = distort(u, v, k, FISHEYE)
     gx, gy = centre
     free_u = (u >= k[BOUNDS]) & (u <= k[BOUNDS + 1])
     free_v = (v >= k[BOUNDS + 2]) & (v <= k[BOUNDS + 3])
@@ -158,7 +164,7 @@ def _store(pointer, value, touched, here):
 def project_backward(
     means, quats, scales, opacities, parameter, n, moments, weight,
     grad_means, grad_quats, grad_scales, grad_opacities, grad_screen, view,
-    BLOCK: tl.constexpr, MOVING: tl.constexpr,
+    BLOCK: tl.constexpr, MOVING: tl.constexpr, FISHEYE: tl.constexpr,
 ):  # fmt: skip
     """Gradients float32 [N, ...] of all inputs but colours, zero for Gaussians that touched no pixel.
 
@@ -176,7 +182,7 @@ def project_backward(
     x, y, z = tl.where(touched, x, 0.0), tl.where(touched, y, 0.0), tl.where(touched, z, 1.0)
     sums = _read_moments(moments + i * MOMENTS, touched)
     o = tl.load(opacities + i, mask=touched, other=1.0).to(tl.float64)
-    axes, tangents, lens = screen_axes(x, y, z, k)
+    axes, tangents, lens = screen_axes(x, y, z, k, FISHEYE)
     r = rotation(quat)
     m = root_covariance(axes, r, scale)
     centre, p, q = _ellipse_gradient(sums, m, k[LIMITS + 1])
@@ -204,9 +210,10 @@ def project_backward(
     p, q = (p[0] * sx, p[1] * sy, p[2] * sz), (q[0] * sx, q[1] * sy, q[2] * sz)
     outer = _axes_gradient(p, q, r)
     jacobian = _jacobian_gradient(outer, k)
-    x, y, z = _point_gradient(jacobian, centre, tangents, lens, k)
+    x, y, z = _point_gradient(jacobian, centre, tangents, lens, k, FISHEYE)
     _store(grad_means + 3 * i, k[0] * x + k[3] * y + k[6] * z, touched, here)
     _store(grad_means + 3 * i + 1, k[1] * x + k[4] * y + k[7] * z, touched, here)
     _store(grad_means + 3 * i + 2, k[2] * x + k[5] * y + k[8] * z, touched, here)
     if MOVING:
-        store_view(view, program, touched, mean, centre, (x, y, z), outer, jacobian, tangents, lens, k)
+        point = (x, y, z)
+        store_view(view, program, touched, mean, centre, point, outer, jacobian, tangents, lens, k, FISHEYE)

@@ -23,8 +23,9 @@ RECORDS = {"record": D, "paint": F}
 GRID = {"across": "i32", "height": "i32", "width": "i32", "t_min": "fp32", "background": F}
 LISTS = {"rows": F, "stride": "i32", "start": L, "chunk_start": L, "kept": F, "chunks": I}
 KERNELS = [
-    (project.project, {"BLOCK": project.BLOCK}, {},
-     INPUTS | RECORDS | {"colours": F, "box": I, "depth": F, "radius": F, "state": B, "number": L}),
+    *((project.project, {"BLOCK": project.BLOCK, "FISHEYE": fisheye}, {},
+       INPUTS | RECORDS | {"colours": F, "box": I, "depth": F, "radius": F, "state": B, "number": L})
+      for fisheye in (False, True)),
     (tiles.match, {"BLOCK": tiles.BLOCK}, {},
      RECORDS | {"owner": I, "start": L, "box": I, "tile": S, "touched": B, "pairs": "i32", "across": "i32",
                 "tiles": "i32"}),
@@ -39,9 +40,10 @@ KERNELS = [
     (slots.add_slots, {"BLOCK": slots.BLOCK}, {"num_warps": slots.WARPS},
      {"slots": F, "start": L, "number": L, "tile": S, "record": D, "n": "i32", "across": "i32", "moments": D,
       "grad_colours": F, "weight": F}),
-    (project_backward.project_backward, {"BLOCK": project.BLOCK, "MOVING": True}, {},
-     INPUTS | {"moments": D, "weight": F, "grad_means": F, "grad_quats": F, "grad_scales": F,
-               "grad_opacities": F, "grad_screen": F, "view": D}),
+    *((project_backward.project_backward, {"BLOCK": project.BLOCK, "MOVING": True, "FISHEYE": fisheye}, {},
+       INPUTS | {"moments": D, "weight": F, "grad_means": F, "grad_quats": F, "grad_scales": F,
+                 "grad_opacities": F, "grad_screen": F, "view": D})
+      for fisheye in (False, True)),
 ]  # fmt: skip
 
 

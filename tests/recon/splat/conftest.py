@@ -94,6 +94,7 @@ def cloud(count: int, seed: int = 0, size: float = 0.1, spread: float = 0.7) -> 
 
 BACK = torch.tensor([0.3, 0.2, 0.5]).double()
 LENS = {"k1": -0.2, "k2": 0.06, "p1": 0.01, "p2": -0.008}
+FISHEYE = {"k1": 0.08, "k2": -0.03, "k3": 0.02, "k4": -0.008, "fx": 18.0, "fisheye": True}
 
 
 def _needles() -> dict[str, torch.Tensor]:
@@ -158,6 +159,8 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "near": lambda: Scene(**_near(), camera=camera(z=0.3), background=BACK),
     "near lens": lambda: Scene(**_near(), camera=camera(z=0.3, **LENS)),
     "bright": lambda: Scene(**_bright(), camera=camera(), limits=Limits(luminance_reference=1e-6)),
+    "fisheye": lambda: Scene(**cloud(60, 2), camera=camera(**FISHEYE), background=BACK),
+    "near fisheye": lambda: Scene(**_near(), camera=camera(z=0.3, **FISHEYE)),
     "3dgs": lambda: Scene(**cloud(60, 1), camera=camera(), background=BACK, limits=Limits.gsplat()),
     "1x1": lambda: Scene(**cloud(20, 1), camera=camera(1, 1, fx=20.0), background=BACK),
     "17x3": lambda: Scene(**cloud(40, 1), camera=camera(17, 3), background=BACK),

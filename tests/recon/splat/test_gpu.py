@@ -23,7 +23,7 @@ NAMES = ("means", "quats", "scales", "opacities", "colours")
 CAMERA = SplatCamera(np.eye(4), fx=20, fy=20, cx=12, cy=9, width=24, height=18)
 SCENES = [
     "plain", "background", "lens", "strong lens", "bright", "big", "needles", "near lens", "opaque",
-    "same place", "3dgs", "1x1", "17x3", "none", "one", "behind", "inside",
+    "fisheye", "near fisheye", "same place", "3dgs", "1x1", "17x3", "none", "one", "behind", "inside",
 ]  # fmt: skip
 
 
@@ -184,9 +184,12 @@ def test_strided_and_partly_constant_inputs(scene_of: Any, device: str) -> None:
         assert not scene.render_on(device, plain).image.requires_grad
 
 
-def test_gradient_of_the_camera(scene_of: Any, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["lens", "fisheye"])
+def test_gradient_of_the_camera(
+    scene_of: Any, device: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Against the oracle, through the same entry."""
-    scene = scene_of("lens").smaller(10)
+    scene = scene_of(name).smaller(10)
     found = []
     for dtype, place in ((torch.float64, "cpu"), (torch.float32, device)):
         tensors = [t.to(place) for t in scene.tensors(dtype, grad=False)]

@@ -20,6 +20,8 @@ SCENES = [
     "background",
     "lens",
     "strong lens",
+    "fisheye",
+    "near fisheye",
     "big",
     "needles",
     "near lens",
@@ -28,6 +30,9 @@ SCENES = [
     "bright",
     "1x1",
 ]
+DIFFERENTIABLE = [
+    "background", "lens", "strong lens", "fisheye", "near fisheye", "big", "needles", "near lens", "1x1",
+]  # fmt: skip
 
 
 def drawn(scene: Any, tensors: list[torch.Tensor], delta: torch.Tensor | None) -> Render:
@@ -68,14 +73,14 @@ def test_kernels_equal_the_oracle(scene_of: Any, name: str, zero: bool) -> None:
 
 
 @pytest.mark.parametrize("zero", [True, False])
-@pytest.mark.parametrize("name", ["background", "lens", "strong lens", "big", "needles", "near lens", "1x1"])
+@pytest.mark.parametrize("name", DIFFERENTIABLE)
 def test_gradients_equal_finite_differences(scene_of: Any, name: str, zero: bool) -> None:
     """Each of the fourteen by itself."""
     scene = scene_of(name)
     scene.limits = SMOOTH
     for field in ("means", "quats", "scales", "opacities", "colours"):
         setattr(scene, field, getattr(scene, field)[:6])
-    if name == "near lens":  # in front of the camera, so that no step crosses the near plane
+    if name.startswith("near "):  # in front of the camera, so that no step crosses the near plane
         scene.means[:, 2] = scene.means[:, 2].abs() + 0.1
     delta = start(zero).requires_grad_()
     tensors = scene.tensors(torch.float64, grad=False)
