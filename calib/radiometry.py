@@ -1,12 +1,13 @@
 """What is known about exposure and response before any pose is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib import exposures, response
 from calib.codes import Samples, patches, sample
+from calib.track_codes import sample_tracks
 from calib.views import Progress, View
 from imaging.calibration import Response
 from imaging.photo import read_photo
@@ -121,16 +122,33 @@ def _labels(views: Sequence[View], scale: dict[str, float]) -> dict[str, float]:
 def _samples(
     session: Session, views: Sequence[View], labels: dict[str, float], progress: Progress
 ) -> Samples | None:
+    """Photosites in several exposures; where no view has any, scene points that views share."""
+    views = _trained_on(session, views)
     usable = [
         view
         for view in views
         if len({labels[shot.file] for shot in view.shots}) >= 2
         and all(shot.exposure is not None for shot in view.shots)
     ]
+    if not usable:
+        return sample_tracks(session, views, labels, progress)
     parts = []
     for done, view in enumerate(usable):
         progress("sampling the response", done, len(usable))
         cut = [patches(read_photo(session.file(shot)).pixels) for shot in view.shots]
         logs = np.log([labels[shot.file] for shot in view.shots])
         parts.append(sample(cut, logs, max(SITES // len(usable), 200)))
-    return Samples.joined(parts) if parts else None
+    return Samples.joined(parts)
+
+
+def _trained_on(session: Session, views: Sequence[View]) -> list[View]:
+    """The views and shots that a data set does not hold back for testing."""
+    split = session.split()
+    if split is None:
+        return list(views)
+    held_back = set(split.test)
+    kept = [
+        replace(view, shots=tuple(shot for shot in view.shots if shot.file not in held_back))
+        for view in views
+    ]
+    return [view for view in kept if view.shots]

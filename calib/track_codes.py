@@ -1,0 +1,134 @@
+"""Code values of the same scene points in views of different exposure: a response without any bracket.
+
+Auto-exposed photographs, or one exposure a view, show no photosite twice; but a matte point has the same
+radiance from everywhere, so what features match tells the curve as a bracket does, with more noise.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from calib.codes import CLIPPED, HIGHEST, LOWEST, Samples
+from calib.features import FEWEST_MATCHES, Features, extract
+from calib.matching import match
+from calib.previews import preview
+from calib.views import Progress, View
+from imaging.calibration import Response
+from imaging.linear import from_codes
+from imaging.merge import merge_bracket
+from imaging.photo import read_photo
+from imaging.session import Session
+
+LEAST_SPAN = 0.5
+"""Of ln k, that labels have to span for the curve to be told from the light."""
+PATCH = 5
+"""px, side of the square around a feature that is averaged; of pictures of 640 px or narrower."""
+MOST_PAIRS = 1500
+"""Pairs of views that are matched; of more, those nearest in order, which are mostly neighbours."""
+CELLS = 4
+"""Features are held out by the cells of so many rows and columns of the view that saw them first."""
+GUESS = Response(kind="srgb", evidence="to find features by")
+
+Array = npt.NDArray[np.float64]
+
+
+def sample_tracks(
+    session: Session, views: Sequence[View], labels: Mapping[str, float], progress: Progress
+) -> Samples | None:
+    """Points that views of different exposure share, as samples; None where the labels hardly differ.
+
+    Of a view with several exposures the middle one counts. labels: exposure scale of each file, s.
+    """
+    shots = {
+        view.key: sorted(view.shots, key=lambda shot: labels[shot.file])[len(view.shots) // 2]
+        for view in views
+        if all(shot.exposure is not None for shot in view.shots)
+    }
+    logs = {key: float(np.log(labels[shot.file])) for key, shot in shots.items()}
+    if len(logs) < 2 or max(logs.values()) - min(logs.values()) < LEAST_SPAN:
+        return None
+    features: list[Features] = []
+    codes: list[Array] = []
+    cells: list[npt.NDArray[np.int64]] = []
+    for done, shot in enumerate(shots.values()):
+        progress("finding points that views share", done, len(shots))
+        pixels = np.ascontiguousarray(read_photo(session.file(shot)).pixels, np.float32)
+        picture = preview(merge_bracket([from_codes(pixels, labels[shot.file], GUESS)]))
+        found = extract(picture, 1)
+        features.append(found)
+        codes.append(_codes_at(pixels, found.points * pixels.shape[1] / picture.shape[1]))
+        height, width = picture.shape
+        column, row = np.clip(found.points * CELLS / (width, height), 0, CELLS - 1).astype(np.int64).T
+        cells.append((len(cells) * CELLS + row) * CELLS + column)
+    tracks = _tracks(features, progress)
+    if not tracks:
+        return None
+    longest = max(len(track) for track in tracks)
+    told = np.full((len(tracks), longest, 3), np.nan)
+    log_k = np.full((len(tracks), longest), min(logs.values()))
+    group = np.zeros(len(tracks), np.int64)
+    every = list(logs.values())
+    for index, track in enumerate(tracks):
+        for place, (view, feature) in enumerate(track):
+            told[index, place] = codes[view][feature]
+            log_k[index, place] = every[view]
+        group[index] = cells[track[0][0]][track[0][1]]
+    return Samples(told, log_k, np.unique(group, return_inverse=True)[1])
+
+
+def _codes_at(pixels: npt.NDArray[np.float32], points: Array) -> Array:
+    """Mean codes [K, 3], 0..255, around points; NaN where any of them is clipped or too near an end."""
+    size = PATCH * max(1, round(pixels.shape[1] / 640))
+    size += 1 - size % 2
+    scaled = 255.0 * pixels
+    rows = np.clip(points[:, 1].astype(int), 0, pixels.shape[0] - 1)
+    columns = np.clip(points[:, 0].astype(int), 0, pixels.shape[1] - 1)
+    found = np.empty((len(points), 3))
+    for channel in range(3):
+        plane = scaled[..., channel]
+        mean = ndimage.uniform_filter(plane, size)[rows, columns]
+        low = ndimage.minimum_filter(plane, size)[rows, columns]
+        high = ndimage.maximum_filter(plane, size)[rows, columns]
+        inside = (mean >= LOWEST) & (low >= CLIPPED[0]) & (mean <= HIGHEST) & (high <= CLIPPED[1])
+        found[:, channel] = np.where(inside, mean, np.nan)
+    return found
+
+
+def _tracks(features: Sequence[Features], progress: Progress) -> list[list[tuple[int, int]]]:
+    """Features of several views that are one point: lists of (view, feature), one feature a view."""
+    first = np.cumsum([0, *(len(own.points) for own in features)])
+    parent = np.arange(first[-1])
+
+    def root(node: int) -> int:
+        while parent[node] != node:
+            parent[node] = parent[parent[node]]
+            node = int(parent[node])
+        return node
+
+    pairs = sorted(combinations(range(len(features)), 2), key=lambda pair: pair[1] - pair[0])[:MOST_PAIRS]
+    cv2.setRNGSeed(0)
+    for done, (a, b) in enumerate(pairs):
+        progress("matching", done, len(pairs))
+        matches = match(features[a].descriptors, features[b].descriptors).astype(int)
+        if len(matches) < FEWEST_MATCHES:
+            continue
+        one, other = features[a].points[matches[:, 0]], features[b].points[matches[:, 1]]
+        _, mask = cv2.findFundamentalMat(one, other, cv2.USAC_MAGSAC, 1.0, 0.999, 2000)
+        if mask is None or int(mask.sum()) < FEWEST_MATCHES:
+            continue
+        for i, j in matches[mask.ravel() > 0]:
+            parent[root(int(first[a] + i))] = root(int(first[b] + j))
+    progress("matching", len(pairs), len(pairs))
+    members: dict[int, list[tuple[int, int]]] = {}
+    for view, own in enumerate(features):
+        for index in range(len(own.points)):
+            members.setdefault(root(int(first[view] + index)), []).append((view, index))
+    return [
+        track
+        for track in members.values()
+        if len(track) >= 2 and len({view for view, _ in track}) == len(track)
+    ]

@@ -1,0 +1,112 @@
+"""Points that views of different exposure share tell the response as brackets do."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from calib import radiometry
+from calib.track_codes import sample_tracks
+from calib.views import View, scene_views
+from capture.photos import import_photos
+from imaging import store
+from imaging.records import SplitRecord
+from imaging.session import SPLIT, Session
+
+ERROR = 0.05
+"""Median disagreement of the light that two views see of a point, natural log: patches, gloss, edges."""
+
+
+def silent(message: str, done: int, total: int) -> None:
+    """No progress."""
+
+
+@pytest.fixture(scope="module")
+def scenes() -> Iterator[ModuleType]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(Path(__file__).parents[2] / "bench"))
+        import hdr_nerf_scene
+
+        yield hdr_nerf_scene
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory, scenes: ModuleType) -> Path:
+    """Eight views in a row and a half, each photographed five times; a split keeps one shot of each."""
+    folder = tmp_path_factory.mktemp("tracks")
+    scenes.write_scene(folder / "scene", scenes.Size(160, 8, 1), seed=2, samples=2)
+    import_photos(folder / "scene", folder / "s")
+    opened = Session.open(folder / "s")
+    train = [view.shots[1 + index % 3].file for index, view in enumerate(scene_views(opened))]
+    test = [shot.file for shot in opened.shots() if shot.file not in train]
+    record = SplitRecord(reason="one exposure a view", train=tuple(train), test=tuple(test))
+    store.write_json(folder / "s" / SPLIT, record.model_dump(mode="json"))
+    return folder / "s"
+
+
+@pytest.fixture(scope="module")
+def single(session: Path) -> list[View]:
+    """Views with the shot that is for training alone."""
+    opened = Session.open(session)
+    split = opened.split()
+    assert split is not None
+    return [
+        View(view.camera, view.frame, tuple(shot for shot in view.shots if shot.file in split.train))
+        for view in scene_views(opened)
+    ]
+
+
+def labels_of(views: list[View]) -> dict[str, float]:
+    return {shot.file: shot.exposure.scale for view in views for shot in view.shots if shot.exposure}
+
+
+def true_log(scenes: ModuleType, codes: np.ndarray) -> np.ndarray:
+    """ln of the exposure that a code stands for, by the curve that the scene went through."""
+    logs = np.linspace(-14, 9, 8000)
+    return np.interp(codes / 255, scenes.curve(logs), logs)
+
+
+def test_views_agree_on_the_light_of_the_points_that_they_share(session, single, scenes):
+    found = sample_tracks(Session.open(session), single, labels_of(single), silent)
+    assert found is not None
+    light = true_log(scenes, found.codes) - found.log_k[..., None]
+    seen = np.isfinite(light[..., 1]).sum(1) >= 2
+    assert seen.sum() > 150
+    shared = light[seen, :, 1]
+    apart = np.nanmax(shared, 1) - np.nanmin(shared, 1)
+    assert np.median(apart) < 2 * ERROR
+    exposures = np.where(np.isfinite(found.codes[..., 1]), found.log_k, np.nan)[seen]
+    assert (np.nanmax(exposures, 1) - np.nanmin(exposures, 1) > 1).sum() > 100
+    assert found.group.min() == 0
+    assert len(np.unique(found.group)) == found.group.max() + 1 > 20
+
+
+def test_exposures_that_hardly_differ_tell_nothing(session, single):
+    labels = {file: 1.0 + 0.1 * index for index, file in enumerate(labels_of(single))}
+    labels = {file: min(label, 1.3) for file, label in labels.items()}
+    assert sample_tracks(Session.open(session), single, labels, silent) is None
+    assert sample_tracks(Session.open(session), single[:1], labels_of(single), silent) is None
+
+
+def test_a_response_is_measured_where_no_view_has_a_bracket_and_only_from_what_is_for_training(
+    session, scenes, monkeypatch
+):
+    opened = Session.open(session)
+    split = opened.split()
+    assert split is not None
+    read: list[Path] = []
+    from calib.track_codes import read_photo
+
+    monkeypatch.setattr("calib.track_codes.read_photo", lambda path: (read.append(path), read_photo(path))[1])
+    light = radiometry.measure(opened, scene_views(opened), silent)
+    assert sorted(read) == sorted(session / file for file in split.train)
+    (response,) = light.responses.values()
+    assert response.residual is not None
+    assert light.measured
+    codes = 255 * np.array(response.codes)
+    told = (codes >= 20) & (codes <= 235)
+    for channel in response.log_exposure:
+        error = (np.array(channel) - true_log(scenes, codes))[told]
+        assert np.std(error) < 0.15  # sRGB, which is assumed without any samples, is off by 0.7
