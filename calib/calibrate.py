@@ -259,7 +259,7 @@ def _with_part(
     earlier: CalibrationRecord | None,
 ) -> CalibrationRecord:
     """An earlier calibration with one part of it measured again; without one, that part and what it needs."""
-    fresh = with_charts(assemble(session, views, found, light), charts)
+    fresh = with_charts(assemble(session, (), found, light), charts)
     if earlier is None:
         return fresh
     fields = {

@@ -240,7 +240,7 @@ class CalibrationRecord(Record):
     cameras: tuple[CameraCalibration, ...]
     views: tuple[ViewCalibration, ...]
     unregistered: tuple[str, ...] = ()
-    """'camera/frame' of images without a pose."""
+    """'camera/frame' of images that were looked at for their poses and got none."""
     unit: Literal["relative", "m"] = "relative"
     """Of all lengths: metres where a board or a known distance gave the scale."""
     board: BoardEvidence | None = None

@@ -38,8 +38,8 @@ def board_figures(record: CalibrationRecord) -> Iterable[Figure]:
         if boards:
             yield Figure(
                 f"The board before {', '.join(names) if len(names) <= 4 else counted(len(names), 'camera')}",
-                "Each rectangle is the board at one frame. It tells the most when held near and far, tilted to "
-                "all sides, and in the corners of every image.",
+                "Each rectangle is the board at one frame. It tells the most when held near and far, tilted "
+                "to all sides, and in the corners of every image.",
                 turntable(
                     {(0, name): pose for name, pose in cameras.items()},
                     {camera.name: camera.lens for camera in record.cameras if camera.lens is not None},

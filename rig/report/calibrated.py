@@ -90,7 +90,7 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
         _light(session, record),
     )
     return Calibrated(
-        summary=_summary(record, images),
+        summary=_summary(session, record, images),
         posed=bool(record.views),
         registered=f"{len(record.views)} of {images}",
         verdicts=tuple(verdicts(record, residuals)),
@@ -104,15 +104,17 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
     )
 
 
-def _summary(record: CalibrationRecord, images: int) -> str:
+def _summary(session: Session, record: CalibrationRecord, images: int) -> str:
     if record.views:
         return (
             f"{len(record.views)} of {counted(images, 'image')} with a pose, "
             f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px"
         )
+    asked = record.unregistered or not session.shots("scene")
+    poses = "no image has a pose" if asked else "poses were not asked for"
     if record.board is not None:
-        return f"Lenses and rig from {counted(record.board.views, 'view')} of a board; no image has a pose"
-    return "Exposures and cameras; no image has a pose"
+        return f"Lenses and rig from {counted(record.board.views, 'view')} of a board; {poses}"
+    return f"Exposures and cameras; {poses}"
 
 
 def _points(folder: Path) -> SparsePoints | None:

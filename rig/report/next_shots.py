@@ -20,7 +20,7 @@ def next_shots(session: Session, record: CalibrationRecord) -> Iterable[str]:
     """What is missing first, then what is weak; nothing where all is well."""
     yield from _poses(record)
     yield from _sensors(session, record)
-    yield from _responses(record)
+    yield from _responses(session, record)
     yield from _board(session, record)
 
 
@@ -93,8 +93,8 @@ def _sensors(session: Session, record: CalibrationRecord) -> Iterable[str]:
         )
 
 
-def _responses(record: CalibrationRecord) -> Iterable[str]:
-    seen = {view.camera for view in record.views} | {n.split("/", 1)[0] for n in record.unregistered}
+def _responses(session: Session, record: CalibrationRecord) -> Iterable[str]:
+    seen = {shot.camera for shot in session.shots("scene")}
     assumed = [
         camera.name
         for camera in record.cameras

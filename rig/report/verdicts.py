@@ -115,7 +115,8 @@ def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: 
         words.append(
             f"RAW bends by {100 * share:.1f} % at white and is straightened (good below {100 * BEND:g} %)"
         )
-    if camera.response.kind == "srgb" and camera.response.residual is None and total:
+    looked_at = total or not (record.views or record.unregistered)
+    if camera.response.kind == "srgb" and camera.response.residual is None and looked_at:
         grades.append("warn")
         words.append("its response is assumed, not measured")
     if not words:

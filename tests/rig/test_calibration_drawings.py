@@ -95,3 +95,14 @@ def test_a_calibration_of_nothing_has_a_page(toy: Path) -> None:
     assert_self_contained(page)
     assert "cam0: nothing was measured of it" in page.text
     assert not re.search(r"\bnan\b", page.html, re.IGNORECASE)
+
+
+def test_poses_that_were_not_asked_for_are_not_missed(toy: Path) -> None:
+    """As after `rig calibrate --only sensor`: nothing was to be placed."""
+    shutil.rmtree(toy / "calibration" / "colmap")
+    record = changed(read_calibration(toy), views=(), points=0, reprojection_px=None)
+    store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
+    text = Page.read(calibration_report(toy, quiet)).text
+    assert "Exposures and cameras; poses were not asked for." in text
+    for words in ("ithout a pose", "No image has a pose", "no image has a pose", "images with a pose"):
+        assert words not in text
