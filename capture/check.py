@@ -1,6 +1,6 @@
 """`rig check`: proof of what a session holds, and a sentence for each thing that is wrong with it."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from pathlib import Path
 
@@ -22,7 +22,8 @@ from imaging.session import Session
 __all__ = ["CheckReport", "Exposed", "Problem", "RepairReport", "check", "repair"]
 
 SKEW_TOLERANCE = 0.02
-"""Seconds between two shutters of one bracket step: a person who walks moves 3 cm, a pixel or more."""
+"""Seconds between two shutters of one bracket step: a person who walks moves 3 cm, a pixel or more.
+What holds where no plan says another."""
 
 _MENDS = {"captured": "take it again with rig capture --resume", "imported": "import the photographs again"}
 
@@ -65,7 +66,8 @@ def check(session: Path, progress: Progress = lambda message, done, total: None)
     problems.extend(_missing(plans, shots, again))
     problems.extend(_duplicates(shots))
     problems.extend(_unrecorded(opened, shots))
-    problems.extend(_skewed(shots))
+    together = {plan.plan: plan.tolerance for plan in plans if plan.tolerance is not None}
+    problems.extend(_skewed(shots, together))
     looks = [own.look for _, own in pictures]
     return CheckReport(
         session=str(session),
@@ -74,7 +76,7 @@ def check(session: Path, progress: Progress = lambda message, done, total: None)
         sound=len(pictures),
         exposures=tuple(_exposed(pictures)),
         problems=tuple(problems),
-        warnings=(*warnings(looks, opened.record.cameras), *_taken_again(shots)),
+        warnings=(*warnings(looks, opened.record.cameras), *_taken_again(shots, together)),
         looks=tuple(looks),
         skews=tuple(_skews(shots)),
         thumbnails={shot.file: own.thumbnail for shot, own in pictures},
@@ -172,22 +174,24 @@ def _unrecorded(session: Session, shots: list[ShotRecord]) -> Iterator[Problem]:
         yield Problem(kind="leftover", file=file, message=message)
 
 
-def _skewed(shots: Iterable[ShotRecord]) -> Iterator[Problem]:
+def _skewed(shots: Iterable[ShotRecord], together: Mapping[str, float]) -> Iterator[Problem]:
+    """together: seconds that are no skew, of the plans that say it."""
     for shot in shots:
-        if shot.skew is not None and shot.skew > SKEW_TOLERANCE and not shot.retries:
+        bound = together.get(shot.plan, SKEW_TOLERANCE)
+        if shot.skew is not None and shot.skew > bound and not shot.retries:
             yield _problem(
                 "skew",
                 shot,
-                f"{shot.file} was exposed {shot.skew * 1000:.0f} ms after the first camera of its step: "
-                "use a hardware trigger where the scene moves.",
+                f"{shot.file} was exposed {shot.skew * 1000:.3g} ms after the first camera of its step, and "
+                f"{bound * 1000:.3g} ms are allowed: use a hardware trigger where the scene moves.",
             )
 
 
-def _taken_again(shots: Iterable[ShotRecord]) -> Iterator[Problem]:
+def _taken_again(shots: Iterable[ShotRecord], together: Mapping[str, float]) -> Iterator[Problem]:
     """Shots that came late because they had to be repeated, which no trigger would have helped."""
     for _, own in _steps(shots):
         for shot in own if len(own) > 1 else ():
-            if shot.retries and (shot.skew or 0.0) > SKEW_TOLERANCE:
+            if shot.retries and (shot.skew or 0.0) > together.get(shot.plan, SKEW_TOLERANCE):
                 yield _problem(
                     "skew",
                     shot,

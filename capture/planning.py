@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
+from math import isfinite
 
 from capture.automatic import Automatic, meter_rig, plan_automatically
 from capture.levels import STILL, around, ladder, middle_of, singles
@@ -69,6 +70,7 @@ def plan_for(
         reason=reason,
         asked=asked_for(bracket),
         board=source.board if request.kind == "board" else None,
+        tolerance=source.tolerance if isfinite(source.tolerance) else None,
     )
     return plan, automatic
 

@@ -164,6 +164,21 @@ def test_cameras_that_did_not_expose_together_are_named(rig):
     assert "500 ms" in problem.message
 
 
+@pytest.mark.parametrize(("tolerance", "found"), [(0.001, 1), (None, 0), (0.6, 0)])
+def test_what_is_together_is_what_the_plan_says(rig, tolerance, found):
+    plans = store.read_lines(rig.session.folder / "plans.jsonl")
+    (rig.session.folder / "plans.jsonl").unlink()
+    store.append_line(rig.session.folder / "plans.jsonl", plans[0] | {"tolerance": tolerance})
+    records = lines(rig.session)
+    for own in records:
+        own["skew"] = 0.0
+    records[1]["skew"] = 0.5 if tolerance == 0.6 else 0.01
+    write(rig.session, records)
+    problems = check(rig.session.folder).problems
+    assert len(problems) == found
+    assert all(one.kind == "skew" and "1 ms are allowed" in one.message for one in problems)
+
+
 def test_records_of_unknown_cameras_and_plans_are_named(rig):
     records = lines(rig.session)
     records[0]["camera"] = "z"

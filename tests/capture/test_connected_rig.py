@@ -295,5 +295,6 @@ def test_shutters_further_apart_than_the_file_tolerates_are_told(given: Place) -
         given.write(('exposures = "auto"', STOPS), ("tolerance = 0.02", f"tolerance = {tolerance}"))
         given.prepare = dawdle
         result = given.shoot(given.folder / tolerance)
+        assert Session.open(given.folder / tolerance).plans()[0].tolerance == float(tolerance)
         assert result.missing == ()
         assert bool(result.problems) is told
