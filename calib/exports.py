@@ -2,7 +2,8 @@
 
 * `transforms.json` (nerfstudio, Instant NGP): camera-to-world with OpenGL axes; pixel centres at +0.5 as
   here. It names the pictures in previews/, and the lenses are those of that size.
-* `opencv/<camera>.yaml` (cv2.FileStorage): pixel centres at whole numbers, so `c` is half a pixel less.
+* `opencv/<camera>.yaml` (cv2.FileStorage): pixel centres at whole numbers, so `c` is half a pixel less. A
+  lens of the `distortion_model` fisheye is for cv2.fisheye.
 * `camchain-<rig>.yaml` (Kalibr): each camera from the one before it; pixel centres as OpenCV's.
 
 A COLMAP model has a folder of its own, colmap/.
@@ -63,14 +64,17 @@ def _transforms(record: CalibrationRecord, pictures: Mapping[str, Lens]) -> dict
                 "fl_y": lens.fy,
                 "cx": lens.cx,
                 "cy": lens.cy,
-                "k1": lens.k1,
-                "k2": lens.k2,
-                "p1": lens.p1,
-                "p2": lens.p2,
+                **_terms(lens),
+                "camera_model": "OPENCV_FISHEYE" if lens.fisheye else "OPENCV",
                 "transform_matrix": world_from_cam.tolist(),
             }
         )
-    return {"camera_model": "OPENCV", "frames": frames}
+    # One model for all, as nerfstudio reads it; in a rig with lenses of both kinds each frame tells its own.
+    models = {frame["camera_model"] for frame in frames}
+    if len(models) == 1:
+        for frame in frames:
+            del frame["camera_model"]
+    return {"camera_model": min(models), "frames": frames}
 
 
 def _write_opencv(path: Path, camera: CameraCalibration) -> None:
@@ -82,7 +86,8 @@ def _write_opencv(path: Path, camera: CameraCalibration) -> None:
     storage.write("image_width", lens.width)
     storage.write("image_height", lens.height)
     storage.write("camera_matrix", _matrix(lens))
-    storage.write("distortion_coefficients", np.array([_distortion(lens)]))
+    storage.write("distortion_model", "fisheye" if lens.fisheye else "plumb_bob")
+    storage.write("distortion_coefficients", np.array([list(lens.terms[4:])]))
     if camera.cam_from_rig is not None:
         storage.write("cam_from_rig", camera.cam_from_rig.matrix())
     storage.release()
@@ -92,8 +97,9 @@ def _matrix(lens: Lens) -> "np.ndarray[Any, np.dtype[np.float64]]":
     return np.array([[lens.fx, 0.0, lens.cx - HALF], [0.0, lens.fy, lens.cy - HALF], [0.0, 0.0, 1.0]])
 
 
-def _distortion(lens: Lens) -> list[float]:
-    return [lens.k1, lens.k2, lens.p1, lens.p2]
+def _terms(lens: Lens) -> dict[str, float]:
+    """The four terms of distortion by their names."""
+    return dict(zip(lens.names[4:], lens.terms[4:], strict=True))
 
 
 def _camchain(chain: Sequence[CameraCalibration]) -> str:
@@ -111,8 +117,8 @@ def _camchain(chain: Sequence[CameraCalibration]) -> str:
             lines += [f"  - {_listed(row)}" for row in (here @ np.linalg.inv(before)).tolist()]
         lines += [
             "  camera_model: pinhole",
-            f"  distortion_coeffs: {_listed(_distortion(lens))}",
-            "  distortion_model: radtan",
+            f"  distortion_coeffs: {_listed(lens.terms[4:])}",
+            f"  distortion_model: {'equidistant' if lens.fisheye else 'radtan'}",
             f"  intrinsics: {_listed([lens.fx, lens.fy, lens.cx - HALF, lens.cy - HALF])}",
             f"  resolution: {[lens.width, lens.height]}",
             f"  rostopic: /{camera.name}/image_raw",

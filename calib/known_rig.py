@@ -33,10 +33,10 @@ NOTHING = Known()
 def camera_of(lens: Lens) -> Any:
     """A pycolmap camera with exactly this lens."""
     camera = pycolmap.Camera(
-        model="OPENCV",
+        model="OPENCV_FISHEYE" if lens.fisheye else "OPENCV",
         width=lens.width,
         height=lens.height,
-        params=[lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2],
+        params=list(lens.terms),
     )
     set_model(camera, lens.model)
     camera.has_prior_focal_length = True

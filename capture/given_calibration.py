@@ -214,8 +214,9 @@ def _model_of(posed: Mapping[Key, GivenPhoto], lenses: Mapping[str, Lens], given
     ids = {name: index for index, name in enumerate(sorted({camera for camera, _ in posed}), start=1)}
     for name, index in ids.items():
         lens = lenses[name]
-        camera = pycolmap.Camera.create_from_model_name(index, "OPENCV", lens.fx, lens.width, lens.height)
-        camera.params = [lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2]
+        model_name = "OPENCV_FISHEYE" if lens.fisheye else "OPENCV"
+        camera = pycolmap.Camera.create_from_model_name(index, model_name, lens.fx, lens.width, lens.height)
+        camera.params = list(lens.terms)
         model.add_camera_with_trivial_rig(camera)
     for index, (key, photo) in enumerate(sorted(posed.items()), start=1):
         assert photo.cam_from_world is not None

@@ -20,6 +20,11 @@ MODELS: Mapping[str, LensModel] = {
     "SIMPLE_RADIAL": "SIMPLE_RADIAL",
     "RADIAL": "RADIAL",
     "OPENCV": "OPENCV",
+    "SIMPLE_FISHEYE": "OPENCV_FISHEYE",
+    "FISHEYE": "OPENCV_FISHEYE",
+    "SIMPLE_RADIAL_FISHEYE": "OPENCV_FISHEYE",
+    "RADIAL_FISHEYE": "OPENCV_FISHEYE",
+    "OPENCV_FISHEYE": "OPENCV_FISHEYE",
 }
 """COLMAP's camera models that rig has a lens for."""
 

@@ -103,7 +103,7 @@ def inverse(motion: Array, where: str) -> Array:
 def lens_of(model: LensModel, size: tuple[int, int], parameters: dict[str, float], where: str) -> Lens:
     """A lens for pictures of `size` (width, height); InputError, naming `where`, if it cannot be one.
 
-    parameters: fx, fy, cx, cy and any of k1, k2, p1, p2.
+    parameters: fx, fy, cx, cy and any of k1, k2, p1, p2, of a fisheye of k1, k2, k3, k4.
     """
     width, height = size
     try:
@@ -119,7 +119,7 @@ def lens_of(model: LensModel, size: tuple[int, int], parameters: dict[str, float
         all(1e-3 * diagonal < focal < 1e4 * diagonal for focal in (lens.fx, lens.fy))
         and abs(lens.cx - width / 2) < 2 * width
         and abs(lens.cy - height / 2) < 2 * height
-        and all(abs(term) < 1e3 for term in (lens.k1, lens.k2, lens.p1, lens.p2))
+        and all(abs(term) < 1e3 for term in lens.terms[4:])
     )
     if not sound:
         raise InputError(

@@ -26,6 +26,8 @@ FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "tra
 
 KNOWN_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 """Camera models whose distortion is that of k1, k2, p1 and p2, or none."""
+FISHEYE = "OPENCV_FISHEYE"
+"""The camera model whose distortion is that of k1, k2, k3 and k4, of the angle from the axis."""
 
 MOST_POINTS = 100_000
 """Scene points that are kept, evenly over their file."""
@@ -74,7 +76,10 @@ class Entry:
     def lens(self, photo: Path) -> Lens | None:
         """The lens of the frame; None if rig has no such model. `photo` tells the size if no key does."""
         model = self.values.get("camera_model", self.top.get("camera_model", "OPENCV"))
-        if model not in KNOWN_MODELS or any(self.number(key) for key in ("k3", "k4", "k5", "k6")):
+        fisheye = model == FISHEYE
+        names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
+        others = [key for key in ("p1", "p2", "k3", "k4", "k5", "k6") if key not in names]
+        if (not fisheye and model not in KNOWN_MODELS) or any(self.number(key) for key in others):
             return None
         width, height = self.number("w"), self.number("h")
         if width is None or height is None:
@@ -82,11 +87,14 @@ class Entry:
             width, height = picture.width, picture.height
         if not (0 < width < 1e6 and 0 < height < 1e6):
             raise InputError(f"{self.where} has a size of {width:g}x{height:g} pixels: correct w and h.")
-        fx = self.number("fl_x") or _focal(self.number("camera_angle_x"), width)
-        fy = self.number("fl_y") or _focal(self.number("camera_angle_y"), height) or fx
-        fx = fx or fy
+        fx, fy = self.number("fl_x"), self.number("fl_y")
+        if not fisheye:  # of which the angle says nothing without its terms
+            fx = fx or _focal(self.number("camera_angle_x"), width)
+            fy = fy or _focal(self.number("camera_angle_y"), height)
+        fx, fy = fx or fy, fy or fx
         if fx is None or fy is None:
-            raise InputError(f"{self.where} has no focal length: write fl_x or camera_angle_x.")
+            keys = "fl_x" if fisheye else "fl_x or camera_angle_x"
+            raise InputError(f"{self.where} has no focal length: write {keys}.")
         centre = {
             key: half if value is None else value
             for key, value, half in (
@@ -94,9 +102,9 @@ class Entry:
                 ("cy", self.number("cy"), height / 2),
             )
         }
-        terms = {key: self.number(key) or 0.0 for key in ("k1", "k2", "p1", "p2")}
+        terms = {key: self.number(key) or 0.0 for key in names}
         return lens_of(
-            "OPENCV" if any(terms.values()) else "PINHOLE",
+            "OPENCV_FISHEYE" if fisheye else "OPENCV" if any(terms.values()) else "PINHOLE",
             (int(width), int(height)),
             {"fx": fx, "fy": fy, **centre, **terms},
             self.where,

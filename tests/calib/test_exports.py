@@ -11,8 +11,18 @@ import pytest
 import yaml
 
 from calib import exports
-from imaging.calibration import CalibrationRecord, read_calibration
+from imaging import lens as optics
+from imaging.calibration import (
+    CalibrationRecord,
+    CameraCalibration,
+    Lens,
+    Pose,
+    Response,
+    ViewCalibration,
+    read_calibration,
+)
 from imaging.colmap import pycolmap
+from imaging.records import CameraRecord
 
 Array = npt.NDArray[np.float64]
 
@@ -121,3 +131,56 @@ def test_numbers_of_any_size_stay_numbers(arm: Path, record: CalibrationRecord, 
     chain = yaml.safe_load(file.read_text())
     assert chain["cam0"]["distortion_coeffs"] == [1e-05, -2e-17, 3e22, 0.0]
     assert not (tmp_path / "transforms.json").exists()
+
+
+FISHEYE = Lens(
+    model="OPENCV_FISHEYE", width=640, height=480, fx=300, fy=302, cx=322, cy=237,
+    k1=0.05, k2=-0.02, k3=0.004, k4=-0.001,
+)  # fmt: skip
+PINHOLE = Lens(model="PINHOLE", width=640, height=480, fx=500, fy=500, cx=320, cy=240)
+
+
+def test_fisheyes_are_told_as_each_program_tells_them(tmp_path: Path) -> None:
+    """cv2.fisheye, Kalibr equidistant, nerfstudio OPENCV_FISHEYE; also beside a lens of another kind."""
+    still = Pose(quaternion=(1, 0, 0, 0), translation=(0, 0, 0))
+    cameras = tuple(
+        CameraCalibration(
+            name=name,
+            serial=name,
+            lens=lens,
+            cam_from_rig=still,
+            response=Response(kind="linear", evidence=""),
+        )
+        for name, lens in (("wide", FISHEYE), ("long", PINHOLE))
+    )
+    record = CalibrationRecord(
+        created="2026-01-01T00:00:00Z", versions={}, shots_sha256="", cameras=cameras, exposure_scale={},
+        views=tuple(ViewCalibration(camera=c.name, frame=0, cam_from_world=still, points=9) for c in cameras),
+    )  # fmt: skip
+    rig = [CameraRecord(name=c.name, serial=c.serial, kind="raw", rig="r") for c in cameras]
+    exports.write_exports(tmp_path, record, rig, {"wide": FISHEYE, "long": PINHOLE})
+
+    points = np.random.default_rng(0).normal(size=(30, 3)) * (2, 2, 0.1) + (0, 0, 1)
+    storage = cv2.FileStorage(str(tmp_path / "opencv" / "wide.yaml"), cv2.FILE_STORAGE_READ)
+    assert storage.getNode("distortion_model").string() == "fisheye"
+    found, _ = cv2.fisheye.projectPoints(
+        points[:, None], np.zeros(3), np.zeros(3), storage.getNode("camera_matrix").mat(),
+        storage.getNode("distortion_coefficients").mat(),
+    )  # fmt: skip
+    np.testing.assert_allclose(found[:, 0] + 0.5, optics.project(FISHEYE, points), atol=1e-8)
+
+    chain = yaml.safe_load((tmp_path / "camchain-r.yaml").read_text())
+    told = {entry["distortion_model"]: entry["distortion_coeffs"] for entry in chain.values()}
+    assert told == {"equidistant": list(FISHEYE.terms[4:]), "radtan": [0.0] * 4}
+
+    transforms = json.loads((tmp_path / "transforms.json").read_text())
+    wide, long = transforms["frames"]
+    assert (wide["camera_model"], long["camera_model"]) == ("OPENCV_FISHEYE", "OPENCV")
+    assert [wide[name] for name in ("k1", "k2", "k3", "k4")] == list(FISHEYE.terms[4:])
+    assert "p1" not in wide
+    alone = record.model_copy(update={"cameras": cameras[:1], "views": record.views[:1]})
+    (tmp_path / "alone").mkdir()
+    exports.write_exports(tmp_path / "alone", alone, rig, {"wide": FISHEYE})
+    transforms = json.loads((tmp_path / "alone" / "transforms.json").read_text())
+    assert transforms["camera_model"] == "OPENCV_FISHEYE"
+    assert "camera_model" not in transforms["frames"][0]

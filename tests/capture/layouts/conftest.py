@@ -43,9 +43,11 @@ def seen_at() -> Callable[..., np.ndarray]:
         lens, motion = record.camera(camera).lens, view.cam_from_world.matrix()
         # OpenCV's first pixel centre is 0.
         inner = np.array([[lens.fx, 0, lens.cx - 0.5], [0, lens.fy, lens.cy - 0.5], [0, 0, 1]])
-        terms = np.array([lens.k1, lens.k2, lens.p1, lens.p2])
-        turn = cv2.Rodrigues(motion[:3, :3])[0]
-        pixels, _ = cv2.projectPoints(xyz, turn, motion[:3, 3], inner, terms)
+        turn, terms = cv2.Rodrigues(motion[:3, :3])[0], np.array(lens.terms[4:])
+        if lens.model == "OPENCV_FISHEYE":
+            pixels, _ = cv2.fisheye.projectPoints(xyz[:, None], turn, motion[:3, 3], inner, terms)
+        else:
+            pixels, _ = cv2.projectPoints(xyz, turn, motion[:3, 3], inner, terms)
         return pixels.reshape(-1, 2) + 0.5
 
     return project

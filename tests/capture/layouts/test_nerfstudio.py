@@ -129,9 +129,32 @@ def test_exposures_of_one_place_are_one_bracket(tmp_path):
     assert result.views == 3
 
 
-def test_a_fisheye_comes_without_poses_and_says_so(tmp_path):
+def test_a_fisheye_sees_what_colmaps_sees(tmp_path, seen_at):
+    terms = {"k1": 0.05, "k2": -0.02, "k3": 0.004, "k4": -0.001}
+    top = LENS | terms | {"camera_model": "OPENCV_FISHEYE", "frames": frames()}
+    result, session, at = imported(scene(tmp_path / "n", top))
+    assert (result.views, result.cameras) == (4, 1)
+    record = read_calibration(session.folder)
+    assert record.cameras[0].lens.terms == (70.0, 72.0, 33.0, 22.5, *terms.values())
+    camera = pycolmap.Camera.create_from_model_name(1, "OPENCV_FISHEYE", 70.0, 64, 48)
+    camera.params = [70.0, 72.0, 33.0, 22.5, *terms.values()]
+    xyz = np.random.default_rng(2).uniform(-0.5, 0.5, (20, 3))
+    own = (xyz - CENTRES[1]) @ looking_at(CENTRES[1])[:3, :3]
+    expected = np.array([camera.img_from_cam([x, -y, -z]) for x, y, z in own])
+    np.testing.assert_allclose(seen_at(record, *at["1.png"], xyz), expected, atol=1e-6)
+    model = pycolmap.Reconstruction(str(session.folder / "calibration" / "colmap"))
+    assert {camera.model_name for camera in model.cameras.values()} == {"OPENCV_FISHEYE"}
+
+
+def test_a_fisheye_needs_its_focal_length(tmp_path):
+    angle = {key: value for key, value in LENS.items() if not key.startswith("fl")} | {"camera_angle_x": 2.0}
+    with pytest.raises(InputError, match="has no focal length: write fl_x"):
+        imported(scene(tmp_path / "n", angle | {"camera_model": "OPENCV_FISHEYE", "frames": frames()}))
+
+
+def test_another_camera_model_comes_without_poses_and_says_so(tmp_path):
     result, session, _ = imported(
-        scene(tmp_path / "n", LENS | {"camera_model": "OPENCV_FISHEYE", "frames": frames()})
+        scene(tmp_path / "n", LENS | {"camera_model": "EQUIRECTANGULAR", "frames": frames()})
     )
     assert (result.shots, result.views) == (4, 0)
     assert any("4 photos come without lens and pose" in guess for guess in result.guesses)
