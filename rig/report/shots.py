@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -104,11 +105,17 @@ def read_look(session: Session, shot: ShotRecord) -> Look:
     if kind == "hdr":
         rgb = np.asarray(read_exr(path).rgb(), np.float32)
         return Look(0.0, 0.0, *_reduced(rgb, np.ones(rgb.shape[:2], bool)))
-    codes = read_photo(path).pixels
-    clipped = codes > CLIPPED
-    linear = np.asarray(srgb_decode(codes), np.float32)
-    reduced = _reduced(linear, np.all(~clipped, -1))
-    return Look(float(clipped.mean()), float((codes < DARK).mean()), *reduced, developed=True)
+    photo = read_photo(path)
+    top = 2**photo.bit_depth - 1
+    # There are far fewer codes than samples.
+    codes = np.rint(photo.pixels * np.float32(top)).astype(np.uint16)
+    levels = np.linspace(0.0, 1.0, top + 1)
+    counts = np.bincount(codes.ravel(), minlength=top + 1) / codes.size
+    linear = srgb_decode(levels).astype(np.float32)[codes]
+    reduced = _reduced(linear, codes <= CLIPPED * top)
+    return Look(
+        float(counts[levels > CLIPPED].sum()), float(counts[levels < DARK].sum()), *reduced, developed=True
+    )
 
 
 def _binned(signal: Float, valid: Bool, cfa: Cfa) -> tuple[Float, Bool]:
@@ -123,13 +130,19 @@ def _binned(signal: Float, valid: Bool, cfa: Cfa) -> tuple[Float, Bool]:
 
 
 def _reduced(rgb: Float, valid: Bool) -> tuple[Float, Bool]:
-    """Averaged to about the width of a thumbnail; a pixel is valid if all it was made of is."""
-    factor = max(1, rgb.shape[1] // THUMBNAIL_WIDTH)
-    height, width = max(1, rgb.shape[0] // factor), max(1, rgb.shape[1] // factor)
-    cut = rgb[: height * factor, : width * factor]
-    mean = cut.reshape(height, factor, width, factor, 3).mean((1, 3))
-    trusted = valid[: height * factor, : width * factor].reshape(height, factor, width, factor)
-    return np.asarray(mean, np.float32), np.asarray(trusted.all((1, 3)), np.bool_)
+    """Averaged to about the width of a thumbnail; a pixel is valid if all it was made of is.
+
+    valid: [H, W], or [H, W, 3] by sample.
+    """
+    factor = max(1, min(rgb.shape[1] // THUMBNAIL_WIDTH, rgb.shape[0]))
+    height, width = rgb.shape[0] // factor, rgb.shape[1] // factor
+
+    def averaged(picture: Float) -> Float:
+        cut = picture[: height * factor, : width * factor]
+        return np.asarray(cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+
+    trusted = averaged((~valid).astype(np.float32)) == 0
+    return averaged(rgb), np.asarray(trusted.all(-1) if trusted.ndim == 3 else trusted, np.bool_)
 
 
 def _thumbnail(looks: Sequence[tuple[ShotRecord, Look]]) -> npt.NDArray[np.uint8]:
