@@ -1,47 +1,77 @@
-"""How many iterations fit into a time: measured, not guessed."""
+"""What a training may take, or has to reach: time, size, Gaussians or quality, as one word says it."""
 
-import time
-from collections.abc import Callable
+import math
+import re
+from dataclasses import dataclass
+from typing import Literal
 
-from recon.dataset import Dataset
-from recon.density import DensityRules
-from recon.pixels import Progress
-from recon.trainer import Plan, Training, train
+from imaging.errors import InputError
+from recon.ply import most_gaussians
 
-FEWEST = 50
-WARM_UP = 6
-TRIAL_SECONDS = 2.5
-RESERVE = 0.9
-"""Share of the time that is planned with: the rest is for growth, checkpoints and a busier machine."""
+Unit = Literal["s", "bytes", "Gaussians", "dB"]
+
+_FACTORS: dict[str, tuple[float, Unit]] = {
+    "": (1, "s"),
+    "s": (1, "s"),
+    "m": (60, "s"),
+    "h": (3600, "s"),
+    "KB": (1e3, "bytes"),
+    "MB": (1e6, "bytes"),
+    "GB": (1e9, "bytes"),
+    "k": (1e3, "Gaussians"),
+    "dB": (1, "dB"),
+}
+HOW = "write a time as 90s, 5m or 1h, a size as 300MB or 2GB, Gaussians as 100k, or a quality as 35dB"
+FEWEST_GAUSSIANS = 100
+BEST_DB = 100.0
 
 
-def iterations_within(
-    seconds: float,
-    training: Callable[[], Training],
-    dataset: Dataset,
-    cap: int,
-    progress: Progress | None = None,
-) -> int:
-    """Iterations that fit into `seconds`, at least 50, from the speed of a trial that is thrown away.
+@dataclass(frozen=True)
+class Budget:
+    """An amount of one kind.
 
-    `training` makes a new training, as it will begin. The trial's own time is taken off. The result
-    depends on the machine; it is stored, and the training itself depends on the number alone.
+    s: the training ends within it. bytes: splats.ply is no larger. Gaussians: there are no more. dB:
+    the training ends when held-out views are this good.
     """
-    started = time.monotonic()
-    trial = training()
-    # Late in an endless schedule: all harmonics on, no adaptation due, and nothing logged.
-    trial.iteration = first = 700_000
-    plan = Plan(1_000_000, DensityRules(cap), log_every=1_000_000)
 
-    def run(until: int) -> None:
-        train(trial, dataset, plan, log=lambda line: None, save=lambda: None, until=until)
+    amount: float
+    unit: Unit
 
-    if progress:
-        progress("measuring the speed", 0, 1)
-    run(first + WARM_UP)
-    begun = time.monotonic()
-    while time.monotonic() - begun < min(TRIAL_SECONDS, seconds / 10):
-        run(trial.iteration + 4)
-    speed = max(trial.iteration - first - WARM_UP, 1) / max(time.monotonic() - begun, 1e-6)
-    left = seconds - (time.monotonic() - started)
-    return max(FEWEST, int(RESERVE * speed * left))
+    def __post_init__(self) -> None:
+        if self.unit == "s" and not 0 < self.amount < math.inf:
+            raise InputError(
+                f"A budget of {self.amount:g} s is no time to train: give one such as 90s or 5m."
+            )
+        if self.unit == "dB" and not 0 < self.amount < BEST_DB:
+            raise InputError(f"A quality of {self.amount:g} dB is out of range: give one such as 35dB.")
+        cap = self.gaussians
+        if cap is not None and cap < FEWEST_GAUSSIANS:
+            raise InputError(f"A budget of {self} is no room for a scene: give one such as 20k or 3MB.")
+
+    @classmethod
+    def parse(cls, text: str) -> "Budget":
+        """`90s`, `1.5m`, `1h`, `300MB`, `2GB`, `100k` or `35dB`; InputError otherwise.
+
+        A number alone is seconds. Letters are read as they are written: m is minutes, MB megabytes.
+        """
+        match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([A-Za-z]*)\s*", text)
+        if match is None or match[2] not in _FACTORS:
+            raise InputError(f"A budget of {text.strip()!r} is not understood: {HOW}.")
+        factor, unit = _FACTORS[match[2]]
+        return cls(float(match[1]) * factor, unit)
+
+    @property
+    def gaussians(self) -> int | None:
+        """The most Gaussians that fit, for those kinds that limit them."""
+        if self.unit == "bytes":
+            return most_gaussians(self.amount)
+        return int(self.amount) if self.unit == "Gaussians" else None
+
+    def __str__(self) -> str:
+        """As it could be written on the command line."""
+        if self.unit == "bytes":
+            power = 9 if self.amount >= 1e9 else 6 if self.amount >= 1e6 else 3
+            return f"{self.amount / 10**power:g}{ {9: 'GB', 6: 'MB', 3: 'KB'}[power] }"
+        if self.unit == "Gaussians":
+            return f"{self.amount / 1000:g}k"
+        return f"{self.amount:g}{self.unit}"

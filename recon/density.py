@@ -42,11 +42,15 @@ class Density:
     rules: DensityRules
     reference: float | None
 
-    def due(self, iteration: int, total: int) -> bool:
-        """Whether an adaptation comes after this iteration (counted from 1)."""
+    def due(self, position: float, total: int, step: float = 1) -> bool:
+        """Whether an adaptation lies on the last `step` of the way to this position on a schedule of `total`.
+
+        With a step of 1 positions are iterations, counted from 1.
+        """
         period = max(1, round(self.rules.every * total))
+        passed = position // period
         first, last = self.rules.begin * total, self.rules.end * total
-        return first <= iteration <= last and iteration % period == 0
+        return first <= passed * period <= last and passed > (position - step) // period
 
     def adapt(
         self,

@@ -10,6 +10,7 @@ import torch
 from imaging import store
 from imaging.errors import ReconstructionError
 from imaging.records import Record, Rung, parse
+from recon.budget import Unit
 from recon.checkpoint import read_checkpoint
 from recon.dataset import Dataset, View, load
 from recon.fixed import Fixed
@@ -30,15 +31,26 @@ class Settings(Record):
     quality: Literal["draft", "standard", "best"]
     seed: int
     iterations: int
-    """A budget in seconds was turned into this number from the speed at the start."""
+    """As planned at the start; a budget in seconds was turned into this number from the speed found then."""
     max_gaussians: int
     max_width: int
     batch: int = 1
     """Views a step; as many as processes trained together."""
     budget: float | None = None
-    """Seconds asked for; None: the preset's iterations."""
+    """What was asked for, in `budget_unit`; None: the preset."""
+    budget_unit: Unit = "s"
+    early_stop: bool = False
+    """Whether the training may end when held-out quality stands still."""
     fixed: Fixed = Fixed()
     """What was set by hand."""
+
+
+class Prediction(Record):
+    """Held-out quality foretold before training, dB: most likely, and an interval for nine of ten scenes."""
+
+    db: float
+    low: float
+    high: float
 
 
 class ModelRecord(Record):
@@ -62,8 +74,23 @@ class ModelRecord(Record):
     train_seconds: float
     device: str
     """The GPU's name, or how many threads of the CPU."""
-    loss: float
+    loss: float | None
+    """The last that was logged; None if it was interrupted before there was any."""
     rungs: tuple[Rung, ...]
+    iterations: int | None = None
+    """Iterations done."""
+    course: tuple[tuple[int, float], ...] = ()
+    """The schedule as it came: straight lines through (iteration, position), which is up to
+    `settings.iterations`. The same settings with this course give the same bytes on any machine."""
+    ending: Literal["schedule", "early stop", "goal", "interrupted"] = "schedule"
+    """Why it ended: as planned, since quality stood still, since it was reached, or since the user said so
+    (the checkpoint can then be gone on with)."""
+    held_out_db: float | None = None
+    """The end of the live curve; None where no view is held out."""
+    measuring_seconds: float = 0.0
+    """What the live curve took, beside `train_seconds`."""
+    predicted: Prediction | None = None
+    """What was foretold of `held_out_db`."""
 
 
 @dataclass(frozen=True)

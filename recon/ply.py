@@ -67,6 +67,11 @@ def write_ply(path: Path, gaussians: Gaussians, appearance: Appearance, scale: f
     store.write_bytes(path, ("\n".join(header) + "\n").encode("ascii") + body)
 
 
+def most_gaussians(size: float) -> int:
+    """How many Gaussians fit into a file of `size` bytes, its header taken at 2000 bytes."""
+    return max(0, int((size - 2000) // (4 * len(PROPERTIES))))
+
+
 def read_ply(path: Path) -> Table:
     """Every property of a binary little-endian PLY of float vertices, by name: float32 [N] each."""
     try:

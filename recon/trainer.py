@@ -2,18 +2,20 @@
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 import torch
 
 from recon.checkpoint import Checkpoint, adam_tensors, restore_adam
+from recon.course import Course
 from recon.dataset import Dataset
 from recon.density import Density, DensityRules
 from recon.gaussians import Gaussians, Renderer, limits_for
 from recon.interrupt import deferred
+from recon.live_curve import Moment, chosen_views, held_out_db, period
 from recon.method import Light, Method
 from recon.pixels import Progress
 from recon.ranks import Ranks
@@ -31,6 +33,7 @@ class Plan:
 
     batch: views that an iteration looks at before it takes a step. As in Grendel-GS (Zhao et al., arXiv
     2406.18533), learning rates grow with its square root, and Adam forgets as much a view as ever.
+    measure: whether held-out views are looked at on the way.
     """
 
     iterations: int
@@ -39,11 +42,16 @@ class Plan:
     batch: int = 1
     log_every: int = 50
     checkpoint_seconds: float = 20.0
+    measure: bool = False
 
 
 @dataclass
 class Training:
-    """A training between two iterations: all that the next one depends on."""
+    """A training between two iterations: all that the next one depends on.
+
+    course: None until it begins. curve: what was measured so far. ending: why the schedule was cut short,
+    if it was. seconds: of training alone; measuring: those of measuring.
+    """
 
     method: Method
     light: Light
@@ -53,6 +61,10 @@ class Training:
     refinement: Refinement | None = None
     iteration: int = 0
     seconds: float = 0.0
+    measuring: float = 0.0
+    course: Course | None = None
+    curve: list[Moment] = field(default_factory=list)
+    ending: Literal["", "early stop", "goal"] = ""
 
     @classmethod
     def begin(
@@ -108,7 +120,15 @@ class Training:
             f"stats.{key}": torch.from_numpy(getattr(self.stats, key).copy())
             for key in ("seen", "gradient", "radius", "weight")
         }
-        own = {"iteration": self.iteration, "seconds": self.seconds, "light": vars(self.light)}
+        own = {
+            "iteration": self.iteration,
+            "seconds": self.seconds,
+            "measuring": self.measuring,
+            "course": self.course and self.course.turns,
+            "curve": [vars(moment) for moment in self.curve],
+            "ending": self.ending,
+            "light": vars(self.light),
+        }
         corrections = {} if self.refinement is None else self.refinement.parameters
         return Checkpoint(
             {
@@ -150,7 +170,17 @@ class Training:
             setattr(training.stats, key, value.numpy().copy())
         training.iteration = checkpoint.facts["iteration"]
         training.seconds = checkpoint.facts["seconds"]
+        training.measuring = checkpoint.facts.get("measuring", 0.0)
+        turns = checkpoint.facts.get("course")
+        training.course = Course.of(turns) if turns else None
+        training.curve = [Moment(**moment) for moment in checkpoint.facts.get("curve", [])]
+        training.ending = checkpoint.facts.get("ending", "")
         return training
+
+
+Steer = Callable[[Training], int | None]
+"""Asked after each iteration but the last: how many iterations, at least 1, what is left of the schedule
+shall take from here on; None for as many as it would."""
 
 
 def train(
@@ -163,29 +193,39 @@ def train(
     progress: Progress | None = None,
     until: int | None = None,
     ranks: Ranks = _ALONE,
+    steers: Sequence[Steer] = (),
+    clock: Callable[[], float] = time.monotonic,
 ) -> None:
     """Train up to iteration `plan.iterations` (or stop before at `until`).
 
     One iteration draws `plan.batch` views, each once, and compares the render with every shot of its
     bracket. Every random choice is derived from the seed and the iteration, so a training that was
     saved and restored goes on bit for bit as if it had not been. `save` is called every
-    `plan.checkpoint_seconds`, and when the user interrupts. Several `ranks` share the views of an
-    iteration; `plan.batch` must be a multiple of their number. Only the first logs and saves.
+    `plan.checkpoint_seconds`, and when the user interrupts. `steers` may shorten the rest of the schedule;
+    the first one that wants to is heard, and `training.course` says what came of it. A training that has
+    a course of that length already follows it. Several `ranks` share the views of an iteration;
+    `plan.batch` must be a multiple of their number. Only the first logs, saves and steers.
     """
     method, views, refinement = training.method, dataset.train, training.refinement
     if plan.batch % ranks.count:
         raise ValueError(f"a batch of {plan.batch} views cannot be shared by {ranks.count} ranks")
     density = Density(plan.density, training.light.reference)
     renderer = training.renderer()
-    started = time.monotonic() - training.seconds
-    saved, total = time.monotonic(), plan.iterations
+    course = training.course
+    if course is None or course.planned != plan.iterations:
+        course = training.course = Course.straight(plan.iterations)
+    looked_at = chosen_views(dataset.held_out) if plan.measure else ()
+    every = period(plan.iterations, len(looked_at))
+    started = clock() - training.seconds - training.measuring
+    saved = clock()
     losses: list[float] = []
     for group in training.optimizer.param_groups:
         group["betas"] = (0.9**plan.batch, 0.999**plan.batch)
 
     with torch_on_one_thread(), deferred() as interrupt:
-        while training.iteration < min(total, until or total):
-            done = training.iteration / total
+        while training.iteration < min(course.total, until or course.total):
+            position = course.position(training.iteration)
+            done = position / course.planned
             for group in training.optimizer.param_groups:
                 group["lr"] = group["rate"].at(done) * math.sqrt(plan.batch)
 
@@ -214,41 +254,58 @@ def train(
                 refinement.settle()
             training.iteration += 1
             losses.append(own_loss)
+            reached = course.position(training.iteration)
+            done = reached / course.planned
 
-            if density.due(training.iteration, total):
+            if density.due(reached, course.planned, reached - position):
                 training.gather(ranks)
                 generator = torch.Generator().manual_seed(_seed(plan.seed, 1, training.iteration))
                 luminance = method.appearance.luminance(training.gaussians.parameters)
-                density.adapt(
-                    training.gaussians, luminance, training.stats, training.iteration / total, generator
-                ).apply(training.gaussians, training.optimizer)
+                density.adapt(training.gaussians, luminance, training.stats, done, generator).apply(
+                    training.gaussians, training.optimizer
+                )
                 training.stats = SplatStats(len(training.gaussians))
 
-            training.seconds = time.monotonic() - started
-            if training.iteration % plan.log_every == 0 or training.iteration == total:
+            training.seconds = clock() - started - training.measuring
+            last = training.iteration == course.total
+            measured = bool(looked_at) and (last or training.iteration % every == 0)
+            if measured:
+                quality = held_out_db(training, looked_at, done, ranks)
+                training.curve.append(Moment(training.iteration, training.seconds, quality))
+                training.measuring = clock() - started - training.seconds
+            if measured or last or training.iteration % plan.log_every == 0:
                 (mean,) = ranks.totals(float(np.mean(losses)))
                 if ranks.first:
-                    log(
-                        {
-                            "iteration": training.iteration,
-                            "loss": mean,
-                            "gaussians": len(training.gaussians),
-                            "seconds": round(training.seconds, 3),
-                        }
-                    )
+                    line = {
+                        "iteration": training.iteration,
+                        "loss": mean,
+                        "gaussians": len(training.gaussians),
+                        "seconds": round(training.seconds, 3),
+                    }
+                    log(line | ({"held_out_db": round(training.curve[-1].db, 4)} if measured else {}))
                 if progress and ranks.first:
-                    speed = training.iteration / max(training.seconds, 1e-9)
-                    progress(f"training, loss {mean:.4f}, {speed:.1f} it/s", training.iteration, total)
+                    progress(_told(training, mean), training.iteration, course.total)
                 losses = []
-            due = ranks.first and time.monotonic() - saved > plan.checkpoint_seconds
-            stop, late = ranks.totals(interrupt.asked, due)
+            wishes = (steer(training) for steer in steers if ranks.first and not last)
+            left = next((wish for wish in wishes if wish is not None), 0)
+            due = ranks.first and clock() - saved > plan.checkpoint_seconds
+            stop, late, left = ranks.totals(interrupt.asked, due, left)
+            if left:
+                course = training.course = course.turned(training.iteration, int(left))
             if stop or late:
                 training.gather(ranks, ranks.first)
                 if ranks.first:
                     save()
-                saved = time.monotonic()
+                saved = clock()
             if stop:
                 raise KeyboardInterrupt
+
+
+def _told(training: Training, loss: float) -> str:
+    """How it goes, in few words."""
+    speed = training.iteration / max(training.seconds, 1e-9)
+    held_out = f", held-out {training.curve[-1].db:.1f} dB" if training.curve else ""
+    return f"training, loss {loss:.4f}{held_out}, {speed:.1f} it/s"
 
 
 def _turn(iteration: int, count: int, seed: int) -> int:

@@ -124,6 +124,26 @@ def _charts(folder: Path, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str
     ]
     if log:
         seconds = [float(row["seconds"]) for row in log]
+        looked = [row for row in log if "held_out_db" in row]
+        if looked:
+            yield (
+                "Quality while it trained",
+                "Held-out views against their shots over training time, as the loss compares them.",
+                chart(
+                    "Held-out quality",
+                    [
+                        Series(
+                            "",
+                            [float(row["seconds"]) for row in looked],
+                            [float(row["held_out_db"]) for row in looked],
+                            colour=1,
+                        )
+                    ],
+                    "training time, s",
+                    "PSNR, dB",
+                    x_zero=True,
+                ),
+            )
         yield (
             "Training",
             "Loss over training time; each point is a mean over the last iterations.",

@@ -7,7 +7,9 @@ import signal
 import pytest
 
 from imaging import store
+from recon.evaluate import evaluate
 from recon.model import CHECKPOINT, MODEL, SPLATS
+from recon.ply import read_ply
 from recon.reconstruct import reconstruct
 
 from .conftest import joined
@@ -32,12 +34,15 @@ def test_interrupted_and_called_again(studio, train, tmp_path, name, method):
         reconstruct(session, method=method, quality="draft", name="twice", progress=interrupt)
     stopped = whole.with_name("twice")
     assert (stopped / CHECKPOINT).is_file()
-    assert not (stopped / MODEL).exists()
-    assert not (stopped / SPLATS).exists()
+    so_far = store.read_json(stopped / MODEL)
+    assert so_far["ending"] == "interrupted"
+    assert 0 < so_far["iterations"] < so_far["settings"]["iterations"]
+    assert len(read_ply(stopped / SPLATS)["x"]) == so_far["gaussians"]
+    assert evaluate(stopped)["iterations"] == so_far["iterations"]
     again = reconstruct(session, method=method, quality="draft", name="twice")
     assert again == stopped
     assert (again / SPLATS).read_bytes() == (whole / SPLATS).read_bytes()
     models = [store.read_json(folder / MODEL) for folder in (whole, again)]
     for model in models:
-        del model["created"], model["train_seconds"]
+        del model["created"], model["train_seconds"], model["measuring_seconds"]
     assert models[0] == models[1]

@@ -1,0 +1,56 @@
+"""The course of a training: how far along its schedule each iteration is.
+
+Learning rates, harmonics and growth follow the schedule. A training that is made shorter on the way must
+still come to the schedule's end, where the rates are small, so it goes through the rest of it faster.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Course:
+    """Where on the schedule the training is after each iteration: straight lines between turns.
+
+    planned: the length of the schedule; a position is 0..planned. turns: (iteration, position), both
+    ascending, from (0, 0) to the end, (total, planned). A training that goes as planned has just these two.
+    """
+
+    planned: int
+    turns: tuple[tuple[int, float], ...]
+
+    @classmethod
+    def straight(cls, planned: int) -> "Course":
+        """As planned: one position an iteration."""
+        return cls(planned, ((0, 0), (planned, planned)))
+
+    @classmethod
+    def of(cls, turns: Sequence[Sequence[float]]) -> "Course":
+        """The course that was written down as a list of turns."""
+        return cls(int(turns[-1][1]), tuple((int(iteration), position) for iteration, position in turns))
+
+    @property
+    def total(self) -> int:
+        """The last iteration."""
+        return self.turns[-1][0]
+
+    def position(self, iteration: int) -> float:
+        """Where the training is when `iteration` iterations are done, 0..planned."""
+        index = max(i for i, (since, _) in enumerate(self.turns[:-1]) if since <= max(iteration, 0))
+        (since, start), (until, end) = self.turns[index : index + 2]
+        if iteration >= until:
+            return end
+        return start + (iteration - since) * (end - start) / (until - since)
+
+    def progress(self, iteration: int) -> float:
+        """The same as a share, 0..1."""
+        return self.position(iteration) / self.planned
+
+    def turned(self, iteration: int, left: int) -> "Course":
+        """Another course from `iteration` on: what is left of the schedule takes `left` iterations.
+
+        `left` is at least 1 while the schedule is not at its end.
+        """
+        position = self.position(iteration)
+        before = tuple(turn for turn in self.turns[:-1] if turn[0] < iteration)
+        return Course(self.planned, (*before, (iteration, position), (iteration + left, self.planned)))

@@ -1,0 +1,58 @@
+"""The live curve: quality of held-out views while a training goes on, without looking at any truth."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+
+from recon.dataset import View
+from recon.ranks import Ranks
+
+if TYPE_CHECKING:
+    from recon.trainer import Training
+
+MOST_VIEWS = 4
+MOST_MOMENTS = 16
+ITERATIONS_A_RENDER = 10
+"""A render without gradient costs about a third of an iteration: so many iterations to one cost some 3 %."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A point of the curve. seconds: of training, without the measuring; db: mean PSNR of the views."""
+
+    iteration: int
+    seconds: float
+    db: float
+
+
+def chosen_views(held_out: Sequence[View]) -> tuple[View, ...]:
+    """At most four of the held-out views, spread over them."""
+    step = max(1, math.ceil(len(held_out) / MOST_VIEWS))
+    return tuple(held_out[step // 2 :: step])
+
+
+def period(iterations: int, views: int) -> int:
+    """Iterations between two moments: at most 16 moments, and fewer where they would cost too much."""
+    fitting = iterations // (ITERATIONS_A_RENDER * max(views, 1))
+    return math.ceil(iterations / min(max(fitting, 1), MOST_MOMENTS))
+
+
+def held_out_db(training: "Training", views: Sequence[View], progress: float, ranks: Ranks) -> float:
+    """Mean over views of the PSNR, dB, between prediction and shots, in the planes that the loss compares.
+
+    These planes lie in about 0..1, so the peak is 1. What the sensor could not record (saturated or not
+    valid) counts as right. The ranks share the views and all return the same number, at most 100.
+    """
+    method, renderer = training.method, training.renderer()
+    total = 0.0
+    with torch.no_grad():
+        for view in views[ranks.number :: ranks.count]:
+            render = renderer(training.gaussians, view.lens, degree=method.schedule.degree(progress))
+            prediction, target = method.observation.compare(render.image, view, progress)
+            error = float((prediction - target).square().mean(dtype=torch.float64))
+            total += -10 * math.log10(min(max(error, 1e-10), 1e10)) if math.isfinite(error) else -100.0
+    (together,) = ranks.totals(total)
+    return together / len(views)
