@@ -261,8 +261,9 @@ def _gauge(steps: Array, trust: Array) -> Array:
 def label_trust(steps: Array, shift: Array) -> Array:
     """0..1: how much each label agrees with most of the others (Cauchy's weight).
 
-    Departures are from the line that leaves the smallest sum of them, so that one label that is far off
-    does not tilt the exponent of the curve.
+    Departures are from the line that is likeliest under Cauchy's law, sought from every pair of labels, so
+    that one label that is far off does not tilt the exponent of the curve. (The smallest sum of departures
+    would not do: of four labels a wrong one at the end pulls the line as well as the others hold it.)
     """
     lines = [
         (shift[j] - shift[i]) / (steps[j] - steps[i]) * (steps - steps[i]) + shift[i]
@@ -270,8 +271,14 @@ def label_trust(steps: Array, shift: Array) -> Array:
     ]
     if not lines:
         return np.ones(len(steps))
-    best = min(lines, key=lambda line: float(np.abs(shift - line).sum()))
-    return np.asarray(1.0 / (1.0 + ((shift - best) / LABEL_SIGMA) ** 2))
+    best = min(lines, key=lambda line: float(np.log1p(((shift - line) / LABEL_SIGMA) ** 2).sum()))
+    trust = 1.0 / (1.0 + ((shift - best) / LABEL_SIGMA) ** 2)
+    for _ in range(ITERATIONS):
+        across = steps - (trust * steps).sum() / trust.sum()
+        away = shift - (trust * shift).sum() / trust.sum()
+        away = away - across * (trust * across * away).sum() / max((trust * across**2).sum(), 1e-12)
+        trust = 1.0 / (1.0 + (away / LABEL_SIGMA) ** 2)
+    return np.asarray(trust)
 
 
 def robust(whitened: Array) -> Array:
