@@ -1,4 +1,6 @@
-"""A lens with radial and tangential distortion (OpenCV's model), projected and unprojected exactly."""
+"""Lenses with radial and tangential distortion (OpenCV's model) and fisheyes, exact in both directions."""
+
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -42,16 +44,46 @@ def undistort(u: float, v: float, k1: float, k2: float, p1: float, p2: float) ->
 
 
 @compiled
-def _undistort_all(points: np.ndarray, terms: np.ndarray) -> np.ndarray:
-    rays = np.empty_like(points)
-    for i in range(points.shape[0]):
-        rays[i, 0], rays[i, 1] = undistort(points[i, 0], points[i, 1], terms[0], terms[1], terms[2], terms[3])
+def undistort_fisheye(u: float, v: float, k1: float, k2: float, k3: float, k4: float) -> tuple[float, float]:
+    """The same for a fisheye, up to a right angle from its axis."""
+    radius = math.sqrt(u * u + v * v)
+    if radius < 1e-12:
+        return u, v
+    angle = radius
+    for _ in range(30):
+        q = angle * angle
+        found = angle * (1.0 + q * (k1 + q * (k2 + q * (k3 + q * k4))))
+        slope = 1.0 + q * (3.0 * k1 + q * (5.0 * k2 + q * (7.0 * k3 + q * 9.0 * k4)))
+        step = (found - radius) / slope
+        angle -= step
+        if abs(step) < 1e-15:
+            break
+    stretch = math.tan(angle) / radius
+    return u * stretch, v * stretch
+
+
+@compiled
+def ray(column: float, row: float, lens: np.ndarray) -> tuple[float, float]:
+    """Tangents (x/z, y/z) of the ray that reaches a place in the image, px; lens: `parameters`."""
+    u, v = (column - lens[2]) / lens[0], (row - lens[3]) / lens[1]
+    if lens[8] > 0.0:
+        return undistort_fisheye(u, v, lens[4], lens[5], lens[6], lens[7])
+    return undistort(u, v, lens[4], lens[5], lens[6], lens[7])
+
+
+@compiled
+def _rays(pixels: np.ndarray, lens: np.ndarray) -> np.ndarray:
+    rays = np.empty_like(pixels)
+    for i in range(pixels.shape[0]):
+        rays[i, 0], rays[i, 1] = ray(pixels[i, 0], pixels[i, 1], lens)
     return rays
 
 
 def parameters(lens: Lens) -> Array:
-    """`fx fy cx cy k1 k2 p1 p2` as float64 [8]."""
-    return np.array([lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2])
+    """`fx fy cx cy k1 k2 p1 p2 0` as float64 [9]; of a fisheye `fx fy cx cy k1 k2 k3 k4 1`."""
+    fisheye = lens.model == "OPENCV_FISHEYE"
+    last = (lens.k3, lens.k4, 1.0) if fisheye else (lens.p1, lens.p2, 0.0)
+    return np.array([lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, *last])
 
 
 def project(lens: Lens, points: npt.ArrayLike) -> Array:
@@ -59,6 +91,13 @@ def project(lens: Lens, points: npt.ArrayLike) -> Array:
     xyz = np.asarray(points, np.float64)
     x, y = xyz[..., 0] / xyz[..., 2], xyz[..., 1] / xyz[..., 2]
     r2 = x * x + y * y
+    if lens.model == "OPENCV_FISHEYE":
+        side = np.hypot(xyz[..., 0], xyz[..., 1])
+        angle = np.arctan2(side, xyz[..., 2])
+        bent = angle + lens.k1 * angle**3 + lens.k2 * angle**5 + lens.k3 * angle**7 + lens.k4 * angle**9
+        turn = np.arctan2(xyz[..., 1], xyz[..., 0])
+        u, v = bent * np.cos(turn), bent * np.sin(turn)
+        return np.stack([lens.fx * u + lens.cx, lens.fy * v + lens.cy], axis=-1)
     radial = 1.0 + r2 * (lens.k1 + r2 * lens.k2)
     u = x * radial + 2.0 * lens.p1 * x * y + lens.p2 * (r2 + 2.0 * x * x)
     v = y * radial + 2.0 * lens.p2 * x * y + lens.p1 * (r2 + 2.0 * y * y)
@@ -68,7 +107,6 @@ def project(lens: Lens, points: npt.ArrayLike) -> Array:
 def unproject(lens: Lens, pixels: npt.ArrayLike) -> Array:
     """Unit directions [..., 3] in camera axes of pixels [..., 2]; centres at +0.5."""
     at = np.asarray(pixels, np.float64)
-    flat = ((at - (lens.cx, lens.cy)) / (lens.fx, lens.fy)).reshape(-1, 2)
-    rays = _undistort_all(flat, parameters(lens)[4:]).reshape(at.shape)
+    rays = _rays(at.reshape(-1, 2), parameters(lens)).reshape(at.shape)
     directions = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
     return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True))

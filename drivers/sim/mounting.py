@@ -23,6 +23,7 @@ Array = npt.NDArray[np.float64]
 ARC_STEP = 11.0
 """Degrees between neighbouring frames."""
 _RADIUS, _HEIGHT, _MIDDLE = 2.30, 1.35, 225.0  # m, m, degrees: the arc faces the corner of the room
+LensKind = Literal["normal", "fisheye"]
 _BASELINE = (0.22, 0.36)  # m between the cameras of the plate, across and up
 
 
@@ -89,16 +90,27 @@ def rig_from_world(seed: int, frames: int, frame: int) -> Array:
 
 
 def mounts(
-    seed: int, cameras: int, width: int, height: int, kind: Literal["raw", "ldr"]
+    seed: int,
+    cameras: int,
+    width: int,
+    height: int,
+    kind: Literal["raw", "ldr"],
+    lens: LensKind = "normal",
 ) -> tuple[Mount, ...]:
     """The cameras of a rig."""
     rig_from_plate = _cam_from_plate(seed, 0)
     plate_from_rig: Array = np.asarray(np.linalg.inv(rig_from_plate), np.float64)
-    return tuple(_mount(seed, index, width, height, kind, plate_from_rig) for index in range(cameras))
+    return tuple(_mount(seed, index, width, height, kind, lens, plate_from_rig) for index in range(cameras))
 
 
 def _mount(
-    seed: int, index: int, width: int, height: int, kind: Literal["raw", "ldr"], plate_from_rig: Array
+    seed: int,
+    index: int,
+    width: int,
+    height: int,
+    kind: Literal["raw", "ldr"],
+    lens_kind: LensKind,
+    plate_from_rig: Array,
 ) -> Mount:
     serial = f"SIM-{kind.upper()}-{index + 1:03d}"
     noise = generator(seed, serial, "build")
@@ -116,6 +128,8 @@ def _mount(
         p1=noise.uniform(-1e-4, 1e-4),
         p2=noise.uniform(-1e-4, 1e-4),
     )
+    if lens_kind == "fisheye":
+        lens = _fisheye(lens, generator(seed, serial, "fisheye"))
     colour = _colour(noise)
     matrix = colour @ REC709_FROM_XYZ
     rows = [(float(row[0]), float(row[1]), float(row[2])) for row in matrix]
@@ -141,6 +155,24 @@ def _mount(
         unit_gain=noise.uniform(0.985, 1.015),
         unit_noise=noise.uniform(0.93, 1.07),
         black=(black[0], black[1], black[2], black[3]),
+    )
+
+
+def _fisheye(lens: Lens, noise: np.random.Generator) -> Lens:
+    """A lens of some 120 degrees across the diagonal, at the same principal point."""
+    focal = lens.width * noise.uniform(0.57, 0.59)
+    return Lens(
+        model="OPENCV_FISHEYE",
+        width=lens.width,
+        height=lens.height,
+        fx=focal,
+        fy=focal,
+        cx=lens.cx,
+        cy=lens.cy,
+        k1=noise.uniform(0.02, 0.04),
+        k2=noise.uniform(-0.02, -0.01),
+        k3=noise.uniform(0.0, 0.005),
+        k4=noise.uniform(-0.001, 0.0),
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from drivers.compiling import compiled
-from drivers.sim.lens import undistort
+from drivers.sim.lens import ray
 from drivers.sim.solids import EPSILON, Triple, distance, hit, local, material_at, near_line, normal
 from drivers.sim.texture import albedo
 
@@ -186,8 +186,8 @@ def render(
 ) -> None:
     """Fill `image`, float32 [rows, width, 3], whose first row is row `first` of the view.
 
-    A pixel is the mean radiance of samples x samples rays through it. `lens` holds
-    fx fy cx cy k1 k2 p1 p2.
+    A pixel is the mean radiance of samples x samples rays through it. lens: as of
+    `drivers.sim.lens.parameters`.
     """
     m = world_from_cam
     rows, width, _ = image.shape
@@ -197,9 +197,7 @@ def render(
             for sample in range(samples * samples):
                 u = column + (sample % samples + 0.5) / samples
                 v = first + row + (sample // samples + 0.5) / samples
-                x, y = undistort(
-                    (u - lens[2]) / lens[0], (v - lens[3]) / lens[1], lens[4], lens[5], lens[6], lens[7]
-                )
+                x, y = ray(u, v, lens)
                 scale = 1.0 / math.sqrt(x * x + y * y + 1.0)
                 red, green, blue = radiance_of_ray(
                     solids,

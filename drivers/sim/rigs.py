@@ -13,7 +13,7 @@ from drivers.camera import Camera
 from drivers.sim.board import Board, board_from_rig
 from drivers.sim.camera import HEADROOM, MAKE, Body, SimulatedCamera
 from drivers.sim.gallery import gallery_scene
-from drivers.sim.mounting import Mount, mounts, rig_from_world
+from drivers.sim.mounting import LensKind, Mount, mounts, rig_from_world
 from drivers.sim.scene import Scene
 from drivers.sim.sensor import SensorModel
 from drivers.sim.subjects import LIGHT, Subject, grey
@@ -39,8 +39,8 @@ class Settings:
 
     scene: the laid table, or the gallery; positions: frames on the arc; bit_depth: of the RAW files;
     samples: rays along a pixel's side; light: factor on all light of the scene, 0 for dark frames;
-    effects: jitter, flicker and row noise; sensor: fields of SensorModel in which the sensors differ
-    from what their files say, such as prnu.
+    effects: jitter, flicker and row noise; lens: of all cameras; sensor: fields of SensorModel in which
+    the sensors differ from what their files say, such as prnu.
     """
 
     kind: Literal["raw", "ldr"]
@@ -53,6 +53,7 @@ class Settings:
     samples: int = 4
     light: float = 1.0
     effects: bool = False
+    lens: LensKind = "normal"
     sensor: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -103,7 +104,7 @@ class SimulatedRig:
         scene = demo_scene() if settings.scene == "table" else gallery_scene()
         self.scene: Scene = scene if settings.light == 1.0 else scene.brightened(settings.light)
         self.mounts: tuple[Mount, ...] = mounts(
-            seed, settings.cameras, settings.width, settings.height, settings.kind
+            seed, settings.cameras, settings.width, settings.height, settings.kind, settings.lens
         )
         self.board = Board()
         self._subject: Subject = "scene"

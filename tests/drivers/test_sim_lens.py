@@ -23,6 +23,19 @@ LENSES = [
         p1=1e-3,
         p2=-2e-3,
     ),
+    Lens(
+        model="OPENCV_FISHEYE",
+        width=320,
+        height=240,
+        fx=150,
+        fy=152,
+        cx=158.5,
+        cy=121.2,
+        k1=0.04,
+        k2=-0.02,
+        k3=0.005,
+        k4=-0.001,
+    ),
 ]
 
 
@@ -31,7 +44,12 @@ def test_project_agrees_with_opencv(lens: Lens) -> None:
     points = np.random.default_rng(0).uniform((-1.2, -0.9, 2.0), (1.2, 0.9, 6.0), (500, 3))
     # OpenCV puts the centre of the first pixel at 0, this project at 0.5.
     matrix = np.array([[lens.fx, 0, lens.cx - 0.5], [0, lens.fy, lens.cy - 0.5], [0, 0, 1]])
-    expected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, parameters(lens)[4:])
+    if lens.model == "OPENCV_FISHEYE":
+        points = points * (4, 4, 1)
+        terms = parameters(lens)[4:8]
+        expected, _ = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), matrix, terms)
+    else:
+        expected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, parameters(lens)[4:8])
     np.testing.assert_allclose(project(lens, points) - 0.5, expected.reshape(-1, 2), atol=1e-9)
 
 

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from drivers.sim.lens import unproject
 from drivers.sim.mounting import ARC_STEP
 from drivers.sim.rigs import SimulatedRig, names, simulate
 from imaging.cfa import demosaic
@@ -126,3 +127,17 @@ def test_darkness_and_glare() -> None:
         assert abs(float(shot.signal().mean())) < 1e-4
     for shot in shoot(simulate("toy", light=1e6), 0, 0):
         assert shot.saturated().all()
+
+
+def test_a_rig_of_fisheyes_sees_120_degrees_and_is_else_the_same() -> None:
+    """Built of the same parts and at the same places; only what reaches the sensor differs."""
+    usual, wide = simulate("toy", seed=3), simulate("toy", seed=3, lens="fisheye")
+    for before, after in zip(usual.mounts, wide.mounts, strict=True):
+        lens = after.optics.lens
+        assert lens.model == "OPENCV_FISHEYE"
+        corners = unproject(lens, [[0.0, 0.0], [lens.width, lens.height]])
+        assert 110 < np.degrees(np.arccos(corners[0] @ corners[1])) < 130
+        assert (lens.cx, lens.cy) == (before.optics.lens.cx, before.optics.lens.cy)
+        np.testing.assert_array_equal(before.cam_from_rig, after.cam_from_rig)
+        assert before.optics.vignetting == after.optics.vignetting
+    assert len({mount.optics.lens.k1 for mount in wide.mounts}) == 2
