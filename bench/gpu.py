@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 import torch
 from record import arguments, deliver, machine, words
-from workloads import view, workload
 
 from recon.splat import Limits, SplatCamera, rasterize
+from recon.stability.workloads import view, workload
 
 ROOT = Path(__file__).parents[1]
 SIZES = ((1920, 1080), (3840, 2160))

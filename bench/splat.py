@@ -18,11 +18,11 @@ from unittest.mock import patch
 import peers
 import torch
 from record import arguments, deliver, machine, words
-from workloads import view, workload
 
 from imaging import store
 from recon import threads
 from recon.splat import Limits, Render, cpu, rasterize
+from recon.stability.workloads import view, workload
 from recon.warm_up import warm_up
 
 BEGIN, END = "<!-- bench:splat -->", "<!-- /bench -->"

@@ -26,11 +26,15 @@ class Outcome:
     """One sentence that lists what is missing."""
     usable: bool = True
     """Whether anything of use is there when something is missing."""
+    defect: bool = False
+    """Whether what is missing is our fault."""
 
     @property
     def exit_code(self) -> int:
-        """0 done, 3 done in part, 2 nothing usable."""
-        return 0 if self.missing is None else 3 if self.usable else 2
+        """0 done, 1 a defect of ours, 3 done in part, 2 nothing usable."""
+        if self.missing is None:
+            return 0
+        return 1 if self.defect else 3 if self.usable else 2
 
 
 def shortfall(require_complete: Callable[[], None]) -> str | None:

@@ -2,9 +2,17 @@
 
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from rig.commands.options import JsonOption
 from rig.running import Outcome, running
+from rig.tables import table
+from rig.words import counted
+
+if TYPE_CHECKING:
+    from imaging.extreme import Extreme
 
 PACKAGES = (
     "hdr-rig",
@@ -18,13 +26,28 @@ PACKAGES = (
 )
 
 
-def doctor(as_json: JsonOption = False) -> Outcome:
+def doctor(
+    stability: Annotated[
+        bool,
+        typer.Option(
+            "--stability",
+            help="Compute the extremes of calibration, splatting and training instead, and compare them with "
+            "float64 and the truth.",
+        ),
+    ] = False,
+    as_json: JsonOption = False,
+) -> Outcome:
     """Look at what this machine has for cameras and for training, and say what to mend.
 
     Looks at libusb, permissions, memory for USB transfers, the GPU, and versions; opens no camera.
 
-    Example: rig doctor
+    Example: rig doctor --stability
     """
+    if stability:
+        with running("doctor") as meter:
+            from rig.stability import extremes
+
+            return told(list(extremes(True, progress=meter)))
     with running("doctor") as meter:
         from drivers.host import Finding, examine
 
@@ -44,6 +67,30 @@ def doctor(as_json: JsonOption = False) -> Outcome:
         "Everything is in order." if not wrong else f"To mend: {', '.join(one.name for one in wrong)}."
     )
     return Outcome({"findings": [asdict(one) for one in findings], "in_order": not wrong}, lines)
+
+
+PARTS = ("calibration", "splatting", "methods")
+COLUMNS = ("Case", "Worst of", "Against", "Error", "Limit", "OK")
+
+
+def told(rows: "list[Extreme]") -> Outcome:
+    """The extremes as an outcome: all of them as a table, and the failures by name."""
+    groups = [(part.capitalize(), [_row(one) for one in rows if one.part == part]) for part in PARTS]
+    lines = table(groups, COLUMNS, {"Case": 3, "Worst of": 2})
+    wrong = [one for one in rows if not one.ok]
+    missing = None
+    if wrong:
+        worst = "; ".join(f"{one.case}, {one.what}" for one in wrong[:4])
+        missing = f"{len(wrong)} of {counted(len(rows), 'result')} are outside their limits: {worst}."
+    else:
+        lines.append(f"All {len(rows)} results are within their limits.")
+    data = {"extremes": [one.record() for one in rows], "in_order": not wrong}
+    return Outcome(data, lines, missing, defect=True)
+
+
+def _row(one: "Extreme") -> tuple[str, ...]:
+    error = "not finite" if one.error is None else f"{one.error:.1e}"
+    return one.case, one.what, one.against, error, f"{one.limit:.0e}", "yes" if one.ok else "NO"
 
 
 def _training() -> tuple[str, str, str]:

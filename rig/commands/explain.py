@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,16 +10,14 @@ import typer
 
 from rig.commands.options import JsonOption
 from rig.running import Outcome, running
-from rig.words import counted, duration, plain
+from rig.tables import table
+from rig.words import counted, duration
 
 if TYPE_CHECKING:
     from imaging.calibration import CalibrationRecord
     from imaging.records import PlanRecord, Rung
     from recon.model import ModelRecord
     from rig.report.calibrated import RungRow
-
-NARROW, WIDE = 60, 130
-"""Columns that a table has at least, and at most."""
 
 
 def explain(
@@ -54,7 +51,7 @@ def explain(
 
             model = read_model(folder)
         stale = is_stale(session, calibration)
-    data = {
+    data: dict[str, Any] = {
         "session": str(session),
         "reconstruction": None if folder is None else str(folder),
         "capture": [_plan(plan) for plan in plans],
@@ -67,8 +64,7 @@ def explain(
         )
         data["model_rungs"] = [rung.model_dump(mode="json") for rung in model.rungs]
         data["model_is_stale"] = model.created < calibration.created
-    columns = min(max(shutil.get_terminal_size((100, 24)).columns, NARROW), WIDE)
-    lines = list(_lines(session, folder, plans, calibration, model, stale, columns))
+    lines = list(_lines(session, folder, plans, calibration, model, stale))
     return Outcome(data, lines)
 
 
@@ -100,17 +96,16 @@ def _lines(
     calibration: CalibrationRecord,
     model: ModelRecord | None,
     stale: bool,
-    columns: int,
 ) -> Iterable[str]:
     from rig.report.calibrated import rung_groups, rung_rows
 
     yield f"{session}: capture, {counted(len(plans), 'plan')}"
-    yield from _table([("", [_plan_row(plan) for plan in plans])], ("Plan", "Exposures", "Why"), columns)
+    yield from table([("", [_plan_row(plan) for plan in plans])], ("Plan", "Exposures", "Why"), RATIOS)
     yield ""
     tally = _tally(calibration.rungs)
     yield f"{session}: calibration, {tally}{'; OUT OF DATE, shots were added since' if stale else ''}"
     groups = [(own.title, [_row(row) for row in own.rows]) for own in rung_groups(calibration.rungs)]
-    yield from _table(groups, COLUMNS, columns)
+    yield from table(groups, COLUMNS, RATIOS)
     yield ""
     if model is None:
         yield f"{session}: no reconstruction yet, next: rig reconstruct {session}"
@@ -122,7 +117,7 @@ def _lines(
         f"{folder}: {model.settings.method}, {_tally(model.rungs)}; {duration(model.train_seconds)} on "
         f"{model.device}, {counted(model.gaussians, 'Gaussian')}, {model.settings.iterations} iterations{old}"
     )
-    yield from _table([("", [_row(row) for row in rung_rows(model.rungs)])], COLUMNS, columns)
+    yield from table([("", [_row(row) for row in rung_rows(model.rungs)])], COLUMNS, RATIOS)
 
 
 COLUMNS = ("Part of the model", "Taken", "Evidence", "Cost", "Why")
@@ -146,33 +141,6 @@ def _plan_row(plan: PlanRecord) -> tuple[str, ...]:
 
 def _row(row: RungRow) -> tuple[str, ...]:
     return row.name, "yes" if row.taken else "no", row.gain, row.cost, row.reason
-
-
-def _table(
-    groups: Iterable[tuple[str, Sequence[tuple[str, ...]]]], columns: Sequence[str], width: int
-) -> list[str]:
-    """Rows under the titles of their groups, wrapped to so many columns; an empty column is left out."""
-    from io import StringIO
-
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    groups = list(groups)
-    kept = [i for i in range(len(columns)) if any(row[i] for _, rows in groups for row in rows)]
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, expand=True)
-    for i in kept:
-        table.add_column(columns[i], ratio=RATIOS.get(columns[i]), overflow="fold")
-    for title, rows in groups:
-        if title:
-            table.add_row(Text(f"{title}:"))
-        for row in rows:
-            # What files say is never read as markup.
-            table.add_row(*(Text(plain(row[i])) for i in kept))
-    stream = StringIO()
-    Console(file=stream, width=width, color_system=None, legacy_windows=False).print(table)
-    return [line.rstrip() for line in stream.getvalue().splitlines() if line.strip()]
 
 
 RATIOS = {"Part of the model": 4, "Evidence": 5, "Why": 8, "Exposures": 5}

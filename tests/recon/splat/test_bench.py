@@ -9,21 +9,19 @@ import pytest
 import torch
 
 from recon.splat import Limits, rasterize
+from recon.stability.workloads import view, workload
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> tuple[ModuleType, ModuleType]:
+def peers(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "bench"))
-    names = ("workloads", "peers")
-    for name in names:
-        monkeypatch.delitem(sys.modules, name, raising=False)
-    return importlib.import_module("workloads"), importlib.import_module("peers")
+    monkeypatch.delitem(sys.modules, "peers", raising=False)
+    return importlib.import_module("peers")
 
 
 @pytest.mark.parametrize("name", ["object", "room"])
-def test_peer_agrees(bench: tuple[ModuleType, ModuleType], name: str) -> None:
-    workloads, peers = bench
-    tensors, camera = workloads.workload(name, 1500), workloads.view(name, 70, 50)
+def test_peer_agrees(peers: ModuleType, name: str) -> None:
+    tensors, camera = workload(name, 1500), view(name, 70, 50)
     pull = torch.randn(50, 70, 3, generator=torch.Generator().manual_seed(0))
     images, gradients = [], []
     for render in (

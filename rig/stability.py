@@ -1,0 +1,19 @@
+"""All stages at the extremes, in one list."""
+
+from collections.abc import Iterator
+
+from imaging.extreme import Extreme
+from rig.progress import Progress, unreported
+
+
+def extremes(quick: bool, seed: int = 0, progress: Progress = unreported) -> Iterator[Extreme]:
+    """Calibration, splatting, methods; quick: with smaller pictures."""
+    from calib.stability import calibration
+    from recon.stability import methods, splatting
+    from recon.warm_up import warm_up
+
+    warm_up(progress)
+    progress("calibration", 0, 0)
+    yield from calibration(seed)
+    yield from splatting(quick, seed, progress)
+    yield from methods(seed, progress)
