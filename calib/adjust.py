@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from imaging.calibration import LensModel
+from calib.fisheye import nearest_terms
+from imaging.calibration import Lens, LensModel
 from imaging.colmap import pycolmap
 
 Array = npt.NDArray[np.float64]
@@ -71,28 +72,42 @@ def _tied(reconstruction: Any, placed: frozenset[int]) -> list[Any]:
 
 
 def set_model(camera: Any, model: LensModel) -> None:
-    """Give a pycolmap camera a model with more terms, or fewer, keeping what both have."""
+    """Give a pycolmap camera a model with more terms, or fewer, keeping what both have.
+
+    What becomes a fisheye begins as the one that is nearest to its radial terms.
+    """
     if camera.model_name == model:
         return
     fx, fy, cx, cy, *terms = opencv_parameters(camera)
-    k1, k2, p1, p2 = terms
+    k1, k2, p1, p2 = (0.0,) * 4 if camera.model_name == "OPENCV_FISHEYE" else terms
+    corner = float(np.hypot(max(cx, camera.width - cx) / fx, max(cy, camera.height - cy) / fy))
     parameters = {
         "PINHOLE": [fx, fy, cx, cy],
         "SIMPLE_RADIAL": [(fx + fy) / 2, cx, cy, k1],
         "RADIAL": [(fx + fy) / 2, cx, cy, k1, k2],
         "OPENCV": [fx, fy, cx, cy, k1, k2, p1, p2],
+        "OPENCV_FISHEYE": [fx, fy, cx, cy, *nearest_terms(k1, k2, corner)],
     }[model]
     camera.model = getattr(pycolmap.CameraModelId, model)
     camera.params = parameters
 
 
 def opencv_parameters(camera: Any) -> list[float]:
-    """`fx fy cx cy k1 k2 p1 p2` of a pycolmap camera of one of our models."""
+    """The eight `Lens.terms` of a pycolmap camera of one of our models."""
     own = [float(value) for value in camera.params]
-    if camera.model_name in ("OPENCV", "PINHOLE"):
+    if camera.model_name in ("OPENCV", "OPENCV_FISHEYE", "PINHOLE"):
         return [*own, 0.0, 0.0, 0.0, 0.0][:8]
     focal, cx, cy, *radial = own
     return [focal, focal, cx, cy, *radial, 0.0, 0.0, 0.0][:8]
+
+
+def lens_of(camera: Any, before: Lens) -> Lens:
+    """The lens of a pycolmap camera of one of our models, at its size; `before`: what it was taken for."""
+    bare = Lens(
+        model=camera.model_name, width=before.width, height=before.height, fx=before.fx, fy=before.fy,
+        cx=before.cx, cy=before.cy,
+    )  # fmt: skip
+    return bare.model_copy(update=dict(zip(bare.names, opencv_parameters(camera), strict=True)))
 
 
 @dataclass(frozen=True, eq=False)

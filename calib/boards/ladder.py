@@ -10,6 +10,7 @@ from calib.adjust import Free
 from calib.boards.corners import Corners
 from calib.boards.rig import Solved, solve
 from calib.features import Key
+from calib.fisheye import may_be_fisheye
 from calib.views import Progress
 from imaging.records import Board, Rung
 
@@ -22,6 +23,12 @@ _STEPS = (
     ("lens_tangential", Free("OPENCV", principal_point=True), "tangential terms and two focal lengths"),
 )
 RICHEST = _STEPS[-1][1]
+FISHEYE = Free("OPENCV_FISHEYE", principal_point=True)
+
+
+def richest(free: Free) -> Free:
+    """All terms of the kind of lens that was taken."""
+    return FISHEYE if free.model == FISHEYE.model else RICHEST
 
 
 def climb(
@@ -30,7 +37,8 @@ def climb(
     """The lens model to take for all cameras, and why; corners are those that `clean` left.
 
     A fold's frames are held out of the fit; then only the poses of the board are found in them, and the
-    corners have to fit. The gain is in px^2 of mean squared miss, paired by frame.
+    corners have to fit. The gain is in px^2 of mean squared miss, paired by frame. Where a camera sees
+    far from its axis, a fisheye is tried last against what was taken.
     """
     frames = sorted({frame for _, frame in seen})
     if len(frames) < FEWEST_FRAMES:
@@ -38,8 +46,11 @@ def climb(
         return _STEPS[0][1], (Rung(name="lens_terms", taken=False, reason=reason),)
     taken, below = _BASE, _held_out(board, seen, solved, _BASE, frames)
     rungs = []
-    for done, (name, free, what) in enumerate(_STEPS):
-        progress("judging the lens", done, len(_STEPS))
+    steps = list(_STEPS)
+    if any(may_be_fisheye(lens) for lens in solved.lenses.values()):
+        steps.append(("lens_fisheye", FISHEYE, "a fisheye: terms of the angle from the axis instead"))
+    for done, (name, free, what) in enumerate(steps):
+        progress("judging the lens", done, len(steps))
         above = _held_out(board, seen, solved, free, frames)
         gain = below - above
         error = float(gain.std(ddof=1) / np.sqrt(len(gain)))
@@ -49,7 +60,7 @@ def climb(
         rungs.append(rung)
         if rung.taken:
             taken, below = free, above
-    progress("judging the lens", len(_STEPS), len(_STEPS))
+    progress("judging the lens", len(steps), len(steps))
     return taken, tuple(rungs)
 
 

@@ -118,8 +118,10 @@ def solve_group(
         return Group(names, None, None, (), refused=str(error))
     kept, solved = rig.clean(board, seen, begun, ladder.RICHEST)
     free, rungs = ladder.climb(board, kept, solved, progress)
+    if free == ladder.FISHEYE:  # corners that no radial terms bring near to their place are good ones now
+        kept, solved = rig.clean(board, seen, solved, free)
     solved = rig.solve(board, kept, solved, free)
-    doubt = uncertainty.bootstrap(board, kept, solved, 0, progress)
+    doubt = uncertainty.bootstrap(board, kept, solved, free, 0, progress)
     return Group(names, solved, doubt, rungs, begun.isolated)
 
 

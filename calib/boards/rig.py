@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.adjust import Free, opencv_parameters, set_model
+from calib.adjust import Free, lens_of, set_model
 from calib.boards.corners import Corners
 from calib.boards.start import Start
 from calib.features import Key, image_name
+from calib.known_rig import camera_of
 from imaging.calibration import Lens
 from imaging.colmap import pycolmap
 from imaging.records import Board
@@ -54,7 +55,7 @@ def solve(
 
 
 def clean(
-    board: Board, seen: Mapping[Key, Corners], start: Start, free: Free
+    board: Board, seen: Mapping[Key, Corners], start: Start | Solved, free: Free
 ) -> tuple[dict[Key, Corners], Solved]:
     """Drop the corners that do not fit any placement: adjusts robustly, cuts, and adjusts again, twice."""
     kept = {key: corners for key, corners in seen.items() if _placed(key, start)}
@@ -96,7 +97,8 @@ def _model(
     rig = pycolmap.Rig(rig_id=1)
     reference = min(names, key=lambda name: float(np.abs(start.cam_from_rig[name] - np.eye(4)).max()))
     for name in [reference, *(name for name in names if name != reference)]:
-        camera = _camera(start.lenses[name], number[name])
+        camera = camera_of(start.lenses[name])
+        camera.camera_id = number[name]
         set_model(camera, free.model)
         model.add_camera(camera)
         sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number[name])
@@ -149,17 +151,6 @@ def _twice(seen: Mapping[Key, Corners]) -> dict[Key, Corners]:
     return kept
 
 
-def _camera(lens: Lens, number: int) -> Any:
-    camera = pycolmap.Camera(
-        camera_id=number,
-        model="OPENCV",
-        width=lens.width,
-        height=lens.height,
-        params=[lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2],
-    )
-    return camera
-
-
 def _adjust(model: Any, free: Free, *, boards_only: bool, robust: float | None) -> None:
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
@@ -190,10 +181,7 @@ def _read(model: Any, rows: Rows, start: "Start | Solved") -> Solved:
     lenses, mounted = dict(start.lenses), {}
     for index, name in enumerate(names, start=1):
         camera = model.cameras[index]
-        terms = dict(
-            zip(("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"), opencv_parameters(camera), strict=True)
-        )
-        lenses[name] = start.lenses[name].model_copy(update={"model": camera.model_name, **terms})
+        lenses[name] = lens_of(camera, start.lenses[name])
         sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, index)
         mounted[name] = np.eye(4) if rig.is_ref_sensor(sensor) else _square(rig.sensor_from_rig(sensor))
     boards, misses, places = dict(start.rig_from_board), [], []

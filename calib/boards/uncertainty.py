@@ -12,11 +12,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from calib.adjust import Free
 from calib.boards.corners import Corners
-from calib.boards.ladder import RICHEST
+from calib.boards.ladder import richest
 from calib.boards.rig import Solved, solve
 from calib.features import Key
 from calib.views import Progress
+from imaging import lens as optics
 from imaging.calibration import Lens
 from imaging.records import Board
 
@@ -25,7 +27,6 @@ Array = npt.NDArray[np.float64]
 DRAWS = 50
 GRID = (9, 6)
 """Places across and down the image of the projection-uncertainty map."""
-TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +49,14 @@ class Uncertainty:
 
 
 def bootstrap(
-    board: Board, seen: Mapping[Key, Corners], solved: Solved, seed: int, progress: Progress
+    board: Board, seen: Mapping[Key, Corners], solved: Solved, taken: Free, seed: int, progress: Progress
 ) -> Uncertainty:
-    """Draw the frames with replacement and solve, DRAWS times; a seed gives the same draws."""
-    middle = solve(board, seen, solved, RICHEST)
+    """Draw the frames with replacement and solve, DRAWS times; a seed gives the same draws.
+
+    taken: how `solved` was found.
+    """
+    free = richest(taken)
+    middle = solve(board, seen, solved, free)
     rng = np.random.default_rng(seed)
     frames = sorted({frame for _, frame in seen})
     lenses: dict[str, list[Lens]] = {name: [] for name in solved.cam_from_rig}
@@ -70,7 +75,7 @@ def bootstrap(
         if {name for name, _ in again} != set(solved.cam_from_rig):
             continue  # a camera that none of the drawn frames shows has nothing to vary by
         start = Solved(middle.lenses, middle.cam_from_rig, boards, np.zeros(0), [])
-        drawn = solve(board, again, start, RICHEST)
+        drawn = solve(board, again, start, free)
         for name, pose in drawn.cam_from_rig.items():
             apart = pose @ np.linalg.inv(middle.cam_from_rig[name])
             lenses[name].append(drawn.lenses[name])
@@ -80,19 +85,19 @@ def bootstrap(
     maps = {name: projection_map(middle.lenses[name], own) for name, own in lenses.items()}
     return Uncertainty(
         lenses={
-            name: {term: _spread([getattr(lens, term) for lens in own]) for term in TERMS}
+            name: {term: _spread([getattr(lens, term) for lens in own]) for term in middle.lenses[name].names}
             for name, own in lenses.items()
         },
         rotation={name: float(np.degrees(_widest(own))) for name, own in turns.items()},
         translation={name: _widest(own) for name, own in shifts.items()},
         map=maps,
-        halves=_halves(board, seen, middle, maps),
+        halves=_halves(board, seen, middle, free, maps),
         draws=len(next(iter(lenses.values()))),
     )
 
 
 def _halves(
-    board: Board, seen: Mapping[Key, Corners], middle: Solved, maps: Mapping[str, Array]
+    board: Board, seen: Mapping[Key, Corners], middle: Solved, free: Free, maps: Mapping[str, Array]
 ) -> dict[str, float]:
     """The disagreement of two halves is twice what is expected of the whole: each has half of the frames."""
     frames = sorted({frame for _, frame in seen})
@@ -101,7 +106,7 @@ def _halves(
         half = {key: corners for key, corners in seen.items() if key[1] in set(frames[start::2])}
         if {name for name, _ in half} != set(middle.cam_from_rig):
             return {}
-        sides.append(solve(board, half, middle, RICHEST).lenses)
+        sides.append(solve(board, half, middle, free).lenses)
     apart = {name: float(np.mean(projection_map(sides[0][name], [sides[1][name]]))) for name in maps}
     return {name: apart[name] / (2.0 * float(np.mean(own))) for name, own in maps.items() if own.mean() > 0}
 
@@ -128,29 +133,10 @@ def projection_map(lens: Lens, drawn: list[Lens]) -> Array:
     across = (np.arange(columns) + 0.5) * lens.width / columns
     down = (np.arange(rows) + 0.5) * lens.height / rows
     places = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
-    rays = _rays(lens, places)
+    rays = optics.rays(lens, places)
     squares = np.zeros(len(places))
     for other in drawn:
-        u, _, vt = np.linalg.svd(_rays(other, places).T @ rays)
+        u, _, vt = np.linalg.svd(optics.rays(other, places).T @ rays)
         turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-        squares += ((_project(other, rays @ turn.T) - places) ** 2).sum(1)
+        squares += ((optics.project(other, rays @ turn.T) - places) ** 2).sum(1)
     return np.sqrt(squares / max(len(drawn), 1)).reshape(rows, columns)
-
-
-def _camera(lens: Lens) -> tuple[Array, Array]:
-    matrix = np.array([[lens.fx, 0.0, lens.cx], [0.0, lens.fy, lens.cy], [0.0, 0.0, 1.0]])
-    return matrix, np.array([lens.k1, lens.k2, lens.p1, lens.p2])
-
-
-def _rays(lens: Lens, places: Array) -> Array:
-    """Unit vectors [N, 3]."""
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-12)
-    plane = cv2.undistortPoints(places.reshape(-1, 1, 2), *_camera(lens), None, None, None, criteria)
-    rays = np.concatenate([plane.reshape(-1, 2), np.ones((len(places), 1))], axis=1)
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
-
-
-def _project(lens: Lens, rays: Array) -> Array:
-    matrix, distortion = _camera(lens)
-    found, _ = cv2.projectPoints(rays.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), matrix, distortion)
-    return np.asarray(found.reshape(-1, 2))

@@ -64,9 +64,9 @@ class Stage:
         return np.asarray(of[name] @ np.linalg.inv(of[reference]))
 
 
-def stage_of(seed: int) -> Stage:
+def stage_of(seed: int, lens: str = "normal") -> Stage:
     shown = SimulatedBoard()
-    rig = simulate("demo", seed, width=WIDTH, height=HEIGHT)
+    rig = simulate("demo", seed, width=WIDTH, height=HEIGHT, lens=lens)
     return Stage(rig, shown, Board(**shown.description()))
 
 
