@@ -7,6 +7,7 @@ import numpy as np
 
 from calib import exposures, response
 from calib.codes import Samples, patches, sample
+from calib.tags import WRONG, departures
 from calib.track_codes import sample_tracks
 from calib.views import Progress, View
 from imaging.calibration import Response
@@ -52,7 +53,7 @@ def measure(session: Session, views: Sequence[View], progress: Progress) -> Ligh
             scale |= {shot.file: 1.0 for shot in view.shots}
     for members in _models(views):
         labels = _labels(members, scale)
-        estimate = response.estimate(_samples(session, members, labels, progress))
+        estimate, labels = _developed(session, members, labels, progress)
         rungs += estimate.rungs
         measured = measured or estimate.response.residual is not None
         responses |= {view.camera.name: estimate.response for view in members}
@@ -119,36 +120,67 @@ def _labels(views: Sequence[View], scale: dict[str, float]) -> dict[str, float]:
     }
 
 
+def _developed(
+    session: Session, views: Sequence[View], labels: dict[str, float], progress: Progress
+) -> tuple[response.Estimate, dict[str, float]]:
+    """The response, and the labels; those of single photographs that the others refute are put right.
+
+    From photosites in several exposures; where no view has any, from scene points that views share.
+    """
+    views = _trained_on(session, views)
+    parts = _samples(session, views, labels, progress)
+    if not parts:
+        return response.estimate(sample_tracks(session, views, labels, progress)), labels
+    estimate = response.estimate(Samples.joined([own for _, own in parts]))
+    if len(parts) < 2 or estimate.response.residual is None:
+        return estimate, labels
+    right, told, mended = dict(labels), [], []
+    for view, own in parts:
+        log_k = own.log_k.copy()
+        for column, away in enumerate(departures(own, estimate.response, estimate.shift).tolist()):
+            if abs(away) > WRONG:
+                file = view.shots[column].file
+                label = _nearest(labels[file] * float(np.exp(away)), list(labels.values()))
+                log_k[:, column], right[file] = np.log(label), label
+                told.append(f"the exposure of {file} is {label / labels[file]:.2g} times its label")
+        mended.append(replace(own, log_k=log_k))
+    if not told:
+        return estimate, labels
+    estimate = response.estimate(Samples.joined(mended))
+    rung = Rung(name="exposure_of_a_file", taken=True, reason="; ".join(told))
+    return replace(estimate, rungs=(*estimate.rungs, rung)), right
+
+
+def _nearest(scale: float, labels: Sequence[float]) -> float:
+    """The label that a scale stands for, if there is one within a tenth; else itself."""
+    nearest = min(labels, key=lambda label: abs(np.log(label / scale)))
+    return nearest if abs(np.log(nearest / scale)) < 0.1 else scale
+
+
 def _samples(
     session: Session, views: Sequence[View], labels: dict[str, float], progress: Progress
-) -> Samples | None:
-    """Photosites in several exposures; where no view has any, scene points that views share."""
-    views = _trained_on(session, views)
+) -> list[tuple[View, Samples]]:
+    """Photosites of every view that has two exposures or more."""
     usable = [
         view
         for view in views
         if len({labels[shot.file] for shot in view.shots}) >= 2
         and all(shot.exposure is not None for shot in view.shots)
     ]
-    if not usable:
-        return sample_tracks(session, views, labels, progress)
     parts = []
     for done, view in enumerate(usable):
         progress("sampling the response", done, len(usable))
         cut = [patches(read_photo(session.file(shot)).pixels) for shot in view.shots]
         logs = np.log([labels[shot.file] for shot in view.shots])
-        parts.append(sample(cut, logs, max(SITES // len(usable), 200)))
-    return Samples.joined(parts)
+        parts.append((view, sample(cut, logs, max(SITES // len(usable), 200))))
+    return parts
 
 
 def _trained_on(session: Session, views: Sequence[View]) -> list[View]:
-    """The views and shots that a data set does not hold back for testing."""
+    """The views and shots that a data set is trained on; the rest is for testing, or for nothing."""
     split = session.split()
     if split is None:
         return list(views)
-    held_back = set(split.test)
-    kept = [
-        replace(view, shots=tuple(shot for shot in view.shots if shot.file not in held_back))
-        for view in views
-    ]
+    used = set(split.train)
+    kept = [replace(view, shots=tuple(shot for shot in view.shots if shot.file in used)) for view in views]
     return [view for view in kept if view.shots]
