@@ -22,6 +22,8 @@ from imaging.mosaic import RawMosaic
 _MOST_OBJECTS = 8
 """Objects of one shot beyond which a camera has renumbered its card."""
 
+_PROMPT = 1.0
+"""Seconds for which a camera that was ready may be too busy to expose before it is looked into."""
 _DARK_FRAME = 15.0
 """Seconds of a dark frame that the patience with a stored shot allows for anyway."""
 
@@ -125,7 +127,7 @@ class PtpCamera:
         self._known, self._shooter, self._listening = frozenset(body.known), body, None
         try:
             try:
-                body.release()
+                body.release(_PROMPT)
             except CameraBusy:  # a picture that nobody fetched keeps it so
                 body.recount()
                 body.wait_ready()

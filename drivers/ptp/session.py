@@ -22,7 +22,7 @@ from drivers.ptp.transport import MOST_BYTES, TIMEOUT, Reply, Transport
 SESSION = 1
 QUICK_TIMEOUT = 8.0
 """Seconds for the first command, which tells whether anybody is there, and for what needs no thought."""
-PROMPT_TIMEOUT = 3.0
+PROMPT_TIMEOUT = 2.0
 """Seconds after which what needs no thought is asked once more: an answer was lost. Cards block some bodies
 for more than a second."""
 PATIENCE = 8.0

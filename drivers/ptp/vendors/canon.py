@@ -15,7 +15,7 @@ from drivers.ptp.codec import Reader, Value, damaged
 from drivers.ptp.codes import CanonEvent, CanonOperation, CanonProperty, DataType
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, ObjectInfo
 from drivers.ptp.exposure import CANON_DIALS, Dial
-from drivers.ptp.session import QUICK_TIMEOUT, Download
+from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, Download
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import GRACE, deadline
 
@@ -113,14 +113,14 @@ class CanonBody(StandardBody):
     def recount(self) -> None:
         """Nothing: `wait_ready` gets rid of what failed shots left."""
 
-    def release(self) -> None:
+    def release(self, patience: float = PATIENCE) -> None:
         """Half and full press, and up again; one command on old bodies."""
         if not self.session.supports(CanonOperation.REMOTE_RELEASE_ON):
-            self.session.run(CanonOperation.REMOTE_RELEASE, repeatable=False)
+            self.session.run(CanonOperation.REMOTE_RELEASE, repeatable=False, patience=patience)
             return
-        self.session.run(CanonOperation.REMOTE_RELEASE_ON, _HALF, repeatable=False)
+        self.session.run(CanonOperation.REMOTE_RELEASE_ON, _HALF, repeatable=True, patience=patience)
         try:
-            self.session.run(CanonOperation.REMOTE_RELEASE_ON, _FULL, repeatable=False)
+            self.session.run(CanonOperation.REMOTE_RELEASE_ON, _FULL, repeatable=False, patience=patience)
             self.session.run(CanonOperation.REMOTE_RELEASE_OFF, _FULL, repeatable=True)
         finally:
             self.session.run(CanonOperation.REMOTE_RELEASE_OFF, _HALF, repeatable=True)

@@ -103,15 +103,17 @@ class NikonBody(StandardBody):
             self._until_ready(PATIENCE)
             self._forget(MEMORY_HANDLE)
 
-    def release(self) -> None:
+    def release(self, patience: float = PATIENCE) -> None:
         """Without autofocus, into the camera's memory."""
         if self.session.supports(NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA):
             parameters = (_NO_AUTOFOCUS, _TO_MEMORY)
-            self.session.run(NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA, *parameters, repeatable=False)
+            operation = NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA
+            self.session.run(operation, *parameters, repeatable=False, patience=patience)
         elif self._to_memory:
-            self.session.run(NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM, _NO_AUTOFOCUS, repeatable=False)
+            operation = NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM
+            self.session.run(operation, _NO_AUTOFOCUS, repeatable=False, patience=patience)
         else:
-            super().release()
+            super().release(patience)
 
     def wait(self, exposure: float) -> list[Download]:
         """Until it is ready and has told of a picture."""

@@ -92,7 +92,14 @@ class SonyBody(StandardBody):
 
     def write(self, code: int, value: Value) -> None:
         """Set a property to a value."""
-        self._control(SonyOperation.SET_CONTROL_A, code, self.describe(code).data_type, value)
+        kind = self.describe(code).data_type
+        try:
+            data = pack_value(kind, value)
+        except ValueError as error:
+            raise CameraRefused(
+                f"{self.session.where} has no value {value!r} of property 0x{code:04X}."
+            ) from error
+        self.session.run(SonyOperation.SET_CONTROL_A, code, data=data, repeatable=True)
 
     def wait_ready(self) -> None:
         """Read and throw away pictures of earlier shots: they would come first."""
@@ -106,14 +113,14 @@ class SonyBody(StandardBody):
     def recount(self) -> None:
         """Nothing: `wait_ready` gets rid of what failed shots left."""
 
-    def release(self) -> None:
-        """Half and full press, and up again."""
+    def release(self, patience: float = PATIENCE) -> None:
+        """Half and full press, and up again; but for the full press, all may be asked for twice."""
         try:
-            for button in (SonyProperty.HALF_PRESS, SonyProperty.FULL_PRESS):
-                self._control(SonyOperation.SET_CONTROL_B, button, DataType.UINT16, _DOWN)
+            self._press(SonyProperty.HALF_PRESS, _DOWN, patience)
+            self._press(SonyProperty.FULL_PRESS, _DOWN, patience, repeatable=False)
         finally:
             for button in (SonyProperty.FULL_PRESS, SonyProperty.HALF_PRESS):
-                self._control(SonyOperation.SET_CONTROL_B, button, DataType.UINT16, _UP)
+                self._press(button, _UP, patience)
 
     def wait(self, exposure: float) -> list[Download]:
         """Until it says that a picture lies in its memory."""
@@ -167,11 +174,13 @@ class SonyBody(StandardBody):
                 )
             clock.sleep(0.2)
 
-    def _control(self, operation: SonyOperation, code: int, kind: DataType, value: Value) -> None:
-        try:
-            data = pack_value(kind, value)
-        except ValueError as error:
-            raise CameraRefused(
-                f"{self.session.where} has no value {value!r} of property 0x{code:04X}."
-            ) from error
-        self.session.run(operation, code, data=data, repeatable=operation == SonyOperation.SET_CONTROL_A)
+    def _press(self, button: int, value: int, patience: float, *, repeatable: bool = True) -> None:
+        data = pack_value(DataType.UINT16, value)
+        self.session.run(
+            SonyOperation.SET_CONTROL_B,
+            button,
+            data=data,
+            timeout=QUICK_TIMEOUT,
+            patience=patience,
+            repeatable=repeatable,
+        )

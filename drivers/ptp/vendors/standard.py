@@ -9,7 +9,7 @@ from drivers.ptp.codec import Value
 from drivers.ptp.codes import FormatCode, Operation, VendorId
 from drivers.ptp.datasets import DevicePropDesc
 from drivers.ptp.exposure import FUJI_TIME, STANDARD_F_NUMBER, STANDARD_ISO, STANDARD_TIME, Dial
-from drivers.ptp.session import Download, PtpSession
+from drivers.ptp.session import PATIENCE, Download, PtpSession
 from drivers.ptp.shutter import Coding
 from drivers.ptp.waiting import drain, wait_for_objects
 
@@ -67,9 +67,9 @@ class StandardBody:
         """After a shot that failed: what it may have left on the card is not of the next one."""
         self.known.update(self.session.handles())
 
-    def release(self) -> None:
-        """Begin the exposure; CameraBusy if it does not take the order for too long."""
-        self.session.run(Operation.INITIATE_CAPTURE, 0, 0, repeatable=False)
+    def release(self, patience: float = PATIENCE) -> None:
+        """Begin the exposure; CameraBusy if it does not take the order for `patience` seconds."""
+        self.session.run(Operation.INITIATE_CAPTURE, 0, 0, repeatable=False, patience=patience)
 
     def wait(self, exposure: float) -> list[Download]:
         """All objects of the shot that was begun; `exposure` is its time in seconds."""
