@@ -101,8 +101,8 @@ class Dataset:
         return float(max(1.1 * np.linalg.norm(centres - centres.mean(0), axis=1).max(), 1e-6))
 
 
-def held_out(names: list[tuple[int, str]]) -> set[tuple[int, str]]:
-    """Which of the views, given as (frame, camera), are held out: one in eight, spread over the rig.
+def held_out(names: list[tuple[int, str]], every: int = EVERY) -> set[tuple[int, str]]:
+    """Which of the views, given as (frame, camera), are held out: one in `every`, spread over the rig.
 
     The views are cut, in order of frame and camera, into as many equal runs as views are held out.
     Of each run the one is taken whose camera was taken least often so far, of these the one nearest
@@ -112,7 +112,7 @@ def held_out(names: list[tuple[int, str]]) -> set[tuple[int, str]]:
     if len(names) < FEWEST_FOR_HOLDOUT:
         return set()
     ordered = sorted(names)
-    count = math.ceil(len(ordered) / EVERY)
+    count = math.ceil(len(ordered) / every)
     bounds = [round(index * len(ordered) / count) for index in range(count + 1)]
     chosen: list[tuple[int, str]] = []
     for start, end in pairwise(bounds):

@@ -10,7 +10,7 @@ from imaging import store
 from imaging.records import Rung
 from recon.dataset import Dataset
 from recon.device import device_name
-from recon.model import MODEL, SPLATS, ModelRecord, Prediction, Settings
+from recon.model import MODEL, REFINEMENT, SPLATS, ModelRecord, Prediction, Settings
 from recon.ply import write_ply
 from recon.trainer import Training
 
@@ -24,7 +24,7 @@ def write_scene(
     ladder: tuple[Rung, ...],
     predicted: Prediction | None,
 ) -> None:
-    """splats.ply, and last of all model.json, which says that everything is there."""
+    """splats.ply, refinement.json of what was corrected, and last model.json: all is there then."""
     light, appearance = training.light, training.method.appearance
     device = training.gaussians.parameters["means"].device
     ldr = dataset.kind == "ldr"
@@ -33,6 +33,9 @@ def write_scene(
     if settings.method == "vanilla" and ldr:
         note = "display values, sRGB, as 3DGS"
     write_ply(folder / SPLATS, training.gaussians.to(torch.device("cpu")), appearance, 1.0, note)
+    if training.refinement is not None and training.refinement.parameters:
+        store.write_json(folder / REFINEMENT, training.refinement.facts())
+    why = () if training.refinement is None else training.refinement.rungs
     course = training.course
     assert course is not None
     interrupted = training.iteration < course.total
@@ -56,7 +59,7 @@ def write_scene(
         ending="interrupted" if interrupted else training.ending or "schedule",
         held_out_db=training.curve[-1].db if training.curve else None,
         predicted=predicted,
-        rungs=(*ladder, *_early_stop(training, settings)),
+        rungs=(*ladder, *why, *_early_stop(training, settings)),
     )
     store.write_json(folder / MODEL, record.model_dump(mode="json"))
 

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+_WHAT = "(poses|exposures|vignetting)"
+_REFINE = rf"^(none|{_WHAT}(\+{_WHAT})*)$"
+
 
 class Fixed(Record):
     """Settings by name; None: as the preset and the method have it. The fields are the keys of `--set`."""
@@ -35,6 +38,8 @@ class Fixed(Record):
     """Training views that are looked at, evenly chosen."""
     exposures: int | None = Field(default=None, ge=1)
     """Shots of each training view's bracket that are looked at, evenly chosen."""
+    refine: str | None = Field(default=None, pattern=_REFINE)
+    """What training corrects in the calibration, joined by +, or none."""
 
     @classmethod
     def of(cls, words: Sequence[str]) -> Self:
@@ -58,7 +63,11 @@ class Fixed(Record):
 
     def words(self) -> list[str]:
         """What `of` was given."""
-        return [f"{key}={value:.10g}" for key, value in self.model_dump(exclude_none=True).items()]
+        fixed = self.model_dump(exclude_none=True)
+        return [
+            f"{key}={value if isinstance(value, str) else format(value, '.10g')}"
+            for key, value in fixed.items()
+        ]
 
     def seen(self, dataset: "Dataset") -> "Dataset":
         """What training looks at of a data set; held-out views stay as they are."""

@@ -41,7 +41,10 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
 
 
 def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
-    """What else of the image formation is modelled, and why; all from the calibration, without a trial."""
+    """What else of the image formation is modelled, and why; all from the calibration, without a trial.
+
+    Whether training corrects the calibration is told by `recon.refinement_ladder`.
+    """
     clipped = float(np.mean([shot.saturated.mean() for view in dataset.train for shot in view.shots]))
     shares = [shot.saturated.mean() for view in dataset.train for shot in view.shots[:1]]
     cameras = [camera for camera in dataset.calibration.cameras if camera.lens is not None]
@@ -69,7 +72,6 @@ def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
             True,
             "harmonics of degree 2, switched on after 30 and 60 % of the training",
         ),
-        _rung("pose refinement", False, "poses are taken from the calibration as they are"),
     )
 
 

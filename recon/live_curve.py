@@ -50,8 +50,11 @@ def held_out_db(training: "Training", views: Sequence[View], progress: float, ra
     total = 0.0
     with torch.no_grad():
         for view in views[ranks.number :: ranks.count]:
-            render = renderer(training.gaussians, view.lens, degree=method.schedule.degree(progress))
-            prediction, target = method.observation.compare(render.image, view, progress)
+            degree = method.schedule.degree(progress)
+            image = renderer(training.gaussians, view.lens, degree=degree).image
+            if training.refinement is not None:
+                image = training.refinement.shaded(image, view, progress)
+            prediction, target = method.observation.compare(image, view, progress)
             error = float((prediction - target).square().mean(dtype=torch.float64))
             total += -10 * math.log10(min(max(error, 1e-10), 1e10)) if math.isfinite(error) else -100.0
     (together,) = ranks.totals(total)

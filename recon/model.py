@@ -15,6 +15,7 @@ from recon.checkpoint import read_checkpoint
 from recon.dataset import Dataset, View, load
 from recon.fixed import Fixed
 from recon.methods import METHODS
+from recon.refinement import Refinement
 from recon.splat import SplatCamera
 from recon.trainer import Training
 
@@ -22,6 +23,7 @@ MODEL = "model.json"
 CHECKPOINT = "checkpoint.safetensors"
 SPLATS = "splats.ply"
 LOG = "train.jsonl"
+REFINEMENT = "refinement.json"
 
 
 class Settings(Record):
@@ -129,7 +131,8 @@ def read_model(folder: Path) -> ModelRecord:
 def open_model(folder: Path) -> Opened:
     """Open a finished reconstruction, SESSION/reconstructions/NAME.
 
-    ReconstructionError if it is none, or if its session was calibrated anew since.
+    The views of its data set are as training corrected them. ReconstructionError if it is none, or if its
+    session was calibrated anew since.
     """
     record = read_model(folder)
     fixed = record.settings.fixed
@@ -141,4 +144,6 @@ def open_model(folder: Path) -> Opened:
     checkpoint = read_checkpoint(folder / CHECKPOINT)
     light_of_training = Training.light_in(checkpoint)
     method = fixed.composed(METHODS[record.settings.method](dataset, light_of_training))
-    return Opened(folder, record, dataset, Training.restore(method, checkpoint, dataset.extent))
+    refinement = Refinement.stored(dataset, checkpoint)
+    training = Training.restore(method, checkpoint, dataset.extent, refinement=refinement)
+    return Opened(folder, record, refinement.corrected(), training)

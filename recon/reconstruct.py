@@ -21,12 +21,14 @@ from recon.finish import write_scene
 from recon.fixed import Fixed
 from recon.ladder import chosen_method, rungs
 from recon.methods import METHODS, hdr_gs, nh_3dgs
-from recon.model import CHECKPOINT, LOG, MODEL, Prediction, Settings
+from recon.model import CHECKPOINT, LOG, MODEL, REFINEMENT, Prediction, Settings
 from recon.pixels import Progress
 from recon.presets import QUALITIES, START_SHARE, Quality, QualityName
 from recon.probe import probe
 from recon.radiance import light_of, radiance_image
 from recon.ranks import Ranks, joined
+from recon.refinement import Refinement
+from recon.refinement_ladder import refinement_for
 from recon.splat import SplatStats
 from recon.start import gaussians_at, start_points
 from recon.steering import Deadline, EarlyStop, Goal
@@ -124,7 +126,8 @@ def _reconstruct(
         settings = Settings.model_validate(found.facts["settings"])
         predicted = Prediction.model_validate(found.facts["predicted"]) if found.facts["predicted"] else None
         composed = wanted.fixed.composed(METHODS[wanted.method](dataset, Training.light_in(found)))
-        training = Training.restore(composed, found, dataset.extent, device)
+        refinement = Refinement.stored(dataset, found)
+        training = Training.restore(composed, found, dataset.extent, device, refinement)
         if not ranks.first:  # the first one holds what all had counted
             training.stats = SplatStats(len(training.gaussians))
         if training.course and training.iteration >= training.course.total and (folder / MODEL).is_file():
@@ -215,6 +218,7 @@ def _begin(
 ) -> tuple[Training, Settings, Prediction | None]:
     """Gaussians at their start; what an earlier training left in the folder is removed."""
     warm_up(progress, device)
+    refined = refinement_for(dataset, wanted, ranks, progress)
     started = clock()
     images = [radiance_image(view) for view in dataset.train]
     light = light_of(dataset, images)
@@ -225,7 +229,8 @@ def _begin(
     def training() -> Training:
         method = wanted.fixed.composed(METHODS[wanted.method](dataset, light))
         gaussians = gaussians_at(points, method.appearance, method.observation.units)
-        return Training.begin(method, light, gaussians, dataset.extent, device)
+        refinement = Refinement.of(dataset, refined.parameters, refined.rungs)
+        return Training.begin(method, light, gaussians, dataset.extent, device, refinement)
 
     settings, predicted = wanted, None
     if wanted.budget is not None:
@@ -256,7 +261,7 @@ def _lines(folder: Path, training: Training, ranks: Ranks) -> list[dict[str, Any
     """The log up to where the training is; what was said of an earlier state is removed."""
     if not ranks.first:
         return []
-    for name in (MODEL, "metrics.json"):
+    for name in (MODEL, REFINEMENT, "metrics.json"):
         store.discard(folder / name)
     lines = [line for line in store.read_lines(folder / LOG) if line["iteration"] <= training.iteration]
     store.write_bytes(folder / LOG, b"")

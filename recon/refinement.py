@@ -5,7 +5,7 @@ they would follow its gaps. What no picture can tell is taken out of them after 
 scale of all cameras together, and one factor on all exposures.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
@@ -14,6 +14,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from imaging.records import Rung
 from recon.appearance import Rate
 from recon.checkpoint import Checkpoint
 from recon.dataset import Dataset, View
@@ -25,9 +26,9 @@ Refined = Literal["poses", "exposures", "vignetting"]
 BEGIN = 0.2
 """Share of the training after which the corrections are let go."""
 RATES: dict[Refined, Rate] = {
-    "poses": Rate(5e-4, 1e-5),
-    "exposures": Rate(5e-3, 1e-4),
-    "vignetting": Rate(5e-3, 1e-4),
+    "poses": Rate(2e-3, 2e-5),
+    "exposures": Rate(2e-2, 2e-4),
+    "vignetting": Rate(2e-1, 1e-4),
 }
 """A view is looked at once an epoch, and Adam divides by how large its gradient is on the average: each
 look moves a pose by the rate times the square root of the number of views."""
@@ -45,10 +46,12 @@ class Refinement:
 
     dataset: Dataset
     parameters: dict[Refined, Tensor]
+    rungs: tuple[Rung, ...] = ()
+    """Why these are corrected, and others not."""
     _views: dict[str, int] = field(init=False, repr=False)
     _shots: dict[str, int] = field(init=False, repr=False)
     _cameras: dict[str, int] = field(init=False, repr=False)
-    _gauge: Tensor | None = field(init=False, repr=False, default=None)
+    _gauges: dict[Refined, Tensor] = field(init=False, repr=False, default_factory=dict)
     _powers: dict[tuple[int, int], Tensor] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -58,23 +61,33 @@ class Refinement:
         self._shots = {file: row for row, file in enumerate(files)}
         cameras = dict.fromkeys(view.camera for view in self.dataset.train)
         self._cameras = {camera: row for row, camera in enumerate(cameras)}
-        if "poses" in self.parameters:
-            self._gauge = torch.from_numpy(_gauge(self.dataset).astype(np.float32))
+        gauges: dict[Refined, Callable[[Dataset], npt.NDArray[np.float64]]]
+        gauges = {"poses": _pose_gauge, "exposures": _exposure_gauge}
+        for name in gauges.keys() & self.parameters.keys():
+            self._gauges[name] = torch.from_numpy(gauges[name](self.dataset).astype(np.float32))
 
     @classmethod
-    def of(cls, dataset: Dataset, names: Collection[Refined]) -> "Refinement":
+    def of(cls, dataset: Dataset, names: Collection[Refined], rungs: tuple[Rung, ...] = ()) -> "Refinement":
         """Nothing corrected yet; `names` say what may be."""
         shapes: dict[Refined, tuple[int, ...]] = {
             "poses": (len(dataset.train), 6),
             "exposures": (sum(len(view.shots) for view in dataset.train),),
             "vignetting": (len({view.camera for view in dataset.train}), 3),
         }
-        return cls(dataset, {name: torch.zeros(shapes[name]) for name in shapes if name in names})
+        return cls(dataset, {name: torch.zeros(shapes[name]) for name in shapes if name in names}, rungs)
+
+    @classmethod
+    def stored(cls, dataset: Dataset, checkpoint: Checkpoint) -> "Refinement":
+        """As it was in the training that a checkpoint was taken of, on the same data set."""
+        found = checkpoint.part("refinement")
+        rungs = tuple(Rung.model_validate(rung) for rung in checkpoint.facts.get("refinement", []))
+        names: tuple[Refined, ...] = get_args(Refined)
+        return cls(dataset, {name: found[name] for name in names if name in found}, rungs)
 
     def to(self, device: torch.device) -> None:
         """Move the parameters."""
         self.parameters = {name: value.to(device) for name, value in self.parameters.items()}
-        self._gauge = None if self._gauge is None else self._gauge.to(device)
+        self._gauges = {name: value.to(device) for name, value in self._gauges.items()}
 
     def motion(self, view: View, progress: float) -> Tensor | None:
         """How far the camera of a training view is moved, [14], as `rasterize` wants it; None: not at all."""
@@ -102,11 +115,9 @@ class Refinement:
     @torch.no_grad()
     def settle(self) -> None:
         """Take out of the corrections what is one gauge or another of the same scene."""
-        if self._gauge is not None:
-            poses = self.parameters["poses"].view(-1)
-            poses -= self._gauge @ (self._gauge.mT @ poses)
-        if "exposures" in self.parameters:
-            self.parameters["exposures"] -= self.parameters["exposures"].mean()
+        for name, gauge in self._gauges.items():
+            values = self.parameters[name].view(-1)
+            values -= gauge @ (gauge.mT @ values)
 
     def corrected(self, whole: Dataset | None = None) -> Dataset:
         """The data set with everything corrected; the held-out views get their camera's vignetting alone.
@@ -158,19 +169,13 @@ class Refinement:
         return found
 
 
-def refined_in(checkpoint: Checkpoint) -> tuple[Refined, ...]:
-    """What the training that a checkpoint was taken of corrects."""
-    names: tuple[Refined, ...] = get_args(Refined)
-    return tuple(name for name in names if f"refinement.{name}" in checkpoint.tensors)
-
-
 def camera_delta(pose: Tensor, extent: float) -> Tensor:
     """A correction of a pose [6], in the units of `Refinement`, as the `camera_delta` of `rasterize`."""
     units = pose.new_tensor([extent] * 3 + [1.0] * 3)
     return torch.cat([pose * units, pose.new_zeros(DELTA - 6)])
 
 
-def _gauge(dataset: Dataset) -> npt.NDArray[np.float64]:
+def _pose_gauge(dataset: Dataset) -> npt.NDArray[np.float64]:
     """Orthonormal corrections of all poses that change no picture, to first order, [6 V, 7 or fewer].
 
     They are a shift, a turn and a scale of the whole world, about the mean of the cameras.
@@ -188,6 +193,12 @@ def _gauge(dataset: Dataset) -> npt.NDArray[np.float64]:
         )
     basis, sizes, _ = np.linalg.svd(np.concatenate(rows), full_matrices=False)
     return np.asarray(basis[:, sizes > 1e-6 * sizes.max()])
+
+
+def _exposure_gauge(dataset: Dataset) -> npt.NDArray[np.float64]:
+    """The correction of ln k that is one factor on all exposures, of length 1, [S, 1]."""
+    count = sum(len(view.shots) for view in dataset.train)
+    return np.full((count, 1), count**-0.5)
 
 
 def _powers(height: int, width: int) -> npt.NDArray[np.float32]:

@@ -83,8 +83,8 @@ class Training:
         parameters = {**gaussians.parameters, **method.observation.shared}
         if refinement is not None:
             refinement.to(device)
-            rates |= {name: RATES[name] for name in refinement.parameters}
-            parameters |= refinement.parameters
+            rates |= {str(name): RATES[name] for name in refinement.parameters}
+            parameters |= {str(name): value for name, value in refinement.parameters.items()}
         groups = [
             {
                 "name": name,
@@ -130,6 +130,7 @@ class Training:
             "light": vars(self.light),
         }
         corrections = {} if self.refinement is None else self.refinement.parameters
+        why = () if self.refinement is None else self.refinement.rungs
         return Checkpoint(
             {
                 **{f"gaussians.{name}": value for name, value in self.gaussians.parameters.items()},
@@ -138,7 +139,7 @@ class Training:
                 **adam_tensors(self.optimizer),
                 **stats,
             },
-            {**facts, **own},
+            {**facts, **own, "refinement": [rung.model_dump(mode="json") for rung in why]},
         )
 
     @staticmethod
@@ -157,12 +158,10 @@ class Training:
     ) -> "Training":
         """The training that `checkpoint` was taken of; `method` is composed anew, as it was then.
 
-        refinement: of what `refined_in` names, where that is anything.
+        refinement: `Refinement.stored` in the same checkpoint, where anything is corrected.
         """
         for name, value in checkpoint.part("shared").items():
             method.observation.shared[name].data.copy_(value)
-        for name, value in ({} if refinement is None else refinement.parameters).items():
-            value.data.copy_(checkpoint.tensors[f"refinement.{name}"])
         gaussians = Gaussians(checkpoint.part("gaussians"))
         training = cls.begin(method, cls.light_in(checkpoint), gaussians, extent, device, refinement)
         restore_adam(training.optimizer, checkpoint.part("adam"))

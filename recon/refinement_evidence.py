@@ -1,0 +1,105 @@
+"""How well a training predicts a view that it did not see, whose own pose and exposures are not sure either.
+
+They are fitted on one half of the picture, with the Gaussians as they are, and the other half is judged. The
+halves are squares that alternate as on a chessboard.
+"""
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from recon.dataset import View
+from recon.refinement import Refined, camera_delta
+from recon.trainer import Training
+
+SQUARE = 8
+"""Pixels."""
+STEPS = 40
+POSE_RATE = 2e-3
+EXPOSURE_RATE = 1e-2
+
+
+def held_out_db(training: Training, view: View, unsure: Collection[Refined], extent: float) -> float:
+    """Ratio of one to the mean squared residual over the half that is judged, dB.
+
+    unsure: which of the view's own pose and exposures are fitted first. Residuals of RAW are in standard
+    deviations of the sensor's noise where it is known; others are those of what training compares: code
+    values, or light through the mu-law.
+    """
+    pose, logs = _fitted(training, view, unsure, extent)
+    with torch.no_grad():
+        image = _image(training, view, pose, extent)
+        judged = _half(view, 1)
+        if view.sensor.kind == "raw" and all(shot.noise is not None for shot in view.shots):
+            return -10 * float(np.log10(_whitened(training, image, view, logs, judged)))
+        prediction, target = training.method.observation.compare(image, view, 1.0, logs.exp())
+        squares = (prediction - target).square()[..., _on_planes(judged, target)]
+        return -10 * float(np.log10(max(float(squares.mean()), 1e-12)))
+
+
+def _fitted(
+    training: Training, view: View, unsure: Collection[Refined], extent: float
+) -> tuple[Tensor, Tensor]:
+    """The view's correction of its pose [6], as `Refinement` has it, and of ln k of its shots [shots]."""
+    pose, logs = torch.zeros(6), torch.zeros(len(view.shots))
+    rates = {"poses": (pose, POSE_RATE), "exposures": (logs, EXPOSURE_RATE)}
+    groups = [
+        {"params": [value.requires_grad_(True)], "lr": rate, "start": rate}
+        for name, (value, rate) in rates.items()
+        if name in unsure
+    ]
+    if not groups:
+        return pose, logs
+    optimizer = torch.optim.Adam(groups)
+    for step in range(STEPS):
+        for group in optimizer.param_groups:
+            group["lr"] = group["start"] * 0.05 ** (step / STEPS)
+        optimizer.zero_grad(set_to_none=True)
+        image = _image(training, view, pose, extent)
+        prediction, target = training.method.observation.compare(image, view, 1.0, logs.exp())
+        seen = _on_planes(_half(view, 0), target)
+        (prediction - target)[..., seen].abs().mean().backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+    return pose.detach(), logs.detach()
+
+
+def _image(training: Training, view: View, pose: Tensor, extent: float) -> Tensor:
+    """What the view's camera sees where it is corrected to be, behind its corrected vignetting."""
+    scene = {name: value.detach() for name, value in training.gaussians.parameters.items()}
+    degree = training.method.schedule.degree(1.0)
+    image = training.renderer()(
+        replace(training.gaussians, parameters=scene), view.lens, degree=degree,
+        camera_delta=camera_delta(pose, extent),
+    ).image  # fmt: skip
+    refinement = training.refinement
+    return image if refinement is None else refinement.shaded(image, view, 1.0).to(image.dtype)
+
+
+def _whitened(training: Training, image: Tensor, view: View, logs: Tensor, judged: Tensor) -> float:
+    """Mean squared residual of the RAW signals in units of their variance."""
+    own = judged.cpu().numpy()
+    total, count = 0.0, 0
+    for shot, log in zip(view.shots, logs.tolist(), strict=True):
+        assert shot.noise is not None
+        signal = training.method.observation.predict(image, view, shot.k * float(np.exp(log)))
+        residual = signal.cpu().numpy() - shot.pixels
+        residual = np.where(shot.saturated, np.minimum(residual, 0.0), residual)
+        squares = residual**2 / shot.noise.variance(np.maximum(shot.pixels, 0.0))
+        kept = shot.valid & (own if squares.ndim == 2 else own[..., None])
+        total, count = total + float(squares[kept].sum(dtype=np.float64)), count + int(kept.sum())
+    return total / max(count, 1) + 1e-12
+
+
+def _half(view: View, which: int) -> Tensor:
+    """Bool [H, W]: the one half (0) or the other (1) of a view's pixels."""
+    rows = torch.arange(view.lens.height)[:, None] // SQUARE
+    return (rows + torch.arange(view.lens.width)[None] // SQUARE) % 2 == which
+
+
+def _on_planes(half: Tensor, planes: Tensor) -> Tensor:
+    """The same on planes [P, h, w], of which those of a mosaic have half the size."""
+    step = half.shape[0] // planes.shape[-2]
+    return half[::step, ::step].to(planes.device)

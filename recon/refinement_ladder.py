@@ -1,0 +1,198 @@
+"""Which corrections a training may make: by what the calibration knows, else by the evidence of a trial."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+
+from imaging.calibration import CalibrationRecord
+from imaging.colmap import read_points
+from imaging.records import Rung
+from recon.dataset import Dataset, View, held_out, load
+from recon.density import DensityRules
+from recon.fixed import Fixed
+from recon.geometry import project
+from recon.methods import METHODS, vanilla
+from recon.model import Settings
+from recon.pixels import Progress
+from recon.radiance import light_of, radiance_image
+from recon.ranks import Ranks
+from recon.refinement import Refined, Refinement
+from recon.refinement_evidence import held_out_db
+from recon.start import gaussians_at, start_points
+from recon.trainer import Plan, Training, train
+
+ALL: tuple[Refined, ...] = get_args(Refined)
+KNOWN_PX = 0.15
+"""Poses that are surer than this, in pixels of the training images, leave nothing to gain."""
+KNOWN_PERCENT = 1.0
+"""And exposures that are surer than this."""
+FEWEST_VIEWS = 4
+"""Held out of a trial; with fewer there is no telling a gain from luck."""
+HELD_OUT = 4
+"""One training view in so many is held out of a trial; those of the session are left for the end."""
+TRIAL_WIDTH = 320
+TRIAL_GAUSSIANS = 10_000
+TRIAL_LOOKS = 20
+"""At each view of a trial, at least; the corrections need so many to arrive."""
+TRIAL_SHARE = 0.2
+"""Of the training's own iterations, at least."""
+UNIT = "dB of the residuals of views held out of a trial"
+
+
+def refinement_for(dataset: Dataset, settings: Settings, ranks: Ranks, progress: Progress) -> Refinement:
+    """What a training with these settings corrects: as asked, else as decided; the same on all ranks."""
+    asked = settings.fixed.refine
+    if asked is not None:
+        rungs = [
+            _rung(name, name in asked, "asked for" if name in asked else "not asked for") for name in ALL
+        ]
+    elif ranks.first:
+        rungs = decided(dataset, settings, progress)
+    else:
+        rungs = [_rung(name, False, "as the first process decided") for name in ALL]
+    taken = [name for name, rung in zip(ALL, rungs, strict=True) if ranks.told(float(rung.taken))]
+    return Refinement.of(dataset, taken, tuple(rungs))
+
+
+def decided(dataset: Dataset, settings: Settings, progress: Progress) -> list[Rung]:
+    """A rung for each correction, in order: by what is known, else by a trial, else not taken."""
+    known = {name: _known(name, dataset, settings.method) for name in ALL}
+    unknown = [name for name in ALL if known[name] is None]
+    if unknown and (why_not := _no_trial(dataset, settings)):
+        known |= {name: _rung(name, False, why_not) for name in unknown}
+    elif unknown:
+        small = dataset
+        if settings.max_width > TRIAL_WIDTH:
+            small = load(dataset.session, max_width=TRIAL_WIDTH, progress=progress)
+        known |= tried(small, unknown, settings, progress)
+    return [rung for rung in known.values() if rung is not None]
+
+
+def _no_trial(dataset: Dataset, settings: Settings) -> str:
+    """Why no trial is made; empty if one is."""
+    if settings.fixed != Fixed():
+        return "not tried, since settings were fixed by hand"
+    if settings.budget is not None:
+        return "not tried, since a trial would take its time from the budget"
+    if settings.quality == "draft":
+        return "not tried, since a draft is no longer than a trial"
+    if len(_out(dataset)) < FEWEST_VIEWS:
+        count = len(dataset.train)
+        return f"not tried, since {count} training views are too few to hold {FEWEST_VIEWS} of them out"
+    return ""
+
+
+def tried(
+    dataset: Dataset, names: Sequence[Refined], settings: Settings, progress: Progress
+) -> dict[Refined, Rung]:
+    """A short training without corrections and one with each of `names`, judged on views that none saw."""
+    out = _out(dataset)
+    trained = tuple(view for view in dataset.train if (view.frame, view.camera) not in out)
+    judged = tuple(view for view in dataset.train if (view.frame, view.camera) in out)
+    part = replace(dataset, train=trained, held_out=judged)
+    images = [radiance_image(view) for view in part.train]
+    light = light_of(part, images)
+    rng = np.random.Generator(np.random.PCG64([settings.seed, 0x7121A1]))
+    points = start_points(part, images, TRIAL_GAUSSIANS // 2, rng)
+    looks = round(TRIAL_SHARE * settings.iterations * settings.batch)
+    iterations = max(TRIAL_LOOKS * len(trained), looks)
+    plan = Plan(iterations, DensityRules(TRIAL_GAUSSIANS), settings.seed)
+
+    def ended(chosen: Sequence[Refined], message: str) -> Training:
+        method = METHODS[settings.method](part, light)
+        gaussians = gaussians_at(points, method.appearance, method.observation.units)
+        refinement = Refinement.of(part, chosen) if chosen else None
+        training = Training.begin(method, light, gaussians, part.extent, refinement=refinement)
+
+        def told(_: str, done: int, total: int) -> None:
+            progress(message, done, total)
+
+        train(training, part, plan, log=lambda line: None, save=lambda: None, progress=told)
+        return training
+
+    plain = ended((), "a trial without corrections")
+    rungs: dict[Refined, Rung] = {}
+    for name in names:
+        freed = ended((name,), f"a trial with corrected {name}")
+        gains = [
+            held_out_db(freed, view, [name], part.extent) - held_out_db(plain, view, [name], part.extent)
+            for view in judged
+        ]
+        rungs[name] = Rung.judged(
+            f"refine {name}",
+            float(np.mean(gains)),
+            float(np.std(gains, ddof=1) / np.sqrt(len(gains))),
+            UNIT,
+            f"two trainings of {iterations} iterations, judged on {len(judged)} views held out of both",
+        )
+    return rungs
+
+
+def _out(dataset: Dataset) -> set[tuple[int, str]]:
+    return held_out([(view.frame, view.camera) for view in dataset.train], HELD_OUT)
+
+
+def _known(name: Refined, dataset: Dataset, method: str) -> Rung | None:
+    """The rung, where it is decided without a trial."""
+    calibration = dataset.calibration
+    if name == "poses":
+        px = pose_error_px(dataset)
+        if px is not None and px < KNOWN_PX:
+            return _rung(
+                name, False, f"the calibration's poses are sure to {px:.2f} px of the training images"
+            )
+        return None
+    if dataset.kind == "ldr" and method == vanilla.NAME:
+        return _rung(name, False, "display values are taken as they are, without any idea of exposure")
+    if name == "exposures":
+        percent = _exposure_error_percent(calibration, dataset.train)
+        if percent is not None and percent < KNOWN_PERCENT:
+            return _rung(name, False, f"overlapping exposures tell their ratios to {percent:.2g} %")
+        return None
+    measured = next((rung for rung in calibration.rungs if rung.name == "vignetting" and rung.gain), None)
+    if measured is not None:
+        found = "a falloff" if measured.taken else "no falloff"
+        return _rung(name, False, f"the calibration found {found} on scene points that several views share")
+    return None
+
+
+def pose_error_px(dataset: Dataset) -> float | None:
+    """Median over the training views of what the errors of their poses come to, px; None: not known.
+
+    Standard errors of rotation and of place are added, the one at the view's focal length, the other at its
+    median depth.
+    """
+    errors = {(view.frame, view.camera): view.error for view in dataset.calibration.views}
+    model = read_points(dataset.session / "calibration" / "colmap")
+    found = []
+    for view in dataset.train:
+        error = errors.get((view.frame, view.camera))
+        if error is None or not len(model.xyz):
+            return None
+        pixels, depth = project(view.lens, model.xyz)
+        inside = (depth > 0) & (pixels > 0).all(-1) & (pixels < [view.lens.width, view.lens.height]).all(-1)
+        away = float(np.median(depth[inside])) if inside.any() else dataset.extent
+        found.append(view.lens.fx * (np.radians(error.rotation) + error.translation / away))
+    return float(np.median(found))
+
+
+def _exposure_error_percent(calibration: CalibrationRecord, views: Sequence[View]) -> float | None:
+    """How sure the ratios of exposures are; None where no overlaps told them."""
+    rungs = {rung.name: rung for rung in calibration.rungs}
+    ratios, per_shot = rungs.get("exposure_ratios"), rungs.get("exposure_per_shot")
+    told = [view.sensor.response.residual for view in views if view.sensor.kind == "ldr"]
+    percents = [100 * residual for residual in told if residual is not None]
+    if len(percents) < len(told):
+        return None
+    if len(told) < len(views):
+        if ratios is None or not ratios.taken or ratios.standard_error is None or per_shot is None:
+            return None
+        scatter = 0.0 if per_shot.taken else per_shot.gain or 0.0
+        percents.append(max(ratios.standard_error, scatter))
+    return float(max(percents))
+
+
+def _rung(name: Refined, taken: bool, reason: str) -> Rung:
+    return Rung(name=f"refine {name}", taken=taken, reason=reason)
