@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.codes import HIGHEST, LOWEST, Samples
-from calib.curve import Channel, Model, Noise, channel_of, fit, huber, neighbours, noise_of
+from calib.curve import Channel, Model, Noise, channel_of, fit, huber, label_trust, neighbours, noise_of
 from calib.response_band import standard_errors
 from calib.response_models import Array, Blend, Gamma, Known, Shape, Spline
 from imaging.calibration import Response
@@ -20,20 +20,30 @@ LADDER: tuple[tuple[Shape, ...], ...] = (
     tuple(Spline(smoothness) for smoothness in (1e6, 1e5, 1e4, 1e3)),
 )
 """From the simplest shape to the freest; of each rung the variants, the simplest first."""
-NEARLY, HARDLY = 1.04, 0.03
-"""A simpler curve is preferred up to this much held-out loss, as a factor or per sample: exposures in equal
-steps say nothing about ripples of that period, so only smoothness keeps them out, and no held-out sample
-would notice them. The second is a third of the standard deviation of the noise."""
+NEARLY, HARDLY = 1.04, 0.01
+"""A simpler curve is preferred up to this much held-out loss, as a factor, or per sample and stop by which
+exposures are more than one apart: exposures in equal steps say nothing about ripples of that period, so only
+smoothness keeps them out, and no held-out sample would notice them; and the wider the steps, the less a
+ripple has to bend. At four stops the second is a third of the standard deviation of the noise."""
 ODD = 5.0
 """Groups with so many times the median loss under the freest curve are left out of all judgements: something
 moved there, or alignment left a border."""
+DISTRUSTED = 0.1
+"""Trust below which a label counts as wrong: it is off by 15 % or more."""
 FOLDS = 3
 FEWEST = 300
 """Photosites below which nothing is measured."""
 NODES = np.arange(1.0, 256.0)
 """Codes that a curve is written at: all of 8 bits, since a shoulder is too steep for straight lines."""
 RUNGS = frozenset(
-    {"response_curve", "response_gamma", "response_blend", "response_spline", "exposure_labels"}
+    {
+        "response_curve",
+        "response_gamma",
+        "response_blend",
+        "response_spline",
+        "exposure_labels",
+        "exposure_of_a_file",
+    }
 )
 """Names of all rungs that an estimate may have."""
 UNIT = "whitened log-likelihood per held-out sample"
@@ -101,12 +111,14 @@ def estimate(samples: Samples | None) -> Estimate:
     odd = freest > ODD * np.nanmedian(freest)
     ladder = [[trial.without(odd) for trial in trials] for trials in ladder]
     known = ladder[0][0]
+    stops = float(np.median(np.diff(channels[0].steps))) / np.log(2.0)
+    hardly = HARDLY * max(stops - 1.0, 0.0)
     best, rival, rungs = known, known, []
     for trials in ladder[1:]:
         keenest = min(trials, key=lambda trial: trial.mean)
-        near = [trial for trial in trials if not _clearly_worse(trial, keenest)]
+        near = [trial for trial in trials if not _clearly_worse(trial, keenest, hardly)]
         trial = next((trial for trial in near if trial.rises), near[0])
-        rung = _judge(rival, trial)
+        rung = _judge(rival, trial, hardly)
         if rung.taken and not all(model.rises() for model in fit(channels, trial.shape, noise)):
             rung = rung.model_copy(update={"taken": False, "reason": f"a {trial.shape.name} does not rise"})
         rungs.append(rung)
@@ -114,32 +126,40 @@ def estimate(samples: Samples | None) -> Estimate:
             best, rival = trial, keenest
     held = held_out(channels, noise, best.shape, labels_hold=True).without(odd)
     freed, rung = _exposures(held, best, len(channels[0].steps))
-    rungs.append(rung)
     fitted = fit(channels, best.shape, noise, labels_hold=not freed)
+    contradiction = _contradiction(channels[0].steps, fitted[0].shift) if freed else ""
+    rungs.append(rung.model_copy(update={"reason": f"{rung.reason}{contradiction}"}))
     shift = dict(zip(channels[0].steps.tolist(), fitted[0].shift.tolist(), strict=True))
     if best is known:
         evidence = (
             f"sRGB: held-out exposures agree with it to {100 * known.median:.1f} %, no curve betters that"
         )
+        evidence += contradiction
         return Estimate(Response(kind="srgb", evidence=evidence, residual=known.median), tuple(rungs), shift)
     response = _exported(channels, fitted, known, best)
+    response = response.model_copy(update={"evidence": f"{response.evidence}{contradiction}"})
     sigma = standard_errors(channels, fitted, noise, NODES, labels_hold=not freed)
-    told = tuple(tuple(own.round(6).tolist()) for own in sigma)
+    # What the preference for a simple curve may hide: how far the keenest of its kind is from it.
+    keenest = fit(channels, rival.shape, noise, labels_hold=not freed)
+    told = tuple(
+        tuple(np.hypot(own, model.curve(NODES) - freer.curve(NODES)).round(6).tolist())
+        for own, model, freer in zip(sigma, fitted, keenest, strict=True)
+    )
     return Estimate(response.model_copy(update={"sigma": told}), tuple(rungs), shift)
 
 
-def _clearly_worse(simple: Judged, freer: Judged) -> bool:
-    return simple.mean > max(NEARLY * freer.mean, freer.mean + HARDLY)
+def _clearly_worse(simple: Judged, freer: Judged, hardly: float) -> bool:
+    return simple.mean > max(NEARLY * freer.mean, freer.mean + hardly)
 
 
-def _judge(simple: Judged, freer: Judged) -> Rung:
+def _judge(simple: Judged, freer: Judged, hardly: float) -> Rung:
     """Whether a freer shape is worth it, paired over the held-out groups; `simple`: the best of its rung."""
     gain = simple.loss - freer.loss
     gain = gain[np.isfinite(gain)]
     value, error = float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain)))
     return Rung(
         name=f"response_{freer.shape.name.split()[0]}",
-        taken=value > error and _clearly_worse(simple, freer),
+        taken=value > error and _clearly_worse(simple, freer, hardly),
         gain=value,
         standard_error=error,
         unit=UNIT,
@@ -169,6 +189,23 @@ def _exposures(held: Judged, best: Judged, steps: int) -> tuple[bool, Rung]:
         reason=f"held-out exposures disagree by {100 * best.median:.1f} % with exposures of their own and by "
         f"{100 * held.median:.1f} % with those of the labels",
     )
+
+
+def _contradiction(labels: Array, shift: Array) -> str:
+    """Which labels are far off; or, where fewer than three agree, that there is no telling which."""
+    wrong = label_trust(labels, shift) < DISTRUSTED
+    if not wrong.any():
+        return ""
+    if (~wrong).sum() < 3:
+        return (
+            "; the exposure labels contradict each other and too few agree to tell which is wrong, so scale "
+            "and exponent of the curve are a guess: state the exposures, or take four or more"
+        )
+    named = [
+        f"the exposure labelled {np.exp(label):.3g} s is {np.exp(away):.3g} times that"
+        for label, away in zip(labels[wrong], shift[wrong], strict=True)
+    ]
+    return "; " + ", ".join(named)
 
 
 def _told(channels: Sequence[Channel], shape: Shape) -> bool:

@@ -13,11 +13,12 @@ from calib.views import scene_views
 from capture.photos import import_photos
 from imaging.calibration import Response
 from imaging.colour import srgb_encode
+from imaging.exposure import Exposure
 from imaging.linear import decode
 from imaging.session import Session
 from imaging.shutter import exact_times
 
-from .conftest import silent
+from .conftest import make_session, silent
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -30,18 +31,23 @@ FAMILIES: dict[str, Curve] = {
 STEPS = np.log(2.0 ** np.array([-6.0, -4.0, -2.0, 0.0, 2.0]))
 
 
+def smooth(rng: np.random.Generator, low: float, high: float) -> np.ndarray:
+    """Light [120, 160, 3] between two values, evenly in its logarithm."""
+    knots = rng.uniform(np.log(low), np.log(high), (7, 10, 3))
+    rows, columns = np.linspace(0, 5.999, 120), np.linspace(0, 8.999, 160)
+    r, c = rows.astype(int), columns.astype(int)
+    fr, fc = (rows - r)[:, None, None], (columns - c)[None, :, None]
+    top = knots[r][:, c] * (1 - fc) + knots[r][:, c + 1] * fc
+    bottom = knots[r + 1][:, c] * (1 - fc) + knots[r + 1][:, c + 1] * fc
+    return np.exp(top * (1 - fr) + bottom * fr)
+
+
 def shoot(curve: Curve, log_k: np.ndarray, seed: int = 0, views: int = 4, moved: float = 0.0) -> Samples:
     """Noisy 8-bit exposures of smooth scenes: 3,000 electrons at white."""
     parts = []
     for view in range(views):
         rng = np.random.default_rng((seed, view))
-        knots = rng.uniform(np.log(1e-2), np.log(30.0), (7, 10, 3))
-        rows, columns = np.linspace(0, 5.999, 120), np.linspace(0, 8.999, 160)
-        r, c = rows.astype(int), columns.astype(int)
-        fr, fc = (rows - r)[:, None, None], (columns - c)[None, :, None]
-        top = knots[r][:, c] * (1 - fc) + knots[r][:, c + 1] * fc
-        bottom = knots[r + 1][:, c] * (1 - fc) + knots[r + 1][:, c + 1] * fc
-        light = np.exp(top * (1 - fr) + bottom * fr)
+        light = smooth(rng, 1e-2, 30.0)
         shots = []
         for step in log_k:
             x = rng.poisson(np.minimum(light * np.exp(step), 4) * 3000) / 3000
@@ -128,14 +134,80 @@ def test_the_band_holds_the_curve(family: str) -> None:
     assert sigma[:, 0].min() >= sigma[:, inside].min()
 
 
-def test_a_label_that_is_wrong_by_two_is_found() -> None:
-    true = STEPS + np.array([0.0, np.log(2.0), 0.0, 0.0, 0.0])
-    samples = shoot(FAMILIES["gamma"], true)
-    labelled = Samples(samples.codes, np.broadcast_to(STEPS, samples.log_k.shape).copy(), samples.group)
-    found = estimate(labelled)
-    shift = [found.shift[round(step, 6)] for step in STEPS]
-    np.testing.assert_allclose(shift, true - STEPS, atol=0.05)
-    assert rmse(found.response, FAMILIES["gamma"]) < 0.05
+def relabelled(samples: Samples, labels: np.ndarray) -> Samples:
+    return Samples(samples.codes, np.broadcast_to(labels, samples.log_k.shape).copy(), samples.group)
+
+
+@pytest.mark.parametrize("step", [0, 1, 3])
+@pytest.mark.parametrize("factor", [2.0, 0.5])
+def test_a_label_that_is_wrong_by_two_is_found_and_named(step: int, factor: float) -> None:
+    """Of four exposures, wherever it is; the others and the curve stay right."""
+    labels = STEPS[:4]
+    off = np.where(np.arange(4) == step, np.log(factor), 0.0)
+    found = estimate(relabelled(shoot(FAMILIES["gamma"], labels + off), labels))
+    shift = np.array([found.shift[round(label, 6)] for label in labels])
+    np.testing.assert_allclose(np.delete(shift, step), 0.0, atol=0.01)
+    assert abs(shift[step] - off[step]) < 0.02
+    assert rmse(found.response, FAMILIES["gamma"]) < 0.01
+    rung = next(rung for rung in found.rungs if rung.name == "exposure_labels")
+    assert rung.taken
+    told = f"; the exposure labelled {np.exp(labels[step]):.3g} s is {np.exp(shift[step]):.3g} times that"
+    assert rung.reason.endswith(told)
+    assert found.response.evidence.endswith(told)
+
+
+def test_of_three_labels_that_contradict_each_other_none_is_named() -> None:
+    labels = STEPS[1:4]
+    found = estimate(relabelled(shoot(FAMILIES["gamma"], labels + np.array([np.log(2), 0.0, 0.0])), labels))
+    assert "contradict each other" in found.response.evidence
+    assert "take four or more" in found.response.evidence
+
+
+def test_a_wide_bracket_does_not_ripple_the_curve() -> None:
+    """Exposures four stops apart say nothing of ripples of that period; half-way steps would show them."""
+    curve = lambda x: (x / (1 + x)) ** (1 / 2.2)  # noqa: E731
+    logs = np.log([1 / 8, 2.0, 32.0])
+    parts = []
+    for view in range(4):
+        light = smooth(np.random.default_rng((3, view)), 2e-3, 160.0)
+        shots = [patches(np.rint(255 * curve(light * np.exp(log))) / 255) for log in logs]
+        parts.append(sample(shots, logs, 800))
+    found = estimate(Samples.joined(parts)).response
+    x = np.geomspace(1e-5, 1e3, 40_000)
+    codes = np.arange(10, 246) / 255
+    truth = np.interp(codes, curve(x), np.log(x))
+    away = np.log(decode(np.repeat(codes[:, None], 3, axis=1), found).astype(float)) - truth[:, None]
+    assert away.std(axis=0).max() < 0.01
+    beyond = np.interp(truth + np.log(4.0), truth, codes, right=np.nan)
+    across = np.stack([np.interp(beyond, codes, own) - own for own in away.T])
+    assert np.sqrt(np.nanmean(across**2, axis=1)).max() < 0.015
+
+
+@pytest.mark.parametrize("factor", [2.0, 4.0], ids=["a label of its own", "another's label"])
+def test_one_photograph_with_a_wrong_label_spoils_nothing(tmp_path: Path, factor: float) -> None:
+    """All others of its step are right: its exposure is put right, and named if its label is another's."""
+    labels, views = np.exp(STEPS[:4]), []
+    for view in range(3):
+        light = smooth(np.random.default_rng((7, view)), 1e-1, 30.0)
+        codes = [np.rint(255 * np.clip(light * k, 0, 1) ** (1 / 2.2)).astype(np.uint8) for k in labels]
+        times = labels * np.where((np.arange(4) == 2) & (view == 1), factor, 1.0)
+        views.append(
+            [
+                (code, Exposure(time=float(t), f_number=1, iso=100))
+                for code, t in zip(codes, times, strict=True)
+            ]
+        )
+    session = Session.open(make_session(tmp_path / "S", views))
+    found = scene_views(session)
+    light = radiometry.measure(session, found, silent)
+    for view in found:
+        scales = [light.scale[shot.file] for shot in view.shots]
+        np.testing.assert_allclose(scales, labels, rtol=0.02)
+    (response,) = light.responses.values()
+    assert rmse(response, FAMILIES["gamma"]) < 0.01
+    wrong = found[1].shots[2].file
+    named = [rung.reason for rung in light.rungs if rung.name == "exposure_of_a_file"]
+    assert named == ([f"the exposure of {wrong} is 0.25 times its label"] if factor == 4.0 else [])
 
 
 def test_the_base_of_a_film_tells_no_light() -> None:
