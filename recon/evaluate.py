@@ -38,22 +38,9 @@ def evaluate(folder: Path, progress: Progress | None = None) -> dict[str, Any]:
     """
     opened = open_model(folder)
     views = opened.dataset.held_out
-    renders, seconds = [], []
-    for done, view in enumerate(views):
-        if progress:
-            progress("rendering held-out views", done, len(views))
-        started = time.perf_counter()
-        renders.append(opened.render(view.lens))
-        seconds.append(time.perf_counter() - started)
-    method = opened.training.method.observation
-    light = [method.radiance(image).numpy().astype(np.float32) for image in renders]
-    rows: list[dict[str, Any]] = [{"view": view.name} for view in views]
-    result: dict[str, Any] = {"schema_version": 1, "method": opened.record.settings.method}
+    light, seconds, rows, pooled = measured(opened, progress)
+    result: dict[str, Any] = {"schema_version": 1, "method": opened.record.settings.method} | pooled
     if views:
-        _against_shots(opened, renders, rows)
-        reference = _reference(opened)
-        if reference is not None:
-            result |= _against_light(light, reference, rows)
         for key in sorted({key for row in rows for key in row} - {"view"} - set(result)):
             result[key] = float(np.mean([row[key] for row in rows if key in row]))
         for view, image in zip(views, light, strict=True):
@@ -79,6 +66,30 @@ def evaluate(folder: Path, progress: Progress | None = None) -> dict[str, Any]:
         progress("rendering held-out views", len(views), len(views))
     store.write_json(folder / METRICS, result)
     return result
+
+
+def measured(
+    opened: Opened, progress: Progress | None = None
+) -> tuple[list[Float], list[float], list[dict[str, Any]], dict[str, Any]]:
+    """Of each held-out view light [H, W, 3], seconds a render and figures; and what is pooled over all."""
+    views = opened.dataset.held_out
+    renders, seconds = [], []
+    for done, view in enumerate(views):
+        if progress:
+            progress("rendering held-out views", done, len(views))
+        started = time.perf_counter()
+        renders.append(opened.render(view.lens))
+        seconds.append(time.perf_counter() - started)
+    method = opened.training.method.observation
+    light = [method.radiance(image).numpy().astype(np.float32) for image in renders]
+    rows: list[dict[str, Any]] = [{"view": view.name} for view in views]
+    pooled: dict[str, Any] = {}
+    if views:
+        _against_shots(opened, renders, rows)
+        reference = _reference(opened)
+        if reference is not None:
+            pooled = _against_light(light, reference, rows)
+    return light, seconds, rows, pooled
 
 
 def _reference(opened: Opened) -> list[Float] | None:

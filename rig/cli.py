@@ -20,6 +20,7 @@ from rig.commands import (
     reconstruct,
     render,
     simulate,
+    trade,
 )
 from rig.running import Outcome
 
@@ -70,6 +71,7 @@ COMMANDS: dict[str, Callable[..., Outcome]] = {
     "evaluate": evaluate.evaluate,
     "explain": explain.explain,
     "render": render.render,
+    "trade": trade.trade,
     "simulate": simulate.simulate,
     "cameras": cameras.cameras,
     "doctor": doctor.doctor,

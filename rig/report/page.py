@@ -14,11 +14,13 @@ from rig.report.captured import Captured
 from rig.report.provenance import Provenance
 
 if TYPE_CHECKING:
-    # These two bring torch with them, which a calibration does not need.
+    # These bring torch with them, which a calibration does not need.
     from rig.report.comparisons import Pictures
     from rig.report.quality import Quality
+    from rig.report.trade_page import TradeOff
 
 SECTIONS = {
+    "trade": "Trade-offs",
     "pictures": "Pictures",
     "quality": "Quality",
     "captured": "Capture",
@@ -46,6 +48,7 @@ class Page:
     version: str
     made: str
     tiles: tuple[Tile, ...] = ()
+    trade: "TradeOff | None" = None
     pictures: "Pictures | None" = None
     quality: "Quality | None" = None
     captured: Captured | None = None

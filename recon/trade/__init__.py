@@ -1,0 +1,7 @@
+"""What settings cost and what they buy: trainings of one session with one thing changed at a time."""
+
+from recon.trade.front import front
+from recon.trade.records import Choice, Point, Trade, read_trade
+from recon.trade.sweep import sweep
+
+__all__ = ["Choice", "Point", "Trade", "front", "read_trade", "sweep"]

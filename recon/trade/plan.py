@@ -1,0 +1,132 @@
+"""Which trainings tell most: presets, then one thing changed at a time, then neighbours of the front."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from recon.dataset import Dataset
+from recon.fixed import Fixed
+from recon.presets import QUALITIES
+from recon.trade.front import front
+from recon.trade.records import Choice, Point
+
+MOST_NEIGHBOURS = 12
+SAFETY = 1.2
+"""A training is begun if so many times what it should take is left."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """What of a session limits the choices. width: px of its widest images."""
+
+    width: int
+    views: int
+    exposures: int
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> "Session":
+        """From the data set as it is measured with."""
+        return cls(
+            width=max(view.lens.width for view in dataset.views),
+            views=len(dataset.train),
+            exposures=max(len(view.shots) for view in dataset.train),
+        )
+
+    def effective(self, choice: Choice) -> Fixed:
+        """All that is fixed by a choice and its preset: equal for choices that train the same."""
+        preset, fixed = QUALITIES[choice.quality], choice.fixed
+        return fixed.model_copy(
+            update={
+                "iterations": fixed.iterations or preset.iterations,
+                "gaussians": fixed.gaussians or preset.gaussians,
+                "width": min(fixed.width or preset.width, self.width),
+            }
+        )
+
+    def work(self, choice: Choice) -> float:
+        """What a training costs, in units that only compare trainings of this session."""
+        all_of_it = self.effective(choice)
+        iterations, gaussians, width = (
+            all_of_it.iterations or 0,
+            all_of_it.gaussians or 0,
+            all_of_it.width or 0,
+        )
+        shots = min(all_of_it.exposures or self.exposures, self.exposures)
+        # Measured on the demo rig (bench/budget.py): 20,000 Gaussians cost about as much as 320 x 240 pixels.
+        return iterations * (0.75 * width**2 * (0.5 + 0.5 * shots / self.exposures) + 4.0 * gaussians)
+
+
+def planned(session: Session) -> list[Choice]:
+    """Presets and single changes of `standard`, those that tell most first; none twice."""
+    standard = QUALITIES["standard"]
+    width = min(standard.width, session.width)
+    wanted: list[tuple[str, dict[str, float]]] = [
+        ("iterations", {"iterations": standard.iterations // 2}),
+        ("Gaussians", {"gaussians": standard.gaussians // 2}),
+        ("Gaussians", {"gaussians": 2 * standard.gaussians}),
+        ("resolution", {"width": width // 2}),
+        ("exposures", {"exposures": 1}),
+        ("iterations", {"iterations": standard.iterations // 4}),
+        ("SH degree", {"degree": 0}),
+        ("views", {"views": session.views // 2}),
+        ("iterations", {"iterations": 2 * standard.iterations}),
+        ("loss", {"ssim": 0.2}),
+        ("growth", {"growth": 0.0}),
+        ("SH degree", {"degree": 1}),
+        ("exposures", {"exposures": (session.exposures + 1) // 2}),
+        ("Gaussians", {"gaussians": standard.gaussians // 4}),
+        ("resolution", {"width": width // 4}),
+        ("loss", {"ssim": 0.0}),
+        ("growth", {"growth": 0.75}),
+        ("views", {"views": session.views // 4}),
+        ("loss", {"ssim": 0.8}),
+    ]
+    choices = [Choice(axis="preset", quality="draft"), Choice(axis="preset", quality="standard")]
+    for axis, change in wanted:
+        possible = (
+            change.get("width", 16) >= 16
+            and 3 <= change.get("views", 3) <= max(session.views - 1, 3)
+            and change.get("exposures", 0) < session.exposures
+        )
+        if possible:
+            choices.append(Choice(axis=axis, fixed=Fixed.model_validate(change)))
+    choices.insert(7, Choice(axis="preset", quality="best"))
+    return distinct(choices, session, set())
+
+
+def distinct(choices: Sequence[Choice], session: Session, known: set[Fixed]) -> list[Choice]:
+    """Without those that would train what is `known`, or what one before them does."""
+    found, seen = [], set(known)
+    for choice in choices:
+        same = session.effective(choice)
+        if same not in seen:
+            seen.add(same)
+            found.append(choice)
+    return found
+
+
+def neighbours(points: Sequence[Point], session: Session) -> Iterator[Choice]:
+    """Choices one step of two away from the front over time, the cheapest first, not trained yet."""
+    known = {session.effective(point.choice) for point in points}
+    found = []
+    for point in front(points, lambda one: one.seconds, lambda one: one.db):
+        here = session.effective(point.choice)
+        for key, factor in (
+            ("gaussians", 2.0), ("iterations", 2.0), ("width", 0.5), ("gaussians", 0.5), ("iterations", 0.5)
+        ):  # fmt: skip
+            value = int(getattr(here, key) * factor)
+            if value >= 16 and not (key == "width" and value > session.width):
+                fixed = here.model_copy(update={key: value})
+                found.append(Choice(axis="near the front", fixed=fixed))
+    longest = max((session.work(point.choice) for point in points), default=0.0)
+    fitting = [choice for choice in found if session.work(choice) <= longest]
+    yield from sorted(distinct(fitting, session, known), key=session.work)[:MOST_NEIGHBOURS]
+
+
+def expected_seconds(choice: Choice, points: Sequence[Point], session: Session) -> float | None:
+    """How long a training should take, from the finished one whose work is nearest; None without any."""
+    if not points:
+        return None
+    work = session.work(choice)
+    near = min(points, key=lambda one: abs(math.log(session.work(one.choice) / work)))
+    return SAFETY * near.seconds * max(work / session.work(near.choice), 0.1)

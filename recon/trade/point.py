@@ -1,0 +1,91 @@
+"""One point of a trade-off: trained as `rig reconstruct` trains it, measured, thrown away."""
+
+import shutil
+import time
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from imaging import store
+from recon import threads
+from recon.dataset import Dataset, load
+from recon.device import training_device
+from recon.evaluate import measured
+from recon.model import SPLATS, Opened, open_model
+from recon.pixels import Progress
+from recon.reconstruct import reconstruct
+from recon.trade.records import FOLDER, Choice, Point, Trade, key_of
+from recon.warm_up import warm_up
+
+
+def work_on(session: Path, choice: Choice, trade: Trade, at_once: int, cores: int) -> Point:
+    """`train_point` in a process of its own, with a share of the cores."""
+    threads.set_threads(max(1, cores // at_once))
+    return train_point(session, choice, trade, at_once)
+
+
+def train_point(
+    session: Path, choice: Choice, trade: Trade, at_once: int = 1, progress: Progress | None = None
+) -> Point:
+    """Train a choice and measure it at the trade's own size; what was trained is removed."""
+    key = key_of(choice, trade)
+    name = f"point-{key}"
+    folder = session / FOLDER / name
+    if folder.exists():  # what a killed sweep left, whose processor time nobody knows
+        shutil.rmtree(folder)
+    dataset = measuring(session, trade.width)
+    warm_up(progress or _unheard, training_device())
+    try:
+        used = time.process_time()
+        reconstruct(
+            session,
+            method=trade.method,  # type: ignore[arg-type]
+            quality=choice.quality,
+            seed=trade.seed,
+            fixed=choice.fixed,
+            name=name,
+            shelf=FOLDER,
+            progress=progress or _unheard,
+        )
+        used = time.process_time() - used
+        opened = open_model(folder)
+        _, _, rows, _ = measured(Opened(folder, opened.record, dataset, opened.training))
+        # Views of a mixed rig are each measured as their camera is.
+        own = {row["view"]: next(row[key] for key in MEASURES if key in row) for row in rows}
+        truth = [row["hdr_psnr_mu_aligned"] for row in rows if "hdr_psnr_mu_aligned" in row]
+        return Point(
+            key=key,
+            choice=choice,
+            command=choice.command(str(session), trade.method, trade.seed),
+            iterations=opened.training.iteration,
+            gaussians=len(opened.training.gaussians),
+            width=max(view.lens.width for view in opened.dataset.views),
+            seconds=opened.record.train_seconds,
+            processor_seconds=round(used, 3),
+            at_once=at_once,
+            size_bytes=(folder / SPLATS).stat().st_size,
+            splats_sha256=store.sha256(folder / SPLATS),
+            db=float(np.mean(list(own.values()))),
+            views=own,
+            truth_db=float(np.mean(truth)) if truth else None,
+        )
+    finally:  # its scene can be made again by its command
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _unheard(message: str, done: int, total: int) -> None:
+    """Progress of a process that has nobody to tell."""
+
+
+MEASURES = ("raw_psnr", "ldr_psnr_oe", "hdr_psnr_mu")
+
+
+def measuring(session: Path, width: int) -> Dataset:
+    """The data set that all points of a session are measured on, read once a process."""
+    return _read(session, width, store.sha256(session / "calibration" / "calibration.json"))
+
+
+@lru_cache(maxsize=1)
+def _read(session: Path, width: int, calibration: str) -> Dataset:
+    return load(session, max_width=width)

@@ -1,0 +1,119 @@
+"""`trade.json`: what was trained for a trade-off, and what came of it."""
+
+import hashlib
+import json
+import shlex
+from datetime import datetime
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+import imaging
+import recon
+from imaging import store
+from imaging.errors import InputError
+from imaging.records import Record, parse
+from recon.fixed import Fixed
+from recon.presets import QualityName
+
+FOLDER, TRADE = "trade", "trade.json"
+
+Measure = Literal["raw_psnr", "ldr_psnr_oe", "hdr_psnr_mu"]
+"""The method's own space: RAW mosaics, code values, or linear EXR in mu-law."""
+
+
+class Choice(Record):
+    """A training: a preset, and what of it is changed.
+
+    axis: what it is there for.
+    """
+
+    axis: str
+    quality: QualityName = "standard"
+    fixed: Fixed = Fixed()
+
+    def command(self, session: str, method: str, seed: int) -> str:
+        """What trains just this, to the byte."""
+        sets = "".join(f" --set {word}" for word in self.fixed.words())
+        return (
+            f"rig reconstruct {shlex.quote(session)} --method {method} --quality {self.quality} "
+            f"--seed {seed}{sets}"
+        )
+
+
+class Point(Record):
+    """A finished training. db: mean over the held-out views of the trade's measure; views: of each."""
+
+    key: str
+    choice: Choice
+    command: str
+    iterations: int
+    gaussians: int
+    width: int
+    """px of the training images."""
+    seconds: float
+    """Of training, wall clock."""
+    processor_seconds: float
+    """Of all threads, reading and compiling included."""
+    at_once: int
+    """Trainings that shared the machine with it, itself included."""
+    size_bytes: int
+    splats_sha256: str
+    db: float
+    views: dict[str, float]
+    truth_db: float | None = None
+    """hdr_psnr_mu_aligned of a simulated session."""
+
+
+class Trade(Record):
+    """`trade.json`."""
+
+    schema_version: Literal[1] = 1
+    created: datetime
+    versions: dict[str, str]
+    code: str
+    """Hash of the source that trains and measures."""
+    calibration_sha256: str
+    method: str
+    seed: int
+    device: str
+    measure: Measure
+    width: int
+    """px at which all points are measured, whatever they were trained at."""
+    points: tuple[Point, ...] = ()
+    failed: dict[str, str] = Field(default_factory=dict)
+    """What could not be trained, by its command, and why."""
+    left: int = 0
+    """Trainings that the budget had no time for."""
+
+
+def read_trade(session: Path) -> Trade:
+    """The trade-off of a session; InputError if there is none."""
+    path = session / FOLDER / TRADE
+    if not path.is_file():
+        raise InputError(f"{session} has no trade-off yet: run `rig trade` first.")
+    return parse(Trade, store.read_json(path), path)
+
+
+@cache
+def code_hash() -> str:
+    """Of every module that has a say in a point: 16 hex digits."""
+    digest = hashlib.sha256()
+    for package in (imaging, recon):
+        folder = Path(package.__path__[0])
+        for path in sorted(folder.rglob("*.py")):
+            digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def key_of(choice: Choice, trade: Trade) -> str:
+    """What a point is known by: its settings, the calibration and the code; 16 hex digits."""
+    parts = [
+        choice.quality,
+        choice.fixed.model_dump(mode="json"),
+        [trade.method, trade.seed, trade.width, trade.calibration_sha256, trade.code, version("torch")],
+    ]
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]

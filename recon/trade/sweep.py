@@ -1,0 +1,168 @@
+"""The sweep: trainings one after the other, or several at once, within a budget, each kept when done."""
+
+import multiprocessing
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from imaging import store
+from imaging.errors import ReconstructionError, RigError
+from recon.dataset import FEWEST_FOR_HOLDOUT, Dataset
+from recon.device import device_name, training_device
+from recon.ladder import chosen_method
+from recon.pixels import Progress
+from recon.presets import QUALITIES
+from recon.trade.plan import Session, expected_seconds, neighbours, planned
+from recon.trade.point import measuring, train_point, work_on
+from recon.trade.records import FOLDER, TRADE, Choice, Measure, Point, Trade, code_hash, key_of, read_trade
+
+
+def sweep(
+    session: Path,
+    *,
+    budget: float,
+    workers: int = 1,
+    seed: int = 0,
+    progress: Progress = lambda message, done, total: None,
+    say: Callable[[str], None] = lambda line: None,
+) -> Trade:
+    """Train what tells most of a session's trade-offs within `budget` seconds; writes trade/trade.json.
+
+    The first training is always made. Each is kept when it is done, so that a sweep that was stopped, or ran
+    out of time, goes on when it is called again; a change of the calibration or of the code begins anew.
+    workers: trainings at once; more than one share the machine, so their seconds tell less than their
+    processor seconds. Errors: InputError, ReconstructionError, StorageError.
+    """
+    width = max(preset.width for preset in QUALITIES.values())
+    progress("reading images", 0, 0)
+    dataset = measuring(session, width)
+    if not dataset.held_out:
+        raise ReconstructionError(
+            f"{session} has too few views to hold one out, so nothing can be measured: take "
+            f"{FEWEST_FOR_HOLDOUT} or more."
+        )
+    run = _Run(session, _begun(session, dataset, width, seed), Session.of(dataset), budget)
+    if workers > 1:
+        _several(run, workers, progress, say)
+    else:
+        for choice in run.choices():
+            run.make(
+                choice, lambda c: train_point(session, c, run.trade, progress=run.beside(progress, c)), say
+            )
+    return run.finished()
+
+
+@dataclass
+class _Run:
+    """A sweep under way."""
+
+    session: Path
+    trade: Trade
+    limits: Session
+    budget: float
+    began: float = field(default_factory=time.monotonic)
+    tried: set[str] = field(default_factory=set)
+    made: int = 0
+    left: int = 0
+
+    def choices(self) -> Iterator[Choice]:
+        """What to train next, as long as there is time: the plan, then what lies near the front."""
+        yield from self._fitting(planned(self.limits))
+        yield from self._fitting(neighbours(self.trade.points, self.limits))
+
+    def _fitting(self, choices: Iterable[Choice]) -> Iterator[Choice]:
+        for choice in choices:
+            key = key_of(choice, self.trade)
+            if key in self.tried or any(point.key == key for point in self.trade.points):
+                continue
+            needed = expected_seconds(choice, self.trade.points, self.limits)
+            spent = time.monotonic() - self.began
+            if self.made and needed is not None and spent + needed > self.budget:
+                self.left += 1
+                continue
+            self.tried.add(key)
+            self.made += 1
+            yield choice
+
+    def make(self, choice: Choice, train: Callable[[Choice], Point], say: Callable[[str], None]) -> None:
+        """Train and keep it, or note why that failed."""
+        try:
+            self.keep(train(choice), say)
+        except RigError as error:
+            self.note(choice, error, say)
+
+    def keep(self, point: Point, say: Callable[[str], None]) -> None:
+        """A finished point, written at once."""
+        self._write(points=(*self.trade.points, point))
+        say(f"{label(point.choice)}: {point.db:.2f} dB in {point.seconds:.1f} s")
+
+    def note(self, choice: Choice, error: RigError, say: Callable[[str], None]) -> None:
+        """A training that cannot be made."""
+        command = choice.command(str(self.session), self.trade.method, self.trade.seed)
+        self._write(failed=self.trade.failed | {command: str(error)})
+        say(f"{label(choice)}: {error}")
+
+    def finished(self) -> Trade:
+        """The trade-off, which says what the budget had no time for."""
+        self._write(left=self.left)
+        return self.trade
+
+    def beside(self, progress: Progress, choice: Choice) -> Progress:
+        """Progress of one training that says which one it is."""
+        name = f"training {len(self.trade.points) + 1}, {label(choice)}"
+        return lambda message, done, total: progress(f"{name}: {message}", done, total)
+
+    def _write(self, **change: object) -> None:
+        self.trade = self.trade.model_copy(update=change)
+        store.make_folder(self.session / FOLDER)
+        store.write_json(self.session / FOLDER / TRADE, self.trade.model_dump(mode="json"))
+
+
+def _several(run: _Run, workers: int, progress: Progress, say: Callable[[str], None]) -> None:
+    """In processes that are started afresh: a fork would inherit threads that are not there."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    context = multiprocessing.get_context("spawn")
+    choices, under_way = run.choices(), dict[Future[Point], Choice]()
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        while True:
+            while len(under_way) < workers and (choice := next(choices, None)) is not None:
+                future = pool.submit(work_on, run.session, choice, run.trade, workers, cores)
+                under_way[future] = choice
+            if not under_way:
+                return
+            done = len(run.trade.points)
+            progress(f"{len(under_way)} trainings at once, {done} done", 0, 0)
+            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                run.make(under_way.pop(future), lambda choice, of=future: of.result(), say)  # type: ignore[misc]
+
+
+def label(choice: Choice) -> str:
+    """`standard`, or `iterations=500`."""
+    words = choice.fixed.words()
+    return ", ".join(words) if words else choice.quality
+
+
+def _begun(session: Path, dataset: Dataset, width: int, seed: int) -> Trade:
+    """The trade-off as it is so far, or an empty one."""
+    kinds: dict[str, Measure] = {"ldr": "ldr_psnr_oe", "hdr": "hdr_psnr_mu"}
+    trade = Trade(
+        created=datetime.now(UTC),
+        versions={name: version(name) for name in ("hdr-rig", "torch", "numpy", "numba")},
+        code=code_hash(),
+        calibration_sha256=dataset.calibration_sha256,
+        method=chosen_method(dataset)[0],
+        seed=seed,
+        device=device_name(training_device()),
+        measure=kinds.get(dataset.kind, "raw_psnr"),
+        width=width,
+    )
+    if not (session / FOLDER / TRADE).is_file():
+        return trade
+    before = read_trade(session)
+    same = tuple(point for point in before.points if point.key == key_of(point.choice, trade))
+    return trade.model_copy(update={"points": same})
