@@ -7,6 +7,10 @@ from contextlib import contextmanager
 from types import FrameType
 
 
+class Interrupted(KeyboardInterrupt):
+    """The user asked to stop, and what was made so far is whole; the message says where it is."""
+
+
 class Interrupt:
     """Whether the user asked to stop."""
 

@@ -41,10 +41,11 @@ def period(iterations: int, views: int) -> int:
 
 
 def held_out_db(training: "Training", views: Sequence[View], progress: float, ranks: Ranks) -> float:
-    """Mean over views of the PSNR, dB, between prediction and shots, in the planes that the loss compares.
+    """Mean over views of the PSNR, dB, of what their shots should hold against what they hold.
 
-    These planes lie in about 0..1, so the peak is 1. What the sensor could not record (saturated or not
-    valid) counts as right. The ranks share the views and all return the same number, at most 100.
+    The same figure as `raw_psnr` or `ldr_psnr` of an evaluation, of these views; EXR, which has no white, is
+    compared in mu-law. The planes that the loss compares would hide the end of a training: noise fills them
+    in the dark. The ranks share the views and all return the same number.
     """
     method, renderer = training.method, training.renderer()
     total = 0.0
@@ -54,8 +55,19 @@ def held_out_db(training: "Training", views: Sequence[View], progress: float, ra
             image = renderer(training.gaussians, view.lens, degree=degree).image
             if training.refinement is not None:
                 image = training.refinement.shaded(image, view, progress)
-            prediction, target = method.observation.compare(image, view, progress)
-            error = float((prediction - target).square().mean(dtype=torch.float64))
-            total += -10 * math.log10(min(max(error, 1e-10), 1e10)) if math.isfinite(error) else -100.0
+            if view.sensor.kind == "hdr":
+                total += _psnr(*method.observation.compare(image, view, progress))
+                continue
+            for shot in view.shots:
+                told = method.observation.predict(image, view, shot.k).clamp_max(1)
+                seen = torch.from_numpy(shot.pixels).to(told).clamp_max(1)
+                valid = torch.from_numpy(shot.valid).to(told.device)
+                total += _psnr(torch.where(valid, told, seen), seen) / len(view.shots)
     (together,) = ranks.totals(total)
     return together / len(views)
+
+
+def _psnr(told: torch.Tensor, seen: torch.Tensor) -> float:
+    """Of a peak of 1, within -100 and 100 dB."""
+    error = float((told - seen).square().mean(dtype=torch.float64))
+    return -10 * math.log10(min(max(error, 1e-10), 1e10)) if math.isfinite(error) else -100.0

@@ -19,6 +19,7 @@ from recon.density import DensityRules
 from recon.device import training_device
 from recon.finish import write_scene
 from recon.fixed import Fixed
+from recon.interrupt import Interrupted
 from recon.ladder import chosen_method, rungs
 from recon.methods import METHODS, hdr_gs, nh_3dgs
 from recon.model import CHECKPOINT, LOG, MODEL, REFINEMENT, Prediction, Settings
@@ -53,6 +54,7 @@ def reconstruct(
     shelf: str = "reconstructions",
     early_stop: bool = False,
     progress: Progress = lambda message, done, total: None,
+    tell: Callable[[str], None] = lambda line: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Path:
     """Train a scene on a calibrated session; returns the folder SESSION/SHELF/NAME.
@@ -61,14 +63,16 @@ def reconstruct(
     shorter if the preset's iterations do not fit at the speed measured at the start, and again on the
     way if that was misjudged. It counts from the first look at the light to the last iteration, measuring on
     the way included, reading images and compiling not. fixed: what is not to be as the preset and the
-    method have it. early_stop: end when held-out quality stands still. name: the method's if None.
+    method have it. early_stop: end when held-out quality stands still. name: the method's if None. tell:
+    hears what is foretold of a training with a budget.
 
-    A training that was stopped leaves the scene as it was then, and goes on bit for bit when called again
-    with the same settings (with a time to keep, as fast as the machine then is); a finished one is
-    returned as it is; other settings replace it. Runs on the GPU if there is one. Started several times over
-    by torchrun, the processes train one scene together, each looking at a share of the views: a step then
-    takes as many views as there are processes, and there are fewer steps. The session has to be on a disk
-    that all of them see; the first one writes. Errors: ReconstructionError, InputError, StorageError.
+    A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
+    called again with the same settings (with a time to keep, as fast as the machine then is); a finished
+    one is returned as it is; other settings replace it. Runs on the GPU if there is one. Started several
+    times over by torchrun, the processes train one scene together, each looking at a share of the views: a
+    step then takes as many views as there are processes, and there are fewer steps. The session has to be
+    on a disk that all of them see; the first one writes. Errors: ReconstructionError, InputError,
+    StorageError.
     """
     if isinstance(budget, str):
         budget = Budget.parse(budget)
@@ -90,22 +94,24 @@ def reconstruct(
             # More Gaussians than pixels cannot be told apart.
             pixels = sum(view.lens.width * view.lens.height for view in dataset.train)
             gaussians = min(budget.gaussians, pixels)
-        wanted = Settings(
-            method=chosen,
-            quality=quality,
-            seed=seed,
-            iterations=math.ceil((fixed.iterations or preset.iterations) / ranks.count),
-            batch=ranks.count,
-            max_gaussians=gaussians,
-            max_width=width,
-            budget=None if budget is None else budget.amount,
-            budget_unit="s" if budget is None else budget.unit,
-            early_stop=early_stop,
-            fixed=fixed,
+        wanted = Settings.model_validate(
+            {
+                "method": chosen,
+                "quality": quality,
+                "seed": seed,
+                "iterations": math.ceil((fixed.iterations or preset.iterations) / ranks.count),
+                "batch": ranks.count,
+                "max_gaussians": gaussians,
+                "max_width": width,
+                "budget": None if budget is None else budget.amount,
+                "budget_unit": "s" if budget is None else budget.unit,
+                "early_stop": early_stop,
+                "fixed": fixed,
+            }
         )
         folder = store.inside(session, f"{shelf}/{name or chosen}")
         ladder = (*reasons, *rungs(dataset, chosen))
-        return _reconstruct(folder, dataset, wanted, ladder, device, ranks, progress, clock)
+        return _reconstruct(folder, dataset, wanted, ladder, device, ranks, progress, tell, clock)
 
 
 def _reconstruct(
@@ -116,12 +122,13 @@ def _reconstruct(
     device: torch.device,
     ranks: Ranks,
     progress: Progress,
+    tell: Callable[[str], None],
     clock: Callable[[], float],
 ) -> Path:
     """`reconstruct` on one of the ranks: begin, or go on; train; write."""
     found = _checkpoint(folder, wanted, dataset)
     if found is None:
-        training, settings, predicted = _begin(folder, dataset, wanted, device, ranks, progress, clock)
+        training, settings, predicted = _begin(folder, dataset, wanted, device, ranks, progress, tell, clock)
     else:
         settings = Settings.model_validate(found.facts["settings"])
         predicted = Prediction.model_validate(found.facts["predicted"]) if found.facts["predicted"] else None
@@ -170,10 +177,11 @@ def _reconstruct(
             steers=steers,
             clock=clock,
         )
-    except KeyboardInterrupt:
-        if saved[0] == training.iteration:  # on the first rank only, and only if what is there is whole
-            write()
-        raise
+    except KeyboardInterrupt as error:
+        if saved[0] != training.iteration:  # another rank, or what is there is not whole
+            raise
+        write()
+        raise Interrupted(f"{folder} has the scene after {training.iteration} iterations") from error
     if ranks.first:
         save()
         write()
@@ -214,6 +222,7 @@ def _begin(
     device: torch.device,
     ranks: Ranks,
     progress: Progress,
+    tell: Callable[[str], None],
     clock: Callable[[], float],
 ) -> tuple[Training, Settings, Prediction | None]:
     """Gaussians at their start; what an earlier training left in the folder is removed."""

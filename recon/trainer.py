@@ -286,9 +286,9 @@ def train(
                     progress(_told(training, mean), training.iteration, course.total)
                 losses = []
             wishes = (steer(training) for steer in steers if ranks.first and not last)
-            left = next((wish for wish in wishes if wish is not None), 0)
+            wish = next((wish for wish in wishes if wish is not None), 0)
             due = ranks.first and clock() - saved > plan.checkpoint_seconds
-            stop, late, left = ranks.totals(interrupt.asked, due, left)
+            stop, late, left = ranks.totals(interrupt.asked, due, wish)
             if left:
                 course = training.course = course.turned(training.iteration, int(left))
             if stop or late:

@@ -1,11 +1,12 @@
 """Arguments and options that several commands share."""
 
 import math
-import re
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+
+from imaging.errors import InputError
 
 SessionArgument = Annotated[
     Path, typer.Argument(metavar="SESSION", help="A session folder, made by rig capture or rig import.")
@@ -27,13 +28,15 @@ SpaceOption = Annotated[
 SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the same bytes.")]
 
 
-def seconds(text: str) -> float:
-    """`90`, `90s`, `1.5m` or `1h` as seconds; typer.BadParameter otherwise."""
-    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(s|m|h|)\s*", text)
-    value = float(match[1]) * {"": 1, "s": 1, "m": 60, "h": 3600}[match[2]] if match else 0.0
-    if not (value > 0 and math.isfinite(value)):
-        raise typer.BadParameter("write a time as 90s, 5m or 1h")
-    return value
+def budget(text: str) -> str:
+    """`90s`, `5m`, `300MB`, `100k`, `35dB` or the like, unchanged; typer.BadParameter if it is nonsense."""
+    from recon.budget import Budget
+
+    try:
+        Budget.parse(text)
+    except InputError as error:
+        raise typer.BadParameter(str(error)) from None
+    return text.strip()
 
 
 def shutter(text: str) -> float:

@@ -3,15 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from rig.commands.evaluate import run_evaluate
-from rig.commands.options import JsonOption, SeedOption, SessionArgument, seconds
+from rig.commands.options import JsonOption, SeedOption, SessionArgument
+from rig.commands.options import budget as parsed_budget
+from rig.failures import Stopped
 from rig.progress import Meter, speaks
 from rig.running import Outcome, running
 from rig.words import duration
+
+if TYPE_CHECKING:
+    from recon.model import ModelRecord
 
 MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
 Quality = Literal["draft", "standard", "best"]
@@ -24,9 +29,18 @@ def reconstruct(
     ] = "auto",
     quality: Annotated[Quality, typer.Option(help="How long and how fine.")] = "standard",
     budget: Annotated[
-        float | None,
-        typer.Option(parser=seconds, metavar="TIME", help="Train no longer than this, as 90s or 5m."),
+        str | None,
+        typer.Option(
+            parser=parsed_budget,
+            metavar="AMOUNT",
+            help="Train no longer than 90s or 5m; make splats.ply no larger than 30MB; use at most 100k "
+            "Gaussians; or stop when held-out views reach 35dB.",
+        ),
     ] = None,
+    early_stop: Annotated[
+        bool,
+        typer.Option("--early-stop", help="Stop when held-out views hardly get better any more."),
+    ] = False,
     seed: SeedOption = 0,
     sets: Annotated[
         list[str] | None,
@@ -44,15 +58,23 @@ def reconstruct(
 ) -> Outcome:
     """Train a scene on a calibrated session.
 
-    The scene is made of Gaussians, measured on held-out views and reported. A training that was
-    stopped goes on when the same command is run again. Runs on the GPU if there is one. With several
+    The scene is made of Gaussians, measured on held-out views and reported. Ctrl-C leaves the scene as
+    it is by then; the same command goes on from there. Runs on the GPU if there is one. With several
     GPUs or machines, `torchrun ... -m rig reconstruct S` trains on all of them together.
 
     Example: rig reconstruct S --budget 5m
     """
     with running("reconstruct") as meter:
         return run_reconstruct(
-            session, meter, method=method, quality=quality, budget=budget, seed=seed, name=name, sets=sets
+            session,
+            meter,
+            method=method,
+            quality=quality,
+            budget=budget,
+            early_stop=early_stop,
+            seed=seed,
+            name=name,
+            sets=sets,
         )
 
 
@@ -62,19 +84,33 @@ def run_reconstruct(
     *,
     method: MethodName,
     quality: Quality,
-    budget: float | None,
+    budget: float | str | None,
     seed: int,
     name: str | None,
     sets: Sequence[str] | None = None,
+    early_stop: bool = False,
 ) -> Outcome:
     """Train, evaluate, write the report and say what came of it."""
     trained = run_training(
-        session, meter, method=method, quality=quality, budget=budget, seed=seed, name=name, sets=sets
+        session,
+        meter,
+        method=method,
+        quality=quality,
+        budget=budget,
+        early_stop=early_stop,
+        seed=seed,
+        name=name,
+        sets=sets,
     )
     if not speaks():
         return Outcome({}, [])
     evaluated = run_evaluate(Path(trained.data["reconstruction"]), meter)
-    return replace(evaluated, lines=[*trained.lines, *evaluated.lines])
+    return replace(
+        evaluated,
+        data=trained.data | evaluated.data,
+        lines=[*trained.lines, *evaluated.lines],
+        missing=evaluated.missing or trained.missing,
+    )
 
 
 def run_training(
@@ -83,30 +119,65 @@ def run_training(
     *,
     method: MethodName,
     quality: Quality = "standard",
-    budget: float | None = None,
+    budget: float | str | None = None,
     seed: int = 0,
     name: str | None = None,
     sets: Sequence[str] | None = None,
+    early_stop: bool = False,
 ) -> Outcome:
     """Train a scene, or go on with it."""
     from recon.fixed import Fixed
 
     fixed = Fixed.of(sets or ())
+    from recon.interrupt import Interrupted
     from recon.model import read_model
     from recon.reconstruct import reconstruct as reconstruct_session
 
-    folder = reconstruct_session(
-        session,
-        method=method,
-        quality=quality,
-        budget=budget,
-        seed=seed,
-        fixed=fixed,
-        name=name,
-        progress=meter,
-    )
+    try:
+        folder = reconstruct_session(
+            session,
+            method=method,
+            quality=quality,
+            budget=budget,
+            early_stop=early_stop,
+            seed=seed,
+            fixed=fixed,
+            name=name,
+            progress=meter,
+            tell=meter.say,
+        )
+    except Interrupted as error:
+        raise Stopped(f"stopped; {error}; run the same command again to go on.") from error
     if not speaks():
         return Outcome({"reconstruction": str(folder)})
     record = read_model(folder)
-    line = f"{folder}: trained in {duration(record.train_seconds)} on {record.device}"
-    return Outcome({"reconstruction": str(folder), "device": record.device}, [line])
+    data = {"reconstruction": str(folder), "device": record.device}
+    data |= record.model_dump(mode="json", include={"iterations", "ending", "held_out_db", "predicted"})
+    return Outcome(data, [f"{folder}: {_course(record)}"], missing=_missing(record))
+
+
+def _course(record: "ModelRecord") -> str:
+    """How the training went, in one line."""
+    words = f"trained in {duration(record.train_seconds)} on {record.device}, {record.iterations} iterations"
+    if record.ending == "early stop":
+        words += f" of {record.settings.iterations} since held-out views hardly got better"
+    if record.held_out_db is None:
+        return words
+    words += f", held-out {record.held_out_db:.1f} dB"
+    if record.predicted is None:
+        return words
+    guess = record.predicted
+    return f"{words} (foretold {guess.db:.1f}, {guess.low:.1f} to {guess.high:.1f})"
+
+
+def _missing(record: "ModelRecord") -> str | None:
+    """One sentence if a quality was asked for and not reached."""
+    settings, reached = record.settings, record.held_out_db
+    if settings.budget is None or settings.budget_unit != "dB" or reached is None:
+        return None
+    if reached >= settings.budget:
+        return None
+    return (
+        f"Held-out views reached {reached:.1f} dB, not {settings.budget:g} dB: use a finer --quality "
+        "or take more shots."
+    )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from imaging import store
 from imaging.calibration import CalibrationRecord
 from imaging.session import Session
+from recon.budget import Budget
 
 if TYPE_CHECKING:
     from recon.model import ModelRecord
@@ -94,7 +95,7 @@ def _commands(
     if model is not None:
         chosen = model.settings
         options = f"--method {chosen.method} --quality {chosen.quality} --seed {chosen.seed}"
-        budget = "" if chosen.budget is None else f" --budget {chosen.budget:g}s"
+        budget = "" if chosen.budget is None else f" --budget {Budget(chosen.budget, chosen.budget_unit)}"
         own = "" if reconstruction in (None, chosen.method) else f" --name {shlex.quote(str(reconstruction))}"
         sets = "".join(f" --set {word}" for word in chosen.fixed.words())
         yield f"rig reconstruct {name} {options}{budget}{sets}{own}"
