@@ -25,6 +25,9 @@ QUICK_TIMEOUT = 8.0
 PROMPT_TIMEOUT = 2.0
 """Seconds after which what needs no thought is asked once more: an answer was lost. Cards block some bodies
 for more than a second."""
+READY_TIMEOUT = 4.0
+"""Seconds for what a camera begins at once when it is ready: an exposure without autofocus, or sending a
+picture that lies in its memory."""
 PATIENCE = 8.0
 """Seconds for which a busy camera is asked again."""
 PIECE = 1 << 20

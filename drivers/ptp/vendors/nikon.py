@@ -21,7 +21,7 @@ from drivers.ptp.codes import (
 )
 from drivers.ptp.datasets import EnumForm
 from drivers.ptp.exposure import NIKON_ISO, NIKON_TIME
-from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, Download
+from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, READY_TIMEOUT, Download
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import deadline
 
@@ -105,15 +105,15 @@ class NikonBody(StandardBody):
 
     def release(self, patience: float = PATIENCE) -> None:
         """Without autofocus, into the camera's memory."""
+        order: tuple[int, ...]
         if self.session.supports(NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA):
-            parameters = (_NO_AUTOFOCUS, _TO_MEMORY)
-            operation = NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA
-            self.session.run(operation, *parameters, repeatable=False, patience=patience)
+            order = (NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA, _NO_AUTOFOCUS, _TO_MEMORY)
         elif self._to_memory:
-            operation = NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM
-            self.session.run(operation, _NO_AUTOFOCUS, repeatable=False, patience=patience)
+            order = (NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM, _NO_AUTOFOCUS)
         else:
             super().release(patience)
+            return
+        self.session.run(*order, timeout=READY_TIMEOUT, patience=patience, repeatable=False)
 
     def wait(self, exposure: float) -> list[Download]:
         """Until it is ready and has told of a picture."""
@@ -142,7 +142,7 @@ class NikonBody(StandardBody):
         if one.handle != MEMORY_HANDLE:
             return super().fetch(one)
         most = 1 << 32 if one.info.size == UNKNOWN_LENGTH else max(one.info.size, 1)
-        return self.session.get(Operation.GET_OBJECT, one.handle, most=most)
+        return self.session.get(Operation.GET_OBJECT, one.handle, timeout=READY_TIMEOUT, most=most)
 
     def discard(self, one: Download) -> None:
         """Delete it from memory, else the next shot finds the camera busy."""

@@ -10,7 +10,7 @@ from drivers.ptp.codec import Reader, Value, damaged, pack_value
 from drivers.ptp.codes import UNKNOWN_LENGTH, DataType, Operation, PropertyCode, SonyOperation, SonyProperty
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.ptp.exposure import SONY_ISO, SONY_TIME, STANDARD_F_NUMBER, Dial
-from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, Download
+from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, READY_TIMEOUT, Download
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import deadline
 
@@ -136,7 +136,7 @@ class SonyBody(StandardBody):
     def fetch(self, one: Download) -> bytes:
         """In one go, which also frees the memory."""
         most = 1 << 32 if one.info.size == UNKNOWN_LENGTH else max(one.info.size, 1)
-        one.data[:] = self.session.get(Operation.GET_OBJECT, one.handle, most=most)
+        one.data[:] = self.session.get(Operation.GET_OBJECT, one.handle, timeout=READY_TIMEOUT, most=most)
         return bytes(one.data)
 
     def discard(self, one: Download) -> None:
@@ -180,7 +180,7 @@ class SonyBody(StandardBody):
             SonyOperation.SET_CONTROL_B,
             button,
             data=data,
-            timeout=QUICK_TIMEOUT,
+            timeout=READY_TIMEOUT,
             patience=patience,
             repeatable=repeatable,
         )
