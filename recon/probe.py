@@ -1,4 +1,4 @@
-"""A training in miniature before the true one: how fast this machine is, and how good the scene starts."""
+"""Trainings in miniature before the true one: how fast this machine is, how good the scene gets at once."""
 
 import time
 from collections.abc import Callable
@@ -13,20 +13,27 @@ from recon.trainer import Plan, Training, train
 FEWEST = 50
 """Iterations that any training has, however little time there is."""
 WARM_UP, TRIAL = 6, 6
-SHARE = 0.06
-"""Of a time, what the miniature may take."""
+SHARE = 0.05
+"""Of a time, what the longer miniature may take; the other is half as long."""
 SHORTEST, LONGEST = 20, 100
 RESERVE = 0.92
 """Share of the time that is planned with: the rest is for measuring, checkpoints and a busier machine."""
 
+_ALONE = Ranks()
+
 
 @dataclass(frozen=True)
 class Probe:
-    """What the miniature told. pace: seconds an iteration; db: of held-out views, None without such."""
+    """What the miniatures told.
+
+    pace: seconds an iteration. db, before: held-out quality after a schedule of `iterations` and after one
+    of half as many; None without held-out views.
+    """
 
     iterations: int
     pace: float
     db: float | None
+    before: float | None
 
     def iterations_within(self, seconds: float) -> int:
         """Iterations that fit into `seconds`, at least 50. The result depends on the machine."""
@@ -40,13 +47,13 @@ def probe(
     seed: int,
     seconds: float | None,
     *,
-    ranks: Ranks = Ranks(),  # noqa: B008
+    ranks: Ranks = _ALONE,
     progress: Progress | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Probe:
-    """Train to the end of a schedule of some dozen iterations, and throw it away.
+    """Train to the end of two schedules of some dozen iterations, and throw them away.
 
-    It grows to as many Gaussians and switches on as many harmonics as the true one will, so its mean pace
+    They grow to as many Gaussians and switch on as many harmonics as the true one will, so their mean pace
     is that of the true one. `begin` makes a new training; `seconds` is the time that there is in all, None
     where time is no matter.
     """
@@ -55,6 +62,12 @@ def probe(
         began = clock()
         train(training, dataset, plan, log=lambda line: None, save=lambda: None, until=until, clock=clock)
         return clock() - began
+
+    def miniature(count: int) -> tuple[float, float | None]:
+        training = begin()
+        taken = run(training, Plan(count, DensityRules(cap), seed, log_every=count, measure=True), count)
+        quality = ranks.told(training.curve[-1].db) if training.curve else None
+        return max(taken - training.measuring, 1e-9) / count, quality
 
     if progress:
         progress("probing the scene", 0, 1)
@@ -66,8 +79,6 @@ def probe(
         run(warm, endless, warm.iteration + WARM_UP)
         pace = run(warm, endless, warm.iteration + TRIAL) / TRIAL
         count = int(ranks.told(min(max(SHARE * seconds / max(pace, 1e-9), SHORTEST), LONGEST)))
-    small = begin()
-    # Whole-schedule quality is looked at once, at the end: the period of a long plan is never reached.
-    taken = run(small, Plan(count, DensityRules(cap), seed, log_every=count, measure=True), count)
-    pace = max(taken - small.measuring, 1e-9) / count
-    return Probe(count, ranks.told(pace), ranks.told(small.curve[-1].db) if small.curve else None)
+    _, before = miniature(count // 2)
+    pace, quality = miniature(count)
+    return Probe(count, ranks.told(pace), quality, before)

@@ -24,6 +24,7 @@ from recon.ladder import chosen_method, rungs
 from recon.methods import METHODS, hdr_gs, nh_3dgs
 from recon.model import CHECKPOINT, LOG, MODEL, REFINEMENT, Prediction, Settings
 from recon.pixels import Progress
+from recon.prediction import predicted
 from recon.presets import QUALITIES, START_SHARE, Quality, QualityName
 from recon.probe import probe
 from recon.radiance import light_of, radiance_image
@@ -128,10 +129,11 @@ def _reconstruct(
     """`reconstruct` on one of the ranks: begin, or go on; train; write."""
     found = _checkpoint(folder, wanted, dataset)
     if found is None:
-        training, settings, predicted = _begin(folder, dataset, wanted, device, ranks, progress, tell, clock)
+        training, settings, guess = _begin(folder, dataset, wanted, device, ranks, progress, tell, clock)
     else:
         settings = Settings.model_validate(found.facts["settings"])
-        predicted = Prediction.model_validate(found.facts["predicted"]) if found.facts["predicted"] else None
+        told = found.facts["predicted"]
+        guess = Prediction.model_validate(told) if told else None
         composed = wanted.fixed.composed(METHODS[wanted.method](dataset, Training.light_in(found)))
         refinement = Refinement.stored(dataset, found)
         training = Training.restore(composed, found, dataset.extent, device, refinement)
@@ -154,14 +156,14 @@ def _reconstruct(
         facts = {
             "settings": settings.model_dump(mode="json"),
             "calibration_sha256": dataset.calibration_sha256,
-            "predicted": predicted and predicted.model_dump(mode="json"),
+            "predicted": guess and guess.model_dump(mode="json"),
         }
         write_checkpoint(folder / CHECKPOINT, training.checkpoint(facts))
         saved[0] = training.iteration
 
     def write() -> None:
         loss = float(lines[-1]["loss"]) if lines else None
-        write_scene(folder, dataset, training, settings, loss, ladder, predicted)
+        write_scene(folder, dataset, training, settings, loss, ladder, guess)
 
     rules = DensityRules(settings.max_gaussians)
     plan = Plan(settings.iterations, rules, settings.seed, settings.batch, measure=True)
@@ -241,7 +243,7 @@ def _begin(
         refinement = Refinement.of(dataset, refined.parameters, refined.rungs)
         return Training.begin(method, light, gaussians, dataset.extent, device, refinement)
 
-    settings, predicted = wanted, None
+    settings, guess = wanted, None
     if wanted.budget is not None:
         time_limit = wanted.budget if wanted.budget_unit == "s" else None
         found = probe(
@@ -257,13 +259,16 @@ def _begin(
         if time_limit is not None:
             fitting = int(ranks.told(found.iterations_within(time_limit - (clock() - started))))
             settings = wanted.model_copy(update={"iterations": min(wanted.iterations, fitting)})
+        guess = predicted(found, settings.iterations * settings.batch)
+        if guess is not None and ranks.first:
+            tell(f"foretold: held-out {guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f})")
     if ranks.first:
         store.make_folder(folder)
         for name in (CHECKPOINT, LOG):
             store.discard(folder / name)
     begun = training()
     begun.seconds = clock() - started
-    return begun, settings, predicted
+    return begun, settings, guess
 
 
 def _lines(folder: Path, training: Training, ranks: Ranks) -> list[dict[str, Any]]:
