@@ -101,13 +101,11 @@ def opencv_parameters(camera: Any) -> list[float]:
     return [focal, focal, cx, cy, *radial, 0.0, 0.0, 0.0][:8]
 
 
-def lens_of(camera: Any, before: Lens) -> Lens:
-    """The lens of a pycolmap camera of one of our models, at its size; `before`: what it was taken for."""
-    bare = Lens(
-        model=camera.model_name, width=before.width, height=before.height, fx=before.fx, fy=before.fy,
-        cx=before.cx, cy=before.cy,
-    )  # fmt: skip
-    return bare.model_copy(update=dict(zip(bare.names, opencv_parameters(camera), strict=True)))
+def lens_of(camera: Any) -> Lens:
+    """The lens of a pycolmap camera of one of our models."""
+    fx, fy, cx, cy, *terms = opencv_parameters(camera)
+    lens = Lens(model=camera.model_name, width=camera.width, height=camera.height, fx=fx, fy=fy, cx=cx, cy=cy)
+    return lens.model_copy(update=dict(zip(lens.names[4:], terms, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,8 @@ from imaging.colmap import pycolmap
 
 Array = npt.NDArray[np.float64]
 
-TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
+TERMS = 8
+"""Numbers of a lens: `Lens.terms`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,8 @@ class Linear:
     residual, and seen: where: px [N, 2]. cameras: sparse [2N, P]. points: [N, 2, 3], by its own point. owner:
     of each observation the point [N], in order of COLMAP's numbers. image: COLMAP's number [N]. frames,
     sensors, lenses: where the 6 or 8 columns of a frame, of a sensor in its rig, and of a camera begin; poses
-    move by a rotation vector and a shift in their own coordinates, lenses by TERMS. What stays has no column.
+    move by a rotation vector and a shift in their own coordinates, lenses by `Lens.terms`. What stays has no
+    column.
     """
 
     residual: Array
@@ -48,7 +50,7 @@ def linearise(reconstruction: Any, free: Free) -> Linear:
         if not is_reference(reconstruction, image) and image.camera_id not in free.placed:
             moved.append((sensors, image.camera_id, 6))
         if image.camera_id not in free.fixed:
-            moved.append((lenses, image.camera_id, len(TERMS)))
+            moved.append((lenses, image.camera_id, TERMS))
         for columns, number, count in moved:
             if number not in columns:
                 columns[number] = width
@@ -66,8 +68,9 @@ def linearise(reconstruction: Any, free: Free) -> Linear:
         world = np.array([reconstruction.points3D[number].xyz for number in numbers])
         cam, rig = image.cam_from_world().matrix(), image.frame.rig_from_world.matrix()
         local, held = world @ cam[:, :3].T + cam[:, 3], world @ rig[:, :3].T + rig[:, 3]
-        terms = opencv_parameters(reconstruction.cameras[image.camera_id])
-        projected, by_ray, by_lens = _projection(local, terms)
+        camera = reconstruction.cameras[image.camera_id]
+        projection = _fisheye if camera.model_name == "OPENCV_FISHEYE" else _projection
+        projected, by_ray, by_lens = projection(local, opencv_parameters(camera))
         own = [(frames[image.frame_id], by_ray @ (cam[:, :3] @ rig[:, :3].T) @ _motion(held))]
         if image.camera_id in sensors and not is_reference(reconstruction, image):
             own.append((sensors[image.camera_id], by_ray @ _motion(local)))
@@ -118,7 +121,7 @@ def _motion(points: Array) -> Array:
 
 def _tied(by_lens: Array, free: Free) -> Array:
     """One focal length for both axes unless the model has two: it is column 0, and column 1 is its copy."""
-    if free.model == "OPENCV":
+    if free.model in ("OPENCV", "OPENCV_FISHEYE"):
         return by_lens
     tied = by_lens.copy()
     tied[:, :, 0] += by_lens[:, :, 1]
@@ -127,7 +130,7 @@ def _tied(by_lens: Array, free: Free) -> Array:
 
 
 def _projection(local: Array, terms: list[float]) -> tuple[Array, Array, Array]:
-    """Pixels [N, 2] of points in a camera, and their derivatives by the points and by TERMS."""
+    """Pixels [N, 2] of points in a camera, and their derivatives by the points and by the terms."""
     fx, fy, cx, cy, k1, k2, p1, p2 = terms
     x, y, z = local.T
     u, v = x / z, y / z
@@ -146,3 +149,28 @@ def _projection(local: Array, terms: list[float]) -> tuple[Array, Array, Array]:
     by_lens = np.moveaxis(np.array([across, down]), -1, 0)
     by_lens[:, :, 4:] *= np.array([fx, fy])[None, :, None]
     return np.stack([fx * bent_u + cx, fy * bent_v + cy], axis=1), bend @ ray, by_lens
+
+
+def _fisheye(local: Array, terms: list[float]) -> tuple[Array, Array, Array]:
+    """The same for a fisheye."""
+    fx, fy, cx, cy, *ks = terms
+    x, y, z = local.T
+    side = np.maximum(np.hypot(x, y), 1e-12 * np.abs(z))
+    across, down = x / side, y / side
+    angle = np.arctan2(side, z)
+    powers = angle[:, None] ** np.array([3, 5, 7, 9])
+    bent = angle + powers @ ks
+    rising = 1 + (powers / angle[:, None]) @ (np.array([3, 5, 7, 9]) * ks)
+    square = side**2 + z**2
+    # The radius in the image by the point, and what stays of a step aside.
+    along = np.stack([across * z, down * z, -side], axis=1) * (rising / square)[:, None]
+    wide = (bent / side)[:, None]
+    aside = np.stack([1 - across**2, -across * down, 0 * x], axis=1) * wide
+    below = np.stack([-across * down, 1 - down**2, 0 * x], axis=1) * wide
+    by_ray = np.stack([fx * (across[:, None] * along + aside), fy * (down[:, None] * along + below)], axis=1)
+    by_lens = np.zeros((len(x), 2, TERMS))
+    by_lens[:, 0, 0], by_lens[:, 1, 1] = bent * across, bent * down
+    by_lens[:, 0, 2] = by_lens[:, 1, 3] = 1.0
+    by_lens[:, 0, 4:], by_lens[:, 1, 4:] = fx * across[:, None] * powers, fy * down[:, None] * powers
+    pixels = np.stack([fx * bent * across + cx, fy * bent * down + cy], axis=1)
+    return pixels, by_ray, by_lens

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from calib.adjust import Array, Free, adjust, misses
+from calib.adjust import Array, Free, adjust, lens_of, misses
+from calib.fisheye import may_be_fisheye
 from calib.views import Progress
 from imaging.colmap import pycolmap
 from imaging.records import Rung
@@ -31,11 +32,15 @@ def climb(
         return free, (Rung(name="lens_terms", taken=False, reason=reason),)
     sample = _judges(reconstruction)
     below = _held_out(sample, free, scale, threads)
-    trials = (
-        ("lens_principal_point", replace(free, principal_point=True), "a principal point off the middle"),
-        ("lens_radial_2", replace(free, model="RADIAL"), "a second radial term"),
-        ("lens_tangential", replace(free, model="OPENCV"), "tangential terms and two focal lengths"),
-    )
+    centred = replace(free, principal_point=True)
+    trials = [("lens_principal_point", centred, "a principal point off the middle")]
+    if free.model != "OPENCV_FISHEYE":
+        trials += [
+            ("lens_radial_2", replace(free, model="RADIAL"), "a second radial term"),
+            ("lens_tangential", replace(free, model="OPENCV"), "tangential terms and two focal lengths"),
+        ]
+        if sees_wide(reconstruction):
+            trials.append(("lens_fisheye", replace(free, model="OPENCV_FISHEYE"), "a fisheye instead"))
     rungs = []
     for done, (name, wanted, what) in enumerate(trials):
         progress("judging the lens", done, len(trials))
@@ -57,6 +62,14 @@ def climb(
             free, below = higher, above
     progress("judging the lens", len(trials), len(trials))
     return free, tuple(rungs)
+
+
+def sees_wide(reconstruction: Any) -> bool:
+    """Whether a fisheye is worth a trial: it is told from radial terms by what lies far from the axis.
+
+    That is what an adjustment with radial terms drops, so that it is to be judged by a model that is uncut.
+    """
+    return any(may_be_fisheye(lens_of(camera)) for camera in reconstruction.cameras.values())
 
 
 def _judges(reconstruction: Any) -> Any:

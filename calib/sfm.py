@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from calib import spread as spreads
-from calib.adjust import Free, adjust, cut, misses, opencv_parameters
+from calib.adjust import Free, adjust, cut, lens_of, misses
 from calib.features import FEWEST_MATCHES, Features, Key, Pair, fill_database, key_of
 from calib.known_rig import NOTHING, Known, camera_of, to_metres
-from calib.lens_ladder import climb
+from calib.lens_ladder import climb, sees_wide
 from calib.views import Progress
 from imaging.calibration import Lens, Pose
 from imaging.colmap import pycolmap
@@ -32,6 +32,8 @@ ROUNDS = 4
 """Of adjusting and cutting outliers."""
 LOOSE = 1.5
 """Tied cameras may miss by this much more than free ones; beyond, they are not rigidly mounted."""
+_LENS_KINDS = ("lens_radial_2", "lens_tangential", "lens_fisheye")
+"""Rungs that a fisheye has behind it."""
 _NO_START = (
     "{} pairs of views match, but no two of them give a start from which the others can be placed: take "
     "more views, at most 30 degrees apart, that overlap by two thirds."
@@ -103,9 +105,11 @@ def solve(
     alone = misses(reconstruction).typical
     metric = sum(to_metres(reconstruction, known, rig) is not None for rig in rigs) > 0
     loose = pycolmap.Reconstruction(reconstruction)
+    uncut = pycolmap.Reconstruction(reconstruction) if sees_wide(reconstruction) else None
     rung = _rig(database, reconstruction, rigs, known)
     placed = frozenset(models[name].camera_id for name in known.cam_from_rig if name in models)
-    free = Free(fixed=fixed, placed=placed)
+    fisheye = any(lens.fisheye for lens in cameras.values())
+    free = Free("OPENCV_FISHEYE" if fisheye else "SIMPLE_RADIAL", fixed=fixed, placed=placed)
     typical = _polish(reconstruction, free, max_error, threads, progress)
     if rung.taken and typical > LOOSE * max(alone, 0.1):
         reconstruction = loose
@@ -118,13 +122,23 @@ def solve(
         typical = _polish(reconstruction, free, max_error, threads, progress)
     if reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(_NO_START.format(len(pairs)))
-    free, rungs = climb(reconstruction, free, typical, threads, progress)
+    free, rungs = climb(reconstruction if uncut is None else uncut, free, typical, threads, progress)
+    if free.model == "OPENCV_FISHEYE" and not fisheye:
+        # What no radial terms brought near to its place was dropped meanwhile, at the corners most of all.
+        adjust(reconstruction, free, typical, threads)
+        begun = _model(reconstruction, (), None, metric=False).lenses
+        centred = {
+            name: lens.model_copy(update={"cx": cameras[name].cx, "cy": cameras[name].cy})
+            for name, lens in begun.items()
+        }
+        again = solve(features, {**cameras, **centred}, rigs, threads, progress, known=known)
+        return replace(again, rungs=(*(one for one in rungs if one.name in _LENS_KINDS), *again.rungs))
     adjust(reconstruction, free, typical, threads)
     if metric and not free.placed:  # distances are better known now than at first
         for rig in rigs:
             to_metres(reconstruction, known, rig)
     spread = spreads.measure(reconstruction, free, typical, progress)
-    return _model(reconstruction, cameras, (rung, *rungs), spread, metric)
+    return _model(reconstruction, (rung, *rungs), spread, metric=metric)
 
 
 def _polish(reconstruction: Any, free: Free, max_error: float, threads: int, progress: Progress) -> float:
@@ -174,6 +188,8 @@ def _refuse_turning(
 
 
 def _camera(lens: Lens, focal_known: bool) -> Any:
+    if lens.fisheye:
+        return camera_of(lens)
     camera = pycolmap.Camera.create_from_model_name(0, "SIMPLE_RADIAL", lens.fx, lens.width, lens.height)
     camera.has_prior_focal_length = focal_known
     return camera
@@ -261,11 +277,7 @@ def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], know
 
 
 def _model(
-    reconstruction: Any,
-    cameras: Mapping[str, Lens],
-    rungs: tuple[Rung, ...],
-    spread: spreads.Spread | None,
-    metric: bool,
+    reconstruction: Any, rungs: tuple[Rung, ...], spread: spreads.Spread | None, *, metric: bool
 ) -> Model:
     poses: dict[Key, Pose] = {}
     points: dict[Key, int] = {}
@@ -277,7 +289,7 @@ def _model(
         name = key[0]
         poses[key] = pose_of(image.cam_from_world())
         points[key] = int(image.num_points3D)
-        lenses[name] = _lens(reconstruction.cameras[image.camera_id], cameras[name])
+        lenses[name] = lens_of(reconstruction.cameras[image.camera_id])
         rig = reconstruction.rigs[image.frame.rig_id]
         sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, image.camera_id)
         if rig.num_sensors() > 1:
@@ -295,12 +307,6 @@ def pose_of(motion: Any) -> Pose:
     x, y, z, w = (float(value) for value in motion.rotation.quat)
     a, b, c = (float(value) for value in motion.translation)
     return Pose(quaternion=(w, x, y, z), translation=(a, b, c))
-
-
-def _lens(camera: Any, guess: Lens) -> Lens:
-    names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
-    terms = dict(zip(names, opencv_parameters(camera), strict=True))
-    return guess.model_copy(update={"model": camera.model_name, **terms})
 
 
 def centres(poses: Sequence[Pose]) -> npt.NDArray[np.float64]:

@@ -19,8 +19,9 @@ from scipy import linalg, sparse
 
 from calib.adjust import Free
 from calib.features import Key, key_of
-from calib.jacobian import TERMS, Linear, is_reference, linearise
+from calib.jacobian import Linear, is_reference, linearise
 from calib.views import Progress
+from imaging.calibration import BROWN_TERMS, FISHEYE_TERMS
 
 Array = npt.NDArray[np.float64]
 
@@ -31,6 +32,8 @@ CELLS = 20
 BUILT = {"fx": 0.2, "k1": 0.3, "cx": 0.01, "cy": 0.01, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
 """Standard deviations of terms that the ladder did not take; focal length and middle in widths of the image.
 Focal length and first radial term are bounded always: a few views on a line tell them no better."""
+BUILT_FISHEYE = {"fx": 0.2, "k1": 0.3, "k2": 0.1, "k3": 0.05, "k4": 0.02, "cx": 0.01, "cy": 0.01}
+"""Of a fisheye: its terms trade places with one another where no point reaches the corners."""
 _RIDGE = 1e-9
 """Of the diagonal: holds where the world begins, its turn and its size, which no point tells."""
 
@@ -71,11 +74,12 @@ def measure(reconstruction: Any, free: Free, scale: float, progress: Progress) -
     }
     lenses = {}
     for number, name in sorted(names.items()):
-        errors = np.zeros(len(TERMS))
+        terms = FISHEYE_TERMS if _fisheye(reconstruction, number) else BROWN_TERMS
+        errors = np.zeros(len(terms))
         if number in linear.lenses:
-            errors = np.sqrt(np.mean(moves[:, linear.lenses[number] :][:, : len(TERMS)] ** 2, axis=0))
-            errors[1] = errors[1] if free.model == "OPENCV" else errors[0]
-        lenses[name] = dict(zip(TERMS, errors.tolist(), strict=True))
+            errors = np.sqrt(np.mean(moves[:, linear.lenses[number] :][:, : len(terms)] ** 2, axis=0))
+            errors[1] = errors[1] if free.model in ("OPENCV", "OPENCV_FISHEYE") else errors[0]
+        lenses[name] = dict(zip(terms, errors.tolist(), strict=True))
     progress("measuring how sure it is", 1, 1)
     return Spread(
         rotation={key: float(np.degrees(_widest(own))) for key, own in turns.items()},
@@ -151,11 +155,17 @@ def _built(linear: Linear, reconstruction: Any, free: Free) -> tuple[npt.NDArray
     columns, errors = [], []
     for number, at in linear.lenses.items():
         width = reconstruction.cameras[number].width
-        for term in BUILT.keys() - taken:
-            columns.append(at + TERMS.index(term))
-            errors.append(BUILT[term] * (width if term in ("fx", "cx", "cy") else 1.0))
+        fisheye = _fisheye(reconstruction, number)
+        built, terms = (BUILT_FISHEYE, FISHEYE_TERMS) if fisheye else (BUILT, BROWN_TERMS)
+        for term in built.keys() - taken:
+            columns.append(at + terms.index(term))
+            errors.append(built[term] * (width if term in ("fx", "cx", "cy") else 1.0))
     order = np.argsort(columns)
     return np.array(columns, np.int64)[order], np.array(errors)[order]
+
+
+def _fisheye(reconstruction: Any, number: int) -> bool:
+    return bool(reconstruction.cameras[number].model_name == "OPENCV_FISHEYE")
 
 
 def _poses(reconstruction: Any) -> dict[Key, Array]:

@@ -181,7 +181,7 @@ def _read(model: Any, rows: Rows, start: "Start | Solved") -> Solved:
     lenses, mounted = dict(start.lenses), {}
     for index, name in enumerate(names, start=1):
         camera = model.cameras[index]
-        lenses[name] = lens_of(camera, start.lenses[name])
+        lenses[name] = lens_of(camera)
         sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, index)
         mounted[name] = np.eye(4) if rig.is_ref_sensor(sensor) else _square(rig.sensor_from_rig(sensor))
     boards, misses, places = dict(start.rig_from_board), [], []

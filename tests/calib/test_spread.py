@@ -10,6 +10,7 @@ import pytest
 from calib import spread
 from calib.adjust import Free, adjust, opencv_parameters, set_model
 from calib.jacobian import TERMS, linearise
+from imaging.calibration import LensModel
 from imaging.colmap import pycolmap
 
 NOISE = 0.3
@@ -57,12 +58,15 @@ def residuals(model: Any) -> np.ndarray:
     return np.array(found)
 
 
-def test_derivatives_are_those_of_finite_differences() -> None:
+@pytest.mark.parametrize(
+    ("lens", "terms"), [("OPENCV", [-0.05, 0.02, 1e-3, -2e-3]), ("OPENCV_FISHEYE", [0.05, -0.3, 0.4, -0.6])]
+)
+def test_derivatives_are_those_of_finite_differences(lens: LensModel, terms: list[float]) -> None:
     model = noisy(made(0, 30), 0)
     for camera in model.cameras.values():
-        set_model(camera, "OPENCV")
-        camera.params = [630.0, 650.0, 318.0, 243.0, -0.05, 0.02, 1e-3, -2e-3]
-    linear = linearise(model, Free("OPENCV"))
+        set_model(camera, lens)
+        camera.params = [630.0, 650.0, 318.0, 243.0, *terms]
+    linear = linearise(model, Free(lens))
     np.testing.assert_allclose(linear.residual, residuals(model), atol=1e-9)
     step, jacobian = 1e-6, linear.cameras.toarray()
 
@@ -99,14 +103,14 @@ def test_derivatives_are_those_of_finite_differences() -> None:
 
         np.testing.assert_allclose(jacobian[:, at + term], slope(sensor), atol=1e-4)
     number, at = sorted(linear.lenses.items())[1]
-    for term in range(len(TERMS)):
+    for term in range(TERMS):
 
-        def lens(copy: Any, amount: float, term: int = term) -> None:
+        def optics(copy: Any, amount: float, term: int = term) -> None:
             values = opencv_parameters(copy.cameras[number])
             values[term] += amount
             copy.cameras[number].params = values
 
-        np.testing.assert_allclose(jacobian[:, at + term], slope(lens), atol=1e-4)
+        np.testing.assert_allclose(jacobian[:, at + term], slope(optics), atol=1e-4)
     numbers = sorted(model.points3D)
     for axis in range(3):
 
