@@ -124,9 +124,17 @@ def neighbours(points: Sequence[Point], session: Session) -> Iterator[Choice]:
 
 
 def expected_seconds(choice: Choice, points: Sequence[Point], session: Session) -> float | None:
-    """How long a training should take, from the finished one whose work is nearest; None without any."""
-    if not points:
-        return None
+    """How long a training should take, by the two finished ones whose work is nearest; None without any.
+
+    The straight line through them knows that each begins with a look at the scene, which takes its time
+    however short the training is. With a single one time grows as the work does.
+    """
     work = session.work(choice)
-    near = min(points, key=lambda one: abs(math.log(session.work(one.choice) / work)))
-    return SAFETY * near.seconds * max(work / session.work(near.choice), 0.1)
+    done = {session.work(point.choice): point.seconds for point in points}
+    near = sorted(done, key=lambda one: abs(math.log(one / work)))[:2]
+    if not near:
+        return None
+    if len(near) == 1:
+        return SAFETY * done[near[0]] * work / near[0]
+    slope = max((done[near[1]] - done[near[0]]) / (near[1] - near[0]), 0.0)
+    return SAFETY * max(done[near[0]] + slope * (work - near[0]), 0.0)

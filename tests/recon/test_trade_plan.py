@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from recon.fixed import Fixed
-from recon.presets import QUALITIES
 from recon.trade.front import behind, front
 from recon.trade.plan import Session, expected_seconds, neighbours, planned
 from recon.trade.records import Choice, Point
@@ -81,13 +80,19 @@ def test_work_grows_with_all_that_takes_time() -> None:
     assert RICH.work(Choice(axis="", fixed=Fixed(exposures=1))) < usual
 
 
-def test_expected_seconds_scale_from_the_nearest_training() -> None:
-    half = Choice(axis="", fixed=Fixed(iterations=QUALITIES["standard"].iterations // 2))
-    standard = point(Choice(axis=""), seconds=100.0)
-    assert expected_seconds(half, [], RICH) is None
-    assert expected_seconds(half, [standard], RICH) == pytest.approx(1.2 * 50)
-    far = point(Choice(axis="", fixed=Fixed(iterations=100)), seconds=99.0)
-    assert expected_seconds(half, [far, standard], RICH) == pytest.approx(1.2 * 50)
+def iterations(count: int, seconds: float = 0.0) -> Point:
+    return point(Choice(axis="", fixed=Fixed(iterations=count)), seconds=seconds)
+
+
+def test_expected_seconds_lie_on_the_line_through_the_nearest_two() -> None:
+    wanted = iterations(1000).choice
+    assert expected_seconds(wanted, [], RICH) is None
+    assert expected_seconds(wanted, [iterations(2000, 100)], RICH) == pytest.approx(1.2 * 50)
+    # 20 s to begin with, 0.04 s an iteration.
+    done = [iterations(2000, 100), iterations(500, 40), iterations(100_000, 1.0)]
+    assert expected_seconds(wanted, done, RICH) == pytest.approx(1.2 * 60)
+    # Less work that took longer tells nothing of what more of it costs.
+    assert expected_seconds(wanted, [iterations(900, 50), iterations(800, 70)], RICH) == 1.2 * 50
 
 
 def test_a_small_picture_is_no_narrower_than_it_is() -> None:

@@ -1,0 +1,196 @@
+"""Where the presets draft, standard and best lie against the front of what time buys, over many scenes.
+
+    python bench/presets.py [--quick] [--json] [--write] [--minutes 20] [--work FOLDER]
+
+Each scene is a simulated session, calibrated by its own pictures, and swept as `rig trade` does it, for so
+many minutes each; a sweep that was stopped goes on. The front of a scene is what no other training of it
+beats in both time and held-out quality. --quick takes toy sessions and presets of a few iterations. --write
+puts the table into bench/results/presets.md and the numbers into bench/results/presets.json, which
+tests/recon/test_presets.py reads.
+"""
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from record import RESULTS, WORK, arguments, machine, publish, words
+from trial import session
+
+from capture.simulated import capture_simulated
+from imaging import store
+from recon.presets import QUALITIES, Quality
+from recon.trade import Point, Trade, front, sweep
+from recon.trade.front import behind
+
+TOLERANCE = 0.5
+"""dB that a preset may lie behind the front, in the mean over scenes, at SLACK times its seconds."""
+SLACK = 1.1
+FASTER, WITHIN = 10.0, 1.0
+"""draft is to be so many times faster than best, and standard within so many dB of it, in the mean."""
+TINY = {"draft": Quality(20, 300, 32), "standard": Quality(60, 600, 64), "best": Quality(120, 900, 64)}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A rig, a seed, and stops by which its bracket is shorter: less light in every picture."""
+
+    rig: str
+    seed: int
+    darker: int = 0
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        return f"{self.rig} {self.seed}" + (f", {self.darker} stops darker" if self.darker else "")
+
+
+SCENES = (
+    Scene("demo", 0), Scene("demo-ldr", 0), Scene("gallery", 0), Scene("demo", 0, darker=4),
+    Scene("gallery-ldr", 0), Scene("demo", 1), Scene("gallery", 1), Scene("demo-ldr", 1), Scene("demo", 2),
+)  # fmt: skip
+TOYS = (Scene("toy", 0), Scene("toy-ldr", 0))
+
+
+def folder_of(scene: Scene, work: Path) -> Path:
+    """Its session, made now if it is not there."""
+    if scene.rig.startswith("toy"):
+        return session(work, scene.rig, scene.seed, "truth")
+    if not scene.darker:
+        return session(work, scene.rig, scene.seed, "own")
+    folder = work / f"{scene.rig}-{scene.seed}-darker-{scene.darker}"
+    if not (folder / "truth" / "truth.json").exists():
+        steps = tuple(float(stops - scene.darker) for stops in (-4, 0, 4))
+        capture_simulated(scene.rig, folder, seed=scene.seed, bracket=steps)
+    if not (folder / "calibration" / "calibration.json").exists():
+        from calib.calibrate import calibrate
+
+        calibrate(folder, progress=lambda message, done, total: None)
+    return folder
+
+
+def seconds(point: Point) -> float:
+    return point.seconds
+
+
+def quality(point: Point) -> float:
+    return point.db
+
+
+def row(scene: Scene, trade: Trade) -> dict[str, Any]:
+    """A scene's front, and where the presets lie."""
+    lie = {}
+    for name in QUALITIES:
+        # Where two presets train the same, as on small images, the first stands for both.
+        own = [p for p in trade.points if p.choice.quality == name and not p.choice.fixed.words()]
+        if not own:
+            continue
+        (point,) = own
+        near = [p for p in trade.points if p.seconds <= SLACK * point.seconds]
+        short = behind(near, lambda p: 0.0, quality, point)
+        lie[name] = {"seconds": point.seconds, "db": point.db, "truth_db": point.truth_db, "behind_db": short}
+    best = front(trade.points, seconds, quality)
+    return {
+        "scene": scene.name,
+        "measure": trade.measure,
+        "method": trade.method,
+        "trainings": len(trade.points),
+        "presets": lie,
+        "front": [{"seconds": p.seconds, "db": p.db, "sets": p.choice.fixed.words()} for p in best],
+    }
+
+
+def verdict(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """How the presets fare in the mean over scenes, and what is wrong with them, in sentences."""
+    whole = [one["presets"] for one in rows if set(one["presets"]) == set(QUALITIES)]
+    found: dict[str, Any] = {
+        "scenes": len(whole),
+        "behind_db": {name: fmean(lie[name]["behind_db"] for lie in whole) for name in QUALITIES}
+        if whole
+        else {},
+        "draft_times_faster": fmean(lie["best"]["seconds"] / lie["draft"]["seconds"] for lie in whole)
+        if whole
+        else None,
+        "standard_below_best_db": fmean(lie["best"]["db"] - lie["standard"]["db"] for lie in whole)
+        if whole
+        else None,
+    }
+    wrong = [
+        f"{name} lies {value:.2f} dB behind the front"
+        for name, value in found["behind_db"].items()
+        if value > TOLERANCE
+    ]
+    if whole and found["draft_times_faster"] < FASTER:
+        wrong.append(f"draft is {found['draft_times_faster']:.1f} times faster than best")
+    if whole and found["standard_below_best_db"] > WITHIN:
+        wrong.append(f"standard lies {found['standard_below_best_db']:.2f} dB below best")
+    return found | {"wrong": wrong}
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    rows = []
+    for scene in options.scenes:
+        folder = folder_of(scene, options.work)
+        rows.append(row(scene, sweep(folder, budget=60 * options.minutes)))
+    presets = {name: vars(preset) for name, preset in QUALITIES.items()}
+    return {"machine": machine(), "presets": presets, "rows": rows, "verdict": verdict(rows)}
+
+
+def report(result: dict[str, Any]) -> str:
+    found = result["verdict"]
+    lines = [
+        "# Where the presets lie",
+        "",
+        f"`python bench/presets.py --write`, {words(result['machine'])}. Simulated rigs, calibrated by their "
+        "own pictures; dB as `rig evaluate` measures them on held-out pictures; behind: how much more the "
+        f"best training of {SLACK:g} times the seconds or less has.",
+        "",
+        "| scene | trainings | preset | s | dB | dB to the truth | behind, dB |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for one in result["rows"]:
+        for name, lie in one["presets"].items():
+            true = "-" if lie["truth_db"] is None else f"{lie['truth_db']:.2f}"
+            lines.append(
+                f"| {one['scene']} | {one['trainings']} | {name} | {lie['seconds']:.1f} | {lie['db']:.2f} "
+                f"| {true} | {lie['behind_db']:.2f} |"
+            )
+    if found["scenes"]:
+        means = ", ".join(f"{name} {value:.2f}" for name, value in found["behind_db"].items())
+        lines += [
+            "",
+            f"In the mean over {found['scenes']} scenes, dB behind the front: {means} (at most {TOLERANCE}). "
+            f"draft is {found['draft_times_faster']:.1f} times faster than best (at least {FASTER:g}), "
+            f"standard {found['standard_below_best_db']:.2f} dB below it (at most {WITHIN:g}). "
+            + ("; ".join(found["wrong"]) + "." if found["wrong"] else "All three hold."),
+        ]
+    lines += ["", "## Fronts", "", "| scene | s | dB | set by hand |", "|---|---|---|---|"]
+    for one in result["rows"]:
+        lines += [
+            f"| {one['scene']} | {p['seconds']:.1f} | {p['db']:.2f} | {', '.join(p['sets']) or 'a preset'} |"
+            for p in one["front"]
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--minutes", type=float, default=20.0, help="of training for each scene")
+    parser.add_argument("--work", type=Path, default=WORK)
+    options = parser.parse_args()
+    options.scenes = SCENES
+    if options.quick:
+        QUALITIES.update(TINY)
+        options.scenes, options.minutes = TOYS, min(options.minutes, 0.15)
+        options.work = options.work / "quick"
+    result = measure(options)
+    print(json.dumps(result, indent=1) if options.json else report(result))
+    if options.write:
+        publish("presets", report(result))
+        store.write_json(RESULTS / "presets.json", result)
+
+
+if __name__ == "__main__":
+    main()

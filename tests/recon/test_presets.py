@@ -1,0 +1,71 @@
+"""The presets against the fronts that were recorded for them, by bench/presets.py."""
+
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from imaging import store
+from recon.presets import QUALITIES
+
+BENCH = Path(__file__).parents[2] / "bench"
+
+
+@pytest.fixture
+def presets(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(BENCH))
+    for name in ("presets", "trial", "record", "oracle"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    return importlib.import_module("presets")
+
+
+def test_the_presets_lie_on_the_recorded_fronts(presets: ModuleType) -> None:
+    path = BENCH / "results" / "presets.json"
+    if not path.is_file():
+        pytest.skip("no fronts are recorded yet: bench/presets.py --write takes hours of an idle machine")
+    recorded = store.read_json(path)
+    assert recorded["presets"] == {name: vars(preset) for name, preset in QUALITIES.items()}, (
+        "the presets changed since: bench/presets.py --write"
+    )
+    assert presets.verdict(recorded["rows"])["wrong"] == []
+
+
+def scene(draft: float, standard: float, best: float, behind: float = 0.0) -> dict[str, Any]:
+    """Presets of 2, 10 and 30 s and these dB, each so far behind the front."""
+    db = {"draft": (2.0, draft), "standard": (10.0, standard), "best": (30.0, best)}
+    return {
+        "presets": {
+            name: {"seconds": seconds, "db": value, "truth_db": None, "behind_db": behind}
+            for name, (seconds, value) in db.items()
+        }
+    }
+
+
+def test_presets_that_are_as_asked_pass(presets: ModuleType) -> None:
+    found = presets.verdict([scene(35, 37.2, 38), scene(30, 33.1, 34.2)])
+    assert found["wrong"] == []
+    assert found["draft_times_faster"] == 15
+    assert found["standard_below_best_db"] == pytest.approx(0.95)
+
+
+def test_what_is_wrong_with_presets_is_said(presets: ModuleType) -> None:
+    slow = scene(35, 36.5, 38, behind=0.6)
+    slow["presets"]["draft"]["seconds"] = 10.0
+    assert presets.verdict([slow])["wrong"] == [
+        "draft lies 0.60 dB behind the front",
+        "standard lies 0.60 dB behind the front",
+        "best lies 0.60 dB behind the front",
+        "draft is 3.0 times faster than best",
+        "standard lies 1.50 dB below best",
+    ]
+
+
+def test_a_scene_without_all_presets_has_no_say(presets: ModuleType) -> None:
+    part = scene(35, 30, 38, behind=9.0)
+    del part["presets"]["best"]
+    assert presets.verdict([part])["scenes"] == 0
+    assert presets.verdict([part])["wrong"] == []
+    assert presets.verdict([part, scene(35, 37.5, 38)])["behind_db"]["best"] == 0.0
