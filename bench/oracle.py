@@ -140,10 +140,10 @@ def _write_colmap(
     numbers = {name: index + 1 for index, name in enumerate(lenses)}
     for name, lens in lenses.items():
         camera = pycolmap.Camera(
-            model="OPENCV",
+            model="OPENCV_FISHEYE" if lens.fisheye else "OPENCV",
             width=lens.width,
             height=lens.height,
-            params=[lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, lens.p1, lens.p2],
+            params=list(lens.terms),
             camera_id=numbers[name],
         )
         model.add_camera_with_trivial_rig(camera)

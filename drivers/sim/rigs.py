@@ -62,8 +62,10 @@ _RIGS = {
     "demo-ldr": Settings("ldr", cameras=4, positions=6, width=320, height=240),
     "gallery": Settings("raw", cameras=4, positions=6, width=320, height=240, scene="gallery"),
     "gallery-ldr": Settings("ldr", cameras=4, positions=6, width=320, height=240, scene="gallery"),
+    "demo-fisheye": Settings("raw", cameras=4, positions=6, width=320, height=240, lens="fisheye"),
     "toy": Settings("raw", cameras=2, positions=3, width=64, height=48),
     "toy-ldr": Settings("ldr", cameras=2, positions=3, width=64, height=48),
+    "toy-fisheye": Settings("raw", cameras=2, positions=3, width=64, height=48, lens="fisheye"),
 }
 
 

@@ -108,8 +108,9 @@ def test_cameras_differ_as_cameras_do(demo: SimulatedRig) -> None:
 
 
 def test_names_and_overrides() -> None:
-    assert names() == ("demo", "demo-ldr", "gallery", "gallery-ldr", "toy", "toy-ldr")
-    with pytest.raises(InputError, match="demo, demo-ldr, gallery, gallery-ldr, toy, toy-ldr"):
+    listed = "demo, demo-ldr, gallery, gallery-ldr, demo-fisheye, toy, toy-ldr, toy-fisheye"
+    assert ", ".join(names()) == listed
+    with pytest.raises(InputError, match=listed):
         simulate("demos")
     with pytest.raises(InputError, match="positions"):
         simulate("toy", colour=3)
