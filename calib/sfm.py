@@ -9,7 +9,9 @@ import numpy.typing as npt
 
 from calib import spread as spreads
 from calib.adjust import Free, adjust, cut, lens_of, misses
-from calib.features import FEWEST_MATCHES, Features, Key, Pair, fill_database, key_of
+from calib.alignment import align
+from calib.features import FEWEST_MATCHES, Features, Key, fill_database, key_of
+from calib.hopeless import refuse_hopeless, refuse_turning
 from calib.known_rig import NOTHING, Known, camera_of, to_metres
 from calib.lens_ladder import climb, sees_wide
 from calib.views import Progress
@@ -20,16 +22,12 @@ from imaging.records import Rung
 
 MAX_ERROR = 4.0
 """Of a correspondence, px, in pictures of 1280 px or wider; less in smaller ones, at least half of it."""
-FEWEST_FEATURES = 40
-"""A view with fewer cannot be placed."""
-LEAST_PARALLAX = 0.01
-"""Views that show less than this, in the median of their pairs, were taken from one place."""
 FEWEST_FRAMES = 2
 """Frames that have to show two cameras of a rig before one place of each in the rig is better than two."""
-MOST_ASKED = 40
-"""Pairs of views that are asked whether they show depth."""
 ROUNDS = 4
 """Of adjusting and cutting outliers."""
+ALIGNED = 0.4
+"""Patches err by less than features, of whose error this is a part."""
 LOOSE = 1.5
 """Tied cameras may miss by this much more than free ones; beyond, they are not rigidly mounted."""
 _LENS_KINDS = ("lens_radial_2", "lens_tangential", "lens_fisheye")
@@ -75,6 +73,7 @@ def solve(
     focal_known: Collection[str] = (),
     known: Known = NOTHING,
     blank: Mapping[Key, str] | None = None,
+    pictures: Mapping[Key, bytes] | None = None,
 ) -> Model:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
 
@@ -82,7 +81,8 @@ def solve(
     rigs: names of cameras that are rigidly mounted to each other. focal_known: cameras whose guess comes
     from a file's focal length rather than from nothing. known: what a board told, which stays, lenses
     at picture size; the model is in metres where that placed two cameras of a rig. blank: why a view shows
-    nothing, of those that do not.
+    nothing, of those that do not. pictures: of every view, as a grey PNG, for places more exact than those of
+    the features.
     """
     refuse_hopeless(features, blank or {})
     width = max(lens.width for lens in cameras.values())
@@ -97,7 +97,7 @@ def solve(
         raise CalibrationError(
             "No two views share enough of the scene to be placed: take views that overlap by two thirds."
         )
-    _refuse_turning(pairs, cameras, max_error)
+    refuse_turning(pairs, cameras, max_error)
     fixed = frozenset(models[name].camera_id for name in known.lenses if name in models)
     reconstruction = _map(database, len(features), max_error, fixed, threads, progress)
     if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
@@ -120,6 +120,9 @@ def solve(
         rung = Rung(name="rig_constraint", taken=False, reason=reason)
         free = replace(free, placed=frozenset())
         typical = _polish(reconstruction, free, max_error, threads, progress)
+    if pictures is not None and reconstruction.num_points3D() >= FEWEST_MATCHES:
+        align(reconstruction, pictures, progress)
+        typical = _polish(reconstruction, free, ALIGNED * max_error, threads, progress)
     if reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(_NO_START.format(len(pairs)))
     free, rungs = climb(reconstruction if uncut is None else uncut, free, typical, threads, progress)
@@ -131,7 +134,9 @@ def solve(
             name: lens.model_copy(update={"cx": cameras[name].cx, "cy": cameras[name].cy})
             for name, lens in begun.items()
         }
-        again = solve(features, {**cameras, **centred}, rigs, threads, progress, known=known)
+        again = solve(
+            features, {**cameras, **centred}, rigs, threads, progress, known=known, pictures=pictures
+        )
         return replace(again, rungs=(*(one for one in rungs if one.name in _LENS_KINDS), *again.rungs))
     adjust(reconstruction, free, typical, threads)
     if metric and not free.placed:  # distances are better known now than at first
@@ -153,38 +158,6 @@ def _polish(reconstruction: Any, free: Free, max_error: float, threads: int, pro
         typical = cut(reconstruction, least=0.15 * max_error)
     progress("adjusting", ROUNDS, ROUNDS)
     return typical
-
-
-def refuse_hopeless(features: Mapping[Key, Features], blank: Mapping[Key, str]) -> None:
-    """CalibrationError when fewer than two views have anything to hold on to, naming the commonest cause."""
-    if len(features) < 2:
-        raise CalibrationError(
-            "One view alone has no pose: take more views of the same scene from other places."
-        )
-    lost = {key: blank.get(key, "without texture or blurred") for key, own in features.items()
-            if key in blank or len(own.points) < FEWEST_FEATURES}  # fmt: skip
-    if len(features) - len(lost) < 2:
-        causes = list(lost.values())
-        cause = max(sorted(set(causes)), key=causes.count)
-        mend = {"black": "expose longer or light the scene", "saturated": "expose shorter"}
-        raise CalibrationError(
-            f"{len(lost)} of {len(features)} views show nothing to hold on to, {causes.count(cause)} of them "
-            f"are {cause}: {mend.get(cause, 'focus, hold still, or put texture into the scene')}."
-        )
-
-
-def _refuse_turning(
-    pairs: Mapping[tuple[Key, Key], Pair], cameras: Mapping[str, Lens], max_error: float
-) -> None:
-    """CalibrationError when all views were taken from one place, of which no model can be made."""
-    every = list(pairs.items())[:: max(len(pairs) // MOST_ASKED, 1)]
-    sizes = {name: (lens.width, lens.height) for name, lens in cameras.items()}
-    shown = [pair.parallax(sizes[one[0]], max_error) for (one, _), pair in every]
-    if float(np.median(shown)) < LEAST_PARALLAX:
-        raise CalibrationError(
-            "The views match but show no depth, as if the camera had turned on the spot: move it sideways "
-            "between views."
-        )
 
 
 def _camera(lens: Lens, focal_known: bool) -> Any:
