@@ -14,7 +14,7 @@ MEASURES = {
     "hdr_psnr_mu": "µ-law PSNR of held-out light, dB",
 }
 PRESETS = {"draft": 1, "standard": 2, "best": 3}
-"""The colour of each preset's dot; all others share the first."""
+"""The colour of each preset's dot; those of all other trainings share one."""
 
 
 def costs(trade: Trade) -> list[tuple[str, str, Value]]:
@@ -36,7 +36,7 @@ def figures(trade: Trade) -> Iterable[Figure]:
     """Quality over each cost, as the method sees it, and against the truth where that is known."""
     yield from _over(trade, trade.points, MEASURES[trade.measure], "Quality", lambda point: point.db)
     known = [point for point in trade.points if point.truth_db is not None]
-    axis = "HDR PSNR (µ-law, aligned) to the true light, dB"
+    axis = "µ-law PSNR to the true light, dB"
     yield from _over(trade, known, axis, "Truth", lambda point: point.truth_db or 0.0)
 
 
@@ -50,14 +50,15 @@ def _over(trade: Trade, points: Sequence[Point], axis: str, heading: str, value:
             for preset, colour in PRESETS.items()
             if (own := [p for p in points if is_preset(p, preset)])
         ]
+        others = [p for p in points if not any(is_preset(p, preset) for preset in PRESETS)]
         series = [
             Series(
                 "front: nothing is better for less",
                 [cost(p) for p in best],
                 [value(p) for p in best],
-                colour=0,
+                colour=4,
             ),
-            Series("a training", [cost(p) for p in points], [value(p) for p in points], dots=True, colour=0),
+            Series("a training", [cost(p) for p in others], [value(p) for p in others], dots=True, colour=0),
             *named,
         ]
         yield Figure(

@@ -9,7 +9,9 @@ import numpy as np
 import rig
 from imaging.calibration import read_calibration
 from imaging.session import Session
-from recon.presets import QUALITIES
+from recon.losses import Photometric
+from recon.method import Schedule
+from recon.presets import QUALITIES, START_SHARE
 from recon.trade import Point, Trade, front, read_trade
 from recon.trade.records import FOLDER
 from rig.report.page import Page, Tile, now, write_page
@@ -133,16 +135,26 @@ def _changes(trade: Trade, standard: Point) -> Iterable[tuple[str, ...]]:
             error = float(gains.std(ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else None
             yield (
                 name,
-                _said(own[axis]),
-                _said(usual[axis]),
+                _said(axis, own[axis]),
+                _said(axis, usual[axis]),
                 plus_minus(float(gains.mean()), error),
                 _times(point.seconds, standard.seconds),
                 _times(point.size_bytes, standard.size_bytes),
             )
 
 
-def _said(value: float | None) -> str:
-    return "usual" if value is None else f"{value:,g}" if value < 100_000 else f"{value:,.0f}"
+USUAL = {
+    "degree": str(len(Schedule().degrees)),
+    "ssim": f"{Photometric().ssim_weight:g}",
+    "growth": f"{1 - START_SHARE:g}",
+    "views": "all",
+    "exposures": "all",
+}
+"""What a setting is where nobody sets it."""
+
+
+def _said(axis: str, value: float | None) -> str:
+    return USUAL[axis] if value is None else f"{value:,.10g}"
 
 
 def _times(value: float, usual: float) -> str:

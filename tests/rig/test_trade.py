@@ -72,7 +72,7 @@ def test_a_front_and_the_presets_are_drawn() -> None:
     over_time = drawn[0]
     # 35 at 5 s, 38.2 at 12 s and 38.5 at 80 s: nothing is better for less.
     assert "3 lie on the front" in over_time.explanation
-    (line,) = re.findall(r'class="line s0" d="([^"]*)"', over_time.drawing)
+    (line,) = re.findall(r'class="line s4" d="([^"]*)"', over_time.drawing)
     assert line.count("L") == 2
     for name in ("draft", "standard", "best"):
         assert f"</span>{name}</li>" in over_time.drawing
@@ -84,7 +84,7 @@ def test_what_a_setting_buys_is_paired_over_views() -> None:
     gaussians, degree = buys.rows
     # +0.2 in one view, +0.3 in the other: 0.25 with an error of 0.05.
     assert gaussians[1:] == ("10,000", "20,000", "0.250 ± 0.050", "× 0.60", "× 0.60")
-    assert degree[1:4] == ("0", "usual", "−0.950 ± 0.050")
+    assert degree[1:4] == ("0", "2", "−0.950 ± 0.050")
     assert [row[0] for row in every.rows] == [
         one.command for one in sorted(POINTS, key=lambda one: one.seconds)
     ]
