@@ -140,10 +140,10 @@ def estimate(samples: Samples | None) -> Estimate:
     response = response.model_copy(update={"evidence": f"{response.evidence}{contradiction}"})
     sigma = standard_errors(channels, fitted, noise, NODES, labels_hold=not freed)
     # What the preference for a simple curve may hide: how far the keenest of its kind is from it.
-    keenest = fit(channels, rival.shape, noise, labels_hold=not freed)
+    others = fit(channels, rival.shape, noise, labels_hold=not freed)
     told = tuple(
-        tuple(np.hypot(own, model.curve(NODES) - freer.curve(NODES)).round(6).tolist())
-        for own, model, freer in zip(sigma, fitted, keenest, strict=True)
+        tuple(np.hypot(own, model.curve(NODES) - other.curve(NODES)).round(6).tolist())
+        for own, model, other in zip(sigma, fitted, others, strict=True)
     )
     return Estimate(response.model_copy(update={"sigma": told}), tuple(rungs), shift)
 

@@ -3,13 +3,14 @@
     OUT/<frame>/<camera>.exr    R, G, B; sigma.R, sigma.G, sigma.B; mask
 
 Light is in one unit for the whole rig and session: signal (1 = white) per second of exposure scale, with the
-gains and the vignetting of the calibration divided out. The header says all that is needed to read it.
+gains and the vignetting of the calibration divided out. sigma is of the noise and, for photographs, of the
+standard error of their response. The header says all that is needed to read it.
 """
 
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,6 +19,7 @@ import numpy as np
 from imaging import alignment
 from imaging.calibration import CalibrationRecord, CameraCalibration, Response, is_stale, read_calibration
 from imaging.colour import SPACE_NAMES, SPACE_PRIMARIES, Space
+from imaging.curve_error import with_curve_error
 from imaging.errors import InputError
 from imaging.exr import read_exr_header, write_exr
 from imaging.ghosts import TOLERANCE, without_ghosts
@@ -30,7 +32,7 @@ from imaging.shutter import exact_times
 
 Progress = Callable[[str, int, int], None]
 
-VERSION = 1
+VERSION = 2
 """Of what is written; another number makes every file anew."""
 UNIT = "signal (1 = white) per second of exposure scale k = time * ISO/100 / f-number^2, relative"
 PAIR = 0.954
@@ -133,6 +135,7 @@ def _merge_view(
             f"the shots of camera {name} at frame {number} differ in size: delete the odd one out."
         )
     best = without_ghosts(frames, max(TOLERANCE, (response.residual or 0.0) / PAIR))
+    best = replace(best, merged=with_curve_error(best.merged, frames, response))
     picture = picture_of(best, frames[0].cfa, camera, space)
     moved = alignment.shifts(frames)
     shift = max((one.size for one in moved), default=None)
