@@ -13,6 +13,7 @@ from torch import Tensor
 
 from recon.dataset import View
 from recon.refinement import Refined, camera_delta
+from recon.torch_threads import torch_on_one_thread
 from recon.trainer import Training
 
 SQUARE = 8
@@ -29,8 +30,9 @@ def held_out_db(training: Training, view: View, unsure: Collection[Refined], ext
     deviations of the sensor's noise where it is known; others are those of what training compares: code
     values, or light through the mu-law.
     """
-    pose, logs = _fitted(training, view, unsure, extent)
-    with torch.no_grad():
+    with torch_on_one_thread():
+        pose, logs = _fitted(training, view, unsure, extent)
+    with torch_on_one_thread(), torch.no_grad():
         image = _image(training, view, pose, extent)
         judged = _half(view, 1)
         if view.sensor.kind == "raw" and all(shot.noise is not None for shot in view.shots):
