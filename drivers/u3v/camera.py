@@ -55,6 +55,8 @@ class U3vCamera:
         """What the camera was set to for each frame that is to come."""
         self._before: Latch | None = None
         """Its clock, just before it was told to wait for its trigger."""
+        self._surest: Latch | None = None
+        """Of all times that its clock was read, the one that is known best."""
         self._levels: dict[int, tuple[tuple[float, float, float, float], int]] = {}
         """Black and white of each pixel format, read once a session."""
 
@@ -237,7 +239,7 @@ class U3vCamera:
             settings.stop(session.nodes)
         self._expected, self._runs = list(expected), True
         session.stream.start()
-        self._before = latch(session.control, session.nodes, self._clock)
+        self._before = self._latched(session)
         session.nodes.execute("AcquisitionStart")
 
     def _take(self, session: Session) -> list[RawMosaic]:
@@ -252,9 +254,16 @@ class U3vCamera:
         except CameraError:
             self._finish(session)
             raise
-        after = latch(session.control, session.nodes, self._clock)
+        after = self._latched(session)
         self._finish(session)
         return [self._timed(mosaic, stamp, after) for stamp, mosaic in taken]
+
+    def _latched(self, session: Session) -> Latch | None:
+        """Its clock now, about as sure as ever since it was opened."""
+        found = latch(session.control, session.nodes, self._clock, self._surest)
+        if found is not None and (self._surest is None or found.uncertainty < self._surest.uncertainty):
+            self._surest = found
+        return found
 
     def _next_frame(self, session: Session, time: float) -> Frame:
         """The next frame; CameraTimeout says so if its line has not triggered it."""

@@ -10,6 +10,7 @@ cameras use. Allied Vision says that a stamp is the start of the exposure; other
 stamp after which the exposure could not have ended is left out. Verified against the simulator.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.clock import Clock
@@ -19,7 +20,9 @@ from drivers.u3v.genicam import NodeMap
 from drivers.u3v.registers import Abrm
 
 _TRIES = 5
-"""Latches of which the shortest is kept."""
+"""Latches at most, of which the shortest is kept."""
+_AS_SHORT = 1.2
+"""Times the shortest latch known, up to which one is not tried again: each question is one that can fail."""
 
 
 @dataclass(frozen=True)
@@ -39,16 +42,20 @@ class Opening:
     uncertainty: float
 
 
-def latch(control: ControlChannel, nodes: NodeMap, clock: Clock) -> Latch | None:
-    """The device's clock now, by its registers, or else by its features; None if it has neither."""
+def latch(control: ControlChannel, nodes: NodeMap, clock: Clock, known: Latch | None = None) -> Latch | None:
+    """The device's clock now, by its registers, or else by its features; None if it has neither.
+
+    known: an earlier one; one that is nearly as sure will do.
+    """
+    enough = 0.0 if known is None else _AS_SHORT * known.uncertainty
     try:
-        return min((_latch_register(control, clock) for _ in range(_TRIES)), key=_by_uncertainty)
+        return _shortest(lambda: _latch_register(control, clock), enough)
     except CameraRefused:
         pass  # Not every device has these registers.
     except (CameraBusy, CameraProtocol, CameraTimeout):
         return None  # No frame is given up for its time.
     try:
-        return min((_latch_feature(nodes, clock) for _ in range(_TRIES)), key=_by_uncertainty)
+        return _shortest(lambda: _latch_feature(nodes, clock), enough)
     except (CameraBusy, CameraProtocol, CameraRefused, CameraTimeout):
         return None
 
@@ -85,5 +92,10 @@ def _latch_feature(nodes: NodeMap, clock: Clock) -> Latch:
     return Latch((began + ended) / 2, int(nodes.number("TimestampLatchValue")), (ended - began) / 2)
 
 
-def _by_uncertainty(one: Latch) -> float:
-    return one.uncertainty
+def _shortest(attempt: Callable[[], Latch], enough: float) -> Latch:
+    best = attempt()
+    for _ in range(_TRIES - 1):
+        if best.uncertainty <= enough:
+            break
+        best = min(best, attempt(), key=lambda one: one.uncertainty)
+    return best
