@@ -165,7 +165,6 @@ def _points(trade: Trade) -> Iterable[tuple[str, ...]]:
     fronts = {name: front(trade.points, cost, lambda p: p.db) for name, _, cost in costs(trade)}
     for point in sorted(trade.points, key=lambda one: one.seconds):
         yield (
-            point.command,
             f"{point.db:.2f}",
             "n/a" if point.truth_db is None else f"{point.truth_db:.2f}",
             duration(point.seconds),
@@ -173,4 +172,5 @@ def _points(trade: Trade) -> Iterable[tuple[str, ...]]:
             f"{point.gaussians:,}",
             size(point.size_bytes),
             ", ".join(name for name, own in fronts.items() if point in own),
+            point.command,
         )
