@@ -154,7 +154,7 @@ class Refinement:
             turns, ways = (own["poses"][:, part].norm(dim=1) for part in (slice(3, 6), slice(3)))
             found["poses"] = {
                 name: {
-                    "rotation_deg": float(np.degrees(turns[row])),
+                    "rotation_deg": float(np.degrees(float(turns[row]))),
                     "translation_relative": float(ways[row]),
                 }
                 for name, row in self._views.items()
