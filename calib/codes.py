@@ -27,11 +27,13 @@ class Samples:
 
     codes: float64 [N, S, 3], 0..255, NaN where a photosite has no usable code; log_k: [N, S], ln of the
     exposure's label; group: int [N], which part of which view a photosite comes from: the unit held out.
+    rough: they are points of the scene seen from several places, whose gloss and edges scatter the codes.
     """
 
     codes: Array
     log_k: Array
     group: npt.NDArray[np.int64]
+    rough: bool = False
 
     @classmethod
     def joined(cls, parts: Sequence["Samples"]) -> "Samples":

@@ -93,8 +93,8 @@ def estimate(samples: Samples | None) -> Estimate:
     """The response that samples support: the simplest that predicts held-out exposures as well as any."""
     if samples is None or len(samples.codes) < FEWEST:
         return assumed(
-            "sRGB assumed: no view has two exposures that overlap, so nothing can be measured; "
-            "take two exposures or more of a view, 1 to 3 stops apart"
+            "sRGB assumed: neither a view nor points that views share tell of two exposures, so nothing can "
+            "be measured; take two exposures or more of a view, 1 to 3 stops apart"
         )
     channels = [channel_of(samples, index) for index in range(3)]
     if min(len(channel.group) for channel in channels) < FEWEST:
@@ -105,7 +105,8 @@ def estimate(samples: Samples | None) -> Estimate:
     noise = [noise_of(channel) for channel in channels]
     ladder = [
         [held_out(channels, noise, shape) for shape in variants if _told(channels, shape)]
-        for variants in LADDER
+        # A free curve would follow what gloss and edges do to rough samples.
+        for variants in (LADDER[:-1] if samples.rough else LADDER)
     ]
     freest = min(ladder[-1], key=lambda trial: trial.mean).loss
     odd = freest > ODD * np.nanmedian(freest)

@@ -77,7 +77,7 @@ def sample_tracks(
             told[index, place] = codes[view][feature]
             log_k[index, place] = every[view]
         group[index] = cells[track[0][0]][track[0][1]]
-    return Samples(told, log_k, np.unique(group, return_inverse=True)[1])
+    return Samples(told, log_k, np.unique(group, return_inverse=True)[1], rough=True)
 
 
 def _codes_at(pixels: npt.NDArray[np.float32], points: Array) -> Array:
