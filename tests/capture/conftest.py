@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from capture.recorder import record
 from drivers.camera import CameraIdentity, Capabilities, EncodedPhoto
 from imaging.cfa import Cfa
 from imaging.errors import CameraError
@@ -127,3 +128,11 @@ def fake_rig(tmp_path: Path) -> Callable[..., FakeRig]:
         return FakeRig(tmp_path / name, kinds or {"a": "raw", "b": "ldr"})
 
     return make
+
+
+@pytest.fixture
+def rig(fake_rig: Callable[..., FakeRig]) -> FakeRig:
+    """One RAW camera and one that develops its pictures, with everything shot."""
+    rig = fake_rig(a="raw", b="ldr")
+    record(rig.session, rig.plan, rig.cameras, move_to=rig.move_to)
+    return rig

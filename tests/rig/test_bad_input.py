@@ -5,11 +5,9 @@ own, whose every file is compared before and after.
 """
 
 import errno
-import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -20,48 +18,7 @@ from imaging import store
 from imaging.errors import PartialError
 from imaging.photo import encode_jpeg
 
-ON_SESSION = {
-    "check": ["check", "{it}"],
-    "repair": ["check", "{it}", "--repair"],
-    "calibrate": ["calibrate", "{it}"],
-    "reconstruct": ["reconstruct", "{it}", "--quality", "draft"],
-    "evaluate": ["evaluate", "{it}"],
-    "render": ["render", "{it}", "{out}"],
-}
-ON_PHOTOS = {"import": ["import", "{it}", "{out}"]}
-EVERY = ON_SESSION | ON_PHOTOS
-
-
-def tree(folder: Path) -> dict[str, str]:
-    """Every file and folder below, with a hash of each file's bytes; locks apart."""
-    return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        if path.is_file()
-        else "folder"
-        for path in sorted(folder.rglob("*"))
-    }
-
-
-def fill(arguments: list[str], it: Path, out: Path) -> list[str]:
-    return [argument.format(it=it, out=out) for argument in arguments]
-
-
-def assert_refused(rig, arguments: list[str], where: Path, *, code: int = 2) -> str:
-    """The command ends with `code` and one sentence, and leaves `where` as it was; the sentence."""
-    before = tree(where)
-    given, out, err = rig(*arguments)
-    assert given == code, (out, err)
-    assert_one_sentence(err)
-    assert tree(where) == before
-    return err
-
-
-def assert_one_sentence(err: str) -> None:
-    assert err.count("\n") == 1, err
-    assert err.rstrip("\n").isprintable()
-    assert err.rstrip("\n").endswith((".", "!", "?"))
-    assert "Traceback" not in err
-    assert "defect" not in err
+from .refusals import EVERY, assert_one_sentence, assert_refused, fill
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -134,9 +91,6 @@ def test_a_target_of_an_import_inside_the_photos(rig, tmp_path: Path) -> None:
     assert_refused(rig, ["import", str(tmp_path), str(tmp_path / "S")], tmp_path)
 
 
-# One image.
-
-
 def photograph(path: Path, seed: int = 0, size: int = 160) -> None:
     """A JPEG of blobs of several sizes: texture, but nothing in common with another seed."""
     rng = np.random.default_rng(seed)
@@ -165,9 +119,6 @@ def test_one_image_is_too_few(rig, one_image: Path, tmp_path: Path, name: str) -
 def test_one_image_is_a_sound_session(rig, one_image: Path) -> None:
     code, _, err = rig("check", str(one_image))
     assert (code, err) == (0, "")
-
-
-# Images that do not overlap.
 
 
 @pytest.fixture
@@ -214,126 +165,10 @@ def test_a_calibration_in_part_has_its_page(rig, toy: Path, monkeypatch: pytest.
     assert (toy / "calibration" / "report.html").is_file()
 
 
-# Damaged files.
-
-
-def truncate(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-500])
-
-
-def text_instead(path: Path) -> None:
-    path.write_text("I am no picture.\n")
-
-
-def empty_instead(path: Path) -> None:
-    path.write_bytes(b"")
-
-
-DAMAGES: dict[str, Callable[[Path], None]] = {
-    "truncated": truncate,
-    "text": text_instead,
-    "empty": empty_instead,
-}
-
-
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_import_of_nothing_but_a_damaged_dng(rig, toy_template: Path, tmp_path: Path, damage: str) -> None:
-    photos = tmp_path / "photos"
-    photos.mkdir()
-    shutil.copy(toy_template / "raw" / "0000" / "cam0_1.dng", photos / "a.dng")
-    DAMAGES[damage](photos / "a.dng")
-    assert "a.dng" in assert_refused(rig, ["import", str(photos), str(tmp_path / "S")], tmp_path)
-
-
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_import_of_a_damaged_dng_among_sound_ones(
-    rig, toy_template: Path, tmp_path: Path, damage: str
-) -> None:
-    photos = tmp_path / "photos"
-    photos.mkdir()
-    for name in ("a.dng", "b.dng"):
-        shutil.copy(toy_template / "raw" / "0000" / "cam0_1.dng", photos / name)
-    DAMAGES[damage](photos / "a.dng")
-    code, out, err = rig("import", str(photos), str(tmp_path / "S"), "--json")
-    assert code == 3
-    assert_one_sentence(err)
-    assert "a.dng" in err
-    assert json.loads(out)["shots"] == 1
-
-
-@pytest.mark.parametrize("damage", DAMAGES)
-@pytest.mark.parametrize("name", ["calibrate", "reconstruct", "evaluate", "render"])
-def test_a_session_with_a_damaged_dng(rig, scene: Path, tmp_path: Path, name: str, damage: str) -> None:
-    DAMAGES[damage](scene / "raw" / "0001" / "cam1_1.dng")
-    if name in ("calibrate", "reconstruct"):
-        shutil.rmtree(scene / "reconstructions")
-    if name == "calibrate":
-        shutil.rmtree(scene / "calibration")
-    assert "cam1_1.dng" in assert_refused(rig, fill(EVERY[name], scene, tmp_path / "out"), tmp_path)
-
-
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_check_names_a_damaged_dng_and_says_what_is_sound(rig, toy: Path, damage: str) -> None:
-    DAMAGES[damage](toy / "raw" / "0001" / "cam1_1.dng")
-    before = tree(toy)
-    code, out, err = rig("check", str(toy), "--json")
-    assert code == 3
-    assert_one_sentence(err)
-    assert "raw/0001/cam1_1.dng" in err
-    assert json.loads(out)["sound"] == 17
-    shutil.rmtree(toy / "check")  # its report is all that it writes
-    assert tree(toy) == before
-
-
-DAMAGED_RECORDS = {
-    "session.json": ["check", "repair", "calibrate", "reconstruct", "evaluate", "render"],
-    "shots.jsonl": ["calibrate", "reconstruct", "evaluate", "render"],
-    "calibration/calibration.json": ["reconstruct", "evaluate", "render"],
-    "reconstructions/nh-3dgs/model.json": ["evaluate", "render"],
-}
-
-
-@pytest.mark.parametrize(
-    ("file", "name"), [(file, name) for file, names in DAMAGED_RECORDS.items() for name in names]
-)
-@pytest.mark.parametrize("content", ['{"schema_version": 1, "surprise": true}\n', "not JSON\n"])
-def test_a_damaged_record_is_named(
-    rig, scene: Path, tmp_path: Path, name: str, file: str, content: str
-) -> None:
-    (scene / file).write_text(content)
-    assert file in assert_refused(rig, fill(EVERY[name], scene, tmp_path / "out"), tmp_path)
-
-
-def test_a_record_of_a_later_version_says_so(rig, scene: Path, tmp_path: Path) -> None:
-    (scene / "session.json").write_text('{"schema_version": 2}\n')
-    for name in ON_SESSION:
-        err = assert_refused(rig, fill(ON_SESSION[name], scene, tmp_path / "out"), tmp_path)
-        assert "schema version 2" in err
-
-
-def test_a_reconstruction_of_another_calibration_is_refused(rig, scene: Path, tmp_path: Path) -> None:
-    path = scene / "calibration" / "calibration.json"
-    store.write_json(path, store.read_json(path) | {"reprojection_px": 0.5})
-    for name in ("evaluate", "render"):
-        assert "reconstruct again" in assert_refused(
-            rig, fill(EVERY[name], scene, tmp_path / "out"), tmp_path
-        )
-
-
-def test_a_damaged_checkpoint_is_named(rig, scene: Path, tmp_path: Path) -> None:
-    truncate(scene / "reconstructions" / "nh-3dgs" / "checkpoint.safetensors")
-    for name in ("evaluate", "render"):
-        err = assert_refused(rig, fill(EVERY[name], scene, tmp_path / "out"), tmp_path)
-        assert "checkpoint.safetensors" in err
-
-
 @pytest.mark.parametrize("name", ["reconstruct"])
 def test_a_session_that_is_not_calibrated(rig, toy: Path, tmp_path: Path, name: str) -> None:
     shutil.rmtree(toy / "calibration")
     assert_refused(rig, fill(EVERY[name], toy, tmp_path / "out"), tmp_path)
-
-
-# A target that cannot be written.
 
 
 @pytest.fixture(params=[errno.EROFS, errno.ENOSPC, errno.EACCES], ids=["EROFS", "ENOSPC", "EACCES"])
