@@ -35,8 +35,10 @@ if TYPE_CHECKING:
     from recon.evaluate import evaluate
     from recon.reconstruct import reconstruct
     from recon.renders import render
+    from recon.trade import sweep
     from rig.report.calibration_page import calibration_report
     from rig.report.reconstruction_page import reconstruction_report
+    from rig.report.trade_page import trade_report
 
 __all__ = [
     "Exposure",
@@ -63,6 +65,8 @@ __all__ = [
     "reconstruction_report",
     "render",
     "repair",
+    "sweep",
+    "trade_report",
     "write_dng",
     "write_exr",
 ]
@@ -92,6 +96,8 @@ _HOMES = {
     "reconstruction_report": "rig.report.reconstruction_page",
     "render": "recon.renders",
     "repair": "capture.check",
+    "sweep": "recon.trade",
+    "trade_report": "rig.report.trade_page",
     "write_dng": "imaging.dng",
     "write_exr": "imaging.exr",
 }
