@@ -6,10 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+
 from imaging import store
-from imaging.calibration import CalibrationRecord, CameraCalibration
+from imaging.calibration import CalibrationRecord, CameraCalibration, Lens
 from imaging.colmap import SparsePoints, read_points
 from imaging.errors import InputError
+from imaging.lens import fisheye_angle
 from imaging.records import Rung
 from imaging.session import Session
 from rig.report.calibration_charts import charts
@@ -142,6 +145,13 @@ def _light(session: Session, record: CalibrationRecord) -> Topic:
     )  # fmt: skip
 
 
+def _across(lens: Lens) -> float:
+    """How much of the world an image is wide, degrees, as its terms have it for a fisheye."""
+    half = lens.width / 2 / lens.fx
+    angle = fisheye_angle(np.array(half), lens.terms[4:]) if lens.fisheye else math.atan(half)
+    return 2 * math.degrees(float(angle))
+
+
 def _row(camera: CameraCalibration, record: CalibrationRecord) -> tuple[str, ...]:
     own = [view.points for view in record.views if view.camera == camera.name]
     lens, noise = camera.lens, camera.noise
@@ -150,7 +160,7 @@ def _row(camera: CameraCalibration, record: CalibrationRecord) -> tuple[str, ...
         camera.name,
         str(len(own)),
         f"{min(own)} / {median(own):.0f}" if own else "n/a",
-        f"{2 * math.degrees(math.atan(lens.width / 2 / lens.fx)):.1f}°" if lens else "n/a",
+        f"{_across(lens):.1f}°" if lens else "n/a",
         f"{math.log2(corner):+.2f} stops".replace("-", "−")
         if corner > 0 and any(camera.vignetting)
         else "none",

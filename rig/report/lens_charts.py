@@ -7,7 +7,16 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup, escape
 
-from imaging.calibration import CalibrationRecord, CameraCalibration, Lens, LensError, LensModel
+from imaging import lens as optics
+from imaging.calibration import (
+    BROWN_TERMS,
+    FISHEYE_TERMS,
+    CalibrationRecord,
+    CameraCalibration,
+    Lens,
+    LensError,
+    LensModel,
+)
 from rig.report.chart import COLOURS, Series, chart
 from rig.report.residuals import CameraResiduals, Residuals
 from rig.report.topic import NOT_DETERMINED, Figure, Table, Topic, plus_minus
@@ -25,9 +34,9 @@ FREE: dict[LensModel, tuple[str, ...]] = {
     "PINHOLE": ("fx", "fy", "cx", "cy"),
     "SIMPLE_RADIAL": ("fx", "fy", "cx", "cy", "k1"),
     "RADIAL": ("fx", "fy", "cx", "cy", "k1", "k2"),
-    "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+    "OPENCV": BROWN_TERMS,
+    "OPENCV_FISHEYE": FISHEYE_TERMS,
 }
-TERMS = FREE["OPENCV"]
 
 
 def lens_topic(record: CalibrationRecord, residuals: Residuals) -> Topic:
@@ -67,10 +76,11 @@ def _figures(record: CalibrationRecord, residuals: Residuals) -> Iterable[Figure
             wide=True,
         )
     bent = [camera for camera in record.cameras if camera.lens is not None]
-    if any(camera.lens and (camera.lens.k1 or camera.lens.k2) for camera in bent):
+    if any(camera.lens and (camera.lens.fisheye or camera.lens.k1 or camera.lens.k2) for camera in bent):
         yield Figure(
             "Distortion",
-            "How far the radial terms move a pixel outwards, by its distance from the principal point.",
+            "How far the radial terms move a pixel outwards, by its distance from the principal point; of a "
+            "fisheye, against a lens whose distances are its focal length times the angle from the axis.",
             chart(
                 "Distortion",
                 [
@@ -176,6 +186,9 @@ def heat_map(name: str, values: Sequence[Sequence[float]], lens: Lens, top: floa
 def _distortion(name: str, lens: Lens) -> Series:
     corner = max(math.hypot(x - lens.cx, y - lens.cy) for x in (0.0, lens.width) for y in (0.0, lens.height))
     radius = np.linspace(0.0, corner, 41)
+    if lens.fisheye:
+        angle = optics.fisheye_angle(radius / lens.fx, lens.terms[4:])
+        return Series(name, radius.tolist(), (radius - lens.fx * angle).tolist())
     square = (radius / lens.fx) ** 2
     return Series(name, radius.tolist(), (radius * square * (lens.k1 + lens.k2 * square)).tolist())
 
@@ -211,12 +224,14 @@ def _histogram(residuals: Residuals) -> Figure:
 def _tables(record: CalibrationRecord) -> Iterable[Table]:
     lenses = [camera for camera in record.cameras if camera.lens is not None]
     if lenses:
+        named = {name for camera in lenses if camera.lens for name in camera.lens.names}
+        terms = [name for name in (*BROWN_TERMS, *FISHEYE_TERMS[6:]) if name in named]
         yield Table(
             "Terms of the lenses",
             "Value ± standard error; lengths in px, pixel centres at +0.5. "
             "A dash: a term that the ladder did not take.",
-            ("Camera", "Model", *(f"#{term}" for term in TERMS)),
-            tuple(_terms(camera) for camera in lenses),
+            ("Camera", "Model", *(f"#{term}" for term in terms)),
+            tuple(_terms(camera, terms) for camera in lenses),
         )
     mounted = [camera for camera in record.cameras if camera.cam_from_rig is not None]
     if len(mounted) > 1:
@@ -233,14 +248,14 @@ def _tables(record: CalibrationRecord) -> Iterable[Table]:
         )  # fmt: skip
 
 
-def _terms(camera: CameraCalibration) -> tuple[str, ...]:
+def _terms(camera: CameraCalibration, terms: Sequence[str]) -> tuple[str, ...]:
     lens, error = camera.lens, camera.lens_error
     assert lens is not None
     free = FREE[lens.model]
     return (
         camera.name,
         lens.model,
-        *(_term(lens, error, term) if term in free else "–" for term in TERMS),
+        *(_term(lens, error, term) if term in free else "–" for term in terms),
     )
 
 

@@ -8,9 +8,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from imaging.calibration import read_calibration
-from rig.report.lens_charts import field, heat_map
-from rig.report.residuals import CameraResiduals, read_residuals
+from imaging.calibration import Lens, read_calibration
+from imaging.lens import fisheye_angle
+from rig.report.calibrated import _across
+from rig.report.lens_charts import field, heat_map, lens_topic
+from rig.report.residuals import CameraResiduals, Residuals, read_residuals
 
 from .conftest import MISS
 from .drawings import drawings, of_class
@@ -77,3 +79,28 @@ def test_the_map_writes_its_numbers_where_they_hold(toy: Path) -> None:
     assert texts["0.11"][1] < texts["0.33"][1]
     shades = [float(cell.get("fill-opacity")) for cell in of_class(drawing, "cell")]
     assert shades == sorted(shades)
+
+
+def test_a_fisheye_is_told_by_its_own_terms_and_its_angle(toy: Path) -> None:
+    """Beside a lens of radial terms: each has dashes where it has no such term."""
+    record = read_calibration(toy)
+    before = record.cameras[0].lens
+    wide = Lens(
+        model="OPENCV_FISHEYE", width=before.width, height=before.height, fx=0.58 * before.width,
+        fy=0.58 * before.width, cx=before.cx, cy=before.cy, k1=0.03, k2=-0.01, k3=0.004, k4=-0.002,
+    )  # fmt: skip
+    camera = record.cameras[0].model_copy(update={"lens": wide, "lens_error": None})
+    mixed = record.model_copy(update={"cameras": (camera, *record.cameras[1:])})
+    topic = lens_topic(mixed, Residuals({}, {}))
+    table = next(table for table in topic.tables if table.heading == "Terms of the lenses")
+    assert table.columns[-4:] == ("#p1", "#p2", "#k3", "#k4")
+    first, second = table.rows
+    assert first[1] == "OPENCV_FISHEYE"
+    assert first[-4:-2] == ("–", "–")
+    assert float(first[-2].split()[0]) == 0.004
+    assert second[-2:] == ("–", "–")
+    (drawing,) = (figure for figure in topic.figures if figure.heading == "Distortion")
+    assert "nan" not in drawing.drawing
+    half = fisheye_angle(np.array(wide.width / 2 / wide.fx), wide.terms[4:])
+    assert _across(wide) == pytest.approx(2 * math.degrees(float(half)))
+    assert 95 < _across(wide) < 100
