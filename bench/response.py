@@ -4,7 +4,10 @@
 
 Known curves: one simulated view of five decades in 7 exposures 2 EV apart, 20,000 electrons at white, 6 of
 read noise, 8 bits; "shutter" rows with exposures that are 5 % (normal) off their labels. The error is the
-standard deviation of ln light over codes 10..245, in the worst channel. Real brackets, where RIG_DATA names
+standard deviation of ln light over codes 10..245, in the worst channel. Wide brackets: three exposures 3 and
+4 stops apart through the curve of HDR-NeRF's rendered scenes, without noise; there the error over half a step
+(root mean square) is that of exposures between the ones that were taken. "label" rows: four exposures 2 EV
+apart, one of them, each in turn, labelled twice or half of what it is. Real brackets, where RIG_DATA names
 their folder: `memorial` against its authors' radiance map, `t2i` by what overlapping exposures disagree.
 """
 
@@ -17,72 +20,81 @@ from typing import Any
 import cv2
 import memorial
 import numpy as np
-import numpy.typing as npt
+from hdr_nerf_scene import curve as curve_of_hdr_nerf
 from record import arguments, deliver, machine, words
+from response_curves import FAMILIES, LABELS, LEVELS, PEERS, SITES, Array, error, logs_of, ours, shoot, truth
 
-from calib.codes import patches, sample
+from calib.codes import Samples, patches, sample
 from calib.curve import channel_of, neighbours
 from calib.response import Estimate, estimate
-from imaging.colour import srgb_encode
-from imaging.linear import decode, from_codes
+from imaging.linear import from_codes
 from imaging.merge import merge_bracket
 from imaging.photo import read_photo
 
-Array = npt.NDArray[np.float64]
-Codes = npt.NDArray[np.uint8]
-
-FAMILIES: dict[str, Callable[[Array], Array]] = {
-    "sRGB": srgb_encode,
-    "gamma 2.2": lambda x: x ** (1 / 2.2),
-    "BT.709": lambda x: np.where(x < 0.018, 4.5 * x, 1.099 * np.maximum(x, 1e-9) ** 0.45 - 0.099),
-    "S-curve": lambda x: 1.21 * x**1.12 / (x**1.12 + 0.21),
-    "log": lambda x: np.log1p(60 * x) / np.log(61),
-}
-LABELS = np.log(4.0 ** np.arange(-3, 4) / 2)
-FULL_WELL, READ = 20_000, 6
+FOUR = LABELS[1:5]
+WIDE = {3: np.log([1 / 4, 2, 16]), 4: np.log([1 / 8, 2, 32])}
+"""Exposures, ln s, by stops apart; the second is HDR-NeRF's."""
+VIEWS = 4
 JITTER = 0.05
-SITES = 4_000
-LEVELS = np.arange(256)
-
-PEERS: dict[str, Callable[[], Any]] = {
-    "Debevec": cv2.createCalibrateDebevec,
-    "Debevec 500": lambda: cv2.createCalibrateDebevec(500, 10.0, True),
-    "Robertson": cv2.createCalibrateRobertson,
-}
-"""OpenCV's, with their defaults or, beside them, 500 random samples."""
 
 
-def shoot(curve: Callable[[Array], Array], seed: int, jitter: float) -> list[Codes]:
-    """A bracket of codes [240, 320, 3]."""
-    rng = np.random.default_rng(seed)
-    knots = rng.uniform(np.log(1e-3), np.log(100.0), (7, 10, 3))
-    light = np.exp(cv2.resize(knots, (320, 240)) + 0.02 * rng.standard_normal((240, 320, 1)))
-    shots = []
-    for label in LABELS:
-        mean = np.minimum(light * np.exp(label + jitter * rng.standard_normal()), 2.0) * FULL_WELL
-        electrons = rng.poisson(mean) + READ * rng.standard_normal(mean.shape)
-        shots.append(np.rint(255 * curve(np.clip(electrons / FULL_WELL, 0, 1))).astype(np.uint8))
-    return shots
+def sigmoid(light: Array) -> Array:
+    """The curve of HDR-NeRF's rendered scenes."""
+    return np.asarray(curve_of_hdr_nerf(np.log(np.maximum(light, 1e-12))))
 
 
-def ours(shots: Sequence[Codes], labels: Array) -> Estimate:
-    return estimate(sample([patches(shot.astype(np.float32) / 255) for shot in shots], labels, SITES))
+def wide(stops: int, seeds: Sequence[int]) -> dict[str, Any]:
+    """A bracket of three wide steps, of several views."""
+    labels, light = WIDE[stops], np.geomspace(1e-7, 1e3, 400_000)
+    goal = np.interp(LEVELS / 255, sigmoid(light), np.log(light))
+    row: dict[str, Any] = {"stops": stops, "rungs": [], "ours": [], "half": []}
+    row |= {key: [] for peer in PEERS for key in (peer, f"{peer} half")}
+    for seed in seeds:
+        rng = np.random.default_rng([seed, stops])
+        views = []
+        for _ in range(VIEWS):
+            knots = rng.uniform(np.log(2e-3), np.log(160.0), (7, 10, 3))
+            scene = np.exp(cv2.resize(knots, (320, 240)))
+            views.append([np.rint(255 * sigmoid(scene * np.exp(k))).astype(np.uint8) for k in labels])
+        cut = [[patches(shot.astype(np.float32) / 255) for shot in shots] for shots in views]
+        found = estimate(Samples.joined([sample(own, labels, SITES // VIEWS) for own in cut]))
+        row["rungs"].append(found.response.evidence.split(",")[0])
+        curves = {"ours": logs_of(found)}
+        joined = [np.concatenate(shots) for shots in zip(*views, strict=True)]
+        for peer, make in PEERS.items():
+            response = make().process(joined, np.exp(labels).astype(np.float32))
+            curves[peer] = np.log(np.maximum(response[:, 0], 1e-12)).astype(float)
+        for name, logs in curves.items():
+            away = (logs - goal[:, None])[10:246]
+            row[name].append(float(away.std(0).max()))
+            row["half" if name == "ours" else f"{name} half"].append(half_step(away, goal[10:246], labels))
+    return row
 
 
-def logs_of(found: Estimate) -> Array:
-    """ln light [256, 3] of the codes."""
-    return np.log(np.maximum(decode(np.repeat(LEVELS[:, None] / 255, 3, 1), found.response), 1e-12)).astype(
-        float
-    )
+def half_step(away: Array, goal: Array, labels: Array) -> float:
+    """Root mean square error of the difference of codes that are half a step of the bracket apart."""
+    places = np.arange(len(goal))
+    beyond = np.interp(goal + 0.5 * (labels[1] - labels[0]), goal, places, right=np.nan)
+    across = np.stack([np.interp(beyond, places, own) - own for own in away.T])
+    return float(np.sqrt(np.nanmean(across**2, axis=1)).max())
 
 
-def truth(curve: Callable[[Array], Array]) -> Array:
-    light = np.geomspace(1e-7, 1, 200_000)
-    return np.interp(LEVELS / 255, curve(light), np.log(light))
-
-
-def error(logs: Array, curve: Callable[[Array], Array]) -> float:
-    return float((logs - truth(curve)[:, None])[10:246].std(0).max())
+def mislabelled(name: str, seed: int) -> dict[str, Any]:
+    """The worst errors over the labels that are wrong, one at a time: of the curve, and of the exposures."""
+    curve = FAMILIES[name]
+    row: dict[str, Any] = {"curve": name, "ours": [], "others": [], "wrong": [], "named": []}
+    for step in range(len(FOUR)):
+        for factor in (2.0, 0.5):
+            off = np.where(np.arange(len(FOUR)) == step, np.log(factor), 0.0)
+            shots = shoot(curve, seed, 0.0, FOUR + off)
+            found = ours(shots, FOUR)
+            shift = np.array([found.shift.get(round(float(label), 6), 0.0) for label in FOUR]) - off
+            row["ours"].append(error(logs_of(found), curve))
+            row["others"].append(float(np.abs(np.delete(shift, step)).max()))
+            row["wrong"].append(float(abs(shift[step])))
+            told = f"the exposure labelled {np.exp(FOUR[step]):.3g} s"
+            row["named"].append(any(told in rung.reason for rung in found.rungs))
+    return row
 
 
 def coverage(found: Estimate, curve: Callable[[Array], Array]) -> float | None:
@@ -209,6 +221,26 @@ def table(result: dict[str, Any]) -> str:
             f"{100 * max(row['ours']):.2f} | {shapes} | {inside} | {np.median(row['seconds']):.1f} "
             f"| {peers} |"
         )
+    lines += [
+        "",
+        "| wide bracket, stops | rig | rig, half a step | shapes | "
+        + " | ".join(f"OpenCV {peer} | half a step" for peer in PEERS)
+        + " |",
+        "|" + "---|" * (4 + 2 * len(PEERS)),
+    ]
+    for row in result["wide"]:
+        shapes = ", ".join(f"{row['rungs'].count(shape)} x {shape}" for shape in sorted(set(row["rungs"])))
+        values = [row[key] for peer in PEERS for key in (peer, f"{peer} half")]
+        peers = " | ".join(f"{100 * np.median(value):.1f}" for value in values)
+        lines.append(
+            f"| {row['stops']} | {100 * np.median(row['ours']):.2f} | {100 * np.median(row['half']):.2f} | "
+            f"{shapes} | {peers} |"
+        )
+    lines += ["", "| one label of four wrong | curve, worst | other exposures | that one | named |"]
+    lines.append("|---|---|---|---|---|")
+    for row in result["mislabelled"]:
+        values = " | ".join(f"{100 * max(row[key]):.2f}" for key in ("ours", "others", "wrong"))
+        lines.append(f"| {row['curve']} | {values} | {sum(row['named'])} of {len(row['named'])} |")
     if "memorial" in result:
         lines += ["", "| real bracket | rig | " + " | ".join(f"OpenCV {peer}" for peer in PEERS) + " |"]
         lines.append("|" + "---|" * (2 + len(PEERS)))
@@ -231,6 +263,8 @@ def main() -> None:
     jitters = (0.0,) if options.quick else (0.0, JITTER)
     families = [family(name, seeds, jitter) for jitter in jitters for name in FAMILIES]
     result: dict[str, Any] = {"machine": machine(), "seeds": len(seeds), "families": families}
+    result["wide"] = [wide(stops, seeds) for stops in WIDE]
+    result["mislabelled"] = [mislabelled(name, 0) for name in (["gamma 2.2"] if options.quick else FAMILIES)]
     data = os.environ.get("RIG_DATA")
     if data:
         result |= {"memorial": church(Path(data) / "memorial"), "t2i": room(Path(data) / "t2i")}

@@ -145,7 +145,7 @@ class Blend:
     @property
     def start(self) -> Array:
         """sRGB."""
-        return np.eye(self.terms)[1]
+        return np.asarray(np.eye(self.terms)[1])
 
     @property
     def penalty(self) -> Array:

@@ -38,10 +38,10 @@ def with_curve_error(merged: Merged, frames: Sequence[LinearFrame], response: Re
         for frame in frames:
             weight = _weight(frame, light, rows)
             place = np.minimum(np.sqrt(light * np.float32(frame.k)) * per_root, _TABLE - 1).astype(np.intp)
-            own = np.stack([table[place[..., c]] for c, table in enumerate(tables)], axis=-1)
+            away = weight * np.stack([table[place[..., c]] for c, table in enumerate(tables)], axis=-1)
             total += weight
-            error += weight * own
-            square += (weight * own) ** 2
+            error += away
+            square += away**2
         error = np.maximum(np.abs(error), np.sqrt(square))
         relative = np.divide(error, total, out=np.zeros_like(error), where=total > 0)
         sigma[rows] = np.hypot(merged.sigma[rows], relative * light)
