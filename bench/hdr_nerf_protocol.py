@@ -10,12 +10,11 @@ in Exp-1 (as HDR-NeRF has it; here each is drawn equally often). The other views
 exposures, t2 and t4 being new, and against the true light over its maximum. NH-3DGS sees the true light
 of the training views: a bound for all that sees photographs. Finished rows are kept in FOLDER.
 
-`rig calibrate --only response` comes before HDR-GS, and sees the photographs of the training alone. In Exp-1
-no view has two of them, so the curve is learnt from sRGB on.
+`rig calibrate --only response` comes before HDR-GS, and sees the photographs of the training alone: in Exp-3
+their brackets, in Exp-1, where no view has two exposures, the points that views share.
 """
 
 import argparse
-import json
 import shutil
 import sys
 from functools import partial
@@ -114,26 +113,12 @@ def one_exposure_each(photos: Path, session: Path, scene: Path, seed: int) -> Pa
     return session
 
 
-def with_measured_response(photos: Path, session: Path) -> Path:
-    """The same session with the response that the photographs for training tell."""
-    if (session / "calibration" / "calibration.json").exists():
-        return session
-    alone, split = session.with_name(f"{session.name}-training"), set(_split_of(photos).train)
-    shutil.rmtree(alone, ignore_errors=True)
-    shutil.copytree(photos, alone, ignore=shutil.ignore_patterns("reconstructions", "truth", "calibration"))
-    lines = [line for line in store.read_lines(photos / "shots.jsonl") if line["file"] in split]
-    store.write_bytes(alone / "shots.jsonl", "".join(f"{json.dumps(line)}\n" for line in lines).encode())
-    response = calibrate(alone, only="response").cameras[0].response
-    record = read_calibration(photos)
-    cameras = tuple(camera.model_copy(update={"response": response}) for camera in record.cameras)
-    record = record.model_copy(update={"cameras": cameras})
-    shutil.copytree(
-        photos,
-        session,
-        ignore=shutil.ignore_patterns("reconstructions", "calibration.json"),
-        dirs_exist_ok=True,
-    )
-    store.write_json(session / "calibration" / "calibration.json", record.model_dump(mode="json"))
+def with_measured_response(plain: Path, session: Path) -> Path:
+    """The same session with the response that its photographs for training tell."""
+    if not session.exists():
+        with store.replacing(session) as part:
+            shutil.copytree(plain, part, ignore=shutil.ignore_patterns("reconstructions"))
+            calibrate(part, only="response")
     return session
 
 
@@ -174,7 +159,7 @@ def row(options: argparse.Namespace, protocol: str, method: str, seed: int) -> d
         session = true_light(photos, base / "light")
     elif protocol == "exp-1":
         session = one_exposure_each(photos, base / "exp-1", scene, seed)
-    elif method == "hdr-gs":
+    if method == "hdr-gs":
         session = with_measured_response(session, base / f"{protocol}-measured")
     name = f"{method}-{options.quality}"
     folder = reconstruct(
@@ -218,9 +203,9 @@ def report(result: dict[str, Any]) -> str:
         "",
         "Trained on t1, t3 and t5 of every other view (Exp-3: all three; Exp-1: one each), tested on the",
         "others at those (OE) and at t2 and t4 (NE). HDR: mu-law, over the truth's maximum; aligned: after",
-        "one scale. Response: measured from the training photographs in Exp-3, learnt from sRGB on in Exp-1,",
-        "where no view has two exposures. The papers' figures are of other scenes and stand beside ours for",
-        "orientation only.",
+        "one scale. Response: calibrated from the training photographs first, in Exp-1, where no view has",
+        "two exposures, on the points that views share. The papers' figures are of other scenes and stand",
+        "beside ours for orientation only.",
         "",
         "| method | " + " | ".join(COLUMNS) + " |",
         "|---|" + "---|" * len(COLUMNS),
