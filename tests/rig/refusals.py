@@ -10,6 +10,8 @@ ON_SESSION = {
     "reconstruct": ["reconstruct", "{it}", "--quality", "draft"],
     "evaluate": ["evaluate", "{it}"],
     "render": ["render", "{it}", "{out}"],
+    "trade": ["trade", "{it}", "--budget", "1s"],
+    "explain": ["explain", "{it}"],
 }
 
 
