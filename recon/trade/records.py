@@ -82,7 +82,7 @@ class Trade(Record):
     device: str
     measure: Measure
     width: int
-    """px at which all points are measured, whatever they were trained at."""
+    """px of the images that all points are measured on, as `load` takes it."""
     points: tuple[Point, ...] = ()
     failed: dict[str, str] = Field(default_factory=dict)
     """What could not be trained, by its command, and why."""
