@@ -16,6 +16,8 @@ from imaging.records import Board
 
 Picture = npt.NDArray[np.uint8]
 
+_SMOOTH = 1.0
+"""px, standard deviation of the Gaussian that pictures are smoothed with before corners are refined."""
 FEWEST = 6
 """Corners of a view that are worth having: a pose needs four."""
 _TRIALS = 12
@@ -107,7 +109,8 @@ def find(board: Board, picture: Picture, printed: Print) -> Corners:
     ids, points = ids[keep], points[keep]
     if len(ids) < 4:
         return Corners(np.zeros(0, np.int64), np.zeros((0, 2)))
-    return Corners(ids, _refined(picture, points, side) + 0.5)
+    margin = side * (1 - board.marker / board.square) / 2
+    return Corners(ids, _refined(picture, points, margin) + 0.5)
 
 
 def _plane_view(flat: Any, points: Any, square: float) -> tuple[float, npt.NDArray[np.bool_]]:
@@ -123,9 +126,14 @@ def _plane_view(flat: Any, points: Any, square: float) -> tuple[float, npt.NDArr
     return float(sides.min()), np.linalg.norm(ahead - points, axis=1) < _OFF * sides + 0.5
 
 
-def _refined(picture: Picture, points: Any, side: float) -> npt.NDArray[np.float64]:
-    """Each corner where the gradients around it meet, within a third of a square."""
-    half = int(np.clip(side / 3, 2, 11))
+def _refined(picture: Picture, points: Any, margin: float) -> npt.NDArray[np.float64]:
+    """Each corner where the gradients around it meet.
+
+    margin: px between a marker and the edge of its square: what is looked at ends there, since the marker's
+    own gradients pull. Noise is smoothed first.
+    """
+    half = int(np.clip(margin - 1, 2, 11))
+    picture = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), _SMOOTH)
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
     start = np.ascontiguousarray(points.reshape(-1, 1, 2), np.float32)
     moved = cv2.cornerSubPix(picture, start, (half, half), (-1, -1), criteria)
