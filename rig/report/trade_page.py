@@ -66,8 +66,8 @@ def trade_off(trade: Trade) -> TradeOff:
     several = max((point.at_once for point in trade.points), default=1)
     return TradeOff(
         lead="All scenes are measured on the same held-out views at the same size, whatever they were "
-        "trained at. A dot is a training of its own: a moment of a longer one would look worse than it is, since its "
-        "learning rates are still high.",
+        "trained at. A dot is a training of its own: a moment of a longer one would look worse than it is, "
+        "since its learning rates are still high.",
         caution=f"Up to {several} trainings shared the machine, so their seconds tell nothing of one that "
         "has it alone: processor time is drawn instead."
         if several > 1
