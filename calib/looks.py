@@ -10,7 +10,9 @@ from calib.features import Features, extract
 from calib.previews import preview
 from calib.tracks import brightness_at, colour_at, light
 from calib.views import View, read_view
+from imaging import store
 from imaging.calibration import Response
+from imaging.mask import read_mask
 from imaging.merge import Merged, merge_bracket
 from imaging.mosaic import Matrix
 from imaging.photo import encode_png
@@ -53,7 +55,7 @@ def look(
     picture = preview(merged)
     height, width = picture.shape
     blank = _blank(merged)
-    found = extract(picture, threads)
+    found = _unmasked(session, view, extract(picture, threads), width, height)
     seen = light(merged, None if camera_from_rec709 is None else np.array(camera_from_rec709))
     return Look(
         png=encode_png(np.rint(255.0 * picture).astype(np.uint8)),
@@ -64,6 +66,18 @@ def look(
         colour=colour_at(seen, found.points, width, height),
         blank=blank,
     )
+
+
+def _unmasked(session: Session, view: View, found: Features, width: int, height: int) -> Features:
+    """The features that no mask of the view's shots covers; width, height: of the picture they are in, px."""
+    keep = np.ones(len(found.points), bool)
+    for shot in view.shots:
+        if shot.mask is not None:
+            counts = read_mask(store.inside(session.folder, shot.mask), shot.height, shot.width)
+            x = (found.points[:, 0] * shot.width / width).astype(int).clip(0, shot.width - 1)
+            y = (found.points[:, 1] * shot.height / height).astype(int).clip(0, shot.height - 1)
+            keep &= counts[y, x]
+    return found if keep.all() else Features(found.points[keep], found.descriptors[keep])
 
 
 def _blank(merged: Merged) -> str | None:

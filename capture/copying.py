@@ -12,6 +12,7 @@ from capture.originals import Original, Progress, shown
 from capture.saving import Slot, shot_file
 from imaging import store
 from imaging.errors import StorageError
+from imaging.mask import read_mask
 from imaging.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord
 from imaging.session import Session
 
@@ -20,11 +21,12 @@ ORIGIN = "import"
 
 @dataclass(frozen=True)
 class Place:
-    """Where an original goes: its shot, and the plan that this belongs to."""
+    """Where an original goes: its shot, the plan that this belongs to, and the mask that comes with it."""
 
     original: Original
     slot: Slot
     plan: str
+    mask: Path | None = None
 
 
 def begin_or_continue(
@@ -95,10 +97,15 @@ def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> l
 
 
 def _copy(session: Session, place: Place, data: bytes) -> None:
-    """File first, line second, as the recorder does."""
+    """Files first, line second, as the recorder does. InputError for a mask that does not fit."""
     original, slot = place.original, place.slot
     assert original.picture is not None
     file = shot_file(slot, original.path.suffix.lower().lstrip("."))
+    mask = None
+    if place.mask is not None:
+        read_mask(place.mask, original.picture.height, original.picture.width)
+        mask = f"masks/{slot.frame:04d}/{slot.camera}_{slot.step}{place.mask.suffix.lower()}"
+        store.write_bytes(session.folder / mask, place.mask.read_bytes())
     store.write_bytes(session.folder / file, data)
     session.append_shot(
         ShotRecord(
@@ -114,6 +121,7 @@ def _copy(session: Session, place: Place, data: bytes) -> None:
             height=original.picture.height,
             captured_at=original.picture.metadata.captured_at,
             source=shown(original.path),
+            mask=mask,
         )
     )
 

@@ -1,6 +1,6 @@
 """`rig import`: a session made of photographs that exist, copied byte for byte."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,6 +17,7 @@ from capture.instants import Together
 from capture.layouts import detect, read_layout
 from capture.layouts.given import Given, LayoutName
 from capture.lock import sole_writer
+from capture.masks import masks_asked, told_masks
 from capture.originals import Original, Progress, survey
 from capture.saving import Slot
 from imaging.errors import InputError, PartialError
@@ -58,6 +59,7 @@ def import_photos(
     bracket: int | None = None,
     together: Together | None = None,
     exposures: Path | None = None,
+    masks: Path | None = None,
     progress: Progress = lambda message, done, total: None,
 ) -> ImportResult:
     """Make a session at `out` of the photographs in `folder` and its subfolders; these stay untouched.
@@ -65,8 +67,9 @@ def import_photos(
     layout: what else the folder holds; by the files in it when None. Lenses, poses and scene points of a
     layout become the session's calibration. cameras: what tells cameras apart. bracket: so many
     consecutive photographs of a camera are one bracket. together: what makes brackets of several cameras
-    one frame. exposures: a list of them (`exposure_list`). Each is guessed when None. An import that was
-    killed is completed by the same call.
+    one frame. exposures: a list of them (`exposure_list`). Each is guessed when None. masks: a folder of
+    them, named as the photographs; those that a layout names when None. An import that was killed is
+    completed by the same call.
 
     Errors: InputError when `folder` holds nothing usable, its layout is damaged, or `out` is not empty or
     inside `folder`; StorageError when the disk refuses; both leave nothing behind. Files that cannot be
@@ -92,12 +95,19 @@ def import_photos(
         else frames_of_layout(sorted_series, given, bracket, together)
     )
     guesses += why
+    covers = {} if given is None else {photo.path: photo.mask for photo in given.photos if photo.mask}
+    paths = [original.path for original in found.originals]
+    if masks is not None:
+        covers, told = masks_asked(paths, folder, masks)
+        notes.append(told)
+    elif covers:
+        notes.append(told_masks(covers, len(paths)))
     places: list[Place] = []
     plans: list[PlanRecord] = []
     for one in numbered:
         new_plans = _plans(one)
         plans.extend(new_plans)
-        places.extend(_places(one, new_plans))
+        places.extend(_places(one, new_plans, covers))
     records = tuple(one.camera for one in numbered)
     last = CALIBRATION if has_poses(given) else "session.json"
     with folder_made(out), sole_writer(out):
@@ -184,10 +194,10 @@ def _agreed(originals: Sequence[Original]) -> Exposure | None:
     return first if same else None
 
 
-def _places(one: Numbered, plans: Sequence[PlanRecord]) -> list[Place]:
+def _places(one: Numbered, plans: Sequence[PlanRecord], masks: Mapping[Path, Path]) -> list[Place]:
     plan_of = {frame: plan.plan for plan in plans for frame in plan.frames}
     return [
-        Place(original, Slot(one.camera.name, frame, step), plan_of[frame])
+        Place(original, Slot(one.camera.name, frame, step), plan_of[frame], masks.get(original.path))
         for frame, bracket in one.brackets.items()
         for step, original in enumerate(bracket)
     ]

@@ -158,6 +158,8 @@ class ShotRecord(Record):
     retries: int = Field(default=0, ge=0)
     source: str | None = None
     """Path of the original, for imports."""
+    mask: str | None = None
+    """A picture of the same size, relative to the session folder, black where the shot is to be ignored."""
 
     @property
     def identity(self) -> tuple[str, str, int, int]:

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from imaging import store
 from imaging.calibration import (
     CalibrationRecord,
     Response,
@@ -62,6 +63,12 @@ class View:
     def name(self) -> str:
         """`frame/camera`, as in the folders of previews and renders."""
         return f"{self.frame:04d}/{self.camera}"
+
+    @cached_property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """Where any of the shots tells anything, bool [H, W]: not behind a mask."""
+        valid = np.logical_or.reduce([shot.valid for shot in self.shots])
+        return np.asarray(valid if valid.ndim == 2 else valid.all(-1))
 
     @cached_property
     def centre(self) -> npt.NDArray[np.float64]:
@@ -205,7 +212,8 @@ def _view(
         if scale is None:
             scale = shot.exposure.scale if shot.exposure else 1.0
         path, sensors = session.file(shot), camera.sensors
-        read, cfa = read_shot(path, shot.file, record.kind, scale, camera.response, max_width, sensors)
+        mask = None if shot.mask is None else store.inside(session.folder, shot.mask)
+        read, cfa = read_shot(path, shot.file, record.kind, scale, camera.response, max_width, sensors, mask)
         shots.append(read)
     height, width = shots[0].pixels.shape[:2]
     if any(shot.pixels.shape != shots[0].pixels.shape for shot in shots):

@@ -88,7 +88,13 @@ def measured(
         _against_shots(opened, renders, rows)
         reference = _reference(opened)
         if reference is not None:
-            pooled = _against_light(light, reference, rows)
+            # What a mask hides is no part of any figure.
+            seen = [view.seen for view in views]
+            ours, true = (
+                [image[counts] for image, counts in zip(side, seen, strict=True)]
+                for side in (light, reference)
+            )
+            pooled = _against_light(ours, true, rows)
     return light, seconds, rows, pooled
 
 
@@ -132,24 +138,35 @@ def _against_shots(opened: Opened, renders: list[torch.Tensor], rows: list[dict[
         if view.sensor.kind == "hdr":
             continue
         pairs = [_recorded(opened, image, view, index) for index in range(len(view.shots))]
+        psnrs = [_psnr(*pair, shot.valid) for pair, shot in zip(pairs, view.shots, strict=True)]
         if view.sensor.kind == "raw":
-            row["raw_psnr"] = float(np.mean([metrics.psnr(*pair) for pair in pairs]))
+            row["raw_psnr"] = float(np.mean(psnrs))
             continue
         known = [opened.dataset.trained_at(shot.k) for shot in view.shots]
         for suffix, seen in (("oe", True), ("ne", False)):
             own = [pair for pair, trained in zip(pairs, known, strict=True) if trained == seen]
             if not own:
                 continue
-            row[f"ldr_psnr_{suffix}"] = float(np.mean([metrics.psnr(*pair) for pair in own]))
+            figures = [figure for figure, trained in zip(psnrs, known, strict=True) if trained == seen]
+            row[f"ldr_psnr_{suffix}"] = float(np.mean(figures))
             if min(view.lens.width, view.lens.height) >= 11:
                 row["ssim" if seen else "ssim_ne"] = float(np.mean([metrics.ssim(*pair) for pair in own]))
 
 
 def _recorded(opened: Opened, image: torch.Tensor, view: View, index: int) -> tuple[Float, Float]:
-    """Predicted and recorded signal of a shot; the prediction saturates where the sensor does."""
+    """Predicted and recorded signal of a shot; the prediction saturates where the sensor does.
+
+    Where the shot is not valid the two are the same, so that no window of SSIM sees it.
+    """
     shot = view.shots[index]
     predicted = opened.training.method.observation.predict(image, view, shot.k).detach().numpy()
-    return np.minimum(predicted, 1.0).astype(np.float32), np.minimum(shot.pixels, 1.0)
+    recorded = np.minimum(shot.pixels, 1.0)
+    return np.where(shot.valid, np.minimum(predicted, 1.0), recorded).astype(np.float32), recorded
+
+
+def _psnr(predicted: Float, recorded: Float, valid: npt.NDArray[np.bool_]) -> float:
+    """Over what is valid; that of equal images if nothing is."""
+    return metrics.psnr(predicted[valid], recorded[valid]) if valid.any() else metrics.PSNR_CAP
 
 
 def _response(opened: Opened) -> dict[str, float]:

@@ -24,7 +24,7 @@ class _Codes:
     """Planes [shots * 3, H, W] of a view's photographs, and between what they tell predictions apart.
 
     A saturated code is a lower bound only: nothing above it is told apart from it. A black one is an upper
-    bound. ceiling and floor are the code there, and infinite elsewhere.
+    bound. ceiling and floor are the code there, infinite elsewhere; both are it where a shot is not valid.
     """
 
     target: Tensor
@@ -37,9 +37,9 @@ def _codes(view: View, device: torch.device) -> _Codes:
         stack = np.concatenate([getattr(shot, name).transpose(2, 0, 1) for shot in view.shots])
         return torch.from_numpy(np.ascontiguousarray(stack)).to(device)
 
-    target = planes("pixels")
-    floor = torch.where(planes("dark"), target, -torch.inf)
-    return _Codes(target, floor, torch.where(planes("saturated"), target, torch.inf))
+    target, ignored = planes("pixels"), ~planes("valid")
+    floor = torch.where(planes("dark") | ignored, target, -torch.inf)
+    return _Codes(target, floor, torch.where(planes("saturated") | ignored, target, torch.inf))
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """The pixels of one shot: a file of any kind read as numbers between 0 and 1, scaled down if asked."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +13,7 @@ from imaging.calibration import Response
 from imaging.cfa import Cfa, demosaic
 from imaging.exr import read_exr
 from imaging.linear import Bool, Float, LinearFrame, Noise, decode, from_codes, from_light, from_raw
+from imaging.mask import read_mask
 from imaging.photo import read_photo
 from imaging.raw import read_raw
 from imaging.sensor import SensorCalibration
@@ -56,27 +57,57 @@ def read_shot(
     response: Response,
     max_width: int | None,
     sensors: Sequence[SensorCalibration] = (),
+    mask: Path | None = None,
 ) -> tuple[Shot, Cfa | None]:
-    """One file as a Shot, and the phase of its mosaic if it is one; sensors: of the calibration, for RAW."""
+    """One file as a Shot, and the phase of its mosaic if it is one; sensors: of the calibration, for RAW.
+
+    mask: a picture (`imaging.mask`) whose black pixels are not valid in the shot.
+    """
+    shot, cfa, size = _read(path, name, kind, k, response, max_width, sensors)
+    if mask is None:
+        return shot, cfa
+    counts = read_mask(mask, *size)
+    height, width = shot.pixels.shape[:2]
+    if (height, width) != size and max_width is not None and width == max_width:
+        # A pixel of the smaller image counts if all that it is made of does.
+        counts = _area(counts, (width, height)) > 0.999
+    counts = counts[:height, :width] if shot.pixels.ndim == 2 else counts[:height, :width, None]
+    return replace(shot, valid=shot.valid & counts), cfa
+
+
+def _read(
+    path: Path,
+    name: str,
+    kind: Literal["raw", "ldr", "hdr"],
+    k: float,
+    response: Response,
+    max_width: int | None,
+    sensors: Sequence[SensorCalibration],
+) -> tuple[Shot, Cfa | None, tuple[int, int]]:
+    """The shot, the phase of its mosaic, and height and width of the file."""
     if kind == "raw":
-        return _mosaic(from_raw(read_raw(path), k, sensors), name, max_width)
+        raw = from_raw(read_raw(path), k, sensors)
+        shot, cfa = _mosaic(raw, name, max_width)
+        return shot, cfa, (raw.signal.shape[0], raw.signal.shape[1])
     if kind == "ldr":
         codes = np.ascontiguousarray(read_photo(path).pixels, np.float32)
         frame = from_codes(codes, k, response)
         size = _smaller(codes, max_width)
+        whole = codes.shape[0], codes.shape[1]
         if size is None:
-            return Shot(name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise), None
+            return Shot(name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise), None, whole
         saturated, dark = (_area(mask, size) > 0.5 for mask in (frame.saturated, frame.dark))
         codes = encode(_area(frame.signal, size), response)
-        return Shot(name, k, codes, saturated, dark, np.ones(codes.shape, bool), frame.noise), None
+        return Shot(name, k, codes, saturated, dark, np.ones(codes.shape, bool), frame.noise), None, whole
     frame = from_light(read_exr(path).rgb(), k)
     light, valid = frame.signal, frame.valid
+    whole = light.shape[0], light.shape[1]
     size = _smaller(light, max_width)
     if size is not None:
         weight = _area(valid, size)
         light, valid = np.asarray(_area(light, size) / weight.clip(1e-6), np.float32), weight > 0.5
     never = np.zeros(light.shape, bool)
-    return Shot(name, k, np.ascontiguousarray(light, np.float32), never, never, valid), None
+    return Shot(name, k, np.ascontiguousarray(light, np.float32), never, never, valid), None, whole
 
 
 def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot, Cfa | None]:

@@ -87,7 +87,8 @@ def colours_at(
         pixels, depth = project(view.lens, xyz)
         x, y = np.floor(pixels[:, 0]), np.floor(pixels[:, 1])
         inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < view.lens.width) & (y < view.lens.height)
-        samples[row, inside] = rgb[y[inside].astype(int), x[inside].astype(int)]
+        at = y[inside].astype(int), x[inside].astype(int)
+        samples[row, inside] = np.where(view.seen[at][:, None], rgb[at], np.nan)
     seen = np.isfinite(samples).all(-1).any(0)
     median = np.zeros((len(xyz), 3))
     median[seen] = np.nanmedian(samples[:, seen], axis=0)

@@ -70,6 +70,8 @@ def sweep(
         depth, score = found
         centres = _coarse_centres(view, depth.shape[1], depth.shape[0])
         trusted = (score > TRUSTED_SCORE) & _confirmed(index, depth, centres, views, raw)
+        size = depth.shape[1], depth.shape[0]
+        trusted &= cv2.resize(view.seen.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
         maps.append(DepthMap(view, _fill(depth, trusted), trusted, centres))
     return maps
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from capture.layouts.colmap_files import check_whole
 from capture.layouts.given import Given, GivenPhoto, lens_of, pose_of
+from capture.masks import masks_beside
 from capture.originals import natural, pictures_in, shown
 from imaging import store
 from imaging.calibration import Lens, LensModel, Pose
@@ -65,6 +66,9 @@ def read(folder: Path) -> Given:
     others = [path.name for path in sorted(place.parent.iterdir()) if path.is_dir() and path != place]
     if place.name == "0" and others:
         notes.append(f"Only sparse/0 is read; the photos of sparse/{', sparse/'.join(others)} have no poses.")
+    masks = {}
+    if root != folder:  # else they would be photographs of the project
+        masks = masks_beside(pictures_in(root), root, folder / "masks")
     rigs = _rigs(model, place)
     frames = _frames(model) if rigs else {}
     photos: dict[Path, GivenPhoto] = {}
@@ -77,12 +81,15 @@ def read(folder: Path) -> Given:
             continue
         lens = lenses[image.camera_id]
         pose = pose_of_image(image, place) if lens is not None and image.has_pose else None
-        photos[path] = GivenPhoto(path, str(image.camera_id), lens, pose, frame=frames.get(key))
+        own = masks.get(path)
+        photos[path] = GivenPhoto(path, str(image.camera_id), lens, pose, frame=frames.get(key), mask=own)
     rest = [path for path in pictures_in(root) if path not in photos] if root.name == "images" else []
     if rest:
         count = "1 photo" if len(rest) == 1 else f"{len(rest)} photos"
         notes.append(f"{count} that {place} has no pose for: rig calibrate may find it.")
-        photos |= {path: GivenPhoto(path, _camera_beside(path, photos)) for path in rest}
+        photos |= {
+            path: GivenPhoto(path, _camera_beside(path, photos), mask=masks.get(path)) for path in rest
+        }
     return Given(
         "colmap",
         place,

@@ -34,7 +34,7 @@ class GivenPhoto:
     camera: the layout's word for the camera; photographs of one word share a lens. lens: at the size
     that the layout states, None where rig has no such lens model. cam_from_world: None where the
     layout has no pose. frame: photographs of one camera and frame are a bracket; None: not told.
-    use: what a data set with a split of its own has it for; None: for neither.
+    use: what a data set with a split of its own has it for; None: for neither. mask: its mask, None: none.
     """
 
     path: Path
@@ -44,6 +44,7 @@ class GivenPhoto:
     exposure: Exposure | None = None
     frame: int | None = None
     use: Literal["train", "test"] | None = None
+    mask: Path | None = None
 
 
 @dataclass(frozen=True)

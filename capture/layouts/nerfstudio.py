@@ -160,7 +160,9 @@ def read(folder: Path) -> Given:
         lens = entry.lens(path)
         camera = lenses.setdefault(lens, str(len(lenses)))
         pose = entry.cam_from_world()
-        photos[path] = GivenPhoto(path, camera, lens, pose if lens else None, entry.exposure())
+        photos[path] = GivenPhoto(
+            path, camera, lens, pose if lens else None, entry.exposure(), mask=_mask(folder, entry)
+        )
     return Given(
         "nerfstudio",
         sources[0],
@@ -205,6 +207,19 @@ def _photo(folder: Path, name: str) -> Path:
         with_suffix = path.with_name(path.name + suffix)
         if with_suffix.is_file():
             return with_suffix
+    return path
+
+
+def _mask(folder: Path, entry: Entry) -> Path | None:
+    """The file that a `mask_path` means; InputError if it is not there."""
+    name = entry.values.get("mask_path")
+    if name is None:
+        return None
+    path = store.inside(folder, name) if isinstance(name, str) and name else None
+    if path is None or not path.is_file():
+        raise InputError(
+            f"{entry.where} has a mask_path {name!r} that is no file: correct it or take it out."
+        )
     return path
 
 

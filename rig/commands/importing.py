@@ -41,6 +41,10 @@ def import_(
         Path | None,
         typer.Option(help="A list 'file, seconds, f-number, ISO', an .hdrgen or image_list.txt."),
     ] = None,
+    masks: Annotated[
+        Path | None,
+        typer.Option(help="A folder of PNG masks named as the photos, black where they are to be ignored."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> Outcome:
     """Make a session of photographs.
@@ -62,6 +66,7 @@ def import_(
             bracket=bracket,
             together=together,
             exposures=exposures,
+            masks=masks,
             progress=meter,
         )
         if result.views:

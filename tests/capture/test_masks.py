@@ -1,0 +1,90 @@
+"""Masks that are imported with photographs: kept byte for byte, or told why they cannot be used."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from capture.masks import masks_beside
+from capture.photos import import_photos
+from imaging.errors import InputError
+from imaging.session import Session
+
+
+def picture(path: Path, value: int, size=(16, 12)) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image = np.full((size[1], size[0], 3), value, np.uint8)
+    cv2.imwrite(str(path), image)
+    return path
+
+
+@pytest.fixture
+def photos(tmp_path) -> Path:
+    for number in range(3):
+        picture(tmp_path / "photos" / f"{number}.png", 40 + number)
+    return tmp_path / "photos"
+
+
+def test_a_folder_of_masks_is_kept_with_its_photos(photos, tmp_path):
+    first, third = picture(tmp_path / "masks" / "0.png", 0), picture(tmp_path / "masks" / "2.png.png", 255)
+    result = import_photos(photos, tmp_path / "S", masks=tmp_path / "masks")
+    session = Session.open(tmp_path / "S")
+    masks = {Path(shot.source).name: shot.mask for shot in session.shots()}
+    assert masks["1.png"] is None
+    for name, own in (("0.png", first), ("2.png", third)):
+        assert masks[name].startswith("masks/")
+        assert (session.folder / masks[name]).read_bytes() == own.read_bytes()
+    assert any("2 of 3 photos have a mask" in guess for guess in result.guesses)
+
+
+def test_without_masks_the_records_are_as_ever(photos, tmp_path):
+    import_photos(photos, tmp_path / "S")
+    assert '"mask"' not in (tmp_path / "S" / "shots.jsonl").read_text()
+
+
+def test_mask_path_of_nerfstudio(photos, tmp_path):
+    own = picture(photos / "masks" / "0.png", 255)
+    pose = np.eye(4).tolist()
+    frames = [{"file_path": f"{n}.png", "transform_matrix": pose} for n in range(3)]
+    frames[0]["mask_path"] = "masks/0.png"
+    top = {"w": 16, "h": 12, "fl_x": 20.0, "frames": frames}
+    (photos / "transforms.json").write_text(json.dumps(top))
+    import_photos(photos, tmp_path / "S")
+    session = Session.open(tmp_path / "S")
+    shots = {Path(shot.source).name: shot for shot in session.shots()}
+    assert len(shots) == 3
+    assert (session.folder / shots["0.png"].mask).read_bytes() == own.read_bytes()
+    assert shots["1.png"].mask is None
+    frames[1]["mask_path"] = "masks/1.png"
+    (photos / "transforms.json").write_text(json.dumps(top))
+    with pytest.raises(InputError, match=r"frame 1 .* has a mask_path 'masks/1.png' that is no file"):
+        import_photos(photos, tmp_path / "T")
+
+
+def test_names_of_masks(tmp_path):
+    """COLMAP's `b.jpg.png`, and plain `b.png`; the first counts where both are there."""
+    root, masks = tmp_path / "images", tmp_path / "masks"
+    paths = [root / "a" / f"{n}.jpg" for n in range(3)]
+    colmap = picture(masks / "a" / "0.jpg.png", 0)
+    picture(masks / "a" / "0.png", 0)
+    plain = picture(masks / "a" / "1.png", 0)
+    assert masks_beside(paths, root, masks) == {paths[0]: colmap, paths[1]: plain}
+
+
+def test_masks_that_cannot_be_used(photos, tmp_path):
+    picture(tmp_path / "small" / "1.png", 0, (8, 6))
+    with pytest.raises(InputError, match="has 8x6 pixels and its photograph 16x12: make it of the same size"):
+        import_photos(photos, tmp_path / "S", masks=tmp_path / "small")
+    assert not (tmp_path / "S").exists() or not any((tmp_path / "S").iterdir())
+    picture(tmp_path / "other" / "x.png", 0)
+    with pytest.raises(
+        InputError, match=r"holds no mask of any photo: name them as the photos, such as 0\.png"
+    ):
+        import_photos(photos, tmp_path / "S", masks=tmp_path / "other")
+    with pytest.raises(InputError, match="nothing is not a folder"):
+        import_photos(photos, tmp_path / "S", masks=tmp_path / "nothing")
+    picture(photos / "masks" / "0.png", 0)
+    with pytest.raises(InputError, match="lies among the photographs"):
+        import_photos(photos, tmp_path / "S", masks=photos / "masks")
