@@ -228,7 +228,7 @@ def _begin(
     clock: Callable[[], float],
 ) -> tuple[Training, Settings, Prediction | None]:
     """Gaussians at their start; what an earlier training left in the folder is removed."""
-    warm_up(progress, device)
+    warm_up(progress, device, fisheye=any(view.lens.fisheye for view in dataset.views))
     refined = refinement_for(dataset, wanted, ranks, progress)
     started = clock()
     images = [radiance_image(view) for view in dataset.train]

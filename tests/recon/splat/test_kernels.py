@@ -230,7 +230,7 @@ def test_kernels_compile_without_a_place_for_the_cache(tmp_path: Path) -> None:
 
 def test_warm_up_says_what_it_does() -> None:
     said: list[tuple[str, int, int]] = []
-    warm_up(lambda message, done, total: said.append((message, done, total)))
+    warm_up(lambda message, done, total: said.append((message, done, total)), fisheye=True)
     assert [(done, total) for _, done, total in said] == [(0, 3), (1, 3), (2, 3), (3, 3)]
     assert all(message.strip() for message, _, _ in said)
 
