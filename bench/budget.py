@@ -1,19 +1,27 @@
 """What time buys: quality of the demo against iterations and Gaussians, the curve behind the presets.
 
     python bench/budget.py [--quick] [--json] [--write] [--seed 0] [--calibration own|truth] [--work FOLDER]
+                           [--budgets 20s,40s,80s]
 
 Each row is a whole training with its own schedule, not a point on the way of a longer one. Seconds are
-wall-clock of the training loop on this machine, processor seconds all its threads together.
+wall-clock of the training loop on this machine, processor seconds all its threads together. With --budgets
+the rows are reconstructions within these times instead, at the preset `best`: how well the time was kept, and
+what was foretold of held-out quality. A row that is done is kept, so a stopped script goes on.
 """
 
 import argparse
+import shutil
+import time
 from pathlib import Path
 from typing import Any
 
 from record import WORK, arguments, deliver, machine, words
 from trial import Cache, prepare, run, session
 
+from recon.budget import Budget
 from recon.methods import nh_3dgs
+from recon.model import read_model
+from recon.reconstruct import reconstruct
 
 GRID = [(250, 10_000), (500, 10_000), (500, 20_000), (1000, 20_000), (2000, 20_000), (4000, 20_000)]
 GRID += [(1000, 40_000), (2000, 40_000), (4000, 40_000)]
@@ -39,6 +47,49 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def measure_budgets(options: argparse.Namespace) -> dict[str, Any]:
+    cache = Cache(options.work / f"budgets-{options.calibration}-{options.sim}-{options.seed}.jsonl")
+    rows = [cache.get(text, lambda text=text: kept(options, text)) for text in options.budgets]
+    return {"machine": machine(), "sim": options.sim, "seed": options.seed, "rows": rows}
+
+
+def kept(options: argparse.Namespace, text: str) -> dict[str, Any]:
+    """One reconstruction within a time."""
+    folder = session(options.work, options.sim, options.seed, options.calibration)
+    began = time.monotonic()
+    made = reconstruct(folder, quality="best", budget=text, seed=options.seed, name=f"budget-{text}")
+    record = read_model(made)
+    shutil.rmtree(made)
+    asked, used = Budget.parse(text).amount, record.train_seconds + record.measuring_seconds
+    row = {"asked": asked, "used": used, "whole": round(time.monotonic() - began, 2)}
+    row |= {"iterations": record.iterations, "turns": len(record.course) - 2, "reached": record.held_out_db}
+    return row | (record.predicted.model_dump() if record.predicted else {})
+
+
+def report_budgets(result: dict[str, Any]) -> str:
+    rows = result["rows"]
+    told = [row for row in rows if "db" in row]
+    inside = sum(row["low"] <= row["reached"] <= row["high"] for row in told)
+    on_time = sum(0.95 * row["asked"] <= row["used"] <= 1.05 * row["asked"] for row in rows)
+    lines = [
+        "# How well a budget of time is kept, and what is foretold of it",
+        "",
+        f"`python bench/budget.py --budgets ... --write`: the {result['sim']} rig, seed {result['seed']}, "
+        f"preset best. {words(result['machine'])}. Within 5 % of the time: {on_time} of {len(rows)}; within "
+        f"the interval: {inside} of {len(told)}. Whole: with reading, compiling and writing.",
+        "",
+        "| asked, s | used, s | share | whole, s | iterations | turns | foretold, dB | interval | dB |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        guess = f"{row['db']:.1f} | {row['low']:.1f} to {row['high']:.1f}" if "db" in row else "n/a | n/a"
+        lines.append(
+            f"| {row['asked']:g} | {row['used']:.1f} | {row['used'] / row['asked']:.3f} "
+            f"| {row['whole']:.1f} | {row['iterations']} | {row['turns']} | {guess} | {row['reached']:.1f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
 def report(result: dict[str, Any]) -> str:
     lines = [
         "# What time buys",
@@ -61,11 +112,16 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--calibration", choices=("own", "truth"), default="own")
     parser.add_argument("--work", type=Path, default=WORK)
+    parser.add_argument("--budgets", type=lambda text: text.split(","))
     options = parser.parse_args()
     options.sim, options.grid = "demo", GRID
     if options.quick:
         options.sim, options.calibration = "toy", "truth"
         options.grid = [(50, 600), (100, 600), (200, 600), (200, 1200)]
+    if options.budgets:
+        result = measure_budgets(options)
+        deliver(options, "budgets", result, report_budgets(result))
+        return
     result = measure(options)
     deliver(options, "budget", result, report(result))
 

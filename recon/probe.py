@@ -12,10 +12,13 @@ from recon.trainer import Plan, Training, train
 
 FEWEST = 50
 """Iterations that any training has, however little time there is."""
-WARM_UP, TRIAL = 6, 6
+WARM_UP, TRIAL = 2, 3
 SHARE = 0.05
 """Of a time, what the longer miniature may take; the other is half as long."""
 SHORTEST, LONGEST = 20, 100
+"""Iterations of the longer miniature. Where the time has no room for the shortest, there is none."""
+GROWTH = 1.25
+"""How much longer an iteration takes on the mean of a training than with the Gaussians it starts with."""
 RESERVE = 0.92
 """Share of the time that is planned with: the rest is for measuring, checkpoints and a busier machine."""
 
@@ -27,7 +30,7 @@ class Probe:
     """What the miniatures told.
 
     pace: seconds an iteration. db, before: held-out quality after a schedule of `iterations` and after one
-    of half as many; None without held-out views.
+    of half as many; None without held-out views, and where there was no time for miniatures.
     """
 
     iterations: int
@@ -55,7 +58,7 @@ def probe(
 
     They grow to as many Gaussians and switch on as many harmonics as the true one will, so their mean pace
     is that of the true one. `begin` makes a new training; `seconds` is the time that there is in all, None
-    where time is no matter.
+    where time is no matter. If that is too short for them, a few iterations have to do.
     """
 
     def run(training: Training, plan: Plan, until: int) -> float:
@@ -78,7 +81,9 @@ def probe(
         warm.iteration = 700_000
         run(warm, endless, warm.iteration + WARM_UP)
         pace = run(warm, endless, warm.iteration + TRIAL) / TRIAL
-        count = int(ranks.told(min(max(SHARE * seconds / max(pace, 1e-9), SHORTEST), LONGEST)))
+        count = int(ranks.told(min(SHARE * seconds / max(pace, 1e-9), LONGEST)))
+        if count < SHORTEST:
+            return Probe(TRIAL, ranks.told(pace) * GROWTH, None, None)
     _, before = miniature(count // 2)
     pace, quality = miniature(count)
     return Probe(count, ranks.told(pace), quality, before)
