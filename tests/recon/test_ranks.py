@@ -18,6 +18,7 @@ from recon.methods import METHODS
 from recon.model import read_model
 from recon.radiance import light_of, radiance_image
 from recon.ranks import Ranks, joined
+from recon.refinement import Refinement
 from recon.start import gaussians_at, start_points
 from recon.trainer import Plan, Training, train
 
@@ -30,9 +31,9 @@ def begin(dataset: Dataset) -> Training:
     light = light_of(dataset, images)
     points = start_points(dataset, images, 500, np.random.Generator(np.random.PCG64(0)))
     method = METHODS["nh-3dgs"](dataset, light)
-    return Training.begin(
-        method, light, gaussians_at(points, method.appearance, method.observation.units), dataset.extent
-    )
+    gaussians = gaussians_at(points, method.appearance, method.observation.units)
+    refinement = Refinement.of(dataset, ["poses", "exposures", "vignetting"])
+    return Training.begin(method, light, gaussians, dataset.extent, refinement=refinement)
 
 
 def train_here(session: Path, out: Path, ranks: Ranks) -> list[dict[str, float]]:
