@@ -123,9 +123,9 @@ def report(result: dict[str, Any]) -> str:
         [
             "# A rig on a bad day",
             "",
-            f"`python bench/faults.py --write{chosen}`: {result['cameras']} cameras x {len(TIMES)} exposures x "
-            f"{result['frames']} frames on the virtual bus, seed {result['seed']}, without faults and with a "
-            f"twentieth of all operations faulted. {words(result['machine'])}.",
+            f"`python bench/faults.py --write{chosen}`: {result['cameras']} cameras x {len(TIMES)} exposures "
+            f"x {result['frames']} frames on the virtual bus, seed {result['seed']}, without faults and with "
+            f"a twentieth of all operations faulted. {words(result['machine'])}.",
             "",
             "| cameras | virtual s without faults | with | ratio | sound | missing | wrong exposure "
             "| retried | operations | what happened |",
