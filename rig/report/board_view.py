@@ -31,7 +31,7 @@ def board_figures(record: CalibrationRecord) -> Iterable[Figure]:
             if pose is not None or len(names) == 1
         }
         boards = {
-            place.frame: _around(record.board.board, np.linalg.inv(cameras[place.cameras[0]]), place)
+            place.frame: _around(record.board.board, cameras[place.cameras[0]], place)
             for place in places
             if place.cameras[0] in cameras
         }
@@ -65,9 +65,9 @@ def _groups(places: Sequence[BoardPlace]) -> list[list[BoardPlace]]:
     return [own for _, own in groups]
 
 
-def _around(board: Board, rig_from_cam: Array, place: BoardPlace) -> Array:
+def _around(board: Board, cam_from_rig: Array, place: BoardPlace) -> Array:
     """The board's corners in the axes of the rig, float64 [4, 3]."""
     wide, high = board.columns * board.square, board.rows * board.square
     corners = np.array([[0, 0, 0], [wide, 0, 0], [wide, high, 0], [0, high, 0]])
-    motion = rig_from_cam @ place.cam_from_board.matrix()
+    motion = np.linalg.inv(cam_from_rig) @ place.cam_from_board.matrix()
     return np.asarray(corners @ motion[:3, :3].T + motion[:3, 3])
