@@ -19,6 +19,12 @@ MIN_WIDTH = 640
 """Narrower ones are enlarged to it, inside the feature extractor only: SIFT's first octave is coarse."""
 LOCAL_SHARE = 0.8
 """Of the local mean that is taken away; all of it would leave halos as the only large features."""
+FAINT = 10.0
+"""Median signal-to-noise ratio of a view below which it is smoothed, so that noise hides no features."""
+BLUR = 1.0
+"""px, of a faint picture."""
+FLOORS = 2.0, 8.0
+"""Noise floors added before the logarithm; the more of them in a faint picture, lest its shadows be noise."""
 _HOT = 2.0
 """A photosite that has so many times the light of all like it around shows a defect, and no scene."""
 _BINOMIAL = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 16
@@ -35,10 +41,14 @@ def preview(merged: Merged) -> Float:
         size = (MAX_WIDTH, max(1, round(height * MAX_WIDTH / width)))
         brightness = cv2.resize(brightness, size, interpolation=cv2.INTER_AREA)
         sigma = cv2.resize(sigma, size, interpolation=cv2.INTER_AREA)
+    faint = float(np.median(brightness)) < FAINT * float(np.median(sigma))
+    if faint:
+        brightness = ndimage.gaussian_filter(brightness, BLUR, mode="mirror")
+        sigma = ndimage.gaussian_filter(sigma, BLUR, mode="mirror") / (2 * np.sqrt(np.pi) * BLUR)
     # The noise of the darkest fifth is the floor: below it there is nothing to see.
     floor = float(np.median(sigma[sigma <= np.percentile(sigma, 20)]))
     floor = max(floor, 1e-6 * float(np.max(brightness, initial=0.0)), 1e-30)
-    stops = np.log2(np.maximum(brightness, -floor) + 2 * floor)
+    stops = np.log2(np.maximum(brightness, -floor) + FLOORS[faint] * floor)
     flat = stops - LOCAL_SHARE * ndimage.gaussian_filter(stops, max(stops.shape[1] / 40, 1.0))
     low, high = (float(value) for value in np.percentile(flat, (0.5, 99.5)))
     if high - low < 1e-6:
