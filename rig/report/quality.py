@@ -26,6 +26,13 @@ HEADLINES = {
 }
 
 
+ENDINGS = {
+    "early stop": "before its schedule did, since held-out views hardly got better",
+    "goal": "when held-out views were as good as was asked for",
+    "interrupted": "by Ctrl-C; the same command goes on from there",
+}
+
+
 @dataclass(frozen=True)
 class MetricRow:
     """One metric of the scene; `worst` is its value in the worst case, if that was measured."""
@@ -172,7 +179,15 @@ def _charts(folder: Path, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str
 
 def _cost(model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
     yield "Training time", f"{duration(model.train_seconds)} on {model.device}"
-    yield "Iterations", f"{model.settings.iterations:,}"
+    yield "Iterations", f"{model.iterations or model.settings.iterations:,}"
+    if model.ending != "schedule":
+        yield "Ended", ENDINGS[model.ending]
+    if model.predicted is not None and model.held_out_db is not None:
+        guess = model.predicted
+        yield (
+            "Held-out quality, foretold and reached",
+            f"{guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f}), {model.held_out_db:.1f} dB",
+        )
     yield "Gaussians", f"{model.gaussians:,}"
     if "size_bytes" in metrics:
         yield "Size of splats.ply", size(metrics["size_bytes"])
