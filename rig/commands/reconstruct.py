@@ -47,7 +47,7 @@ def reconstruct(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="Fix one of iterations, gaussians, width, degree, ssim, growth, views, exposures; may be "
+            help="Fix one of iterations, gaussians, width, degree, ssim, growth, views, exposures, refine; may be "
             "repeated. rig trade says what each of them buys.",
         ),
     ] = None,
