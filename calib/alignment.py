@@ -6,7 +6,7 @@ warped until it looks like the patch around the point in another view tells the 
 Lindenberger et al., "Pixel-Perfect Structure-from-Motion", 2021).
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,10 +52,12 @@ class _Sights:
 def align(reconstruction: Any, pictures: Mapping[Key, bytes], progress: Progress) -> None:
     """Put the observations of a COLMAP model, whose poses are nearly right, to where their patches match.
 
-    pictures: of every view, as an 8-bit grey PNG, by whose pixels the model counts. In each track one view
-    stays as it is: the one that looks from the middle of all. Those unlike it are dropped.
+    pictures: of views, as 8-bit grey PNGs, by whose pixels the model counts; other views stay as they are, as
+    does one of each track: the one that looks from the middle of all. Those unlike it are dropped.
     """
-    sights = _gather(reconstruction)
+    sights = _gather(reconstruction, pictures)
+    if not len(sights.image):
+        return
     slopes, middle = _slopes(reconstruction, sights)
     reference = _references(sights, middle)[sights.point]
     with np.errstate(all="ignore"):
@@ -84,15 +86,20 @@ def align(reconstruction: Any, pictures: Mapping[Key, bytes], progress: Progress
     progress("aligning patches", len(images), len(images))
 
 
-def _gather(reconstruction: Any) -> _Sights:
+def _gather(reconstruction: Any, pictures: Collection[Key]) -> _Sights:
     rows, places, world = [], [], []
+    shown = {index for index in reconstruction.reg_image_ids()
+             if key_of(reconstruction.image(index).name) in pictures}  # fmt: skip
     for order, number in enumerate(sorted(reconstruction.points3D)):
         point = reconstruction.points3D[number]
         for element in sorted(point.track.elements, key=lambda one: (one.image_id, one.point2D_idx)):
+            if element.image_id not in shown:
+                continue
             rows.append((element.image_id, element.point2D_idx, order))
             places.append(np.ravel(reconstruction.image(element.image_id).point2D(element.point2D_idx).xy))
             world.append(point.xyz)
     image, feature, point = np.array(rows, np.int64).reshape(-1, 3).T
+    point = np.unique(point, return_inverse=True)[1]
     return _Sights(
         image, feature, point, np.array(places).reshape(-1, 2), np.array(world, np.float64).reshape(-1, 3)
     )

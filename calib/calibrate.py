@@ -214,7 +214,7 @@ def _placed(
         focal_known=focal_known if board is None else focal_known | set(board.lenses),
         known=known,
         blank={key: own.blank for key, own in looks.items() if own.blank is not None},
-        pictures={key: own.png for key, own in looks.items()},
+        pictures={key: own.png for key, own in looks.items() if not own.faint},
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.features import Features, extract
-from calib.previews import preview
+from calib.previews import is_faint, preview
 from calib.tracks import brightness_at, colour_at, light
 from calib.views import View, read_view
 from imaging import store
@@ -30,7 +30,7 @@ class Look:
     png: the feature picture, 8 bits; width, height: its size. brightness: float64 [K], natural log of
     the luminance around each feature, NaN where it is not known well; colour: float64 [K, 3], the same of
     camera RGB. blank: why the view shows
-    nothing, 'black' or 'saturated'; None if it shows something.
+    nothing, 'black' or 'saturated'; None if it shows something. faint: whether most of it is noise.
     """
 
     png: bytes
@@ -40,6 +40,7 @@ class Look:
     brightness: npt.NDArray[np.float64]
     colour: npt.NDArray[np.float64]
     blank: str | None
+    faint: bool
 
 
 def look(
@@ -65,6 +66,7 @@ def look(
         brightness=brightness_at(seen, found.points, width, height),
         colour=colour_at(seen, found.points, width, height),
         blank=blank,
+        faint=is_faint(merged),
     )
 
 

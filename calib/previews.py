@@ -19,8 +19,8 @@ MIN_WIDTH = 640
 """Narrower ones are enlarged to it, inside the feature extractor only: SIFT's first octave is coarse."""
 LOCAL_SHARE = 0.8
 """Of the local mean that is taken away; all of it would leave halos as the only large features."""
-FAINT = 10.0
-"""Median signal-to-noise ratio of a view below which it is smoothed, so that noise hides no features."""
+FAINT = 4.0
+"""Signal-to-noise ratio of photosites below which a view is smoothed, so that noise hides no features."""
 BLUR = 1.0
 """px, of a faint picture."""
 FLOORS = 2.0, 8.0
@@ -41,7 +41,7 @@ def preview(merged: Merged) -> Float:
         size = (MAX_WIDTH, max(1, round(height * MAX_WIDTH / width)))
         brightness = cv2.resize(brightness, size, interpolation=cv2.INTER_AREA)
         sigma = cv2.resize(sigma, size, interpolation=cv2.INTER_AREA)
-    faint = float(np.median(brightness)) < FAINT * float(np.median(sigma))
+    faint = is_faint(merged)
     if faint:
         brightness = ndimage.gaussian_filter(brightness, BLUR, mode="mirror")
         sigma = ndimage.gaussian_filter(sigma, BLUR, mode="mirror") / (2 * np.sqrt(np.pi) * BLUR)
@@ -54,6 +54,14 @@ def preview(merged: Merged) -> Float:
     if high - low < 1e-6:
         return np.full(flat.shape, 0.5, np.float32)
     return np.asarray(np.clip((flat - low) / (high - low), 0.0, 1.0), np.float32)
+
+
+def is_faint(merged: Merged) -> bool:
+    """Whether most of a view is little more than noise."""
+    if merged.sigma is None or not merged.valid.any():
+        return False
+    light, noise = (float(np.median(part[merged.valid])) for part in (merged.radiance, merged.sigma))
+    return light < FAINT * noise
 
 
 def enlargement(width: int) -> int:

@@ -81,8 +81,8 @@ def solve(
     rigs: names of cameras that are rigidly mounted to each other. focal_known: cameras whose guess comes
     from a file's focal length rather than from nothing. known: what a board told, which stays, lenses
     at picture size; the model is in metres where that placed two cameras of a rig. blank: why a view shows
-    nothing, of those that do not. pictures: of every view, as a grey PNG, for places more exact than those of
-    the features.
+    nothing, of those that do not. pictures: of views with little noise, as grey PNGs, for places more exact
+    than those of features.
     """
     refuse_hopeless(features, blank or {})
     width = max(lens.width for lens in cameras.values())
@@ -120,7 +120,7 @@ def solve(
         rung = Rung(name="rig_constraint", taken=False, reason=reason)
         free = replace(free, placed=frozenset())
         typical = _polish(reconstruction, free, max_error, threads, progress)
-    if pictures is not None and reconstruction.num_points3D() >= FEWEST_MATCHES:
+    if pictures and reconstruction.num_points3D() >= FEWEST_MATCHES:
         align(reconstruction, pictures, progress)
         typical = _polish(reconstruction, free, ALIGNED * max_error, threads, progress)
     if reconstruction.num_points3D() < FEWEST_MATCHES:

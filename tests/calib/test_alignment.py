@@ -100,3 +100,14 @@ def test_views_without_texture_leave_nothing_and_raise_nothing() -> None:
     grey = cv2.imencode(".png", np.full((HEIGHT, WIDTH), 128, np.uint8))[1].tobytes()
     align(made, dict.fromkeys(KEYS, grey), silent)
     assert made.num_points3D() == 0
+
+
+def test_views_without_a_picture_stay_as_they_are() -> None:
+    points = np.column_stack([RNG.uniform((-1.5, -1.0), (1.5, 1.0), (40, 2)), np.zeros(40)])
+    made, places = model(points)
+    misplaced(made, places, 0.3)
+    before = [np.ravel(point.xy).tolist() for point in made.image(3).points2D]
+    align(made, {KEYS[0]: picture(0, noise=1.0), KEYS[1]: picture(1, noise=1.0)}, silent)
+    assert [np.ravel(point.xy).tolist() for point in made.image(3).points2D] == before
+    align(made, {}, silent)
+    assert all(point.has_point3D() for point in made.image(3).points2D)
