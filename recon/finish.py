@@ -35,7 +35,7 @@ def write_scene(
     write_ply(folder / SPLATS, training.gaussians.to(torch.device("cpu")), appearance, 1.0, note)
     if training.refinement is not None and training.refinement.parameters:
         store.write_json(folder / REFINEMENT, training.refinement.facts())
-    why = () if training.refinement is None else training.refinement.rungs
+    why = () if training.refinement is None else training.refinement.told()
     course = training.course
     assert course is not None
     interrupted = training.iteration < course.total

@@ -146,6 +146,29 @@ class Refinement:
             sensor = replace(sensor, falloff=shaded.clip(1e-3))
         return replace(view, lens=lens, shots=shots, sensor=sensor)
 
+    def told(self) -> tuple[Rung, ...]:
+        """The rungs, those that were taken with how far it went in the middle (median)."""
+        own = {name: value.detach().cpu().double() for name, value in self.parameters.items()}
+        amounts: dict[str, str] = {}
+        if "poses" in own:
+            turn, way = (
+                float(own["poses"][:, part].norm(dim=1).median()) for part in (slice(3, 6), slice(3))
+            )
+            amounts["refine poses"] = (
+                f"moved by {np.degrees(turn):.2g} degrees and {100 * way:.2g} % of the extent"
+            )
+        if "exposures" in own:
+            amounts["refine exposures"] = f"by {float(own['exposures'].abs().median()) / np.log(2):.2g} stops"
+        if "vignetting" in own:
+            corner = float(own["vignetting"].sum(dim=1).abs().median())
+            amounts["refine vignetting"] = f"by {100 * corner:.2g} % in the corners"
+        return tuple(
+            rung.model_copy(update={"reason": f"{rung.reason}; {amounts[rung.name]}"})
+            if rung.name in amounts
+            else rung
+            for rung in self.rungs
+        )
+
     def facts(self) -> dict[str, object]:
         """For people and other programs: what was corrected by how much, by view, file and camera."""
         found: dict[str, object] = {"schema_version": 1}

@@ -47,8 +47,8 @@ def reconstruct(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="Fix one of iterations, gaussians, width, degree, ssim, growth, views, exposures, refine; may be "
-            "repeated. rig trade says what each of them buys.",
+            help="Fix one of iterations, gaussians, width, degree, ssim, growth, views, exposures, refine; "
+            "may be repeated. rig trade says what each of them buys.",
         ),
     ] = None,
     name: Annotated[
