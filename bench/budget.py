@@ -12,6 +12,7 @@ what was foretold of held-out quality. A row that is done is kept, so a stopped 
 import argparse
 import shutil
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def measure_budgets(options: argparse.Namespace) -> dict[str, Any]:
     cache = Cache(options.work / f"budgets-{options.calibration}-{options.sim}-{options.seed}.jsonl")
-    rows = [cache.get(text, lambda text=text: kept(options, text)) for text in options.budgets]
+    rows = [cache.get(text, partial(kept, options, text)) for text in options.budgets]
     return {"machine": machine(), "sim": options.sim, "seed": options.seed, "rows": rows}
 
 
@@ -61,7 +62,7 @@ def kept(options: argparse.Namespace, text: str) -> dict[str, Any]:
     record = read_model(made)
     shutil.rmtree(made)
     asked, used = Budget.parse(text).amount, record.train_seconds + record.measuring_seconds
-    row = {"asked": asked, "used": used, "whole": round(time.monotonic() - began, 2)}
+    row: dict[str, Any] = {"asked": asked, "used": used, "whole": round(time.monotonic() - began, 2)}
     row |= {"iterations": record.iterations, "turns": len(record.course) - 2, "reached": record.held_out_db}
     return row | (record.predicted.model_dump() if record.predicted else {})
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from imaging import store
 from imaging.calibration import CalibrationRecord
 from imaging.session import Session
-from recon.budget import Budget
 
 if TYPE_CHECKING:
     from recon.model import ModelRecord
@@ -93,6 +92,8 @@ def _commands(
     if calibrated:
         yield f"rig calibrate {name}"
     if model is not None:
+        from recon.budget import Budget
+
         chosen = model.settings
         options = f"--method {chosen.method} --quality {chosen.quality} --seed {chosen.seed}"
         budget = "" if chosen.budget is None else f" --budget {Budget(chosen.budget, chosen.budget_unit)}"
