@@ -104,7 +104,11 @@ def estimate(samples: Samples | None) -> Estimate:
         )
     noise = [noise_of(channel) for channel in channels]
     ladder = [
-        [held_out(channels, noise, shape) for shape in variants if _told(channels, shape)]
+        [
+            held_out(channels, noise, shape, labels_hold=samples.rough)
+            for shape in variants
+            if _told(channels, shape)
+        ]
         # A free curve would follow what gloss and edges do to rough samples.
         for variants in (LADDER[:-1] if samples.rough else LADDER)
     ]
@@ -126,7 +130,7 @@ def estimate(samples: Samples | None) -> Estimate:
         if rung.taken:
             best, rival = trial, keenest
     held = held_out(channels, noise, best.shape, labels_hold=True).without(odd)
-    freed, rung = _exposures(held, best, len(channels[0].steps))
+    freed, rung = _exposures(held, best, len(channels[0].steps), samples.rough)
     fitted = fit(channels, best.shape, noise, labels_hold=not freed)
     contradiction = _contradiction(channels[0].steps, fitted[0].shift) if freed else ""
     rungs.append(rung.model_copy(update={"reason": f"{rung.reason}{contradiction}"}))
@@ -169,13 +173,16 @@ def _judge(simple: Judged, freer: Judged, hardly: float) -> Rung:
     )
 
 
-def _exposures(held: Judged, best: Judged, steps: int) -> tuple[bool, Rung]:
+def _exposures(held: Judged, best: Judged, steps: int, rough: bool) -> tuple[bool, Rung]:
     """Whether the exposures are other than their labels say; with two there is no telling.
 
-    held: with the exposures of the labels; best: with others.
+    held: with the exposures of the labels; best: with others, but for rough samples: an exposure that stands
+    in one view alone is not told from what that view sees differently.
     """
-    if steps < 3:
+    if steps < 3 or rough:
         reason = "two exposures tell no ratio beside the curve: the labels are taken as they are"
+        if rough:
+            reason = "no view shows two exposures of one place: the labels are taken as they are"
         return False, Rung(name="exposure_labels", taken=False, reason=reason)
     gain = held.loss - best.loss
     gain = gain[np.isfinite(gain)]

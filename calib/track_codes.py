@@ -23,8 +23,10 @@ from imaging.merge import merge_bracket
 from imaging.photo import read_photo
 from imaging.session import Session
 
-LEAST_SPAN = 0.5
-"""Of ln k, that labels have to span for the curve to be told from the light."""
+LEAST_SPAN = 2 * float(np.log(2.0))
+"""Of ln k, that labels have to span: over less, gloss and falloff bend the light more than a curve does."""
+WIDEST = 640
+"""px; wider photographs are reduced to it before features are found, of which a few thousand suffice."""
 PATCH = 5
 """px, side of the square around a feature that is averaged; of pictures of 640 px or narrower."""
 MOST_PAIRS = 1500
@@ -57,7 +59,8 @@ def sample_tracks(
     for done, shot in enumerate(shots.values()):
         progress("finding points that views share", done, len(shots))
         pixels = np.ascontiguousarray(read_photo(session.file(shot)).pixels, np.float32)
-        picture = preview(merge_bracket([from_codes(pixels, labels[shot.file], GUESS)]))
+        small = _reduced(pixels)
+        picture = preview(merge_bracket([from_codes(small, labels[shot.file], GUESS)]))
         found = extract(picture, 1)
         features.append(found)
         codes.append(_codes_at(pixels, found.points * pixels.shape[1] / picture.shape[1]))
@@ -80,9 +83,17 @@ def sample_tracks(
     return Samples(told, log_k, np.unique(group, return_inverse=True)[1], rough=True)
 
 
+def _reduced(pixels: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    height, width = pixels.shape[:2]
+    if width <= WIDEST:
+        return pixels
+    size = (WIDEST, max(1, round(height * WIDEST / width)))
+    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
 def _codes_at(pixels: npt.NDArray[np.float32], points: Array) -> Array:
     """Mean codes [K, 3], 0..255, around points; NaN where any of them is clipped or too near an end."""
-    size = PATCH * max(1, round(pixels.shape[1] / 640))
+    size = PATCH * max(1, round(pixels.shape[1] / WIDEST))
     size += 1 - size % 2
     scaled = 255.0 * pixels
     rows = np.clip(points[:, 1].astype(int), 0, pixels.shape[0] - 1)
