@@ -37,7 +37,7 @@ def doctor(
     ] = False,
     as_json: JsonOption = False,
 ) -> Outcome:
-    """Look at what this machine has for cameras and for training, and say what to mend.
+    """Look at what this machine has and lacks.
 
     Looks at libusb, permissions, memory for USB transfers, the GPU, and versions; opens no camera.
 

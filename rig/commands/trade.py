@@ -25,7 +25,7 @@ def trade(
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> Outcome:
-    """Measure what settings cost and what they buy on a calibrated session.
+    """Measure what settings cost and what they buy.
 
     Trains the presets, then with one thing changed at a time (iterations, Gaussians, resolution, SH
     degree, loss, growth, views, exposures), then near the best; measures each on held-out views. Writes
