@@ -43,7 +43,7 @@ def start_points(
 
     `images` are the radiance images of the training views. Poses that came without any points get
     theirs from a first sweep over all depths. ReconstructionError when there are fewer than 8 points,
-    since then nothing says where the scene is.
+    or fewer are seen, since then nothing says where the scene is.
     """
     model = read_points(dataset.session / "calibration" / "colmap")
     # Points that came with somebody else's poses, but without the images that saw them, are believed.
@@ -62,6 +62,11 @@ def start_points(
     dense = sample(maps, max(count - len(sparse), 0), rng)
     xyz = np.concatenate([sparse, dense])
     rgb, seen = colours_at(dataset, images, xyz)
+    if seen.sum() < FEWEST_POINTS:
+        raise ReconstructionError(
+            f"{dataset.session} shows {int(seen.sum())} of its {len(xyz)} scene points where its images hold "
+            "numbers and no mask hides them, too few to start from: look at the images and the masks."
+        )
     return Start(xyz[seen], rgb[seen], int(seen[: len(sparse)].sum()))
 
 

@@ -66,7 +66,7 @@ def test_the_response_alone(rig, toy: Path) -> None:
     assert value["responses"] == {"cam0": "linear", "cam1": "linear"}
     page = Page.read(Path(value["report"]))
     assert_self_contained(page)
-    assert "No image has a pose: only what needs none was measured" in page.text
+    assert "Exposures and cameras; poses were not asked for" in page.text
     code, _, err = rig("reconstruct", str(toy))
     assert code == 2
     assert "no view with a pose" in err
