@@ -27,7 +27,7 @@ from record import WORK, arguments, deliver, machine, words
 from imaging import store
 
 VERSIONS = ("hdr-rig", "pycolmap", "numpy", "opencv-contrib-python-headless")
-SESSIONS = {320: 4, 640: 2}
+SESSIONS = {320: 4, 640: 1}
 ROOT = Path(__file__).parent.parent
 
 
@@ -62,7 +62,7 @@ def board(rows: Rows, seeds: int, rendered: int) -> dict[str, list[dict[str, Any
         ],
         "OpenCV": [
             rows.get(f"board OpenCV {seed}", partial(calibration_board.peer, seed))
-            for seed in range(min(seeds, 5))
+            for seed in range(min(seeds, 2))
         ],
     }
 
@@ -193,7 +193,7 @@ def main() -> None:
     quick = options.quick
     result: dict[str, Any] = {
         "machine": machine(),
-        "board": board(rows, 2 if quick else 20, 0 if quick else 4),
+        "board": board(rows, 2 if quick else 12, 0 if quick else 4),
         "scene": {} if quick else scene(rows, SESSIONS),
         "sceaux": None if quick else sceaux(rows),
         "extremes": extremes(rows, names),
