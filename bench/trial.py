@@ -89,16 +89,18 @@ def run(
 
 def quality(trial: Trial, training: Training) -> dict[str, Any]:
     """Metrics of the held-out views as `rig evaluate` has them, with the values per view under `views`."""
-    observation, light, raw = training.method.observation, [], []
+    observation, light, shots = training.method.observation, [], []
     for view in trial.dataset.held_out:
         with torch.no_grad():
-            image = training.renderer()(training.gaussians, view.lens, degree=2).image
+            degree = training.method.schedule.degree(1.0)
+            image = training.renderer()(training.gaussians, view.lens, degree=degree).image
         light.append(observation.radiance(image).numpy())
-        shots = [
-            (np.minimum(observation.predict(image, view, shot.k).numpy(), 1), np.minimum(shot.pixels, 1))
-            for shot in view.shots
-        ]
-        raw.append(float(np.mean([metrics.psnr(*pair) for pair in shots])))
+        shots.append(
+            [
+                (np.minimum(observation.predict(image, view, shot.k).numpy(), 1), np.minimum(shot.pixels, 1))
+                for shot in view.shots
+            ]
+        )
     everything, truth = np.stack(light), np.stack(trial.truth)
     peak, scale = float(truth.max()), metrics.align_scale(everything, truth)
     views = [
@@ -106,11 +108,26 @@ def quality(trial: Trial, training: Training) -> dict[str, Any]:
             "hdr_psnr_mu_aligned": metrics.hdr_psnr_mu(image * scale, goal, peak),
             "hdr_psnr_mu_dark": metrics.hdr_psnr_mu_dark(image * scale, goal, peak),
             "stops_median": metrics.stops_median(image * scale, goal),
-            "raw_psnr": signal,
+            **_signal(pairs, goal.max(-1) / peak),
         }
-        for image, goal, signal in zip(light, truth, raw, strict=True)
+        for image, goal, pairs in zip(light, truth, shots, strict=True)
     ]
-    return {key: float(np.mean([view[key] for view in views])) for key in views[0]} | {"views": views}
+    means = {key: float(np.nanmean([view[key] for view in views])) for key in views[0]}
+    return means | {"views": views}
+
+
+def _signal(pairs: list[tuple[np.ndarray, np.ndarray]], light: np.ndarray) -> dict[str, float]:
+    """PSNR of the signal, mean over a bracket; and apart, where the light is below 1 % or above 50 %.
+
+    pairs: predicted and recorded signal of every shot; light [H, W]: true, over the scene's maximum. The two
+    parts count only photosites that are not clipped, of all shots together; NaN where there are none.
+    """
+    found = {"raw_psnr": float(np.mean([metrics.psnr(*pair) for pair in pairs]))}
+    for name, there in {"shadows": light < 0.01, "highlights": light > 0.5}.items():
+        squares = [((ours - theirs) ** 2)[there & (theirs < 1)] for ours, theirs in pairs]
+        together = np.concatenate(squares)
+        found[f"raw_psnr_{name}"] = -10 * float(np.log10(together.mean())) if together.size else float("nan")
+    return found
 
 
 class Cache:

@@ -1,0 +1,72 @@
+"""A RAW session as different programs would train on it: brackets, one exposure, merged, demosaicked."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from imaging.cfa import demosaic
+from imaging.merge import merge_bracket
+from recon.dataset import Dataset, Sensor, View
+from recon.pixels import Shot
+from recon.radiance import radiance_image
+
+
+def brackets(dataset: Dataset) -> Dataset:
+    """As `rig reconstruct` has it: every exposure of a view is an observation of its own."""
+    return dataset
+
+
+def one_exposure(dataset: Dataset, index: int) -> Dataset:
+    """Only one exposure of each bracket, the darkest first."""
+    return _with(dataset, lambda view: replace(view, shots=view.shots[index : index + 1]))
+
+
+def merged(dataset: Dataset) -> Dataset:
+    """Each bracket merged (at the Cramer-Rao bound) and demosaicked: linear Rec.709, as in an EXR."""
+    return _with(dataset, _merged)
+
+
+def merged_mosaic(dataset: Dataset) -> Dataset:
+    """Each bracket merged, but not demosaicked."""
+    return _with(dataset, _merged_mosaic)
+
+
+def demosaicked(dataset: Dataset) -> Dataset:
+    """Every exposure on its own, demosaicked."""
+    return _with(dataset, _demosaicked)
+
+
+def _with(dataset: Dataset, change: Callable[[View], View]) -> Dataset:
+    """Training views changed; the held-out ones stay what the cameras recorded."""
+    return replace(dataset, train=tuple(change(view) for view in dataset.train))
+
+
+def _merged(view: View) -> View:
+    rgb, _ = radiance_image(view)
+    everywhere = np.ones(rgb.shape, bool)
+    shot = Shot(view.shots[0].file, 1.0, rgb, ~everywhere, ~everywhere, everywhere)
+    plain = np.ones(rgb.shape[:2], np.float32)
+    return replace(view, shots=(shot,), sensor=Sensor("hdr", None, np.eye(3), plain, view.sensor.response))
+
+
+def _merged_mosaic(view: View) -> View:
+    found = merge_bracket([shot.linear(None, view.sensor.cfa) for shot in view.shots])
+    light = np.ascontiguousarray(np.nan_to_num(found.radiance, nan=0.0), np.float32)
+    never = np.zeros(light.shape, bool)
+    return replace(
+        view, shots=(Shot(view.shots[0].file, 1.0, light, never, never, np.isfinite(found.radiance)),)
+    )
+
+
+def _demosaicked(view: View) -> View:
+    cfa = view.sensor.cfa
+    assert cfa is not None
+    shots = []
+    for shot in view.shots:
+        rgb, known = demosaic(shot.pixels, cfa, shot.valid)
+        clipped = demosaic(shot.saturated.astype(np.float32), cfa)[0] > 0
+        shots.append(
+            replace(shot, pixels=rgb, saturated=clipped, dark=np.zeros(rgb.shape, bool), valid=known)
+        )
+    return replace(view, shots=tuple(shots), sensor=replace(view.sensor, cfa=None))
