@@ -210,8 +210,9 @@ def _contradiction(labels: Array, shift: Array) -> str:
             "and exponent of the curve are a guess: state the exposures, or take four or more"
         )
     named = [
-        f"the exposure labelled {np.exp(label):.3g} s is {np.exp(away):.3g} times that"
-        for label, away in zip(labels[wrong], shift[wrong], strict=True)
+        f"exposure {place + 1} of {len(labels)}, counted from the shortest, is "
+        f"{np.exp(shift[place]):.3g} times its label"
+        for place in np.flatnonzero(wrong)
     ]
     return "; " + ", ".join(named)
 

@@ -40,7 +40,7 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
     return vanilla.NAME, (_rung("tone curve", False, reason),)
 
 
-def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
+def rungs(dataset: Dataset, method: str, degree: int) -> tuple[Rung, ...]:
     """What else of the image formation is modelled, and why; all from the calibration, without a trial.
 
     Whether training corrects the calibration is told by `recon.refinement_ladder`.
@@ -69,8 +69,8 @@ def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
         _rung("camera gains", linear and span > 0, f"cameras differ by up to {span:.3f} stops"),
         _rung(
             "direction-dependent colour",
-            True,
-            "harmonics of degree 2, switched on after 30 and 60 % of the training",
+            degree > 0,
+            f"harmonics of degree {degree}, switched on one after the other while training",
         ),
     )
 

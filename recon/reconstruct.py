@@ -19,6 +19,7 @@ from recon.density import DensityRules
 from recon.device import training_device
 from recon.finish import write_scene
 from recon.fixed import Fixed
+from recon.harmonics import DEGREE
 from recon.interrupt import Interrupted
 from recon.ladder import chosen_method, rungs
 from recon.methods import METHODS, hdr_gs, nh_3dgs
@@ -111,7 +112,7 @@ def reconstruct(
             }
         )
         folder = store.inside(session, f"{shelf}/{name or chosen}")
-        ladder = (*reasons, *rungs(dataset, chosen))
+        ladder = (*reasons, *rungs(dataset, chosen, DEGREE if fixed.degree is None else fixed.degree))
         return _reconstruct(folder, dataset, wanted, ladder, device, ranks, progress, tell, clock)
 
 

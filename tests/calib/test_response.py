@@ -151,7 +151,8 @@ def test_a_label_that_is_wrong_by_two_is_found_and_named(step: int, factor: floa
     assert rmse(found.response, FAMILIES["gamma"]) < 0.01
     rung = next(rung for rung in found.rungs if rung.name == "exposure_labels")
     assert rung.taken
-    told = f"; the exposure labelled {np.exp(labels[step]):.3g} s is {np.exp(shift[step]):.3g} times that"
+    times = f"{np.exp(shift[step]):.3g} times its label"
+    told = f"; exposure {step + 1} of {len(labels)}, counted from the shortest, is {times}"
     assert rung.reason.endswith(told)
     assert found.response.evidence.endswith(told)
 
