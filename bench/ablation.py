@@ -16,7 +16,7 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from growth import mcmc
+from growth import contribution, mcmc
 from record import WORK, arguments, deliver, machine, words
 from trial import Cache, Trial, paired, prepare, run, session
 from variants import ClampedChroma, LogBlended, LogBlending, ThirdDegree
@@ -93,6 +93,7 @@ ROWS: dict[str, Row] = {
         changed(appearance=ThirdDegree(), schedule=Schedule(degrees=(0.3, 0.5, 0.7)))
     ),
     "no growth": Row(within=lambda: rules(growth=0.0), start=1.0),
+    "pruning by contribution": Row(within=contribution),
     "growth by MCMC": Row(changed(schedule=Schedule(opacity_weight=0.01)), mcmc),
     "opacity pulled to 0 by 0.01": Row(changed(schedule=Schedule(opacity_weight=0.01))),
 }

@@ -1,4 +1,4 @@
-"""Growth as 3DGS-MCMC has it (Kheradmand et al., arXiv 2404.09591), beside the growth that `recon` has."""
+"""Growth and pruning as others have them, beside those of `recon`: 3DGS-MCMC's and RadSplat's."""
 
 import math
 from collections.abc import Iterator
@@ -23,9 +23,39 @@ NOISE = 5e5
 """Of the positions, times their learning rate, as in the authors' code."""
 
 
+FAINT, FROM = 0.01, 0.5
+"""A Gaussian that adds no more than this to any ray is pruned, from that share of the training on."""
+
+
+@dataclass(frozen=True)
+class Contribution(Density):
+    """From half of the training on, what adds little to every ray goes, and nothing comes.
+
+    RadSplat (Niemeyer et al., arXiv 2403.13806): the largest transmittance times opacity over the rays of an
+    epoch; what is brighter than the scene's median is asked for proportionally less, or tails would go.
+    """
+
+    def adapt(
+        self,
+        gaussians: Gaussians,
+        luminance: Tensor,
+        stats: SplatStats,
+        progress: float,
+        generator: torch.Generator,
+    ) -> Change:
+        """As before, until half of the training."""
+        if progress < FROM:
+            return super().adapt(gaussians, luminance, stats, progress, generator)
+        share = (luminance.median() / luminance.clamp_min(1e-30)).clamp_max(1.0)
+        return Change(torch.from_numpy(stats.weight) >= FAINT * share, {})
+
+
 @dataclass(frozen=True)
 class Mcmc(Density):
-    """Dead Gaussians are moved to living ones, drawn by opacity; new ones likewise, until the cap is met."""
+    """As in 3DGS-MCMC (Kheradmand et al., arXiv 2404.09591).
+
+    Dead Gaussians are moved to living ones, drawn by opacity; new ones likewise, until the cap is met.
+    """
 
     def adapt(
         self,
@@ -75,6 +105,11 @@ def shake(training: Any, generator: torch.Generator) -> None:
         scales = training.gaussians.scales()
         push = scales * scales * torch.randn(len(scales), 3, generator=generator)
         parameters["means"] += NOISE * rate * faint * rotate(parameters["quats"], push)
+
+
+def contribution() -> Any:
+    """Trainings within prune by contribution."""
+    return mock.patch("recon.trainer.Density", Contribution)
 
 
 @contextmanager
