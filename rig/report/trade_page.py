@@ -99,14 +99,14 @@ def _tables(trade: Trade) -> Iterable[Table]:
         "Every training",
         "Each command makes the same scene again, to the byte on the same machine.",
         (
-            "Command",
             "#dB",
             "#dB to the truth",
             "#Time",
             "#Processor time",
             "#Gaussians",
             "#Size",
-            "On the front",
+            "On the front of",
+            "Command",
         ),
         tuple(_points(trade)),
     )
@@ -137,7 +137,7 @@ def _changes(trade: Trade, standard: Point) -> Iterable[tuple[str, ...]]:
                 name,
                 _said(axis, own[axis]),
                 _said(axis, usual[axis]),
-                plus_minus(float(gains.mean()), error),
+                f"{gains.mean():+.2f}" if error is None else plus_minus(float(gains.mean()), error),
                 _times(point.seconds, standard.seconds),
                 _times(point.size_bytes, standard.size_bytes),
             )

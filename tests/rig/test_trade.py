@@ -64,6 +64,16 @@ def test_the_page_stands_alone_and_names_every_command(session: Path) -> None:
     assert len(page.all("svg")) == 6
 
 
+def test_every_column_holds_what_its_heading_says() -> None:
+    table = next(table for table in trade_off(made(*POINTS)).tables if table.heading == "Every training")
+    first = dict(zip(table.columns, table.rows[0], strict=True))
+    assert first["#dB"] == "35.00"
+    assert first["#dB to the truth"] == "37.00"
+    assert first["#Time"] == "5.0 s"
+    assert first["#Gaussians"] == "5,000"
+    assert first["Command"] == POINTS[0].command
+
+
 def test_a_front_and_the_presets_are_drawn() -> None:
     drawn = list(figures(made(*POINTS)))
     assert [figure.heading for figure in drawn] == [
