@@ -94,6 +94,9 @@ class Deadline:
     early: float = 0.94
     late: float = 0.99
     every: float = 0.02
+    patience: float = 0.3
+    """Of the time that is left, by how much the end may be misjudged: the first iterations are slow, and what
+    is shortened for them would not be the training that was asked for."""
     _since: tuple[int, float] | None = field(default=None, repr=False)
 
     def __call__(self, training: Training) -> int | None:
@@ -110,14 +113,15 @@ class Deadline:
         self._since = (training.iteration, spent)
         pace = max(taken / made, 1e-9) * self._growth(training)
         end = spent + left * pace
-        if self.early * self.seconds <= end <= self.late * self.seconds:
+        latest = self.late * self.seconds + self.patience * max(self.seconds - spent, 0.0)
+        if self.early * self.seconds <= end <= latest:
             return None
         fitting = max(1, math.floor((self.aim * self.seconds - spent) / pace))
-        if end > self.seconds * self.late:
+        if end > latest:
             return min(fitting, left)
         if training.ending:
             return None
-        most = math.ceil((1 - course.progress(training.iteration)) * self.longest)
+        most = round((1 - course.progress(training.iteration)) * self.longest)
         return min(fitting, most) if min(fitting, most) > left else None
 
     def _growth(self, training: Training) -> float:
