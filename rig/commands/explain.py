@@ -115,7 +115,7 @@ def _lines(
     )
     yield (
         f"{folder}: {model.settings.method}, {_tally(model.rungs)}; {duration(model.train_seconds)} on "
-        f"{model.device}, {counted(model.gaussians, 'Gaussian')}, {model.settings.iterations} iterations{old}"
+        f"{model.device}, {counted(model.gaussians, 'Gaussian')}, {model.iterations} iterations{old}"
     )
     yield from table([("", [_row(row) for row in rung_rows(model.rungs)])], COLUMNS, RATIOS)
 
