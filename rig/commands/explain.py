@@ -113,9 +113,10 @@ def _lines(
     old = (
         "; OUT OF DATE, the session was calibrated again since" if model.created < calibration.created else ""
     )
+    made = model.iterations or model.settings.iterations
     yield (
         f"{folder}: {model.settings.method}, {_tally(model.rungs)}; {duration(model.train_seconds)} on "
-        f"{model.device}, {counted(model.gaussians, 'Gaussian')}, {model.iterations} iterations{old}"
+        f"{model.device}, {counted(model.gaussians, 'Gaussian')}, {made} iterations{old}"
     )
     yield from table([("", [_row(row) for row in rung_rows(model.rungs)])], COLUMNS, RATIOS)
 
