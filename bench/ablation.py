@@ -94,7 +94,7 @@ ROWS: dict[str, Row] = {
     ),
     "no growth": Row(within=lambda: rules(growth=0.0), start=1.0),
     "pruning by contribution": Row(within=contribution),
-    "growth by MCMC": Row(changed(schedule=Schedule(opacity_weight=0.01)), mcmc),
+    "growth by MCMC, opacity pulled by 0.01": Row(changed(schedule=Schedule(opacity_weight=0.01)), mcmc),
     "opacity pulled to 0 by 0.01": Row(changed(schedule=Schedule(opacity_weight=0.01))),
 }
 
