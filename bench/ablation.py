@@ -82,6 +82,7 @@ ROWS: dict[str, Row] = {
     "SSIM weight 0": Row(changed(loss=Photometric(0.0))),
     "SSIM weight 0.2 (3DGS)": Row(changed(loss=Photometric(0.2))),
     "SSIM weight 0.8 (the paper)": Row(changed(loss=Photometric(0.8))),
+    "mu 150": Row(within=lambda: mu(150.0)),
     "mu 500": Row(within=lambda: mu(500.0)),
     "mu 50000": Row(within=lambda: mu(50000.0)),
     "mu-law over the scene instead of the exposure": Row(scene_mu_law),
@@ -94,6 +95,7 @@ ROWS: dict[str, Row] = {
     ),
     "no growth": Row(within=lambda: rules(growth=0.0), start=1.0),
     "pruning by contribution": Row(within=contribution),
+    "growth by MCMC": Row(within=mcmc),
     "growth by MCMC, opacity pulled by 0.01": Row(changed(schedule=Schedule(opacity_weight=0.01)), mcmc),
     "opacity pulled to 0 by 0.01": Row(changed(schedule=Schedule(opacity_weight=0.01))),
 }

@@ -113,6 +113,7 @@ ROWS = (
     *(Row("RAW brackets", name) for name in APPEARANCES),
     Row("RAW brackets, SSIM on the mosaic", NH, MosaicSsim),
     Row("demosaicked brackets", NH),
+    Row("demosaicked brackets", USUAL),
     Row("merged mosaics", NH, scene_space),
     *(Row("merged EXR", name, scene_space) for name in APPEARANCES if name != "exp of SH"),
     Row("merged EXR, linear loss", USUAL, LinearLoss),
