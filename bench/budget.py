@@ -83,8 +83,8 @@ def report_budgets(result: dict[str, Any]) -> str:
         "# How well a budget of time is kept, and what is foretold of it",
         "",
         f"`python bench/budget.py --budgets ... --write`: the {result['sim']} rig, seed {result['seed']}, "
-        f"preset best without an end. {words(result['machine'])}. Within 5 % of the time: {on_time} of {len(rows)}; within "
-        f"the interval: {inside} of {len(told)}. Whole: with reading, compiling and writing.",
+        f"preset best without an end. {words(result['machine'])}. Within 5 % of the time: {on_time} of "
+        f"{len(rows)}; within the interval: {inside} of {len(told)}. Whole: with reading, compiling, writing.",
         "",
         "| asked, s | used, s | share | whole, s | iterations | turns | foretold, dB | interval | dB |",
         "|---|---|---|---|---|---|---|---|---|",
