@@ -84,7 +84,7 @@ def report_budgets(result: dict[str, Any]) -> str:
         "",
         f"`python bench/budget.py --budgets ... --write`: the {result['sim']} rig, seed {result['seed']}, "
         f"preset best without an end. {words(result['machine'])}. Within 5 % of the time: {on_time} of "
-        f"{len(rows)}; within the interval: {inside} of {len(told)}. Whole: with reading, compiling, writing.",
+        f"{len(rows)}; within the interval: {inside} of {len(told)}. Whole: all of it.",
         "",
         "| asked, s | used, s | share | whole, s | iterations | turns | foretold, dB | interval | dB |",
         "|---|---|---|---|---|---|---|---|---|",
