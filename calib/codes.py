@@ -51,18 +51,24 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """A photograph in square patches: mean, smallest and largest code of each, float32 [h, w, 3], 0..255."""
+    """A photograph in square patches: mean, smallest and largest code of each, float32 [h, w, 3], 0..255.
+
+    NaN where a patch holds a pixel that a mask hides.
+    """
 
     mean: Codes
     low: Codes
     high: Codes
 
 
-def patches(pixels: npt.NDArray[np.floating]) -> Patches:
+def patches(pixels: npt.NDArray[np.floating], counts: npt.NDArray[np.bool_] | None = None) -> Patches:
     """Cut a photograph [H, W, 3], 0..1, into patches of 3x3 pixels, larger ones in larger photographs.
 
-    Patches, because the noise of single codes would bend the curve.
+    counts: bool [H, W], which pixels a mask lets through; None: all. Patches, because the noise of single
+    codes would bend the curve.
     """
+    if counts is not None:
+        pixels = np.where(counts[..., None], pixels, np.nan)
     size = max(3, pixels.shape[1] // WIDEST)
     height, width = pixels.shape[0] // size, pixels.shape[1] // size
     cut = 255.0 * pixels[: height * size, : width * size].reshape(height, size, width, size, 3)
@@ -84,17 +90,23 @@ def sample(exposures: Sequence[Patches], log_k: Array, count: int) -> Samples:
     inside = (mean >= LOWEST) & (low >= CLIPPED[0]) & (mean <= HIGHEST) & (high <= CLIPPED[1])
     usable = inside.all(-1).sum(0) >= 2
     if usable.any():
-        rough = (high - low).mean(-1).sum(0)
+        rough = _over_exposures((high - low).mean(-1))
         usable &= rough <= np.median(rough[usable])
     height, width = usable.shape
-    # The sum of the codes rises with brightness even where single exposures are clipped.
-    picked = _evenly(mean.mean(-1).sum(0).ravel(), np.flatnonzero(usable), count)
+    # The mean of the codes rises with brightness even where single exposures are clipped.
+    picked = _evenly(_over_exposures(mean.mean(-1)).ravel(), np.flatnonzero(usable), count)
     row, column = np.divmod(picked, width)
     return Samples(
         np.where(inside, mean, np.nan).reshape(len(exposures), -1, 3)[:, picked].transpose(1, 0, 2),
         np.broadcast_to(log_k, (len(picked), len(exposures))).copy(),
         (row * 4 // height) * 4 + column * 4 // width,
     )
+
+
+def _over_exposures(values: npt.NDArray[np.floating]) -> Array:
+    """Mean [h, w] of values [S, h, w] over the exposures that no mask hides; 0 where all are."""
+    seen = np.isfinite(values)
+    return np.asarray(np.where(seen, values, 0.0).sum(0) / np.maximum(seen.sum(0), 1), np.float64)
 
 
 def pedestal(codes: Array, log_k: Array) -> float:

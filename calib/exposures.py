@@ -8,6 +8,8 @@ import numpy as np
 
 from calib.views import Progress, View, read_view
 from imaging.calibration import Response
+from imaging.linear import LinearFrame
+from imaging.mask import masked
 from imaging.ratios import LABEL_SIGMA, Linearity, Overlap, Ratio, linearity, overlap, ratio, solve
 from imaging.records import Rung, ShotRecord
 from imaging.session import Session
@@ -116,8 +118,9 @@ def _measure(session: Session, own: Mapping[int, View], step: Callable[[], None]
         if len(steps) < 2:
             continue
         read = read_view(session, view, {shot.file: 1.0 for shot in view.shots}, LINEAR)
+        read = masked(session, view.shots, read)
         frames = dict(zip((_key(shot) for shot in view.shots), read, strict=True))
-        mean = {key: float(np.mean(np.clip(f.signal, 1e-6, 1.0))) for key, f in frames.items()}
+        mean = {key: _brightness(frame) for key, frame in frames.items()}
         for key, value in mean.items():
             brightness.setdefault(key, []).append(value)
         for shorter, longer in combinations(sorted(steps, key=labels.get if known else mean.get), 2):  # type: ignore[arg-type]
@@ -127,6 +130,12 @@ def _measure(session: Session, own: Mapping[int, View], step: Callable[[], None]
     if not known:
         labels = {key: float(np.log(np.median(values))) for key, values in brightness.items()}
     return _Steps(labels, LABEL_SIGMA if known else UNKNOWN_SIGMA, overlaps)
+
+
+def _brightness(frame: LinearFrame) -> float:
+    """Mean signal of what is valid, at least 1e-6."""
+    lit = np.clip(frame.signal[frame.valid], 1e-6, 1.0)
+    return float(lit.mean()) if lit.size else 1e-6
 
 
 def _solve(steps: _Steps, frames: Sequence[int]) -> _Solved | None:

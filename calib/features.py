@@ -93,6 +93,17 @@ def extract(picture: Float, threads: int) -> Features:
     return Features(points / scale, vectors)
 
 
+def unmasked(found: Features, counts: npt.NDArray[np.bool_], width: int, height: int) -> Features:
+    """The features of a picture of `width` x `height` that a mask lets through.
+
+    counts: bool [H, W] of the photograph, of which the picture is a smaller or an equal one.
+    """
+    scale = counts.shape[1] / width, counts.shape[0] / height
+    x, y = (found.points * scale).astype(int).T
+    keep = counts[y.clip(0, counts.shape[0] - 1), x.clip(0, counts.shape[1] - 1)]
+    return found if keep.all() else Features(found.points[keep], found.descriptors[keep])
+
+
 def fill_database(
     database: Any,
     cameras: Mapping[str, Any],

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from calib.features import Features, extract
+from calib.features import Features, extract, unmasked
 from calib.previews import is_faint, preview
 from calib.tracks import brightness_at, colour_at, light
 from calib.views import View, read_view
-from imaging import store
 from imaging.calibration import Response
-from imaging.mask import read_mask
+from imaging.mask import mask_of, masked
 from imaging.merge import Merged, merge_bracket
 from imaging.mosaic import Matrix
 from imaging.photo import encode_png
@@ -51,9 +50,16 @@ def look(
     camera_from_rec709: Matrix | None,
     threads: int,
 ) -> Look:
-    """Merge the exposures of a view, find its features and how bright the scene is around them."""
-    merged = merge_bracket(read_view(session, view, scale, response))
+    """Merge the exposures of a view, find its features and how bright the scene is around them.
+
+    Features are found in the whole picture, since the border of a mask would look like a thing of the
+    scene; those behind a mask are dropped then. No brightness is told from behind a mask.
+    """
+    frames = read_view(session, view, scale, response)
+    merged = merge_bracket(frames)
     picture = preview(merged)
+    if any(shot.mask is not None for shot in view.shots):
+        merged = merge_bracket(masked(session, view.shots, frames))
     height, width = picture.shape
     blank = _blank(merged)
     found = _unmasked(session, view, extract(picture, threads), width, height)
@@ -72,23 +78,23 @@ def look(
 
 def _unmasked(session: Session, view: View, found: Features, width: int, height: int) -> Features:
     """The features that no mask of the view's shots covers; width, height: of the picture they are in, px."""
-    keep = np.ones(len(found.points), bool)
     for shot in view.shots:
-        if shot.mask is not None:
-            counts = read_mask(store.inside(session.folder, shot.mask), shot.height, shot.width)
-            x = (found.points[:, 0] * shot.width / width).astype(int).clip(0, shot.width - 1)
-            y = (found.points[:, 1] * shot.height / height).astype(int).clip(0, shot.height - 1)
-            keep &= counts[y, x]
-    return found if keep.all() else Features(found.points[keep], found.descriptors[keep])
+        counts = mask_of(session, shot, shot.height, shot.width)
+        if counts is not None:
+            found = unmasked(found, counts, width, height)
+    return found
 
 
 def _blank(merged: Merged) -> str | None:
-    if merged.clipped.mean() > BLANK_SHARE:
+    """Why a view shows nothing, of its pixels that hold a number and that no mask hides."""
+    seen = np.isfinite(merged.radiance)
+    fewest = BLANK_SHARE * seen.sum()
+    if merged.clipped.sum() > fewest:
         return "saturated"
-    if merged.dark.mean() > BLANK_SHARE:
+    if merged.dark.sum() > fewest:
         return "black"
     if merged.sigma is not None:
         dim = merged.valid & (merged.radiance < LEAST_SNR * merged.sigma)
-        if (dim | merged.dark).mean() > BLANK_SHARE:
+        if (dim | merged.dark).sum() > fewest:
             return "black"
     return None

@@ -6,14 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib import exposures, response
-from calib.codes import Samples, patches, sample
+from calib.codes import Patches, Samples, patches, sample
 from calib.tags import WRONG, departures
 from calib.track_codes import sample_tracks
 from calib.views import Progress, View
 from imaging.calibration import Response
+from imaging.mask import mask_of
 from imaging.photo import read_photo
 from imaging.ratios import Linearity
-from imaging.records import Rung
+from imaging.records import Rung, ShotRecord
 from imaging.session import Session
 from imaging.shutter import exact_times
 
@@ -170,10 +171,15 @@ def _samples(
     parts = []
     for done, view in enumerate(usable):
         progress("sampling the response", done, len(usable))
-        cut = [patches(read_photo(session.file(shot)).pixels) for shot in view.shots]
+        cut = [_patches(session, shot) for shot in view.shots]
         logs = np.log([labels[shot.file] for shot in view.shots])
         parts.append((view, sample(cut, logs, max(SITES // len(usable), 200))))
     return parts
+
+
+def _patches(session: Session, shot: ShotRecord) -> Patches:
+    pixels = read_photo(session.file(shot)).pixels
+    return patches(pixels, mask_of(session, shot, *pixels.shape[:2]))
 
 
 def _trained_on(session: Session, views: Sequence[View]) -> list[View]:

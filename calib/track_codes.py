@@ -13,12 +13,13 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from calib.codes import CLIPPED, HIGHEST, LOWEST, Samples
-from calib.features import FEWEST_MATCHES, Features, extract
+from calib.features import FEWEST_MATCHES, Features, extract, unmasked
 from calib.matching import match
 from calib.previews import preview
 from calib.views import Progress, View
 from imaging.calibration import Response
-from imaging.linear import from_codes
+from imaging.linear import Bool, from_codes
+from imaging.mask import mask_of
 from imaging.merge import merge_bracket
 from imaging.photo import read_photo
 from imaging.session import Session
@@ -61,10 +62,13 @@ def sample_tracks(
         pixels = np.ascontiguousarray(read_photo(session.file(shot)).pixels, np.float32)
         small = _reduced(pixels)
         picture = preview(merge_bracket([from_codes(small, labels[shot.file], GUESS)]))
-        found = extract(picture, 1)
-        features.append(found)
-        codes.append(_codes_at(pixels, found.points * pixels.shape[1] / picture.shape[1]))
         height, width = picture.shape
+        found = extract(picture, 1)
+        counts = mask_of(session, shot, *pixels.shape[:2])
+        if counts is not None:
+            found = unmasked(found, counts, width, height)
+        features.append(found)
+        codes.append(_codes_at(pixels, found.points * pixels.shape[1] / width, counts))
         column, row = np.clip(found.points * CELLS / (width, height), 0, CELLS - 1).astype(np.int64).T
         cells.append((len(cells) * CELLS + row) * CELLS + column)
     tracks = _tracks(features, progress)
@@ -91,13 +95,17 @@ def _reduced(pixels: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _codes_at(pixels: npt.NDArray[np.float32], points: Array) -> Array:
-    """Mean codes [K, 3], 0..255, around points; NaN where any of them is clipped or too near an end."""
+def _codes_at(pixels: npt.NDArray[np.float32], points: Array, counts: Bool | None = None) -> Array:
+    """Mean codes [K, 3], 0..255, around points; NaN where any of them is clipped or too near an end.
+
+    counts: bool [H, W], which pixels a mask lets through; a point that has another around it gets NaN.
+    """
     size = PATCH * max(1, round(pixels.shape[1] / WIDEST))
     size += 1 - size % 2
     scaled = 255.0 * pixels
     rows = np.clip(points[:, 1].astype(int), 0, pixels.shape[0] - 1)
     columns = np.clip(points[:, 0].astype(int), 0, pixels.shape[1] - 1)
+    seen = None if counts is None else ndimage.minimum_filter(counts, size)[rows, columns]
     found = np.empty((len(points), 3))
     for channel in range(3):
         plane = scaled[..., channel]
@@ -105,7 +113,7 @@ def _codes_at(pixels: npt.NDArray[np.float32], points: Array) -> Array:
         low = ndimage.minimum_filter(plane, size)[rows, columns]
         high = ndimage.maximum_filter(plane, size)[rows, columns]
         inside = (mean >= LOWEST) & (low >= CLIPPED[0]) & (mean <= HIGHEST) & (high <= CLIPPED[1])
-        found[:, channel] = np.where(inside, mean, np.nan)
+        found[:, channel] = np.where(inside if seen is None else inside & seen, mean, np.nan)
     return found
 
 

@@ -1,15 +1,40 @@
 """Masks: pictures that say which pixels of a photograph are to be ignored."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from imaging import store
 from imaging.errors import InputError
+from imaging.linear import Bool, LinearFrame
+from imaging.records import ShotRecord
+from imaging.session import Session
 
 
-def read_mask(path: Path, height: int, width: int) -> npt.NDArray[np.bool_]:
+def mask_of(session: Session, shot: ShotRecord, height: int, width: int) -> Bool | None:
+    """Which pixels of a shot count, as `read_mask` has it; None where it has no mask, and all do."""
+    return None if shot.mask is None else read_mask(store.inside(session.folder, shot.mask), height, width)
+
+
+def masked(session: Session, shots: Sequence[ShotRecord], frames: Sequence[LinearFrame]) -> list[LinearFrame]:
+    """The frames of shots, in their order, with nothing valid behind their masks; errors as `read_mask`."""
+    return [
+        without(frame, mask_of(session, shot, *frame.signal.shape[:2]))
+        for shot, frame in zip(shots, frames, strict=True)
+    ]
+
+
+def without(frame: LinearFrame, counts: Bool | None) -> LinearFrame:
+    """The frame, not valid where pixels do not count; counts: bool [H, W], None: all do."""
+    if counts is None:
+        return frame
+    return replace(frame, valid=frame.valid & (counts if frame.valid.ndim == 2 else counts[..., None]))
+
+
+def read_mask(path: Path, height: int, width: int) -> Bool:
     """Which pixels count, bool [height, width]: those that are not black, as COLMAP and nerfstudio have it.
 
     InputError when the file is missing, cannot be read, or is not of the photograph's size.

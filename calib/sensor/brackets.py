@@ -57,18 +57,28 @@ class Pair:
 
 
 def compare(
-    longer: npt.NDArray[np.integer], shorter: npt.NDArray[np.integer], black: Array, white: float
+    longer: npt.NDArray[np.integer],
+    shorter: npt.NDArray[np.integer],
+    black: Array,
+    white: float,
+    counts: npt.NDArray[np.bool_] | None = None,
 ) -> Pair | None:
-    """Two exposures, DN [H, W], by the levels `black` [4] and `white`; None where they share too little."""
+    """Two exposures, DN [H, W], by the levels `black` [4] and `white`; None where they share too little.
+
+    counts: bool [H, W], what the masks of both let through; None: all.
+    """
     off = black[:, None, None]
     long, short = (sites(frame).astype(np.float64) - off for frame in (longer, shorter))
     span = white - float(black.mean())
     cross = np.array(((0, 1, 0), (1, 0, 1), (0, 1, 0)), bool)[None]
     around = ndimage.convolve(long, cross / 4.0, mode="mirror")
     peak = ndimage.maximum_filter(long, footprint=cross, mode="mirror")
-    top = min(float(long.max()), span)
+    seen = np.ones(long.shape, bool)
+    if counts is not None:
+        seen = ndimage.binary_erosion(sites(counts), np.ones((1, 3, 3), bool), border_value=1)
+    top = min(float(long.max(initial=0.0, where=seen)), span)
     bin_of = np.searchsorted(EDGES * span, around)
-    bin_of[(peak > 0.93 * top) | (bin_of == len(EDGES))] = -1
+    bin_of[(peak > 0.93 * top) | (bin_of == len(EDGES)) | ~seen] = -1
     key = np.where(bin_of < 0, -1, np.arange(4)[:, None, None] * len(EDGES) + bin_of)
     chosen = key >= 0
     groups, size = key[chosen], 4 * len(EDGES)
@@ -108,9 +118,8 @@ def compare(
     site = site[clear]
     shift = np.where(fitted, values[1:] / (1.0 - ratio), 0.0)
     sigma = np.where(fitted, np.sqrt(np.diag(inverse)[1:]) / (ratio - 1.0), np.inf)
-    full = ceiling(
-        long.reshape(4, -1), np.where(short > 0.1 * span, ratio * short, np.nan).reshape(4, -1), black
-    )
+    foretold = np.where(seen & (short > 0.1 * span), ratio * short, np.nan)
+    full = ceiling(long.reshape(4, -1), foretold.reshape(4, -1), black)
     levels = (mean_x[clear], mean_y[clear], variance[clear], kept[clear].astype(np.float64))
     return Pair(ratio, shift, sigma, site, *levels, full)
 

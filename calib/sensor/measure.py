@@ -16,6 +16,7 @@ from calib.sensor.stack import Stack, gather
 from calib.views import Progress, View
 from imaging.errors import InputError
 from imaging.exposure import Exposure
+from imaging.mask import mask_of
 from imaging.raw import read_raw
 from imaging.records import CameraRecord, ShotRecord
 from imaging.sensor import Measured, SensorCalibration
@@ -156,8 +157,11 @@ def _blind(session: Session, views: Sequence[View], iso: float | None, nominal: 
     for _, shots in chosen:
         ascending = sorted(shots, key=lambda shot: shot.exposure.scale if shot.exposure else 0.0)
         frames = [read_raw(session.file(shot)).pixels for shot in ascending]
-        for shorter, longer in pairwise(frames):
-            pair = brackets.compare(longer, shorter, nominal.black, nominal.white)
+        seen = [mask_of(session, shot, *frames[0].shape) for shot in ascending]
+        for (shorter, below), (longer, above) in pairwise(zip(frames, seen, strict=True)):
+            known = [counts for counts in (below, above) if counts is not None]
+            both = np.logical_and.reduce(known) if known else None
+            pair = brackets.compare(longer, shorter, nominal.black, nominal.white, both)
             if pair is not None:
                 pairs.append(pair)
     return brackets.pooled(pairs, nominal.white - float(nominal.black.mean())) if pairs else None

@@ -4,11 +4,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+import cv2
 import numpy as np
 import pytest
 
 from calib import radiometry
-from calib.track_codes import sample_tracks
+from calib.track_codes import _codes_at, sample_tracks
 from calib.views import View, scene_views
 from capture.photos import import_photos
 from imaging import store
@@ -111,3 +112,35 @@ def test_a_response_is_measured_where_no_view_has_a_bracket_and_only_from_what_i
     for channel in response.log_exposure:
         error = (np.array(channel) - true_log(scenes, codes))[told]
         assert np.std(error) < 0.08  # sRGB, which is assumed without any samples, is off by 0.7
+
+
+def test_what_a_mask_hides_is_no_point(session: Path, single: list[View], tmp_path: Path) -> None:
+    """A view that is hidden as a whole is as good as none; of half a picture points are left."""
+    opened, few = Session.open(session), single[:4]
+    first = few[0].shots[0]
+    masks = {"all.png": np.zeros((first.height, first.width), np.uint8)}
+    masks["half.png"] = masks["all.png"].copy()
+    masks["half.png"][:, : first.width // 2] = 255
+    for name, image in masks.items():
+        store.write_bytes(session / "masks" / name, cv2.imencode(".png", image)[1].tobytes())
+
+    def hidden(view: View, name: str) -> View:
+        return View(view.camera, view.frame, (view.shots[0].model_copy(update={"mask": f"masks/{name}"}),))
+
+    labels = labels_of(few)
+    whole = sample_tracks(opened, [hidden(few[0], "all.png"), *few[1:]], labels, silent)
+    without = sample_tracks(opened, few[1:], labels, silent)
+    half = sample_tracks(opened, [hidden(view, "half.png") for view in few], labels, silent)
+    assert whole is not None
+    assert without is not None
+    assert half is not None
+    np.testing.assert_array_equal(whole.codes, without.codes)
+    assert 0 < len(half.codes) < 0.8 * len(without.codes)
+
+
+def test_codes_next_to_a_mask_are_none() -> None:
+    pixels = np.full((20, 30, 3), 0.5, np.float32)
+    counts = np.ones((20, 30), bool)
+    counts[:, :10] = False
+    found = _codes_at(pixels, np.array([[5.0, 9.0], [11.5, 9.0], [12.5, 9.0]]), counts)
+    assert np.isfinite(found).all(1).tolist() == [False, False, True]
