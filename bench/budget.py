@@ -5,18 +5,20 @@
 
 Each row is a whole training with its own schedule, not a point on the way of a longer one. Seconds are
 wall-clock of the training loop on this machine, processor seconds all its threads together. With --budgets
-the rows are reconstructions within these times instead, at the preset `best` with more iterations than any of
-them has time for: how well the time was kept, and what was foretold of held-out quality. A row that is done
-is kept, so a stopped script goes on.
+the rows are reconstructions within these times instead, of the scenes of bench/presets.py in turn, at the
+preset `best` with more iterations than any of them has time for: how well the time was kept, and what was
+foretold of held-out quality. A row that is done is kept, so a stopped script goes on.
 """
 
 import argparse
 import shutil
 import time
 from functools import partial
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
+from presets import SCENES, TOYS, Scene, folder_of
 from record import WORK, arguments, deliver, machine, words
 from trial import Cache, prepare, run, session
 
@@ -53,19 +55,21 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def measure_budgets(options: argparse.Namespace) -> dict[str, Any]:
-    cache = Cache(options.work / f"budgets-{options.calibration}-{options.sim}-{options.seed}.jsonl")
-    rows = [cache.get(text, partial(kept, options, text)) for text in options.budgets]
-    return {"machine": machine(), "sim": options.sim, "seed": options.seed, "rows": rows}
+    cache = Cache(options.work / "budgets.jsonl")
+    rows = []
+    for text, scene in zip(options.budgets, cycle(options.scenes), strict=False):
+        row = cache.get(f"{scene.name} {text}", partial(kept, options, scene, text))
+        rows.append({"scene": scene.name} | row)
+    return {"machine": machine(), "rows": rows}
 
 
-def kept(options: argparse.Namespace, text: str) -> dict[str, Any]:
+def kept(options: argparse.Namespace, scene: Scene, text: str) -> dict[str, Any]:
     """One reconstruction within a time."""
-    folder = session(options.work, options.sim, options.seed, options.calibration)
+    folder = folder_of(scene, options.work)
     began = time.monotonic()
     made = reconstruct(
-        folder, quality="best", fixed=Fixed(iterations=ENDLESS), budget=text, seed=options.seed,
-        name=f"budget-{text}",
-    )  # fmt: skip
+        folder, quality="best", fixed=Fixed(iterations=ENDLESS), budget=text, name=f"budget-{text}"
+    )
     record = read_model(made)
     shutil.rmtree(made)
     asked, used = Budget.parse(text).amount, record.train_seconds + record.measuring_seconds
@@ -82,17 +86,17 @@ def report_budgets(result: dict[str, Any]) -> str:
     lines = [
         "# How well a budget of time is kept, and what is foretold of it",
         "",
-        f"`python bench/budget.py --budgets ... --write`: the {result['sim']} rig, seed {result['seed']}, "
+        f"`python bench/budget.py --budgets ... --write`, "
         f"preset best without an end. {words(result['machine'])}. Within 5 % of the time: {on_time} of "
         f"{len(rows)}; within the interval: {inside} of {len(told)}. Whole: all of it.",
         "",
-        "| asked, s | used, s | share | whole, s | iterations | turns | foretold, dB | interval | dB |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| scene | asked, s | used, s | share | whole, s | iterations | turns | foretold | interval | dB |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         guess = f"{row['db']:.1f} | {row['low']:.1f} to {row['high']:.1f}" if "db" in row else "n/a | n/a"
         lines.append(
-            f"| {row['asked']:g} | {row['used']:.1f} | {row['used'] / row['asked']:.3f} "
+            f"| {row['scene']} | {row['asked']:g} | {row['used']:.1f} | {row['used'] / row['asked']:.3f} "
             f"| {row['whole']:.1f} | {row['iterations']} | {row['turns']} | {guess} | {row['reached']:.1f} |"
         )
     return "\n".join(lines) + "\n"
@@ -126,6 +130,7 @@ def main() -> None:
     if options.quick:
         options.sim, options.calibration = "toy", "truth"
         options.grid = [(50, 600), (100, 600), (200, 600), (200, 1200)]
+    options.scenes = TOYS if options.quick else SCENES
     if options.budgets:
         result = measure_budgets(options)
         deliver(options, "budgets", result, report_budgets(result))
