@@ -6,7 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
+from imaging.cfa import Cfa
 from imaging.linear import LinearFrame
 
 Array = npt.NDArray[np.float64]
@@ -17,6 +19,10 @@ FEWEST = 0.02
 """Share of the pixels that have to be well exposed in both."""
 SURE = 0.1
 """Height of the peak, of 1, below which two pictures have too little in common to tell a shift."""
+SPECK = 5
+"""Places in a row, along both axes, that make a hole of what is not valid."""
+FADE = 12
+"""Places, from a hole on, over which a picture comes to count."""
 FAINT, FULL = 0.01, 0.9
 """Signals between which a picture tells of the scene: in the shorter exposure, in the longer."""
 
@@ -42,7 +48,7 @@ def shifts(frames: Sequence[LinearFrame]) -> list[Shift]:
     """Shifts between exposures that are neighbours in k; pairs that share too little are left out.
 
     Phase correlation (Kuglin and Hines 1975) of the logarithms of both, each cut off at what the other
-    can see, so that what is saturated in one looks alike in both.
+    can see, so that what is saturated in one looks alike in both. What is not valid in either tells nothing.
     """
     ordered = sorted(frames, key=lambda frame: frame.k)
     found = [_shift(short, long) for short, long in pairwise(ordered)]
@@ -55,10 +61,13 @@ def _shift(short: LinearFrame, long: LinearFrame) -> Shift | None:
     low, high = FAINT / short.k, FULL / long.k
     if not low < high:
         return None
+    fade = _fade(short, long)
     pictures = [np.clip(_grey(frame), low, high) for frame in (short, long)]
-    if any(np.mean((picture > low) & (picture < high)) < FEWEST for picture in pictures):
+    if any(np.mean((picture > low) & (picture < high) & (fade > 0)) < FEWEST for picture in pictures):
         return None
     logs = [np.log(picture) for picture in pictures]
+    if not fade.all():
+        logs = [fade * (log - log[fade > 0].mean()) for log in logs]
     window = cv2.createHanningWindow(logs[0].shape[::-1], cv2.CV_64F)
     (x, y), peak = cv2.phaseCorrelate(logs[0], logs[1], window)
     if peak < SURE:
@@ -67,12 +76,30 @@ def _shift(short: LinearFrame, long: LinearFrame) -> Shift | None:
     return Shift(pixels * x, pixels * y, (short.k, long.k))
 
 
+def _fade(short: LinearFrame, long: LinearFrame) -> Array:
+    """Weights 0..1 that fall to 0 where a hole in either picture begins, and at whatever is in it.
+
+    The border of a mask stands still, and would outweigh what moves beside it. Single photosites are no hole.
+    """
+    unknown = _pixels((short.valid & long.valid).astype(np.float64), short.cfa) < 1.0
+    holes = ndimage.binary_opening(unknown, np.ones((SPECK, SPECK), bool))
+    if not holes.any():
+        return np.ones(holes.shape)
+    away = np.minimum(ndimage.distance_transform_edt(~holes) / FADE, 1.0)
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * away))
+
+
 def _grey(frame: LinearFrame) -> Array:
     """Mean rate of the channels of a pixel, or of the 2x2 tiles of a mosaic."""
     rate = np.where(frame.valid, frame.signal, 0.0).astype(np.float64) / frame.k
-    if rate.ndim == 3:
-        return np.asarray(rate.mean(-1))
-    if frame.cfa is None:
-        return rate
-    height, width = (side - side % 2 for side in rate.shape)
-    return np.asarray(rate[:height, :width].reshape(height // 2, 2, width // 2, 2).mean((1, 3)))
+    return _pixels(rate, frame.cfa)
+
+
+def _pixels(values: Array, cfa: Cfa | None) -> Array:
+    """Means over the channels of a pixel, or over the 2x2 tiles of a mosaic."""
+    if values.ndim == 3:
+        return np.asarray(values.mean(-1))
+    if cfa is None:
+        return values
+    height, width = (side - side % 2 for side in values.shape)
+    return np.asarray(values[:height, :width].reshape(height // 2, 2, width // 2, 2).mean((1, 3)))

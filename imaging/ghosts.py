@@ -37,14 +37,16 @@ class Deghosted:
     noise: float
 
 
-def without_ghosts(frames: Sequence[LinearFrame], tolerance: float = TOLERANCE) -> Deghosted:
+def without_ghosts(
+    frames: Sequence[LinearFrame], tolerance: float = TOLERANCE, hidden: Bool | None = None
+) -> Deghosted:
     """Merge a bracket (see `merge_bracket`), but show what moved as the best single exposure saw it.
 
-    tolerance: disagreement of exposures, relative, that is no motion. Without a noise model, or with one
-    exposure, nothing can be told and nothing is.
+    tolerance: disagreement of exposures, relative, that is no motion. hidden: bool [H, W], where masks ask
+    that nobody look. Without a noise model, or with one exposure, nothing can be told and nothing is.
     """
     merged = merge_bracket(frames)
-    ghost, noise = find_ghosts(frames, merged, tolerance)
+    ghost, noise = find_ghosts(frames, merged, tolerance, hidden)
     if not ghost.any():
         return Deghosted(merged, ghost, None, noise)
     reference = _reference(frames, ghost)
@@ -63,17 +65,24 @@ def without_ghosts(frames: Sequence[LinearFrame], tolerance: float = TOLERANCE) 
 
 
 def find_ghosts(
-    frames: Sequence[LinearFrame], merged: Merged, tolerance: float = TOLERANCE
+    frames: Sequence[LinearFrame],
+    merged: Merged,
+    tolerance: float = TOLERANCE,
+    hidden: Bool | None = None,
 ) -> tuple[Bool, float]:
     """Where the exposures contradict the merged value, bool of its shape, and the noise over its model.
 
     The chi-square of the rates is summed over the channels of a pixel, or the 2x2 tile of a mosaic. Its
     median over the picture tells how much noisier than their model the frames are, which is allowed for.
+    hidden: as of `without_ghosts`.
     """
     shape = merged.radiance.shape
     if len(frames) < 2 or any(frame.noise is None for frame in frames):
         return np.zeros(shape, bool), 1.0
     square, count = _disagreement(frames, merged, tolerance)
+    if hidden is not None:
+        count = np.where(hidden if count.ndim == 2 else hidden[..., None], np.float32(0), count)
+        square = np.where(count > 0, square, np.float32(0))
     square, count = _places(square, frames[0].cfa is not None), _places(count, frames[0].cfa is not None)
     freedom = np.maximum(count, 1).astype(np.intp)
     told = count > 0

@@ -1,5 +1,7 @@
 """What moves is found and shown once; noise that stands still is not; a camera that moves is told how far."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -123,3 +125,41 @@ def test_exposures_that_share_nothing_tell_no_shift() -> None:
     rng = np.random.default_rng(8)
     assert shifts([expose(scene(0), k, rng, None) for k in (1.0, 2.0**-20)]) == []
     assert shifts([expose(np.full(SIZE, 1e4), k, rng, None) for k in SCALES]) == []
+
+
+@PHASES
+@pytest.mark.parametrize("step", [0.0, 2.0])
+def test_what_is_not_valid_moves_no_shift(cfa: Cfa | None, step: float) -> None:
+    """A standing pattern behind a mask that stands still, in front of a picture that does not."""
+    rng, hidden = np.random.default_rng(9), np.zeros(SIZE, bool)
+    hidden[40:140, 80:200] = True
+    frames = []
+    for index, k in enumerate(SCALES):
+        motion = np.float32([[1, 0, step * index], [0, 1, 0]])
+        moved = cv2.warpAffine(
+            np.log(scene(7)), motion, SIZE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+        )
+        frame = expose(np.where(hidden, scene(10), np.exp(moved)), k, rng, cfa)
+        frames.append(replace(frame, valid=~hidden))
+    found = shifts(frames)
+    assert len(found) >= 2
+    for shift in found:
+        assert shift.x == pytest.approx(-step, abs=0.3)
+
+
+@PHASES
+def test_no_ghost_is_looked_for_where_masks_ask_not_to(cfa: Cfa | None) -> None:
+    """What moves behind a mask is no ghost, and its noise, over most of the picture, not that of the rest."""
+    rng, hidden = np.random.default_rng(11), np.zeros(SIZE, bool)
+    hidden[:120] = True
+    frames = [expose(np.where(hidden, scene(20 + i), scene(0)), k, rng, cfa) for i, k in enumerate(SCALES)]
+    moved = np.ones(SIZE)
+    moved[140:170, 190:230] = 8.0
+    frames[2] = expose(np.where(hidden, 1.0, scene(0) * moved), SCALES[2], rng, cfa)
+    told, blind = without_ghosts(frames, hidden=hidden), without_ghosts(frames)
+    assert blind.ghost[:120].mean() > 0.1
+    assert blind.noise > 2 * told.noise
+    assert not told.ghost[:120].any()
+    assert told.noise < 1.2
+    assert told.ghost[145:165, 195:225].mean() > 0.5
+    assert told.ghost[:, :180].mean() < 0.01
