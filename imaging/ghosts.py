@@ -27,8 +27,8 @@ SATURATED = 0.01
 class Deghosted:
     """merged: a bracket, where something moved from one exposure alone; ghost: bool, of merged's shape.
 
-    reference: index of that exposure among the frames; None where nothing moved. noise: how many times
-    its model the noise of the bracket is, at least 1.
+    reference: index of that exposure among the frames, or of that for most of it; None where nothing moved.
+    noise: how many times its model the noise of the bracket is, at least 1.
     """
 
     merged: Merged
@@ -49,19 +49,29 @@ def without_ghosts(
     ghost, noise = find_ghosts(frames, merged, tolerance, hidden)
     if not ghost.any():
         return Deghosted(merged, ghost, None, noise)
-    reference = _reference(frames, ghost)
-    alone = merge_bracket([frames[reference]])
+    references, left = _references(frames, ghost), ghost
+    for reference in references:
+        alone = merge_bracket([frames[reference]])
+        number = left & np.isfinite(alone.radiance)
+        merged = _with(merged, alone, number)
+        left = left & ~number
+        if not left.any():
+            break
+    return Deghosted(merged, ghost, references[0], noise)
+
+
+def _with(merged: Merged, alone: Merged, place: Bool) -> Merged:
+    """What was merged, with one exposure alone at a place."""
     assert merged.sigma is not None
     assert alone.sigma is not None
-    shown = replace(
+    return replace(
         merged,
-        radiance=np.where(ghost, alone.radiance, merged.radiance),
-        sigma=np.where(ghost, alone.sigma, merged.sigma),
-        valid=np.where(ghost, alone.valid, merged.valid),
-        clipped=np.where(ghost, alone.clipped, merged.clipped),
-        dark=np.where(ghost, alone.dark, merged.dark),
+        radiance=np.where(place, alone.radiance, merged.radiance),
+        sigma=np.where(place, alone.sigma, merged.sigma),
+        valid=np.where(place, alone.valid, merged.valid),
+        clipped=np.where(place, alone.clipped, merged.clipped),
+        dark=np.where(place, alone.dark, merged.dark),
     )
-    return Deghosted(shown, ghost, reference, noise)
 
 
 def find_ghosts(
@@ -133,9 +143,12 @@ def _spread(places: Bool, shape: tuple[int, ...]) -> Bool:
     return places if len(shape) == 2 else np.repeat(places[..., None], shape[2], axis=2)
 
 
-def _reference(frames: Sequence[LinearFrame], ghost: Bool) -> int:
-    """The longest exposure that is hardly saturated where something moved; else the least saturated."""
+def _references(frames: Sequence[LinearFrame], ghost: Bool) -> list[int]:
+    """Exposures to show what moved, the best first: the longest that is hardly saturated there.
+
+    The next ones stand in where a mask or a defect left it no number.
+    """
     shares = [float(frame.saturated[ghost].mean()) for frame in frames]
-    least = min(shares)
-    fit = [i for i, share in enumerate(shares) if share <= max(SATURATED, least)]
-    return max(fit, key=lambda i: frames[i].k)
+    most = max(SATURATED, min(shares))
+    excess = [share if share > most else 0.0 for share in shares]
+    return sorted(range(len(frames)), key=lambda i: (excess[i], -frames[i].k))

@@ -7,7 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from imaging import store
 from imaging.errors import InputError
 from imaging.linear import Bool, LinearFrame
 from imaging.records import ShotRecord
@@ -16,7 +15,8 @@ from imaging.session import Session
 
 def mask_of(session: Session, shot: ShotRecord, height: int, width: int) -> Bool | None:
     """Which pixels of a shot count, as `read_mask` has it; None where it has no mask, and all do."""
-    return None if shot.mask is None else read_mask(store.inside(session.folder, shot.mask), height, width)
+    path = session.mask(shot)
+    return None if path is None else read_mask(path, height, width)
 
 
 def masked(session: Session, shots: Sequence[ShotRecord], frames: Sequence[LinearFrame]) -> list[LinearFrame]:

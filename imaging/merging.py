@@ -5,6 +5,9 @@
 Light is in one unit for the whole rig and session: signal (1 = white) per second of exposure scale, with the
 gains and the vignetting of the calibration divided out. sigma is of the noise and, for photographs, of the
 standard error of their response. The header says all that is needed to read it.
+
+What a mask hides in one exposure is left out of the merge where another exposure shows the place. What is
+hidden in all of them is merged as if it were not, and flagged: it is light, and nobody can fill a hole again.
 """
 
 import hashlib
@@ -16,15 +19,16 @@ from pathlib import Path
 
 import numpy as np
 
-from imaging import alignment
+from imaging import alignment, store
 from imaging.calibration import CalibrationRecord, CameraCalibration, Response, is_stale, read_calibration
 from imaging.colour import SPACE_NAMES, SPACE_PRIMARIES, Space
 from imaging.curve_error import with_curve_error
 from imaging.errors import InputError
 from imaging.exr import read_exr_header, write_exr
 from imaging.ghosts import TOLERANCE, without_ghosts
-from imaging.linear import LinearFrame, read_linear
-from imaging.picture import BITS, CLIPPED, DARK, GHOST, picture_of
+from imaging.linear import Bool, LinearFrame, read_linear
+from imaging.mask import mask_of, without
+from imaging.picture import BITS, CLIPPED, DARK, GHOST, HIDDEN, picture_of
 from imaging.ratios import overlap, ratio
 from imaging.records import ShotRecord
 from imaging.session import Session, brackets
@@ -32,7 +36,7 @@ from imaging.shutter import exact_times
 
 Progress = Callable[[str, int, int], None]
 
-VERSION = 2
+VERSION = 3
 """Of what is written; another number makes every file anew."""
 UNIT = "signal (1 = white) per second of exposure scale k = time * ISO/100 / f-number^2, relative"
 PAIR = 0.954
@@ -45,6 +49,7 @@ WRONG = 0.03
 class MergedView:
     """What came of one bracket; shares are of the pixels, in any channel.
 
+    clipped, dark, ghost: of the pixels that are not hidden. hidden: behind a mask in every exposure.
     shift: largest between two exposures, px; None where it cannot be told. kept: a file of an earlier
     run was right already. warnings: what to do otherwise next time.
     """
@@ -56,6 +61,7 @@ class MergedView:
     clipped: float
     dark: float
     ghost: float
+    hidden: float
     shift: float | None
     kept: bool
     warnings: tuple[str, ...]
@@ -120,11 +126,13 @@ def _merge_view(
     k = _scales(session, shots, scales)
     response = camera.response if camera is not None else assumed_response(kind)
     path = out / f"{number:04d}" / f"{name}.exr"
-    key = _key(shots, k, response, camera, space)
+    key = _key(session, shots, k, response, camera, space)
     told = _kept(path, key)
     if told is not None:
-        clipped, dark, ghost, shift, said = told
-        return MergedView(name, number, path, len(shots), clipped, dark, ghost, shift, True, tuple(said))
+        clipped, dark, ghost, hidden, shift, said = told
+        return MergedView(
+            name, number, path, len(shots), clipped, dark, ghost, hidden, shift, True, tuple(said)
+        )
     sensors = () if camera is None else camera.sensors
     frames = [
         read_linear(session.file(shot), kind, scale, response, sensors)
@@ -134,14 +142,17 @@ def _merge_view(
         raise InputError(
             f"the shots of camera {name} at frame {number} differ in size: delete the odd one out."
         )
-    best = without_ghosts(frames, max(TOLERANCE, (response.residual or 0.0) / PAIR))
+    frames, told_by, behind = _masked(session, shots, frames)
+    best = without_ghosts(frames, max(TOLERANCE, (response.residual or 0.0) / PAIR), behind)
     best = replace(best, merged=with_curve_error(best.merged, frames, response))
     picture = picture_of(best, frames[0].cfa, camera, space)
-    moved = alignment.shifts(frames)
+    moved = alignment.shifts(told_by)
     shift = max((one.size for one in moved), default=None)
-    clipped, dark, ghost = (float(np.mean(picture.mask & bit > 0)) for bit in (CLIPPED, DARK, GHOST))
+    seen = picture.mask if behind is None or behind.all() else picture.mask[~behind]
+    clipped, dark, ghost = (float(np.mean(seen & bit > 0)) for bit in (CLIPPED, DARK, GHOST))
+    hidden = 0.0 if behind is None else float(behind.mean())
     shares = (clipped, dark, ghost)
-    warnings = _warnings(frames, shares, shift, check_labels=scales is None)
+    warnings = _warnings(told_by, shares, shift, check_labels=scales is None)
     attributes: dict[str, str | float] = {
         "rig:key": key,
         "rig:view": f"{number:04d}/{name}",
@@ -152,15 +163,33 @@ def _merge_view(
         "rig:response": response.evidence,
         "rig:noise": "unknown: no sigma" if picture.sigma is None else f"{best.noise:.3g} times its model",
         "rig:colour": SPACE_NAMES[space] if picture.known_colour else "camera RGB",
-        "rig:result": json.dumps([*shares, shift, warnings]),
+        "rig:result": json.dumps([*shares, hidden, shift, warnings]),
     }
     channels = {letter: picture.light[..., index] for index, letter in enumerate("RGB")}
     if picture.sigma is not None:
         channels |= {f"sigma.{letter}": picture.sigma[..., index] for index, letter in enumerate("RGB")}
-    channels["mask"] = picture.mask.astype(np.float32)
+    flags = picture.mask if behind is None else picture.mask | (HIDDEN * behind)
+    channels["mask"] = flags.astype(np.float32)
     primaries = SPACE_PRIMARIES[space] if picture.known_colour else None
     write_exr(path, channels, chromaticities=primaries, attributes=attributes)
-    return MergedView(name, number, path, len(shots), clipped, dark, ghost, shift, False, warnings)
+    return MergedView(name, number, path, len(shots), *shares, hidden, shift, False, warnings)
+
+
+def _masked(
+    session: Session, shots: Sequence[ShotRecord], frames: Sequence[LinearFrame]
+) -> tuple[list[LinearFrame], list[LinearFrame], Bool | None]:
+    """The frames as they are merged, as they tell of each other, and where all are hidden (None: nowhere)."""
+    counts = [mask_of(session, shot, *frames[0].signal.shape[:2]) for shot in shots]
+    seen = [without(frame, own) for frame, own in zip(frames, counts, strict=True)]
+    masks = [own for own in counts if own is not None]
+    if not masks:
+        return list(frames), seen, None
+    hidden = ~np.logical_or.reduce(masks) if len(masks) == len(counts) else np.zeros(masks[0].shape, bool)
+    merged = [
+        without(frame, None if own is None else own | hidden)
+        for frame, own in zip(frames, counts, strict=True)
+    ]
+    return merged, seen, hidden
 
 
 def assumed_response(kind: str) -> Response:
@@ -192,6 +221,7 @@ def _scales(session: Session, shots: Sequence[ShotRecord], scales: Mapping[str, 
 
 
 def _key(
+    session: Session,
     shots: Sequence[ShotRecord],
     k: Sequence[float],
     response: Response,
@@ -205,21 +235,23 @@ def _key(
         [[shot.sha256, scale] for shot, scale in zip(shots, k, strict=True)],
     ]
     parts.append(response.model_dump(mode="json"))
+    masks = [session.mask(shot) for shot in shots]
+    parts.append([None if mask is None else store.sha256(mask) for mask in masks])
     if camera is not None:
         parts.append(camera.model_dump(mode="json", exclude={"lens", "cam_from_rig"}))
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
-def _kept(path: Path, key: str) -> tuple[float, float, float, float | None, list[str]] | None:
+def _kept(path: Path, key: str) -> tuple[float, float, float, float, float | None, list[str]] | None:
     """Shares, shift and warnings of a file that was made from the same; None if there is none."""
     if not path.is_file():
         return None
     try:
         attributes = read_exr_header(path).attributes
-        clipped, dark, ghost, shift, said = json.loads(str(attributes["rig:result"]))
+        clipped, dark, ghost, hidden, shift, said = json.loads(str(attributes["rig:result"]))
     except (InputError, KeyError, ValueError):
         return None
-    return (clipped, dark, ghost, shift, said) if attributes.get("rig:key") == key else None
+    return (clipped, dark, ghost, hidden, shift, said) if attributes.get("rig:key") == key else None
 
 
 def _warnings(

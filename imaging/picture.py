@@ -13,8 +13,11 @@ from imaging.falloff import falloff
 from imaging.ghosts import Deghosted
 from imaging.linear import Bool, Float
 
-CLIPPED, DARK, NOTHING, GHOST = 1, 2, 4, 8
-BITS = "1 clipped: a lower bound; 2 dark: an upper bound; 4 no number; 8 ghost: of one exposure alone"
+CLIPPED, DARK, NOTHING, GHOST, HIDDEN = 1, 2, 4, 8, 16
+BITS = (
+    "1 clipped: a lower bound; 2 dark: an upper bound; 4 no number; 8 ghost: of one exposure alone; "
+    "16 hidden: behind a mask in every exposure"
+)
 
 
 @dataclass(frozen=True, eq=False)

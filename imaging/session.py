@@ -70,6 +70,10 @@ class Session:
         """Where a shot's file is; InputError if the record leads out of the session."""
         return store.inside(self.folder, shot.file)
 
+    def mask(self, shot: ShotRecord) -> Path | None:
+        """Where a shot's mask is; None: it has none. InputError if the record leads out of the session."""
+        return None if shot.mask is None else store.inside(self.folder, shot.mask)
+
     def camera(self, name: str) -> CameraRecord:
         """The camera of that name; InputError if the session has none."""
         for camera in self.record.cameras:

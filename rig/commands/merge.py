@@ -24,7 +24,9 @@ def merge(
     """Merge brackets to linear EXR files.
 
     Writes OUT/FRAME/CAMERA.exr with light, its standard deviation and a mask. All files share one scale.
-    Exposures and response are those of rig calibrate where it was run, else labels and sRGB.
+    Exposures and response are those of rig calibrate where it was run, else labels and sRGB. What a mask of
+    the session hides in one exposure is taken from the others; what it hides in all of them keeps its light,
+    and 16 in the mask.
 
     Example: rig merge S merged/ --frame 0
     """
@@ -62,6 +64,7 @@ def _told(view: "MergedView") -> dict[str, Any]:
         "clipped": view.clipped,
         "dark": view.dark,
         "ghost": view.ghost,
+        "hidden": view.hidden,
         "shift_px": view.shift,
         "kept": view.kept,
         "warnings": list(view.warnings),

@@ -163,3 +163,23 @@ def test_no_ghost_is_looked_for_where_masks_ask_not_to(cfa: Cfa | None) -> None:
     assert told.noise < 1.2
     assert told.ghost[145:165, 195:225].mean() > 0.5
     assert told.ghost[:, :180].mean() < 0.01
+
+
+@PHASES
+def test_a_ghost_that_the_best_exposure_does_not_show_is_shown_by_another(cfa: Cfa | None) -> None:
+    rng = np.random.default_rng(12)
+    light, moved = np.full(SIZE, 0.2), np.full(SIZE, 0.2)
+    moved[60:120, 60:120] = 0.05
+    frames = [expose(moved if k < 1 else light, k, rng, cfa) for k in (1.0, 0.5, 0.25)]
+    whole = without_ghosts(frames)
+    assert whole.reference == 0
+    gone = np.ones(SIZE, bool)
+    gone[90:120, 90:120] = False
+    # The last exposure sees a third scene, so that the hidden part is a ghost of the other two.
+    frames[2] = expose(np.where(gone, moved, 0.4), 0.25, rng, cfa)
+    found = without_ghosts([replace(frames[0], valid=gone), *frames[1:]])
+    assert found.reference == 0
+    part = np.s_[94:116, 94:116]
+    assert found.ghost[part].all()
+    assert np.isfinite(found.merged.radiance).all()
+    np.testing.assert_array_equal(found.merged.radiance[part], frames[1].signal[part] / np.float32(0.5))

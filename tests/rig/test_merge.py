@@ -13,7 +13,7 @@ from imaging.colour import PRIMARIES, space_from_rec709, srgb_encode
 from imaging.exposure import Exposure
 from imaging.exr import read_exr
 from imaging.photo import encode_png
-from imaging.picture import CLIPPED, DARK
+from imaging.picture import CLIPPED, DARK, GHOST, HIDDEN
 from imaging.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session import Session
 
@@ -72,19 +72,24 @@ def test_finished_files_are_kept_and_changed_ones_made_again(rig: Run, toy: Path
     assert [entry["kept"] for entry in third] == [True, False]
 
 
-def bracket(folder: Path, codes: list[np.ndarray], times: list[float | None]) -> Path:
-    """A session of one view: photographs and what they say of their exposure."""
+def bracket(
+    folder: Path, codes: list[np.ndarray], times: list[float | None], masks: list[np.ndarray] | None = None
+) -> Path:
+    """A session of one view: photographs, what they say of their exposure, and what counts of them."""
     camera = CameraRecord(name="cam0", serial="1", kind="ldr")
     record = SessionRecord(name="made", created=datetime.now(UTC), origin="test", cameras=(camera,))
     session = Session.create(folder / "S", record)
     for step, (code, time) in enumerate(zip(codes, times, strict=True)):
         file = f"raw/0000/cam0_{step}.png"
         store.write_bytes(session.folder / file, encode_png(code))
+        mask = None if masks is None else f"masks/{step}.png"
+        if masks is not None:
+            store.write_bytes(session.folder / f"masks/{step}.png", encode_png(255 * np.uint8(masks[step])))
         session.append_shot(
             ShotRecord(
                 kind="scene", plan="test", camera="cam0", frame=0, step=step, file=file,
                 sha256=store.sha256(session.folder / file), width=code.shape[1], height=code.shape[0],
-                reported=None if time is None else Exposure(time=time),
+                reported=None if time is None else Exposure(time=time), mask=mask,
             )
         )  # fmt: skip
     return session.folder
@@ -122,6 +127,71 @@ def test_labels_that_are_wrong_by_two_are_told(rig: Run, tmp_path: Path) -> None
     assert code == 0
     assert "labels (there is no calibration)" in out
     assert "off their labels by 100 %: run `rig calibrate` first" in out
+
+
+def masked_bracket(folder: Path) -> tuple[Path, np.ndarray]:
+    """Three exposures; somebody stands in the left of the first, and on the right all moves: both masked.
+
+    The light [H, W] that was there without anybody; what is at [:, 200:] is hidden in every exposure.
+    """
+    rng = np.random.default_rng(0)
+    light = np.exp(np.kron(rng.uniform(-4, -1, (12, 24)), np.ones((10, 10))))
+    codes, masks = [], []
+    for step, k in enumerate((1.0, 0.5, 0.25)):
+        seen = light.copy()
+        counts = np.ones(light.shape, bool)
+        if step == 0:
+            seen[20:100, 10:80], counts[20:100, 10:80] = 0.15, False
+        seen[:, 200:], counts[:, 200:] = rng.uniform(0, 1, (120, 40)), False
+        code = np.rint(255 * srgb_encode(np.clip(seen * k + 0.002 * rng.standard_normal(light.shape), 0, 1)))
+        codes.append(code.astype(np.uint8)[..., None].repeat(3, 2))
+        masks.append(counts)
+    return bracket(folder, codes, [1.0, 0.5, 0.25], masks), light
+
+
+def test_what_one_exposure_hides_is_taken_from_the_others(rig: Run, tmp_path: Path) -> None:
+    session, light = masked_bracket(tmp_path)
+    code, out, _ = rig("merge", str(session), str(tmp_path / "M"), "--json")
+    assert code == 0
+    (told,) = json.loads(out)["files"]
+    assert told["ghost"] < 0.01
+    assert told["hidden"] == pytest.approx(40 / 240)
+    assert told["warnings"] == []
+    image = read_exr(tmp_path / "M" / "0000" / "cam0.exr")
+    mask = image.channels["mask"].astype(int)
+    np.testing.assert_array_equal(mask & HIDDEN > 0, np.arange(240)[None].repeat(120, 0) >= 200)
+    person = np.s_[20:100, 10:80]
+    assert np.median(np.abs(image.channels["G"][person] / light[person] - 1)) < 0.05
+    # What nobody is to look at keeps its light, some mean of what it was.
+    assert np.isfinite(image.channels["G"]).all()
+    assert image.channels["G"][:, 200:].std() > 0.05
+
+    lines = (session / "shots.jsonl").read_text().splitlines()
+    bare = [json.loads(line) for line in lines]
+    for own in bare:
+        del own["mask"]
+    (session / "shots.jsonl").write_text("".join(json.dumps(own) + "\n" for own in bare))
+    blind = json.loads(rig("merge", str(session), str(tmp_path / "M"), "--json")[1])["files"][0]
+    assert not blind["kept"]
+    assert blind["ghost"] > 0.1
+    assert blind["hidden"] == 0.0
+    flags = read_exr(tmp_path / "M" / "0000" / "cam0.exr").channels["mask"].astype(int)
+    assert (flags[person] & GHOST > 0).mean() > 0.3
+
+
+def test_another_mask_makes_another_file(rig: Run, tmp_path: Path) -> None:
+    session, _ = masked_bracket(tmp_path)
+    asked = ("merge", str(session), str(tmp_path / "M"), "--json")
+    first, again = (json.loads(rig(*asked)[1])["files"][0] for _ in range(2))
+    assert again == first | {"kept": True}
+    for step in range(3):
+        store.write_bytes(session / f"masks/{step}.png", encode_png(np.zeros((120, 240), np.uint8)))
+    other = json.loads(rig(*asked)[1])["files"][0]
+    assert (other["kept"], other["hidden"]) == (False, 1.0)
+    (session / "masks/1.png").unlink()
+    code, _, error = rig(*asked)
+    assert code == 2
+    assert "masks/1.png" in error
 
 
 def test_exposures_without_a_label_are_refused(rig: Run, tmp_path: Path) -> None:
