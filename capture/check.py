@@ -11,6 +11,7 @@ from capture.examining import Read, examine_all
 from capture.findings import CheckReport, Exposed, Problem, ProblemKind, StepSkew
 from capture.index import read_index, stray_files
 from capture.judging import warnings
+from capture.masks import mask_problems
 from capture.reading import Picture
 from capture.recorder import Progress, leftovers, slots
 from capture.repair import RepairReport, repair
@@ -64,6 +65,7 @@ def check(session: Path, progress: Progress = lambda message, done, total: None)
             pictures.append((shot, read[shot.file]))
         problems.extend(found)
     problems.extend(_missing(plans, shots, again))
+    problems.extend(mask_problems(opened, shots, again))
     problems.extend(_duplicates(shots))
     problems.extend(_unrecorded(opened, shots))
     together = {plan.plan: plan.tolerance for plan in plans if plan.tolerance is not None}

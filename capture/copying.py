@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from capture.beginning import begin, is_vacant
+from capture.masks import mask_file
 from capture.originals import Original, Progress, shown
 from capture.saving import Slot, shot_file
 from imaging import store
@@ -101,11 +102,13 @@ def _copy(session: Session, place: Place, data: bytes) -> None:
     original, slot = place.original, place.slot
     assert original.picture is not None
     file = shot_file(slot, original.path.suffix.lower().lstrip("."))
-    mask = None
+    mask = mask_sha256 = None
     if place.mask is not None:
         read_mask(place.mask, original.picture.height, original.picture.width)
-        mask = f"masks/{slot.frame:04d}/{slot.camera}_{slot.step}{place.mask.suffix.lower()}"
-        store.write_bytes(session.folder / mask, place.mask.read_bytes())
+        mask = mask_file(slot, place.mask.suffix.lower())
+        cover = place.mask.read_bytes()
+        mask_sha256 = hashlib.sha256(cover).hexdigest()
+        store.write_bytes(session.folder / mask, cover)
     store.write_bytes(session.folder / file, data)
     session.append_shot(
         ShotRecord(
@@ -122,6 +125,7 @@ def _copy(session: Session, place: Place, data: bytes) -> None:
             captured_at=original.picture.metadata.captured_at,
             source=shown(original.path),
             mask=mask,
+            mask_sha256=mask_sha256,
         )
     )
 

@@ -2,16 +2,19 @@
 
 import json
 import re
+from glob import escape
 from pathlib import Path
 
 from capture.findings import Model
 from capture.index import read_index, stray_files
 from capture.lock import sole_writer
+from capture.masks import mask_file
 from capture.reading import read_picture
 from capture.recorder import Progress
 from capture.saving import Slot, shot_file
 from imaging import store
 from imaging.errors import InputError
+from imaging.mask import read_mask
 from imaging.records import ShotRecord
 from imaging.session import Session
 
@@ -101,6 +104,7 @@ def _shot_of(session: Session, file: str, known: list[ShotRecord]) -> ShotRecord
     if picture.kind != camera.kind:
         raise InputError(f"{file} is {picture.kind}, and the camera {name} is {camera.kind}: move it away.")
     planned, imported = plan.bracket[step], session.record.origin == "import"
+    mask = _mask_of(session, Slot(name, frame, step), picture.height, picture.width)
     return ShotRecord(
         kind=plan.kind,
         plan=plan.plan,
@@ -114,7 +118,19 @@ def _shot_of(session: Session, file: str, known: list[ShotRecord]) -> ShotRecord
         width=picture.width,
         height=picture.height,
         captured_at=picture.metadata.captured_at,
+        mask=mask,
+        mask_sha256=None if mask is None else store.sha256(session.folder / mask),
     )
+
+
+def _mask_of(session: Session, slot: Slot, height: int, width: int) -> str | None:
+    """The mask that an import laid down for a shot; InputError if it is damaged."""
+    found = sorted(session.folder.glob(f"{escape(mask_file(slot, ''))}.*"))
+    if not found:
+        return None
+    file = found[0].relative_to(session.folder).as_posix()
+    read_mask(store.inside(session.folder, file), height, width)
+    return file
 
 
 def _rewrite(session: Path, shots: list[ShotRecord]) -> str | None:

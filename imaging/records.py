@@ -160,6 +160,8 @@ class ShotRecord(Record):
     """Path of the original, for imports."""
     mask: str | None = None
     """A picture of the same size, relative to the session folder, black where the shot is to be ignored."""
+    mask_sha256: str | None = None
+    """Of the mask; None: it has none, or one of a session that does not say."""
 
     @property
     def identity(self) -> tuple[str, str, int, int]:

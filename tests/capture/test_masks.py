@@ -1,4 +1,4 @@
-"""Masks that are imported with photographs: kept byte for byte, or told why they cannot be used."""
+"""Masks imported with photographs: kept byte for byte, or told why they cannot be used or trusted."""
 
 import json
 from pathlib import Path
@@ -7,10 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
+from capture.check import check, repair
 from capture.masks import masks_beside
 from capture.photos import import_photos
 from imaging.errors import InputError
 from imaging.session import Session
+
+from .index_lines import lines, write
 
 
 def picture(path: Path, value: int, size=(16, 12)) -> Path:
@@ -88,3 +91,63 @@ def test_masks_that_cannot_be_used(photos, tmp_path):
     picture(photos / "masks" / "0.png", 0)
     with pytest.raises(InputError, match="lies among the photographs"):
         import_photos(photos, tmp_path / "S", masks=photos / "masks")
+
+
+@pytest.fixture
+def session(photos, tmp_path) -> Session:
+    """Three photographs, of which the first has a mask."""
+    picture(tmp_path / "masks" / "0.png", 0)
+    import_photos(photos, tmp_path / "S", masks=tmp_path / "masks")
+    return Session.open(tmp_path / "S")
+
+
+def mask_problems(session: Session) -> list[tuple[str, str]]:
+    report = check(session.folder)
+    assert report.sound == 3
+    return [(problem.kind, problem.message) for problem in report.problems]
+
+
+def test_a_sound_mask_is_no_finding_and_another_is_named(session):
+    first = next(shot for shot in session.shots() if shot.mask)
+    path = session.mask(first)
+    assert mask_problems(session) == []
+    picture(path, 255)
+    ((kind, message),) = mask_problems(session)
+    assert kind == "altered"
+    assert message == (
+        f"{first.mask}, the mask of {first.file}, is not the file that was recorded (its SHA-256 differs): "
+        "restore it from a copy, or import the photographs again."
+    )
+    path.unlink()
+    ((kind, message),) = mask_problems(session)
+    assert kind == "absent"
+    assert f"{first.mask}, the mask of {first.file}, is not there" in message
+
+
+def test_masks_of_sessions_without_their_digests_are_read(session):
+    records = lines(session)
+    (own,) = (record for record in records if "mask" in record)
+    del own["mask_sha256"]
+    write(session, records)
+    assert mask_problems(session) == []
+    (session.folder / own["mask"]).write_bytes(b"nothing")
+    ((kind, message),) = mask_problems(session)
+    assert kind == "torn"
+    assert "is damaged" in message
+    own["mask"] = "../masks/0.png"
+    write(session, records)
+    ((kind, message),) = mask_problems(session)
+    assert "leads out of" in message
+
+
+def test_a_repair_finds_the_mask_of_a_shot_again(session):
+    records = lines(session)
+    (own,) = (record for record in records if "mask" in record)
+    write(session, [record for record in records if record is not own])
+    assert repair(session.folder).added == (own["file"],)
+    (shot,) = (shot for shot in session.shots() if shot.mask)
+    assert (shot.file, shot.mask, shot.mask_sha256) == (own["file"], own["mask"], own["mask_sha256"])
+    write(session, [record for record in records if record is not own])
+    (session.folder / own["mask"]).write_bytes(b"nothing")
+    (left,) = repair(session.folder).left
+    assert "is damaged" in left
