@@ -53,6 +53,8 @@ class Body:
     nominal: SensorModel
     cfa: Cfa
     camera_from_xyz: Matrix
+    curve: response.Curve = "film"
+    """By which it develops its photographs."""
     effects: bool = False
     """Whether the shutter jitters, the lamps flicker and rows are noisy, which nobody calibrates."""
 
@@ -237,7 +239,7 @@ class SimulatedCamera:
             )
             black = float(np.mean(sensor.model.black))
             linear[..., plane] = (number - black) * HEADROOM / (sensor.model.white - black)
-        codes = response.develop(linear @ np.linalg.inv(body.optics.camera_from_rec709).T)
+        codes = response.develop(linear @ np.linalg.inv(body.optics.camera_from_rec709).T, body.curve)
         metadata = self._metadata(shot)
         data = encode_jpeg(np.rint(255.0 * codes).astype(np.uint8), 95, metadata)
         return EncodedPhoto(data, ".jpg", lens.width, lens.height, metadata)

@@ -1,6 +1,6 @@
 """What lens and filters make of the radiance before it reaches the photosites."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,23 @@ class Optics:
         """Camera RGB of white light, the largest 1."""
         white = self.camera_from_rec709.sum(axis=1)
         return np.asarray(white / white.max())
+
+    def nearer(self, distortion: float, vignetting: float, gains: float) -> "Optics":
+        """With its distortion, its falloff and its departure from gain 1 times factors; 1: as it is.
+
+        A fisheye keeps its distortion, which is what makes it one.
+        """
+        lens = self.lens
+        if not lens.fisheye:
+            terms = {name: distortion * getattr(lens, name) for name in ("k1", "k2", "p1", "p2")}
+            lens = lens.model_copy(update=terms)
+        a, b, c = self.vignetting
+        return replace(
+            self,
+            lens=lens,
+            vignetting=(vignetting * a, vignetting * b, vignetting * c),
+            gain=1.0 + gains * (self.gain - 1.0),
+        )
 
     def falloff(self) -> Array:
         """The vignetting factor of every pixel, at its centre, float64 [H, W]."""

@@ -14,6 +14,7 @@ from drivers.sim.board import Board, board_from_rig
 from drivers.sim.camera import HEADROOM, MAKE, Body, SimulatedCamera
 from drivers.sim.gallery import gallery_scene
 from drivers.sim.mounting import LensKind, Mount, mounts, rig_from_world
+from drivers.sim.response import Curve
 from drivers.sim.scene import Scene
 from drivers.sim.sensor import SensorModel
 from drivers.sim.subjects import LIGHT, Subject, grey
@@ -32,6 +33,9 @@ LDR_BRACKET = tuple(
     Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 1000, 1 / 200, 1 / 40, 1 / 8, 0.6)
 )
 
+EVEN = 700.0
+"""Radiance of the soft light: what is white fits into 1/60 s at f/4 and ISO 100."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -40,7 +44,10 @@ class Settings:
     scene: the laid table, or the gallery; positions: frames on the arc; bit_depth: of the RAW files;
     samples: rays along a pixel's side; light: factor on all light of the scene, 0 for dark frames;
     effects: jitter, flicker and row noise; lens: of all cameras; sensor: fields of SensorModel in which
-    the sensors differ from what their files say, such as prnu.
+    the sensors differ from what their files say, such as prnu. even: soft light alone, which fits into one
+    exposure, instead of lamps; gloss: of all surfaces, None as they are. distortion, vignetting, gains:
+    factors on how far lenses and sensitivities are from ideal ones, 0 for just that. curve: of a camera
+    that develops its photographs.
     """
 
     kind: Literal["raw", "ldr"]
@@ -54,6 +61,12 @@ class Settings:
     light: float = 1.0
     effects: bool = False
     lens: LensKind = "normal"
+    even: bool = False
+    gloss: float | None = None
+    distortion: float = 1.0
+    vignetting: float = 1.0
+    gains: float = 1.0
+    curve: Curve = "film"
     sensor: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -103,10 +116,15 @@ class SimulatedRig:
         self.name, self.seed, self.settings = name, seed, settings
         self.frames = settings.positions
         self.bracket = RAW_BRACKET if settings.kind == "raw" else LDR_BRACKET
-        scene = demo_scene() if settings.scene == "table" else gallery_scene()
-        self.scene: Scene = scene if settings.light == 1.0 else scene.brightened(settings.light)
-        self.mounts: tuple[Mount, ...] = mounts(
-            seed, settings.cameras, settings.width, settings.height, settings.kind, settings.lens
+        self.scene = _scene(settings)
+        self.mounts: tuple[Mount, ...] = tuple(
+            replace(
+                mount,
+                optics=mount.optics.nearer(settings.distortion, settings.vignetting, settings.gains),
+            )
+            for mount in mounts(
+                seed, settings.cameras, settings.width, settings.height, settings.kind, settings.lens
+            )
         )
         self.board = Board()
         self._subject: Subject = "scene"
@@ -228,8 +246,18 @@ class SimulatedRig:
             nominal=nominal,
             cfa=mount.cfa,
             camera_from_xyz=mount.camera_from_xyz,
+            curve=settings.curve,
             effects=settings.effects,
         )
+
+
+def _scene(settings: Settings) -> Scene:
+    scene = demo_scene() if settings.scene == "table" else gallery_scene()
+    if settings.even:
+        scene = scene.evenly_lit(EVEN)
+    if settings.gloss is not None:
+        scene = scene.polished(settings.gloss)
+    return scene if settings.light == 1.0 else scene.brightened(settings.light)
 
 
 def _nominal(settings: Settings) -> SensorModel:

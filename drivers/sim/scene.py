@@ -17,6 +17,9 @@ from imaging.calibration import Lens
 
 Array = npt.NDArray[np.float64]
 
+SATIN = 12.0
+"""Sharpness of the highlights on what has none of its own: some 20 degrees wide."""
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -64,6 +67,19 @@ class Scene:
         )
         lights["intensity"] *= factor
         return Scene(self.solids, materials, lights, self.zones, self.ambient * factor)
+
+    def evenly_lit(self, radiance: float) -> "Scene":
+        """The same things without lamps, shadows and highlights: light of one radiance from everywhere."""
+        materials = self.materials.copy()
+        materials["emission"] = 0.0
+        return Scene(self.solids, materials, self.lights[:0], self.zones[:0], np.full(3, radiance))
+
+    def polished(self, gloss: float) -> "Scene":
+        """The same scene with all surfaces of one gloss; 0: none looks different from another side."""
+        materials = self.materials.copy()
+        materials["gloss"] = gloss
+        materials["sharpness"] = np.maximum(materials["sharpness"], SATIN)
+        return Scene(self.solids, materials, self.lights, self.zones, self.ambient)
 
     @property
     def _parts(self) -> tuple[Any, Any, Any, Any, Array]:

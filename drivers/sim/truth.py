@@ -98,7 +98,7 @@ def write_truth(rig: "SimulatedRig", session: Path, progress: "Progress") -> Non
                 }
                 for frame in frames
             ],
-            "response": _response() if rig.settings.kind == "ldr" else None,
+            "response": _response(rig.settings.curve) if rig.settings.kind == "ldr" else None,
             "exposures": applied,
             **_subjects(rig, names, shots),
         },
@@ -181,8 +181,8 @@ def _applied(body: Body, frame: int, label: Exposure) -> dict[str, Any]:
     }
 
 
-def _response() -> dict[str, Any]:
+def _response(name: response.Curve) -> dict[str, Any]:
     """The tone curve, the same for all channels and cameras: ln(E k) at codes 1/255..254/255."""
     codes = np.arange(1, 255) / 255.0
-    curve = np.log(response.exposure_of(codes)).tolist()
+    curve = np.log(response.exposure_of(codes, name)).tolist()
     return {"codes": codes.tolist(), "log_exposure": [curve, curve, curve]}

@@ -4,6 +4,7 @@ import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from drivers.sim import response, shutter
 from drivers.sim.camera import SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.cfa import Cfa
-from imaging.colour import camera_from_rec709
+from imaging.colour import camera_from_rec709, srgb_encode
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
@@ -236,6 +237,16 @@ def test_the_response_is_an_s_curve_with_an_inverse() -> None:
     assert slope[-1] < 0.75 * slope[top]
     for gamma in (1 / 2.2, 1 / 2.4, 1.0):
         assert np.abs(code - x**gamma).max() > 0.05
+
+
+def test_other_responses_are_the_standard_and_a_power() -> None:
+    x = np.geomspace(1e-4, 1.0, 400)
+    for curve in get_args(response.Curve):
+        code = response.develop(x, curve)
+        assert np.all(np.diff(code) > 0)
+        np.testing.assert_allclose(response.exposure_of(code, curve), x, rtol=1e-9)
+    np.testing.assert_allclose(response.develop(x, "srgb"), srgb_encode(x), atol=1e-12)
+    np.testing.assert_allclose(response.develop(np.array(0.25), "gamma") ** 1.8, 0.25)
 
 
 def test_photographs_follow_the_response(tmp_path: Path) -> None:

@@ -142,3 +142,31 @@ def test_a_rig_of_fisheyes_sees_120_degrees_and_is_else_the_same() -> None:
         np.testing.assert_array_equal(before.cam_from_rig, after.cam_from_rig)
         assert before.optics.vignetting == after.optics.vignetting
     assert len({mount.optics.lens.k1 for mount in wide.mounts}) == 2
+
+
+def test_ideal_cameras_lack_distortion_falloff_and_differences() -> None:
+    optics = [mount.optics for mount in simulate("toy", 3, distortion=0, vignetting=0, gains=0).mounts]
+    assert all(one.lens.terms[4:] == (0, 0, 0, 0) for one in optics)
+    assert all((one.falloff() == 1).all() and one.gain == 1 for one in optics)
+    assert simulate("toy-fisheye", 3, distortion=0).mounts[0].optics.lens.k1 > 0.01
+    as_built, half = (simulate("toy", 3, **how).mounts[1].optics for how in ({}, {"vignetting": 0.5}))
+    np.testing.assert_allclose(1 - half.falloff(), 0.5 * (1 - as_built.falloff()), atol=1e-12)
+    assert (half.lens, half.gain) == (as_built.lens, as_built.gain)
+    assert simulate("toy", 3, gains=3).mounts[1].optics.gain - 1 == pytest.approx(3 * (as_built.gain - 1))
+
+
+def test_soft_light_fits_into_one_exposure_and_dull_things_look_alike_from_everywhere() -> None:
+    soft = simulate("toy", even=True, gloss=0.0, vignetting=0)
+    rig = simulate("toy", even=True)
+    seen = [soft.radiance(camera, frame) for camera in range(2) for frame in range(3)]
+    assert np.percentile(seen, 99.99) / np.percentile(seen, 0.1) < 2**6
+    middle = shoot(soft, 0, 1)[1].signal()
+    assert (middle.max() < 1.0, np.median(middle) > 0.05) == (True, True)
+    # Without lamps there is no highlight to see on anything, dull or not.
+    np.testing.assert_array_equal(rig.radiance(0, 1), soft.radiance(0, 1))
+    lit = {gloss: simulate("toy", gloss=gloss).scene for gloss in (0.0, 0.2)}
+    eyes = np.array([[-1.2, -1.4, 1.4], [-0.4, -1.9, 1.5]])
+    place = np.array([0.45, -0.42, 0.50])  # bare wood near the edge of the table
+    dull, shiny = (lit[gloss].radiance(eyes, place - eyes) for gloss in (0.0, 0.2))
+    np.testing.assert_allclose(dull[0], dull[1], rtol=1e-9)
+    assert np.abs(np.log(shiny[0] / shiny[1])).max() > 0.02
