@@ -139,6 +139,10 @@ class Cache:
         if path.exists():
             self._rows = dict(json.loads(line) for line in path.read_text().splitlines())
 
+    def has(self, key: str) -> bool:
+        """Whether the row of that name is there."""
+        return key in self._rows
+
     def get(self, key: str, make: Callable[[], Any]) -> Any:
         """The row of that name, made now if it is not there."""
         if key not in self._rows:

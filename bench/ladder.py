@@ -1,0 +1,215 @@
+"""Whether what is modelled is just what a scene requires, on scenes of which that is known.
+
+    python bench/ladder.py [--quick] [--json] [--write] [--minutes M] [--work FOLDER]
+
+Each scene (bench/ladder_scenes.py) is shot by the simulator, calibrated, and trained twice from the same
+calibration: with what the ladder takes, and with everything on: corrections of poses, exposures and falloff,
+harmonics of degree 2, as many Gaussians as the preset allows, and a method with a tone curve for photographs.
+Finished rows are kept in FOLDER/ladder.jsonl, a line a scene; a line that is deleted is measured again, from
+the session in the folder of that name. --minutes ends after the scene that is under way then. --quick takes
+two scenes and short trainings. --write puts the table into bench/results/ladder.md.
+"""
+
+import argparse
+import os
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from ladder_scenes import KINDS, Kind, Scene, scenes, session
+from record import WORK, arguments, deliver, machine, words
+from trial import Cache
+
+from imaging.calibration import CalibrationRecord, read_calibration
+from imaging.records import Rung
+from imaging.session import Session
+from recon.evaluate import evaluate
+from recon.fixed import Fixed
+from recon.model import read_model
+from recon.presets import QUALITIES, Quality
+from recon.reconstruct import reconstruct
+from recon.warm_up import warm_up
+
+RIGHT = 0.95
+"""Share of the rungs that has to be right."""
+WORSE = 0.2
+"""dB on held-out pictures that the ladder's choice may lie below everything on."""
+LESS = 3.0
+"""On scenes that need little it has to be so many times faster or smaller."""
+PRESET, TINY = Quality(600, 4000, 640), Quality(60, 600, 640)
+"""In place of `standard`, for pictures of 96 x 72."""
+QUICK = ("one exposure enough 0", "one photograph a view 0")
+
+
+def chosen(record: CalibrationRecord, rungs: Sequence[Rung], exposures: int) -> dict[str, bool]:
+    """Which rungs were taken: those of the calibration, then those of the model of other names.
+
+    response_curve: whether a curve is used, whatever rung it stands on; exposures: whether there are several.
+    """
+    taken = {rung.name: rung.taken for rung in rungs}
+    taken |= {rung.name: rung.taken for rung in record.rungs}
+    taken["response_curve"] = any(camera.response.kind == "curve" for camera in record.cameras)
+    taken["exposures"] = exposures > 1
+    return taken
+
+
+def wrong(needs: Mapping[str, bool], taken: Mapping[str, bool]) -> list[str]:
+    """What was taken for nothing, or was not though it is needed; a rung nobody considered is not taken."""
+    return [
+        f"{'no ' if need else ''}{name}" for name, need in needs.items() if taken.get(name, False) != need
+    ]
+
+
+def row(scene: Scene, work: Path, preset: Quality) -> dict[str, Any]:
+    """What was chosen, and how it fares against everything on."""
+    folder = session(scene, work)
+    photographs = scene.kind.rig.endswith("ldr")
+    full = Fixed(refine="poses+exposures+vignetting", degree=2, gaussians=preset.gaussians)
+    warm_up(lambda message, done, total: None)
+    fares: dict[str, Any] = {"load": round(os.getloadavg()[0], 1)}
+    for name, method, fixed in (
+        ("ladder", "auto", Fixed()),
+        ("full", "hdr-gs" if photographs else "nh-3dgs", full),
+    ):
+        began = time.perf_counter()
+        made = reconstruct(folder, method=method, fixed=fixed, name=name)
+        seconds = time.perf_counter() - began
+        metrics = evaluate(made)
+        fares[name] = {
+            "seconds": seconds,
+            "db": metrics["ldr_psnr_oe" if photographs else "raw_psnr"],
+            "truth_db": metrics["hdr_psnr_mu_aligned"],
+            "gaussians": metrics["gaussians"],
+            "size_bytes": metrics["size_bytes"],
+            "train_seconds": metrics["train_seconds"],
+        }
+    exposures = len({shot.step for shot in Session.open(folder).shots("scene")})
+    record, model = read_calibration(folder), read_model(folder / "reconstructions" / "ladder")
+    return {"scene": scene.name, "chosen": chosen(record, model.rungs, exposures), **fares}
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    QUALITIES["standard"] = options.preset
+    cache, rows = Cache(options.work / "ladder.jsonl"), []
+    until = time.monotonic() + 60 * options.minutes
+    for scene in options.scenes:
+        if cache.has(scene.name) or time.monotonic() < until:
+            rows.append(cache.get(scene.name, lambda scene=scene: row(scene, options.work, options.preset)))
+    kinds = [told for kind in KINDS if (told := of_kind(kind, rows))]
+    return {
+        "machine": machine(),
+        "preset": vars(options.preset),
+        "scenes": len(options.scenes),
+        "rows": rows,
+        "kinds": kinds,
+        "verdict": verdict(kinds),
+    }
+
+
+def of_kind(kind: Kind, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """The scenes of a kind together; None if there are none."""
+    own = [one for one in rows if one["scene"].rpartition(" ")[0] == kind.name]
+    if not own:
+        return None
+    faults = [fault for one in own for fault in wrong(kind.needs, one["chosen"])]
+    gains = [one["ladder"]["db"] - one["full"]["db"] for one in own]
+    return {
+        "kind": kind.name,
+        "little": kind.little,
+        "scenes": len(own),
+        "judged": len(own) * len(kind.needs),
+        "wrong": {fault: faults.count(fault) for fault in sorted(set(faults))},
+        "needed": [name for name, need in kind.needs.items() if need],
+        "db": fmean(gains),
+        "worst_db": min(gains),
+        "faster": [one["full"]["seconds"] / one["ladder"]["seconds"] for one in own],
+        "smaller": [one["full"]["size_bytes"] / one["ladder"]["size_bytes"] for one in own],
+        "gaussians": fmean(one["ladder"]["gaussians"] for one in own),
+    }
+
+
+def verdict(kinds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Whether what is required holds, over all kinds, and what does not, in words."""
+    judged = sum(one["judged"] for one in kinds)
+    faults = sum(sum(one["wrong"].values()) for one in kinds)
+    right = 1 - faults / judged if judged else None
+    worst = min((one["worst_db"] for one in kinds), default=None)
+    less = [
+        max(pair)
+        for one in kinds
+        if one["little"]
+        for pair in zip(one["faster"], one["smaller"], strict=True)
+    ]
+    misses = []
+    if right is not None and right < RIGHT:
+        misses.append(f"{100 * right:.1f} % of the choices are right")
+    if worst is not None and worst < -WORSE:
+        misses.append(f"the worst scene is {-worst:.2f} dB below everything on")
+    if less and min(less) < LESS:
+        misses.append(f"a scene that needs little is only {min(less):.1f} times faster or smaller")
+    return {
+        "scenes": sum(one["scenes"] for one in kinds),
+        "judged": judged,
+        "right": right,
+        "worst_db": worst,
+        "least_less": min(less, default=None),
+        "misses": misses,
+    }
+
+
+def report(result: Mapping[str, Any]) -> str:
+    found, preset = result["verdict"], result["preset"]
+    loads = [one["load"] for one in result["rows"]]
+    lines = [
+        "# Is just what a scene requires modelled?",
+        "",
+        f"`python bench/ladder.py --write`, {words(result['machine'])}; rows made at loads up to "
+        f"{max(loads, default=0):g}. {found['scenes']} of {result['scenes']} simulated scenes, 24 views of "
+        f"96 x 72; trainings of {preset['iterations']} iterations and up to {preset['gaussians']} Gaussians. "
+        "Needed: what scenes of this kind require; all else that is judged has to be left out. Wrong: taken "
+        "for nothing, or (no) left out though needed, and how often. dB: held-out pictures of the ladder's "
+        "choice less those with everything on. Times faster counts the trials of the ladder; in both columns "
+        "the mean over scenes.",
+        "",
+        "| kind | scenes | needed | choices right | wrong | dB, mean | dB, worst | times faster "
+        "| times smaller | Gaussians |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for one in result["kinds"]:
+        faults = ", ".join(f"{name} ({count})" for name, count in one["wrong"].items()) or "-"
+        right = one["judged"] - sum(one["wrong"].values())
+        lines.append(
+            f"| {one['kind']}{' *' if one['little'] else ''} | {one['scenes']} "
+            f"| {', '.join(one['needed']) or 'nothing'} | {right} of {one['judged']} | {faults} "
+            f"| {one['db']:+.2f} | {one['worst_db']:+.2f} | {fmean(one['faster']):.2f} "
+            f"| {fmean(one['smaller']):.2f} | {one['gaussians']:.0f} |"
+        )
+    if found["judged"]:
+        least = "-" if found["least_less"] is None else f"{found['least_less']:.1f}"
+        lines += [
+            "",
+            f"{100 * found['right']:.1f} % of {found['judged']} choices are right (at least {100 * RIGHT:g} "
+            f"%); the worst scene lies {found['worst_db']:+.2f} dB from everything on (at least {-WORSE:g}); "
+            f"where little is needed (*) the least is {least} times faster or smaller (at least {LESS:g}). "
+            + ("Missed: " + "; ".join(found["misses"]) + "." if found["misses"] else "All three hold."),
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="after which no scene is begun")
+    parser.add_argument("--work", type=Path, default=WORK / "ladder")
+    options = parser.parse_args()
+    options.scenes, options.preset = scenes(), PRESET
+    if options.quick:
+        options.scenes = [scene for scene in options.scenes if scene.name in QUICK]
+        options.preset, options.work = TINY, options.work / "quick"
+    result = measure(options)
+    deliver(options, "ladder", result, report(result))
+
+
+if __name__ == "__main__":
+    main()
