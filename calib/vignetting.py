@@ -7,7 +7,7 @@ and exposure calibration and compensation", 2010, gives the model).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +18,23 @@ Array = npt.NDArray[np.float64]
 Coefficients = tuple[float, float, float]
 
 FEWEST_TRACKS = 100
-ROUNDS = 8
+ROUNDS = 30
+SETTLED = 1e-4
+"""Change of every number, absolute, at which a fit has come to its end."""
+HALVINGS = 12
+"""Of a step, before it is given up."""
 HUBER = 1.5
 """Residuals beyond this many standard deviations count linearly: gloss, occlusion, wrong matches."""
 FOLDS = 5
-DARKEST = 0.2
-"""No lens loses more than this leaves."""
+DARKEST = 0.05
+"""Share of the light of the middle that a lens leaves at least; what is darker is a hood, or no picture."""
+AT_BOUND = 1.02
+TOO_DARK = (
+    f"somewhere less than {100 * DARKEST:g} % of the light of the middle arrives, as behind a hood or beyond "
+    "the image circle, which no falloff describes: mask what is dark, or shoot flats"
+)
+RADII = np.linspace(0.0, 1.0, 41)
+"""Where a falloff has to be above that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +108,8 @@ def estimate(tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str]) 
         gain, error = _gain(tracks, shape, taller, count)
         more = taller.parameters(count) - shape.parameters(count)
         rung = Rung.judged(name, gain, error, "robust whitened loss per held-out track", what, more)
+        if rung.taken and _darkest(_fit(tracks, taller, count).polynomials) < AT_BOUND * DARKEST:
+            rung = rung.model_copy(update={"taken": False, "reason": TOO_DARK})
         rungs.append(rung)
         if rung.taken:
             shape = taller
@@ -144,7 +157,10 @@ def _loss(tracks: Tracks, fit: _Fit, shape: _Shape, scale: float) -> Array:
 
 
 def _fit(tracks: Tracks, shape: _Shape, cameras: int) -> _Fit:
-    """Gauss-Newton on the polynomials, re-weighted by Huber's function."""
+    """Gauss-Newton on the polynomials, re-weighted by Huber's function; no step that makes the fit worse.
+
+    Steep falloff bends ln V so much that whole steps lead across zero, where there is no logarithm.
+    """
     lenses = max(shape.lenses, default=-1) + 1
     fit = _Fit(np.zeros((lenses, 3)), np.zeros(cameras), 1.0)
     _, own = np.unique(tracks.point, return_inverse=True)
@@ -169,10 +185,41 @@ def _fit(tracks: Tracks, shape: _Shape, cameras: int) -> _Fit:
         # A trace of ridge settles the gauge of the gains and what the radii seen leave open.
         normal += 1e-9 * max(float(np.trace(normal)), 1e-12) * np.eye(len(normal))
         step = np.linalg.solve(normal, design.T @ (weight * residual))
-        polynomials = fit.polynomials + step[: 3 * lenses].reshape(lenses, 3)
-        log_gain = fit.log_gain + (step[3 * lenses :] if shape.gains else 0.0)
-        fit = _Fit(polynomials, log_gain - log_gain.mean(), scale)
+        taken = _stepped(tracks, replace(fit, scale=scale), shape, np.asarray(step), weight, own)
+        if taken is None:
+            return replace(fit, scale=scale)
+        fit = taken
+        if np.abs(step).max() < SETTLED:
+            break
     return fit
+
+
+def _stepped(
+    tracks: Tracks, fit: _Fit, shape: _Shape, step: Array, weight: Array, own: npt.NDArray[np.int64]
+) -> _Fit | None:
+    """The fit after a step that is halved until it does no harm; None if it always does."""
+
+    def cost(one: _Fit) -> float:
+        return float(
+            (weight * _demeaned(_residual(tracks, one, shape)[:, None], weight, own)[:, 0] ** 2).sum()
+        )
+
+    numbers, before = fit.polynomials.size, cost(fit)
+    for halving in range(HALVINGS):
+        part = step * 0.5**halving
+        polynomials = fit.polynomials + part[:numbers].reshape(fit.polynomials.shape)
+        if _darkest(polynomials) < DARKEST:
+            continue
+        log_gain = fit.log_gain + (part[numbers:] if shape.gains else 0.0)
+        trial = _Fit(polynomials, log_gain - log_gain.mean(), fit.scale)
+        if cost(trial) <= before:
+            return trial
+    return None
+
+
+def _darkest(polynomials: Array) -> float:
+    """Least light that falloffs [G, 3] leave at any radius, of the middle."""
+    return float((1.0 + polynomials @ RADII ** np.array([[2], [4], [6]])).min(initial=1.0))
 
 
 def _falloff(tracks: Tracks, fit: _Fit, shape: _Shape) -> Array:
@@ -180,7 +227,7 @@ def _falloff(tracks: Tracks, fit: _Fit, shape: _Shape) -> Array:
         return np.ones(len(tracks.radius))
     own = fit.polynomials[np.array(shape.lenses)[tracks.camera]]
     powers = tracks.radius[:, None] ** np.array([2, 4, 6])
-    return np.asarray(np.maximum(1.0 + (own * powers).sum(1), DARKEST))
+    return np.asarray(1.0 + (own * powers).sum(1))
 
 
 def _residual(tracks: Tracks, fit: _Fit, shape: _Shape) -> Array:

@@ -9,13 +9,14 @@ NAMES = ["a", "b", "c", "d"]
 MODELS = dict.fromkeys(NAMES, "one model")
 
 
-def made(polynomials, gains, noise=0.05, outliers=0.1, points=1500, seed=0):
+def made(polynomials, gains, noise=0.05, outliers=0.1, points=1500, seed=0, floor=0.0):
     rng = np.random.default_rng(seed)
     brightness = rng.normal(0, 2, points)
     point = np.repeat(np.arange(points), 6)
     camera = rng.integers(0, 4, len(point))
     radius = rng.uniform(0, 1, len(point))
     falloff = 1 + (np.asarray(polynomials)[camera] * radius[:, None] ** np.array([2, 4, 6])).sum(1)
+    falloff = np.maximum(falloff, floor)
     value = brightness[point] + np.log(falloff * np.asarray(gains)[camera]) + rng.normal(0, noise, len(point))
     wrong = rng.random(len(point)) < outliers
     value[wrong] += rng.normal(0, 1, int(wrong.sum()))
@@ -70,3 +71,22 @@ def test_too_few_points_leave_it_open():
 def test_no_observations_at_all():
     empty = Tracks(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty(0))
     assert estimate(empty, NAMES, MODELS).gain == dict.fromkeys(NAMES, 1.0)
+
+
+@pytest.mark.parametrize("truth", [(-0.8, 0.0, 0.0), (-1.5, 1.2, -0.5), (-0.9, 0.0, 0.0)])
+def test_corners_with_a_fifth_or_a_tenth_of_the_light_are_told_as_they_are(truth):
+    found = estimate(made([truth] * 4, [1] * 4, points=600), NAMES, MODELS)
+    powers = np.linspace(0, 1, 11)[:, None] ** [2, 4, 6]
+    assert 1 + powers @ found.vignetting["a"] == pytest.approx(1 + powers @ truth, rel=0.01)
+
+
+@pytest.mark.parametrize("truth", [(-0.98, 0.0, 0.0), (-1.1, 0.0, 0.0)])
+def test_what_no_lens_does_is_refused_with_its_mend(truth):
+    """Corners with a fiftieth of the light, and black ones."""
+    gains = np.array([0.9, 1.0, 1.1, 1.0])
+    found = estimate(made([truth] * 4, gains, points=600, floor=0.003), NAMES, MODELS)
+    assert found.vignetting["a"] == (0.0, 0.0, 0.0)
+    (rung,) = (rung for rung in found.rungs if rung.name == "vignetting")
+    assert not rung.taken
+    assert "less than 5 % of the light of the middle" in rung.reason
+    assert rung.reason.endswith("mask what is dark, or shoot flats")
