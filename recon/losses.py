@@ -9,21 +9,20 @@ from torch import Tensor
 
 from recon.ssim import photometric_loss
 
-MU = 5000.0
-
 
 class _MuLaw(torch.autograd.Function):
     """mu-law of `signal * scales`, cut off at `ceiling`, in few passes over memory."""
 
     @staticmethod
-    def forward(ctx: Any, signal: Tensor, scales: Tensor, ceiling: Tensor | None) -> Tensor:
+    def forward(ctx: Any, signal: Tensor, scales: Tensor, ceiling: Tensor | None, mu: float) -> Tensor:
         exposed = signal * scales
-        bend = exposed.abs().mul_(MU).add_(1)
-        value = bend.log().mul_(1 / math.log1p(MU)).copysign_(exposed)
+        bend = exposed.abs().mul_(mu).add_(1)
+        value = bend.log().mul_(1 / math.log1p(mu)).copysign_(exposed)
         below = None
         if ceiling is not None:
             below = value <= ceiling
             value = torch.minimum(value, ceiling, out=value)
+        ctx.mu = mu
         ctx.save_for_backward(bend, scales, below, signal if ctx.needs_input_grad[1] else None)
         return value
 
@@ -31,31 +30,32 @@ class _MuLaw(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         bend, scales, below, signal = ctx.saved_tensors
         slope = gradients[0] * scales
-        slope.mul_(MU / math.log1p(MU)).div_(bend)
+        slope.mul_(ctx.mu / math.log1p(ctx.mu)).div_(bend)
         if below is not None:
             slope.mul_(below)
         if signal is None:
-            return slope.sum(0), None, None
+            return slope.sum(0), None, None, None
         rest = tuple(range(1, slope.ndim))
-        return slope.sum(0), (slope * signal).sum(rest, keepdim=True) / scales, None
+        return slope.sum(0), (slope * signal).sum(rest, keepdim=True) / scales, None, None
 
 
-def mu_law(signal: Tensor) -> Tensor:
-    """Odd mu-law of a signal of any shape: `sign(x) log(1 + mu |x|) / log(1 + mu)`, mu = 5000.
+def mu_law(signal: Tensor, mu: float) -> Tensor:
+    """Odd mu-law of a signal of any shape: `sign(x) log(1 + mu |x|) / log(1 + mu)`.
 
     Odd, since black-subtracted RAW goes below zero in the dark; its slope at 0 is that of both sides,
     so that a Gaussian that shows exactly nothing still has a gradient. Differentiable everywhere.
     """
-    return exposed_mu_law(signal, torch.ones(1, dtype=signal.dtype).reshape([1] * (signal.ndim + 1)), None)[0]
+    one = torch.ones(1, dtype=signal.dtype).reshape([1] * (signal.ndim + 1))
+    return exposed_mu_law(signal, one, None, mu)[0]
 
 
-def exposed_mu_law(signal: Tensor, scales: Tensor, ceiling: Tensor | None) -> Tensor:
+def exposed_mu_law(signal: Tensor, scales: Tensor, ceiling: Tensor | None, mu: float) -> Tensor:
     """Odd mu-law of one signal at several exposures: [J, ...] of `signal` [...] times `scales` [J, 1, ...].
 
     ceiling [J, ...]: nothing above it is told apart from it, and such values have no gradient; infinite
     where there is no such limit. Differentiable in the signal and in the scales.
     """
-    result: Tensor = _MuLaw.apply(signal, scales, ceiling)  # type: ignore[no-untyped-call]
+    result: Tensor = _MuLaw.apply(signal, scales, ceiling, mu)  # type: ignore[no-untyped-call]
     return result
 
 

@@ -8,18 +8,19 @@ from imaging import metrics
 from recon.losses import Photometric, mu_law
 
 
-def test_mu_law_is_that_of_the_metrics_and_odd():
+@pytest.mark.parametrize("mu", [500.0, 5000.0])
+def test_mu_law_is_that_of_the_metrics_and_odd(mu):
     signal = torch.tensor([-1.0, -3e-4, -2e-4, 0.0, 1e-6, 0.1, 1.0, 50.0], dtype=torch.float64)
-    np.testing.assert_allclose(mu_law(signal).numpy(), metrics.mu_law(signal.numpy()), rtol=1e-12)
-    assert torch.equal(mu_law(-signal), -mu_law(signal))
+    np.testing.assert_allclose(mu_law(signal, mu).numpy(), metrics.mu_law(signal.numpy(), mu=mu), rtol=1e-12)
+    assert torch.equal(mu_law(-signal, mu), -mu_law(signal, mu))
 
 
 def test_mu_law_has_the_right_slope_everywhere_even_at_zero():
     signal = torch.tensor([-0.5, -2e-4, 0.0, 3e-5, 0.7, 20.0], dtype=torch.float64, requires_grad=True)
-    mu_law(signal).sum().backward()
+    mu_law(signal, 500.0).sum().backward()
     step = 1e-9
     with torch.no_grad():
-        slope = (mu_law(signal + step) - mu_law(signal - step)) / (2 * step)
+        slope = (mu_law(signal + step, 500.0) - mu_law(signal - step, 500.0)) / (2 * step)
     np.testing.assert_allclose(signal.grad.numpy(), slope.numpy(), rtol=1e-4)
 
 

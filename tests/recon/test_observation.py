@@ -10,7 +10,7 @@ from imaging.calibration import Response
 from imaging.cfa import Cfa
 from imaging.metrics import mu_law
 from recon.dataset import Sensor, View
-from recon.observation import LinearLight, join, split
+from recon.observation import LIGHT_MU, SIGNAL_MU, LinearLight, join, split
 from recon.photographs import Display
 from recon.pixels import Shot
 from recon.splat import SplatCamera
@@ -76,9 +76,9 @@ def test_comparison_holds_every_exposure_in_its_own_mu_law(cfa):
     prediction, target = LinearLight(normaliser=2.0).compare(torch.from_numpy(image), view, 0.5)
     for index, shot in enumerate(shots):
         planes = slice(4 * index, 4 * index + 4)
-        expected = mu_law(direct(image.astype(float), view, 2.0 * shot.k))
+        expected = mu_law(direct(image.astype(float), view, 2.0 * shot.k), mu=SIGNAL_MU)
         np.testing.assert_allclose(join(prediction[planes]).numpy(), expected, atol=2e-6)
-        np.testing.assert_allclose(join(target[planes]).numpy(), mu_law(shot.pixels), atol=1e-6)
+        np.testing.assert_allclose(join(target[planes]).numpy(), mu_law(shot.pixels, mu=SIGNAL_MU), atol=1e-6)
 
 
 def test_camera_rgb_without_a_mosaic():
@@ -95,8 +95,9 @@ def test_the_scene_space_compares_radiance_not_signal():
     view = make_view(Cfa.RGGB, (shot,))
     image = torch.rand(HEIGHT, WIDTH, 3)
     prediction, target = LinearLight(100.0, space="scene").compare(image, view, 0.0)
-    np.testing.assert_allclose(join(target).numpy(), mu_law(shot.pixels / (100.0 * 0.02)), atol=1e-6)
-    expected = mu_law(direct(image.double().numpy(), view, 1.0))
+    expected = mu_law(shot.pixels / (100.0 * 0.02), mu=LIGHT_MU)
+    np.testing.assert_allclose(join(target).numpy(), expected, atol=1e-6)
+    expected = mu_law(direct(image.double().numpy(), view, 1.0), mu=LIGHT_MU)
     np.testing.assert_allclose(join(prediction).numpy(), expected, atol=2e-6)
 
 

@@ -10,8 +10,9 @@ import torch
 from recon.appearance import LuminanceChromaticity
 from recon.density import Density, DensityRules
 from recon.gaussians import Gaussians
-from recon.losses import MU, Photometric, mu_law
+from recon.losses import Photometric, mu_law
 from recon.method import Light
+from recon.observation import LIGHT_MU
 from recon.splat import SplatStats, rasterize
 
 
@@ -25,8 +26,8 @@ def test_zero_background_keeps_a_finite_gradient(scene_of: Any, dtype: torch.dty
     assert (image == 0).any()
     assert (image > 0).any()
     if loss == "mu-law":
-        steepest = MU / np.log1p(MU)
-        (mu_law(image) - 1).square().sum().backward()
+        steepest = LIGHT_MU / np.log1p(LIGHT_MU)
+        (mu_law(image, LIGHT_MU) - 1).square().sum().backward()
     else:
         steepest = 2.0**20
         torch.log2(image + 2.0**-20).sum().backward()
