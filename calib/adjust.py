@@ -20,10 +20,12 @@ CUT = 4.0
 class Free:
     """Which terms of the lenses are adjusted, beside the focal length.
 
-    fixed: cameras, by COLMAP's number, whose lens stays as it is. placed: those whose place in the rig stays.
+    radial: whether a SIMPLE_RADIAL has its one term; else it is zero. fixed: cameras, by COLMAP's number,
+    whose lens stays as it is. placed: those whose place in the rig stays.
     """
 
     model: LensModel = "SIMPLE_RADIAL"
+    radial: bool = True
     principal_point: bool = False
     fixed: frozenset[int] = frozenset()
     placed: frozenset[int] = frozenset()
@@ -37,9 +39,12 @@ def adjust(reconstruction: Any, free: Free, scale: float, threads: int, *, point
     for number, camera in reconstruction.cameras.items():
         if number not in free.fixed:
             set_model(camera, free.model)
+            if not free.radial:
+                camera.params = [*camera.params[:3], 0.0]
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
-    options.refine_focal_length = options.refine_extra_params = not points_only
+    options.refine_focal_length = not points_only
+    options.refine_extra_params = free.radial and not points_only
     options.refine_principal_point = free.principal_point and not points_only
     options.refine_rig_from_world = options.refine_sensor_from_rig = not points_only
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY

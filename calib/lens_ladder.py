@@ -31,23 +31,28 @@ def climb(
         reason = f"fewer than {FEWEST_VIEWS} views cannot judge more than focal length and one radial term"
         return free, (Rung(name="lens_terms", taken=False, reason=reason),)
     sample = _judges(reconstruction)
-    below = _held_out(sample, free, scale, threads)
-    centred = replace(free, principal_point=True)
-    trials = [("lens_principal_point", centred, "a principal point off the middle")]
+    trials: list[tuple[str, dict[str, Any], str]]
+    trials = [("lens_principal_point", {"principal_point": True}, "a principal point off the middle")]
     if free.model != "OPENCV_FISHEYE":
-        trials += [
-            ("lens_radial_2", replace(free, model="RADIAL"), "a second radial term"),
-            ("lens_tangential", replace(free, model="OPENCV"), "tangential terms and two focal lengths"),
+        free = replace(free, radial=False)
+        trials = [
+            ("lens_radial_1", {"radial": True}, "a radial term"),
+            *trials,
+            ("lens_radial_2", {"radial": True, "model": "RADIAL"}, "a second radial term"),
+            (
+                "lens_tangential",
+                {"radial": True, "model": "OPENCV"},
+                "tangential terms and two focal lengths",
+            ),
         ]
         if sees_wide(reconstruction):
-            trials.append(("lens_fisheye", replace(free, model="OPENCV_FISHEYE"), "a fisheye instead"))
+            fisheye = {"radial": True, "model": "OPENCV_FISHEYE"}
+            trials.append(("lens_fisheye", fisheye, "a fisheye instead"))
+    below = _held_out(sample, free, scale, threads)
     rungs = []
-    for done, (name, wanted, what) in enumerate(trials):
+    for done, (name, more, what) in enumerate(trials):
         progress("judging the lens", done, len(trials))
-        higher = replace(
-            wanted, principal_point=wanted.principal_point or free.principal_point,
-            model=free.model if name == "lens_principal_point" else wanted.model,
-        )  # fmt: skip
+        higher = replace(free, **more)
         above = _held_out(sample, higher, scale, threads)
         gain = below - above
         rung = Rung.judged(

@@ -30,7 +30,7 @@ ALIGNED = 0.4
 """Patches err by less than features, of whose error this is a part."""
 LOOSE = 1.5
 """Tied cameras may miss by this much more than free ones; beyond, they are not rigidly mounted."""
-_LENS_KINDS = ("lens_radial_2", "lens_tangential", "lens_fisheye")
+_LENS_KINDS = ("lens_radial_1", "lens_radial_2", "lens_tangential", "lens_fisheye")
 """Rungs that a fisheye has behind it."""
 _NO_START = (
     "{} pairs of views match, but no two of them give a start from which the others can be placed: take "

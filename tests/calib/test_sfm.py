@@ -27,11 +27,12 @@ def turned(degrees):
     return np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
 
 
-def seen(rotation, translation, noise=0.2, seed=0):
+def seen(rotation, translation, noise=0.2, seed=0, k1=0.0):
     """Features of the points in a camera; descriptors with a little noise, in an order of their own."""
     rng = np.random.default_rng(seed)
     x, y, z = (POINTS @ rotation.T + translation).T
-    u, v = FOCAL * x / z + WIDTH / 2, FOCAL * y / z + HEIGHT / 2
+    bent = FOCAL / z * (1 + k1 * (x**2 + y**2) / z**2)
+    u, v = bent * x + WIDTH / 2, bent * y + HEIGHT / 2
     inside = np.flatnonzero((u > 0) & (u < WIDTH) & (v > 0) & (v < HEIGHT) & (z > 0.1))
     rng.shuffle(inside)
     points = np.stack([u, v], 1)[inside] + rng.normal(0, noise, (len(inside), 2))
@@ -82,6 +83,16 @@ def test_a_rig_on_an_arc_is_placed():
     true_distances = np.linalg.norm(true_spread[:, None] - true_spread, axis=-1)
     scale = distances.sum() / true_distances.sum()
     assert distances / scale == pytest.approx(true_distances, abs=0.01 * true_distances.max())
+
+
+@pytest.mark.parametrize("k1", [0.0, -0.06])
+def test_a_lens_is_bent_only_where_it_is(k1):
+    features = {("cam", i): seen(*pose, seed=i, k1=k1) for i, pose in enumerate(arc(5))}
+    model = solve(features, {"cam": GUESS}, [], 1, silent, focal_known={"cam"})
+    (rung,) = [rung for rung in model.rungs if rung.name == "lens_radial_1"]
+    assert rung.taken == (k1 != 0)
+    assert model.lenses["cam"].k1 == pytest.approx(k1, abs=0.01 if k1 else 0)
+    assert model.lenses["cam"].fx == pytest.approx(FOCAL, rel=0.02)
 
 
 def test_two_views_are_enough():
