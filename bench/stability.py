@@ -71,6 +71,8 @@ def measure(quick: bool, seed: int) -> dict[str, Any]:
 
 
 def _number(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     return f"{value:.1e}" if isinstance(value, float) else str(value)
 
 
