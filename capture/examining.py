@@ -18,6 +18,8 @@ from capture.seeing import Seen
 from imaging import store
 from imaging.errors import InputError
 from imaging.exposure import Exposure
+from imaging.linear import Bool
+from imaging.mask import mask_of
 from imaging.records import ShotRecord
 from imaging.session import Session
 
@@ -137,9 +139,17 @@ def _read(session: Session, shot: ShotRecord) -> Examined | Failure:
     if not path.is_file():
         return "absent", f"{shot.file} is not there"
     try:
-        return examine(path)
+        return examine(path, _counts(session, shot))
     except InputError as error:
         return "torn", f"{shot.file} cannot be read to its end ({str(error).split(': ')[0]})"
+
+
+def _counts(session: Session, shot: ShotRecord) -> Bool | None:
+    """What the mask of a shot lets through; None without one, or with one that cannot be read."""
+    try:
+        return mask_of(session, shot, shot.height, shot.width)
+    except InputError:
+        return None
 
 
 def _look(shot: ShotRecord, picture: Picture) -> ShotLook:

@@ -11,7 +11,8 @@ from capture import seeing, thumbnails
 from imaging.colour import srgb_encode
 from imaging.errors import InputError
 from imaging.exr import read_exr
-from imaging.linear import LinearFrame, from_raw
+from imaging.linear import Bool, LinearFrame, from_raw
+from imaging.mask import without
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.photo import Photo, is_photo, read_metadata, read_photo
 from imaging.raw import is_raw, read_raw
@@ -65,20 +66,29 @@ def read_picture(path: Path) -> Picture:
     return _shares(path, _content(path))
 
 
-def examine(path: Path) -> Examined:
-    """Read a whole file, for what it shows; InputError if it is no picture, or is torn."""
+def examine(path: Path, counts: Bool | None = None) -> Examined:
+    """Read a whole file, for what it shows; InputError if it is no picture, or is torn.
+
+    counts: bool [H, W], which pixels a mask lets through, the others being left out where the picture is
+    compared; None, or of another size than the picture: all.
+    """
     content = _content(path)
     if isinstance(content, RawMosaic):
         frame = from_raw(content, 1.0)
         picture = _of_mosaic(content, frame)
-        seen = seeing.of_raw(frame, content.cfa) if _large(picture) else None
+        masked = without(frame, _fitting(counts, picture))
+        seen = seeing.of_raw(masked, content.cfa) if _large(picture) else None
         return Examined(picture, seen, thumbnails.of_raw(frame, content))
     picture = _shares(path, content)
     if isinstance(content, Photo):
-        seen = seeing.of_photo(content.pixels) if _large(picture) else None
+        seen = seeing.of_photo(content.pixels, _fitting(counts, picture)) if _large(picture) else None
         return Examined(picture, seen, thumbnails.of_photo(content.pixels))
-    seen = seeing.of_light(content) if _large(picture) else None
+    seen = seeing.of_light(content, _fitting(counts, picture)) if _large(picture) else None
     return Examined(picture, seen, thumbnails.of_light(content))
+
+
+def _fitting(counts: Bool | None, picture: Picture) -> Bool | None:
+    return None if counts is None or counts.shape != (picture.height, picture.width) else counts
 
 
 def _large(picture: Picture) -> bool:

@@ -132,7 +132,10 @@ def _searched(views: Sequence[View]) -> Iterator[View]:
 def _look(
     session: Session, view: View, vignetting: tuple[float, float, float], light: Light
 ) -> Found | Missed:
-    """Search the middle exposure, and merge the bracket only where it shows something."""
+    """Search the middle exposure, and merge the bracket only where it shows something.
+
+    Masks hide no chart: it lies beside what is to be reconstructed, where a mask leaves it out on purpose.
+    """
     shots = sorted(view.shots, key=lambda shot: light.scale[shot.file])
     middle = shots[len(shots) // 2]
     name = view.camera.name

@@ -10,7 +10,12 @@ import pytest
 from capture.check import check, repair
 from capture.masks import masks_beside
 from capture.photos import import_photos
+from imaging.cfa import Cfa
+from imaging.colour import srgb_encode
+from imaging.dng import encode_dng
 from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.session import Session
 
 from .index_lines import lines, write
@@ -151,3 +156,45 @@ def test_a_repair_finds_the_mask_of_a_shot_again(session):
     (session.folder / own["mask"]).write_bytes(b"nothing")
     (left,) = repair(session.folder).left
     assert "is damaged" in left
+
+
+@pytest.mark.parametrize("kind", ["png", "dng"])
+def test_what_moves_behind_a_mask_is_no_motion_and_no_exposure(kind, tmp_path):
+    """Half of the picture is another in each of three exposures; behind masks nothing is said of it."""
+    rng = np.random.default_rng(3)
+
+    def scene() -> np.ndarray:
+        coarse = rng.uniform(-3.5, 0.5, (10, 16)).astype(np.float32)
+        fine = rng.standard_normal((60, 80)).astype(np.float32)
+        both = (cv2.resize(one, (320, 240), interpolation=cv2.INTER_CUBIC) for one in (coarse, fine))
+        return np.exp(next(both) + 0.1 * next(both))
+
+    still, hidden = scene(), np.zeros((240, 320), bool)
+    hidden[48:192, 64:304] = True
+    (tmp_path / "photos").mkdir()
+    for step, time in enumerate((0.5, 0.125, 0.03125)):
+        light = np.where(hidden, scene(), still) * time * 2 + 0.002 * rng.standard_normal(hidden.shape)
+        path = tmp_path / "photos" / f"a{step}.{kind}"
+        if kind == "png":
+            code = np.rint(255 * srgb_encode(np.clip(light, 0, 1))).astype(np.uint8)
+            cv2.imwrite(str(path), code[..., None].repeat(3, 2))
+        else:
+            pixels = np.rint(64 + 4031 * np.clip(light, 0, 1)).astype(np.uint16)
+            told = FrameMetadata(exposure=Exposure(time=time))
+            path.write_bytes(encode_dng(RawMosaic(pixels, Cfa.RGGB, (64.0,) * 4, 4095, metadata=told)))
+        cover = tmp_path / "masks" / f"a{step}.png"
+        cover.parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(cover), 255 * np.uint8(~hidden))
+    if kind == "png":
+        names = "".join(f"a{step}.png {2 * 4**step} 4 0 0\n" for step in range(3))
+        (tmp_path / "photos" / "image_list.txt").write_text(names)
+    looks = {}
+    for name, masks in (("masked", tmp_path / "masks"), ("bare", None)):
+        import_photos(tmp_path / "photos", tmp_path / name, masks=masks)
+        looks[name] = check(tmp_path / name).looks
+    for look in looks["masked"]:
+        assert look.moved is None or look.moved < 0.02
+        assert look.off is not None
+        assert abs(look.off) < 0.02
+    assert sum(look.moved is not None for look in looks["masked"]) == 2
+    assert max(look.moved or 0.0 for look in looks["bare"]) > 0.2
