@@ -25,8 +25,8 @@ def check(
     """Prove what a session holds.
 
     Reads every file and holds it against its record and the rest of its bracket: hashes, exposures
-    against labels, clipping, focus, motion, skew; what masks hide is not compared. Writes S/check/report.html, a contact sheet of every
-    shot, and S/check/check.json, unless S is read-only.
+    against labels, clipping, focus, motion, skew; what masks hide is not compared. Writes
+    S/check/report.html, a contact sheet of every shot, and S/check/check.json, unless S is read-only.
 
     Example: rig check S
     """
