@@ -40,10 +40,11 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
     return vanilla.NAME, (_rung("tone curve", False, reason),)
 
 
-def rungs(dataset: Dataset, method: str, degree: int) -> tuple[Rung, ...]:
+def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
     """What else of the image formation is modelled, and why; all from the calibration, without a trial.
 
-    Whether training corrects the calibration is told by `recon.refinement_ladder`.
+    Whether training corrects the calibration is told by `recon.refinement_ladder`, how many Gaussians there
+    are and whether their colours depend on the direction by `recon.size_ladder`.
     """
     clipped = float(np.mean([shot.saturated.mean() for view in dataset.train for shot in view.shots]))
     shares = [shot.saturated.mean() for view in dataset.train for shot in view.shots[:1]]
@@ -67,11 +68,6 @@ def rungs(dataset: Dataset, method: str, degree: int) -> tuple[Rung, ...]:
             f"{len(shaded)} of {len(cameras)} cameras have a calibrated falloff",
         ),
         _rung("camera gains", linear and span > 0, f"cameras differ by up to {span:.3f} stops"),
-        _rung(
-            "direction-dependent colour",
-            degree > 0,
-            f"harmonics of degree {degree}, switched on one after the other while training",
-        ),
     )
 
 

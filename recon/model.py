@@ -14,6 +14,7 @@ from recon.budget import Unit
 from recon.checkpoint import read_checkpoint
 from recon.dataset import Dataset, View, load
 from recon.fixed import Fixed
+from recon.method import Light, Method
 from recon.methods import METHODS
 from recon.refinement import Refinement
 from recon.splat import SplatCamera
@@ -35,6 +36,7 @@ class Settings(Record):
     iterations: int
     """As planned at the start; a budget in seconds was turned into this number from the speed found then."""
     max_gaussians: int
+    """As many at most as were asked for, or, of a training that was begun, as the scene was given."""
     max_width: int
     batch: int = 1
     """Views a step; as many as processes trained together."""
@@ -45,6 +47,13 @@ class Settings(Record):
     """Whether the training may end when held-out quality stands still."""
     fixed: Fixed = Fixed()
     """What was set by hand."""
+    degree: int | None = None
+    """Of the harmonics, as the scene was given it; None: as `fixed` or the method has it."""
+
+    def composed(self, dataset: Dataset, light: Light) -> Method:
+        """The method with what was fixed and decided."""
+        fixed = self.fixed if self.degree is None else self.fixed.model_copy(update={"degree": self.degree})
+        return fixed.composed(METHODS[self.method](dataset, light))
 
 
 class Prediction(Record):
@@ -142,8 +151,7 @@ def open_model(folder: Path) -> Opened:
             f"{dataset.session} was calibrated again since {folder}: reconstruct again."
         )
     checkpoint = read_checkpoint(folder / CHECKPOINT)
-    light_of_training = Training.light_in(checkpoint)
-    method = fixed.composed(METHODS[record.settings.method](dataset, light_of_training))
+    method = record.settings.composed(dataset, Training.light_in(checkpoint))
     refinement = Refinement.stored(dataset, checkpoint)
     training = Training.restore(method, checkpoint, dataset.extent, refinement=refinement)
     return Opened(folder, record, refinement.corrected(), training)

@@ -19,10 +19,9 @@ from recon.density import DensityRules
 from recon.device import training_device
 from recon.finish import write_scene
 from recon.fixed import Fixed
-from recon.harmonics import DEGREE
 from recon.interrupt import Interrupted
 from recon.ladder import chosen_method, rungs
-from recon.methods import METHODS, hdr_gs, nh_3dgs
+from recon.methods import hdr_gs, nh_3dgs
 from recon.model import CHECKPOINT, LOG, MODEL, REFINEMENT, Prediction, Settings
 from recon.pixels import Progress
 from recon.prediction import predicted
@@ -32,6 +31,7 @@ from recon.radiance import light_of, radiance_image
 from recon.ranks import Ranks, joined
 from recon.refinement import Refinement
 from recon.refinement_ladder import refinement_for
+from recon.size_ladder import size_for
 from recon.splat import SplatStats
 from recon.start import gaussians_at, start_points
 from recon.steering import Deadline, EarlyStop, Goal
@@ -112,7 +112,7 @@ def reconstruct(
             }
         )
         folder = store.inside(session, f"{shelf}/{name or chosen}")
-        ladder = (*reasons, *rungs(dataset, chosen, DEGREE if fixed.degree is None else fixed.degree))
+        ladder = (*reasons, *rungs(dataset, chosen))
         return _reconstruct(folder, dataset, wanted, ladder, device, ranks, progress, tell, clock)
 
 
@@ -130,12 +130,14 @@ def _reconstruct(
     """`reconstruct` on one of the ranks: begin, or go on; train; write."""
     found = _checkpoint(folder, wanted, dataset)
     if found is None:
-        training, settings, guess = _begin(folder, dataset, wanted, device, ranks, progress, tell, clock)
+        begun = _begin(folder, dataset, wanted, device, ranks, progress, tell, clock)
+        training, settings, size, guess = begun
     else:
         settings = Settings.model_validate(found.facts["settings"])
         told = found.facts["predicted"]
         guess = Prediction.model_validate(told) if told else None
-        composed = wanted.fixed.composed(METHODS[wanted.method](dataset, Training.light_in(found)))
+        size = tuple(Rung.model_validate(rung) for rung in found.facts.get("size", []))
+        composed = settings.composed(dataset, Training.light_in(found))
         refinement = Refinement.stored(dataset, found)
         training = Training.restore(composed, found, dataset.extent, device, refinement)
         if not ranks.first:  # the first one holds what all had counted
@@ -146,7 +148,7 @@ def _reconstruct(
     if wanted.budget is not None and wanted.budget_unit == "dB":
         steers.append(Goal(wanted.budget))
     if wanted.budget is not None and wanted.budget_unit == "s":
-        steers.append(Deadline(wanted.budget, wanted.iterations, wanted.max_gaussians))
+        steers.append(Deadline(wanted.budget, wanted.iterations, settings.max_gaussians))
     saved, lines = [-1], _lines(folder, training, ranks)
 
     def log(line: dict[str, Any]) -> None:
@@ -155,7 +157,9 @@ def _reconstruct(
 
     def save() -> None:
         facts = {
+            "asked": wanted.model_dump(mode="json"),
             "settings": settings.model_dump(mode="json"),
+            "size": [rung.model_dump(mode="json") for rung in size],
             "calibration_sha256": dataset.calibration_sha256,
             "predicted": guess and guess.model_dump(mode="json"),
         }
@@ -164,7 +168,7 @@ def _reconstruct(
 
     def write() -> None:
         loss = float(lines[-1]["loss"]) if lines else None
-        write_scene(folder, dataset, training, settings, loss, ladder, guess)
+        write_scene(folder, dataset, training, settings, loss, (*ladder, *size), guess)
 
     rules = DensityRules(settings.max_gaussians)
     plan = Plan(settings.iterations, rules, settings.seed, settings.batch, measure=True)
@@ -212,9 +216,7 @@ def _checkpoint(folder: Path, wanted: Settings, dataset: Dataset) -> Checkpoint 
     checkpoint = read_checkpoint(folder / CHECKPOINT)
     if checkpoint.facts["calibration_sha256"] != dataset.calibration_sha256:
         return None
-    stored, asked = checkpoint.facts["settings"], wanted.model_dump(mode="json")
-    if wanted.budget is not None and wanted.budget_unit == "s":
-        stored, asked = ({**settings, "iterations": 0} for settings in (stored, asked))
+    stored, asked = checkpoint.facts.get("asked"), wanted.model_dump(mode="json")
     return checkpoint if stored == asked else None
 
 
@@ -227,30 +229,35 @@ def _begin(
     progress: Progress,
     tell: Callable[[str], None],
     clock: Callable[[], float],
-) -> tuple[Training, Settings, Prediction | None]:
-    """Gaussians at their start; what an earlier training left in the folder is removed."""
+) -> tuple[Training, Settings, tuple[Rung, ...], Prediction | None]:
+    """Gaussians at their start; what an earlier training left in the folder is removed.
+
+    Trials count as training.
+    """
     warm_up(progress, device, fisheye=any(view.lens.fisheye for view in dataset.views))
-    refined = refinement_for(dataset, wanted, ranks, progress)
     started = clock()
+    refined = refinement_for(dataset, wanted, ranks, progress)
+    size = size_for(dataset, wanted, refined, ranks, progress, device)
+    settings = wanted.model_copy(update={"max_gaussians": size.gaussians, "degree": size.degree})
     images = [radiance_image(view) for view in dataset.train]
     light = light_of(dataset, images)
     rng = np.random.Generator(np.random.PCG64([wanted.seed, 0x57A27]))
     share = START_SHARE if wanted.fixed.growth is None else 1 - wanted.fixed.growth
-    points = start_points(dataset, images, int(share * wanted.max_gaussians), rng, progress)
+    points = start_points(dataset, images, int(share * settings.max_gaussians), rng, progress)
 
     def training() -> Training:
-        method = wanted.fixed.composed(METHODS[wanted.method](dataset, light))
+        method = settings.composed(dataset, light)
         gaussians = gaussians_at(points, method.appearance, method.observation.units)
         refinement = Refinement.of(dataset, refined.parameters, refined.rungs)
         return Training.begin(method, light, gaussians, dataset.extent, device, refinement)
 
-    settings, guess = wanted, None
+    guess = None
     if wanted.budget is not None:
         time_limit = wanted.budget if wanted.budget_unit == "s" else None
         found = probe(
             training,
             dataset,
-            wanted.max_gaussians,
+            settings.max_gaussians,
             wanted.seed,
             time_limit,
             ranks=ranks,
@@ -259,7 +266,7 @@ def _begin(
         )
         if time_limit is not None:
             fitting = int(ranks.told(found.iterations_within(time_limit - (clock() - started))))
-            settings = wanted.model_copy(update={"iterations": min(wanted.iterations, fitting)})
+            settings = settings.model_copy(update={"iterations": min(wanted.iterations, fitting)})
         guess = predicted(found, settings.iterations * settings.batch)
         if guess is not None and ranks.first:
             tell(f"foretold: held-out {guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f})")
@@ -269,7 +276,7 @@ def _begin(
             store.discard(folder / name)
     begun = training()
     begun.seconds = clock() - started
-    return begun, settings, guess
+    return begun, settings, size.rungs, guess
 
 
 def _lines(folder: Path, training: Training, ranks: Ranks) -> list[dict[str, Any]]:

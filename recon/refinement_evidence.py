@@ -13,6 +13,7 @@ from torch import Tensor
 
 from recon.dataset import View
 from recon.refinement import Refined, camera_delta
+from recon.splat.moved import moved
 from recon.torch_threads import torch_on_one_thread
 from recon.trainer import Training
 
@@ -42,11 +43,25 @@ def held_out_db(training: Training, view: View, unsure: Collection[Refined], ext
         return -10 * float(np.log10(max(float(squares.mean()), 1e-12)))
 
 
+def fitted_view(training: Training, view: View, unsure: Collection[Refined], extent: float) -> View:
+    """A view as a training would have it: what of its own pose and exposures is `unsure`, fitted to it."""
+    if not unsure:
+        return view
+    with torch_on_one_thread():
+        pose, logs = _fitted(training, view, unsure, extent)
+    shots = tuple(
+        replace(shot, k=shot.k * float(np.exp(log)))
+        for shot, log in zip(view.shots, logs.tolist(), strict=True)
+    )
+    return replace(view, lens=moved(view.lens, camera_delta(pose, extent))[0], shots=shots)
+
+
 def _fitted(
     training: Training, view: View, unsure: Collection[Refined], extent: float
 ) -> tuple[Tensor, Tensor]:
     """The view's correction of its pose [6], as `Refinement` has it, and of ln k of its shots [shots]."""
-    pose, logs = torch.zeros(6), torch.zeros(len(view.shots))
+    device = training.gaussians.parameters["means"].device
+    pose, logs = torch.zeros(6, device=device), torch.zeros(len(view.shots), device=device)
     rates = {"poses": (pose, POSE_RATE), "exposures": (logs, EXPOSURE_RATE)}
     groups = [
         {"params": [value.requires_grad_(True)], "lr": rate, "start": rate}

@@ -1,7 +1,6 @@
 """Which corrections a training may make: by what the calibration knows, else by the evidence of a trial."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -9,29 +8,22 @@ import numpy as np
 from imaging.calibration import CalibrationRecord
 from imaging.colmap import read_points
 from imaging.records import Rung
-from recon.dataset import Dataset, View, held_out, load
-from recon.density import DensityRules
-from recon.fixed import Fixed
+from recon.dataset import Dataset, View, load
 from recon.geometry import project
-from recon.methods import METHODS, vanilla
+from recon.methods import vanilla
 from recon.model import Settings
 from recon.pixels import Progress
-from recon.radiance import light_of, radiance_image
 from recon.ranks import Ranks
 from recon.refinement import Refined, Refinement
 from recon.refinement_evidence import held_out_db
-from recon.start import gaussians_at, start_points
-from recon.trainer import Plan, Training, train
+from recon.trainer import Training
+from recon.trials import Trials, no_trial, room
 
 ALL: tuple[Refined, ...] = get_args(Refined)
 KNOWN_PX = 0.15
 """Poses that are surer than this, in pixels of the training images, leave nothing to gain."""
 KNOWN_PERCENT = 1.0
 """And exposures that are surer than this."""
-FEWEST_VIEWS = 4
-"""Held out of a trial; with fewer there is no telling a gain from luck."""
-HELD_OUT = 4
-"""One training view in so many is held out of a trial; those of the session are left for the end."""
 TRIAL_WIDTH = 320
 TRIAL_GAUSSIANS = 10_000
 TRIAL_LOOKS = 20
@@ -60,7 +52,7 @@ def decided(dataset: Dataset, settings: Settings, progress: Progress) -> list[Ru
     """A rung for each correction, in order: by what is known, else by a trial, else not taken."""
     known = {name: _known(name, dataset, settings.method) for name in ALL}
     unknown = [name for name in ALL if known[name] is None]
-    if unknown and (why_not := _no_trial(dataset, settings)):
+    if unknown and (why_not := no_trial(dataset, settings)):
         known |= {name: _rung(name, False, why_not) for name in unknown}
     elif unknown:
         small = dataset
@@ -70,47 +62,18 @@ def decided(dataset: Dataset, settings: Settings, progress: Progress) -> list[Ru
     return [rung for rung in known.values() if rung is not None]
 
 
-def _no_trial(dataset: Dataset, settings: Settings) -> str:
-    """Why no trial is made; empty if one is."""
-    if settings.fixed != Fixed():
-        return "not tried, since settings were fixed by hand"
-    if settings.budget is not None:
-        return "not tried, since a trial would take its time from the budget"
-    if settings.quality == "draft":
-        return "not tried, since a draft is no longer than a trial"
-    if len(_out(dataset)) < FEWEST_VIEWS:
-        count = len(dataset.train)
-        return f"not tried, since {count} training views are too few to hold {FEWEST_VIEWS} of them out"
-    return ""
-
-
 def tried(
     dataset: Dataset, names: Sequence[Refined], settings: Settings, progress: Progress
 ) -> dict[Refined, Rung]:
     """A short training without corrections and one with each of `names`, judged on views that none saw."""
-    out = _out(dataset)
-    trained = tuple(view for view in dataset.train if (view.frame, view.camera) not in out)
-    judged = tuple(view for view in dataset.train if (view.frame, view.camera) in out)
-    part = replace(dataset, train=trained, held_out=judged)
-    images = [radiance_image(view) for view in part.train]
-    light = light_of(part, images)
-    rng = np.random.Generator(np.random.PCG64([settings.seed, 0x7121A1]))
-    points = start_points(part, images, TRIAL_GAUSSIANS // 2, rng)
+    most = min(TRIAL_GAUSSIANS, room(dataset))
+    trials = Trials.of(dataset, settings, most // 2, progress)
+    part, judged = trials.part, trials.judged
     looks = round(TRIAL_SHARE * settings.iterations * settings.batch)
-    iterations = max(TRIAL_LOOKS * len(trained), looks)
-    plan = Plan(iterations, DensityRules(TRIAL_GAUSSIANS), settings.seed)
+    iterations = max(TRIAL_LOOKS * len(part.train), looks)
 
     def ended(chosen: Sequence[Refined], message: str) -> Training:
-        method = METHODS[settings.method](part, light)
-        gaussians = gaussians_at(points, method.appearance, method.observation.units)
-        refinement = Refinement.of(part, chosen) if chosen else None
-        training = Training.begin(method, light, gaussians, part.extent, refinement=refinement)
-
-        def told(_: str, done: int, total: int) -> None:
-            progress(message, done, total)
-
-        train(training, part, plan, log=lambda line: None, save=lambda: None, progress=told)
-        return training
+        return trials.trained(iterations, most, message, refine=chosen)
 
     plain = ended((), "a trial without corrections")
     rungs: dict[Refined, Rung] = {}
@@ -128,10 +91,6 @@ def tried(
             f"two trainings of {iterations} iterations, judged on {len(judged)} views held out of both",
         )
     return rungs
-
-
-def _out(dataset: Dataset) -> set[tuple[int, str]]:
-    return held_out([(view.frame, view.camera) for view in dataset.train], HELD_OUT)
 
 
 def _known(name: Refined, dataset: Dataset, method: str) -> Rung | None:

@@ -27,6 +27,9 @@ def test_a_scene_is_explained_stage_by_stage(rig, scene) -> None:
     assert "nh-3dgs" in model[0]
     assert "20 iterations" in model[0]
     assert any(line.lstrip().startswith("one-sided saturation") for line in model)
+    assert any(line.lstrip().startswith("number of Gaussians") for line in model)
+    assert "at most 400, not tried, since a draft" in " ".join(" ".join(model).split())
+    assert any(line.lstrip().startswith("direction-dependent") for line in model)
 
 
 def test_json_has_every_rung_of_both_records(rig, scene) -> None:
