@@ -18,13 +18,21 @@ from recon.tone_grid import Grid, apply_curve, curve_values, middle_of, remap_ra
 KNOWN_RESIDUAL = 0.01
 """A calibrated curve whose held-out disagreement, natural log, is below this counts as known."""
 
+LAST_CODE = 1.5 / 255
+"""A code that is nearer than this to an end of the scale bounds the light and does not tell it."""
+
+TYPICAL_SLOPE, LEAST_SLOPE = 0.1, 0.02
+"""Codes, of 1, a natural log of light: of a pixel of weight 1, and the least that one is weighted by."""
+
 
 @dataclass(frozen=True)
 class _Codes:
     """Planes [shots * 3, H, W] of a view's photographs, and between what they tell predictions apart.
 
-    A saturated code is a lower bound only: nothing above it is told apart from it. A black one is an upper
-    bound. ceiling and floor are the code there, infinite elsewhere; both are it where a shot is not valid.
+    A code at the upper end of the scale is a lower bound only: nothing above it is told apart from it. One at
+    the lower end is an upper bound. ceiling and floor are the code there, infinite elsewhere; both are it
+    where a shot is not valid. Codes within the scale are compared wherever the calibration ends: it is of the
+    photographs it had, and a lamp beyond them would be free to be of any brightness.
     """
 
     target: Tensor
@@ -38,8 +46,10 @@ def _codes(view: View, device: torch.device) -> _Codes:
         return torch.from_numpy(np.ascontiguousarray(stack)).to(device)
 
     target, ignored = planes("pixels"), ~planes("valid")
-    floor = torch.where(planes("dark") | ignored, target, -torch.inf)
-    return _Codes(target, floor, torch.where(planes("saturated") | ignored, target, torch.inf))
+    dark = planes("dark") & (target <= LAST_CODE)
+    saturated = planes("saturated") & (target >= 1 - LAST_CODE)
+    floor = torch.where(dark | ignored, target, -torch.inf)
+    return _Codes(target, floor, torch.where(saturated | ignored, target, torch.inf))
 
 
 @dataclass
@@ -50,6 +60,10 @@ class ToneCurve:
     `of_camera` says which a camera has. The curve is fixed for the first `fixed` of the training,
     or for all of it when the response is known. Scale gauge: m is that of the calibration's response,
     so radiance stays in the units of the calibration as far as the curve does not drift along x.
+
+    balance: errors of codes count `(0.1 / s) ** balance` times, s being how many codes the shots of a pixel
+    change in the mean when its light grows by a natural log. With 0 an error counts by the code, and the
+    shoulder of the curve hides lamps and their edges; with 1 by the ratio of light, wherever on the curve.
     """
 
     normaliser: float
@@ -61,9 +75,14 @@ class ToneCurve:
     epsilon: float
     fixed: float = 0.2
     smoothness: float = 1e-2
+    balance: float = 0.5
     curve_rate: Rate = Rate(2e-2, 5e-6)
-    _known: dict[str, _Codes] = field(default_factory=dict, repr=False)
+    _known: dict[str, tuple[_Codes, Tensor]] = field(default_factory=dict, repr=False)
     _progress: float = field(default=0.0, repr=False)
+
+    def __post_init__(self) -> None:
+        # Weights are those of the curve at the start, also when a training goes on from a later one.
+        self._start = curve_values(self.theta.detach().cpu()).double().numpy()
 
     @property
     def learned(self) -> bool:
@@ -87,16 +106,19 @@ class ToneCurve:
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """Predicted and photographed codes of all shots, [shots * 3, H, W]."""
+        """Predicted and photographed codes of all shots, the errors balanced, [shots * 3, H, W]."""
         self._progress = progress
-        codes = self._known.get(view.name)
-        if codes is None:
-            codes = self._known[view.name] = _codes(view, image.device)
+        known = self._known.get(view.name)
+        if known is None:
+            codes = _codes(view, image.device)
+            known = self._known[view.name] = codes, self._weight(view, codes)
+        codes, weight = known
         exposures = image.new_tensor([shot.k for shot in view.shots])
         if factors is not None:
             exposures = exposures * factors
         prediction = self._expose(image, view, exposures, leaky=True).flatten(0, 1)
-        return prediction.clamp(codes.floor, codes.ceiling), codes.target
+        prediction = prediction.clamp(codes.floor, codes.ceiling)
+        return torch.lerp(codes.target, prediction, weight), codes.target
 
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
         """Codes of a shot of exposure scale `k`, within 0..1, [H, W, 3]."""
@@ -125,6 +147,18 @@ class ToneCurve:
         x = self.rate * (log_exposure - self.middle)
         nodes, curves = self.nodes.double().numpy(), self.curves()[0].double().numpy()
         return np.stack([np.interp(x, nodes, curve) for curve in curves], -1)
+
+    def _weight(self, view: View, codes: _Codes) -> Tensor:
+        """What errors count, [shots * 3, H, W]: the same for all shots of a pixel."""
+        target = codes.target.unflatten(0, (-1, 3)).cpu().numpy()
+        bound = (codes.floor.isfinite() | codes.ceiling.isfinite()).unflatten(0, (-1, 3)).cpu().numpy()
+        nodes = self.nodes.cpu().double().numpy()
+        slope = np.empty_like(target)
+        for channel, curve in enumerate(self._start[self.of_camera[view.camera]]):
+            slope[:, channel] = np.interp(target[:, channel], curve, self.rate * np.gradient(curve, nodes))
+        told = np.where(bound, 0, slope).mean(0).clip(LEAST_SLOPE)
+        weight = (TYPICAL_SLOPE / told) ** np.float32(self.balance)
+        return torch.from_numpy(weight).to(codes.target).repeat(len(target), 1, 1)
 
     def _training(self) -> bool:
         return self.learned and self._progress >= self.fixed
