@@ -110,7 +110,11 @@ KINDS = (
     Kind("HDR", settings=LAMPS, stops="auto", required={**MANY, "one-sided saturation": True}),
     Kind("linear", required=MANY, stops=(-2.0, 0.0, 2.0), little=True),
     Kind("film curve", "demo-ldr", required={**MANY, "response_curve": True, "tone curve": True}),
-    Kind("vignetted", settings={"vignetting": 1.0}, stops=(0.0,), required={"vignetting": True}),
+    Kind(
+        "vignetted", settings={"vignetting": 1.0}, stops=(0.0,),
+        # The falloffs differ by some percent, which a sensitivity for each camera tells nearly as well.
+        required={"vignetting": True, "camera_gain": None},
+    ),
     Kind(
         "view-dependent", settings={**LAMPS, "gloss": 0.12},
         required={**MANY, "direction-dependent colour": True},

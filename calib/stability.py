@@ -105,7 +105,8 @@ def _falloff(rng: np.random.Generator) -> float:
     brightness += rng.normal(0, 0.05, len(point))
     wrong = rng.random(len(point)) < 0.1
     brightness[wrong] += rng.normal(0, 1, int(wrong.sum()))
-    found = estimate(Tracks(point, camera, radius, brightness), names, dict.fromkeys(names, "one"))
+    direction = np.tile([0.0, 0.0, 1.0], (len(point), 1))
+    found = estimate(Tracks(point, camera, radius, brightness, direction), names, dict.fromkeys(names, "one"))
     powers = np.linspace(0, 1, 11)[:, None] ** [2, 4, 6]
     ratio = (1 + powers @ np.array(found.vignetting["a"])) / (1 + powers @ polynomial)
     relative = np.array([found.gain[name] for name in names]) / gains

@@ -92,8 +92,10 @@ def tracks_of(model: Model, brightness: Mapping[Key, Array], cameras: Sequence[s
     `Tracks.camera` counts.
     """
     rows: list[tuple[int, int, float, float]] = []
+    towards: list[Array] = []
     images = {index: model.reconstruction.image(index) for index in model.reconstruction.reg_image_ids()}
     keys = {index: key_of(image.name) for index, image in images.items()}
+    centres = {index: np.asarray(image.projection_center()) for index, image in images.items()}
     for number, point in enumerate(sorted(model.reconstruction.points3D)):
         track = model.reconstruction.points3D[point].track
         for element in sorted(track.elements, key=lambda one: one.image_id):
@@ -102,10 +104,13 @@ def tracks_of(model: Model, brightness: Mapping[Key, Array], cameras: Sequence[s
             if np.isfinite(value):
                 x, y = np.ravel(images[element.image_id].point2D(element.point2D_idx).xy)
                 rows.append((number, cameras.index(key[0]), _radius(x, y, model.lenses[key[0]]), value))
+                towards.append(centres[element.image_id] - model.reconstruction.points3D[point].xyz)
     table = np.array(rows, np.float64).reshape(-1, 4)
+    direction = np.array(towards, np.float64).reshape(-1, 3)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     point = table[:, 0].astype(np.int64)
     seen = np.bincount(point, minlength=1)[point] >= 2
-    tracks = Tracks(point, table[:, 1].astype(np.int64), table[:, 2], table[:, 3])
+    tracks = Tracks(point, table[:, 1].astype(np.int64), table[:, 2], table[:, 3], direction)
     return tracks.part(seen)
 
 

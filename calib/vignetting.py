@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from calib.sides import by_side
 from imaging.records import Rung
 
 Array = npt.NDArray[np.float64]
@@ -26,6 +27,9 @@ HALVINGS = 12
 HUBER = 1.5
 """Residuals beyond this many standard deviations count linearly: gloss, occlusion, wrong matches."""
 FOLDS = 5
+NOTICED = 0.005
+"""Less than this, natural log of light anywhere in any camera, is left out: by chance alone one trial in six
+gains more than its standard error, and such a part of the light nobody misses."""
 DARKEST = 0.05
 """Share of the light of the middle that a lens leaves at least; what is darker is a hood, or no picture."""
 AT_BOUND = 1.02
@@ -42,17 +46,25 @@ class Tracks:
     """Brightness of scene points in the views that see them; rows are observations.
 
     point: int [N], which scene point; camera: int [N]; radius: float64 [N], 1 at the corner of the
-    image; brightness: float64 [N], natural log of merged luminance.
+    image; brightness: float64 [N], natural log of merged luminance; direction: float64 [N, 3], unit, from the
+    point to the camera.
     """
 
     point: npt.NDArray[np.int64]
     camera: npt.NDArray[np.int64]
     radius: Array
     brightness: Array
+    direction: Array
 
     def part(self, keep: npt.NDArray[np.bool_]) -> "Tracks":
         """The observations that `keep` [N] names."""
-        return Tracks(self.point[keep], self.camera[keep], self.radius[keep], self.brightness[keep])
+        return Tracks(
+            self.point[keep],
+            self.camera[keep],
+            self.radius[keep],
+            self.brightness[keep],
+            self.direction[keep],
+        )
 
 
 @dataclass(frozen=True)
@@ -88,7 +100,8 @@ def estimate(tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str]) 
     """Falloff and gains that held-out tracks ask for, and nothing else.
 
     cameras: names, in the order of `Tracks.camera`; models: of each camera, by name. Cameras of one
-    model share a falloff unless their own predict held-out tracks better.
+    model share a falloff unless their own predict held-out tracks better. Of falloff and gains the one that
+    tells more is tried first, so that it does not pass for the other.
     """
     count = len(cameras)
     none = _Shape((), gains=False)
@@ -102,21 +115,39 @@ def estimate(tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str]) 
     groups = {model: index for index, model in enumerate(dict.fromkeys(models[name] for name in cameras))}
     shared = tuple(groups[models[name]] for name in cameras)
     shape, rungs = none, []
+    both = _Shape(shared, gains=count > 1)
+    if (shines := _shines(tracks, both, count)) is not None:
+        rung, sides = shines
+        rungs.append(rung)
+        tracks = sides if rung.taken else tracks
 
-    def climb(name: str, taller: _Shape, what: str) -> None:
+    def climb(name: str, wanted: _Shape, what: str) -> None:
         nonlocal shape
-        gain, error = _gain(tracks, shape, taller, count)
-        more = taller.parameters(count) - shape.parameters(count)
+        gain, error = _gain(tracks, shape, wanted, count)
+        more = wanted.parameters(count) - shape.parameters(count)
         rung = Rung.judged(name, gain, error, "robust whitened loss per held-out track", what, more)
-        if rung.taken and _darkest(_fit(tracks, taller, count).polynomials) < AT_BOUND * DARKEST:
+        fits = [_fit(tracks, one, count) for one in (shape, wanted)] if rung.taken else []
+        if fits and _darkest(fits[1].polynomials) < AT_BOUND * DARKEST:
             rung = rung.model_copy(update={"taken": False, "reason": TOO_DARK})
+        elif fits:
+            before, after = (_light(fit, one) for fit, one in zip(fits, (shape, wanted), strict=True))
+            change = float(np.abs(after - before).max())
+            if change < NOTICED:
+                reason = f"{what} would change no light by more than {100 * change:.2f} %"
+                rung = rung.model_copy(update={"taken": False, "reason": reason})
         rungs.append(rung)
         if rung.taken:
-            shape = taller
+            shape = wanted
 
-    climb("vignetting", _Shape(shared, shape.gains), "one falloff for each camera model")
-    if count > 1:
-        climb("camera_gain", _Shape(shape.lenses, gains=True), "a sensitivity for each camera")
+    taller = {
+        "vignetting": (replace(none, lenses=shared), "one falloff for each camera model"),
+        "camera_gain": (replace(none, gains=True), "a sensitivity for each camera"),
+    }
+    if count == 1:
+        del taller["camera_gain"]
+    for name in sorted(taller, key=lambda name: -_gain(tracks, none, taller[name][0], count)[0]):
+        own, what = taller[name]
+        climb(name, _Shape(shape.lenses or own.lenses, shape.gains or own.gains), what)
     if shape.lenses and count > len(groups):
         climb("vignetting_each_camera", _Shape(tuple(range(count)), shape.gains), "a falloff for each camera")
     found = _fit(tracks, shape, count)
@@ -125,6 +156,36 @@ def estimate(tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str]) 
         vignetting = {name: _row(found.polynomials[shape.lenses[i]]) for i, name in enumerate(cameras)}
     gain = {name: float(np.exp(found.log_gain[i])) for i, name in enumerate(cameras)}
     return Falloff(vignetting, gain, tuple(rungs))
+
+
+def _shines(tracks: Tracks, shape: _Shape, cameras: int) -> tuple[Rung, Tracks] | None:
+    """Whether points look different from different sides, and each side of a point as a track of its own.
+
+    A sheen that faces the cameras is brightest in the middle of every view, as if lenses fell off. Views
+    that look from nearly the same side see alike sheen: what they tell of the lens is told by both, or the
+    others tell of the surface. None where too few points are seen twice from one side.
+    """
+    sides = by_side(tracks.point, tracks.direction)
+    twice = np.bincount(sides)[sides] >= 2
+    if len(np.unique(sides[twice])) < FEWEST_TRACKS:
+        return None
+    near = replace(tracks, point=sides)
+    fold = np.unique(tracks.point, return_inverse=True)[1] % FOLDS
+    differences = []
+    for held in range(FOLDS):
+        test = near.part((fold == held) & twice)
+        whole = _fit(tracks.part(fold != held), shape, cameras)
+        own = _fit(near.part((fold != held) & twice), shape, cameras)
+        differences.append(_loss(test, whole, shape, own.scale) - _loss(test, own, shape, own.scale))
+    gains = np.concatenate(differences)
+    rung = Rung.judged(
+        "vignetting_by_side",
+        float(gains.mean()),
+        float(gains.std(ddof=1) / np.sqrt(len(gains))),
+        "robust whitened loss per held-out track",
+        "falloff and sensitivities from views that look from nearly the same side, since surfaces shine",
+    )
+    return rung, near.part(twice)
 
 
 def _row(values: Array) -> Coefficients:
@@ -220,6 +281,15 @@ def _stepped(
 def _darkest(polynomials: Array) -> float:
     """Least light that falloffs [G, 3] leave at any radius, of the middle."""
     return float((1.0 + polynomials @ RADII ** np.array([[2], [4], [6]])).min(initial=1.0))
+
+
+def _light(fit: _Fit, shape: _Shape) -> Array:
+    """Natural log of what each camera leaves of the light at each of `RADII`, [cameras, R], in the mean 0."""
+    light = np.repeat(fit.log_gain[:, None], len(RADII), axis=1)
+    if shape.lenses:
+        powers = RADII ** np.array([[2], [4], [6]])
+        light += np.log(1.0 + fit.polynomials[np.array(shape.lenses)] @ powers)
+    return np.asarray(light - light.mean())
 
 
 def _falloff(tracks: Tracks, fit: _Fit, shape: _Shape) -> Array:

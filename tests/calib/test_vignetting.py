@@ -1,5 +1,7 @@
 """Falloff and sensitivities against what made the data."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,13 @@ def made(polynomials, gains, noise=0.05, outliers=0.1, points=1500, seed=0, floo
     value = brightness[point] + np.log(falloff * np.asarray(gains)[camera]) + rng.normal(0, noise, len(point))
     wrong = rng.random(len(point)) < outliers
     value[wrong] += rng.normal(0, 1, int(wrong.sum()))
-    return Tracks(point, camera, radius, value)
+    return Tracks(point, camera, radius, value, towards(8.0 * np.tile(np.arange(6), points)))
+
+
+def towards(degrees):
+    """Unit directions [N, 3] at these angles on an arc."""
+    angle = np.radians(degrees)
+    return np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
 
 
 def taken(falloff):
@@ -47,6 +55,7 @@ def test_cameras_that_differ_get_a_falloff_each():
     assert taken(found)["vignetting_each_camera"]
     # Three powers of the radius for one model, then for four cameras; gains have no mean of their own.
     costs = {rung.name: rung.parameters for rung in found.rungs}
+    assert costs.pop("vignetting_by_side") is None
     assert costs == {"vignetting": 3, "camera_gain": 3, "vignetting_each_camera": 9}
     corner = [1 + sum(found.vignetting[name]) for name in NAMES]
     assert corner == pytest.approx([0.5, 0.9, 0.7, 1.0], abs=0.03)
@@ -62,6 +71,52 @@ def test_nothing_is_modelled_where_nothing_is_there():
     assert by_chance <= 3
 
 
+def shining(seed, falloff):
+    """Points that are brightest from the front, where all cameras look; at each of 5 places there are two."""
+    rng = np.random.default_rng(seed)
+    points = 600
+    point, place = (one.ravel() for one in np.indices((points, 10)))
+    place, camera = place // 2, place % 2
+    ahead = (place - 2) / 2
+    radius = np.clip(0.15 + 0.5 * np.abs(ahead) + rng.uniform(-0.15, 0.35, len(point)), 0, 1)
+    value = rng.normal(0, 2, points)[point] + rng.normal(0, 0.04, len(point))
+    value += 0.25 * np.exp(-2 * ahead**2) + np.log(1 + falloff * radius**2)
+    return Tracks(point, camera, radius, value, towards(15.0 * place + 4.0 * camera))
+
+
+@pytest.mark.parametrize("falloff", [0.0, -0.3])
+def test_sheen_is_no_falloff(falloff):
+    found = estimate(shining(1, falloff), NAMES[:2], MODELS)
+    assert taken(found)["vignetting_by_side"]
+    assert taken(found)["vignetting"] == (falloff != 0)
+    powers = np.linspace(0, 1, 11)[:, None] ** [2, 4, 6]
+    truth = 1 + falloff * powers[:, 0]
+    assert 1 + powers @ found.vignetting["a"] == pytest.approx(truth, abs=0.04)
+    # Without a thought of sides the sheen is taken for a lens, or makes one fall off more.
+    one_side = estimate(replace(shining(1, falloff), direction=towards(np.zeros(6000))), NAMES[:2], MODELS)
+    assert sum(one_side.vignetting["a"]) < falloff - 0.08
+
+
+def test_what_nobody_would_notice_is_left_out():
+    found = estimate(made(np.zeros((4, 3)), [1.0, 1.004, 1.0, 1.002], noise=0.005, outliers=0), NAMES, MODELS)
+    (rung,) = (rung for rung in found.rungs if rung.name == "camera_gain")
+    assert not rung.taken
+    assert rung.gain > 10 * rung.standard_error
+    assert "would change no light by more than 0.2" in rung.reason
+    assert set(found.gain.values()) == {1.0}
+
+
+def test_unequal_cameras_are_no_falloff():
+    """Where each camera has points at other radii, either passes for the other."""
+    tracks = made(np.zeros((4, 3)), [0.94, 1.0, 1.06, 1.0])
+    radius = np.clip(
+        0.25 * tracks.camera + np.random.default_rng(1).uniform(0, 0.3, len(tracks.camera)), 0, 1
+    )
+    assert [
+        rung.name for rung in estimate(replace(tracks, radius=radius), NAMES, MODELS).rungs if rung.taken
+    ] == ["camera_gain"]
+
+
 def test_too_few_points_leave_it_open():
     found = estimate(made([(-0.32, 0.09, -0.02)] * 4, [1] * 4, points=50), NAMES, MODELS)
     assert found.vignetting["a"] == (0.0, 0.0, 0.0)
@@ -69,7 +124,7 @@ def test_too_few_points_leave_it_open():
 
 
 def test_no_observations_at_all():
-    empty = Tracks(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty(0))
+    empty = Tracks(np.empty(0, np.int64), np.empty(0, np.int64), *np.empty((2, 0)), np.empty((0, 3)))
     assert estimate(empty, NAMES, MODELS).gain == dict.fromkeys(NAMES, 1.0)
 
 

@@ -1,0 +1,29 @@
+"""Which views look at a scene point from nearly the same side."""
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Index = npt.NDArray[np.int64]
+
+ASIDE = 10.0
+"""Degrees between the first view of a side and its others: sheen changes little within them."""
+
+
+def by_side(point: Index, direction: Array) -> Index:
+    """Number of the side that each observation looks from, int64 [N]; sides of different points differ.
+
+    point: of each observation [N]; direction: unit, from the point to the camera [N, 3]. The first
+    observation of a point begins a side, those within `ASIDE` join it, the first of the others begins the
+    next.
+    """
+    side = np.full(len(point), -1, np.int64)
+    left, begun = np.arange(len(point)), 0
+    while len(left):
+        points, first, own = np.unique(point[left], return_index=True, return_inverse=True)
+        cosine = (direction[left] * direction[left[first]][own]).sum(1)
+        near = cosine >= np.cos(np.radians(ASIDE))
+        near[first] = True  # whatever rounding does
+        side[left[near]] = begun + own[near]
+        left, begun = left[~near], begun + len(points)
+    return side
