@@ -150,8 +150,9 @@ class ToneCurve:
 
     def _weight(self, view: View, codes: _Codes) -> Tensor:
         """What errors count, [shots * 3, H, W]: the same for all shots of a pixel."""
-        target = codes.target.unflatten(0, (-1, 3)).cpu().numpy()
-        bound = (codes.floor.isfinite() | codes.ceiling.isfinite()).unflatten(0, (-1, 3)).cpu().numpy()
+        shape = len(view.shots), 3, *codes.target.shape[1:]
+        target = codes.target.reshape(shape).cpu().numpy()
+        bound = (codes.floor.isfinite() | codes.ceiling.isfinite()).reshape(shape).cpu().numpy()
         nodes = self.nodes.cpu().double().numpy()
         slope = np.empty_like(target)
         for channel, curve in enumerate(self._start[self.of_camera[view.camera]]):
