@@ -1,37 +1,42 @@
-"""Where HDR-GS's curve starts from, and what holds it: one choice changed at a time, on HDR-NeRF's protocol.
+"""HDR-GS, one choice changed at a time, on HDR-NeRF's protocol: where its curve starts from, and the loss.
 
     python bench/ablation_hdr_gs.py [--quick] [--json] [--write] [--seeds 2] [--pixels 100]
                                     [--iterations 1000] [--work FOLDER]
 
 Scenes as in bench/hdr_nerf_protocol.py. Exp-3: all three exposures of a view; Exp-1: one each. `measured`: by
 `rig calibrate --only response` from the photographs of the training. C0 is the term of the paper that pins
-the curve's value at unit exposure to the truth's, with its weight of 0.5. Finished rows are kept in FOLDER.
+the curve's value at unit exposure to the truth's, with its weight of 0.5. Balance: `ToneCurve` says what of.
+NH-3DGS sees the true light of the training views. Finished rows are kept in FOLDER.
 """
 
 import argparse
+import re
 import shutil
-from collections.abc import Callable
-from contextlib import nullcontext
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import numpy as np
 import torch
-from hdr_nerf_protocol import one_exposure_each, photographs
+from hdr_nerf_protocol import one_exposure_each, photographs, true_light, with_measured_response
 from hdr_nerf_scene import Size, write_scene
 from record import WORK, arguments, deliver, machine, words
 from torch import Tensor
 from trial import Cache
+from variants import curve_of_gaussians
 
-from calib.calibrate import calibrate
 from imaging import store
 from imaging.calibration import Response, read_calibration
 from recon.evaluate import evaluate
 from recon.fixed import Fixed
-from recon.photographs import ToneCurve
-from recon.reconstruct import reconstruct
+from recon.photographs import LAST_CODE, ToneCurve
+from recon.reconstruct import MethodName, reconstruct
 from recon.tone_grid import apply_curve, curve_values
 
 COLUMNS = {
@@ -65,65 +70,89 @@ class Pinned(ToneCurve):
 
 @dataclass(frozen=True)
 class Row:
-    """response: what calibration.json says; None: measured."""
+    """response: what calibration.json says; None: measured. ssim: its weight in the loss; None: as it is."""
 
-    response: Response | None
+    response: Response | None = None
     within: Callable[[], Any] = nullcontext
+    ssim: float | None = None
 
 
+@contextmanager
+def balance(value: float, bounds: float = LAST_CODE) -> Iterator[None]:
+    """Another balance; bounds: how near to an end of the scale a code that was flagged is only a bound."""
+    with (
+        mock.patch("recon.photographs.ToneCurve", partial(ToneCurve, balance=value)),
+        mock.patch("recon.photographs.LAST_CODE", bounds),
+    ):
+        yield
+
+
+NH = "NH-3DGS on the true light"
 SRGB = Response(kind="srgb", evidence="assumed")
 ROWS: dict[str, Row] = {
-    "measured": Row(None),
+    "measured": Row(),
     "learned from sRGB on": Row(SRGB),
     "learned from sRGB on, C0 pinned": Row(SRGB, lambda: mock.patch("recon.photographs.ToneCurve", Pinned)),
     "learned from a sigmoid on (the paper)": Row(sigmoid(1.0, None)),
     "the true curve": Row(sigmoid(1 / 2.2, 1e-4)),
+    "balance 0: codes as they are": Row(within=lambda: balance(0.0)),
+    "balance 1: ratios of light": Row(within=lambda: balance(1.0)),
+    "balance 0, codes beyond the calibration are bounds": Row(within=lambda: balance(0.0, bounds=9.0)),
+    "SSIM weight 0": Row(ssim=0.0),
+    "SSIM weight 0.2 (the paper)": Row(ssim=0.2),
+    "the curve on every Gaussian too (GaussHDR)": Row(within=curve_of_gaussians),
+    NH: Row(),
 }
 PROTOCOLS = ("exp-3", "exp-1")
 
 
 def session(base: Path, scene: Path, protocol: str, row: Row, name: str, seed: int) -> Path:
-    """The photographs with a response in their calibration."""
+    """The photographs with a response in their calibration; or the light."""
     photos = photographs(scene, base / "exp-3")
+    if name == NH:
+        return true_light(photos, base / "light")
     plain = photos if protocol == "exp-3" else one_exposure_each(photos, base / "exp-1", scene, seed)
-    folder = base / f"{protocol}-{name.replace(' ', '-').replace(',', '')}"
+    if row.response is None:
+        return with_measured_response(plain, base / f"{protocol}-measured")
+    folder = base / f"{protocol}-{slug(name)}"
     if not folder.exists():
         with store.replacing(folder) as part:
             shutil.copytree(plain, part, ignore=shutil.ignore_patterns("reconstructions"))
-            if row.response is None:
-                calibrate(part, only="response")
-            else:
-                record = read_calibration(part)
-                cameras = tuple(c.model_copy(update={"response": row.response}) for c in record.cameras)
-                record = record.model_copy(update={"cameras": cameras})
-                store.write_json(part / "calibration" / "calibration.json", record.model_dump(mode="json"))
+            record = read_calibration(part)
+            cameras = tuple(c.model_copy(update={"response": row.response}) for c in record.cameras)
+            record = record.model_copy(update={"cameras": cameras})
+            store.write_json(part / "calibration" / "calibration.json", record.model_dump(mode="json"))
     return folder
+
+
+def slug(name: str) -> str:
+    """The name as that of a folder."""
+    return "-".join(re.findall(r"[A-Za-z0-9.]+", name))
+
+
+def trained(options: argparse.Namespace, protocol: str, name: str, seed: int) -> dict[str, Any]:
+    """The figures of one training."""
+    row = ROWS[name]
+    base = options.work / f"ablation-hdr-gs-{options.size.pixels}" / str(seed)
+    write_scene(base / "scene", options.size, seed)
+    folder = session(base, base / "scene", protocol, row, name, seed)
+    fixed = Fixed(iterations=options.iterations, ssim=row.ssim)
+    method: MethodName = "nh-3dgs" if name == NH else "hdr-gs"
+    with row.within():
+        found = evaluate(reconstruct(folder, method=method, seed=seed, fixed=fixed, name=slug(name)))
+    return {key: found[key] for key, _ in COLUMNS.values() if key in found}
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     cache = Cache(options.work / f"ablation-hdr-gs-{options.size.pixels}-{options.iterations}.jsonl")
     rows: dict[str, list[Any]] = {}
-    for protocol in options.protocols:
-        for name, row in ROWS.items():
-            for seed in range(options.seeds):
-
-                def train(
-                    protocol: str = protocol, name: str = name, row: Row = row, seed: int = seed
-                ) -> Any:
-                    base = options.work / f"ablation-hdr-gs-{options.size.pixels}" / str(seed)
-                    write_scene(base / "scene", options.size, seed)
-                    folder = session(base, base / "scene", protocol, row, name, seed)
-                    with row.within():
-                        found = evaluate(
-                            reconstruct(
-                                folder, method="hdr-gs", seed=seed, fixed=Fixed(iterations=options.iterations)
-                            )
-                        )
-                    return {key: found[key] for key, _ in COLUMNS.values() if key in found}
-
-                rows.setdefault(f"{name}, {protocol.capitalize()}", []).append(
-                    cache.get(f"{protocol} {name} {seed}", train)
-                )
+    for protocol, name, seed in product(options.protocols, ROWS, range(options.seeds)):
+        if name == NH and protocol != options.protocols[0]:
+            continue  # it sees no exposures
+        key = f"{protocol} {name} {seed}"
+        print(key, file=sys.stderr)
+        title = name if name == NH else f"{name}, {protocol.capitalize()}"
+        rows.setdefault(title, []).append(cache.get(key, partial(trained, options, protocol, name, seed)))
     return {"machine": machine(), "options": {"pixels": options.size.pixels, "seeds": options.seeds,
             "iterations": options.iterations}, "rows": rows}  # fmt: skip
 
@@ -136,14 +165,14 @@ def report(result: dict[str, Any]) -> str:
         f"`python bench/ablation_hdr_gs.py --write`: HDR-NeRF's protocol, {told['pixels']} px, "
         f"{told['seeds']} seeds, {told['iterations']} iterations, means. {words(result['machine'])}.",
         "",
-        "| curve | " + " | ".join(COLUMNS) + " |",
+        "| changed | " + " | ".join(COLUMNS) + " |",
         "|---|" + "---|" * len(COLUMNS),
     ]
     for name, rows in result["rows"].items():
-        cells = [
-            f"{np.mean([row[key] * (100 if key == 'response_rmse' else 1) for row in rows]):.{digits}f}"
-            for key, digits in COLUMNS.values()
-        ]
+        cells = []
+        for key, digits in COLUMNS.values():
+            values = [row[key] * (100 if key == "response_rmse" else 1) for row in rows if key in row]
+            cells.append(f"{np.mean(values):.{digits}f}" if values else "")
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 

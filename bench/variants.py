@@ -1,15 +1,23 @@
-"""Ways to colour and to blend that lost against what `recon` has, kept for the tables that say so."""
+"""Ways to colour, blend and compare that lost against what `recon` has, kept for the tables that say so."""
 
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
+from unittest import mock
 
 import torch
 from torch import Tensor
 
 from recon.appearance import Appearance, LuminanceChromaticity, Parameters, Rate
 from recon.dataset import View
+from recon.gaussians import Gaussians, Renderer
 from recon.harmonics import C0, basis
 from recon.observation import LinearLight
+from recon.photographs import ToneCurve
+from recon.splat import Render, SplatCamera
+from recon.tone_grid import apply_curve, curve_values
 
 THIRD = 7
 """Harmonics of degree 3."""
@@ -133,3 +141,77 @@ class LogBlending(LinearLight):
 
     def _light(self, image: Tensor) -> Tensor:
         return torch.expm1(image) * self.floor
+
+
+@dataclass(frozen=True)
+class Toned:
+    """Colours that already went through a tone curve at an exposure: codes, to be blended as such."""
+
+    linear: Appearance
+    curve: ToneCurve
+    camera: str
+    k: float
+
+    def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
+        """Codes of every Gaussian; those that the leak puts below 0 are 0."""
+        light = self.linear.colours(parameters, directions, degree)
+        return self.curve.toned(light, self.camera, self.k)  # type: ignore[attr-defined, no-any-return]
+
+
+@dataclass(frozen=True)
+class Remembering(Renderer):
+    """Leaves what it drew last where `CurveOfGaussians` finds it."""
+
+    def __call__(self, gaussians: Gaussians, camera: SplatCamera, **options: Any) -> Render:
+        """As of its class."""
+        CurveOfGaussians.last = self, gaussians, camera, options
+        return super().__call__(gaussians, camera, **options)
+
+
+class CurveOfGaussians(ToneCurve):
+    """Compares twice: light blended and then toned, and Gaussians toned one by one and then blended.
+
+    The loss of GaussHDR (CVPR 2025) on every Gaussian, beside that on every pixel, of the same weight. It
+    takes one more rendering for each shot. Vignetting is left out of the second.
+    """
+
+    last: tuple[Renderer, Gaussians, SplatCamera, dict[str, Any]]
+
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Predicted and photographed codes, the errors balanced, [2 * shots * 3, H, W]."""
+        prediction, target = super().compare(image, view, progress, factors)
+        if not torch.is_grad_enabled():
+            return prediction, target
+        renderer, gaussians, camera, options = self.last
+        drawn = []
+        for shot in view.shots:
+            toned = Toned(renderer.appearance, self, view.camera, shot.k)
+            own = Renderer(toned, renderer.limits)  # type: ignore[arg-type]
+            drawn.append(own(gaussians, camera, degree=options["degree"]).image.movedim(2, 0))
+        codes, weight = self._known[view.name]
+        beside = torch.cat(drawn).clamp(codes.floor, codes.ceiling)
+        beside = torch.lerp(target, beside, weight)
+        return torch.cat([prediction, beside]), torch.cat([target, target])
+
+    def toned(self, light: Tensor, camera: str, k: float) -> Tensor:
+        """Codes [N, 3] of light [N, 3] at an exposure scale."""
+        x = self.rate * (torch.log(light + self.epsilon) + math.log(self.normaliser * k) - self.middle)
+        theta = self.theta[self.of_camera[camera]]
+        values = curve_values(theta if self._training() else theta.detach())
+        channels = [
+            apply_curve(x[:, channel].contiguous(), values[channel], self.nodes, leaky=True)
+            for channel in range(3)
+        ]
+        return torch.stack(channels, 1).clamp_min(0.0)
+
+
+@contextmanager
+def curve_of_gaussians() -> Iterator[None]:
+    """HDR-GS with `CurveOfGaussians`."""
+    with (
+        mock.patch("recon.photographs.ToneCurve", CurveOfGaussians),
+        mock.patch("recon.trainer.Renderer", Remembering),
+    ):
+        yield
