@@ -78,7 +78,8 @@ def compare(
         seen = ndimage.binary_erosion(sites(counts), np.ones((1, 3, 3), bool), border_value=1)
     top = min(float(long.max(initial=0.0, where=seen)), span)
     bin_of = np.searchsorted(EDGES * span, around)
-    bin_of[(peak > 0.93 * top) | (bin_of == len(EDGES)) | ~seen] = -1
+    # A photosite brighter than those around it may be full where they are not: in fine texture many are.
+    bin_of[(np.maximum(peak, long) > 0.93 * top) | (bin_of == len(EDGES)) | ~seen] = -1
     key = np.where(bin_of < 0, -1, np.arange(4)[:, None, None] * len(EDGES) + bin_of)
     chosen = key >= 0
     groups, size = key[chosen], 4 * len(EDGES)

@@ -15,8 +15,11 @@ from .conftest import MODEL
 BLACK, WHITE = np.full(4, 256.0), 4095.0
 
 
-def shots(model: SensorModel, seed: int, moved: int = 0) -> list[np.ndarray]:
-    """Three exposures of something to look at, 3 EV apart and jittering; the last one may see it shifted."""
+def shots(model: SensorModel, seed: int, moved: int = 0, grain: float = 0.0) -> list[np.ndarray]:
+    """Three exposures of something to look at, 3 EV apart and jittering; the last one may see it shifted.
+
+    grain: standard deviation of texture as fine as photosites, stops.
+    """
     sensor, rng = Sensor(model, 240, 240, seed, "bracket"), np.random.default_rng((seed, 3))
     y, x = np.mgrid[0:240, 0:240] / 120 - 1
     waves = sum(
@@ -24,6 +27,7 @@ def shots(model: SensorModel, seed: int, moved: int = 0) -> list[np.ndarray]:
         for _ in range(12)
     )
     light = np.exp2(waves * 1.2 + 3 * x - 4) * np.tile(((0.55, 1), (1, 0.7)), (120, 120))
+    light *= np.exp2(grain * rng.standard_normal(light.shape))
     found = []
     for amount in (1 / 16, 1 / 2, 4.0):
         seen = np.roll(light, moved, axis=1) if amount == 4.0 else light
@@ -32,10 +36,10 @@ def shots(model: SensorModel, seed: int, moved: int = 0) -> list[np.ndarray]:
     return found
 
 
-def blind(model: SensorModel, seeds: range, moved: int = 0) -> Blind:
+def blind(model: SensorModel, seeds: range, moved: int = 0, grain: float = 0.0) -> Blind:
     pairs = []
     for seed in seeds:
-        short, middle, long = shots(model, seed, moved)
+        short, middle, long = shots(model, seed, moved, grain)
         for a, b in ((middle, short), (long, middle)):
             pair = brackets.compare(a, b, BLACK, WHITE)
             assert pair is not None
@@ -80,6 +84,14 @@ def test_a_straight_response_is_called_straight_and_a_bent_one_bent(plain: Blind
     assert bent is not None
     assert not bent.linear
     assert abs(bent.share - 0.02) < 4 * bent.error
+
+
+def test_fine_texture_bends_no_response() -> None:
+    """Where single photosites are full among others that are not."""
+    line = straightness(blind(MODEL, range(3), grain=0.7).levels, 1e-5)
+    assert line is not None
+    assert line.linear
+    assert abs(line.share) < 3 * line.error
 
 
 def test_a_scene_that_moves_tells_no_gain() -> None:
