@@ -31,7 +31,7 @@ from recon.radiance import light_of, radiance_image
 from recon.ranks import Ranks, joined
 from recon.refinement import Refinement
 from recon.refinement_ladder import refinement_for
-from recon.size_ladder import size_for
+from recon.size_ladder import fewer, most_for, size_for
 from recon.splat import SplatStats
 from recon.start import gaussians_at, start_points
 from recon.steering import Deadline, EarlyStop, Goal
@@ -237,13 +237,14 @@ def _begin(
     warm_up(progress, device, fisheye=any(view.lens.fisheye for view in dataset.views))
     started = clock()
     refined = refinement_for(dataset, wanted, ranks, progress)
-    size = size_for(dataset, wanted, refined, ranks, progress, device)
-    settings = wanted.model_copy(update={"max_gaussians": size.gaussians, "degree": size.degree})
     images = [radiance_image(view) for view in dataset.train]
     light = light_of(dataset, images)
     rng = np.random.Generator(np.random.PCG64([wanted.seed, 0x57A27]))
     share = START_SHARE if wanted.fixed.growth is None else 1 - wanted.fixed.growth
-    points = start_points(dataset, images, int(share * settings.max_gaussians), rng, progress)
+    points = start_points(dataset, images, int(share * most_for(dataset, wanted)), rng, progress)
+    size = size_for(dataset, wanted, refined, points, ranks, progress, device)
+    settings = wanted.model_copy(update={"max_gaussians": size.gaussians, "degree": size.degree})
+    points = fewer(points, int(share * size.gaussians), wanted.seed)
 
     def training() -> Training:
         method = settings.composed(dataset, light)

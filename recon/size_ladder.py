@@ -29,6 +29,8 @@ TRIAL_SHARE = 0.1
 LOSS = 0.35
 """dB that fewer Gaussians may lose in a trial. Short trainings need more of them to get as far: a loss of so
 much is one of 0.2 dB or less after a whole training (bench/count.py)."""
+CLEAR = 3.0
+"""Standard errors: where harmonics gain more, the full degree is taken without a look at those between."""
 MOST_HALVINGS = 5
 PLAIN = 14
 """Numbers of a Gaussian whose colour is the same from everywhere: place, size, turn, opacity, colour."""
@@ -53,34 +55,46 @@ def size_for(
     dataset: Dataset,
     settings: Settings,
     refined: Refinement,
+    points: Start,
     ranks: Ranks,
     progress: Progress,
     device: torch.device,
 ) -> Size:
-    """The size of a training with these settings; as asked, else as decided; the same on all ranks."""
-    size = decided(dataset, settings, refined, progress, device) if ranks.first else None
+    """The size of a training with these settings; as asked, else as decided; the same on all ranks.
+
+    points: what a training of `most_for` Gaussians would start from.
+    """
+    size = decided(dataset, settings, refined, points, progress, device) if ranks.first else None
     if size is None:
         size = Size(0, 0, ())  # only the first one writes why
     return Size(int(ranks.told(size.gaussians)), int(ranks.told(size.degree)), size.rungs)
+
+
+def most_for(dataset: Dataset, settings: Settings) -> int:
+    """The most Gaussians that the scene may be given: as asked for, else of the preset, if it has room."""
+    return settings.max_gaussians if _asked(settings) else min(settings.max_gaussians, room(dataset))
+
+
+def _asked(settings: Settings) -> bool:
+    return settings.fixed.gaussians is not None or settings.budget_unit in ("Gaussians", "bytes")
 
 
 def decided(
     dataset: Dataset,
     settings: Settings,
     refined: Refinement,
+    points: Start,
     progress: Progress,
     device: torch.device,
 ) -> Size:
     """Both rungs: by what is fixed, else by trials, else by the samples there are and the method's degree."""
     fixed, why_not = settings.fixed, no_trial(dataset, settings)
-    asked = fixed.gaussians is not None or settings.budget_unit in ("Gaussians", "bytes")
-    most = settings.max_gaussians if asked else min(settings.max_gaussians, room(dataset))
+    most = most_for(dataset, settings)
     if not why_not:
-        points = Trials.of(dataset, settings, int(START_SHARE * most), progress)
-        return Ladder(points, refined, most, device).climbed()
+        return Ladder(Trials.of(dataset, settings, points, progress), refined, most, device).climbed()
     degree = DEGREE if fixed.degree is None else fixed.degree
     reason = f"at most {most:,}, {why_not}"
-    if asked:
+    if _asked(settings):
         reason = f"at most {most:,}, as asked for"
     elif most < settings.max_gaussians:
         reason += f"; one for every {SAMPLES} samples of the training views, which can tell no more apart"
@@ -128,13 +142,11 @@ class Ladder:
 
     def degree(self, near: int, count: int) -> tuple[int, Rung]:
         """The lowest degree above which no step gains more than its standard error, tried at `near`."""
-        gains = [_paired(self.db(near, DEGREE), self.db(near, 0))]
-        chosen = DEGREE if gains[0][0] > gains[0][1] else 0
-        tried = "0"
-        if chosen:
-            gain, error = _paired(self.db(near, DEGREE), self.db(near, 1))
-            chosen, tried = (DEGREE if gain > error else 1), "0 and 1"
-        gain, error = gains[0]
+        gain, error = _paired(self.db(near, DEGREE), self.db(near, 0))
+        chosen, tried = (DEGREE if gain > error else 0), "0"
+        if chosen and gain < CLEAR * error:
+            more, doubt = _paired(self.db(near, DEGREE), self.db(near, 1))
+            chosen, tried = (DEGREE if more > doubt else 1), "0 and 1"
         rung = Rung(
             name=COLOUR,
             taken=chosen > 0,

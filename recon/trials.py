@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from imaging.linear import Bool, Float
 from recon.appearance import Rate
 from recon.dataset import Dataset, View, held_out
 from recon.density import DensityRules
@@ -72,23 +71,23 @@ class Trials:
     """
 
     part: Dataset
-    images: list[tuple[Float, Bool]]
     light: Light
     points: Start
     settings: Settings
     progress: Progress
 
     @classmethod
-    def of(cls, dataset: Dataset, settings: Settings, points: int, progress: Progress) -> "Trials":
-        """Trials of a data set's training views, from at most so many points."""
+    def of(cls, dataset: Dataset, settings: Settings, points: int | Start, progress: Progress) -> "Trials":
+        """Trials of a data set's training views, from at most so many points, or from these."""
         out = _out(dataset)
         trained = tuple(view for view in dataset.train if (view.frame, view.camera) not in out)
         judged = tuple(view for view in dataset.train if (view.frame, view.camera) in out)
         part = replace(dataset, train=trained, held_out=judged)
         images = [radiance_image(view) for view in trained]
-        rng = np.random.Generator(np.random.PCG64([settings.seed, 0x7121A1]))
-        start = start_points(part, images, points, rng, progress)
-        return cls(part, images, light_of(part, images), start, settings, progress)
+        if isinstance(points, int):
+            rng = np.random.Generator(np.random.PCG64([settings.seed, 0x7121A1]))
+            points = start_points(part, images, points, rng, progress)
+        return cls(part, light_of(part, images), points, settings, progress)
 
     def trained(
         self,

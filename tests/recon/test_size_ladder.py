@@ -14,11 +14,12 @@ from recon.dataset import load
 from recon.fixed import Fixed
 from recon.model import Settings, open_model, read_model
 from recon.presets import QUALITIES, Quality
+from recon.radiance import radiance_image
 from recon.ranks import Ranks
 from recon.reconstruct import reconstruct
 from recon.refinement import Refinement
-from recon.size_ladder import COLOUR, COUNT, decided, fewer, fewest, size_for
-from recon.start import Start
+from recon.size_ladder import COLOUR, COUNT, decided, fewer, fewest, most_for, size_for
+from recon.start import Start, start_points
 from recon.trials import Trials
 
 QUICK = Quality(80, 800, 64)
@@ -50,7 +51,10 @@ def settings(**changed) -> Settings:
 
 
 def decide(dataset, wanted, refined=()):
-    return decided(dataset, wanted, Refinement.of(dataset, refined), unheard, "cpu")
+    images = [radiance_image(view) for view in dataset.train]
+    rng = np.random.Generator(np.random.PCG64(0))
+    points = start_points(dataset, images, most_for(dataset, wanted) // 2, rng)
+    return decided(dataset, wanted, Refinement.of(dataset, refined), points, unheard, "cpu")
 
 
 def test_the_fewest_lie_where_the_curve_crosses_the_line(monkeypatch):
@@ -119,17 +123,19 @@ def test_colours_follow_the_direction_where_things_gloss(many, monkeypatch):
     ("gains", "degree"),
     [
         (([0.1, -0.1, 0.1, -0.1], [0.0, 0.0, 0.0, 0.0]), 0),
-        (([0.5, 0.6, 0.5, 0.6], [0.3, -0.3, 0.1, -0.1]), 1),
-        (([0.5, 0.6, 0.5, 0.6], [0.3, 0.3, 0.1, 0.2]), 2),
+        (([0.5, 0.1, 0.5, 0.0], [0.3, -0.3, 0.1, -0.1]), 1),
+        (([0.5, 0.1, 0.5, 0.0], [0.3, 0.3, 0.1, 0.2]), 2),
+        (([0.5, 0.6, 0.5, 0.6], None), 2),
     ],
-    ids=["matte", "simple", "gloss"],
+    ids=["matte", "simple", "gloss", "clear"],
 )
 def test_a_degree_is_taken_where_it_gains_more_than_chance(many, monkeypatch, gains, degree):
-    """gains of four views: of degree 2 over 0, and over 1."""
+    """gains of four views: of degree 2 over 0, and over 1, which may not be tried."""
     best = np.full(4, 30.0)
-    told = {2: best, 0: best - gains[0], 1: best - gains[1]}
+    told = {2: best, 0: best - gains[0]} | ({} if gains[1] is None else {1: best - gains[1]})
     monkeypatch.setattr(module.Ladder, "db", lambda self, count, degree: told[degree])
-    size = decide(many, settings(max_gaussians=1600))
+    wanted = settings(max_gaussians=1600)
+    size = decided(many, wanted, Refinement.of(many, ()), None, unheard, "cpu")
     assert size.degree == degree
     assert size.rungs[1].taken == (degree > 0)
     assert f"degree {degree};" in size.rungs[1].reason
@@ -178,7 +184,7 @@ class Second(Ranks):
 
 def test_the_first_process_decides(many, monkeypatch):
     monkeypatch.setattr(module, "decided", lambda *_: pytest.fail("decided twice"))
-    size = size_for(many, settings(), Refinement.of(many, ()), Second(), unheard, "cpu")
+    size = size_for(many, settings(), Refinement.of(many, ()), None, Second(), unheard, "cpu")
     assert (size.gaussians, size.degree) == (1234, 1)
 
 
