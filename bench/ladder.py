@@ -38,8 +38,8 @@ WORSE = 0.2
 """dB on held-out pictures that the ladder's choice may lie below everything on."""
 LESS = 3.0
 """On scenes that need little it has to be so many times faster or smaller."""
-PRESET, TINY = Quality(600, 4000, 640), Quality(60, 600, 640)
-"""In place of `standard`, for pictures of 96 x 72."""
+TINY = Quality(60, 600, 640)
+"""In place of `standard` where it has to be quick."""
 QUICK = ("one exposure enough 0", "one photograph a view 0")
 
 
@@ -62,11 +62,12 @@ def wrong(needs: Mapping[str, bool], taken: Mapping[str, bool]) -> list[str]:
     ]
 
 
-def row(scene: Scene, work: Path, preset: Quality) -> dict[str, Any]:
+def row(scene: Scene, work: Path) -> dict[str, Any]:
     """What was chosen, and how it fares against everything on."""
     folder = session(scene, work)
     photographs = scene.kind.rig.endswith("ldr")
-    full = Fixed(refine="poses+exposures+vignetting", degree=2, gaussians=preset.gaussians)
+    most = QUALITIES["standard"].gaussians
+    full = Fixed(refine="poses+exposures+vignetting", degree=2, gaussians=most)
     warm_up(lambda message, done, total: None)
     fares: dict[str, Any] = {"load": round(os.getloadavg()[0], 1)}
     for name, method, fixed in (
@@ -91,16 +92,15 @@ def row(scene: Scene, work: Path, preset: Quality) -> dict[str, Any]:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    QUALITIES["standard"] = options.preset
     cache, rows = Cache(options.work / "ladder.jsonl"), []
     until = time.monotonic() + 60 * options.minutes
     for scene in options.scenes:
         if cache.has(scene.name) or time.monotonic() < until:
-            rows.append(cache.get(scene.name, lambda scene=scene: row(scene, options.work, options.preset)))
+            rows.append(cache.get(scene.name, lambda scene=scene: row(scene, options.work)))
     kinds = [told for kind in KINDS if (told := of_kind(kind, rows))]
     return {
         "machine": machine(),
-        "preset": vars(options.preset),
+        "preset": vars(QUALITIES["standard"]),
         "scenes": len(options.scenes),
         "rows": rows,
         "kinds": kinds,
@@ -203,10 +203,11 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=float("inf"), help="after which no scene is begun")
     parser.add_argument("--work", type=Path, default=WORK / "ladder")
     options = parser.parse_args()
-    options.scenes, options.preset = scenes(), PRESET
+    options.scenes = scenes()
     if options.quick:
         options.scenes = [scene for scene in options.scenes if scene.name in QUICK]
-        options.preset, options.work = TINY, options.work / "quick"
+        options.work = options.work / "quick"
+        QUALITIES["standard"] = TINY
     result = measure(options)
     deliver(options, "ladder", result, report(result))
 

@@ -40,7 +40,8 @@ PLAIN: dict[str, Any] = {
 
 OFF = dict.fromkeys(
     (
-        "exposures", "response_curve", "vignetting", "camera_gain", "direction-dependent colour",
+        "exposures", "response_curve", "sensor_linearity", "vignetting", "camera_gain",
+        "direction-dependent colour",
         "distortion", "lens_principal_point", "lens_radial_1", "lens_radial_2", "lens_tangential",
         "lens_fisheye", "refine poses", "refine exposures", "refine vignetting",
     ),
@@ -94,7 +95,7 @@ class Kind:
     required: Mapping[str, bool | None] = field(default_factory=dict)
     altered: Altered | None = None
     little: bool = False
-    seeds: int = 6
+    seeds: int = 5
 
     @property
     def needs(self) -> dict[str, bool]:

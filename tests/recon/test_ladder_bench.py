@@ -88,8 +88,8 @@ def test_there_are_sixty_scenes_and_some_of_them_need_each_rung(ladder: ModuleTy
     assert len(scenes) >= 60
     assert len({scene.name for scene in scenes}) == len(scenes)
     assert {scene.name for scene in scenes} >= set(ladder.QUICK)
-    # A ladder that takes nothing has to fail; these three no lens of the simulator needs.
+    # A ladder that takes nothing has to fail; these four no camera of the simulator needs.
     needed = {name for kind in ladder.KINDS for name, need in kind.needs.items() if need}
     assert {name for name, need in ladder.KINDS[0].needs.items() if not need} - needed == {
-        "lens_principal_point", "lens_radial_2", "lens_tangential",
+        "sensor_linearity", "lens_principal_point", "lens_radial_2", "lens_tangential",
     }  # fmt: skip
