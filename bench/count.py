@@ -9,6 +9,7 @@ logarithm of the number. Finished rows are kept in FOLDER. --quick takes a toy s
 """
 
 import argparse
+import shutil
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -55,6 +56,7 @@ def train(folder: Path, quality: Quality, seed: int, fixed: Fixed) -> dict[str, 
         made = reconstruct(folder, seed=seed, fixed=fixed, name="count")
         used = time.process_time() - began
     metrics, model = evaluate(made), read_model(made)
+    shutil.rmtree(made)  # a finished training would be taken for the next one of the same settings
     rungs = {rung.name: rung for rung in model.rungs}
     return {
         "gaussians": metrics["gaussians"],
