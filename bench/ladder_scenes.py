@@ -41,9 +41,8 @@ PLAIN: dict[str, Any] = {
 OFF = dict.fromkeys(
     (
         "exposures", "response_curve", "sensor_linearity", "vignetting", "camera_gain",
-        "direction-dependent colour",
-        "distortion", "lens_principal_point", "lens_radial_1", "lens_radial_2", "lens_tangential",
-        "lens_fisheye", "refine poses", "refine exposures", "refine vignetting",
+        "direction-dependent colour", "lens_principal_point", "lens_radial_1", "lens_radial_2",
+        "lens_tangential", "lens_fisheye", "refine poses", "refine exposures", "refine vignetting",
     ),
     False,
 )  # fmt: skip
@@ -128,16 +127,12 @@ KINDS = (
         required={**MANY, "tone curve": True, "response_curve": True, "response_blend": False},
     ),
     Kind("unequal cameras", settings={"gains": 3.0}, stops=(0.0,), required={"camera_gain": True}, seeds=3),
-    Kind(
-        "distorted", settings={"distortion": 1.0}, stops=(0.0,), seeds=3,
-        required={"distortion": True, "lens_radial_1": True},
-    ),
+    Kind("distorted", settings={"distortion": 1.0}, stops=(0.0,), required={"lens_radial_1": True}, seeds=3),
     Kind(
         "fisheye", settings={"lens": "fisheye"}, stops=(0.0,), seeds=3,
         # What leads to a fisheye, or comes behind it, is no fault.
         required={
-            "distortion": True, "lens_fisheye": True,
-            "lens_radial_1": None, "lens_radial_2": None, "lens_tangential": None,
+            "lens_fisheye": True, "lens_radial_1": None, "lens_radial_2": None, "lens_tangential": None,
         },
     ),
     Kind("wrong exposures", stops=(0.0,), altered=mislabelled, required={"refine exposures": True}, seeds=3),

@@ -87,7 +87,7 @@ def test_there_are_sixty_scenes_and_some_of_them_need_each_rung(ladder: ModuleTy
     scenes = ladder.scenes()
     assert len(scenes) >= 60
     assert len({scene.name for scene in scenes}) == len(scenes)
-    assert {scene.name for scene in scenes} >= set(ladder.QUICK)
+    assert ladder.QUICK in {scene.name for scene in scenes}
     # A ladder that takes nothing has to fail; these four no camera of the simulator needs.
     needed = {name for kind in ladder.KINDS for name, need in kind.needs.items() if need}
     assert {name for name, need in ladder.KINDS[0].needs.items() if not need} - needed == {
