@@ -44,6 +44,7 @@ COLUMNS = {
     "response RMSE, %": ("response_rmse", 2), "s": ("train_seconds", 0),
 }  # fmt: skip
 C0, C0_WEIGHT = 0.73, 0.5
+GAUSSIANS = 10_000
 
 
 def sigmoid(power: float, residual: float | None) -> Response:
@@ -136,7 +137,7 @@ def trained(options: argparse.Namespace, protocol: str, name: str, seed: int) ->
     base = options.work / f"ablation-hdr-gs-{options.size.pixels}" / str(seed)
     write_scene(base / "scene", options.size, seed)
     folder = session(base, base / "scene", protocol, row, name, seed)
-    fixed = Fixed(iterations=options.iterations, ssim=row.ssim)
+    fixed = Fixed(iterations=options.iterations, gaussians=GAUSSIANS, ssim=row.ssim)
     method: MethodName = "nh-3dgs" if name == NH else "hdr-gs"
     with row.within():
         found = evaluate(reconstruct(folder, method=method, seed=seed, fixed=fixed, name=slug(name)))
@@ -163,7 +164,8 @@ def report(result: dict[str, Any]) -> str:
         "# HDR-GS, one choice changed at a time",
         "",
         f"`python bench/ablation_hdr_gs.py --write`: HDR-NeRF's protocol, {told['pixels']} px, "
-        f"{told['seeds']} seeds, {told['iterations']} iterations, means. {words(result['machine'])}.",
+        f"{told['seeds']} seeds, {GAUSSIANS} Gaussians, {told['iterations']} iterations, means. "
+        f"{words(result['machine'])}.",
         "",
         "| changed | " + " | ".join(COLUMNS) + " |",
         "|---|" + "---|" * len(COLUMNS),
