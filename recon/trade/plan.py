@@ -43,6 +43,11 @@ class Session:
             }
         )
 
+    def trained(self, point: Point) -> Fixed:
+        """The same of a finished training, with the size that the scene was given."""
+        size = {"gaussians": point.gaussians, "degree": point.degree}
+        return self.effective(point.choice).model_copy(update=size)
+
     def work(self, choice: Choice) -> float:
         """What a training costs, in units that only compare trainings of this session."""
         all_of_it = self.effective(choice)
@@ -56,14 +61,23 @@ class Session:
         return iterations * (0.75 * width**2 * (0.5 + 0.5 * shots / self.exposures) + 4.0 * gaussians)
 
 
-def planned(session: Session) -> list[Choice]:
-    """Presets and single changes of `standard`, those that tell most first; none twice."""
+STANDARD = Choice(axis="preset", quality="standard")
+
+
+def planned(session: Session, trained: Point | None) -> list[Choice]:
+    """Presets and single changes of `standard`, those that tell most first; none twice.
+
+    trained: `standard`, whose size was chosen by the scene: the others have it too, so that one thing alone
+    is changed. None: it could not be trained.
+    """
     standard = QUALITIES["standard"]
+    count = standard.gaussians if trained is None else trained.gaussians
+    size = {} if trained is None else {"gaussians": trained.gaussians, "degree": trained.degree}
     width = min(standard.width, session.width)
     wanted: list[tuple[str, dict[str, float]]] = [
         ("iterations", {"iterations": standard.iterations // 2}),
-        ("Gaussians", {"gaussians": standard.gaussians // 2}),
-        ("Gaussians", {"gaussians": 2 * standard.gaussians}),
+        ("Gaussians", {"gaussians": count // 2}),
+        ("Gaussians", {"gaussians": 2 * count}),
         ("resolution", {"width": width // 2}),
         ("exposures", {"exposures": 1}),
         ("iterations", {"iterations": standard.iterations // 4}),
@@ -73,25 +87,26 @@ def planned(session: Session) -> list[Choice]:
         ("loss", {"ssim": 0.2}),
         ("growth", {"growth": 0.0}),
         ("SH degree", {"degree": 1}),
+        ("SH degree", {"degree": 2}),
         ("exposures", {"exposures": (session.exposures + 1) // 2}),
-        ("Gaussians", {"gaussians": standard.gaussians // 4}),
+        ("Gaussians", {"gaussians": count // 4}),
         ("resolution", {"width": width // 4}),
         ("loss", {"ssim": 0.0}),
         ("growth", {"growth": 0.75}),
         ("views", {"views": session.views // 4}),
         ("loss", {"ssim": 0.8}),
     ]
-    choices = [Choice(axis="preset", quality="draft"), Choice(axis="preset", quality="standard")]
+    choices = [STANDARD, *(Choice(axis="preset", quality=quality) for quality in ("draft", "best"))]
     for axis, change in wanted:
         possible = (
             change.get("width", 16) >= 16
+            and change.get("gaussians", 1) >= 1
             and 3 <= change.get("views", 3) <= max(session.views - 1, 3)
             and change.get("exposures", 0) < session.exposures
         )
         if possible:
-            choices.append(Choice(axis=axis, fixed=Fixed.model_validate(change)))
-    choices.insert(7, Choice(axis="preset", quality="best"))
-    return distinct(choices, session, set())
+            choices.append(Choice(axis=axis, fixed=Fixed.model_validate(size | change)))
+    return distinct(choices, session, set() if trained is None else {session.trained(trained)})
 
 
 def distinct(choices: Sequence[Choice], session: Session, known: set[Fixed]) -> list[Choice]:
@@ -107,10 +122,10 @@ def distinct(choices: Sequence[Choice], session: Session, known: set[Fixed]) -> 
 
 def neighbours(points: Sequence[Point], session: Session) -> Iterator[Choice]:
     """Choices one step of two away from the front over time, the cheapest first, not trained yet."""
-    known = {session.effective(point.choice) for point in points}
+    known = {session.trained(point) for point in points}
     found = []
     for point in front(points, lambda one: one.seconds, lambda one: one.db):
-        here = session.effective(point.choice)
+        here = session.trained(point)
         for key, factor in (
             ("gaussians", 2.0), ("iterations", 2.0), ("width", 0.5), ("gaussians", 0.5), ("iterations", 0.5)
         ):  # fmt: skip

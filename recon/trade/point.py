@@ -60,6 +60,7 @@ def train_point(
             command=choice.command(str(session), trade.method, trade.seed),
             iterations=opened.training.iteration,
             gaussians=len(opened.training.gaussians),
+            degree=opened.training.method.schedule.degree(1.0),
             width=max(view.lens.width for view in opened.dataset.views),
             seconds=opened.record.train_seconds,
             processor_seconds=round(used, 3),

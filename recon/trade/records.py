@@ -52,6 +52,8 @@ class Point(Record):
     command: str
     iterations: int
     gaussians: int
+    degree: int = 2
+    """Of the harmonics; it was 2 for all before scenes chose it."""
     width: int
     """px of the training images."""
     seconds: float

@@ -17,7 +17,7 @@ from recon.device import device_name, training_device
 from recon.ladder import chosen_method
 from recon.pixels import Progress
 from recon.presets import QUALITIES
-from recon.trade.plan import Session, expected_seconds, neighbours, planned
+from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
 from recon.trade.point import measuring, train_point, work_on
 from recon.trade.records import FOLDER, TRADE, Choice, Measure, Point, Trade, code_hash, key_of, read_trade
 
@@ -51,9 +51,7 @@ def sweep(
         _several(run, workers, progress, say)
     else:
         for choice in run.choices():
-            run.make(
-                choice, lambda c: train_point(session, c, run.trade, progress=run.beside(progress, c)), say
-            )
+            run.alone(choice, progress, say)
     return run.finished()
 
 
@@ -71,8 +69,13 @@ class _Run:
     left: int = 0
 
     def choices(self) -> Iterator[Choice]:
-        """What to train next, as long as there is time: the plan, then what lies near the front."""
-        yield from self._fitting(planned(self.limits))
+        """What to train next, as long as there is time: the plan, then what lies near the front.
+
+        The first has to be done before the second is asked for: it tells the size of the others.
+        """
+        yield from self._fitting(planned(self.limits, None)[:1])
+        standard = next((point for point in self.trade.points if point.choice == STANDARD), None)
+        yield from self._fitting(planned(self.limits, standard))
         yield from self._fitting(neighbours(self.trade.points, self.limits))
 
     def _fitting(self, choices: Iterable[Choice]) -> Iterator[Choice]:
@@ -88,6 +91,11 @@ class _Run:
             self.tried.add(key)
             self.made += 1
             yield choice
+
+    def alone(self, choice: Choice, progress: Progress, say: Callable[[str], None]) -> None:
+        """Train in this process."""
+        beside = self.beside(progress, choice)
+        self.make(choice, lambda one: train_point(self.session, one, self.trade, progress=beside), say)
 
     def make(self, choice: Choice, train: Callable[[Choice], Point], say: Callable[[str], None]) -> None:
         """Train and keep it, or note why that failed."""
@@ -130,7 +138,9 @@ def _several(run: _Run, workers: int, progress: Progress, say: Callable[[str], N
     choices, under_way = run.choices(), dict[Future[Point], Choice]()
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
         while True:
-            while len(under_way) < workers and (choice := next(choices, None)) is not None:
+            while len(under_way) < workers and STANDARD not in under_way.values():
+                if (choice := next(choices, None)) is None:
+                    break
                 future = pool.submit(work_on, run.session, choice, run.trade, workers, cores)
                 under_way[future] = choice
             if not under_way:

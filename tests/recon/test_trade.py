@@ -30,16 +30,16 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_each_call_goes_on_and_every_point_can_be_made_again(session_copy: Path) -> None:
     said: list[str] = []
     first = sweep(session_copy, budget=AT_ONCE, say=said.append)
-    assert [point.choice.quality for point in first.points] == ["draft"]
+    assert [point.choice.quality for point in first.points] == ["standard"]
     assert first.left > 5
     assert len(said) == 1
     second = sweep(session_copy, budget=AT_ONCE)
     assert second.points[:1] == first.points
-    assert [point.choice.quality for point in second.points] == ["draft", "standard"]
+    assert [point.choice.quality for point in second.points] == ["standard", "draft"]
     assert read_trade(session_copy) == second
     # No scene is left behind: its command makes it again, to the byte, and measures the same.
     assert [path.name for path in (session_copy / "trade").iterdir()] == ["trade.json"]
-    point = second.points[1]
+    point = second.points[0]
     assert point.command == f"rig reconstruct {session_copy} --method nh-3dgs --quality standard --seed 0"
     folder = reconstruct(session_copy, method="nh-3dgs", quality="standard", seed=0)
     assert store.sha256(folder / "splats.ply") == point.splats_sha256
@@ -55,7 +55,7 @@ def test_points_are_measured_at_one_size_whatever_they_were_trained_at(
     session_copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     small = Choice(axis="resolution", fixed=Fixed(width=32, exposures=1, views=3))
-    monkeypatch.setattr(module, "planned", lambda session: [small])
+    monkeypatch.setattr(module, "planned", lambda session, standard: [small])
     (point,) = sweep(session_copy, budget=AT_ONCE).points
     assert point.width == 32
     name = "by-hand"
@@ -88,7 +88,7 @@ def test_a_training_that_is_not_possible_is_noted(
         raise ReconstructionError("nothing to start from: take more views.")
 
     monkeypatch.setattr(module, "train_point", refused)
-    monkeypatch.setattr(module, "planned", lambda session: [Choice(axis="preset", quality="draft")])
+    monkeypatch.setattr(module, "planned", lambda session, standard: [Choice(axis="preset", quality="draft")])
     trade = sweep(session_copy, budget=1e6)
     assert trade.points == ()
     assert list(trade.failed.values()) == ["nothing to start from: take more views."]
@@ -134,7 +134,7 @@ def test_another_process_trains_what_this_one_would(
 ) -> None:
     """It is started afresh and knows nothing of the tiny presets: all is said by the choice."""
     choice = Choice(axis="preset", fixed=Fixed(iterations=10, gaussians=100, width=32))
-    monkeypatch.setattr(module, "planned", lambda session: [choice])
+    monkeypatch.setattr(module, "planned", lambda session, standard: [choice])
     monkeypatch.setattr(module, "neighbours", lambda points, session: [])
     (point,) = sweep(session_copy, budget=1e6, workers=2).points
     assert (point.choice, point.at_once) == (choice, 2)

@@ -7,15 +7,17 @@ import pytest
 
 from recon.fixed import Fixed
 from recon.trade.front import behind, front
-from recon.trade.plan import Session, expected_seconds, neighbours, planned
+from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
 from recon.trade.records import Choice, Point
 
 RICH = Session(width=1280, views=40, exposures=5)
 
 
 def point(choice: Choice, db: float = 30.0, seconds: float = 10.0) -> Point:
+    effective = RICH.effective(choice)
     return Point(
-        key="k", choice=choice, command="", iterations=1, gaussians=1, width=64, seconds=seconds,
+        key="k", choice=choice, command="", iterations=1, gaussians=effective.gaussians,
+        degree=2 if effective.degree is None else effective.degree, width=64, seconds=seconds,
         processor_seconds=1.0, at_once=1, size_bytes=1, splats_sha256="", db=db, views={},
     )  # fmt: skip
 
@@ -37,9 +39,8 @@ def test_the_front_is_what_nothing_beats() -> None:
 
 
 def test_presets_and_single_changes_are_planned_once_each() -> None:
-    choices = planned(RICH)
-    assert [choice.quality for choice in choices[:2]] == ["draft", "standard"]
-    assert "best" in {choice.quality for choice in choices}
+    choices = planned(RICH, None)
+    assert [choice.quality for choice in choices[:3]] == ["standard", "draft", "best"]
     changed = {key for choice in choices for key in choice.fixed.model_dump(exclude_none=True)}
     assert changed == {
         "iterations", "gaussians", "width", "degree", "ssim", "growth", "views", "exposures"
@@ -49,12 +50,24 @@ def test_presets_and_single_changes_are_planned_once_each() -> None:
     assert len(set(trained)) == len(trained)
 
 
+def test_single_changes_keep_the_size_that_the_scene_was_given() -> None:
+    standard = point(STANDARD).model_copy(update={"gaussians": 9000, "degree": 0})
+    singles = [choice for choice in planned(RICH, standard) if choice.axis != "preset"]
+    base = RICH.trained(standard).model_dump()
+    for choice in singles:
+        fixed = RICH.effective(choice).model_dump()
+        assert len([key for key in base if fixed[key] != base[key]]) == 1, choice
+    counts = {choice.fixed.gaussians for choice in singles if choice.axis == "Gaussians"}
+    assert counts == {2250, 4500, 18_000}
+    assert {choice.fixed.degree for choice in singles if choice.axis == "SH degree"} == {1, 2}
+
+
 @pytest.mark.parametrize("views", [3, 5, 40])
 @pytest.mark.parametrize("exposures", [1, 2, 7])
 @pytest.mark.parametrize("width", [16, 60, 4000])
 def test_nothing_is_planned_that_a_session_does_not_have(views: int, exposures: int, width: int) -> None:
     session = Session(width=width, views=views, exposures=exposures)
-    for choice in planned(session):
+    for choice in planned(session, None):
         fixed = session.effective(choice)
         assert 16 <= fixed.width <= width
         assert fixed.exposures is None or 1 <= fixed.exposures < exposures
@@ -62,8 +75,8 @@ def test_nothing_is_planned_that_a_session_does_not_have(views: int, exposures: 
 
 
 def test_neighbours_are_new_and_no_more_work_than_what_was_done() -> None:
-    done = [point(choice, db=30 + n, seconds=10 + n) for n, choice in enumerate(planned(RICH))]
-    known = {RICH.effective(one.choice) for one in done}
+    done = [point(choice, db=30 + n, seconds=10 + n) for n, choice in enumerate(planned(RICH, None))]
+    known = {RICH.trained(one) for one in done}
     found = list(neighbours(done, RICH))
     assert found
     assert not known & {RICH.effective(choice) for choice in found}

@@ -123,7 +123,7 @@ def test_the_command_sweeps_and_writes_the_page(rig, toy: Path, monkeypatch: pyt
     code, out, err = rig("trade", str(toy), "--budget", "0.000001", "--json")
     told = json.loads(out)
     assert code == 0
-    assert "draft: " in err
+    assert "standard: " in err
     (only,) = told["points"]
     assert told["front"] == [only["key"]]
     assert Path(told["report"]).is_file()
