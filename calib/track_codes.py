@@ -117,6 +117,15 @@ def _codes_at(pixels: npt.NDArray[np.float32], points: Array, counts: Bool | Non
     return found
 
 
+def _agreeing(one: npt.NDArray[np.floating], other: npt.NDArray[np.floating]) -> Bool:
+    """Which matches [M] between points [M, 2] px of two pictures agree with one geometry of both."""
+    try:
+        _, mask = cv2.findFundamentalMat(one, other, cv2.USAC_MAGSAC, 1.0, 0.999, 2000)
+    except cv2.error:  # OpenCV 5 asserts on good matches too, depending on their order
+        _, mask = cv2.findFundamentalMat(one, other, cv2.FM_RANSAC, 1.0, 0.999, 2000)
+    return np.zeros(len(one), bool) if mask is None else mask.ravel() > 0
+
+
 def _tracks(features: Sequence[Features], progress: Progress) -> list[list[tuple[int, int]]]:
     """Features of several views that are one point: lists of (view, feature), one feature a view."""
     first = np.cumsum([0, *(len(own.points) for own in features)])
@@ -136,10 +145,10 @@ def _tracks(features: Sequence[Features], progress: Progress) -> list[list[tuple
         if len(matches) < FEWEST_MATCHES:
             continue
         one, other = features[a].points[matches[:, 0]], features[b].points[matches[:, 1]]
-        _, mask = cv2.findFundamentalMat(one, other, cv2.USAC_MAGSAC, 1.0, 0.999, 2000)
-        if mask is None or int(mask.sum()) < FEWEST_MATCHES:
+        agreeing = _agreeing(one, other)
+        if int(agreeing.sum()) < FEWEST_MATCHES:
             continue
-        for i, j in matches[mask.ravel() > 0]:
+        for i, j in matches[agreeing]:
             parent[root(int(first[a] + i))] = root(int(first[b] + j))
     progress("matching", len(pairs), len(pairs))
     members: dict[int, list[tuple[int, int]]] = {}

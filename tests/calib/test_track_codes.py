@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib import radiometry
-from calib.track_codes import _codes_at, sample_tracks
+from calib.track_codes import _agreeing, _codes_at, sample_tracks
 from calib.views import View, scene_views
 from capture.photos import import_photos
 from imaging import store
@@ -144,3 +144,27 @@ def test_codes_next_to_a_mask_are_none() -> None:
     counts[:, :10] = False
     found = _codes_at(pixels, np.array([[5.0, 9.0], [11.5, 9.0], [12.5, 9.0]]), counts)
     assert np.isfinite(found).all(1).tolist() == [False, False, True]
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_matches_of_one_geometry_are_told_even_where_opencv_asserts(
+    refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One camera steps aside before 120 points; 30 matches are of nothing."""
+    rng = np.random.default_rng(3)
+    points = rng.uniform([-1, -1, 3], [1, 1, 6], (150, 3))
+    one = 100 * points[:, :2] / points[:, 2:] + 50
+    other = 100 * (points[:, :2] + [0.4, 0.1]) / points[:, 2:] + 50
+    other[120:] = rng.uniform(0, 100, (30, 2))
+    real = cv2.findFundamentalMat
+
+    def asserting(first: object, second: object, method: int, *rest: object) -> object:
+        if refused and method == cv2.USAC_MAGSAC:
+            raise cv2.error("Assertion failed")
+        return real(first, second, method, *rest)
+
+    monkeypatch.setattr(cv2, "findFundamentalMat", asserting)
+    cv2.setRNGSeed(0)
+    agreeing = _agreeing(one, other)
+    assert agreeing[:120].mean() > 0.95
+    assert agreeing[120:].mean() < 0.3
