@@ -37,13 +37,32 @@ class SparsePoints:
 
 def read_points(folder: Path) -> SparsePoints:
     """The points of the COLMAP model in `folder`; InputError if it cannot be read."""
-    try:
-        model = pycolmap.Reconstruction(str(folder))
-    except (ValueError, RuntimeError, OSError) as error:
-        raise InputError(f"{folder} is not a COLMAP model: run `rig calibrate` again.") from error
+    model = _model(folder)
     points = [model.points3D[key] for key in sorted(model.points3D)]
     return SparsePoints(
         xyz=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
         error=np.array([point.error for point in points], np.float64),
         views=np.array([point.track.length() for point in points], np.int64),
     )
+
+
+def read_tracks(folder: Path) -> tuple[npt.NDArray[np.float64], dict[str, npt.NDArray[np.int64]]]:
+    """Scene points [P, 3] of a COLMAP model, and which of them each image saw, by its name: rows [K].
+
+    InputError if it cannot be read.
+    """
+    model = _model(folder)
+    keys = sorted(model.points3D)
+    xyz = np.array([model.points3D[key].xyz for key in keys], np.float64).reshape(-1, 3)
+    seen: dict[int, set[int]] = {number: set() for number in model.images}
+    for place, key in enumerate(keys):
+        for element in model.points3D[key].track.elements:
+            seen[element.image_id].add(place)
+    return xyz, {model.images[number].name: np.array(sorted(rows), np.int64) for number, rows in seen.items()}
+
+
+def _model(folder: Path) -> pycolmap.Reconstruction:
+    try:
+        return pycolmap.Reconstruction(str(folder))
+    except (ValueError, RuntimeError, OSError) as error:
+        raise InputError(f"{folder} is not a COLMAP model: run `rig calibrate` again.") from error

@@ -62,9 +62,9 @@ class Budget:
 
     @property
     def gaussians(self) -> int | None:
-        """The most Gaussians that fit, for those kinds that limit them."""
+        """The most Gaussians that fit, of whichever degree, for those kinds that limit them."""
         if self.unit == "bytes":
-            return most_gaussians(self.amount)
+            return most_gaussians(self.amount, 0)
         return int(self.amount) if self.unit == "Gaussians" else None
 
     def __str__(self) -> str:

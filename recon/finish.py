@@ -32,7 +32,8 @@ def write_scene(
     note = f"linear Rec.709 radiance over {light.normaliser:.6g} ({gauge}); not clipped, not tone-mapped"
     if settings.method == "vanilla" and ldr:
         note = "display values, sRGB, as 3DGS"
-    write_ply(folder / SPLATS, training.gaussians.to(torch.device("cpu")), appearance, 1.0, note)
+    degree = training.method.schedule.degree(1.0)
+    write_ply(folder / SPLATS, training.gaussians.to(torch.device("cpu")), appearance, degree, 1.0, note)
     if training.refinement is not None and training.refinement.parameters:
         store.write_json(folder / REFINEMENT, training.refinement.facts())
     why = () if training.refinement is None else training.refinement.told()

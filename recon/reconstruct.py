@@ -31,7 +31,7 @@ from recon.radiance import light_of, radiance_image
 from recon.ranks import Ranks, joined
 from recon.refinement import Refinement
 from recon.refinement_ladder import refinement_for
-from recon.size_ladder import fewer, most_for, size_for
+from recon.size_ladder import degree_for, fewer, most_for, size_for
 from recon.splat import SplatStats
 from recon.start import gaussians_at, start_points
 from recon.steering import Deadline, EarlyStop, Goal
@@ -241,8 +241,10 @@ def _begin(
     light = light_of(dataset, images)
     rng = np.random.Generator(np.random.PCG64([wanted.seed, 0x57A27]))
     share = START_SHARE if wanted.fixed.growth is None else 1 - wanted.fixed.growth
-    points = start_points(dataset, images, int(share * most_for(dataset, wanted)), rng, progress)
-    size = size_for(dataset, wanted, refined, points, ranks, progress, device)
+    colour = degree_for(dataset, wanted, images, ranks)
+    most = most_for(dataset, wanted, colour[0])
+    points = start_points(dataset, images, int(share * most), rng, progress)
+    size = size_for(dataset, wanted, colour, refined, points, ranks, progress, device)
     settings = wanted.model_copy(update={"max_gaussians": size.gaussians, "degree": size.degree})
     points = fewer(points, int(share * size.gaussians), wanted.seed)
 

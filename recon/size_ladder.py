@@ -1,7 +1,7 @@
-"""How many Gaussians a scene is given, and colours of which degree: by short trainings, else by its samples.
+"""Colours of which degree a scene is given, and how many Gaussians.
 
-The preset names the most. From there trials halve the count for as long as the views that judge them lose
-little; then harmonics of a lower degree are tried with about as many Gaussians as were chosen.
+The degree is told by what scene points look like from all sides (`recon.directions`). The preset names the
+most Gaussians; from there trials halve the count for as long as the views that judge them lose little.
 """
 
 from dataclasses import dataclass, field, replace
@@ -10,12 +10,15 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from imaging.linear import Bool, Float
 from imaging.records import Rung
 from recon.dataset import Dataset
+from recon.directions import FEWEST_POINTS, FEWEST_VIEWS, Gains, gains, looks
 from recon.harmonics import DEGREE
 from recon.live_curve import held_out_db
 from recon.model import Settings
 from recon.pixels import Progress
+from recon.ply import most_gaussians
 from recon.presets import START_SHARE
 from recon.ranks import Ranks
 from recon.refinement import Refinement
@@ -29,14 +32,16 @@ TRIAL_SHARE = 0.1
 LOSS = 0.35
 """dB that fewer Gaussians may lose in a trial. Short trainings need more of them to get as far: a loss of so
 much is one of 0.2 dB or less after a whole training (bench/count.py)."""
-CLEAR = 3.0
-"""Standard errors: where harmonics gain more, the full degree is taken without a look at those between."""
+MATERIAL = 0.45
+"""dB that a higher degree has to gain. Simulated scenes without any gloss seem to gain up to 0.32, since a
+pixel covers more of a surface that is seen from the side; the gallery gains 0.59 to 0.92, gloss above 2."""
 MOST_HALVINGS = 5
 PLAIN = 14
 """Numbers of a Gaussian whose colour is the same from everywhere: place, size, turn, opacity, colour."""
 FEWEST = 50
 """Gaussians that a trial is made with."""
 UNIT = "dB of the pictures of views held out of a trial"
+COLOUR_UNIT = "dB of the luminance of scene points, each look foretold from all others"
 _ALONE = Ranks()
 
 Array = npt.NDArray[np.float64]
@@ -51,9 +56,57 @@ class Size:
     rungs: tuple[Rung, ...]
 
 
+def degree_for(
+    dataset: Dataset, settings: Settings, images: list[tuple[Float, Bool]], ranks: Ranks
+) -> tuple[int, Rung]:
+    """The degree of the harmonics, and why: as asked, else by the evidence; the same on all ranks.
+
+    images: radiance images of the training views. The rung's parameters are those of one Gaussian.
+    """
+    found, asked = None, settings.fixed.degree
+    if asked is not None:
+        degree, reason = asked, "as asked for"
+    else:
+        found = gains(looks(dataset, images))
+        if found is None:
+            degree = DEGREE
+            reason = (
+                f"since fewer than {FEWEST_POINTS} scene points are seen by {FEWEST_VIEWS} training views"
+            )
+        else:
+            degree = lowest(found)
+            reason = (
+                f"the lowest above which none gains {MATERIAL:g} dB: 1 gains {found.db[1]:.2f} and 2 "
+                f"{found.db[2]:.2f} over 0 at {found.points} scene points"
+            )
+    degree = int(ranks.told(degree))
+    # Of colours that stay the same everywhere, what the better of the others would gain is told.
+    best = degree or (0 if found is None else int(found.db.argmax()) or 1)
+    rung = Rung(
+        name=COLOUR,
+        taken=degree > 0,
+        gain=None if found is None else float(found.db[best]),
+        standard_error=None if found is None else float(found.error[0, best]),
+        unit="" if found is None else COLOUR_UNIT,
+        reason=f"harmonics of degree {degree}, {reason}",
+        parameters=3 * ((degree + 1) ** 2 - 1),
+    )
+    return degree, rung
+
+
+def lowest(found: Gains) -> int:
+    """The lowest degree above which none gains as much as is material, and more than its standard error."""
+    for low in range(DEGREE):
+        more = found.db[low + 1 :] - found.db[low]
+        if not (more > np.maximum(MATERIAL, found.error[low, low + 1 :])).any():
+            return low
+    return DEGREE
+
+
 def size_for(
     dataset: Dataset,
     settings: Settings,
+    colour: tuple[int, Rung],
     refined: Refinement,
     points: Start,
     ranks: Ranks,
@@ -62,16 +115,21 @@ def size_for(
 ) -> Size:
     """The size of a training with these settings; as asked, else as decided; the same on all ranks.
 
-    points: what a training of `most_for` Gaussians would start from.
+    colour: as `degree_for` has it. points: what a training of `most_for` Gaussians would start from.
     """
-    size = decided(dataset, settings, refined, points, progress, device) if ranks.first else None
-    if size is None:
-        size = Size(0, 0, ())  # only the first one writes why
-    return Size(int(ranks.told(size.gaussians)), int(ranks.told(size.degree)), size.rungs)
+    degree, why = colour
+    if not ranks.first:  # only the first one writes why
+        return Size(int(ranks.told(0)), degree, ())
+    number, gaussians = decided(dataset, settings, degree, refined, points, progress, device)
+    gaussians = int(ranks.told(gaussians))
+    why = why.model_copy(update={"parameters": (why.parameters or 0) * gaussians})
+    return Size(gaussians, degree, (number, why))
 
 
-def most_for(dataset: Dataset, settings: Settings) -> int:
+def most_for(dataset: Dataset, settings: Settings, degree: int) -> int:
     """The most Gaussians that the scene may be given: as asked for, else of the preset, if it has room."""
+    if settings.budget is not None and settings.budget_unit == "bytes":
+        return min(settings.max_gaussians, most_gaussians(settings.budget, degree))
     return settings.max_gaussians if _asked(settings) else min(settings.max_gaussians, room(dataset))
 
 
@@ -82,50 +140,48 @@ def _asked(settings: Settings) -> bool:
 def decided(
     dataset: Dataset,
     settings: Settings,
+    degree: int,
     refined: Refinement,
     points: Start,
     progress: Progress,
     device: torch.device,
-) -> Size:
-    """Both rungs: by what is fixed, else by trials, else by the samples there are and the method's degree."""
-    fixed, why_not = settings.fixed, no_trial(dataset, settings)
-    most = most_for(dataset, settings)
+) -> tuple[Rung, int]:
+    """The number of Gaussians, and why: as asked, else by trials, else by the samples there are."""
+    why_not = no_trial(dataset, settings)
+    most = most_for(dataset, settings, degree)
     if not why_not:
-        return Ladder(Trials.of(dataset, settings, points, progress), refined, most, device).climbed()
-    degree = DEGREE if fixed.degree is None else fixed.degree
+        trials = Trials.of(dataset, settings, points, progress)
+        return Ladder(trials, refined, most, degree, device).climbed()
     reason = f"at most {most:,}, {why_not}"
     if _asked(settings):
         reason = f"at most {most:,}, as asked for"
     elif most < settings.max_gaussians:
         reason += f"; one for every {SAMPLES} samples of the training views, which can tell no more apart"
-    colour = f"harmonics of degree {degree}, " + ("as asked for" if fixed.degree is not None else why_not)
-    rungs = (
-        Rung(name=COUNT, taken=most < settings.max_gaussians, reason=reason, parameters=PLAIN * most),
-        Rung(name=COLOUR, taken=degree > 0, reason=colour, parameters=_terms(degree) * most),
-    )
-    return Size(most, degree, rungs)
+    taken = most < settings.max_gaussians
+    return Rung(name=COUNT, taken=taken, reason=reason, parameters=PLAIN * most), most
 
 
 @dataclass
 class Ladder:
-    """Trials of one session, each trained once. heard: dB of each view, by count and degree."""
+    """Trials of one session, each trained once. heard: dB of each view, by count."""
 
     trials: Trials
     refined: Refinement
     most: int
+    degree: int
     device: torch.device
-    heard: dict[tuple[int, int], Array] = field(default_factory=dict)
+    heard: dict[int, Array] = field(default_factory=dict)
 
-    def climbed(self) -> Size:
-        """The number first, then the degree."""
+    def climbed(self) -> tuple[Rung, int]:
+        """The fewest Gaussians that lose little, and why."""
         counts = [self.most]
-        means = [float(self.db(self.most, DEGREE).mean())]
+        means = [float(self.db(self.most).mean())]
         while len(counts) <= MOST_HALVINGS and counts[-1] // 2 >= FEWEST and max(means) - means[-1] < LOSS:
             counts.append(counts[-1] // 2)
-            means.append(float(self.db(counts[-1], DEGREE).mean()))
+            means.append(float(self.db(counts[-1]).mean()))
         count = fewest(counts, means)
         near = min(counts, key=lambda tried: abs(np.log(tried / count)))
-        gain, error = _paired(self.db(near, DEGREE), self.db(self.most, DEGREE))
+        gain, error = _paired(self.db(near), self.db(self.most))
         told = ", ".join(f"{mean:.2f} dB with {c:,}" for c, mean in zip(counts, means, strict=True))
         number = Rung(
             name=COUNT,
@@ -137,27 +193,7 @@ class Ladder:
             f"trainings of {self.iterations} iterations: {told}",
             parameters=PLAIN * count,
         )
-        degree, colour = self.degree(near, count)
-        return Size(count, degree, (number, colour))
-
-    def degree(self, near: int, count: int) -> tuple[int, Rung]:
-        """The lowest degree above which no step gains more than its standard error, tried at `near`."""
-        gain, error = _paired(self.db(near, DEGREE), self.db(near, 0))
-        chosen, tried = (DEGREE if gain > error else 0), "0"
-        if chosen and gain < CLEAR * error:
-            more, doubt = _paired(self.db(near, DEGREE), self.db(near, 1))
-            chosen, tried = (DEGREE if more > doubt else 1), "0 and 1"
-        rung = Rung(
-            name=COLOUR,
-            taken=chosen > 0,
-            gain=gain,
-            standard_error=error,
-            unit=UNIT,
-            reason=f"harmonics of degree {chosen}; {DEGREE} was tried against {tried} in trainings of "
-            f"{self.iterations} iterations",
-            parameters=_terms(chosen) * count,
-        )
-        return chosen, rung
+        return number, count
 
     @property
     def iterations(self) -> int:
@@ -165,25 +201,24 @@ class Ladder:
         settings = self.trials.settings
         return max(1, round(TRIAL_SHARE * settings.iterations * settings.batch))
 
-    def db(self, count: int, degree: int) -> Array:
-        """Quality of every view that judges, [views], of a training with so many and this degree."""
-        if (count, degree) not in self.heard:
+    def db(self, count: int) -> Array:
+        """Quality of every view that judges, [views], of a training with so many Gaussians."""
+        if count not in self.heard:
             trials = self.trials
             training = trials.trained(
                 self.iterations,
                 count,
-                f"a trial with {count:,} Gaussians, degree {degree}",
+                f"a trial with {count:,} Gaussians",
                 refine=tuple(self.refined.parameters),
-                degree=degree,
-                haste=1 / TRIAL_SHARE,
+                degree=self.degree,
                 points=fewer(trials.points, int(START_SHARE * count), trials.settings.seed),
                 device=self.device,
             )
             unsure, extent = tuple(self.refined.parameters), trials.part.extent
             views = [fitted_view(training, view, unsure, extent) for view in trials.judged]
             told = [held_out_db(training, (view,), 1.0, _ALONE) for view in views]
-            self.heard[count, degree] = np.array(told)
-        return self.heard[count, degree]
+            self.heard[count] = np.array(told)
+        return self.heard[count]
 
 
 def fewest(counts: list[int], means: list[float]) -> int:
@@ -216,8 +251,3 @@ def _paired(ours: Array, theirs: Array) -> tuple[float, float]:
     """Mean difference over views, and its standard error."""
     difference = ours - theirs
     return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
-
-
-def _terms(degree: int) -> int:
-    """Numbers of a Gaussian's colour that depend on the direction."""
-    return 3 * ((degree + 1) ** 2 - 1)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from recon.appearance import Rate
 from recon.dataset import Dataset, View, held_out
 from recon.density import DensityRules
 from recon.fixed import Fixed
@@ -97,15 +96,12 @@ class Trials:
         *,
         refine: Sequence[Refined] = (),
         degree: int | None = None,
-        haste: float = 1.0,
         points: Start | None = None,
         device: torch.device = _CPU,
     ) -> Training:
         """A training to the end of a short schedule, of at most so many Gaussians.
 
-        degree: of the harmonics; None: the method's own. haste: how much faster colours learn to depend on
-        the direction: their rate is what keeps a short training from going far with that. points: to start
-        from; None: all.
+        degree: of the harmonics; None: the method's own. points: to start from; None: all.
         """
         method = METHODS[self.settings.method](self.part, self.light)
         if degree is not None:
@@ -113,9 +109,6 @@ class Trials:
         start = gaussians_at(points or self.points, method.appearance, method.observation.units)
         refinement = Refinement.of(self.part, refine) if refine else None
         training = Training.begin(method, self.light, start, self.part.extent, device, refinement)
-        for group in training.optimizer.param_groups:
-            if group["name"].endswith("_rest"):
-                group["rate"] = Rate(haste * group["rate"].start, haste * group["rate"].end)
         plan = Plan(iterations, DensityRules(gaussians), self.settings.seed)
 
         def told(_: str, done: int, total: int) -> None:

@@ -9,7 +9,7 @@ from recon.appearance import LuminanceChromaticity, PlainHarmonics
 from recon.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from recon.gaussians import Gaussians
 from recon.harmonics import C0, COEFFICIENTS, series
-from recon.ply import PROPERTIES, radiance_harmonics, read_ply, write_ply
+from recon.ply import properties, radiance_harmonics, read_ply, write_ply
 
 
 def make_gaussians(appearance, count=7) -> Gaussians:
@@ -31,9 +31,9 @@ def make_gaussians(appearance, count=7) -> Gaussians:
 def test_ply_round_trip_in_the_layout_of_3dgs(tmp_path):
     gaussians = make_gaussians(PlainHarmonics())
     path = tmp_path / "splats.ply"
-    write_ply(path, gaussians, PlainHarmonics(), 1.0, "a note")
+    write_ply(path, gaussians, PlainHarmonics(), 2, 1.0, "a note")
     table = read_ply(path)
-    assert tuple(table) == PROPERTIES
+    assert tuple(table) == properties(2)
     parameters = gaussians.parameters
     for index, axis in enumerate("xyz"):
         np.testing.assert_array_equal(table[axis], parameters["means"][:, index].numpy())
@@ -51,10 +51,27 @@ def test_ply_round_trip_in_the_layout_of_3dgs(tmp_path):
     )
 
 
+@pytest.mark.parametrize(("degree", "rest"), [(0, 0), (1, 9), (2, 24)])
+def test_ply_holds_the_harmonics_of_the_degree_and_no_more(tmp_path, degree, rest):
+    gaussians = make_gaussians(PlainHarmonics())
+    gaussians.parameters["sh_dc"] += 10  # stays positive all around: nothing is cut off
+    path = tmp_path / "splats.ply"
+    write_ply(path, gaussians, PlainHarmonics(), degree, 1.0, "a note")
+    table = read_ply(path)
+    assert sum(name.startswith("f_rest_") for name in table) == rest
+    assert path.stat().st_size == path.read_bytes().index(b"end_header\n") + 11 + 7 * 4 * (17 + rest)
+    read = np.array([table[f"f_rest_{index}"] for index in range(rest)]).reshape(3, rest // 3, 7)
+    wanted = gaussians.parameters["sh_rest"][:, : rest // 3].numpy()
+    np.testing.assert_allclose(read.transpose(2, 1, 0), wanted, atol=1e-4)
+    for channel in range(3):
+        constant = gaussians.parameters["sh_dc"][:, 0, channel]
+        np.testing.assert_allclose(table[f"f_dc_{channel}"], constant, rtol=1e-4)
+
+
 def test_ply_holds_radiance_beyond_one_and_its_harmonics_are_near_the_appearance():
     appearance = LuminanceChromaticity()
     gaussians = make_gaussians(appearance)
-    harmonics = torch.from_numpy(radiance_harmonics(gaussians, appearance))
+    harmonics = torch.from_numpy(radiance_harmonics(gaussians, appearance, 2))
     directions = torch.nn.functional.normalize(
         torch.randn(7, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64), dim=1
     )
@@ -67,7 +84,7 @@ def test_ply_holds_radiance_beyond_one_and_its_harmonics_are_near_the_appearance
 @pytest.mark.parametrize("cut", [10, 300, -4])
 def test_a_damaged_ply_is_refused_in_one_sentence(tmp_path, cut):
     path = tmp_path / "splats.ply"
-    write_ply(path, make_gaussians(PlainHarmonics()), PlainHarmonics(), 1.0, "note")
+    write_ply(path, make_gaussians(PlainHarmonics()), PlainHarmonics(), 2, 1.0, "note")
     path.write_bytes(path.read_bytes()[:cut])
     with pytest.raises(ReconstructionError):
         read_ply(path)

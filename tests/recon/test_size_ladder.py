@@ -11,14 +11,26 @@ import recon.size_ladder as module
 from drivers.sim import rigs
 from imaging import store
 from recon.dataset import load
+from recon.directions import Gains
 from recon.fixed import Fixed
 from recon.model import Settings, open_model, read_model
+from recon.ply import most_gaussians
 from recon.presets import QUALITIES, Quality
 from recon.radiance import radiance_image
 from recon.ranks import Ranks
 from recon.reconstruct import reconstruct
 from recon.refinement import Refinement
-from recon.size_ladder import COLOUR, COUNT, decided, fewer, fewest, most_for, size_for
+from recon.size_ladder import (
+    COLOUR,
+    COUNT,
+    decided,
+    degree_for,
+    fewer,
+    fewest,
+    lowest,
+    most_for,
+    size_for,
+)
 from recon.start import Start, start_points
 from recon.trials import Trials
 
@@ -50,11 +62,12 @@ def settings(**changed) -> Settings:
     )
 
 
-def decide(dataset, wanted, refined=()):
+def decide(dataset, wanted):
     images = [radiance_image(view) for view in dataset.train]
-    rng = np.random.Generator(np.random.PCG64(0))
-    points = start_points(dataset, images, most_for(dataset, wanted) // 2, rng)
-    return decided(dataset, wanted, Refinement.of(dataset, refined), points, unheard, "cpu")
+    rng, refined = np.random.Generator(np.random.PCG64(0)), Refinement.of(dataset, ())
+    colour = degree_for(dataset, wanted, images, Ranks())
+    points = start_points(dataset, images, most_for(dataset, wanted, colour[0]) // 2, rng)
+    return size_for(dataset, wanted, colour, refined, points, Ranks(), unheard, "cpu")
 
 
 def test_the_fewest_lie_where_the_curve_crosses_the_line(monkeypatch):
@@ -108,39 +121,45 @@ def test_a_degree_that_is_asked_for_is_obeyed(toy_dataset):
     assert not size.rungs[1].taken
 
 
-def test_colours_follow_the_direction_where_things_gloss(many, monkeypatch):
+def test_colours_follow_the_direction_where_things_gloss(many):
     """The table's balls and mug do."""
-    monkeypatch.setattr(module, "MOST_HALVINGS", 0)
-    size = decide(many, settings(max_gaussians=1500, iterations=1000))
-    assert size.gaussians == 1500
-    assert size.degree > 0
-    assert size.rungs[1].taken
-    assert size.rungs[1].gain > size.rungs[1].standard_error > 0
-    assert size.rungs[1].parameters == 1500 * {1: 9, 2: 24}[size.degree]
+    images = [radiance_image(view) for view in many.train]
+    degree, rung = degree_for(many, settings(), images, Ranks())
+    assert degree > 0
+    assert rung.taken
+    assert rung.gain > rung.standard_error > 0
+    assert rung.parameters == {1: 9, 2: 24}[degree]
 
 
 @pytest.mark.parametrize(
-    ("gains", "degree"),
+    ("db", "error", "degree"),
     [
-        (([0.1, -0.1, 0.1, -0.1], [0.0, 0.0, 0.0, 0.0]), 0),
-        (([0.5, 0.1, 0.5, 0.0], [0.3, -0.3, 0.1, -0.1]), 1),
-        (([0.5, 0.1, 0.5, 0.0], [0.3, 0.3, 0.1, 0.2]), 2),
-        (([0.5, 0.6, 0.5, 0.6], None), 2),
+        ((0.0, 0.4, 0.4), 0.1, 0),
+        ((0.0, 0.6, 0.9), 0.1, 1),
+        ((0.0, 0.3, 0.6), 0.1, 1),
+        ((0.0, 0.9, 1.8), 0.1, 2),
+        ((0.0, 0.9, 1.8), 2.0, 0),
     ],
-    ids=["matte", "simple", "gloss", "clear"],
+    ids=["matte", "simple", "only together", "gloss", "chance"],
 )
-def test_a_degree_is_taken_where_it_gains_more_than_chance(many, monkeypatch, gains, degree):
-    """gains of four views: of degree 2 over 0, and over 1, which may not be tried."""
-    best = np.full(4, 30.0)
-    told = {2: best, 0: best - gains[0]} | ({} if gains[1] is None else {1: best - gains[1]})
-    monkeypatch.setattr(module.Ladder, "db", lambda self, count, degree: told[degree])
-    wanted = settings(max_gaussians=1600)
-    size = decided(many, wanted, Refinement.of(many, ()), None, unheard, "cpu")
-    assert size.degree == degree
-    assert size.rungs[1].taken == (degree > 0)
-    assert f"degree {degree};" in size.rungs[1].reason
-    # As good however few there are: all halvings are taken.
-    assert size.gaussians == 1600 // 2**module.MOST_HALVINGS == 50
+def test_a_degree_is_taken_where_it_gains_what_matters_and_more_than_chance(db, error, degree):
+    assert lowest(Gains(100, np.array(db), np.full((3, 3), error))) == degree
+
+
+def test_a_budget_in_bytes_has_room_for_more_gaussians_of_one_colour(many):
+    wanted = settings(max_gaussians=50_000, budget=1e6, budget_unit="bytes")
+    counts = [most_for(many, wanted, degree) for degree in range(3)]
+    assert counts == [most_gaussians(1e6, degree) for degree in range(3)]
+    assert counts[0] > 2 * counts[2]
+
+
+def test_as_few_as_are_as_good(many, monkeypatch):
+    """All halvings are taken where none loses."""
+    monkeypatch.setattr(module.Ladder, "db", lambda self, count: np.full(4, 30.0))
+    wanted, refined = settings(max_gaussians=1600), Refinement.of(many, ())
+    number, count = decided(many, wanted, 1, refined, None, unheard, "cpu")
+    assert count == 1600 // 2**module.MOST_HALVINGS == 50
+    assert number.taken
 
 
 def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypatch):
@@ -172,11 +191,11 @@ def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypat
 
 
 class Second(Ranks):
-    """A process that hears 1234 Gaussians and degree 1 from the first."""
+    """A process that hears degree 1 and 1234 Gaussians from the first."""
 
     def __init__(self) -> None:
         super().__init__(1, 2)
-        object.__setattr__(self, "words", [1234.0, 1.0])
+        object.__setattr__(self, "words", [1.0, 1234.0])
 
     def told(self, value: float) -> float:
         return self.words.pop(0)
@@ -184,7 +203,9 @@ class Second(Ranks):
 
 def test_the_first_process_decides(many, monkeypatch):
     monkeypatch.setattr(module, "decided", lambda *_: pytest.fail("decided twice"))
-    size = size_for(many, settings(), Refinement.of(many, ()), None, Second(), unheard, "cpu")
+    images, refined, second = [radiance_image(view) for view in many.train], Refinement.of(many, ()), Second()
+    colour = degree_for(many, settings(), images, second)
+    size = size_for(many, settings(), colour, refined, None, second, unheard, "cpu")
     assert (size.gaussians, size.degree) == (1234, 1)
 
 
