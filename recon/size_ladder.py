@@ -33,7 +33,7 @@ LOSS = 0.35
 """dB that fewer Gaussians may lose in a trial. Short trainings need more of them to get as far: a loss of so
 much is one of 0.2 dB or less after a whole training (bench/count.py)."""
 MATERIAL = 0.45
-"""dB that a higher degree has to gain. Simulated scenes without any gloss seem to gain up to 0.32, since a
+"""dB that a higher degree has to gain. Simulated scenes without any gloss seem to gain up to 0.39, since a
 pixel covers more of a surface that is seen from the side; the gallery gains 0.59 to 0.92, gloss above 2."""
 MOST_HALVINGS = 5
 PLAIN = 14
