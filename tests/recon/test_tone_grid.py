@@ -142,6 +142,20 @@ def test_the_kernel_does_what_plain_operations_do(shape):
     torch.testing.assert_close(found[0][2], found[1][2], rtol=1e-4, atol=1e-4)
 
 
+def test_the_kernel_finds_the_interval_of_every_node_and_of_its_neighbours():
+    """Grids of any spacing, from cells that hold many nodes to nodes that span many cells."""
+    rng = np.random.default_rng(8)
+    for count, power in ((2, 1), (3, 1), (50, 12), (1441, 1), (3000, 6)):
+        nodes = np.unique(np.sort(rng.uniform(0, 1, count) ** power * 15 - 10).astype(np.float32))
+        values = torch.linspace(0, 1, len(nodes)).square()
+        x = np.concatenate([nodes, np.nextafter(nodes, -99), np.nextafter(nodes, 99), [np.nan]])
+        x = torch.from_numpy(x.astype(np.float32))
+        found = apply_curve(x, values, torch.from_numpy(nodes), leaky=True)
+        expected = apply_curve(x.double(), values.double(), torch.from_numpy(nodes).double(), leaky=True)
+        torch.testing.assert_close(found[:-1].double(), expected[:-1], atol=2e-6, rtol=0)
+        assert found[-1].isnan()
+
+
 def test_the_kernel_gives_the_same_bits_on_any_number_of_threads():
     nodes = torch.from_numpy(Grid().nodes().astype(np.float32))
     before, results = threads.thread_count(), []
