@@ -1,6 +1,6 @@
 """Where the presets draft, standard and best lie against the front of what time buys, over many scenes.
 
-    python bench/presets.py [--quick] [--json] [--write] [--minutes 20] [--work FOLDER]
+    python bench/presets.py [--quick] [--json] [--write] [--minutes 20] [--scenes 9] [--work FOLDER]
 
 Each scene is a simulated session, calibrated by its own pictures, and swept as `rig trade` does it, for so
 many minutes each; a sweep that was stopped goes on. The front of a scene is what no other training of it
@@ -48,8 +48,8 @@ class Scene:
 
 
 SCENES = (
-    Scene("demo", 0), Scene("demo-ldr", 0), Scene("gallery", 0), Scene("demo", 0, darker=3),
-    Scene("gallery-ldr", 0), Scene("demo", 1), Scene("gallery", 1), Scene("demo-ldr", 1), Scene("demo", 2),
+    Scene("demo", 0), Scene("gallery", 0), Scene("demo", 0, darker=3), Scene("demo", 1), Scene("gallery", 1),
+    Scene("demo-ldr", 0), Scene("gallery-ldr", 0), Scene("demo", 2), Scene("demo-ldr", 1),
 )  # fmt: skip
 TOYS = (Scene("toy", 0), Scene("toy-ldr", 0))
 
@@ -178,9 +178,10 @@ def report(result: dict[str, Any]) -> str:
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--minutes", type=float, default=20.0, help="of training for each scene")
+    parser.add_argument("--scenes", type=int, default=len(SCENES), help="so many of the scenes")
     parser.add_argument("--work", type=Path, default=WORK)
     options = parser.parse_args()
-    options.scenes = SCENES
+    options.scenes = SCENES[: options.scenes]
     if options.quick:
         QUALITIES.update(TINY)
         options.scenes, options.minutes = TOYS, min(options.minutes, 0.15)
