@@ -33,8 +33,8 @@ LOSS = 0.35
 """dB that fewer Gaussians may lose in a trial. Short trainings need more of them to get as far: a loss of so
 much is one of 0.2 dB or less after a whole training (bench/count.py)."""
 MATERIAL = 0.45
-"""dB that a higher degree has to gain. Eight simulated scenes without any gloss seem to gain 0.20 to 0.39, the
-demo 0.06 to 0.26; the gallery gains 0.59 to 0.92, a scene of much gloss more than 2. On the demo degree 0
+"""dB that a higher degree has to gain. Eight simulated scenes without any gloss seem to gain 0.20 to 0.39,
+the demo 0.06 to 0.26; the gallery gains 0.59 to 0.92, a scene of much gloss more than 2. On the demo degree 0
 costs 0.12 dB of the picture, on the gallery degree 1 costs 0.04 (bench/ablation.py)."""
 MOST_HALVINGS = 5
 PLAIN = 14
