@@ -2,7 +2,7 @@
 
 Quality over the length of a whole schedule follows a power law, q(n) = q_end - a n^-b, as learning curves
 do (Hestness et al., arXiv 1712.00409). b is common to scenes; a and q_end come from two short schedules of
-this scene, the one of twice the length of the other. The spread is that of scenes left out of the fit of b.
+this scene, the one of twice the length of the other.
 """
 
 import math
@@ -13,7 +13,7 @@ from recon.probe import Probe
 EXPONENT = 0.55
 SPREAD = 1.65
 """Half the interval, dB, for a training twice as long as the probe; it grows with the root of the doublings.
-13 of 14 budgets of 20 to 120 s on seven simulated scenes ended within it; within 1.2 it were 11
+13 of 14 budgets of 20 to 120 s on seven simulated scenes ended within it, 11 with a half of 1.2
 (bench/budget.py)."""
 
 
