@@ -1,5 +1,6 @@
 """Observation models for photographs: through a learned tone curve, or as they are."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,11 +40,15 @@ class _Codes:
     floor: Tensor
     ceiling: Tensor
 
+    def to(self, device: torch.device) -> "_Codes":
+        """The same on a device."""
+        return _Codes(self.target.to(device), self.floor.to(device), self.ceiling.to(device))
 
-def _codes(view: View, device: torch.device) -> _Codes:
+
+def _codes(view: View) -> _Codes:
     def planes(name: str) -> Tensor:
         stack = np.concatenate([getattr(shot, name).transpose(2, 0, 1) for shot in view.shots])
-        return torch.from_numpy(np.ascontiguousarray(stack)).to(device)
+        return torch.from_numpy(np.ascontiguousarray(stack))
 
     target, ignored = planes("pixels"), ~planes("valid")
     dark = planes("dark") & (target <= LAST_CODE)
@@ -83,6 +88,7 @@ class ToneCurve:
     def __post_init__(self) -> None:
         # Weights are those of the curve at the start, also when a training goes on from a later one.
         self._start = curve_values(self.theta.detach().cpu()).double().numpy()
+        self._slopes = self.rate * np.gradient(self._start, self.nodes.cpu().double().numpy(), axis=-1)
 
     @property
     def learned(self) -> bool:
@@ -110,19 +116,18 @@ class ToneCurve:
         self._progress = progress
         known = self._known.get(view.name)
         if known is None:
-            codes = _codes(view, image.device)
-            known = self._known[view.name] = codes, self._weight(view, codes)
+            codes = _codes(view)
+            known = codes.to(image.device), self._weight(view, codes).to(image.device)
+            self._known[view.name] = known
         codes, weight = known
-        exposures = image.new_tensor([shot.k for shot in view.shots])
-        if factors is not None:
-            exposures = exposures * factors
-        prediction = self._expose(image, view, exposures, leaky=True).flatten(0, 1)
+        scales = [shot.k for shot in view.shots]
+        prediction = self._expose(image, view, scales, factors, leaky=True).flatten(0, 1)
         prediction = prediction.clamp(codes.floor, codes.ceiling)
         return torch.lerp(codes.target, prediction, weight), codes.target
 
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
         """Codes of a shot of exposure scale `k`, within 0..1, [H, W, 3]."""
-        return self._expose(image, view, image.new_tensor([k]), leaky=False)[0].movedim(0, 2)
+        return self._expose(image, view, [k], None, leaky=False)[0].movedim(0, 2)
 
     def radiance(self, image: Tensor) -> Tensor:
         """The image times the normaliser."""
@@ -151,12 +156,13 @@ class ToneCurve:
     def _weight(self, view: View, codes: _Codes) -> Tensor:
         """What errors count, [shots * 3, H, W]: the same for all shots of a pixel."""
         shape = len(view.shots), 3, *codes.target.shape[1:]
-        target = codes.target.reshape(shape).cpu().numpy()
-        bound = (codes.floor.isfinite() | codes.ceiling.isfinite()).reshape(shape).cpu().numpy()
-        nodes = self.nodes.cpu().double().numpy()
+        target = codes.target.reshape(shape).numpy()
+        bound = (codes.floor.isfinite() | codes.ceiling.isfinite()).reshape(shape).numpy()
+        response = self.of_camera[view.camera]
         slope = np.empty_like(target)
-        for channel, curve in enumerate(self._start[self.of_camera[view.camera]]):
-            slope[:, channel] = np.interp(target[:, channel], curve, self.rate * np.gradient(curve, nodes))
+        for channel in range(3):
+            curve, slopes = self._start[response, channel], self._slopes[response, channel]
+            slope[:, channel] = np.interp(target[:, channel], curve, slopes)
         told = np.where(bound, 0, slope).mean(0).clip(LEAST_SLOPE)
         weight = (TYPICAL_SLOPE / told) ** np.float32(self.balance)
         return torch.from_numpy(weight).to(codes.target).repeat(len(target), 1, 1)
@@ -164,10 +170,16 @@ class ToneCurve:
     def _training(self) -> bool:
         return self.learned and self._progress >= self.fixed
 
-    def _expose(self, image: Tensor, view: View, exposures: Tensor, *, leaky: bool) -> Tensor:
+    def _expose(
+        self, image: Tensor, view: View, scales: Sequence[float], factors: Tensor | None, *, leaky: bool
+    ) -> Tensor:
         falloff = torch.from_numpy(view.sensor.falloff).to(image)
-        light = torch.log(image * falloff[..., None] + self.epsilon) + float(np.log(self.normaliser))
-        x = self.rate * (light.movedim(2, 0)[None] + exposures.log()[:, None, None, None] - self.middle)
+        light = torch.log(image * falloff[..., None] + self.epsilon)
+        # In float64, where the normaliser and the scales cancel: another unit of light changes no bit.
+        offset = image.new_tensor(np.log(self.normaliser * np.array(scales)) - self.middle)
+        if factors is not None:
+            offset = offset + factors.log()
+        x = self.rate * (light.movedim(2, 0)[None] + offset[:, None, None, None])
         theta = self.theta[self.of_camera[view.camera]]
         values = curve_values(theta if self._training() else theta.detach()).to(image)
         nodes = self.nodes.to(image.dtype)
@@ -233,7 +245,7 @@ class Display:
         """The image, once for every shot whatever its exposure, beside the photographs: [shots * 3, H, W]."""
         codes = self._known.get(view.name)
         if codes is None:
-            codes = self._known[view.name] = _codes(view, image.device)
+            codes = self._known[view.name] = _codes(view).to(image.device)
         prediction = image.movedim(2, 0)[None].expand(len(view.shots), 3, -1, -1).flatten(0, 1)
         return prediction.clamp(codes.floor, codes.ceiling), codes.target
 

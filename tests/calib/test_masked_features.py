@@ -17,7 +17,7 @@ def test_features_behind_the_mask_of_any_shot_are_dropped(tmp_path):
     shots = [SimpleNamespace(mask=name, width=40, height=20) for name in (None, "m.png")]
     points = np.array([[4.9, 3.0], [5.1, 3.0], [19.9, 9.9], [0.1, 0.1]])
     found = Features(points, np.eye(4, 128, dtype=np.float32))
-    session = SimpleNamespace(folder=tmp_path)
+    session = SimpleNamespace(mask=lambda shot: None if shot.mask is None else tmp_path / shot.mask)
     kept = _unmasked(session, SimpleNamespace(shots=shots), found, 20, 10)
     assert kept.points.tolist() == points[1:3].tolist()
     assert kept.descriptors.tolist() == found.descriptors[1:3].tolist()
