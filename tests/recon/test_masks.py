@@ -62,7 +62,7 @@ def quality(dataset, name) -> float:
     ("which", "name", "cost", "harm"), [("toy", "nh-3dgs", 0.8, 2.0), ("toy_ldr", "hdr-gs", 0.8, 0.2)]
 )
 def test_what_is_masked_leaves_no_trace(which, name, cost, harm, request):
-    """A twelfth of every training view hidden costs little, not hidden more; means over three such twelfths."""
+    """A twelfth of every training view hidden costs little, not hidden more: means over three such."""
     dataset = load(request.getfixturevalue(which))
     clean = quality(dataset, name)
     masked, spoilt = (
