@@ -8,7 +8,7 @@ QualityName = Literal["draft", "standard", "best"]
 
 @dataclass(frozen=True)
 class Quality:
-    """A preset: how long, how many, how fine. bench/budget.py has the curve behind it."""
+    """A preset: how long, how many at most, how fine. bench/budget.py has the curve behind it."""
 
     iterations: int
     gaussians: int
