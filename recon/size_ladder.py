@@ -30,8 +30,8 @@ COUNT, COLOUR = "number of Gaussians", "direction-dependent colour"
 TRIAL_SHARE = 0.1
 """Of the training's iterations, what a trial takes."""
 LOSS = 0.35
-"""dB that fewer Gaussians may lose in a trial. Short trainings need more of them to get as far: on the demo and
-the gallery, 160 px wide, so much was 0.2 dB or less after a whole training. bench/count.py asks of more."""
+"""dB that fewer Gaussians may lose in a trial. Short trainings need more of them to get as far: on the demo
+and the gallery, 160 px wide, so much was 0.2 dB or less after a whole training. bench/count.py asks more."""
 MATERIAL = 0.45
 """dB that a higher degree has to gain. Eight simulated scenes without any gloss seem to gain 0.20 to 0.39,
 the demo 0.06 to 0.26; the gallery gains 0.59 to 0.92, a scene of much gloss more than 2. On the demo degree 0
