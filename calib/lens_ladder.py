@@ -12,7 +12,7 @@ from calib.adjust import Array, Free, adjust, lens_of, misses
 from calib.fisheye import may_be_fisheye
 from calib.views import Progress
 from imaging.colmap import pycolmap
-from imaging.records import Rung
+from imaging.records import ONE_OF_SEVERAL, Rung
 
 FEWEST_VIEWS = 4
 HELD_OUT = 3
@@ -61,6 +61,7 @@ def climb(
             float(gain.std(ddof=1) / np.sqrt(len(gain))),
             "Cauchy loss per held-out observation, over views",
             f"{what}, common to all images of a camera",
+            errors=ONE_OF_SEVERAL,
         )
         rungs.append(rung)
         if rung.taken:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.sides import by_side
-from imaging.records import Rung
+from imaging.records import ONE_OF_SEVERAL, Rung
 
 Array = npt.NDArray[np.float64]
 Coefficients = tuple[float, float, float]
@@ -125,7 +125,9 @@ def estimate(tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str]) 
         nonlocal shape
         gain, error = _gain(tracks, shape, wanted, count)
         more = wanted.parameters(count) - shape.parameters(count)
-        rung = Rung.judged(name, gain, error, "robust whitened loss per held-out track", what, more)
+        rung = Rung.judged(
+            name, gain, error, "robust whitened loss per held-out track", what, more, ONE_OF_SEVERAL
+        )
         fits = [_fit(tracks, one, count) for one in (shape, wanted)] if rung.taken else []
         if fits and _darkest(fits[1].polynomials) < AT_BOUND * DARKEST:
             rung = rung.model_copy(update={"taken": False, "reason": TOO_DARK})

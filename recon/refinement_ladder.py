@@ -20,8 +20,9 @@ from recon.trainer import Training
 from recon.trials import Trials, no_trial, room
 
 ALL: tuple[Refined, ...] = get_args(Refined)
-KNOWN_PX = 0.15
-"""Poses that are surer than this, in pixels of the training images, leave nothing to gain."""
+KNOWN_PX = 0.3
+"""Poses that are surer than this, in pixels of the training images, leave next to nothing to gain, and no
+trial can tell it (bench/refine.py)."""
 KNOWN_PERCENT = 1.0
 """And exposures that are surer than this."""
 TRIAL_WIDTH = 320
