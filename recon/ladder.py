@@ -5,6 +5,8 @@ import numpy as np
 from imaging.records import Rung
 from recon.dataset import Dataset
 from recon.methods import hdr_gs, nh_3dgs, vanilla
+from recon.photographs import Curves
+from recon.tone_grid import EXACT
 
 STOP_APART = 0.99
 """Stops between exposures from which a bracket counts as one (a little less than one, for rounding)."""
@@ -54,7 +56,9 @@ def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
     gains = [c.gain for c in cameras]
     span = float(np.log2(max(gains) / min(gains))) if gains else 0.0
     linear = method != vanilla.NAME or dataset.kind != "ldr"
+    photographed = linear and any(view.sensor.kind == "ldr" for view in dataset.views)
     return (
+        *((_grid(Curves.of(dataset)),) if photographed else ()),
         _rung(
             "one-sided saturation",
             clipped > 0,
@@ -69,6 +73,16 @@ def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
         ),
         _rung("camera gains", linear and span > 0, f"cameras differ by up to {span:.3f} stops"),
     )
+
+
+def _grid(curves: Curves) -> Rung:
+    """How many nodes the tone curve has."""
+    used, count = len(curves.nodes), 3 * len(curves.responses)
+    reason = f"all {used:,} nodes, since the curve was not measured and may bend anywhere"
+    if curves.measured:
+        code = f"{255 * EXACT:g} of a code value"
+        reason = f"{used:,} of {curves.finest:,} nodes hold the calibrated curve to {code}"
+    return Rung(name="tone grid", taken=used == curves.finest, reason=reason, parameters=used * count)
 
 
 def _rung(name: str, taken: bool, reason: str) -> Rung:

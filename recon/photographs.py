@@ -14,7 +14,16 @@ from recon.appearance import Rate
 from recon.dataset import Dataset, View
 from recon.method import Light
 from recon.tone import encode
-from recon.tone_grid import Grid, apply_curve, curve_values, middle_of, remap_rate, roughness, sampled
+from recon.tone_grid import (
+    Grid,
+    apply_curve,
+    curve_values,
+    middle_of,
+    needed,
+    remap_rate,
+    roughness,
+    sampled,
+)
 
 KNOWN_RESIDUAL = 0.01
 """A calibrated curve whose held-out disagreement, natural log, is below this counts as known."""
@@ -187,31 +196,60 @@ class ToneCurve:
         return torch.stack(channels, 1)
 
 
+@dataclass(frozen=True)
+class Curves:
+    """The tone curves that the photographs of a session start from, and the grid that they need.
+
+    responses: the distinct ones; of_camera: which a camera has. rate, middle: x as `ToneCurve` has it.
+    nodes [M]: of the grid, out of `finest`. measured: whether they are of a calibration, which training
+    only touches up; known: whether it leaves them as they are.
+    """
+
+    responses: tuple[Response, ...]
+    of_camera: dict[str, int]
+    rate: float
+    middle: float
+    nodes: npt.NDArray[np.float64]
+    finest: int
+    measured: bool
+    known: bool
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> "Curves":
+        """From the responses of the calibration: where they were measured, with the nodes that hold them."""
+        photographed = [view for view in dataset.views if view.sensor.kind == "ldr"]
+        responses = {view.camera: view.sensor.response for view in photographed}
+        distinct = tuple(dict.fromkeys(responses.values()))
+        scales = [shot.k for view in dataset.train if view.sensor.kind == "ldr" for shot in view.shots]
+        rate = remap_rate(scales)
+        middle = float(np.mean([middle_of(response) for response in distinct]))
+        residuals = [0.0 if one.kind == "linear" else one.residual for one in distinct]
+        measured = None not in residuals
+        known = all(residual is not None and residual < KNOWN_RESIDUAL for residual in residuals)
+        nodes = finest = Grid().nodes()
+        if measured:
+            curves = [curve_values(sampled(one, finest, rate, middle)).double().numpy() for one in distinct]
+            nodes = finest[needed(finest, np.stack(curves))]
+        of_camera = {camera: distinct.index(response) for camera, response in responses.items()}
+        return cls(distinct, of_camera, rate, middle, nodes, len(finest), measured, known)
+
+
 def tone_curve(dataset: Dataset, light: Light) -> ToneCurve:
     """The tone curve of the photographs of a session; it starts from the response of the calibration.
 
     HDRGS starts from a sigmoid; a measured (or sRGB) curve is nearer, and the colours that training
     starts from come through the same curve, so the two agree from the first iteration.
     """
-    photographed = [view for view in dataset.views if view.sensor.kind == "ldr"]
-    responses = list({view.camera: view.sensor.response for view in photographed}.items())
-    distinct = list(dict.fromkeys(response for _, response in responses))
-    rate = remap_rate([shot.k for view in dataset.train if view.sensor.kind == "ldr" for shot in view.shots])
-    middle = float(np.mean([middle_of(response) for response in distinct]))
-    nodes = Grid().nodes()
-    known = all(
-        response.kind == "linear" or (response.residual is not None and response.residual < KNOWN_RESIDUAL)
-        for response in distinct
-    )
+    own = Curves.of(dataset)
     return ToneCurve(
         normaliser=light.normaliser,
-        nodes=torch.from_numpy(nodes.astype(np.float32)),
-        theta=torch.stack([sampled(response, nodes, rate, middle) for response in distinct]),
-        of_camera={camera: distinct.index(response) for camera, response in responses},
-        rate=rate,
-        middle=middle,
+        nodes=torch.from_numpy(own.nodes.astype(np.float32)),
+        theta=torch.stack([sampled(one, own.nodes, own.rate, own.middle) for one in own.responses]),
+        of_camera=own.of_camera,
+        rate=own.rate,
+        middle=own.middle,
         epsilon=0.01 * (light.reference or 2.0**-20),
-        fixed=1.0 if known else 0.2,
+        fixed=1.0 if own.known else 0.2,
     )
 
 

@@ -18,7 +18,7 @@ class Quality:
 QUALITIES: dict[str, Quality] = {
     "draft": Quality(500, 20_000, 320),
     "standard": Quality(2000, 20_000, 640),
-    "best": Quality(4000, 40_000, 1280),
+    "best": Quality(4000, 80_000, 1280),
 }
 
 START_SHARE = 0.5

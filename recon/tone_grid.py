@@ -21,6 +21,8 @@ from recon.tone import encode
 LEAK = 0.01
 CORE_DENSITY, TAIL_DENSITY = 128, 64
 """Nodes per unit of x."""
+EXACT = 0.1 / 255
+"""Codes, of 1, within which a curve that is known has to be held: a third of what rounding to 8 bits does."""
 
 
 def remap_rate(scales: Sequence[float]) -> float:
@@ -61,6 +63,27 @@ class Grid:
     def covering(self, low: float, high: float) -> "Grid":
         """This grid, its ends moved outwards so that [low, high] is inside."""
         return Grid(min(self.low, low), max(self.high, high), self.core_low, self.core_high)
+
+
+def needed(nodes: npt.NDArray[np.float64], curves: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+    """Which nodes [M] curves [..., M] need: straight lines between them are within `EXACT` of all others.
+
+    From the left, each line as long as it may be. The first node and the last are always among them.
+    """
+    rows, kept = curves.reshape(-1, len(nodes)), [0]
+    while kept[-1] < len(nodes) - 1:
+        start, reach = kept[-1], 1
+        while start + reach < len(nodes) - 1 and _straight(nodes, rows, start, start + reach + 1):
+            reach += 1
+        kept.append(start + reach)
+    return np.array(kept)
+
+
+def _straight(nodes: npt.NDArray[np.float64], rows: npt.NDArray[np.float64], start: int, end: int) -> bool:
+    """Whether one line does from one node to another."""
+    share = (nodes[start : end + 1] - nodes[start]) / (nodes[end] - nodes[start])
+    line = rows[:, [start]] + share * (rows[:, [end]] - rows[:, [start]])
+    return bool((np.abs(line - rows[:, start : end + 1]) <= EXACT).all())
 
 
 def curve_values(theta: Tensor) -> Tensor:

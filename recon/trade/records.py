@@ -16,8 +16,8 @@ import recon
 from imaging import store
 from imaging.errors import InputError
 from imaging.records import Record, parse
+from recon import presets
 from recon.fixed import Fixed
-from recon.presets import QualityName
 
 FOLDER, TRADE = "trade", "trade.json"
 
@@ -32,7 +32,7 @@ class Choice(Record):
     """
 
     axis: str
-    quality: QualityName = "standard"
+    quality: presets.QualityName = "standard"
     fixed: Fixed = Fixed()
 
     def command(self, session: str, method: str, seed: int) -> str:
@@ -102,11 +102,11 @@ def read_trade(session: Path) -> Trade:
 
 @cache
 def code_hash() -> str:
-    """Of every module that has a say in a point: 16 hex digits."""
+    """Of every module that has a say in a point: 16 hex digits. Presets are no code but settings."""
     digest = hashlib.sha256()
     for package in (imaging, recon):
         folder = Path(package.__path__[0])
-        for path in sorted(folder.rglob("*.py")):
+        for path in sorted(set(folder.rglob("*.py")) - {Path(presets.__file__)}):
             digest.update(str(path.relative_to(folder)).encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -114,7 +114,7 @@ def code_hash() -> str:
 def key_of(choice: Choice, trade: Trade) -> str:
     """What a point is known by: its settings, the calibration and the code; 16 hex digits."""
     parts = [
-        choice.quality,
+        [choice.quality, vars(presets.QUALITIES[choice.quality])],
         choice.fixed.model_dump(mode="json"),
         [trade.method, trade.seed, trade.width, trade.calibration_sha256, trade.code, version("torch")],
     ]

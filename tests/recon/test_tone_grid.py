@@ -9,12 +9,14 @@ from imaging.calibration import Response
 from recon.photographs import ToneCurve
 from recon.tone import encode
 from recon.tone_grid import (
+    EXACT,
     LEAK,
     Grid,
     apply_curve,
     curve_parameters,
     curve_values,
     middle_of,
+    needed,
     remap_rate,
     roughness,
     sampled,
@@ -170,3 +172,21 @@ def test_the_kernel_gives_the_same_bits_on_any_number_of_threads():
     finally:
         threads.set_threads(before)
     assert results[0] == results[1] == results[2]
+
+
+def test_nodes_that_a_curve_needs_hold_it_everywhere():
+    nodes = Grid().nodes()
+    curves = np.stack([1 / (1 + np.exp(-nodes / rate)) for rate in (0.5, 1.0, 2.0)])
+    curves[1] = np.minimum(curves[1], 0.8)
+    kept = needed(nodes, curves)
+    assert (kept[0], kept[-1]) == (0, len(nodes) - 1)
+    lines = np.stack([np.interp(nodes, nodes[kept], curve[kept]) for curve in curves])
+    assert np.abs(lines - curves).max() <= EXACT
+    assert len(kept) < 100
+
+
+def test_a_straight_line_needs_its_ends_and_noise_everything():
+    nodes = Grid().nodes()
+    assert needed(nodes, nodes[None] / 15).tolist() == [0, len(nodes) - 1]
+    noise = np.cumsum(np.random.default_rng(3).uniform(0, 0.1, (2, len(nodes))), axis=1)
+    assert len(needed(nodes, noise)) > 0.9 * len(nodes)

@@ -116,6 +116,17 @@ def test_a_key_tells_settings_calibration_and_code(session_copy: Path) -> None:
     assert key_of(choice.model_copy(update={"axis": "other"}), trade) == keys[0]
 
 
+def test_another_preset_leaves_the_others_as_they_are(
+    session_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trade = sweep(session_copy, budget=AT_ONCE)
+    choices = [Choice(axis="preset", quality=quality) for quality in ("draft", "standard", "best")]
+    before = [key_of(choice, trade) for choice in choices]
+    monkeypatch.setitem(QUALITIES, "best", Quality(7, 70, 64))
+    after = [key_of(choice, trade) for choice in choices]
+    assert [one == other for one, other in zip(before, after, strict=True)] == [True, True, False]
+
+
 def test_without_held_out_views_nothing_can_be_measured(session_copy: Path) -> None:
     path = session_copy / "calibration" / "calibration.json"
     record = store.read_json(path)
