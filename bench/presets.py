@@ -48,8 +48,8 @@ class Scene:
 
 
 SCENES = (
-    Scene("demo", 0), Scene("gallery", 0), Scene("demo", 0, darker=3), Scene("demo", 1), Scene("gallery", 1),
-    Scene("demo-ldr", 0), Scene("gallery-ldr", 0), Scene("demo", 2), Scene("demo-ldr", 1),
+    Scene("demo", 0), Scene("gallery", 0), Scene("demo-ldr", 0), Scene("demo", 0, darker=3), Scene("demo", 1),
+    Scene("gallery", 1), Scene("gallery-ldr", 0), Scene("demo", 2), Scene("demo-ldr", 1),
 )  # fmt: skip
 TOYS = (Scene("toy", 0), Scene("toy-ldr", 0))
 

@@ -30,6 +30,13 @@ def project_camera(lens: SplatCamera, camera: Array) -> tuple[Array, Array]:
     return lens.distort(tangents) * (lens.fx, lens.fy) + (lens.cx, lens.cy), depth
 
 
+def inside(lens: SplatCamera, pixels: Array, depth: Array) -> npt.NDArray[np.bool_]:
+    """Which of `project`ed points a picture shows: those in front of the camera and within its bounds."""
+    x, y = pixels[..., 0], pixels[..., 1]
+    found = (depth > 0) & (x >= 0) & (y >= 0) & (x < lens.width) & (y < lens.height)
+    return np.asarray(found)
+
+
 def rays(lens: SplatCamera, pixels: npt.ArrayLike) -> Array:
     """Directions [..., 3] with z = 1, in the camera's axes, through pixels [..., 2].
 

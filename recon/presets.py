@@ -8,7 +8,7 @@ QualityName = Literal["draft", "standard", "best"]
 
 @dataclass(frozen=True)
 class Quality:
-    """A preset: how long, how many at most, how fine. bench/budget.py has the curve behind it."""
+    """A preset: how long, how many at most, how fine. bench/presets.py has the fronts behind it."""
 
     iterations: int
     gaussians: int
@@ -16,7 +16,7 @@ class Quality:
 
 
 QUALITIES: dict[str, Quality] = {
-    "draft": Quality(500, 20_000, 320),
+    "draft": Quality(300, 20_000, 320),
     "standard": Quality(2000, 20_000, 640),
     "best": Quality(4000, 80_000, 1280),
 }

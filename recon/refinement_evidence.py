@@ -22,16 +22,18 @@ SQUARE = 8
 STEPS = 40
 POSE_RATE = 2e-3
 EXPOSURE_RATE = 1e-2
+ROUGHLY = 2 / 255
+"""Noise of photographs, JPEG's included, in code values of 1, and of light through the mu-law."""
 
 
 def held_out_db(training: Training, view: View, unsure: Collection[Refined], extent: float) -> float:
     """How small the residuals of the half that is judged are, dB; more is better.
 
-    unsure: which of the view's own pose and exposures are fitted first. Residuals of RAW are in standard
-    deviations of the sensor's noise where it is known, and each photosite counts by -10 log10(1 + r^2), as if
-    errors were of a Cauchy distribution: a short training is wrong by a hundred deviations at the edges of
-    lamps, whose squares would drown all others. Other residuals are those of what training compares, code
-    values or light through the mu-law: one over their mean square.
+    unsure: which of the view's own pose and exposures are fitted first. Residuals are in standard deviations
+    of the noise, r: of RAW in those of the sensor where they are known, others, code values or light through
+    the mu-law as training compares them, in so much as `ROUGHLY` says. Each counts by -10 log10(1 + r^2), as
+    if errors were of a Cauchy distribution: a short training is wrong by a hundred deviations at the edges of
+    lamps, whose squares would drown all others.
     """
     with torch_on_one_thread():
         pose, logs = _fitted(training, view, unsure, extent)
@@ -41,8 +43,8 @@ def held_out_db(training: Training, view: View, unsure: Collection[Refined], ext
         if view.sensor.kind == "raw" and all(shot.noise is not None for shot in view.shots):
             return _whitened(training, image, view, logs, judged)
         prediction, target = training.method.observation.compare(image, view, 1.0, logs.exp())
-        squares = (prediction - target).square()[..., _on_planes(judged, target)]
-        return -10 * float(np.log10(max(float(squares.mean()), 1e-12)))
+        squares = ((prediction - target) / ROUGHLY).square()[..., _on_planes(judged, target)]
+        return -10 / float(np.log(10)) * float(squares.log1p().mean(dtype=torch.float64))
 
 
 def fitted_view(training: Training, view: View, unsure: Collection[Refined], extent: float) -> View:

@@ -9,7 +9,7 @@ from imaging.calibration import CalibrationRecord
 from imaging.colmap import read_points
 from imaging.records import Rung
 from recon.dataset import Dataset, View, load
-from recon.geometry import project
+from recon.geometry import inside, project
 from recon.methods import vanilla
 from recon.model import Settings
 from recon.pixels import Progress
@@ -132,8 +132,8 @@ def pose_error_px(dataset: Dataset) -> float | None:
         if error is None or not len(model.xyz):
             return None
         pixels, depth = project(view.lens, model.xyz)
-        inside = (depth > 0) & (pixels > 0).all(-1) & (pixels < [view.lens.width, view.lens.height]).all(-1)
-        away = float(np.median(depth[inside])) if inside.any() else dataset.extent
+        shown = inside(view.lens, pixels, depth)
+        away = float(np.median(depth[shown])) if shown.any() else dataset.extent
         found.append(view.lens.fx * (np.radians(error.rotation) + error.translation / away))
     return float(np.median(found))
 

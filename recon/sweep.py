@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from recon.dataset import View
-from recon.geometry import lift, project, project_camera, rays
+from recon.geometry import inside, lift, project, project_camera, rays
 from recon.pixels import Progress
 
 Float = npt.NDArray[np.float32]
@@ -92,10 +92,10 @@ def _coarse_centres(view: View, width: int, height: int) -> npt.NDArray[np.float
 
 def _bounds(view: View, points: npt.NDArray[np.float64]) -> tuple[float, float] | None:
     pixels, depth = project(view.lens, points)
-    inside = (depth > 1e-6) & (pixels >= 0).all(-1) & (pixels < [view.lens.width, view.lens.height]).all(-1)
-    if inside.sum() < 8:
+    shown = inside(view.lens, pixels, depth) & (depth > 1e-6)
+    if shown.sum() < 8:
         return None
-    far, near = np.percentile(1 / depth[inside], [1, 99])
+    far, near = np.percentile(1 / depth[shown], [1, 99])
     return float(far * 0.75), float(near * 1.25)
 
 
@@ -142,8 +142,7 @@ def _sweep_one(
             other_mean, other_deviation = _moments(seen)
             cross = cv2.blur(image * seen, (PATCH, PATCH)) - mean * other_mean
             score = (cross + 1e-4) / (deviation * other_deviation + 1e-4)
-            inside = (depth > 0) & (pixels >= 0).all(-1) & (pixels < [lens.width, lens.height]).all(-1)
-            scores[row, plane] = np.where(inside, score, -1.0)
+            scores[row, plane] = np.where(inside(lens, pixels, depth), score, -1.0)
     # The better half of the neighbours, so that one that is covered there does not vote.
     kept = max(1, (len(near) + 1) // 2)
     volume = np.sort(scores, axis=0)[-kept:].mean(0)
@@ -187,9 +186,9 @@ def _confirmed(
         height, width = theirs[0].shape
         x = np.floor(pixels[..., 0] * width / lens.width).astype(int)
         y = np.floor(pixels[..., 1] * height / lens.height).astype(int)
-        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height) & (at > 0)
+        there = (x >= 0) & (y >= 0) & (x < width) & (y < height) & (at > 0)
         seen = theirs[0][y.clip(0, height - 1), x.clip(0, width - 1)]
-        found |= inside & (np.abs(seen - at) < AGREEMENT * np.maximum(at, 1e-12))
+        found |= there & (np.abs(seen - at) < AGREEMENT * np.maximum(at, 1e-12))
     return found
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from recon.presets import QUALITIES
 from rig.commands.evaluate import run_evaluate
 from rig.commands.options import JsonOption, SeedOption, SessionArgument
 from rig.commands.options import budget as parsed_budget
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
 
 MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
 Quality = Literal["draft", "standard", "best"]
+_PRESETS = "; ".join(
+    f"{name} {one.iterations:,} iterations, at most {one.gaussians:,} Gaussians, {one.width} px wide"
+    for name, one in QUALITIES.items()
+)
 
 
 def reconstruct(
@@ -27,7 +32,7 @@ def reconstruct(
     method: Annotated[
         MethodName, typer.Option(help="auto chooses by what the session holds: RAW or photographs.")
     ] = "auto",
-    quality: Annotated[Quality, typer.Option(help="How long and how fine.")] = "standard",
+    quality: Annotated[Quality, typer.Option(help=f"How long and how fine: {_PRESETS}.")] = "standard",
     budget: Annotated[
         str | None,
         typer.Option(
