@@ -5,7 +5,7 @@ from typing import get_args
 
 import numpy as np
 
-from imaging.calibration import CalibrationRecord
+from imaging.calibration import CalibrationRecord, Response
 from imaging.colmap import read_points
 from imaging.records import Rung
 from recon.dataset import Dataset, View, load
@@ -142,16 +142,32 @@ def _exposure_error_percent(calibration: CalibrationRecord, views: Sequence[View
     """How sure the ratios of exposures are; None where no overlaps told them."""
     rungs = {rung.name: rung for rung in calibration.rungs}
     ratios, per_shot = rungs.get("exposure_ratios"), rungs.get("exposure_per_shot")
-    told = [view.sensor.response.residual for view in views if view.sensor.kind == "ldr"]
-    percents = [100 * residual for residual in told if residual is not None]
+    labels = rungs.get("exposure_labels")
+    judged = labels is not None and labels.gain is not None
+    developed = [view.sensor.response for view in views if view.sensor.kind == "ldr"]
+    told = [_curve_error(response, judged) for response in dict.fromkeys(developed)]
+    percents = [100 * error for error in told if error is not None]
     if len(percents) < len(told):
         return None
-    if len(told) < len(views):
+    if len(developed) < len(views):
         if ratios is None or not ratios.taken or ratios.standard_error is None or per_shot is None:
             return None
         scatter = 0.0 if per_shot.taken else per_shot.gain or 0.0
         percents.append(max(ratios.standard_error, scatter))
     return float(max(percents))
+
+
+def _curve_error(response: Response, judged: bool) -> float | None:
+    """How far exposures told by a curve may be off, natural log; None: it was not measured.
+
+    The curve's own error where its exposures were judged apart from their labels; elsewhere what its
+    exposures disagree by, most of which is noise.
+    """
+    if not judged or not response.sigma:
+        return response.residual
+    codes = np.asarray(response.codes)
+    valid = (codes >= response.valid[0]) & (codes <= response.valid[1])
+    return float(np.median(np.asarray(response.sigma)[:, valid])) if valid.any() else response.residual
 
 
 def _rung(name: Refined, taken: bool, reason: str) -> Rung:

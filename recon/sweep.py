@@ -6,6 +6,7 @@ log-radiance patches in the neighbouring views, gives a point for most pixels in
 new observations: only training views are looked at.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -15,6 +16,7 @@ import numpy.typing as npt
 from recon.dataset import View
 from recon.geometry import inside, lift, project, project_camera, rays
 from recon.pixels import Progress
+from recon.threads import thread_count
 
 Float = npt.NDArray[np.float32]
 Bool = npt.NDArray[np.bool_]
@@ -55,13 +57,18 @@ def sweep(
     goes from infinity to as near as the planes can tell apart, seen from the neighbours.
     """
     logs = [_log_image(image, view, width) for image, view in zip(images, views, strict=True)]
-    raw: list[tuple[Float, Float] | None] = []
-    for index, view in enumerate(views):
-        if progress:
-            progress("sweeping depth", index, len(views))
+
+    def one(index: int) -> tuple[Float, Float] | None:
         near = _neighbours(index, views)
-        bounds = _reach(view, near, views, width) if points is None else _bounds(view, points)
-        raw.append(_sweep_one(index, near, views, logs, bounds) if bounds and near else None)
+        bounds = _reach(views[index], near, views, width) if points is None else _bounds(views[index], points)
+        return _sweep_one(index, near, views, logs, bounds) if bounds and near else None
+
+    raw: list[tuple[Float, Float] | None] = []
+    with ThreadPoolExecutor(thread_count()) as pool:
+        for index, found in enumerate(pool.map(one, range(len(views)))):
+            if progress:
+                progress("sweeping depth", index, len(views))
+            raw.append(found)
     maps = []
     for index, view in enumerate(views):
         found = raw[index]
@@ -127,8 +134,10 @@ def _sweep_one(
     direction = rays(own, _coarse_centres(views[index], width, height))
     mean, deviation = _moments(image)
     planes = np.linspace(*bounds, PLANES)
-    scores = np.full((len(near), PLANES, height, width), -1.0, np.float32)
-    for row, other in enumerate(near):
+    # The better half of the neighbours, so that one that is covered there does not vote.
+    first = np.full((PLANES, height, width), -1.0, np.float32)
+    second = first.copy() if len(near) > 2 else first
+    for other in near:
         lens, target = views[other].lens, logs[other]
         relative = lens.cam_from_world @ np.linalg.inv(own.cam_from_world)
         turned = direction @ relative[:3, :3].T
@@ -142,10 +151,11 @@ def _sweep_one(
             other_mean, other_deviation = _moments(seen)
             cross = cv2.blur(image * seen, (PATCH, PATCH)) - mean * other_mean
             score = (cross + 1e-4) / (deviation * other_deviation + 1e-4)
-            scores[row, plane] = np.where(inside(lens, pixels, depth), score, -1.0)
-    # The better half of the neighbours, so that one that is covered there does not vote.
-    kept = max(1, (len(near) + 1) // 2)
-    volume = np.sort(scores, axis=0)[-kept:].mean(0)
+            score = np.where(inside(lens, pixels, depth), score, np.float32(-1.0))
+            if second is not first:
+                np.maximum(second[plane], np.minimum(first[plane], score), out=second[plane])
+            np.maximum(first[plane], score, out=first[plane])
+    volume = (first + second) / 2
     best = volume.argmax(0)
     return _subplane(volume, best, planes), np.take_along_axis(volume, best[None], 0)[0]
 

@@ -292,6 +292,27 @@ def test_a_calibration_that_is_sure_of_itself_needs_no_trial(true):
     assert "0.2 %" in found[1].reason
 
 
+@pytest.mark.parametrize(
+    ("judged", "known"), [(True, "tell their ratios to 0.5 %"), (False, "are too few")]
+)
+def test_exposures_of_photographs_are_as_sure_as_their_curve(toy_ldr, judged, known):
+    """3 % between exposures is noise, where the calibration has asked for other exposures in vain."""
+    dataset = load(toy_ldr)
+
+    def measured(view):
+        response = view.sensor.response
+        sigma = tuple((0.005,) * len(response.codes) for _ in range(3))
+        response = response.model_copy(update={"residual": 0.03, "sigma": sigma, "valid": (0.02, 0.98)})
+        return replace(view, sensor=replace(view.sensor, response=response))
+
+    labels = _rung("exposure_labels", 1e-4 if judged else None, 1e-4, taken=False)
+    calibration = dataset.calibration.model_copy(update={"rungs": (labels,)})
+    sure = replace(dataset, train=tuple(map(measured, dataset.train)), calibration=calibration)
+    found = decided(sure, settings(method="hdr-gs"), lambda *_: None)[1]
+    assert known in found.reason
+    assert not found.taken
+
+
 def test_a_trial_is_judged_on_views_of_its_own(true, monkeypatch):
     monkeypatch.setattr("recon.refinement_ladder.TRIAL_LOOKS", 2)
     monkeypatch.setattr("recon.refinement_ladder.TRIAL_GAUSSIANS", 200)
