@@ -155,7 +155,7 @@ def _sweep_one(
             if second is not first:
                 np.maximum(second[plane], np.minimum(first[plane], score), out=second[plane])
             np.maximum(first[plane], score, out=first[plane])
-    volume = (first + second) / 2
+    volume = np.float32(0.5) * (first + second)
     best = volume.argmax(0)
     return _subplane(volume, best, planes), np.take_along_axis(volume, best[None], 0)[0]
 
