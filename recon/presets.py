@@ -17,7 +17,7 @@ class Quality:
 
 QUALITIES: dict[str, Quality] = {
     "draft": Quality(300, 20_000, 320),
-    "standard": Quality(2000, 20_000, 640),
+    "standard": Quality(2000, 40_000, 640),
     "best": Quality(4000, 80_000, 1280),
 }
 
