@@ -7,7 +7,7 @@ import numpy as np
 
 from imaging.calibration import CalibrationRecord, Response
 from imaging.colmap import read_points
-from imaging.records import Rung
+from imaging.records import ONE_OF_SEVERAL, Rung
 from recon.dataset import Dataset, View, load
 from recon.geometry import inside, project
 from recon.methods import vanilla
@@ -90,6 +90,7 @@ def tried(
             float(np.std(gains, ddof=1) / np.sqrt(len(gains))),
             UNIT,
             f"two trainings of {iterations} iterations, judged on {len(judged)} views held out of both",
+            errors=ONE_OF_SEVERAL,
         )
     return rungs
 
