@@ -88,7 +88,7 @@ def test_neighbours_are_new_and_no_more_work_than_what_was_done() -> None:
 
 def test_work_grows_with_all_that_takes_time() -> None:
     usual = RICH.work(Choice(axis=""))
-    for more in ({"iterations": 4000}, {"gaussians": 40_000}, {"width": 1280}):
+    for more in ({"iterations": 4000}, {"gaussians": 80_000}, {"width": 1280}):
         assert RICH.work(Choice(axis="", fixed=Fixed(**more))) > usual
     assert RICH.work(Choice(axis="", fixed=Fixed(exposures=1))) < usual
 
