@@ -207,9 +207,8 @@ def parse(model: type[RecordT], value: Any, where: Path | str) -> RecordT:
 
 
 ONE_OF_SEVERAL = 2.0
-"""Standard errors to gain where several terms are tried on the same points: by one, every second lens would
-get one of its five by chance. On scenes of bench/ladder_scenes.py terms that are there gain 3.9 and more,
-others 1.6 at most."""
+"""Standard errors to gain where several parts are tried on the same evidence: by one, a part in six that
+nothing needs would be taken by chance."""
 
 
 class Rung(Record):
