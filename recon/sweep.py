@@ -134,7 +134,7 @@ def _sweep_one(
     direction = rays(own, _coarse_centres(views[index], width, height))
     mean, deviation = _moments(image)
     planes = np.linspace(*bounds, PLANES)
-    # The better half of the neighbours, so that one that is covered there does not vote.
+    # The better half of the neighbours, two of four at most, so that one that is covered there has no vote.
     first = np.full((PLANES, height, width), -1.0, np.float32)
     second = first.copy() if len(near) > 2 else first
     for other in near:

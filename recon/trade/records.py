@@ -114,7 +114,7 @@ def code_hash() -> str:
 def key_of(choice: Choice, trade: Trade) -> str:
     """What a point is known by: its settings, the calibration and the code; 16 hex digits."""
     parts = [
-        [choice.quality, vars(presets.QUALITIES[choice.quality])],
+        [choice.quality, vars(presets.QUALITIES[choice.quality]), presets.START_SHARE],
         choice.fixed.model_dump(mode="json"),
         [trade.method, trade.seed, trade.width, trade.calibration_sha256, trade.code, version("torch")],
     ]

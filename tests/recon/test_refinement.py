@@ -318,7 +318,7 @@ def test_a_trial_is_judged_on_views_of_its_own(true, monkeypatch):
     assert found.name == "refine poses"
     assert found.gain is not None
     assert found.standard_error is not None
-    assert found.taken == (found.gain > found.standard_error)
+    assert found.taken == (found.gain > 2 * found.standard_error)
     assert "20 iterations, judged on 4 views" in found.reason
 
 
