@@ -127,3 +127,8 @@ def test_a_rung_is_taken_above_one_standard_error(gain: float, error: float, tak
     rung = Rung.judged("vignetting", gain, error, "nats", "why")
     assert rung.taken is taken
     assert (rung.gain, rung.standard_error, rung.unit) == (gain, error, "nats")
+
+
+@pytest.mark.parametrize(("errors", "taken"), [(1.0, True), (2.0, False)])
+def test_a_rung_has_to_gain_as_many_standard_errors_as_are_asked(errors, taken):
+    assert Rung.judged("lens", 0.15, 0.1, "dB", "tried", errors=errors).taken == taken
