@@ -141,6 +141,52 @@ def test_held_out_views_are_predicted_better(wrong, true, trained):
     assert (freed - plain).mean() > 0.3
 
 
+def spoilt(view, share=0.02):
+    """The view with that share of its samples at the other end of the scale, as dead photosites have them."""
+    rng = np.random.default_rng(3)
+
+    def dead(pixels):
+        return np.where(rng.random(pixels.shape) < share, 1 - pixels, pixels).astype(pixels.dtype)
+
+    return replace(view, shots=tuple(replace(shot, pixels=dead(shot.pixels)) for shot in view.shots))
+
+
+def test_a_few_wrong_samples_do_not_drown_what_the_others_tell(wrong, trained):
+    """By plain squares they would take most of what a corrected calibration gains."""
+
+    def gain(views):
+        plain, freed = ([held_out_db(one, view, (), wrong.extent) for view in views] for one in trained)
+        return np.mean(np.subtract(freed, plain))
+
+    clean = gain(wrong.held_out)
+    assert clean > 0.3
+    assert gain([spoilt(view) for view in wrong.held_out]) == pytest.approx(clean, rel=0.1)
+
+
+def test_nor_do_they_in_photographs(toy_ldr):
+    dataset = load(toy_ldr)
+    images = [radiance_image(view) for view in dataset.train]
+    light = light_of(dataset, images)
+    points = start_points(dataset, images, 300, np.random.Generator(np.random.PCG64(0)))
+    off = torch.tensor([0.0] * 3 + [0.01, 0, 0] + [0.0] * 8)
+
+    def gain(views):
+        """Of the right pose over a wrong one; a method keeps the codes of a view, so each has its own."""
+        method = METHODS["hdr-gs"](dataset, light)
+        gaussians = gaussians_at(points, method.appearance, method.observation.units)
+        training = Training.begin(method, light, gaussians, dataset.extent)
+        run(training, dataset, 60)
+        turned = [replace(view, lens=moved(view.lens, off)[0]) for view in views]
+        right, other = (
+            [held_out_db(training, view, (), dataset.extent) for view in s] for s in (views, turned)
+        )
+        return np.mean(np.subtract(right, other))
+
+    clean = gain(dataset.held_out)
+    assert clean > 0.3
+    assert gain([spoilt(view) for view in dataset.held_out]) == pytest.approx(clean, rel=0.1)
+
+
 def test_what_is_not_sure_of_a_held_out_view_is_fitted_first(wrong, trained):
     (view, *_) = wrong.held_out
     off = torch.tensor([0.0] * 3 + [0.01, 0, 0] + [0.0] * 8)
