@@ -20,8 +20,9 @@ from recon.trainer import Training
 SQUARE = 8
 """Pixels."""
 STEPS = 40
-POSE_RATE = 2e-3
-EXPOSURE_RATE = 1e-2
+POSE_RATES = (2e-3, 1e-4)
+EXPOSURE_RATES = (5e-2, 5e-4)
+"""At the first and the last step. Adam's steps are about as long: exposures half a stop off arrive."""
 ROUGHLY = 2 / 255
 """Noise of photographs, JPEG's included, in code values of 1, and of light through the mu-law."""
 
@@ -66,10 +67,10 @@ def _fitted(
     """The view's correction of its pose [6], as `Refinement` has it, and of ln k of its shots [shots]."""
     device = training.gaussians.parameters["means"].device
     pose, logs = torch.zeros(6, device=device), torch.zeros(len(view.shots), device=device)
-    rates = {"poses": (pose, POSE_RATE), "exposures": (logs, EXPOSURE_RATE)}
+    rates = {"poses": (pose, POSE_RATES), "exposures": (logs, EXPOSURE_RATES)}
     groups = [
-        {"params": [value.requires_grad_(True)], "lr": rate, "start": rate}
-        for name, (value, rate) in rates.items()
+        {"params": [value.requires_grad_(True)], "lr": first, "rates": (first, last)}
+        for name, (value, (first, last)) in rates.items()
         if name in unsure
     ]
     if not groups:
@@ -77,7 +78,8 @@ def _fitted(
     optimizer = torch.optim.Adam(groups)
     for step in range(STEPS):
         for group in optimizer.param_groups:
-            group["lr"] = group["start"] * 0.05 ** (step / STEPS)
+            first, last = group["rates"]
+            group["lr"] = first * (last / first) ** (step / STEPS)
         optimizer.zero_grad(set_to_none=True)
         image = _image(training, view, pose, extent)
         prediction, target = training.method.observation.compare(image, view, 1.0, logs.exp())

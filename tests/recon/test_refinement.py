@@ -198,6 +198,17 @@ def test_what_is_not_sure_of_a_held_out_view_is_fitted_first(wrong, trained):
     assert fitted[0] == pytest.approx(fitted[1], abs=0.3)
 
 
+@pytest.mark.parametrize("off", [-0.35, 0.35])
+def test_exposures_half_a_stop_off_are_fitted_as_well(wrong, trained, off):
+    """A fit that stops before would count what is left as a fault of the training."""
+    (view, *_) = wrong.held_out
+    shots = tuple(replace(shot, k=shot.k * float(np.exp(off))) for shot in view.shots)
+    # A method knows the exposures of a view by its name, so this one has its own.
+    mislabelled, training = replace(view, frame=100 + (off > 0), shots=shots), trained[1]
+    fitted = [held_out_db(training, one, ["exposures"], wrong.extent) for one in (view, mislabelled)]
+    assert fitted[0] == pytest.approx(fitted[1], abs=0.1)
+
+
 def test_a_motion_of_the_whole_world_is_no_correction(true):
     """Neither a turn, a shift nor a scale of it; and settling twice is settling once."""
     refinement = Refinement.of(true, ["poses", "exposures"])
