@@ -84,17 +84,24 @@ def set_model(camera: Any, model: LensModel) -> None:
     if camera.model_name == model:
         return
     fx, fy, cx, cy, *terms = opencv_parameters(camera)
-    k1, k2, p1, p2 = (0.0,) * 4 if camera.model_name == "OPENCV_FISHEYE" else terms
+    k1, k2, p1, p2 = (0.0,) * 4 if is_fisheye(camera) else terms
     corner = float(np.hypot(max(cx, camera.width - cx) / fx, max(cy, camera.height - cy) / fy))
+    angular = terms if is_fisheye(camera) else nearest_terms(k1, k2, corner)
     parameters = {
         "PINHOLE": [fx, fy, cx, cy],
         "SIMPLE_RADIAL": [(fx + fy) / 2, cx, cy, k1],
         "RADIAL": [(fx + fy) / 2, cx, cy, k1, k2],
         "OPENCV": [fx, fy, cx, cy, k1, k2, p1, p2],
-        "OPENCV_FISHEYE": [fx, fy, cx, cy, *nearest_terms(k1, k2, corner)],
+        "RADIAL_FISHEYE": [(fx + fy) / 2, cx, cy, *angular[:2]],
+        "OPENCV_FISHEYE": [fx, fy, cx, cy, *angular],
     }[model]
     camera.model = getattr(pycolmap.CameraModelId, model)
     camera.params = parameters
+
+
+def is_fisheye(camera: Any) -> bool:
+    """Whether a pycolmap camera's terms are those of the angle from the axis."""
+    return camera.model_name in ("RADIAL_FISHEYE", "OPENCV_FISHEYE")
 
 
 def opencv_parameters(camera: Any) -> list[float]:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from calib.adjust import Free, opencv_parameters
+from calib.adjust import Free, is_fisheye, opencv_parameters
 from imaging.colmap import pycolmap
 
 Array = npt.NDArray[np.float64]
@@ -69,7 +69,7 @@ def linearise(reconstruction: Any, free: Free) -> Linear:
         cam, rig = image.cam_from_world().matrix(), image.frame.rig_from_world.matrix()
         local, held = world @ cam[:, :3].T + cam[:, 3], world @ rig[:, :3].T + rig[:, 3]
         camera = reconstruction.cameras[image.camera_id]
-        projection = _fisheye if camera.model_name == "OPENCV_FISHEYE" else _projection
+        projection = _fisheye if is_fisheye(camera) else _projection
         projected, by_ray, by_lens = projection(local, opencv_parameters(camera))
         own = [(frames[image.frame_id], by_ray @ (cam[:, :3] @ rig[:, :3].T) @ _motion(held))]
         if image.camera_id in sensors and not is_reference(reconstruction, image):

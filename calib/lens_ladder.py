@@ -3,6 +3,7 @@
 A lens with more terms than the views can tell apart fits its own errors and bends the poses.
 """
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from calib.adjust import Array, Free, adjust, lens_of, misses
 from calib.fisheye import may_be_fisheye
 from calib.views import Progress
+from imaging import lens as optics
 from imaging.colmap import pycolmap
 from imaging.records import ONE_OF_SEVERAL, Rung
 
@@ -38,7 +40,10 @@ def climb(
     sample = _judges(reconstruction)
     trials: list[tuple[str, dict[str, Any], str]]
     trials = [("lens_principal_point", {"principal_point": True}, "a principal point off the middle")]
-    if free.model != "OPENCV_FISHEYE":
+    if free.model == "RADIAL_FISHEYE":
+        what = "two more terms of the fisheye and two focal lengths"
+        trials.append(("lens_fisheye_far", {"model": "OPENCV_FISHEYE"}, what))
+    else:
         free = replace(free, radial=False)
         trials = [
             ("lens_radial_1", {"radial": True}, "a radial term"),
@@ -51,8 +56,8 @@ def climb(
             ),
         ]
         if sees_wide(reconstruction):
-            fisheye = {"radial": True, "model": "OPENCV_FISHEYE"}
-            trials.append(("lens_fisheye", fisheye, "a fisheye instead"))
+            fisheye = {"radial": True, "model": "RADIAL_FISHEYE"}
+            trials.append(("lens_fisheye", fisheye, "a fisheye of two terms instead"))
     below = _held_out(sample, free, scale, threads)
     rungs = []
     for done, (name, more, what) in enumerate(trials):
@@ -69,6 +74,9 @@ def climb(
             f"{what}, common to all images of a camera",
             errors=1.0 if large else ONE_OF_SEVERAL,
         )
+        if rung.taken and _folds(sample, higher, scale, threads):
+            reason = f"{what} would fold a lens over within its image, where few points are seen"
+            rung = rung.model_copy(update={"taken": False, "reason": reason})
         rungs.append(rung)
         if rung.taken:
             free, below = higher, above
@@ -82,6 +90,14 @@ def sees_wide(reconstruction: Any) -> bool:
     That is what an adjustment with radial terms drops, so that it is to be judged by a model that is uncut.
     """
     return any(may_be_fisheye(lens_of(camera)) for camera in reconstruction.cameras.values())
+
+
+def _folds(sample: Any, free: Free, scale: float, threads: int) -> bool:
+    """Whether the terms of a fisheye turn back towards the axis before the corner of an image."""
+    fitted = pycolmap.Reconstruction(sample)
+    adjust(fitted, free, scale, threads)
+    lenses = [lens_of(camera) for camera in fitted.cameras.values()]
+    return any(lens.fisheye and math.isinf(optics.widest_angle(lens)) for lens in lenses)
 
 
 def _judges(reconstruction: Any) -> Any:

@@ -109,7 +109,7 @@ def solve(
     rung = _rig(database, reconstruction, rigs, known)
     placed = frozenset(models[name].camera_id for name in known.cam_from_rig if name in models)
     fisheye = any(lens.fisheye for lens in cameras.values())
-    free = Free("OPENCV_FISHEYE" if fisheye else "SIMPLE_RADIAL", fixed=fixed, placed=placed)
+    free = Free("RADIAL_FISHEYE" if fisheye else "SIMPLE_RADIAL", fixed=fixed, placed=placed)
     typical = _polish(reconstruction, free, max_error, threads, progress)
     if rung.taken and typical > LOOSE * max(alone, 0.1):
         reconstruction = loose
@@ -126,7 +126,7 @@ def solve(
     if reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(_NO_START.format(len(pairs)))
     free, rungs = climb(reconstruction if uncut is None else uncut, free, typical, threads, progress)
-    if free.model == "OPENCV_FISHEYE" and not fisheye:
+    if free.model == "RADIAL_FISHEYE" and not fisheye:
         # What no radial terms brought near to its place was dropped meanwhile, at the corners most of all.
         adjust(reconstruction, free, typical, threads)
         begun = _model(reconstruction, (), None, metric=False).lenses

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg, sparse
 
-from calib.adjust import Free
+from calib.adjust import Free, is_fisheye
 from calib.features import Key, key_of
 from calib.jacobian import Linear, is_reference, linearise
 from calib.views import Progress
@@ -74,7 +74,7 @@ def measure(reconstruction: Any, free: Free, scale: float, progress: Progress) -
     }
     lenses = {}
     for number, name in sorted(names.items()):
-        terms = FISHEYE_TERMS if _fisheye(reconstruction, number) else BROWN_TERMS
+        terms = FISHEYE_TERMS if is_fisheye(reconstruction.cameras[number]) else BROWN_TERMS
         errors = np.zeros(len(terms))
         if number in linear.lenses:
             errors = np.sqrt(np.mean(moves[:, linear.lenses[number] :][:, : len(terms)] ** 2, axis=0))
@@ -155,17 +155,13 @@ def _built(linear: Linear, reconstruction: Any, free: Free) -> tuple[npt.NDArray
     columns, errors = [], []
     for number, at in linear.lenses.items():
         width = reconstruction.cameras[number].width
-        fisheye = _fisheye(reconstruction, number)
+        fisheye = is_fisheye(reconstruction.cameras[number])
         built, terms = (BUILT_FISHEYE, FISHEYE_TERMS) if fisheye else (BUILT, BROWN_TERMS)
         for term in built.keys() - taken:
             columns.append(at + terms.index(term))
             errors.append(built[term] * (width if term in ("fx", "cx", "cy") else 1.0))
     order = np.argsort(columns)
     return np.array(columns, np.int64)[order], np.array(errors)[order]
-
-
-def _fisheye(reconstruction: Any, number: int) -> bool:
-    return bool(reconstruction.cameras[number].model_name == "OPENCV_FISHEYE")
 
 
 def _poses(reconstruction: Any) -> dict[Key, Array]:

@@ -14,7 +14,7 @@ from imaging.noise import SensorNoise
 from imaging.records import Board, Name, Record, Rung, parse
 from imaging.sensor import SensorCalibration
 
-LensModel = Literal["PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
+LensModel = Literal["PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "RADIAL_FISHEYE", "OPENCV_FISHEYE"]
 
 BROWN_TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 FISHEYE_TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
@@ -42,8 +42,8 @@ class Pose(Record):
 class Lens(Record):
     """A COLMAP camera model; pixel centres at +0.5. Parameters as `fx fy cx cy k1 k2 p1 p2` (OPENCV).
 
-    `model` says which of them were free; the others are zero (or fx = fy). A fisheye (OPENCV_FISHEYE) has
-    `fx fy cx cy k1 k2 k3 k4`, terms in the angle from the axis. `imaging.lens` projects.
+    `model` says which of them were free; the others are zero (or fx = fy). A fisheye (RADIAL_FISHEYE,
+    OPENCV_FISHEYE) has `fx fy cx cy k1 k2 k3 k4`, terms in the angle from the axis. `imaging.lens` projects.
     """
 
     model: LensModel
@@ -63,7 +63,7 @@ class Lens(Record):
     @property
     def fisheye(self) -> bool:
         """Whether the terms are those of the angle from the axis, not of its tangent."""
-        return self.model == "OPENCV_FISHEYE"
+        return self.model in ("RADIAL_FISHEYE", "OPENCV_FISHEYE")
 
     @property
     def names(self) -> tuple[str, ...]:

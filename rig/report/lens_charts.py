@@ -35,6 +35,7 @@ FREE: dict[LensModel, tuple[str, ...]] = {
     "SIMPLE_RADIAL": ("fx", "fy", "cx", "cy", "k1"),
     "RADIAL": ("fx", "fy", "cx", "cy", "k1", "k2"),
     "OPENCV": BROWN_TERMS,
+    "RADIAL_FISHEYE": FISHEYE_TERMS[:6],
     "OPENCV_FISHEYE": FISHEYE_TERMS,
 }
 

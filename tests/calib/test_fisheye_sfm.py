@@ -1,13 +1,19 @@
 """A fisheye from a scene alone: taken, and with it what lies at the corners."""
 
+from typing import Any
+
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
+from calib import lens_ladder
+from calib.adjust import Free, lens_of, set_model
 from calib.features import Features, Key
 from calib.sfm import solve
 from drivers.sim import lens as simulated
 from imaging import lens as optics
 from imaging.calibration import Lens
+from imaging.colmap import pycolmap
 
 WIDTH, HEIGHT, COUNT = 640, 480, 500
 TRUE = Lens(
@@ -57,7 +63,7 @@ def test_a_fisheye_is_found_with_its_corners() -> None:
     assert len(rungs) == len(model.rungs)
     assert rungs["lens_fisheye"].taken
     lens = model.lenses["cam"]
-    assert lens.model == "OPENCV_FISHEYE"
+    assert lens.fisheye
     assert len(model.poses) == 6
     assert sum(model.points.values()) > 0.95 * sum(len(own.points) for own in features.values())
     x, y = np.meshgrid(np.linspace(20, 620, 9), np.linspace(20, 460, 7))
@@ -72,3 +78,43 @@ def test_a_fisheye_is_found_with_its_corners() -> None:
         true = pose(frame) @ np.linalg.inv(pose(0))
         trace = np.trace(found[:3, :3].T @ true[:3, :3])
         assert np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1))) < 0.15
+
+
+def wide(model: str, *terms: float) -> Any:
+    return pycolmap.Camera(model=model, width=WIDTH, height=HEIGHT, params=[371.0, 320.3, 239.6, *terms])
+
+
+def test_a_fisheye_keeps_its_terms_when_it_gets_more() -> None:
+    """And is the lens that COLMAP, too, takes it for."""
+    camera = wide("RADIAL_FISHEYE", 0.03, -0.015)
+    few = lens_of(camera)
+    assert few.fisheye
+    set_model(camera, "OPENCV_FISHEYE")
+    more = lens_of(camera)
+    assert more.terms == few.terms
+    rays = np.random.default_rng(0).normal(size=(50, 3)) * (0.7, 0.7, 0.1) + (0, 0, 1)
+    for lens, own in ((few, wide("RADIAL_FISHEYE", 0.03, -0.015)), (more, camera)):
+        np.testing.assert_allclose(optics.project(lens, rays), own.img_from_cam(rays), atol=1e-9)
+    set_model(camera, "RADIAL_FISHEYE")
+    assert lens_of(camera).terms == few.terms
+
+
+def test_terms_that_fold_a_lens_over_within_its_image_are_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Points near the middle may ask for what no lens does at the corners, and no renderer can draw."""
+    folding = pycolmap.Reconstruction()
+    folding.add_camera_with_trivial_rig(wide("RADIAL_FISHEYE", 0.03, -0.4))
+    straight = pycolmap.Reconstruction()
+    straight.add_camera_with_trivial_rig(wide("RADIAL_FISHEYE", 0.03, -0.015))
+    monkeypatch.setattr(lens_ladder, "adjust", lambda *rest: None)
+    free = Free("RADIAL_FISHEYE")
+    assert lens_ladder._folds(folding, free, 1.0, 1)
+    assert not lens_ladder._folds(straight, free, 1.0, 1)
+
+    losses = iter([np.full(4, 2.0), np.full(4, 2.1), np.array([1.0, 1.1, 0.9, 1.0])])
+    monkeypatch.setattr(lens_ladder, "_held_out", lambda *rest: next(losses))
+    monkeypatch.setattr(lens_ladder, "_judges", lambda reconstruction: folding)
+    monkeypatch.setattr(lens_ladder, "FEWEST_VIEWS", 0)
+    found, rungs = lens_ladder.climb(folding, free, 1.0, 1, silent)
+    assert found == free
+    assert rungs[-1].name == "lens_fisheye_far"
+    assert "fold a lens over" in rungs[-1].reason
