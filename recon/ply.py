@@ -1,4 +1,4 @@
-"""`splats.ply` in the layout of 3DGS, which every viewer reads, with radiance instead of display colours."""
+"""`splats.ply` in the layout of 3DGS, which viewers read, with radiance instead of display colours."""
 
 from pathlib import Path
 
@@ -21,10 +21,10 @@ def properties(degree: int) -> tuple[str, ...]:
     Colour towards direction d: max(0, 0.5 + SH(d)), the harmonics as in 3DGS; f_rest holds all of red, then
     green, then blue, and viewers tell the degree by how many there are. opacity is a logit, scales are
     natural logarithms, rot is wxyz. Colours are linear Rec.709 radiance divided by the exposure named in the
-    comments.
+    comments. The normals of the first 3DGS files, all zero, are left out, as gsplat and PlayCanvas do.
     """
     return (
-        *("x", "y", "z", "nx", "ny", "nz"),
+        *("x", "y", "z"),
         *(f"f_dc_{channel}" for channel in range(3)),
         *(f"f_rest_{index}" for index in range(3 * ((degree + 1) ** 2 - 1))),
         "opacity",
@@ -64,7 +64,6 @@ def write_ply(
     quats = parameters["quats"] / np.linalg.norm(parameters["quats"], axis=1, keepdims=True).clip(1e-12)
     columns = [
         parameters["means"],
-        np.zeros((count, 3)),
         harmonics[:, 0],
         harmonics[:, 1:].transpose(0, 2, 1).reshape(count, -1),
         parameters["opacity_logits"][:, None],

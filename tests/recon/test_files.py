@@ -59,7 +59,7 @@ def test_ply_holds_the_harmonics_of_the_degree_and_no_more(tmp_path, degree, res
     write_ply(path, gaussians, PlainHarmonics(), degree, 1.0, "a note")
     table = read_ply(path)
     assert sum(name.startswith("f_rest_") for name in table) == rest
-    assert path.stat().st_size == path.read_bytes().index(b"end_header\n") + 11 + 7 * 4 * (17 + rest)
+    assert path.stat().st_size == path.read_bytes().index(b"end_header\n") + 11 + 7 * 4 * (14 + rest)
     read = np.array([table[f"f_rest_{index}"] for index in range(rest)]).reshape(3, rest // 3, 7)
     wanted = gaussians.parameters["sh_rest"][:, : rest // 3].numpy()
     np.testing.assert_allclose(read.transpose(2, 1, 0), wanted, atol=1e-4)
