@@ -24,8 +24,14 @@ def ladder(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 def made(scene: str, chosen: Mapping[str, bool], db: float = 0.0, smaller: float = 4.0) -> dict[str, Any]:
     """A row whose ladder is `db` above everything on, as fast, and so many times smaller."""
-    full = {"db": 30.0, "seconds": 10.0, "size_bytes": 4000, "gaussians": 400}
-    own = {"db": 30.0 + db, "seconds": 10.0, "size_bytes": 4000 / smaller, "gaussians": 400 / smaller}
+    full = {"db": 30.0, "truth_db": 30.0, "seconds": 10.0, "size_bytes": 4000, "gaussians": 400}
+    own = {
+        "db": 30.0 + db,
+        "truth_db": 30.0 + db,
+        "seconds": 10.0,
+        "size_bytes": 4000 / smaller,
+        "gaussians": 400 / smaller,
+    }
     return {"scene": scene, "chosen": dict(chosen), "load": 0.0, "ladder": own, "full": full}
 
 
