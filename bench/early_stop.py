@@ -23,7 +23,7 @@ from recon.model import Opened, open_model
 from recon.presets import QUALITIES
 from recon.reconstruct import reconstruct
 from recon.trade.point import MEASURES, measuring, train_point
-from recon.trade.records import FOLDER, Choice
+from recon.trade.records import FOLDER, TRADE, Choice, Trade, code_hash, read_trade
 from recon.trade.sweep import sweep
 
 PRESETS = ("standard", "best")
@@ -31,10 +31,16 @@ LOSS, SHARE = 0.1, 0.5
 """dB that stopping may cost in the mean, and the median share of the time that it should take."""
 
 
+def recorded(session: Path) -> Trade:
+    """The session's sweep as far as it goes; one of other code, or none, begins anew with one training."""
+    found = read_trade(session) if (session / FOLDER / TRADE).exists() else None
+    return found if found is not None and found.code == code_hash() else sweep(session, budget=0.0)
+
+
 def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[str, Any]:
     """A scene trained by a preset in full, and with early stop."""
     session = folder_of(scene, options.work)
-    trade = sweep(session, budget=0.0)
+    trade = recorded(session)
     choice = Choice(axis="preset", quality=quality)
     own = [p for p in trade.points if p.choice.quality == quality and not p.choice.fixed.words()]
     full = own[0] if own else train_point(session, choice, trade)

@@ -71,7 +71,7 @@ def test_nothing_is_modelled_where_nothing_is_there():
     assert by_chance <= 1
 
 
-def shining(seed, falloff):
+def shining(seed, falloff, gain=0.0):
     """Points that are brightest from the front, where all cameras look; at each of 5 places there are two."""
     rng = np.random.default_rng(seed)
     points = 600
@@ -80,7 +80,7 @@ def shining(seed, falloff):
     ahead = (place - 2) / 2
     radius = np.clip(0.15 + 0.5 * np.abs(ahead) + rng.uniform(-0.15, 0.35, len(point)), 0, 1)
     value = rng.normal(0, 2, points)[point] + rng.normal(0, 0.04, len(point))
-    value += 0.25 * np.exp(-2 * ahead**2) + np.log(1 + falloff * radius**2)
+    value += 0.25 * np.exp(-2 * ahead**2) + np.log(1 + falloff * radius**2) + gain * camera
     return Tracks(point, camera, radius, value, towards(15.0 * place + 4.0 * camera))
 
 
@@ -95,6 +95,17 @@ def test_sheen_is_no_falloff(falloff):
     # Without a thought of sides the sheen is taken for a lens, or makes one fall off more.
     one_side = estimate(replace(shining(1, falloff), direction=towards(np.zeros(6000))), NAMES[:2], MODELS)
     assert sum(one_side.vignetting["a"]) < falloff - 0.08
+
+
+@pytest.mark.parametrize(("gain", "differ"), [(0.015, False), (0.06, True)])
+def test_where_surfaces_shine_cameras_differ_if_they_do_by_more_than_sheen(gain, differ):
+    """Views of one side see sheen that is not quite the same."""
+    found = estimate(shining(1, 0.0, gain), NAMES[:2], MODELS)
+    (rung,) = (rung for rung in found.rungs if rung.name == "camera_gain")
+    assert rung.gain > 2 * rung.standard_error
+    assert rung.taken == differ
+    assert ("as sheen does" in rung.reason) != differ
+    assert found.gain["b"] / found.gain["a"] == pytest.approx(np.exp(gain) if differ else 1.0, abs=0.01)
 
 
 def test_what_nobody_would_notice_is_left_out():
