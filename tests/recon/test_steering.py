@@ -118,7 +118,7 @@ def test_quality_that_stands_still_is_told_from_quality_that_rises():
     flat = [*rising[:4], 21.0, 21.02, 20.99, 21.01, 21.0]
     assert EarlyStop()(at(rising)) is None
     training = at(flat)
-    assert EarlyStop()(training) == round(COOL_DOWN * 160)
+    assert EarlyStop()(training) == round(COOL_DOWN * (160 - 90))
     assert training.ending == "early stop"
     assert EarlyStop()(training) is None  # once
     early = at(flat, total=1000)
@@ -136,7 +136,7 @@ def test_a_converged_scene_stops_by_itself_and_cools_down(begun, toy_dataset):
     assert short.ending == "early stop"
     (_, (stopped, place), end) = short.course.turns
     assert stopped == place
-    assert end == (stopped + round(COOL_DOWN * 320), 320)
+    assert end == (stopped + round(COOL_DOWN * (320 - stopped)), 320)
     assert short.iteration == lines[-1]["iteration"] == end[0] < 320
     assert short.curve[-1].db > whole.curve[-1].db - 1.0
     again = begun()
