@@ -28,7 +28,7 @@ from recon.trade.sweep import sweep
 
 PRESETS = ("standard", "best")
 LOSS, SHARE = 0.1, 0.5
-"""dB that stopping may cost in the mean, and the median share of the time that it should take."""
+"""dB that stopping may cost in the mean, and the median share of the iterations that it should take."""
 
 
 def recorded(session: Path) -> Trade:
@@ -76,25 +76,25 @@ def report(result: dict[str, Any]) -> str:
         "# What stopping early costs and saves",
         "",
         f"`python bench/early_stop.py --write`. {words(result['machine'])}. Held-out pictures as `rig "
-        "evaluate` measures them.",
+        "evaluate` measures them. Share: of the iterations, since seconds of another hour do not compare.",
         "",
-        "| scene | preset | full, dB | s | iterations | stopped, dB | s | iterations | lost | time |",
+        "| scene | preset | full, dB | s | iterations | stopped, dB | s | iterations | lost | share |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in result["rows"]:
         lines.append(
             f"| {row['scene']} | {row['preset']} | {row['full_db']:.2f} | {row['full_seconds']:.0f} "
             f"| {row['full_iterations']} | {row['db']:.2f} | {row['seconds']:.0f} | {row['iterations']} "
-            f"| {row['full_db'] - row['db']:.2f} | {row['seconds'] / row['full_seconds']:.2f} |"
+            f"| {row['full_db'] - row['db']:.2f} | {row['iterations'] / row['full_iterations']:.2f} |"
         )
     lines.append("")
     for quality in PRESETS:
         own = [row for row in result["rows"] if row["preset"] == quality]
         lost = [row["full_db"] - row["db"] for row in own]
-        shares = [row["seconds"] / row["full_seconds"] for row in own]
+        shares = [row["iterations"] / row["full_iterations"] for row in own]
         lines.append(
             f"{quality}: {fmean(lost):.2f} dB lost in the mean (asked: {LOSS}), {max(lost):.2f} at most; "
-            f"{median(shares):.2f} of the time in the median (asked: {SHARE})."
+            f"{median(shares):.2f} of the iterations in the median (asked: {SHARE})."
         )
     return "\n".join(lines) + "\n"
 
