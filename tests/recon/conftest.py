@@ -3,11 +3,13 @@
 import importlib.util
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+from drivers.sim import rigs
 from recon.dataset import Dataset, load
 
 
@@ -40,6 +42,15 @@ def toy_ldr(oracle, tmp_path_factory) -> Path:
 @pytest.fixture(scope="session")
 def toy_dataset(toy) -> Dataset:
     return load(toy)
+
+
+@pytest.fixture(scope="session")
+def toy_long(oracle, tmp_path_factory):
+    """Sixteen views of the toy rig with their true calibration."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(rigs._RIGS, "toy-long", replace(rigs._RIGS["toy"], positions=8))
+        folder = oracle.oracle_session(tmp_path_factory.mktemp("toy") / "toy", "toy-long", points=600)
+    return load(folder)
 
 
 @pytest.fixture

@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from drivers.sim import rigs
 from imaging import store
-from imaging.calibration import PoseError
-from imaging.records import Rung
 from recon.checkpoint import read_checkpoint, write_checkpoint
 from recon.dataset import load
 from recon.density import DensityRules
@@ -17,12 +14,12 @@ from recon.fixed import Fixed
 from recon.gaussians import Gaussians, Renderer, limits_for
 from recon.geometry import project
 from recon.methods import METHODS
-from recon.model import Settings, open_model, read_model
+from recon.model import open_model, read_model
 from recon.radiance import light_of, radiance_image
 from recon.reconstruct import reconstruct
 from recon.refinement import Refinement, camera_delta
 from recon.refinement_evidence import held_out_db
-from recon.refinement_ladder import ALL, decided, pose_error_px, tried
+from recon.refinement_ladder import ALL
 from recon.splat.moved import moved
 from recon.start import gaussians_at, start_points
 from recon.trainer import Plan, Training, train
@@ -31,12 +28,9 @@ EXPOSURE_ERROR, VIGNETTING_ERROR = 0.05, (0.2, 0.1, -0.05)
 
 
 @pytest.fixture(scope="module")
-def true(oracle, tmp_path_factory):
+def true(toy_long):
     """Sixteen views of the toy rig with their true calibration."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(rigs._RIGS, "toy-long", replace(rigs._RIGS["toy"], positions=8))
-        folder = oracle.oracle_session(tmp_path_factory.mktemp("toy") / "toy", "toy-long", points=600)
-    return load(folder)
+    return toy_long
 
 
 @pytest.fixture(scope="module")
@@ -315,69 +309,3 @@ def test_what_was_corrected_is_told_and_rendered(session_copy):
         assert not np.array_equal(one.sensor.falloff, other.sensor.falloff)
     again = reconstruct(session_copy, quality="draft", fixed=fixed)
     assert read_model(again).created == record.created
-
-
-def settings(**changed) -> Settings:
-    return Settings(
-        **{"method": "nh-3dgs", "quality": "standard", "seed": 0, "iterations": 40, "max_gaussians": 400}
-        | {"max_width": 640}
-        | changed
-    )
-
-
-def test_most_rungs_are_decided_without_a_trial(true, toy_dataset):
-    reasons = [rung.reason for rung in decided(toy_dataset, settings(), lambda *_: None)]
-    assert all("5 training views are too few" in reason for reason in reasons)
-    assert all("draft" in rung.reason for rung in decided(true, settings(quality="draft"), lambda *_: None))
-    assert all("budget" in rung.reason for rung in decided(true, settings(budget=60.0), lambda *_: None))
-
-
-def test_a_calibration_that_is_sure_of_itself_needs_no_trial(true):
-    focal = true.train[0].lens.fx
-    error = PoseError(rotation=float(np.degrees(0.05 / focal)), translation=0.0)
-    views = [view.model_copy(update={"error": error}) for view in true.calibration.views]
-    rungs = (
-        _rung("exposure_ratios", 4.0, 0.1),
-        _rung("exposure_per_shot", 0.2, None, taken=False),
-        _rung("vignetting", 0.5, 0.1),
-    )
-    sure = replace(true, calibration=true.calibration.model_copy(update={"views": views, "rungs": rungs}))
-    assert pose_error_px(sure) == pytest.approx(0.05, rel=0.05)
-    found = decided(sure, settings(), lambda *_: None)
-    assert [rung.taken for rung in found] == [False] * 3
-    assert "0.05 px" in found[0].reason
-    assert "0.2 %" in found[1].reason
-
-
-@pytest.mark.parametrize(("judged", "known"), [(True, "tell their ratios to 0.5 %"), (False, "are too few")])
-def test_exposures_of_photographs_are_as_sure_as_their_curve(toy_ldr, judged, known):
-    """3 % between exposures is noise, where the calibration has asked for other exposures in vain."""
-    dataset = load(toy_ldr)
-
-    def measured(view):
-        response = view.sensor.response
-        sigma = tuple((0.005,) * len(response.codes) for _ in range(3))
-        response = response.model_copy(update={"residual": 0.03, "sigma": sigma, "valid": (0.02, 0.98)})
-        return replace(view, sensor=replace(view.sensor, response=response))
-
-    labels = _rung("exposure_labels", 1e-4 if judged else None, 1e-4, taken=False)
-    calibration = dataset.calibration.model_copy(update={"rungs": (labels,)})
-    sure = replace(dataset, train=tuple(map(measured, dataset.train)), calibration=calibration)
-    found = decided(sure, settings(method="hdr-gs"), lambda *_: None)[1]
-    assert known in found.reason
-    assert not found.taken
-
-
-def test_a_trial_is_judged_on_views_of_its_own(true, monkeypatch):
-    monkeypatch.setattr("recon.refinement_ladder.TRIAL_LOOKS", 2)
-    monkeypatch.setattr("recon.refinement_ladder.TRIAL_GAUSSIANS", 200)
-    found = tried(true, ["poses"], settings(), lambda *_: None)["poses"]
-    assert found.name == "refine poses"
-    assert found.gain is not None
-    assert found.standard_error is not None
-    assert found.taken == (found.gain > 2 * found.standard_error)
-    assert "20 iterations, judged on 4 views" in found.reason
-
-
-def _rung(name, gain, error, taken=True):
-    return Rung(name=name, taken=taken, gain=gain, standard_error=error, reason="measured")
