@@ -140,7 +140,7 @@ def estimate(tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str]) 
             change = float(np.abs(after - before).max())
             if change < noticed:
                 reason = f"{what} would change no light by more than {100 * change:.2f} %"
-                reason += ", as sheen does" if noticed > NOTICED else ""
+                reason += ", and sheen changes as much" if noticed > NOTICED else ""
                 rung = rung.model_copy(update={"taken": False, "reason": reason})
         rungs.append(rung)
         if rung.taken:

@@ -81,8 +81,7 @@ def _rays(pixels: np.ndarray, lens: np.ndarray) -> np.ndarray:
 
 def parameters(lens: Lens) -> Array:
     """`fx fy cx cy k1 k2 p1 p2 0` as float64 [9]; of a fisheye `fx fy cx cy k1 k2 k3 k4 1`."""
-    fisheye = lens.model == "OPENCV_FISHEYE"
-    last = (lens.k3, lens.k4, 1.0) if fisheye else (lens.p1, lens.p2, 0.0)
+    last = (lens.k3, lens.k4, 1.0) if lens.fisheye else (lens.p1, lens.p2, 0.0)
     return np.array([lens.fx, lens.fy, lens.cx, lens.cy, lens.k1, lens.k2, *last])
 
 
@@ -91,7 +90,7 @@ def project(lens: Lens, points: npt.ArrayLike) -> Array:
     xyz = np.asarray(points, np.float64)
     x, y = xyz[..., 0] / xyz[..., 2], xyz[..., 1] / xyz[..., 2]
     r2 = x * x + y * y
-    if lens.model == "OPENCV_FISHEYE":
+    if lens.fisheye:
         side = np.hypot(xyz[..., 0], xyz[..., 1])
         angle = np.arctan2(side, xyz[..., 2])
         bent = angle + lens.k1 * angle**3 + lens.k2 * angle**5 + lens.k3 * angle**7 + lens.k4 * angle**9

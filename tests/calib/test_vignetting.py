@@ -104,7 +104,7 @@ def test_where_surfaces_shine_cameras_differ_if_they_do_by_more_than_sheen(gain,
     (rung,) = (rung for rung in found.rungs if rung.name == "camera_gain")
     assert rung.gain > 2 * rung.standard_error
     assert rung.taken == differ
-    assert ("as sheen does" in rung.reason) != differ
+    assert ("and sheen changes as much" in rung.reason) != differ
     assert found.gain["b"] / found.gain["a"] == pytest.approx(np.exp(gain) if differ else 1.0, abs=0.01)
 
 

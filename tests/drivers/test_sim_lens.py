@@ -36,6 +36,7 @@ LENSES = [
         k3=0.005,
         k4=-0.001,
     ),
+    Lens(model="RADIAL_FISHEYE", width=320, height=240, fx=150, fy=150, cx=160, cy=120, k1=0.04, k2=-0.02),
 ]
 
 
@@ -44,7 +45,7 @@ def test_project_agrees_with_opencv(lens: Lens) -> None:
     points = np.random.default_rng(0).uniform((-1.2, -0.9, 2.0), (1.2, 0.9, 6.0), (500, 3))
     # OpenCV puts the centre of the first pixel at 0, this project at 0.5.
     matrix = np.array([[lens.fx, 0, lens.cx - 0.5], [0, lens.fy, lens.cy - 0.5], [0, 0, 1]])
-    if lens.model == "OPENCV_FISHEYE":
+    if lens.fisheye:
         points = points * (4, 4, 1)
         terms = parameters(lens)[4:8]
         expected, _ = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), matrix, terms)
