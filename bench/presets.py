@@ -4,13 +4,15 @@
 
 Each scene is a simulated session, calibrated by its own pictures, and swept as `rig trade` does it, for so
 many minutes each; a sweep that was stopped goes on. The front of a scene is what no other training of it
-beats in both time and held-out quality. --quick takes toy sessions and presets of a few iterations. --write
-puts the table into bench/results/presets.md and the numbers into bench/results/presets.json, which
-tests/recon/test_presets.py reads.
+beats in both time and held-out quality. The last scene is of real photographs, where RIG_DATA names the
+folder that has them. --quick takes toy sessions and presets of a few iterations. --write puts the table into
+bench/results/presets.md and the numbers into bench/results/presets.json, which tests/recon/test_presets.py
+reads.
 """
 
 import argparse
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
@@ -19,6 +21,7 @@ from typing import Any
 from record import RESULTS, WORK, arguments, machine, publish, words
 from trial import session
 
+from capture.photos import import_photos
 from capture.simulated import capture_simulated
 from imaging import store
 from recon.presets import QUALITIES, Quality
@@ -51,6 +54,8 @@ SCENES = (
     Scene("demo", 0), Scene("gallery", 0), Scene("demo-ldr", 0), Scene("demo", 0, darker=3), Scene("demo", 1),
     Scene("gallery", 1), Scene("gallery-ldr", 0), Scene("demo", 2), Scene("demo-ldr", 1),
 )  # fmt: skip
+CASTLE = Scene("sceaux", 0)
+"""Eleven photographs by a hand-held camera, 2832 px wide."""
 TOYS = (Scene("toy", 0), Scene("toy-ldr", 0))
 
 
@@ -58,12 +63,25 @@ def folder_of(scene: Scene, work: Path) -> Path:
     """Its session, made now if it is not there."""
     if scene.rig.startswith("toy"):
         return session(work, scene.rig, scene.seed, "truth")
+    if scene == CASTLE:
+        return castle(work / CASTLE.name.replace(" ", "-"))
     if not scene.darker:
         return session(work, scene.rig, scene.seed, "own")
     folder = work / f"{scene.rig}-{scene.seed}-darker-{scene.darker}"
     if not (folder / "truth" / "truth.json").exists():
         steps = tuple(float(stops - scene.darker) for stops in (-4, 0, 4))
         capture_simulated(scene.rig, folder, seed=scene.seed, bracket=steps)
+    if not (folder / "calibration" / "calibration.json").exists():
+        from calib.calibrate import calibrate
+
+        calibrate(folder, progress=lambda message, done, total: None)
+    return folder
+
+
+def castle(folder: Path) -> Path:
+    """The session of the real photographs, calibrated by themselves."""
+    if not (folder / "session.json").exists():
+        import_photos(Path(os.environ["RIG_DATA"]) / "sceaux", folder)
     if not (folder / "calibration" / "calibration.json").exists():
         from calib.calibrate import calibrate
 
@@ -178,10 +196,11 @@ def report(result: dict[str, Any]) -> str:
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--minutes", type=float, default=20.0, help="of training for each scene")
-    parser.add_argument("--scenes", type=int, default=len(SCENES), help="so many of the scenes")
+    parser.add_argument("--scenes", type=int, default=len(SCENES) + 1, help="so many of the scenes")
     parser.add_argument("--work", type=Path, default=WORK)
     options = parser.parse_args()
-    options.scenes = SCENES[: options.scenes]
+    real = (CASTLE,) if os.environ.get("RIG_DATA") else ()
+    options.scenes = (*SCENES, *real)[: options.scenes]
     if options.quick:
         QUALITIES.update(TINY)
         options.scenes, options.minutes = TOYS, min(options.minutes, 0.15)

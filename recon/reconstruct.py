@@ -257,20 +257,13 @@ def _begin(
     guess = None
     if wanted.budget is not None:
         time_limit = wanted.budget if wanted.budget_unit == "s" else None
-        found = probe(
-            training,
-            dataset,
-            settings.max_gaussians,
-            wanted.seed,
-            time_limit,
-            ranks=ranks,
-            progress=progress,
-            clock=clock,
-        )
+        plan = Plan(settings.iterations, DensityRules(settings.max_gaussians), wanted.seed)
+        found = probe(training, dataset, plan, time_limit, ranks=ranks, progress=progress, clock=clock)
         if time_limit is not None:
             fitting = int(ranks.told(found.iterations_within(time_limit - (clock() - started))))
             settings = settings.model_copy(update={"iterations": min(wanted.iterations, fitting)})
-        guess = predicted(found, settings.iterations * settings.batch)
+        if found.db is not None:
+            guess = predicted(found.db, found.iterations, settings.iterations * settings.batch)
         if guess is not None and ranks.first:
             tell(f"foretold: held-out {guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f})")
     if ranks.first:

@@ -92,7 +92,7 @@ class Deadline:
     cap: int
     """Gaussians at the end."""
     aim: float = 0.97
-    early: float = 0.94
+    early: float = 0.955
     late: float = 0.99
     every: float = 0.02
     patience: float = 0.3

@@ -1,16 +1,18 @@
 """What a budget may be, what is refused, and what is foretold of one."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 import torch
 
+from imaging import store
 from imaging.errors import InputError
 from recon.appearance import LuminanceChromaticity
 from recon.budget import Budget
 from recon.gaussians import Gaussians
-from recon.model import Prediction
 from recon.ply import most_gaussians, read_ply, write_ply
-from recon.prediction import predicted
-from recon.probe import Probe
+from recon.prediction import NOISE, SCENES, lacking, predicted
 
 
 @pytest.fixture
@@ -81,26 +83,42 @@ def test_the_file_of_that_many_gaussians_is_no_larger(toy_scene, tmp_path, degre
     assert Budget(size, "bytes").gaussians == most_gaussians(size, 0) >= count
 
 
-def test_what_is_foretold_of_a_power_law_is_its_end():
-    """q = 40 - a n^-b with the exponent that the table has: two points of it give all others."""
-    from recon.prediction import EXPONENT
+def test_forecasts_hold_as_often_as_they_say():
+    """Scenes with the curves that are known, trained with noise: how often the truth is inside is known."""
+    rng = np.random.Generator(np.random.PCG64(5))
+    for tried, longer in ((25, 400), (100, 800), (200, 200), (300, 4000)):
+        inside, errors = [], []
+        for _ in range(300):
+            own = rng.choice(SCENES, axis=0)[None]
+            begun, reached = (
+                40 - float(lacking(own, n)[0]) + NOISE * rng.standard_normal() for n in (tried, longer)
+            )
+            found = predicted(begun, tried, longer)
+            inside.append(found.low <= reached <= found.high)
+            errors.append(found.db - reached)
+        assert 0.88 <= np.mean(inside) <= 0.99
+        assert abs(np.mean(errors)) < 0.3
 
-    def quality(n: int) -> float:
-        return 40 - 60 * n**-EXPONENT
 
-    for n in (100, 400, 3000):
-        found = predicted(Probe(100, 0.1, quality(100), quality(50)), n)
-        assert found is not None
-        assert found.db == pytest.approx(quality(n), abs=0.01)
-        assert found.low < found.db < found.high
-    near, far = (predicted(Probe(100, 0.1, 30.0, 29.0), n) for n in (150, 3000))
-    assert isinstance(near, Prediction)
-    assert isinstance(far, Prediction)
+def test_the_more_was_tried_the_surer_is_what_is_told():
+    near, far = (predicted(35.0, 100, n) for n in (200, 1600))
+    assert 35 < near.db < far.db
     assert near.high - near.low < far.high - far.low
+    later = predicted(35.0, 400, 1600)
+    assert later.high - later.low < far.high - far.low
 
 
-def test_nothing_is_foretold_without_held_out_views_and_nothing_falls():
-    assert predicted(Probe(100, 0.1, None, None), 500) is None
-    worse = predicted(Probe(100, 0.1, 30.0, 31.0), 500)
-    assert worse is not None
-    assert worse.db == 30.0
+@pytest.mark.parametrize("db", [-100.0, 0.0, 100.0])
+@pytest.mark.parametrize(("tried", "longer"), [(1, 10**7), (5000, 50)])
+def test_what_is_foretold_is_finite(db, tried, longer):
+    found = predicted(db, tried, longer)
+    assert np.isfinite([found.db, found.low, found.high]).all()
+    assert found.low < found.db < found.high
+
+
+def test_the_curves_of_scenes_are_those_that_were_measured():
+    recorded = store.read_json(Path(__file__).parents[2] / "bench" / "results" / "learning_curves.json")
+    assert np.array_equal(SCENES, [row["fit"] for row in recorded["rows"]])
+    longer = recorded["forecasts"]
+    assert 0.85 <= np.mean([one["inside"] for one in longer]) <= 0.99
+    assert len({one["scene"] for one in longer}) > 20
