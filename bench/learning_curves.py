@@ -36,7 +36,9 @@ from recon.reconstruct import reconstruct
 from recon.warm_up import warm_up
 
 LENGTHS = (6, 12, 25, 50, 100, 200, 400, 800, 1600, 3200)
-FIRST = np.log([12.0, 70.0, 1.3])
+FIRST = np.log([12.0, 40.0, 1.3])
+BOUNDS = np.log([[0.5, 2.0, 0.3], [40.0, 1000.0, 4.0]])
+"""Of rise, half and power: a curve that was rising from the first has no half that is sure."""
 CHANGED = (
     ("demo 0", Fixed(gaussians=5000)),
     ("linear 0", Fixed(gaussians=4000)),
@@ -92,7 +94,7 @@ def fitted(curve: Sequence[tuple[int, float]]) -> tuple[list[float], float]:
         end = db + np.concatenate([lacking(values[None], n) for n in lengths])
         return end - end.mean()
 
-    found = least_squares(left, FIRST)
+    found = least_squares(left, FIRST, bounds=tuple(BOUNDS))
     return [round(float(value), 2) for value in found.x], float(np.sqrt(np.mean(found.fun**2)))
 
 

@@ -13,12 +13,14 @@ from imaging.records import Record, Rung, parse
 from recon.budget import Unit
 from recon.checkpoint import read_checkpoint
 from recon.dataset import Dataset, View, load
+from recon.density import DensityRules
 from recon.fixed import Fixed
+from recon.haste import haste
 from recon.method import Light, Method
 from recon.methods import METHODS
 from recon.refinement import Refinement
 from recon.splat import SplatCamera
-from recon.trainer import Training
+from recon.trainer import Plan, Training
 
 MODEL = "model.json"
 CHECKPOINT = "checkpoint.safetensors"
@@ -55,9 +57,20 @@ class Settings(Record):
         fixed = self.fixed if self.degree is None else self.fixed.model_copy(update={"degree": self.degree})
         return fixed.composed(METHODS[self.method](dataset, light))
 
+    def plan(self) -> Plan:
+        """The whole training."""
+        return Plan(
+            self.iterations,
+            DensityRules(self.max_gaussians),
+            self.seed,
+            self.batch,
+            measure=True,
+            haste=haste(self.iterations * self.batch),
+        )
+
 
 class Prediction(Record):
-    """Held-out quality foretold before training, dB: most likely, and an interval for nine of ten scenes."""
+    """Held-out quality foretold before training, dB: most likely, and an interval for 95 of 100 scenes."""
 
     db: float
     low: float

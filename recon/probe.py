@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from recon.dataset import Dataset
+from recon.haste import haste
 from recon.pixels import Progress
 from recon.ranks import Ranks
 from recon.trainer import Plan, Training, train
@@ -76,6 +77,7 @@ def probe(
         if count < SHORTEST:
             return Probe(TRIAL, ranks.told(pace) * GROWTH, None)
     training = begin()
-    taken = run(training, Plan(count, plan.density, plan.seed, log_every=count, measure=True), count)
+    short = replace(plan, iterations=count, batch=1, log_every=count, measure=True, haste=haste(count))
+    taken = run(training, short, count)
     pace = max(taken - training.measuring, 1e-9) / count
     return Probe(count, ranks.told(pace), ranks.told(training.curve[-1].db) if training.curve else None)

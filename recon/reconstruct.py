@@ -15,7 +15,6 @@ from imaging.records import Rung
 from recon.budget import Budget
 from recon.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from recon.dataset import Dataset, load
-from recon.density import DensityRules
 from recon.device import training_device
 from recon.finish import write_scene
 from recon.fixed import Fixed
@@ -35,7 +34,7 @@ from recon.size_ladder import degree_for, fewer, most_for, size_for
 from recon.splat import SplatStats
 from recon.start import gaussians_at, start_points
 from recon.steering import Deadline, EarlyStop, Goal
-from recon.trainer import Plan, Steer, Training, train
+from recon.trainer import Steer, Training, train
 from recon.warm_up import warm_up
 
 __all__ = ["QUALITIES", "START_SHARE", "MethodName", "Quality", "QualityName", "reconstruct"]
@@ -65,7 +64,7 @@ def reconstruct(
     shorter if the preset's iterations do not fit at the speed measured at the start, and again on the
     way if that was misjudged. It counts from the first look at the light to the last iteration, measuring on
     the way included, reading images and compiling not. fixed: what is not to be as the preset and the
-    method have it. early_stop: end when held-out quality stands still. name: the method's if None. tell:
+    method have it. early_stop: end when the rest promises little. name: the method's if None. tell:
     hears what is foretold of a training with a budget.
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
@@ -170,8 +169,7 @@ def _reconstruct(
         loss = float(lines[-1]["loss"]) if lines else None
         write_scene(folder, dataset, training, settings, loss, (*ladder, *size), guess)
 
-    rules = DensityRules(settings.max_gaussians)
-    plan = Plan(settings.iterations, rules, settings.seed, settings.batch, measure=True)
+    plan = settings.plan()
     try:
         train(
             training,
@@ -257,8 +255,9 @@ def _begin(
     guess = None
     if wanted.budget is not None:
         time_limit = wanted.budget if wanted.budget_unit == "s" else None
-        plan = Plan(settings.iterations, DensityRules(settings.max_gaussians), wanted.seed)
-        found = probe(training, dataset, plan, time_limit, ranks=ranks, progress=progress, clock=clock)
+        found = probe(
+            training, dataset, settings.plan(), time_limit, ranks=ranks, progress=progress, clock=clock
+        )
         if time_limit is not None:
             fitting = int(ranks.told(found.iterations_within(time_limit - (clock() - started))))
             settings = settings.model_copy(update={"iterations": min(wanted.iterations, fitting)})

@@ -33,7 +33,8 @@ class Plan:
 
     batch: views that an iteration looks at before it takes a step. As in Grendel-GS (Zhao et al., arXiv
     2406.18533), learning rates grow with its square root, and Adam forgets as much a view as ever.
-    measure: whether held-out views are looked at on the way.
+    measure: whether held-out views are looked at on the way. haste: factor of the learning rates, but for
+    those of corrections.
     """
 
     iterations: int
@@ -43,6 +44,7 @@ class Plan:
     log_every: int = 50
     checkpoint_seconds: float = 20.0
     measure: bool = False
+    haste: float = 1.0
 
 
 @dataclass
@@ -226,7 +228,8 @@ def train(
             position = course.position(training.iteration)
             done = position / course.planned
             for group in training.optimizer.param_groups:
-                group["lr"] = group["rate"].at(done) * math.sqrt(plan.batch)
+                haste = 1.0 if group["name"] in RATES else plan.haste
+                group["lr"] = group["rate"].at(done) * math.sqrt(plan.batch) * haste
 
             training.optimizer.zero_grad(set_to_none=True)
             own_loss, degree = 0.0, method.schedule.degree(done)

@@ -14,6 +14,7 @@ from imaging.cfa import Cfa, mosaic
 from imaging.extreme import Extreme
 from recon.dataset import Dataset, Sensor, View
 from recon.density import DensityRules
+from recon.haste import haste
 from recon.methods import METHODS
 from recon.pixels import Progress, Shot
 from recon.radiance import light_of, radiance_image
@@ -99,7 +100,8 @@ def learned(
     start = Start(xyz, np.full((COUNT, 3), 0.3 * light.normaliser), COUNT)
     gaussians = gaussians_at(start, method.appearance, method.observation.units)
     training = Training.begin(method, light, gaussians, dataset.extent)
-    plan = Plan(ITERATIONS, DensityRules(2 * COUNT), seed, log_every=ITERATIONS)
+    short = haste(ITERATIONS)  # as a whole training of that length has it
+    plan = Plan(ITERATIONS, DensityRules(2 * COUNT), seed, log_every=ITERATIONS, haste=short)
     train(training, dataset, plan, log=lambda line: None, save=lambda: None)
     with torch.no_grad():
         image = training.renderer()(training.gaussians, held_out.lens, degree=2).image
