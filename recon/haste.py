@@ -6,8 +6,8 @@ stop on the way, in a longer one they would wander about where they should be.
 
 USUAL = 2000
 POWER = 0.4
-"""From 25 to 1000 iterations the rates of this law lie within a few tenths of a dB of the best that were
-tried, and 0.1 to 4 dB above the usual ones (bench/haste.py)."""
+"""Over the usual rates the light of five scenes gains 3 to 6 dB at 25 iterations, 2 to 4 at 100, 0.6 to 1.3
+at 300 and -0.2 to 0.2 at 1000; no other rates that were tried had some tenths more (bench/haste.py)."""
 
 
 def haste(iterations: int) -> float:

@@ -35,7 +35,7 @@ class EarlyStop:
     any machine.
     """
 
-    least: float = 0.06
+    least: float = 0.08
     """dB that the rest has to promise by other scenes (bench/early_stop.py has what it costs and saves)."""
     steep: float = 3.0
     """dB that it may promise at the present slope. While rates are high noise of some 2 dB hides what they
