@@ -4,7 +4,7 @@
 
 Three scenes of bench/presets.py, in FOLDER of --work, and two of bench/ladder.py, in that of --ladder,
 trained as `rig reconstruct --quality draft` trains them (at most 20,000 Gaussians, 320 px), with schedules of
-25 to 4000 iterations. Finished rows are kept in --work.
+25 to 1000 iterations. Finished rows are kept in --work.
 """
 
 import argparse
@@ -30,7 +30,6 @@ FACTORS = {
     100: (1, 2, 2.8, 4, 5.6),
     300: (1, 1.4, 2, 2.8, 4),
     1000: (1, 1.4, 2),
-    4000: (0.7, 1),
 }
 LADDER = ("linear 0", "HDR 0")
 

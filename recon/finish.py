@@ -12,7 +12,7 @@ from recon.dataset import Dataset
 from recon.device import device_name
 from recon.model import MODEL, REFINEMENT, SPLATS, ModelRecord, Prediction, Settings
 from recon.ply import write_ply
-from recon.steering import EarlyStop
+from recon.prediction import ENOUGH
 from recon.trainer import Training
 
 
@@ -67,15 +67,14 @@ def write_scene(
 
 
 def _early_stop(training: Training, settings: Settings) -> tuple[Rung, ...]:
-    """Whether the schedule was cut short since it promised little; nothing where nobody looked."""
-    if not settings.early_stop or not training.curve:
+    """Whether the training was made shorter, before it or on the way; nothing where nobody looked."""
+    if not settings.early_stop:
         return ()
-    taken, turns = training.ending == "early stop", training.course.turns if training.course else ()
-    reason = (
-        f"other scenes gain less than {EarlyStop.least:g} dB by going on after {turns[-2][0]} of "
-        f"{settings.iterations} iterations, and held-out quality rose no faster here, so the learning rates "
-        f"came to their end in {turns[-1][0] - turns[-2][0]} more"
-        if taken
-        else "the rest promised more for as long as the schedule lasted"
-    )
-    return (Rung(name="early stop", taken=taken, reason=reason),)
+    cut, turns = training.ending == "early stop", training.course.turns if training.course else ()
+    reason = f"{settings.iterations} iterations, as scenes before gained less than {ENOUGH:g} dB by more"
+    if cut:
+        reason += (
+            f"; the held-out quality hardly rose any more after {turns[-2][0]} of them, so the learning "
+            f"rates came to their end in {turns[-1][0] - turns[-2][0]} more"
+        )
+    return (Rung(name="early stop", taken=True, reason=reason),)

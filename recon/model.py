@@ -46,7 +46,7 @@ class Settings(Record):
     """What was asked for, in `budget_unit`; None: the preset."""
     budget_unit: Unit = "s"
     early_stop: bool = False
-    """Whether the training may end when the rest of it promises little."""
+    """Whether to train no longer than is worth it."""
     fixed: Fixed = Fixed()
     """What was set by hand."""
     degree: int | None = None

@@ -42,6 +42,20 @@ def gains(tried: int, iterations: int, scenes: npt.ArrayLike = SCENES) -> Array:
     return lacking(curves, tried) - lacking(curves, iterations)
 
 
+ENOUGH = 0.08
+"""dB that a longer training gains in the mean over scenes, and that early stop does without
+(bench/early_stop.py)."""
+
+
+def enough(iterations: int) -> int:
+    """The shortest schedule over which one of `iterations` gains less than `ENOUGH` on the mean of scenes."""
+    short, long = 0, iterations
+    while long - short > 1:
+        middle = (short + long) // 2
+        short, long = (short, middle) if gains(middle, iterations).mean() < ENOUGH else (middle, long)
+    return long
+
+
 def predicted(db: float, tried: int, iterations: int, scenes: npt.ArrayLike = SCENES) -> Prediction:
     """The end of a training of `iterations`, with an interval that holds in 95 of 100.
 

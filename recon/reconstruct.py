@@ -23,7 +23,7 @@ from recon.ladder import chosen_method, rungs
 from recon.methods import hdr_gs, nh_3dgs
 from recon.model import CHECKPOINT, LOG, MODEL, REFINEMENT, Prediction, Settings
 from recon.pixels import Progress
-from recon.prediction import predicted
+from recon.prediction import enough, predicted
 from recon.presets import QUALITIES, START_SHARE, Quality, QualityName
 from recon.probe import probe
 from recon.radiance import light_of, radiance_image
@@ -64,8 +64,9 @@ def reconstruct(
     shorter if the preset's iterations do not fit at the speed measured at the start, and again on the
     way if that was misjudged. It counts from the first look at the light to the last iteration, measuring on
     the way included, reading images and compiling not. fixed: what is not to be as the preset and the
-    method have it. early_stop: end when the rest promises little. name: the method's if None. tell:
-    hears what is foretold of a training with a budget.
+    method have it. early_stop: train no longer than was worth it for other scenes, and end when held-out
+    quality stands still. name: the method's if None. tell: hears what is foretold of a training with a
+    budget.
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
     called again with the same settings (with a time to keep, as fast as the machine then is); a finished
@@ -147,7 +148,7 @@ def _reconstruct(
     if wanted.budget is not None and wanted.budget_unit == "dB":
         steers.append(Goal(wanted.budget))
     if wanted.budget is not None and wanted.budget_unit == "s":
-        steers.append(Deadline(wanted.budget, wanted.iterations, settings.max_gaussians))
+        steers.append(Deadline(wanted.budget, _longest(wanted), settings.max_gaussians))
     saved, lines = [-1], _lines(folder, training, ranks)
 
     def log(line: dict[str, Any]) -> None:
@@ -243,7 +244,13 @@ def _begin(
     most = most_for(dataset, wanted, colour[0])
     points = start_points(dataset, images, int(share * most), rng, progress)
     size = size_for(dataset, wanted, colour, refined, points, ranks, progress, device)
-    settings = wanted.model_copy(update={"max_gaussians": size.gaussians, "degree": size.degree})
+    settings = wanted.model_copy(
+        update={
+            "max_gaussians": size.gaussians,
+            "degree": size.degree,
+            "iterations": _longest(wanted),
+        }
+    )
     points = fewer(points, int(share * size.gaussians), wanted.seed)
 
     def training() -> Training:
@@ -260,7 +267,7 @@ def _begin(
         )
         if time_limit is not None:
             fitting = int(ranks.told(found.iterations_within(time_limit - (clock() - started))))
-            settings = settings.model_copy(update={"iterations": min(wanted.iterations, fitting)})
+            settings = settings.model_copy(update={"iterations": min(_longest(wanted), fitting)})
         if found.db is not None:
             guess = predicted(found.db, found.iterations, settings.iterations * settings.batch)
         if guess is not None and ranks.first:
@@ -272,6 +279,13 @@ def _begin(
     begun = training()
     begun.seconds = clock() - started
     return begun, settings, size.rungs, guess
+
+
+def _longest(wanted: Settings) -> int:
+    """Iterations at most: as asked for, or with early stop those that are worth it."""
+    if not wanted.early_stop:
+        return wanted.iterations
+    return math.ceil(enough(wanted.iterations * wanted.batch) / wanted.batch)
 
 
 def _lines(folder: Path, training: Training, ranks: Ranks) -> list[dict[str, Any]]:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from recon.density import DensityRules
-from recon.prediction import gains
 from recon.trainer import Training
 
 COOL_DOWN = 0.2
@@ -27,19 +26,15 @@ def cooling(training: Training) -> int | None:
 
 @dataclass(frozen=True)
 class EarlyStop:
-    """Cool down when the rest of the schedule would bring little, by what is known of it.
+    """Cool down when the rest of the schedule would bring little.
 
-    The learning curves of other scenes say what a training that long gains over one that cools down now
-    (recon.prediction); this one's own curve is a straight line through the last `moments` of the live curve.
-    Both are in dB per planned training, not per second, so that the same seed stops at the same iteration on
-    any machine.
+    The gain is the slope of a straight line through the last `moments` points of the live curve, in dB per
+    planned training, not per second: so the same seed stops at the same iteration on any machine.
     """
 
-    least: float = 0.08
-    """dB that the rest has to promise by other scenes (bench/early_stop.py has what it costs and saves)."""
-    steep: float = 3.0
-    """dB that it may promise at the present slope. While rates are high noise of some 2 dB hides what they
-    will uncover when they fall, on any scene; more than that says that this one is slower than others."""
+    least: float = 0.3
+    """dB that the rest has to promise at the present slope. The cool-down brings most of it anyway, but where
+    no more is planned than is worth it (recon.prediction) stopping at 1 cost a tenth of a dB, and more."""
     moments: int = 5
     begin: float = 0.3
     """Share of the schedule before which nothing is judged."""
@@ -51,12 +46,10 @@ class EarlyStop:
             return None
         if curve[-1].iteration != training.iteration or course.progress(training.iteration) < self.begin:
             return None
-        left = cooling(training)
-        if left is None or float(gains(training.iteration + left, course.total).mean()) >= self.least:
-            return None
-        if self.slope(training) * (1 - course.progress(training.iteration)) >= self.steep:
-            return None
-        training.ending = "early stop"
+        promised = self.slope(training) * (1 - course.progress(training.iteration))
+        left = cooling(training) if promised < self.least else None
+        if left is not None:
+            training.ending = "early stop"
         return left
 
     def slope(self, training: Training) -> float:

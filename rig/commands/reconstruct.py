@@ -44,7 +44,7 @@ def reconstruct(
     ] = None,
     early_stop: Annotated[
         bool,
-        typer.Option("--early-stop", help="Stop when the rest of the training promises little."),
+        typer.Option("--early-stop", help="Train no longer than it is worth."),
     ] = False,
     seed: SeedOption = 0,
     sets: Annotated[
@@ -165,7 +165,7 @@ def _course(record: "ModelRecord") -> str:
     """How the training went, in one line."""
     words = f"trained in {duration(record.train_seconds)} on {record.device}, {record.iterations} iterations"
     if record.ending == "early stop":
-        words += f" of {record.settings.iterations} since more would hardly make it better"
+        words += f" of {record.settings.iterations} since held-out views hardly got better"
     if record.held_out_db is None:
         return words
     words += f", held-out {record.held_out_db:.1f} dB"

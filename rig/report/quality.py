@@ -27,7 +27,7 @@ HEADLINES = {
 
 
 ENDINGS = {
-    "early stop": "before its schedule did, since more would hardly have made it better",
+    "early stop": "before its schedule did, since held-out views hardly got better",
     "goal": "when held-out views were as good as was asked for",
     "interrupted": "by Ctrl-C; the same command goes on from there",
 }

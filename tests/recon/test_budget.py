@@ -12,7 +12,7 @@ from recon.appearance import LuminanceChromaticity
 from recon.budget import Budget
 from recon.gaussians import Gaussians
 from recon.ply import most_gaussians, read_ply, write_ply
-from recon.prediction import NOISE, SCENES, lacking, predicted
+from recon.prediction import ENOUGH, NOISE, SCENES, enough, gains, lacking, predicted
 
 
 @pytest.fixture
@@ -114,6 +114,15 @@ def test_what_is_foretold_is_finite(db, tried, longer):
     found = predicted(db, tried, longer)
     assert np.isfinite([found.db, found.low, found.high]).all()
     assert found.low < found.db < found.high
+
+
+def test_enough_is_where_scenes_gain_little_more():
+    assert [enough(n) for n in (1, 2, 20)] == [1, 2, 20]
+    for n in (300, 2000, 4000, 10**6):
+        fewer = enough(n)
+        assert gains(fewer, n).mean() < ENOUGH <= gains(fewer - 1, n).mean()
+        assert fewer < n
+    assert enough(4000) < 2000 < enough(10**6) < 6000
 
 
 def test_the_curves_of_scenes_are_those_that_were_measured():

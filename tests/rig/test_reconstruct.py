@@ -9,6 +9,7 @@ import pytest
 
 from imaging import store
 from recon.ply import read_ply
+from recon.prediction import enough
 from recon.reconstruct import QUALITIES, Quality
 
 RECON = Path("reconstructions") / "nh-3dgs"
@@ -93,3 +94,15 @@ def test_ctrl_c_leaves_a_scene_and_the_same_command_ends_it(rig, toy: Path, quic
     code, out, _ = rig(*command, "--json")
     told = json.loads(out)
     assert (code, told["ending"], told["iterations"]) == (0, "schedule", 60)
+
+
+def test_early_stop_trains_no_longer_than_it_was_worth_and_says_so(rig, toy: Path, monkeypatch) -> None:
+    monkeypatch.setitem(QUALITIES, "draft", Quality(iterations=200, gaussians=300, width=16))
+    code, out, _ = rig("reconstruct", str(toy), "--quality", "draft", "--early-stop", "--json")
+    assert code == 0
+    assert json.loads(out)["iterations"] <= enough(200) < 200
+    model = store.read_json(toy / RECON / "model.json")
+    assert model["settings"]["iterations"] == enough(200)
+    (why,) = [rung for rung in model["rungs"] if rung["name"] == "early stop"]
+    assert why["taken"]
+    assert f"{enough(200)} iterations, as scenes before gained less than" in why["reason"]
