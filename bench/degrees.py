@@ -12,6 +12,7 @@ file could leave out what is zero; neither PLY nor USD can.
 import argparse
 import shutil
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -41,14 +42,15 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     jobs = {scene.name: (folder_of, scene, options.work) for scene in options.scenes}
     jobs |= {one.name: (ladder_scenes.session, one, options.ladder) for one in options.kinds}
     rows = []
-    for name, (session, scene, work) in jobs.items():
-        make = lambda s=session, a=scene, w=work: one_scene(s(a, w), options)  # noqa: E731
-        rows.append({"scene": name} | cache.get(name, make))
+    for name, job in jobs.items():
+        rows.append({"scene": name} | cache.get(name, partial(one_scene, job, options)))
     return {"machine": machine(), "rows": rows}
 
 
-def one_scene(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
+def one_scene(job: tuple[Any, ...], options: argparse.Namespace) -> dict[str, Any]:
     """Held-out dB, and dB to the truth, by the share of Gaussians without harmonics."""
+    session, *scene = job
+    folder: Path = session(*scene)
     warm_up(lambda message, done, total: None)
     fixed = Fixed(degree=2, gaussians=options.gaussians, iterations=options.iterations, refine="none")
     made = reconstruct(folder, fixed=fixed, name="degrees")

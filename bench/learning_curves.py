@@ -8,7 +8,7 @@ Scenes of bench/presets.py, in FOLDER of --work, and the first of each kind of b
 than --longest seconds; some of them narrower or with few Gaussians too, and the real photographs where
 RIG_DATA names the folder that has them. A curve is fitted to each (recon.prediction), and each is foretold
 from each of its schedules by the curves of scenes of other kinds. Finished rows are kept in --work. --write
-puts the table into bench/results/learning_curves.md and the numbers into learning_curves.json, which a test
+puts the table into bench/results/learning_curves.md and the curves into learning_curves.json, which a test
 holds the curves of recon.prediction against.
 """
 
@@ -164,7 +164,7 @@ def main() -> None:
     result = measure(options)
     deliver(options, "learning_curves", result, report(result))
     if options.write:
-        store.write_json(RESULTS / "learning_curves.json", result)
+        store.write_json(RESULTS / "learning_curves.json", {"rows": result["rows"]})
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """What a budget may be, what is refused, and what is foretold of one."""
 
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,11 @@ from recon.budget import Budget
 from recon.gaussians import Gaussians
 from recon.ply import most_gaussians, read_ply, write_ply
 from recon.prediction import ENOUGH, NOISE, SCENES, enough, gains, lacking, predicted
+
+
+def recorded():
+    """The learning curves of bench/learning_curves.py."""
+    return store.read_json(Path(__file__).parents[2] / "bench" / "results" / "learning_curves.json")["rows"]
 
 
 @pytest.fixture
@@ -126,8 +132,15 @@ def test_enough_is_where_scenes_gain_little_more():
 
 
 def test_the_curves_of_scenes_are_those_that_were_measured():
-    recorded = store.read_json(Path(__file__).parents[2] / "bench" / "results" / "learning_curves.json")
-    assert np.array_equal(SCENES, [row["fit"] for row in recorded["rows"]])
-    longer = recorded["forecasts"]
-    assert 0.85 <= np.mean([one["inside"] for one in longer]) <= 0.99
-    assert len({one["scene"] for one in longer}) > 20
+    assert np.array_equal(SCENES, [row["fit"] for row in recorded()])
+
+
+def test_scenes_of_other_kinds_foretell_those_that_were_measured():
+    inside = []
+    for row in recorded():
+        others = [other["fit"] for other in recorded() if other["kind"] != row["kind"]]
+        for (tried, db), (longer, reached) in combinations(row["curve"], 2):
+            found = predicted(db, tried, longer, others)
+            inside.append(found.low <= reached <= found.high)
+    assert len(inside) > 500
+    assert 0.85 <= np.mean(inside) <= 0.99
