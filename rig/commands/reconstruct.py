@@ -44,7 +44,10 @@ def reconstruct(
     ] = None,
     early_stop: Annotated[
         bool,
-        typer.Option("--early-stop", help="Train no longer than it is worth."),
+        typer.Option(
+            "--early-stop",
+            help="Train no longer than scenes before gained from; end when held-out views get no better.",
+        ),
     ] = False,
     seed: SeedOption = 0,
     sets: Annotated[
