@@ -12,7 +12,8 @@ from recon.dataset import Dataset
 from recon.device import device_name
 from recon.model import MODEL, REFINEMENT, SPLATS, ModelRecord, Prediction, Settings
 from recon.ply import write_ply
-from recon.prediction import ENOUGH
+from recon.prediction import ENOUGH, enough
+from recon.presets import QUALITIES
 from recon.trainer import Training
 
 
@@ -71,10 +72,12 @@ def _early_stop(training: Training, settings: Settings) -> tuple[Rung, ...]:
     if not settings.early_stop:
         return ()
     cut, turns = training.ending == "early stop", training.course.turns if training.course else ()
-    reason = f"{settings.iterations} iterations, as scenes before gained less than {ENOUGH:g} dB by more"
+    asked = settings.fixed.iterations or QUALITIES[settings.quality].iterations
+    worth = enough(asked)
+    reason = f"at most {worth} of {asked} iterations, as scenes before gained less than {ENOUGH:g} dB by more"
     if cut:
         reason += (
-            f"; the held-out quality hardly rose any more after {turns[-2][0]} of them, so the learning "
+            f"; the held-out quality hardly rose any more after {turns[-2][0]}, so the learning "
             f"rates came to their end in {turns[-1][0] - turns[-2][0]} more"
         )
-    return (Rung(name="early stop", taken=True, reason=reason),)
+    return (Rung(name="early stop", taken=cut or worth < asked, reason=reason),)

@@ -105,4 +105,16 @@ def test_early_stop_trains_no_longer_than_it_was_worth_and_says_so(rig, toy: Pat
     assert model["settings"]["iterations"] == enough(200)
     (why,) = [rung for rung in model["rungs"] if rung["name"] == "early stop"]
     assert why["taken"]
-    assert f"{enough(200)} iterations, as scenes before gained less than" in why["reason"]
+    assert f"at most {enough(200)} of 200 iterations, as scenes before gained less than" in why["reason"]
+
+
+def test_a_training_that_is_no_longer_than_its_worth_is_not_said_to_be_shortened(
+    rig, toy: Path, monkeypatch
+) -> None:
+    monkeypatch.setitem(QUALITIES, "draft", Quality(iterations=20, gaussians=300, width=16))
+    assert enough(20) == 20
+    code, _, _ = rig("reconstruct", str(toy), "--quality", "draft", "--early-stop", "--json")
+    assert code == 0
+    model = store.read_json(toy / RECON / "model.json")
+    (why,) = [rung for rung in model["rungs"] if rung["name"] == "early stop"]
+    assert not why["taken"]
