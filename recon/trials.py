@@ -12,6 +12,7 @@ import torch
 from recon.dataset import Dataset, View, held_out
 from recon.density import DensityRules
 from recon.fixed import Fixed
+from recon.haste import haste
 from recon.method import Light
 from recon.methods import METHODS
 from recon.model import Settings
@@ -109,7 +110,7 @@ class Trials:
         start = gaussians_at(points or self.points, method.appearance, method.observation.units)
         refinement = Refinement.of(self.part, refine) if refine else None
         training = Training.begin(method, self.light, start, self.part.extent, device, refinement)
-        plan = Plan(iterations, DensityRules(gaussians), self.settings.seed)
+        plan = Plan(iterations, DensityRules(gaussians), self.settings.seed, haste=haste(iterations))
 
         def told(_: str, done: int, total: int) -> None:
             self.progress(message, done, total)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from recon import trials
 from recon.density import DensityRules
 from recon.haste import USUAL, haste
 from recon.live_curve import held_out_db
@@ -52,6 +53,18 @@ def test_a_whole_training_has_the_rates_of_its_length_over_all_that_share_it():
     )
     assert one.haste == two.haste == haste(300)
     assert (one.iterations, one.density, one.seed, one.measure) == (300, DensityRules(500), 3, True)
+
+
+def test_a_trial_has_the_rates_of_its_length(toy_dataset, monkeypatch):
+    plans = []
+    monkeypatch.setattr(trials, "train", lambda training, dataset, plan, **_: plans.append(plan))
+    settings = Settings.model_validate(
+        {"method": "nh-3dgs", "quality": "draft", "seed": 3, "max_gaussians": 500, "max_width": 64}
+        | {"iterations": 2000}
+    )
+    some = trials.Trials.of(toy_dataset, settings, 50, lambda message, done, total: None)
+    some.trained(40, 100, "a trial")
+    assert plans == [Plan(40, DensityRules(100), 3, haste=haste(40))]
 
 
 def test_everything_moves_faster_but_for_corrections(begun, toy_dataset):

@@ -91,13 +91,14 @@ def test_fewer_points_are_those_of_the_surfaces_first():
     assert np.array_equal(most.rgb * 64, most.xyz)
 
 
-def test_a_few_small_pictures_get_few_gaussians(toy_dataset):
+def test_a_few_small_pictures_get_few_gaussians_of_one_colour(toy_dataset):
     size = decide(toy_dataset, settings())
     assert size.gaussians == 5 * 64 * 48 // 2
     number, colour = size.rungs
     assert (number.name, number.taken) == (COUNT, True)
     assert "5 training views are too few" in number.reason
-    assert (colour.name, colour.taken, size.degree) == (COLOUR, True, 2)
+    assert (colour.name, colour.taken, colour.gain, size.degree) == (COLOUR, False, None, 0)
+    assert colour.parameters == 0
 
 
 @pytest.mark.parametrize(
