@@ -2,8 +2,8 @@
 
     python bench/few_views.py [--quick] [--json] [--write] [--work FOLDER]
 
-Rigs of four cameras at one place, two and three, with their true calibration, trained with harmonics of each
-degree. As many views as that cannot tell by themselves which degree they need (recon/directions.py asks for
+Rigs of four cameras at one place and at two, with their true calibration, trained with harmonics of each
+degree. So few views cannot tell by themselves which degree they need (recon/directions.py asks for
 eight that see a point), so that this table says what they are given. Finished rows are kept in FOLDER.
 """
 
@@ -30,7 +30,7 @@ GLOSS = 0.12
 SCENES = [
     (rig, gloss, frames)
     for rig, gloss in (("demo", None), ("gallery", None), ("demo", GLOSS))
-    for frames in (1, 2, 3)
+    for frames in (1, 2)
 ]
 DEGREES = (0, 1, 2)
 USUAL = Quality(1000, 10_000, 160)

@@ -121,7 +121,7 @@ KINDS = (
     ),
     Kind(
         "view-dependent", settings={**LAMPS, "gloss": 0.12},
-        required={**MANY, "direction-dependent colour": True},
+        required={**MANY, "direction-dependent colour": True}, trainings=3,
     ),
     Kind("wrong poses", stops=(0.0,), altered=turned, required={"refine poses": True}),
     Kind("one exposure enough", stops="auto", required={"one-sided saturation": False}, little=True),
