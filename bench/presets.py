@@ -161,8 +161,9 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Where the presets lie",
         "",
-        f"`python bench/presets.py --write`, {words(result['machine'])}. Simulated rigs, calibrated by their "
-        "own pictures; dB as `rig evaluate` measures them on held-out pictures; behind: how much more the "
+        f"`python bench/presets.py --write`, {words(result['machine'])}. Sessions calibrated by their "
+        "own pictures, of simulated rigs and, as sceaux, of real photographs; dB as `rig evaluate` measures "
+        "them on held-out pictures; behind: how much more the "
         f"best training of {SLACK:g} times the seconds or less has.",
         "",
         "| scene | trainings | preset | s | dB | dB to the truth | behind, dB |",
