@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,7 @@ from calib.previews import is_faint, preview
 from calib.tracks import brightness_at, colour_at, light
 from calib.views import View, read_view
 from imaging.calibration import Response
+from imaging.linear import LinearFrame
 from imaging.mask import mask_of, masked
 from imaging.merge import Merged, merge_bracket
 from imaging.mosaic import Matrix
@@ -20,6 +22,9 @@ from imaging.session import Session
 BLANK_SHARE = 0.95
 """Of an image that is black or saturated, above which the view shows nothing."""
 LEAST_SNR = 3.0
+LIT_SNR, LIT_SHARE = 5.0, 1e-5
+"""A frame is lit if more than this share of it is so far above its noise; by noise alone it is a thirtieth of
+that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +61,13 @@ def look(
     scene; those behind a mask are dropped then. No brightness is told from behind a mask.
     """
     frames = read_view(session, view, scale, response)
-    merged = merge_bracket(frames)
+    lit = [_is_lit(frame) for frame in frames]
+    if not any(lit):
+        lit = [True] * len(frames)
+    merged = merge_bracket(list(compress(frames, lit)))
     picture = preview(merged)
     if any(shot.mask is not None for shot in view.shots):
-        merged = merge_bracket(masked(session, view.shots, frames))
+        merged = merge_bracket(list(compress(masked(session, view.shots, frames), lit)))
     height, width = picture.shape
     blank = _blank(merged)
     found = _unmasked(session, view, extract(picture, threads), width, height)
@@ -74,6 +82,16 @@ def look(
         blank=blank,
         faint=is_faint(merged),
     )
+
+
+def _is_lit(frame: LinearFrame) -> bool:
+    """Whether a frame holds more than noise; one that does not would only spoil what longer ones saturate."""
+    if frame.noise is None:
+        return True
+    alone = merge_bracket([frame])
+    assert alone.sigma is not None
+    above = frame.saturated | (alone.valid & (alone.radiance > LIT_SNR * alone.sigma))
+    return bool(above.mean() > LIT_SHARE)
 
 
 def _unmasked(session: Session, view: View, found: Features, width: int, height: int) -> Features:
