@@ -43,7 +43,7 @@ def train(rig: str, gloss: float | None, frames: int, work: Path) -> dict[str, A
     settings = {} if gloss is None else {"gloss": gloss}
     altered = partial(simulate, **settings)
     with mock.patch("capture.simulated.simulate", altered), mock.patch("oracle.simulate", altered):
-        oracle_session(folder, rig, frames=frames, points=300 if rig == "toy" else 2500)
+        oracle_session(folder, rig, frames=frames)
     warm_up(lambda message, done, total: None)
     found = {}
     for degree in DEGREES:
@@ -96,7 +96,7 @@ def main() -> None:
     options = parser.parse_args()
     options.scenes, QUALITIES["standard"] = SCENES, USUAL
     if options.quick:
-        options.scenes, QUALITIES["standard"] = [("toy", None, 3)], TINY
+        options.scenes, QUALITIES["standard"] = SCENES[:1], TINY
         options.work = options.work / "quick"
     result = measure(options)
     deliver(options, "few_views", result, report(result))

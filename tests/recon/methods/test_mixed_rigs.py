@@ -52,10 +52,15 @@ def test_hdr_gs_refuses_what_is_not_all_photographs(train, raw_and_photographs):
 
 
 @pytest.mark.parametrize(
-    ("name", "size"), [("toy", {"width": 48, "height": 36}), ("toy-ldr", {"width": 40, "height": 30})]
+    ("name", "size"),
+    [
+        ("toy", {"width": 48, "height": 36}),
+        ("toy-ldr", {"width": 40, "height": 40}),
+        ("toy-ldr", {"width": 40, "height": 26}),
+    ],
 )
 def test_cameras_of_different_sizes(studio, train, tmp_path, name, size):
-    """Of one shape: above and below a flatter image there would be half as many views to tell by."""
+    """Not much flatter ones: what lies above and below their images is told by half as many views."""
     small = studio.session(name)
     both = train(joined(small, studio.session(name, **size), tmp_path / "mixed"))
     assert len({view.shots[0].pixels.shape for view in both.scene.dataset.views}) == 2
