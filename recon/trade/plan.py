@@ -144,8 +144,8 @@ def expected_seconds(choice: Choice, points: Sequence[Point], session: Session) 
     The straight line through them knows that each begins with a look at the scene, which takes its time
     however short the training is. With a single one time grows as the work does.
     """
-    work = session.work(choice)
-    done = {session.work(point.choice): point.seconds for point in points}
+    work = session.work(_as_sized(choice, points, session))
+    done = {session.work(_with_count(point.choice, point.gaussians)): point.seconds for point in points}
     near = sorted(done, key=lambda one: abs(math.log(one / work)))[:2]
     if not near:
         return None
@@ -153,3 +153,21 @@ def expected_seconds(choice: Choice, points: Sequence[Point], session: Session) 
         return SAFETY * done[near[0]] * work / near[0]
     slope = max((done[near[1]] - done[near[0]]) / (near[1] - near[0]), 0.0)
     return SAFETY * max(done[near[0]] + slope * (work - near[0]), 0.0)
+
+
+def _as_sized(choice: Choice, points: Sequence[Point], session: Session) -> Choice:
+    """With as many Gaussians as the scene needed before, where it needed fewer than it might have had."""
+    if choice.fixed.gaussians is not None:
+        return choice
+    needed = [
+        point.gaussians
+        for point in points
+        if point.choice.fixed.gaussians is None
+        and point.gaussians < (session.effective(point.choice).gaussians or 0)
+    ]
+    most = session.effective(choice).gaussians or 0
+    return _with_count(choice, min(most, max(needed, default=most)))
+
+
+def _with_count(choice: Choice, gaussians: int) -> Choice:
+    return choice.model_copy(update={"fixed": choice.fixed.model_copy(update={"gaussians": gaussians})})

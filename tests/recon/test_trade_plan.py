@@ -108,6 +108,21 @@ def test_expected_seconds_lie_on_the_line_through_the_nearest_two() -> None:
     assert expected_seconds(wanted, [iterations(900, 50), iterations(800, 70)], RICH) == 1.2 * 50
 
 
+def test_a_scene_that_needed_few_gaussians_is_expected_to_need_no_more() -> None:
+    best = Choice(axis="preset", quality="best")
+    full = [point(Choice(axis="preset", quality="draft"), seconds=10), point(STANDARD, seconds=60)]
+    few = [full[0], full[1].model_copy(update={"gaussians": 5000})]
+    # As long as a training would that has just so many.
+    told = expected_seconds(best, few, RICH)
+    fixed = expected_seconds(Choice(axis="", quality="best", fixed=Fixed(gaussians=5000)), few, RICH)
+    assert told == fixed
+    # More than the preset allows it never is.
+    draft = Choice(axis="preset", quality="draft")
+    many = [full[1].model_copy(update={"gaussians": 39_000})]
+    most = expected_seconds(Choice(axis="", fixed=Fixed(gaussians=20_000), quality="draft"), many, RICH)
+    assert expected_seconds(draft, many, RICH) == most
+
+
 def test_a_small_picture_is_no_narrower_than_it_is() -> None:
     small = replace(RICH, width=64)
     assert small.effective(Choice(axis="")).width == 64
