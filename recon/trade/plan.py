@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from recon.dataset import Dataset
 from recon.fixed import Fixed
@@ -44,9 +45,8 @@ class Session:
         )
 
     def trained(self, point: Point) -> Fixed:
-        """The same of a finished training, with the size that the scene was given."""
-        size = {"gaussians": point.gaussians, "degree": point.degree}
-        return self.effective(point.choice).model_copy(update=size)
+        """The same of a finished training, with what was decided by the scene."""
+        return self.effective(point.choice).model_copy(update=_decided(point))
 
     def work(self, choice: Choice) -> float:
         """What a training costs, in units that only compare trainings of this session."""
@@ -67,20 +67,21 @@ STANDARD = Choice(axis="preset", quality="standard")
 def planned(session: Session, trained: Point | None) -> list[Choice]:
     """Presets and single changes of `standard`, those that tell most first; none twice.
 
-    trained: `standard`, whose size was chosen by the scene: the others have it too, so that one thing alone
-    is changed. None: it could not be trained.
+    trained: `standard`, whose size and corrections were chosen by the scene: the others have them too, so
+    that one thing alone is changed. None: it could not be trained.
     """
     standard = QUALITIES["standard"]
     count = standard.gaussians if trained is None else trained.gaussians
-    size = {} if trained is None else {"gaussians": trained.gaussians, "degree": trained.degree}
+    decided = {} if trained is None else _decided(trained)
     width = min(standard.width, session.width)
-    wanted: list[tuple[str, dict[str, float]]] = [
+    wanted: list[tuple[str, dict[str, Any]]] = [
         ("iterations", {"iterations": standard.iterations // 2}),
         ("Gaussians", {"gaussians": count // 2}),
         ("Gaussians", {"gaussians": 2 * count}),
         ("resolution", {"width": width // 2}),
         ("exposures", {"exposures": 1}),
         ("iterations", {"iterations": standard.iterations // 4}),
+        *((("corrections", {"refine": "none"}),) if decided.get("refine") else ()),
         ("SH degree", {"degree": 0}),
         ("views", {"views": session.views // 2}),
         ("iterations", {"iterations": 2 * standard.iterations}),
@@ -105,8 +106,13 @@ def planned(session: Session, trained: Point | None) -> list[Choice]:
             and change.get("exposures", 0) < session.exposures
         )
         if possible:
-            choices.append(Choice(axis=axis, fixed=Fixed.model_validate(size | change)))
+            choices.append(Choice(axis=axis, fixed=Fixed.model_validate(decided | change)))
     return distinct(choices, session, set() if trained is None else {session.trained(trained)})
+
+
+def _decided(point: Point) -> dict[str, Any]:
+    """What the scene decided of a training, as it would be fixed."""
+    return {"gaussians": point.gaussians, "degree": point.degree, "refine": point.refine}
 
 
 def distinct(choices: Sequence[Choice], session: Session, known: set[Fixed]) -> list[Choice]:

@@ -50,6 +50,7 @@ def train_point(
         )
         used = time.process_time() - used
         opened = open_model(folder)
+        corrected = opened.training.refinement
         _, _, rows, _ = measured(Opened(folder, opened.record, dataset, opened.training))
         # Views of a mixed rig are each measured as their camera is.
         own = {row["view"]: next(row[key] for key in MEASURES if key in row) for row in rows}
@@ -61,6 +62,7 @@ def train_point(
             iterations=opened.training.iteration,
             gaussians=len(opened.training.gaussians),
             degree=opened.training.method.schedule.degree(1.0),
+            refine="+".join(corrected.parameters) or None if corrected is not None else None,
             width=max(view.lens.width for view in opened.dataset.views),
             seconds=opened.record.train_seconds,
             processor_seconds=round(used, 3),

@@ -54,6 +54,8 @@ class Point(Record):
     gaussians: int
     degree: int = 2
     """Of the harmonics; it was 2 for all before scenes chose it."""
+    refine: str | None = None
+    """What training corrected in the calibration, joined by +; None: nothing."""
     width: int
     """px of the training images."""
     seconds: float

@@ -10,7 +10,6 @@ import rig
 from imaging.calibration import read_calibration
 from imaging.session import Session
 from recon.losses import Photometric
-from recon.method import Schedule
 from recon.presets import QUALITIES, START_SHARE
 from recon.trade import Point, Trade, front, read_trade
 from recon.trade.records import FOLDER
@@ -22,13 +21,14 @@ from rig.words import counted, duration, number, size
 
 AXES = {
     "iterations": "iterations",
-    "gaussians": "Gaussians, at most",
+    "gaussians": "Gaussians",
     "width": "image width, px",
     "degree": "SH degree",
     "ssim": "weight of SSIM in the loss",
     "growth": "share of Gaussians that is grown",
     "views": "training views",
     "exposures": "exposures of a view",
+    "refine": "corrections",
 }
 
 
@@ -112,14 +112,16 @@ def _tables(trade: Trade) -> Iterable[Table]:
     )
 
 
-def settings(point: Point) -> dict[str, float | None]:
-    """What a training was made with; None: as the method has it."""
+def settings(point: Point) -> dict[str, float | str | None]:
+    """What a training was made with, by hand or as its scene decided; None: as the method has it."""
     fixed, preset = point.choice.fixed, QUALITIES[point.choice.quality]
     own = {key: getattr(fixed, key) for key in AXES}
     return own | {
         "iterations": fixed.iterations or preset.iterations,
-        "gaussians": fixed.gaussians or preset.gaussians,
+        "gaussians": fixed.gaussians or point.gaussians,
         "width": point.width,
+        "degree": point.degree,
+        "refine": point.refine or "none",
     }
 
 
@@ -144,7 +146,6 @@ def _changes(trade: Trade, standard: Point) -> Iterable[tuple[str, ...]]:
 
 
 USUAL = {
-    "degree": str(len(Schedule().degrees)),
     "ssim": f"{Photometric().ssim_weight:g}",
     "growth": f"{1 - START_SHARE:g}",
     "views": "all",
@@ -153,8 +154,10 @@ USUAL = {
 """What a setting is where nobody sets it."""
 
 
-def _said(axis: str, value: float | None) -> str:
-    return USUAL[axis] if value is None else f"{value:,.10g}"
+def _said(axis: str, value: float | str | None) -> str:
+    if value is None:
+        return USUAL[axis]
+    return value if isinstance(value, str) else f"{value:,.10g}"
 
 
 def _times(value: float, usual: float) -> str:

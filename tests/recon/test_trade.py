@@ -43,6 +43,7 @@ def test_each_call_goes_on_and_every_point_can_be_made_again(session_copy: Path)
     assert point.command == f"rig reconstruct {session_copy} --method nh-3dgs --quality standard --seed 0"
     folder = reconstruct(session_copy, method="nh-3dgs", quality="standard", seed=0)
     assert store.sha256(folder / "splats.ply") == point.splats_sha256
+    assert point.refine is None
     metrics = evaluate(folder)
     assert metrics["raw_psnr"] == pytest.approx(point.db)
     assert metrics["hdr_psnr_mu_aligned"] == pytest.approx(point.truth_db)
@@ -54,14 +55,15 @@ def test_each_call_goes_on_and_every_point_can_be_made_again(session_copy: Path)
 def test_points_are_measured_at_one_size_whatever_they_were_trained_at(
     session_copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    small = Choice(axis="resolution", fixed=Fixed(width=32, exposures=1, views=3))
+    small = Choice(axis="resolution", fixed=Fixed(width=32, exposures=1, views=3, refine="poses"))
     monkeypatch.setattr(module, "planned", lambda session, standard: [small])
     (point,) = sweep(session_copy, budget=AT_ONCE).points
     assert point.width == 32
+    assert point.refine == "poses"
     name = "by-hand"
     folder = reconstruct(session_copy, method="nh-3dgs", fixed=small.fixed, name=name)
     assert store.sha256(folder / "splats.ply") == point.splats_sha256
-    assert point.command.endswith("--set width=32 --set views=3 --set exposures=1")
+    assert point.command.endswith("--set width=32 --set views=3 --set exposures=1 --set refine=poses")
     # The held-out view keeps its size and its bracket, so that its figure is not the small scene's own.
     assert evaluate(folder)["raw_psnr"] != pytest.approx(point.db, abs=1e-3)
 

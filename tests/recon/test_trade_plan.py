@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from recon.fixed import Fixed
+from recon.presets import QUALITIES
 from recon.trade.front import behind, front
 from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
 from recon.trade.records import Choice, Point
@@ -50,8 +51,10 @@ def test_presets_and_single_changes_are_planned_once_each() -> None:
     assert len(set(trained)) == len(trained)
 
 
-def test_single_changes_keep_the_size_that_the_scene_was_given() -> None:
-    standard = point(STANDARD).model_copy(update={"gaussians": 9000, "degree": 0})
+@pytest.mark.parametrize("refine", [None, "poses+exposures"])
+def test_single_changes_keep_what_the_scene_decided(refine: str | None) -> None:
+    update = {"gaussians": 9000, "degree": 0, "refine": refine}
+    standard = point(STANDARD).model_copy(update=update)
     singles = [choice for choice in planned(RICH, standard) if choice.axis != "preset"]
     base = RICH.trained(standard).model_dump()
     for choice in singles:
@@ -60,6 +63,8 @@ def test_single_changes_keep_the_size_that_the_scene_was_given() -> None:
     counts = {choice.fixed.gaussians for choice in singles if choice.axis == "Gaussians"}
     assert counts == {2250, 4500, 18_000}
     assert {choice.fixed.degree for choice in singles if choice.axis == "SH degree"} == {1, 2}
+    without = [choice.fixed.refine for choice in singles if choice.axis == "corrections"]
+    assert without == (["none"] if refine else [])
 
 
 @pytest.mark.parametrize("views", [3, 5, 40])
@@ -111,16 +116,17 @@ def test_expected_seconds_lie_on_the_line_through_the_nearest_two() -> None:
 def test_a_scene_that_needed_few_gaussians_is_expected_to_need_no_more() -> None:
     best = Choice(axis="preset", quality="best")
     full = [point(Choice(axis="preset", quality="draft"), seconds=10), point(STANDARD, seconds=60)]
-    few = [full[0], full[1].model_copy(update={"gaussians": 5000})]
+    count = QUALITIES["standard"].gaussians // 8
+    few = [full[0], full[1].model_copy(update={"gaussians": count})]
     # As long as a training would that has just so many.
     told = expected_seconds(best, few, RICH)
-    fixed = expected_seconds(Choice(axis="", quality="best", fixed=Fixed(gaussians=5000)), few, RICH)
+    fixed = expected_seconds(Choice(axis="", quality="best", fixed=Fixed(gaussians=count)), few, RICH)
     assert told == fixed
     # More than the preset allows it never is.
     draft = Choice(axis="preset", quality="draft")
-    many = [full[1].model_copy(update={"gaussians": 39_000})]
-    most = expected_seconds(Choice(axis="", fixed=Fixed(gaussians=20_000), quality="draft"), many, RICH)
-    assert expected_seconds(draft, many, RICH) == most
+    many = [full[1].model_copy(update={"gaussians": QUALITIES["standard"].gaussians - 1})]
+    most = draft.model_copy(update={"fixed": Fixed(gaussians=QUALITIES["draft"].gaussians)})
+    assert expected_seconds(draft, many, RICH) == expected_seconds(most, many, RICH)
 
 
 def test_a_small_picture_is_no_narrower_than_it_is() -> None:

@@ -1,5 +1,6 @@
 """`rig trade` and its page: what is drawn, what is told, and what is refused."""
 
+import importlib
 import json
 import re
 from datetime import UTC, datetime
@@ -10,6 +11,7 @@ import pytest
 from imaging import store
 from recon.fixed import Fixed
 from recon.presets import QUALITIES, Quality
+from recon.trade.plan import Session, planned
 from recon.trade.records import Choice, Point, Trade
 from rig.report.trade_charts import figures
 from rig.report.trade_page import trade_off, trade_report
@@ -20,14 +22,16 @@ TINY = {"draft": Quality(10, 100, 32), "standard": Quality(20, 200, 64), "best":
 
 
 def point(
-    quality: str, db: float, seconds: float, at_once: int = 1, width: int = 640, **fixed: float
+    quality: str, db: float, seconds: float, at_once: int = 1, width: int = 640, **fixed: float | str
 ) -> Point:
+    """With as many Gaussians as it takes milliseconds where no number is fixed, of colours of degree 1."""
     choice = Choice(axis="", quality=quality, fixed=Fixed(**fixed))
     return Point(
         key=f"{quality}{fixed}", choice=choice, command=choice.command("S", "nh-3dgs", 0), iterations=1,
-        gaussians=int(seconds * 1000), width=width, seconds=seconds, processor_seconds=2 * seconds,
-        at_once=at_once, size_bytes=int(seconds * 1e5), splats_sha256="0", db=db,
-        views={"0000/a": db - 1.0, "0000/b": db + 1.0 + 0.1 * len(fixed)}, truth_db=db + 2,
+        gaussians=choice.fixed.gaussians or int(seconds * 1000), degree=fixed.get("degree", 1),
+        refine=None if quality == "draft" else "poses", width=width, seconds=seconds,
+        processor_seconds=2 * seconds, at_once=at_once, size_bytes=int(seconds * 1e5), splats_sha256="0",
+        db=db, views={"0000/a": db - 1.0, "0000/b": db + 1.0 + 0.1 * bool(fixed)}, truth_db=db + 2,
     )  # fmt: skip
 
 
@@ -38,12 +42,14 @@ def made(*points: Point, **change: object) -> Trade:
     ).model_copy(update=change)  # fmt: skip
 
 
+DECIDED = {"gaussians": 20_000, "degree": 1, "refine": "poses"}
+"""What the scene decided of `standard`, which the trainings with one thing changed are given."""
 POINTS = (
     point("draft", 35.0, 5.0, width=320),
     point("standard", 38.0, 20.0),
     point("best", 38.5, 80.0),
-    point("standard", 37.0, 21.0, degree=0),
-    point("standard", 38.2, 12.0, gaussians=10_000),
+    point("standard", 37.0, 21.0, **DECIDED | {"degree": 0}),
+    point("standard", 38.2, 12.0, **DECIDED | {"gaussians": 10_000}),
 )
 
 
@@ -90,22 +96,40 @@ def test_a_front_and_the_presets_are_drawn() -> None:
 
 def test_what_a_setting_buys_is_paired_over_views() -> None:
     buys, every = trade_off(made(*POINTS)).tables
-    assert [row[0] for row in buys.rows] == ["Gaussians, at most", "SH degree"]
+    assert [row[0] for row in buys.rows] == ["Gaussians", "SH degree"]
     gaussians, degree = buys.rows
     # +0.2 in one view, +0.3 in the other: 0.25 with an error of 0.05.
     assert gaussians[1:] == (
         "10,000",
-        f"{QUALITIES['standard'].gaussians:,}",
+        "20,000",
         "0.250 ± 0.050",
         "× 0.60",
         "× 0.60",
     )
-    assert degree[1:4] == ("0", "2", "−0.950 ± 0.050")
+    assert degree[1:4] == ("0", "1", "−0.950 ± 0.050")
     assert [row[-1] for row in every.rows] == [
         one.command for one in sorted(POINTS, key=lambda one: one.seconds)
     ]
     assert every.rows[0][-2] == "time, Gaussians, size"
     assert every.rows[2][-2] == ""
+
+
+def test_a_sweep_tells_what_its_single_changes_buy(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, quality in TINY.items():
+        monkeypatch.setitem(QUALITIES, name, quality)
+    wanted = ("preset", "iterations", "Gaussians", "SH degree")
+
+    def some(session: Session, standard: Point | None) -> list[Choice]:
+        return [choice for choice in planned(session, standard) if choice.axis in wanted]
+
+    module = importlib.import_module("recon.trade.sweep")
+    monkeypatch.setattr(module, "planned", some)
+    monkeypatch.setattr(module, "neighbours", lambda points, session: [])
+    trade = module.sweep(toy, budget=1000.0)
+    singles = [one for one in trade.points if one.choice.axis != "preset"]
+    buys, _ = trade_off(trade).tables
+    assert len(buys.rows) == len(singles) > 5
+    assert {row[0] for row in buys.rows} == {"iterations", "Gaussians", "SH degree"}
 
 
 def test_with_several_at_once_processor_time_is_drawn_and_said() -> None:
