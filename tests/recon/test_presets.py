@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from PIL import Image
 
 import recon.presets
 from imaging import store
@@ -48,16 +49,17 @@ def scene(draft: float, standard: float, best: float, behind: float = 0.0) -> di
 
 
 def test_presets_that_are_as_asked_pass(presets: ModuleType) -> None:
-    found = presets.verdict([scene(35, 37.2, 38), scene(30, 33.1, 34.2)])
+    found = presets.verdict([scene(35, 37.2, 38), scene(30, 33.3, 34.2)])
     assert found["wrong"] == []
     assert found["draft_times_faster"] == 15
-    assert found["standard_below_best_db"] == pytest.approx(0.95)
+    assert found["standard_below_best_db"] == pytest.approx(0.9)
 
 
-def test_what_is_wrong_with_presets_is_said(presets: ModuleType) -> None:
+def test_what_is_wrong_with_presets_is_said_of_the_worst_scene(presets: ModuleType) -> None:
     slow = scene(35, 36.5, 38, behind=0.6)
     slow["presets"]["draft"]["seconds"] = 10.0
-    assert presets.verdict([slow])["wrong"] == [
+    fine = scene(35, 37.2, 38)
+    assert presets.verdict([fine, slow, fine])["wrong"] == [
         "draft lies 0.60 dB behind the front",
         "standard lies 0.60 dB behind the front",
         "best lies 0.60 dB behind the front",
@@ -72,3 +74,17 @@ def test_a_scene_without_all_presets_has_no_say(presets: ModuleType) -> None:
     assert presets.verdict([part])["scenes"] == 0
     assert presets.verdict([part])["wrong"] == []
     assert presets.verdict([part, scene(35, 37.5, 38)])["behind_db"]["best"] == 0.0
+
+
+def test_fronts_are_drawn_from_what_is_recorded(presets: ModuleType, tmp_path: Path) -> None:
+    path = BENCH / "results" / "presets.json"
+    if not path.is_file():
+        pytest.skip("no fronts are recorded yet: bench/presets.py --write takes hours of an idle machine")
+    rows = store.read_json(path)["rows"]
+    one, all_of_them = tmp_path / "new" / "one.png", tmp_path / "new" / "all.png"
+    presets.draw(rows[:1], one)
+    presets.draw(rows, all_of_them)
+    with Image.open(one) as picture:
+        width, height = picture.size
+    assert width > height > 400
+    assert one.read_bytes() != all_of_them.read_bytes()
