@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import compress
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -25,6 +26,9 @@ LEAST_SNR = 3.0
 LIT_SNR, LIT_SHARE = 5.0, 1e-5
 """A frame is lit if more than this share of it is so far above its noise; by noise alone it is a thirtieth of
 that."""
+LIT_REACH = 5
+"""px: what is lit has company in a square so wide, as the image of any light has, and a hot photosite has
+not. In it a mosaic has every colour several times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +95,11 @@ def _is_lit(frame: LinearFrame) -> bool:
     alone = merge_bracket([frame])
     assert alone.sigma is not None
     above = frame.saturated | (alone.valid & (alone.radiance > LIT_SNR * alone.sigma))
-    return bool(above.mean() > LIT_SHARE)
+    square = (LIT_REACH, LIT_REACH)
+    company = cv2.boxFilter(
+        above.astype(np.uint8), -1, square, normalize=False, borderType=cv2.BORDER_CONSTANT
+    )
+    return bool((above & (company > 1)).mean() > LIT_SHARE)
 
 
 def _unmasked(session: Session, view: View, found: Features, width: int, height: int) -> Features:

@@ -30,6 +30,24 @@ def test_a_frame_of_a_few_lamps_is(black, level):
     assert _is_lit(replace(black, signal=signal))
 
 
+@pytest.mark.parametrize("step", [1, 2])
+def test_a_lamp_of_one_colour_counts_as_one_of_all(black, step):
+    """Of a mosaic a blue lamp lights every second photosite of every second row."""
+    signal = black.signal.copy()
+    signal[100:104:step, 200:204:step] = 0.01
+    assert _is_lit(replace(black, signal=signal))
+
+
+@pytest.mark.parametrize("level", [0.01, 1.0])
+def test_hot_photosites_are_no_light(black, level):
+    """One in ten thousand, as of a warm sensor; the brightest of them are saturated."""
+    signal = black.signal.copy()
+    signal[20::60, 30::50] = level
+    hot = signal >= 1
+    assert (signal >= level).mean() > 1e-4
+    assert not _is_lit(replace(black, signal=signal, saturated=hot))
+
+
 def test_so_are_a_saturated_one_and_one_of_unknown_noise(black):
     assert _is_lit(replace(black, saturated=np.ones_like(black.saturated)))
     assert _is_lit(replace(black, noise=None))
