@@ -25,7 +25,7 @@ from recon.model import CHECKPOINT, LOG, MODEL, REFINEMENT, Prediction, Settings
 from recon.pixels import Progress
 from recon.prediction import enough, predicted
 from recon.presets import QUALITIES, START_SHARE, Quality, QualityName
-from recon.probe import probe
+from recon.probe import has_time_for_trials, probe
 from recon.radiance import light_of, radiance_image
 from recon.ranks import Ranks, joined
 from recon.refinement import Refinement
@@ -35,6 +35,7 @@ from recon.splat import SplatStats
 from recon.start import gaussians_at, start_points
 from recon.steering import Deadline, EarlyStop, Goal
 from recon.trainer import Steer, Training, train
+from recon.trials import no_trial
 from recon.warm_up import warm_up
 
 __all__ = ["QUALITIES", "START_SHARE", "MethodName", "Quality", "QualityName", "reconstruct"]
@@ -61,12 +62,12 @@ def reconstruct(
     """Train a scene on a calibrated session; returns the folder SESSION/SHELF/NAME.
 
     budget: seconds, or a `Budget`, or what `Budget.parse` reads. Within a time, the whole schedule is made
-    shorter if the preset's iterations do not fit at the speed measured at the start, and again on the
-    way if that was misjudged. It counts from the first look at the light to the last iteration, measuring on
-    the way included, reading images and compiling not. fixed: what is not to be as the preset and the
-    method have it. early_stop: train no longer than was worth it for other scenes, and end when held-out
-    quality stands still. name: the method's if None. tell: hears what is foretold of a training with a
-    budget.
+    shorter if the preset's iterations do not fit at the speed measured at the start, and again on the way if
+    that was misjudged; trials of what the scene needs are made only if all of it fits. It counts from the
+    first look at the light to the last iteration, measuring on the way included, reading images and compiling
+    not. fixed: what is not to be as the preset and the method have it. early_stop: train no longer than was
+    worth it for other scenes, and end when held-out quality stands still. name: the method's if None. tell:
+    hears what is foretold of a training with a budget.
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
     called again with the same settings (with a time to keep, as fast as the machine then is); a finished
@@ -235,7 +236,6 @@ def _begin(
     """
     warm_up(progress, device, fisheye=any(view.lens.fisheye for view in dataset.views))
     started = clock()
-    refined = refinement_for(dataset, wanted, ranks, progress)
     images = [radiance_image(view) for view in dataset.train]
     light = light_of(dataset, images)
     rng = np.random.Generator(np.random.PCG64([wanted.seed, 0x57A27]))
@@ -243,25 +243,31 @@ def _begin(
     colour = degree_for(dataset, wanted, images, ranks)
     most = most_for(dataset, wanted, colour[0])
     points = start_points(dataset, images, int(share * most), rng, progress)
-    size = size_for(dataset, wanted, colour, refined, points, ranks, progress, device)
     settings = wanted.model_copy(
-        update={
-            "max_gaussians": size.gaussians,
-            "degree": size.degree,
-            "iterations": _longest(wanted),
-        }
+        update={"max_gaussians": most, "degree": colour[0], "iterations": _longest(wanted)}
     )
-    points = fewer(points, int(share * size.gaussians), wanted.seed)
+    refined = Refinement.of(dataset, ())
 
     def training() -> Training:
+        """With what is decided by then."""
         method = settings.composed(dataset, light)
         gaussians = gaussians_at(points, method.appearance, method.observation.units)
         refinement = Refinement.of(dataset, refined.parameters, refined.rungs)
         return Training.begin(method, light, gaussians, dataset.extent, device, refinement)
 
-    guess = None
+    guess, deciding = None, wanted
+    time_limit = wanted.budget if wanted.budget_unit == "s" else None
+    if time_limit is not None:
+        unhurried = wanted.model_copy(update={"budget": None})
+        if not no_trial(dataset, unhurried) and has_time_for_trials(
+            training, dataset, settings.plan(), time_limit, ranks=ranks, clock=clock
+        ):
+            deciding = unhurried
+    refined = refinement_for(dataset, deciding, ranks, progress)
+    size = size_for(dataset, deciding, colour, refined, points, ranks, progress, device)
+    settings = settings.model_copy(update={"max_gaussians": size.gaussians, "degree": size.degree})
+    points = fewer(points, int(share * size.gaussians), wanted.seed)
     if wanted.budget is not None:
-        time_limit = wanted.budget if wanted.budget_unit == "s" else None
         found = probe(
             training, dataset, settings.plan(), time_limit, ranks=ranks, progress=progress, clock=clock
         )

@@ -159,7 +159,7 @@ def decided(
     """The number of Gaussians, and why: as asked, else by trials, else by the samples there are."""
     why_not = no_trial(dataset, settings)
     most = most_for(dataset, settings, degree)
-    if not why_not:
+    if not why_not and not _asked(settings):
         trials = Trials.of(dataset, settings, points, progress)
         return Ladder(trials, refined, most, degree, device).climbed()
     reason = f"at most {most:,}, {why_not}"

@@ -36,7 +36,7 @@ def no_trial(dataset: Dataset, settings: Settings) -> str:
     """Why no trial is made; empty if one is."""
     if settings.fixed.model_copy(update={"refine": None}) != Fixed():
         return "not tried, since settings were fixed by hand"
-    if settings.budget is not None:
+    if settings.budget is not None and settings.budget_unit == "s":
         return "not tried, since a trial would take its time from the budget"
     if settings.quality == "draft":
         return "not tried, since a draft is no longer than a trial"
