@@ -15,6 +15,10 @@ COLOURS = 8
 MANY = 40
 """Dots of a series above which they are drawn smaller, so as not to hide each other."""
 
+MOST_TICKS = 8
+LEAST, MOST = 1e-300, 1e300
+"""Of a logarithmic axis: its ticks, and what it shows."""
+
 Scale = Literal["linear", "log"]
 
 
@@ -84,9 +88,18 @@ class Axis:
 
     @classmethod
     def _decades(cls, label: str, low: float, high: float) -> "Axis":
+        """From decade to decade; of a few, from 1, 2 or 5 of one to 1, 2 or 5 of another."""
+        low, high = min(max(low, LEAST), MOST), min(max(high, LEAST), MOST)
+        powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 2)
+        steps = [factor * 10.0**power for power in powers for factor in (1, 2, 5)]
+        below = max(step for step in steps if step <= low * (1 + 1e-9))
+        above = min(step for step in steps if step >= max(high, 1.5 * below) * (1 - 1e-9))
+        ticks = tuple(step for step in steps if below <= step <= above)
+        if len(ticks) <= MOST_TICKS:
+            return cls(label, below, above, ticks, "log")
         first, last = math.floor(math.log10(low) + 1e-9), math.ceil(math.log10(high) - 1e-9)
         last = max(last, first + 1)
-        step = max(1, math.ceil((last - first) / 8))
+        step = max(1, math.ceil((last - first) / MOST_TICKS))
         return cls(
             label, 10.0**first, 10.0**last, tuple(10.0**e for e in range(first, last + 1, step)), "log"
         )
@@ -101,8 +114,10 @@ def nice_step(step: float) -> float:
 def tick_text(value: float, axis: Axis) -> str:
     """A tick's label, as many decimals as the axis needs."""
     if axis.scale == "log":
-        exponent = round(math.log10(value))
-        return f"{value:g}" if -3 <= exponent <= 4 else f"1e{exponent}"
+        exponent = math.floor(math.log10(value) + 1e-9)
+        if -3 <= exponent <= 6:
+            return f"{value:,.{max(0, -exponent)}f}"
+        return f"{value / 10.0**exponent:.0f}e{exponent}"
     step = axis.ticks[1] - axis.ticks[0] if len(axis.ticks) > 1 else 1.0
     decimals = max(0, -math.floor(math.log10(step) + 1e-9))
     text = f"{value:,.{decimals}f}"

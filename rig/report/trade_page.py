@@ -91,7 +91,8 @@ def _tables(trade: Trade) -> Iterable[Table]:
         yield Table(
             "What each setting buys",
             "One thing changed of the preset standard; the error is that of the mean over held-out views, "
-            "paired. A difference within twice its error may be chance.",
+            "paired. A difference within twice its error may be chance. The time of standard has its trials "
+            "in it, whose outcome the others are given.",
             ("Changed", "#To", "#From", "#Gain, dB", "#Time", "#Size"),
             tuple(_changes(trade, standard)),
         )

@@ -54,6 +54,35 @@ def test_a_logarithmic_axis_places_decades_evenly() -> None:
     assert axis.place(1.0, 0.0, 100.0) == pytest.approx(50.0)
 
 
+@pytest.mark.parametrize(
+    ("values", "ends", "first", "last"),
+    [
+        ([6.9, 123.0], (5.0, 200.0), "5", "200"),
+        ([16_805.0, 66_858.0], (10_000.0, 100_000.0), "10,000", "100,000"),
+        ([0.94, 2.2], (0.5, 5.0), "0.5", "5"),
+        ([3e-5, 2e-4], (2e-5, 2e-4), "2e-5", "2e-4"),
+        ([3e7, 9e7], (2e7, 1e8), "2e7", "1e8"),
+        ([7.0, 7.0], (5.0, 10.0), "5", "10"),
+        ([1.0, 1.0], (1.0, 2.0), "1", "2"),
+    ],
+)
+def test_a_logarithmic_axis_of_a_few_decades_is_no_longer_than_it_has_to_be(
+    values: list[float], ends: tuple[float, float], first: str, last: str
+) -> None:
+    axis = Axis.around("x", values, "log")
+    assert (axis.low, axis.high) == pytest.approx(ends)
+    assert (axis.ticks[0], axis.ticks[-1]) == pytest.approx(ends)
+    assert (tick_text(axis.ticks[0], axis), tick_text(axis.ticks[-1], axis)) == (first, last)
+    assert len({tick_text(tick, axis) for tick in axis.ticks}) == len(axis.ticks) <= 8
+
+
+def test_a_logarithmic_axis_takes_the_largest_and_the_least_numbers() -> None:
+    axis = Axis.around("x", [5e-324, 1.7e308], "log")
+    assert len(axis.ticks) > 2
+    assert all(0.0 <= axis.place(value, 0.0, 100.0) <= 100.0 for value in axis.ticks)
+    svg_of(chart("t", [Series("", [5e-324, 1.7e308], [1, 2])], "x", "y", x_scale="log"))
+
+
 def test_nothing_to_draw_is_still_a_chart() -> None:
     for scale in ("linear", "log"):
         svg_of(chart("empty", [Series("", [], [])], "x", "y", x_scale=scale, y_scale=scale))
