@@ -15,7 +15,7 @@ COLOURS = 8
 MANY = 40
 """Dots of a series above which they are drawn smaller, so as not to hide each other."""
 
-MOST_TICKS = 8
+FEWEST_TICKS, MOST_TICKS = 3, 8
 LEAST, MOST = 1e-300, 1e300
 """Of a logarithmic axis: its ticks, and what it shows."""
 
@@ -95,6 +95,9 @@ class Axis:
         below = max(step for step in steps if step <= low * (1 + 1e-9))
         above = min(step for step in steps if step >= max(high, 1.5 * below) * (1 - 1e-9))
         ticks = tuple(step for step in steps if below <= step <= above)
+        if len(ticks) < FEWEST_TICKS:
+            every = (factor * 10.0**power for power in powers for factor in range(1, 10))
+            ticks = tuple(step for step in every if below <= step <= above)
         if len(ticks) <= MOST_TICKS:
             return cls(label, below, above, ticks, "log")
         first, last = math.floor(math.log10(low) + 1e-9), math.ceil(math.log10(high) - 1e-9)

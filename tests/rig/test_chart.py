@@ -76,6 +76,11 @@ def test_a_logarithmic_axis_of_a_few_decades_is_no_longer_than_it_has_to_be(
     assert len({tick_text(tick, axis) for tick in axis.ticks}) == len(axis.ticks) <= 8
 
 
+def test_a_logarithmic_axis_of_less_than_a_decade_has_ticks_enough() -> None:
+    axis = Axis.around("x", [0.0204, 0.0391], "log")
+    assert [tick_text(tick, axis) for tick in axis.ticks] == ["0.02", "0.03", "0.04", "0.05"]
+
+
 def test_a_logarithmic_axis_takes_the_largest_and_the_least_numbers() -> None:
     axis = Axis.around("x", [5e-324, 1.7e308], "log")
     assert len(axis.ticks) > 2
