@@ -38,7 +38,8 @@ def reconstruct(
         typer.Option(
             parser=parsed_budget,
             metavar="AMOUNT",
-            help="Train no longer than 90s or 5m; make splats.ply no larger than 30MB; use at most 100k "
+            help="Train no longer than 90s or 5m, which leaves out trials of what the scene needs if there "
+            "is no room for them; make splats.ply no larger than 30MB; use at most 100k "
             "Gaussians; or stop when held-out views reach 35dB.",
         ),
     ] = None,

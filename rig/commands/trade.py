@@ -28,9 +28,9 @@ def trade(
     """Measure what settings cost and what they buy.
 
     Trains the presets, then with one thing changed at a time (iterations, Gaussians, resolution, SH
-    degree, loss, growth, views, exposures), then near the best; measures each on held-out views. Writes
-    SESSION/trade/trade.json and report.html, with the command that makes each of the scenes. What is
-    done is kept: the same command goes on where the budget or Ctrl-C ended.
+    degree, loss, growth, views, exposures, corrections), then near the best; measures each on held-out
+    views. Writes SESSION/trade/trade.json and report.html, with the command that makes each of the
+    scenes. What is done is kept: the same command goes on where the budget or Ctrl-C ended.
 
     Example: rig trade S --budget 10m
     """

@@ -90,7 +90,9 @@ def test_a_logarithmic_axis_takes_the_largest_and_the_least_numbers() -> None:
 
 def test_nothing_to_draw_is_still_a_chart() -> None:
     for scale in ("linear", "log"):
-        svg_of(chart("empty", [Series("", [], [])], "x", "y", x_scale=scale, y_scale=scale))
+        svg = svg_of(chart("empty", [Series("", [], [])], "x", "y", x_scale=scale, y_scale=scale))
+        assert {"x", "y"} <= {part.text for part in svg.iter()}
+        assert not [part for part in svg.iter() if "dots" in part.get("class", "")]
 
 
 def test_points_lie_where_the_axes_say() -> None:
