@@ -14,7 +14,9 @@ from rig.streams import debugging
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `rig ARGUMENTS` (those of the process if None); the exit code."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    if words[0] == "help":
+        words = [*words[1:], "--help"]
     as_json = "--json" in words
     name = next((word for word in words if not word.startswith("-")), "")
     for stream in (sys.stdout, sys.stderr):
@@ -34,6 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # Whoever read our output has seen enough; keep Python from failing again when it flushes.
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             return 0
+        if isinstance(error, SystemExit):
+            # typer leaves like this once it has printed or installed a shell's completion.
+            return error.code if isinstance(error.code, int) else 0
         if debugging():
             raise
         line, code = explained(error)

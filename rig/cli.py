@@ -35,7 +35,6 @@ app = typer.Typer(
     help="From cameras to a high-dynamic-range 3D scene: capture, calibrate, reconstruct.\n\n"
     "Begin with: rig demo demo/",
     epilog=EXIT_CODES,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

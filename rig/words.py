@@ -1,6 +1,7 @@
 """How values are said to people: safe text, durations, sizes, counts."""
 
 import math
+import shlex
 
 
 def plain(text: object) -> str:
@@ -18,6 +19,11 @@ def sentence(text: object) -> str:
     """`plain`, beginning with a letter as given and ending in one full stop."""
     line = plain(text).strip()
     return line if line.endswith((".", "!", "?")) else f"{line}."
+
+
+def command_line(*words: object) -> str:
+    """A command as it can be pasted into a POSIX shell: words with spaces or signs are quoted."""
+    return shlex.join(str(word) for word in words)
 
 
 def duration(seconds: float) -> str:

@@ -10,7 +10,7 @@ from rig.commands.board import EXAMPLE, BoardText, board_text
 from rig.commands.options import JsonOption, SessionArgument
 from rig.progress import Meter
 from rig.running import Outcome, leaving_nothing, running
-from rig.words import counted, number
+from rig.words import command_line, counted, number
 
 if TYPE_CHECKING:
     from imaging.calibration import CalibrationRecord
@@ -146,7 +146,7 @@ def told(session: Path, record: "CalibrationRecord") -> Outcome:
         *[f"{session}: {name} shows nothing that was recognised: its pose is the rig's" for name in by_rig],
         *chart_lines(session, record),
         f"Report: {report}",
-        f"Next: rig reconstruct {session}",
+        f"Next: {command_line('rig', 'reconstruct', session)}",
     ]
     data = {
         "session": str(session),

@@ -14,7 +14,7 @@ from rig.commands.rehearsal import rehearse
 from rig.progress import Meter
 from rig.running import Outcome, leaving_nothing, running, shortfall
 from rig.sessions import has_shots
-from rig.words import counted
+from rig.words import command_line, counted
 
 if TYPE_CHECKING:
     from capture.planner import Wanted
@@ -253,7 +253,7 @@ def run_capture(
     lines += [f"  {problem}" for problem in result.problems]
     missing = shortfall(result.require_complete)
     if missing is None and Session.open(out).shots("scene"):
-        lines.append(f"Next: rig calibrate {out}")
+        lines.append(f"Next: {command_line('rig', 'calibrate', out)}")
     data = {
         "session": str(out),
         "planned": result.planned,

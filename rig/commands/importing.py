@@ -8,7 +8,7 @@ import typer
 from rig.commands.options import JsonOption
 from rig.running import Outcome, leaving_nothing, running, shortfall
 from rig.sessions import has_shots
-from rig.words import counted
+from rig.words import command_line, counted
 
 Layout = Literal["photos", "nerfstudio", "colmap", "hdr-nerf"]
 Identity = Literal["serial", "folder", "one"]
@@ -80,9 +80,10 @@ def import_(
     lines += [f"  {guess}" for guess in result.guesses]
     if result.views:
         lines.append(f"{counted(result.views, 'view')} with a pose that was given, not measured")
-        lines.append(f"Next: rig reconstruct {out}, or first rig calibrate {out} --only response")
+        response = command_line("rig", "calibrate", out, "--only", "response")
+        lines.append(f"Next: {command_line('rig', 'reconstruct', out)}, or first {response}")
     else:
-        lines.append(f"Next: rig calibrate {out}")
+        lines.append(f"Next: {command_line('rig', 'calibrate', out)}")
     data = {
         "session": str(out),
         "layout": result.layout,

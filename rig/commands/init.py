@@ -8,7 +8,7 @@ import typer
 from rig.buses import bus_of
 from rig.commands.options import JsonOption
 from rig.running import Outcome, running
-from rig.words import counted, plain
+from rig.words import command_line, counted
 
 
 def init(
@@ -45,10 +45,10 @@ def init(
     failed = [one for one in listed if one.identity is None]
     asked = len(listed) - len(failed)
     missing = f"{counted(len(failed), 'camera')} could not be asked: {failed[0].error}" if failed else None
-    on = "" if sim is None else f" --sim {sim}"
+    on = [] if sim is None else ["--sim", sim]
     lines = [
         f"{path}: {counted(asked, 'camera')}",
-        f"Next: look through it, then rig capture {plain(path)} S --dry-run{on}",
+        f"Next: edit it as needed, then {command_line('rig', 'capture', path, 'S', '--dry-run', *on)}",
     ]
     serials = [one.identity.serial for one in listed if one.identity is not None]
     return Outcome({"rig": str(path), "cameras": serials}, lines, missing)

@@ -1,6 +1,7 @@
 """The command line itself: help, versions, usage errors, JSON, and what it costs to start."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -49,6 +50,40 @@ def test_help_names_every_command_and_the_exit_codes(rig) -> None:
     assert "Exit codes: 0 done; 1 a defect of rig; 2 " in out
 
 
+def test_rig_alone_and_rig_help_print_the_help(rig) -> None:
+    assert rig() == rig("--help") == rig("help")
+    assert rig("help", "check") == rig("check", "--help")
+    code, _, err = rig("help", "frobnicate")
+    assert (code, err.count("\n")) == (2, 1)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shells_complete_commands_and_options(shell: str) -> None:
+    def completion(words: str, instruction: str) -> str:
+        environment = os.environ | {
+            "_RIG_COMPLETE": f"{instruction}_{shell}",
+            "COMP_WORDS": words,
+            "COMP_CWORD": str(words.count(" ")),
+            "_TYPER_COMPLETE_ARGS": words,
+            "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+        }
+        code = "import sys; from rig.__main__ import main; sys.exit(main())"
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+            env=environment,
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+        return done.stdout
+
+    assert "_RIG_COMPLETE" in completion("", "source")
+    assert "calibrate" in completion("rig cal", "complete")
+    assert "--only" in completion("rig calibrate --on", "complete")
+
+
 @pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_help_of_every_command_has_an_example_that_is_valid_usage(rig, name: str) -> None:
     code, out, err = rig(name, "--help")
@@ -64,7 +99,6 @@ def test_help_of_every_command_has_an_example_that_is_valid_usage(rig, name: str
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "missing command"),
         (["frobnicate"], "no such command 'frobnicate'"),
         (["check"], "missing argument"),
         (["check", "S", "--frobnicate"], "no such option: --frobnicate"),

@@ -1,6 +1,7 @@
 """`rig import` of a folder that brings its poses, and what the later stages make of it."""
 
 import json
+import shlex
 import shutil
 from pathlib import Path
 
@@ -82,6 +83,14 @@ def test_a_photo_that_is_named_and_absent_is_told_with_exit_code_3(rig, scene: P
     assert "19 photos as 4 frames" in text
     assert "cam0_1_2.jpg is named in frame" in err
     assert err.count("\n") == 1
+
+
+def test_the_next_command_can_be_pasted_into_a_shell(rig, scene: Path, tmp_path) -> None:
+    session = tmp_path / "tøy 'späce' 名"
+    code, text, _ = rig("import", str(scene), str(session), "--layout", "photos", "--together", "never")
+    assert code == 0
+    (command,) = [line.removeprefix("Next: ") for line in text.splitlines() if line.startswith("Next: ")]
+    assert shlex.split(command) == ["rig", "calibrate", str(session)]
 
 
 def test_a_pose_that_is_none_is_refused_and_plain_photographs_still_come(rig, scene: Path, tmp_path) -> None:
