@@ -4,7 +4,7 @@
 
 All rows but those of another mu have the mu of the papers. The demo and the gallery, RAW brackets, the
 calibration taken from the truth, so that nothing but the choice differs; each seed is another rig and another
-order of training. Differences are paired over held-out views, seeds and scenes. Finished rows are kept in
+order of training. Differences are paired, their errors those of scenes and rigs. Finished rows are kept in
 FOLDER.
 """
 
@@ -17,9 +17,10 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+from differences import kept, paired, units
 from growth import contribution, mcmc
 from record import WORK, arguments, deliver, machine, words
-from trial import Cache, Trial, paired, prepare, run, session
+from trial import Cache, Trial, prepare, run, session
 from variants import ClampedChroma, LogBlended, LogBlending, ThirdDegree
 
 from recon.dataset import Dataset
@@ -138,24 +139,15 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
                     with mu(PAPERS_MU), row.within():
                         return run(trial, row.compose, options.iterations, seed)[-1]
 
-                rows[name].append(cache.get(f"{scene} {seed} {name}", train))
-    first = next(iter(ROWS))
+                found = cache.get(f"{scene} {seed} {name}", train)
+                rows[name].append(found | {"scene": scene, "seed": seed})
     return {
         "machine": machine(),
         "iterations": options.iterations,
         "seeds": options.seeds,
         "scenes": options.scenes,
         "rows": rows,
-        "differences": {
-            name: {
-                key: paired(*(
-                    [view[key] for row in rows[which] for view in row["views"]] for which in (name, first)
-                ))
-                for key in MEASURES
-            }
-            for name in ROWS
-        },
-    }  # fmt: skip
+    }
 
 
 def report(result: dict[str, Any]) -> str:
@@ -165,8 +157,8 @@ def report(result: dict[str, Any]) -> str:
         f"`python bench/ablation.py --write`: NH-3DGS on RAW brackets, scenes {', '.join(result['scenes'])}, "
         f"{result['seeds']} seeds each, {result['iterations']} iterations. {words(result['machine'])}.",
         "",
-        "Means over held-out views, seeds and scenes; in brackets the row minus the first, paired, +-",
-        "standard error.",
+        "Means over held-out views, seeds and scenes; in brackets the row minus the first, +- standard error",
+        f"over {units(len(result['scenes']), result['seeds'])}.",
         "",
         f"| changed | {' | '.join(TITLES)} |",
         "|---|" + "---|" * len(TITLES),
@@ -176,8 +168,7 @@ def report(result: dict[str, Any]) -> str:
         for key, digits in MEASURES.items():
             cell = f"{np.mean([row[key] for row in rows]):.{digits}f}"
             if number:
-                mean, error = result["differences"][name][key]
-                cell += f" ({mean:+.{digits}f} +- {error:.{digits}f})"
+                cell += f" ({paired(rows, result['rows'][BASE], key).words(digits)})"
             cells.append(cell)
         cells.append(f"{np.mean([row['gaussians'] for row in rows]):.0f}")
         cells.append(f"{np.mean([row['processor_seconds'] for row in rows]):.0f}")
@@ -195,7 +186,7 @@ def main() -> None:
     if options.quick:
         options.scenes, options.cap, options.seeds, options.iterations = ("toy",), 600, 1, 60
     result = measure(options)
-    deliver(options, "ablation", result, report(result))
+    deliver(options, "ablation", result, report(result), kept(result["rows"], list(MEASURES)))
 
 
 if __name__ == "__main__":

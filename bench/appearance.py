@@ -5,8 +5,8 @@
 
 Every seed is another rig (lenses, colours, noise) of the demo and another order of training. Learning
 rates of every row were searched on seed 0 at 600 iterations, over factors of four, for 3DGS over more;
-`usual` is the exception: 3DGS with the rates of its paper. Differences are paired over held-out views and
-seeds. Finished rows are kept in FOLDER; --write puts the table into bench/results/appearance.md.
+`usual` is the exception: 3DGS with the rates of its paper. Differences are paired, their errors those of
+rigs. Finished rows are kept in FOLDER; --write puts the table into bench/results/appearance.md.
 """
 
 import argparse
@@ -15,8 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from differences import kept, paired, units
 from record import WORK, arguments, deliver, machine, words
-from trial import Cache, paired, prepare, run, session
+from trial import Cache, prepare, run, session
 
 from recon.appearance import Appearance, LogRadiance, PlainHarmonics, Rate, SoftplusRadiance
 from recon.dataset import Dataset
@@ -67,18 +68,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
                 trial = trial or prepare(folder, options.cap, seed)
                 return run(trial, compose, options.iterations, seed)[-1]
 
-            result["rows"][name].append(cache.get(f"{seed} {name}", train))
-    first = next(iter(ROWS))
-    result["differences"] = {
-        name: {
-            measure: paired(*(
-                [view[measure] for row in result["rows"][which] for view in row["views"]]
-                for which in (first, name)
-            ))
-            for measure in MEASURES
-        }
-        for name in list(ROWS)[1:]
-    }  # fmt: skip
+            found = cache.get(f"{seed} {name}", train)
+            result["rows"][name].append(found | {"scene": options.sim, "seed": seed})
     return result
 
 
@@ -90,19 +81,20 @@ def report(result: dict[str, Any]) -> str:
         f"{result['iterations']} iterations, calibration: {result['calibration']}. "
         f"{words(result['machine'])}.",
         "",
-        "Means over held-out views and seeds; in brackets NH-3DGS minus the row, paired, +- standard error.",
+        "Means over held-out views and seeds; in brackets NH-3DGS minus the row, +- standard error over",
+        f"{units(1, len(result['seeds']))}: of other scenes they say nothing.",
         "",
         "| appearance | dB | dB, dark | stops | RAW dB | processor s |",
         "|---|---|---|---|---|---|",
     ]
+    first = next(iter(result["rows"].values()))
     for name, rows in result["rows"].items():
         cells = []
         for key in MEASURES:
             digits = 3 if key == "stops_median" else 2
             cell = f"{sum(row[key] for row in rows) / len(rows):.{digits}f}"
-            if name in result["differences"]:
-                mean, error = result["differences"][name][key]
-                cell += f" ({mean:+.{digits}f} +- {error:.{digits}f})"
+            if rows is not first:
+                cell += f" ({paired(first, rows, key).words(digits)})"
             cells.append(cell)
         used = sum(row["processor_seconds"] for row in rows) / len(rows)
         lines.append(f"| {name} | {' | '.join(cells)} | {used:.0f} |")
@@ -121,7 +113,7 @@ def main() -> None:
         options.sim, options.cap, options.seeds, options.iterations = "toy", 900, 1, 150
         options.calibration = "truth"
     result = measure(options)
-    deliver(options, "appearance", result, report(result))
+    deliver(options, "appearance", result, report(result), kept(result["rows"], list(MEASURES)))
 
 
 if __name__ == "__main__":

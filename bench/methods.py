@@ -6,8 +6,8 @@
 Two scenes, each seed another rig (lenses, colours, sensors, noise) and another order of training; the start,
 the number of Gaussians and the iterations are the same for all rows, and so is the mu of the loss: that of
 the papers. Colour rates of every appearance are searched alike, for brackets and for merged EXR: on seed 0 of
-the demo, a third, once and three times the rates that are below. Differences are paired over held-out views,
-seeds and scenes. Finished rows are kept in FOLDER.
+the demo, a third, once and three times the rates that are below. Differences are paired, their errors those
+of scenes and rigs. Finished rows are kept in FOLDER.
 """
 
 import argparse
@@ -22,9 +22,10 @@ from unittest import mock
 import inputs
 import numpy as np
 import torch
+from differences import kept, paired, units
 from record import WORK, arguments, deliver, machine, words
 from torch import Tensor
-from trial import Cache, Trial, paired, prepare, run, session
+from trial import Cache, Trial, prepare, run, session
 
 from recon.appearance import (
     Appearance,
@@ -194,7 +195,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
                     return run(studio.trial(scene, seed, row.given), method, options.iterations, seed)[-1]
 
                 key = f"{scene} {seed} {row.name} {factors[row.name]}"
-                rows[row.name].append(cache.get(key, train) | {"scene": scene})
+                rows[row.name].append(cache.get(key, train) | {"scene": scene, "seed": seed})
     return {
         "machine": machine(),
         "iterations": options.iterations,
@@ -203,21 +204,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         "scenes": options.scenes,
         "factors": factors,
         "rows": rows,
-        "differences": {name: _differences(rows, name) for name in rows},
     }
-
-
-def _differences(rows: dict[str, list[Any]], name: str) -> dict[str, tuple[float, float]]:
-    """NH-3DGS on RAW brackets minus a row, paired over the views that have the measure."""
-    found = {}
-    for measure in MEASURES:
-        ours, theirs = (
-            np.array([view[measure] for row in rows[which] for view in row["views"]], float)
-            for which in (ROWS[0].name, name)
-        )
-        both = np.isfinite(ours) & np.isfinite(theirs)
-        found[measure] = paired(ours[both].tolist(), theirs[both].tolist())
-    return found
 
 
 def report(result: dict[str, Any]) -> str:
@@ -228,21 +215,22 @@ def report(result: dict[str, Any]) -> str:
         f"{result['seeds']} seeds each, {result['iterations']} iterations, "
         f"calibration: {result['calibration']}. {words(result['machine'])}.",
         "",
-        "Means over held-out views, seeds and scenes; in brackets the first row minus the row, paired, +-",
-        "standard error. Shadows: below 1 % of the scene's maximum, highlights: above 50 %, of unclipped",
-        "photosites only. Rates: what the search multiplied the colour rates by.",
+        "Means over held-out views, seeds and scenes; in brackets the first row minus the row, +- standard",
+        f"error over {units(len(result['scenes']), result['seeds'])}. Shadows: below 1 % of the scene's",
+        "maximum, highlights: above 50 %, of unclipped photosites only. Rates: what the search multiplied",
+        "the colour rates by.",
         "",
         f"| trained on | appearance | rates | {' | '.join(TITLES)} |",
         "|" + "---|" * (len(TITLES) + 3),
     ]
+    first = result["rows"][ROWS[0].name]
     for row in ROWS:
         own = result["rows"][row.name]
         cells = [row.given, row.appearance, f"{result['factors'][row.name]:.2g}"]
         for key, digits in MEASURES.items():
             cell = f"{np.nanmean([entry[key] for entry in own]):.{digits}f}"
             if row is not ROWS[0]:
-                mean, error = result["differences"][row.name][key]
-                cell += f" ({mean:+.{digits}f} +- {error:.{digits}f})"
+                cell += f" ({paired(first, own, key).words(digits)})"
             cells.append(cell)
         cells.append(f"{np.mean([entry['processor_seconds'] for entry in own]):.0f}")
         lines.append(f"| {' | '.join(cells)} |")
@@ -272,7 +260,7 @@ def main() -> None:
         options.calibration, options.search, options.factors = "truth", 30, (1.0,)
     with mock.patch("recon.observation.SIGNAL_MU", PAPERS_MU):
         result = measure(options)
-    deliver(options, "methods", result, report(result))
+    deliver(options, "methods", result, report(result), kept(result["rows"], list(MEASURES)))
 
 
 if __name__ == "__main__":

@@ -25,11 +25,15 @@ def arguments(text: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def deliver(options: argparse.Namespace, name: str, result: dict[str, Any], table: str) -> None:
-    """Print the result as was asked for, and publish its table with --write."""
+def deliver(
+    options: argparse.Namespace, name: str, result: dict[str, Any], table: str, rows: Any = None
+) -> None:
+    """Print the result as was asked for; with --write publish its table, and beside it `rows` as JSON."""
     print(json.dumps(result, indent=1) if options.json else table)
     if options.write:
         publish(name, table)
+        if rows is not None:
+            store.write_json(RESULTS / f"{name}.json", rows)
 
 
 def machine() -> dict[str, Any]:

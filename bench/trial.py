@@ -151,10 +151,3 @@ class Cache:
             with self._path.open("a") as file:
                 file.write(json.dumps([key, self._rows[key]]) + "\n")
         return self._rows[key]
-
-
-def paired(ours: list[float], theirs: list[float]) -> tuple[float, float]:
-    """Mean difference over pairs and its standard error (0 for a single pair)."""
-    difference = np.array(ours) - np.array(theirs)
-    error = difference.std(ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else 0.0
-    return float(difference.mean()), float(error)
