@@ -204,7 +204,7 @@ def rung_rows(rungs: Sequence[Rung]) -> tuple[RungRow, ...]:
             # The same step is climbed by corners of a board and by points of the scene.
             name=rung.name.replace("_", " ") + (", board" if "of the board" in rung.unit else ""),
             taken=rung.taken,
-            gain="decided without a trial"
+            gain="not tried: see why"
             if rung.gain is None
             else f"{rung.gain:+.3g}"
             + (f" ± {rung.standard_error:.2g}" if rung.standard_error is not None else "")

@@ -1,4 +1,4 @@
-"""The section "Where it comes from": versions, seeds, hashes and the commands that make it again."""
+"""The section "Provenance": versions, seeds, hashes and the commands that reproduce it."""
 
 import platform
 import shlex
@@ -62,9 +62,11 @@ def _rows(
         yield "Versions of the calibration", _versions(calibration.versions)
     if model is not None:
         yield "Trained", model.created.isoformat(timespec="seconds")
-        for name, value in model.settings.model_dump().items():
-            if value is not None and name != "fixed":
-                yield f"Training: {name.replace('_', ' ')}", str(value)
+        chosen = model.settings
+        yield "Training", f"{chosen.method}, quality {chosen.quality}, seed {chosen.seed}"
+        yield "Iterations, as planned", f"{chosen.iterations:,}"
+        yield "Most Gaussians", f"{chosen.max_gaussians:,}"
+        yield "Widest image", f"{chosen.max_width:,} px"
         yield "Trained on calibration", model.calibration_sha256
         yield "Unit of light", model.radiance
         yield "Versions of the training", _versions(model.versions)

@@ -1,10 +1,11 @@
-"""The section "What quality came out": metrics in plain words, views, errors by brightness, training."""
+"""The section "Quality": metrics in plain words, views, errors by brightness, training, files."""
 
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from markupsafe import Markup
 
@@ -33,6 +34,15 @@ ENDINGS = {
 }
 
 
+FILES = {
+    "splats.ply": "The Gaussians, in the layout of 3DGS",
+    "model.json": "What was trained, from what, with which choices",
+    "metrics.json": "The metrics of this page",
+    "train.jsonl": "The training's log",
+    "checkpoint.safetensors": "Every parameter, to render with and to go on from",
+}
+
+
 @dataclass(frozen=True)
 class MetricRow:
     """One metric of the scene; `worst` is its value in the worst case, if that was measured."""
@@ -41,6 +51,16 @@ class MetricRow:
     value: str
     unit: str
     worst: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class FileRow:
+    """A file beside the page; `link` is relative to it."""
+
+    name: str
+    link: str
+    size: str
     meaning: str
 
 
@@ -56,6 +76,7 @@ class Quality:
     charts: tuple[tuple[str, str, Markup], ...]
     cost: tuple[tuple[str, str], ...]
     rungs: tuple[RungRow, ...]
+    files: tuple[FileRow, ...] = ()
 
 
 def quality(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> Quality:
@@ -73,7 +94,16 @@ def quality(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> Qua
         charts=tuple(_charts(folder, metrics)),
         cost=tuple(_cost(model, metrics)),
         rungs=rung_rows(model.rungs),
+        files=tuple(_files(folder)),
     )
+
+
+def _files(folder: Path) -> Iterable[FileRow]:
+    """Every file of the scene but this page, hidden ones and those that are being written."""
+    for path in sorted(folder.iterdir()):
+        if path.is_file() and path.suffix not in (".html", ".part") and not path.name.startswith("."):
+            link = quote(path.name)
+            yield FileRow(path.name, link, size(path.stat().st_size), FILES.get(path.name, ""))
 
 
 def _metric_rows(metrics: Mapping[str, Any]) -> Iterable[MetricRow]:

@@ -41,7 +41,8 @@ def figures(trade: Trade) -> Iterable[Figure]:
 
 
 def _over(trade: Trade, points: Sequence[Point], axis: str, heading: str, value: Value) -> Iterable[Figure]:
-    if not points:
+    if len(points) < 2:
+        # A dot alone is no curve: the table says all there is.
         return
     for name, label, cost in costs(trade):
         best = front(points, cost, value)

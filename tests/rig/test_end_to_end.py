@@ -98,6 +98,11 @@ def test_reconstruct_evaluate_and_render(rig, scene: Path, tmp_path: Path) -> No
         "What was calibrated",
     ):
         assert words in page.text, words
+    # What is beside the page is listed with its size, each a link to a file that is there.
+    beside = {entry.name for entry in recon.iterdir() if entry.is_file()} - {"report.html"}
+    assert {one["href"] for one in page.all("a") if not one["href"].startswith("#")} == beside
+    # The settings are told in words; the command tells the rest.
+    assert "early stop" not in page.text
     # 3 exposures and their compressed truth above render and error map; 6 views of the contact sheet.
     assert len(page.all("img")) == 8 + 6
 

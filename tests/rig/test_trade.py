@@ -94,6 +94,10 @@ def test_a_front_and_the_presets_are_drawn() -> None:
         assert f"</span>{name}</li>" in over_time.drawing
 
 
+def test_a_single_training_is_a_table_and_no_curve() -> None:
+    assert not list(figures(made(POINTS[0])))
+
+
 def test_what_a_setting_buys_is_paired_over_views() -> None:
     buys, every = trade_off(made(*POINTS)).tables
     assert [row[0] for row in buys.rows] == ["Gaussians", "SH degree"]
