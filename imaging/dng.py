@@ -93,6 +93,8 @@ def _check(raw: RawMosaic) -> None:
         raise ValueError(f"a mosaic is uint16 [H, W], not {raw.pixels.dtype} {raw.pixels.shape}")
     if min(raw.pixels.shape) < _SMALLEST_SIDE:
         raise ValueError(f"a RAW file has {_SMALLEST_SIDE} pixels or more a side, not {raw.pixels.shape}")
+    if raw.black_offset is not None:
+        raise ValueError("black that varies from photosite to photosite is not written")
     if not 1 <= raw.white <= 65535:
         raise ValueError(f"white level {raw.white} is not in 1..65535")
     if not all(0 <= black < raw.white for black in raw.black):

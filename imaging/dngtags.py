@@ -1,10 +1,10 @@
-"""What the tags of a DNG say: extents, levels, colour and noise (Adobe DNG specification 1.4)."""
+"""What the tags of a DNG say: extents, levels and noise (Adobe DNG specification 1.4)."""
 
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
-from imaging.mosaic import Matrix, as_matrix
 from imaging.tiff import Directory, TiffError, TiffReader, integers, numbers
 
 SUBFILE_TYPE, WIDTH, HEIGHT, BITS, COMPRESSION, PHOTOMETRIC, SAMPLES = 254, 256, 257, 258, 259, 262, 277
@@ -21,16 +21,21 @@ SOFTWARE, SAMPLE_FORMAT, CFA_REPEAT, CFA_PATTERN, CFA_PLANES, CFA_LAYOUT = (
 DNG_VERSION, DNG_BACKWARD, UNIQUE_MODEL, RAW_UNIQUE_ID = 50706, 50707, 50708, 50781
 BLACK_REPEAT, BLACK, BLACK_DELTA_H, BLACK_DELTA_V, WHITE = 50713, 50714, 50715, 50716, 50717
 DEFAULT_SCALE, CROP_ORIGIN, CROP_SIZE, ACTIVE_AREA = 50718, 50719, 50720, 50829
-MATRIX_1, MATRIX_2, ANALOG_BALANCE, NEUTRAL = 50721, 50722, 50727, 50728
-ILLUMINANT_1, ILLUMINANT_2 = 50778, 50779
+MATRIX_1, MATRIX_2, MATRIX_3, ANALOG_BALANCE, NEUTRAL = 50721, 50722, 52531, 50727, 50728
+CALIBRATION_1, CALIBRATION_2, CALIBRATION_3 = 50723, 50724, 52530
+ILLUMINANT_1, ILLUMINANT_2, ILLUMINANT_3 = 50778, 50779, 52529
+CAMERA_SIGNATURE, PROFILE_SIGNATURE = 50931, 50932
 BASELINE_EXPOSURE, BASELINE_NOISE, BASELINE_SHARPNESS, LINEAR_LIMIT = 50730, 50731, 50732, 50734
 NOISE_PROFILE = 51041
 
 CFA_PHOTOMETRIC = 32803
 LOSSLESS_JPEG = 7
+FOREIGN_COMPRESSIONS = {8: "deflate", 34892: "lossy JPEG", 52546: "JPEG XL"}
+"""Allowed by the specification, and beyond LibRaw for the whole numbers of a mosaic."""
 D65 = 21
 
 Black = tuple[float, float, float, float]
+Offset = npt.NDArray[np.float32] | None
 
 
 def check_extents(directories: Sequence[Directory], file: TiffReader) -> None:
@@ -95,6 +100,11 @@ def image_tags(directories: Sequence[Directory]) -> Directory | None:
     return {**main, **largest}
 
 
+def foreign_compression(tags: Directory) -> str | None:
+    """What the mosaic is compressed by, if it is something that LibRaw does not decode."""
+    return FOREIGN_COMPRESSIONS.get(_number(tags, COMPRESSION))
+
+
 def size(tags: Directory) -> tuple[int, int]:
     """Height and width of the stored mosaic, px."""
     return _number(tags, HEIGHT), _number(tags, WIDTH)
@@ -106,20 +116,41 @@ def is_bayer(tags: Directory) -> bool:
     return planes in ((), (0, 1, 2)) and kinds in ((), (1,))
 
 
-def black(tags: Directory, top: int, left: int) -> Black | None:
-    """BlackLevel of the four sites of the 2x2 tile at row `top`, column `left` of the stored image.
+def black(tags: Directory, top: int, left: int, height: int, width: int) -> tuple[Black, Offset] | None:
+    """Black of the photosites of a window that begins at row `top`, column `left` of the stored image.
 
-    The file counts from the corner of its active area. Rows and columns add their mean delta.
+    The mean of each site of the 2x2 tile, DN, and float32 [height, width] that says how far each photosite
+    departs from the mean of its site; None where none does. BlackLevel repeats from the corner of the
+    active area; BlackLevelDeltaV and BlackLevelDeltaH add to its rows and columns. None if the file has no
+    levels, or they contradict its size.
     """
     levels = numbers(tags, BLACK)
     rows, columns = (*integers(tags, BLACK_REPEAT)[:2], 1, 1)[:2]
-    if len(levels) != rows * columns or rows not in (1, 2) or columns not in (1, 2):
+    if min(rows, columns) < 1 or len(levels) != rows * columns or min(height, width) < 2:
         return None
-    shift = sum(float(np.mean(numbers(tags, tag) or (0.0,))) for tag in (BLACK_DELTA_H, BLACK_DELTA_V))
     area = (*integers(tags, ACTIVE_AREA)[:2], 0, 0)[:2]
-    tile = np.tile(np.reshape(levels, (rows, columns)), (2 // rows, 2 // columns)) + shift
-    tile = np.roll(tile, (area[0] - top, area[1] - left), axis=(0, 1)).reshape(-1)
-    return float(tile[0]), float(tile[1]), float(tile[2]), float(tile[3])
+    deltas = (
+        _deltas(tags, BLACK_DELTA_V, top - area[0], height),
+        _deltas(tags, BLACK_DELTA_H, left - area[1], width),
+    )
+    varied = rows > 2 or columns > 2 or any(np.ptp(delta) > 0 for delta in deltas)
+    down, right = (np.arange(size if varied else 2) for size in (height, width))
+    tile = np.reshape(levels, (rows, columns))
+    whole = tile[np.ix_((down + top - area[0]) % rows, (right + left - area[1]) % columns)]
+    whole = whole + deltas[0][down, None] + deltas[1][right]
+    means = [float(np.mean(whole[row::2, column::2])) for row, column in np.ndindex(2, 2)]
+    offset = None
+    if varied:
+        offset = whole.astype(np.float32)
+        for mean, (row, column) in zip(means, np.ndindex(2, 2), strict=True):
+            offset[row::2, column::2] -= np.float32(mean)
+    return (means[0], means[1], means[2], means[3]), offset
+
+
+def _deltas(tags: Directory, tag: int, start: int, length: int) -> npt.NDArray[np.float64]:
+    """What rows or columns add to black from `start` on; 0 where the tag is missing or too short."""
+    found = np.array(numbers(tags, tag)[max(start, 0) :][:length], np.float64)
+    return found if len(found) == length else np.zeros(length)
 
 
 def white(tags: Directory) -> int | None:
@@ -138,19 +169,6 @@ def as_neutral(values: Sequence[float]) -> tuple[float, float, float] | None:
 def neutral(tags: Directory) -> tuple[float, float, float] | None:
     """AsShotNeutral."""
     return as_neutral(numbers(tags, NEUTRAL))
-
-
-def camera_from_xyz(tags: Directory) -> Matrix | None:
-    """AnalogBalance x ColorMatrix: the one for D65 if the file names one, else the first."""
-    pairs = [(ILLUMINANT_1, MATRIX_1), (ILLUMINANT_2, MATRIX_2)]
-    pairs.sort(key=lambda pair: integers(tags, pair[0]) != (D65,))
-    for _, tag in pairs:
-        values = numbers(tags, tag)
-        if len(values) == 9 and any(values):
-            balance = numbers(tags, ANALOG_BALANCE)
-            gains = balance if len(balance) == 3 and all(balance) else (1.0, 1.0, 1.0)
-            return as_matrix(np.reshape(values, (3, 3)) * np.reshape(gains, (3, 1)))
-    return None
 
 
 def noise_profile(tags: Directory) -> tuple[float, float] | None:

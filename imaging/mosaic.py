@@ -44,6 +44,8 @@ class RawMosaic:
 
     pixels: uint16 [H, W], DN, as stored, black not subtracted.
     black: DN of each site of the 2x2 tile, in order (0,0), (0,1), (1,0), (1,1).
+    black_offset: float32 [H, W], DN, by which black departs from `black` at each photosite, on average 0
+    over every site of the tile; None: nowhere.
     white: DN at and above which a photosite counts as saturated.
     neutral: camera RGB of a neutral surface, largest 1 (DNG AsShotNeutral); None if unknown.
     camera_from_xyz: 3x3, XYZ to camera RGB under D65 (DNG ColorMatrix), scale free; None if unknown.
@@ -58,12 +60,14 @@ class RawMosaic:
     camera_from_xyz: Matrix | None = None
     noise_profile: tuple[float, float] | None = None
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
+    black_offset: npt.NDArray[np.float32] | None = None
 
     def black_map(self) -> npt.NDArray[np.float32]:
         """Black level of every photosite, DN, float32 [H, W]."""
         height, width = self.pixels.shape
         tile = np.array(self.black, np.float32).reshape(2, 2)
-        return np.tile(tile, (-(-height // 2), -(-width // 2)))[:height, :width]
+        level = np.tile(tile, (-(-height // 2), -(-width // 2)))[:height, :width]
+        return level if self.black_offset is None else level + self.black_offset
 
     def signal(self) -> npt.NDArray[np.float32]:
         """Linear signal, black 0 and white 1, float32 [H, W]; noise below black stays negative."""
@@ -76,10 +80,13 @@ class RawMosaic:
 
     def cropped(self, top: int, left: int, height: int, width: int) -> "RawMosaic":
         """A window of the mosaic; phase and black levels shift with it."""
+        rows, columns = slice(top, top + height), slice(left, left + width)
+        offset = None if self.black_offset is None else self.black_offset[rows, columns]
         tile = np.roll(np.array(self.black).reshape(2, 2), (-top, -left), axis=(0, 1)).reshape(-1)
         return replace(
             self,
-            pixels=np.ascontiguousarray(self.pixels[top : top + height, left : left + width]),
+            pixels=np.ascontiguousarray(self.pixels[rows, columns]),
             cfa=self.cfa.cropped(top, left),
             black=(float(tile[0]), float(tile[1]), float(tile[2]), float(tile[3])),
+            black_offset=offset,
         )

@@ -12,7 +12,7 @@ import exifread
 import numpy as np
 import rawpy
 
-from imaging import dngtags
+from imaging import dngcolour, dngtags
 from imaging.cfa import Cfa
 from imaging.errors import InputError
 from imaging.exif import from_names, read_exif
@@ -49,23 +49,29 @@ def read_raw(path: Path) -> RawMosaic:
     except InputError:
         raise
     except Exception as error:  # rawpy raises whatever damaged bytes make it trip over
-        raise _undecodable(path) from error
+        raise _undecodable(path, tags) from error
     return _checked(path, replace(mosaic, metadata=metadata))
 
 
 def read_raw_metadata(path: Path) -> FrameMetadata:
     """What a RAW file says about camera and exposure, its pixels left alone; InputError as `read_raw`."""
-    _, metadata = _read_tags(path)
+    tags, metadata = _read_tags(path)
     if metadata is not None:
         return metadata
     try:
         with quiet(), rawpy.imread(str(path)) as raw:
             return _spoken(path, raw)
     except Exception as error:
-        raise _undecodable(path) from error
+        raise _undecodable(path, tags) from error
 
 
-def _undecodable(path: Path) -> InputError:
+def _undecodable(path: Path, tags: Directory | None) -> InputError:
+    compression = None if tags is None else dngtags.foreign_compression(tags)
+    if compression is not None:
+        return InputError(
+            f"{path} holds its mosaic as {compression}, which LibRaw does not decode: convert it to an "
+            "uncompressed or losslessly compressed DNG, as Adobe DNG Converter does."
+        )
     return InputError(f"{path} cannot be decoded as RAW: copy it again from the camera.")
 
 
@@ -108,7 +114,7 @@ def _decoded(path: Path, raw: rawpy.RawPy, tags: Directory | None) -> RawMosaic:
     except NotImplementedError:  # rawpy's answer to filters it does not know
         raise not_bayer from None
     if tags is not None and raw.raw_image.shape != dngtags.size(tags):
-        raise _undecodable(path)
+        raise _undecodable(path, tags)
     if pattern is None or pattern.shape != (2, 2) or pixels.ndim != 2 or pixels.dtype != np.uint16:
         raise not_bayer
     letters = raw.color_desc.decode("ascii", "replace")
@@ -138,12 +144,15 @@ def _with_tags(mosaic: RawMosaic, tags: Directory | None, sizes: rawpy.ImageSize
     """
     if tags is None:
         return mosaic
+    told = dngtags.black(tags, sizes.top_margin, sizes.left_margin, *mosaic.pixels.shape)
+    black, offset = told or (mosaic.black, None)
     return replace(
         mosaic,
-        black=dngtags.black(tags, sizes.top_margin, sizes.left_margin) or mosaic.black,
+        black=black,
+        black_offset=offset,
         white=dngtags.white(tags) or mosaic.white,
         neutral=dngtags.neutral(tags) or mosaic.neutral,
-        camera_from_xyz=dngtags.camera_from_xyz(tags) or mosaic.camera_from_xyz,
+        camera_from_xyz=dngcolour.camera_from_xyz(tags) or mosaic.camera_from_xyz,
         noise_profile=dngtags.noise_profile(tags),
     )
 

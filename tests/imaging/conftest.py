@@ -9,11 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from imaging import dng, dngtags
 from imaging.cfa import Cfa
+from imaging.dng import write_dng
 from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.tiff import Entry
 
 MakeRaw = Callable[..., RawMosaic]
+Write = Callable[..., Path]
 
 
 @pytest.fixture
@@ -51,6 +55,26 @@ def make_raw(metadata: FrameMetadata) -> MakeRaw:
         return RawMosaic(**{**defaults, **fields})
 
     return make
+
+
+@pytest.fixture
+def write(tmp_path: Path, make_raw: MakeRaw, monkeypatch: pytest.MonkeyPatch) -> Write:
+    """A DNG of `raw` with other or further tags than rig would write; None leaves a tag out."""
+    plain = dng._colour
+
+    def written(raw: RawMosaic | None = None, compression: str = "none", **tags: Entry | None) -> Path:
+        named = {getattr(dngtags, name): entry for name, entry in tags.items()}
+
+        def changed(mosaic: RawMosaic) -> dict[int, Entry]:
+            entries = {**dng._geometry(mosaic), **plain(mosaic), **named}
+            return {tag: entry for tag, entry in entries.items() if entry is not None}
+
+        monkeypatch.setattr(dng, "_colour", changed)
+        path = tmp_path / "a.dng"
+        write_dng(path, raw or make_raw(), compression=compression)
+        return path
+
+    return written
 
 
 @pytest.fixture

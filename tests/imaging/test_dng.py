@@ -277,6 +277,7 @@ def test_strided_pixels_are_written_as_they_look(tmp_path: Path, make_raw: MakeR
         {"pixels": np.zeros((0, 4), np.uint16)},
         {"pixels": np.zeros((40, 21), np.uint16)},
         {"pixels": np.zeros((40, 40, 3), np.uint16)},
+        {"black_offset": np.zeros((40, 64), np.float32)},
         {"white": 0},
         {"white": 65536},
         {"black": (0.0, 0.0, 0.0, 4000.0)},

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging import dng, dngtags
 from imaging.cfa import Cfa
 from imaging.dng import encode_dng, write_dng
 from imaging.errors import InputError
@@ -21,26 +20,6 @@ MakeRaw = Callable[..., RawMosaic]
 Write = Callable[..., Path]
 
 both_compressions = pytest.mark.parametrize("compression", ["none", "ljpeg"])
-
-
-@pytest.fixture
-def write(tmp_path: Path, make_raw: MakeRaw, monkeypatch: pytest.MonkeyPatch) -> Write:
-    """A DNG of `raw` with other or further tags than rig would write; None leaves a tag out."""
-    plain = dng._colour
-
-    def written(raw: RawMosaic | None = None, compression: str = "none", **tags: Entry | None) -> Path:
-        named = {getattr(dngtags, name): entry for name, entry in tags.items()}
-
-        def changed(mosaic: RawMosaic) -> dict[int, Entry]:
-            entries = {**dng._geometry(mosaic), **plain(mosaic), **named}
-            return {tag: entry for tag, entry in entries.items() if entry is not None}
-
-        monkeypatch.setattr(dng, "_colour", changed)
-        path = tmp_path / "a.dng"
-        write_dng(path, raw or make_raw(), compression=compression)
-        return path
-
-    return written
 
 
 def one_sentence(error: pytest.ExceptionInfo[InputError], path: Path) -> bool:
@@ -90,31 +69,46 @@ def test_one_black_level_counts_for_all_sites(write: Write) -> None:
     assert read_raw(path).black == (0.0,) * 4
 
 
-def test_the_mean_of_black_deltas_is_added(write: Write) -> None:
+@pytest.mark.parametrize("repeat", [(4, 4), (1, 6), (6, 1), (3, 5)])
+def test_black_levels_repeat_as_often_as_the_file_says(
+    write: Write, make_raw: MakeRaw, repeat: tuple[int, int]
+) -> None:
+    levels = np.arange(100, 100 + np.prod(repeat)).reshape(repeat)
+    # counted from the corner of the active area
+    black = np.tile(levels, (40, 64))[:38, :61]
+    pixels = np.full((40, 64), 7, np.uint16)
+    pixels[2:, 3:] = black
     path = write(
-        BLACK_REPEAT=Entry(SHORT, [1, 1]),
-        BLACK=Entry(SHORT, [100]),
-        BLACK_DELTA_H=Entry(SRATIONAL, [1, 3] * 32),
-        BLACK_DELTA_V=Entry(SRATIONAL, [-4] * 40),
+        make_raw(pixels=pixels),
+        BLACK_REPEAT=Entry(SHORT, repeat),
+        BLACK=Entry(SHORT, levels.ravel().tolist()),
+        ACTIVE_AREA=Entry(LONG, [2, 3, 40, 64]),
     )
-    assert read_raw(path).black == (98.0,) * 4
+    seen = read_raw(path)
+    assert np.abs(seen.signal()).max() < 1e-6
+    assert np.abs(seen.cropped(1, 3, 20, 30).signal()).max() < 1e-6
+    assert np.mean(seen.black) == pytest.approx(seen.pixels.mean())
+
+
+def test_black_deltas_of_rows_and_columns_are_added(write: Write, make_raw: MakeRaw) -> None:
+    rows, columns = np.arange(40) - 20, np.arange(64) % 7
+    pixels = (np.full((40, 64), 100) + rows[:, None] + columns).astype(np.uint16)
+    deltas = {
+        "BLACK_DELTA_H": Entry(SRATIONAL, columns.tolist()),
+        "BLACK_DELTA_V": Entry(SRATIONAL, rows.tolist()),
+    }
+    one = {"BLACK_REPEAT": Entry(SHORT, [1, 1]), "BLACK": Entry(SHORT, [100])}
+    seen = read_raw(write(make_raw(pixels=pixels), **one, **deltas))
+    assert np.abs(seen.signal()).max() < 1e-6
+    # one step for all is no pattern, and deltas of another size are none
+    seen = read_raw(write(**one, BLACK_DELTA_V=Entry(SRATIONAL, [-4] * 40)))
+    assert (seen.black, seen.black_offset) == ((96.0,) * 4, None)
+    seen = read_raw(write(**one, BLACK_DELTA_V=Entry(SRATIONAL, [-4] * 10)))
+    assert (seen.black, seen.black_offset) == ((100.0,) * 4, None)
 
 
 def test_a_missing_white_level_is_the_largest_number(write: Write) -> None:
     assert read_raw(write(WHITE=None)).white == 65535
-
-
-def test_the_matrix_for_daylight_is_preferred(write: Write) -> None:
-    daylight = Entry(SRATIONAL, [2, 0, 0, 0, 1, 0, 0, 0, 1])
-    path = write(MATRIX_2=daylight, ILLUMINANT_1=Entry(SHORT, [17]), ILLUMINANT_2=Entry(SHORT, [21]))
-    assert read_raw(path).camera_from_xyz == ((2.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    path = write(MATRIX_2=daylight, ILLUMINANT_1=Entry(SHORT, [21]), ILLUMINANT_2=Entry(SHORT, [17]))
-    assert read_raw(path).camera_from_xyz == ((0.9, -0.3, -0.1), (-0.4, 1.2, 0.2), (0.0, 0.2, 0.6))
-
-
-def test_analog_balance_scales_the_rows_of_the_matrix(write: Write) -> None:
-    path = write(ANALOG_BALANCE=Entry(RATIONAL, [2, 1, 4]))
-    assert read_raw(path).camera_from_xyz == ((1.8, -0.6, -0.2), (-0.4, 1.2, 0.2), (0.0, 0.8, 2.4))
 
 
 def test_the_green_noise_stands_for_all(write: Write) -> None:
@@ -185,6 +179,14 @@ XTRANS = [
 def test_what_is_not_bayer_is_refused(write: Write, tags: dict[str, Entry]) -> None:
     path = write(**tags)
     with pytest.raises(InputError, match="not a Bayer mosaic") as error:
+        read_raw(path)
+    assert one_sentence(error, path)
+
+
+@pytest.mark.parametrize(("number", "name"), [(8, "deflate"), (34892, "lossy JPEG"), (52546, "JPEG XL")])
+def test_a_compression_that_is_not_read_is_named(write: Write, number: int, name: str) -> None:
+    path = write(COMPRESSION=Entry(SHORT, [number]))
+    with pytest.raises(InputError, match=f"as {name}, which .*: convert it to an uncompressed") as error:
         read_raw(path)
     assert one_sentence(error, path)
 
