@@ -304,10 +304,10 @@ def train(
 
 
 def _told(training: Training, loss: float) -> str:
-    """How it goes, in few words."""
+    """How it goes, in few words; a narrow terminal cuts off the last ones."""
     speed = training.iteration / max(training.seconds, 1e-9)
-    held_out = f", held-out {training.curve[-1].db:.1f} dB" if training.curve else ""
-    return f"training, loss {loss:.4f}{held_out}, {speed:.1f} it/s"
+    held_out = f"held-out {training.curve[-1].db:.1f} dB, " if training.curve else ""
+    return f"{held_out}loss {loss:.4f}, {speed:.1f} it/s"
 
 
 def _turn(iteration: int, count: int, seed: int) -> int:

@@ -14,11 +14,15 @@ from rig.progress import Position
 from rig.words import duration, plain
 
 
+ROOMY = 120
+"""Columns of a terminal from which on a bar leaves the message room; the count tells the same."""
+
+
 class _Words(ProgressColumn):
     """A part of the position as text; a file name in it is never read as markup."""
 
-    def __init__(self, position: Position, part: str, column: Column) -> None:
-        self.position, self.part = position, part
+    def __init__(self, position: Position, part: str, column: Column, roomy: bool = True) -> None:
+        self.position, self.part, self.roomy = position, part, roomy
         super().__init__(table_column=column)
 
     def render(self, task: Task) -> Text:
@@ -31,8 +35,10 @@ class _Words(ProgressColumn):
         if self.part == "count":
             return Text(position.counted(), style="cyan")
         left = position.remaining()
-        ending = f" · {duration(left)} left" if left else ""
-        return Text(duration(position.elapsed()) + ending, style="dim")
+        # On a narrow terminal the message needs the room of the time that has passed.
+        past = duration(position.elapsed()) if self.roomy or not left else ""
+        ending = f"{duration(left)} left" if left else ""
+        return Text(" · ".join(part for part in (past, ending) if part), style="dim")
 
 
 class LiveMeter:
@@ -60,15 +66,20 @@ class LiveMeter:
 @contextmanager
 def live_meter(stream: TextIO) -> Iterator[LiveMeter]:
     """Draw on `stream` until the block ends; the moving line is then wiped."""
-    position = Position(time.monotonic)
-    progress = Progress(
+    position, console = Position(time.monotonic), Console(file=stream)
+    roomy = console.width >= ROOMY
+    columns: list[ProgressColumn] = [
         SpinnerColumn(),
         _Words(position, "stage", Column(no_wrap=True)),
         _Words(position, "message", Column(ratio=1, no_wrap=True, overflow="ellipsis")),
-        BarColumn(bar_width=24),
         _Words(position, "count", Column(justify="right", no_wrap=True)),
-        _Words(position, "time", Column(no_wrap=True)),
-        console=Console(file=stream),
+        _Words(position, "time", Column(no_wrap=True), roomy),
+    ]
+    if roomy:
+        columns.insert(3, BarColumn(bar_width=24))
+    progress = Progress(
+        *columns,
+        console=console,
         transient=True,
         expand=True,
         redirect_stdout=False,

@@ -28,16 +28,16 @@ def capture(
         list[Path],
         typer.Argument(
             metavar="[RIG.toml] OUT",
-            help="The rig file that rig init wrote, unless --sim names a rig; and the session folder to "
-            "make, or to add to.",
+            help="The rig file, as written by rig init (not needed with --sim); and the session folder to "
+            "create or add to.",
         ),
     ],
     sim: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
-            help="A simulated rig: demo, gallery, or toy, a small one; with -ldr it takes photographs. With "
-            "RIG.toml: its cameras in place of real ones.",
+            help="Use simulated cameras: demo, gallery or toy (a small rig); demo-ldr and so on take JPEG "
+            "photographs. With RIG.toml, they replace its cameras.",
         ),
     ] = None,
     seed: SeedOption = 0,
@@ -45,8 +45,8 @@ def capture(
         int | None,
         typer.Option(
             min=1,
-            help="How many positions of the rig: those of RIG.toml, or all that are simulated, if not given. "
-            "Of darks and flats how many repeats (16), of the board how many poses (20).",
+            help="Positions of the rig (default: as in RIG.toml, or all of a simulated rig). Default 16 "
+            "repeats for darks and flats, 20 board poses.",
         ),
     ] = None,
     bracket: Annotated[
@@ -54,8 +54,8 @@ def capture(
         typer.Option(
             parser=stops,
             metavar="auto|STOPS",
-            help="Stops relative to the rig's middle exposure, as -4,-2,0,2,4; auto: the fewest that the "
-            "metered scene needs; that of RIG.toml, or the simulated rig's own, if not given.",
+            help="Stops relative to the rig's middle exposure, such as -4,-2,0,2,4; or auto: the fewest "
+            "exposures that the metered scene needs. Default: as in RIG.toml, or the simulated rig's own.",
         ),
     ] = None,
     snr: Annotated[
@@ -65,13 +65,13 @@ def capture(
             max=60.0,
             metavar="DB",
             show_default="20",
-            help="With --bracket auto: signal to noise that the darkest of the scene has to reach.",
+            help="With --bracket auto: signal-to-noise ratio to reach in the darkest parts of the scene.",
         ),
     ] = None,
     slowest: Annotated[
         float | None,
         typer.Option(
-            parser=shutter, metavar="TIME", help="With --bracket auto: no exposure longer, as 1/30 or 2s."
+            parser=shutter, metavar="TIME", help="With --bracket auto: longest exposure, such as 1/30 or 2s."
         ),
     ] = None,
     total: Annotated[
@@ -79,40 +79,44 @@ def capture(
         typer.Option(
             parser=shutter,
             metavar="TIME",
-            help="With --bracket auto: no bracket longer, all exposures added.",
+            help="With --bracket auto: longest bracket, all exposures added up.",
         ),
     ] = None,
     highest_iso: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="With --bracket auto: no ISO higher.")
+        int | None, typer.Option(min=1, metavar="N", help="With --bracket auto: highest ISO.")
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Complete the session in OUT.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Complete an interrupted session in OUT.")] = False,
     rough: Annotated[
         bool,
-        typer.Option(
-            "--rough", help="Let a twentieth of what the cameras are asked for go wrong on the bus."
-        ),
+        typer.Option("--rough", help="With --sim: inject bus errors into 5 % of camera requests."),
     ] = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be shot and write nothing.")
+        bool, typer.Option("--dry-run", help="Show what would be shot; write nothing.")
     ] = False,
     darks: Annotated[
         bool,
-        typer.Option("--darks", help="Add to OUT, with the lenses covered, the exposures of the scene."),
+        typer.Option("--darks", help="Add dark frames to OUT: lenses covered, the exposures of the scene."),
     ] = False,
     flats: Annotated[
         bool,
-        typer.Option("--flats", help="Add to OUT an evenly lit surface, at a dozen levels up to 90 % white."),
+        typer.Option(
+            "--flats",
+            help="Add flat fields to OUT: an evenly lit surface at a dozen levels up to 90 % of white.",
+        ),
     ] = False,
     board: Annotated[
-        bool, typer.Option("--board", help="Add to OUT a calibration board, one metered exposure a pose.")
+        bool,
+        typer.Option(
+            "--board", help="Add pictures of a calibration board to OUT, one metered exposure per pose."
+        ),
     ] = False,
     as_json: JsonOption = False,
 ) -> Outcome:
     """Shoot a session.
 
-    Every camera of the rig takes a bracket at every position. Every finished shot is safe on the
-    disk; a capture that was stopped is completed by --resume. Frames for the calibration go into the
-    same session, before the scene or after it.
+    Every camera of the rig takes a bracket at every position. Every finished shot is safe on disk; an
+    interrupted capture is completed by --resume. Calibration frames go into the same session, before
+    or after the scene.
 
     Example: rig capture RIG.toml S --bracket auto --slowest 1/4
     """

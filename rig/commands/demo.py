@@ -25,14 +25,14 @@ needs less trains the whole preset, and then the result is the same wherever it 
 
 
 def demo(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make, or to go on with.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to create or continue.")],
     as_json: JsonOption = False,
 ) -> Outcome:
-    """Do everything once, on a simulated rig.
+    """Run every stage once, on a simulated rig.
 
-    Captures a session of four cameras at six positions, calibrates it from the pictures, trains a
-    scene and measures it against the simulator's truth, in some minutes; names the report. If OUT
-    holds a demo that was stopped, it goes on with the first stage that is not finished.
+    Captures a session with four cameras at six positions, calibrates it from the pictures, trains a
+    scene, evaluates it against the simulator's truth, and names the report; this takes a few minutes.
+    An interrupted demo in OUT continues with the first unfinished stage.
 
     Example: rig demo demo/
     """

@@ -15,14 +15,14 @@ def init(
     path: Annotated[Path, typer.Argument(metavar="RIG.toml", help="The file to write; never overwritten.")],
     sim: Annotated[
         str | None,
-        typer.Option("--sim", metavar="NAME", help="The cameras of a simulated rig, on a simulated bus."),
+        typer.Option("--sim", metavar="NAME", help="Use the cameras of a simulated rig."),
     ] = None,
     as_json: JsonOption = False,
 ) -> Outcome:
-    """Write a rig file from the cameras that are connected.
+    """Write a rig file for the connected cameras.
 
-    It says which cameras make the rig and how it is shot: read it and change what you like. Then
-    rig capture RIG.toml OUT shoots with it.
+    It lists the cameras of the rig and how it shoots: edit it as needed, then shoot with
+    rig capture RIG.toml OUT.
 
     Example: rig init RIG.toml --sim demo
     """

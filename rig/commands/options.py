@@ -9,7 +9,7 @@ import typer
 from imaging.errors import InputError
 
 SessionArgument = Annotated[
-    Path, typer.Argument(metavar="SESSION", help="A session folder, made by rig capture or rig import.")
+    Path, typer.Argument(metavar="SESSION", help="A session folder, as created by rig capture or rig import.")
 ]
 ReconstructionArgument = Annotated[
     Path,
@@ -18,12 +18,12 @@ ReconstructionArgument = Annotated[
     ),
 ]
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else there.")
+    bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else.")
 ]
 """Read by `main`, which prints: the commands themselves only declare it."""
 SpaceOption = Annotated[
     Literal["rec709", "acescg", "aces2065-1"],
-    typer.Option(help="Primaries of the EXR files, which say so themselves; light is linear in all."),
+    typer.Option(help="Primaries of the EXR files (written to the header); light is linear in all."),
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the same bytes.")]
 
@@ -72,5 +72,5 @@ def stops(text: str) -> Stops:
     if not all(math.isfinite(value) and abs(value) <= 30 for value in values):
         raise typer.BadParameter("write auto, or stops relative to the middle exposure as -4,-2,0,2,4")
     if len(set(values)) < len(values):
-        raise typer.BadParameter("every exposure of a bracket has to differ from the others")
+        raise typer.BadParameter("the exposures of a bracket have to differ")
     return Stops(sorted(values))

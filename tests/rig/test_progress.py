@@ -141,6 +141,23 @@ def test_on_a_terminal_the_line_is_drawn_without_markup() -> None:
     assert "kept [b]line[/b]" in text
 
 
+@pytest.mark.parametrize("width", [80, 100, 160])
+def test_the_figure_of_a_training_is_seen_however_narrow_the_terminal(
+    width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setenv("TERM", "xterm")
+    stream = Terminal()
+    with live_meter(stream) as live:
+        live.begin("reconstruct")
+        live("held-out 41.3 dB, loss 0.0312, 21.3 it/s", 1000, 2000)
+        live.position.began -= 75
+        live.position.pace_from = (live.position.began, 0)
+        live.progress.refresh()
+    assert "held-out 41.3 dB" in stream.getvalue()
+    assert "1 min 15 s left" in stream.getvalue()
+
+
 def test_the_kind_of_stream_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
     with metering(Terminal()) as live:
