@@ -13,7 +13,6 @@ from rich.text import Text
 from rig.progress import Position
 from rig.words import duration, plain
 
-
 ROOMY = 120
 """Columns of a terminal from which on a bar leaves the message room; the count tells the same."""
 
