@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,27 @@ def test_the_wheel_holds_every_package_and_the_pages_of_the_reports(installed: P
     assert not [name for name in ("tests", "bench", "docs") if (installed / name).exists()]
     for package in PACKAGES:
         assert (installed / package / "py.typed").is_file()
+
+
+def test_the_source_distribution_can_test_itself(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    tracked = (
+        run("git", "ls-files", "-z", cwd=REPOSITORY).stdout.split("\0")
+        if (REPOSITORY / ".git").exists()
+        else []
+    )
+    if not tracked:
+        pytest.skip("not a checkout")
+    for name in filter(None, tracked):
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(REPOSITORY / name, source / name)
+    run(
+        sys.executable, "-m", "build", "--sdist", "--no-isolation", "--outdir", tmp_path, source, cwd=tmp_path
+    )
+    (archive,) = tmp_path.glob("hdr_rig-*.tar.gz")
+    with tarfile.open(archive) as opened:
+        held = {name.split("/", 1)[1] for name in opened.getnames() if "/" in name}
+    assert {name for name in tracked if name and name != ".gitignore"} <= held
 
 
 def test_it_runs_outside_the_repository(installed: Path, tmp_path: Path) -> None:
