@@ -3,11 +3,13 @@
     python bench/early_stop.py [--quick] [--json] [--write] [--work FOLDER]
 
 The scenes of bench/presets.py, whose trainings in full are taken from its sweeps where they are there. dB as
-`rig evaluate` measures them on held-out pictures, seconds of the training. Finished rows are kept in FOLDER.
+`rig evaluate` measures them, of the test views, by which nothing was ended; seconds of the training. Finished
+rows are kept in FOLDER.
 """
 
 import argparse
 import shutil
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean, median
@@ -49,11 +51,13 @@ def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[st
         early_stop=True,
     )  # fmt: skip
     opened = open_model(made)
-    dataset = measuring(session, trade.width)
+    # On the views that the training was not ended by, both.
+    dataset = replace(measuring(session, trade.width), watched=opened.dataset.watched)
     _, _, rows, _ = measured(Opened(made, opened.record, dataset, opened.training))
     db = float(np.mean([next(row[key] for key in MEASURES if key in row) for row in rows]))
+    full_db = float(np.mean([full.views[row["view"]] for row in rows]))
     found = {
-        "full_db": full.db, "full_seconds": full.seconds, "full_iterations": full.iterations,
+        "full_db": full_db, "full_seconds": full.seconds, "full_iterations": full.iterations,
         "db": db, "seconds": opened.record.train_seconds, "iterations": opened.training.iteration,
     }  # fmt: skip
     shutil.rmtree(made)

@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -32,6 +32,8 @@ EVERY = 8
 """One view in eight is held out."""
 FEWEST_FOR_HOLDOUT = 4
 """Below this many views none is held out: what is left could not be trained on."""
+MOST_VALIDATION = 4
+"""Views at most that a training may be ended by: each is rendered again and again."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +81,10 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """All that training may look at: the training views; and the held-out ones, for evaluation only.
+    """All that training may look at: the training views; and the held-out ones, which nothing is fitted to.
 
-    kind: of all cameras; mixed: they differ.
+    kind: of all cameras; mixed: they differ. A training that held-out views may end looks at some of them,
+    its validation views; what an evaluation reports is of the others, its test views.
     """
 
     session: Path
@@ -91,6 +94,33 @@ class Dataset:
     calibration: CalibrationRecord
     calibration_sha256: str
     """Of calibration.json, and of split.json where there is one."""
+    watched: frozenset[str] = frozenset()
+    """Names of the validation views."""
+
+    @property
+    def validation(self) -> tuple[View, ...]:
+        """The held-out views that may end the training; none unless it is to be ended by any."""
+        return tuple(view for view in self.held_out if view.name in self.watched)
+
+    @property
+    def test(self) -> tuple[View, ...]:
+        """The held-out views that nothing was chosen by; none where the only one is for validation."""
+        return tuple(view for view in self.held_out if view.name not in self.watched)
+
+    @property
+    def reported(self) -> tuple[View, ...]:
+        """The held-out views that an evaluation is of: the test views, else those for validation."""
+        return self.test or self.validation
+
+    def with_validation(self) -> "Dataset":
+        """The same for a training that is ended by how good held-out views are.
+
+        Half of the held-out views, evenly spread, at least one and at most four, are for that alone.
+        """
+        count = max(1, min(MOST_VALIDATION, len(self.held_out) // 2))
+        places = {(2 * turn + 1) * len(self.held_out) // (2 * count) for turn in range(count)}
+        watched = (view.name for place, view in enumerate(self.held_out) if place in places)
+        return replace(self, watched=frozenset(watched))
 
     @property
     def views(self) -> tuple[View, ...]:

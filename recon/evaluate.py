@@ -25,6 +25,11 @@ METRICS = "metrics.json"
 DISPLAY_PEAK = 1000.0
 """cd/m2 at which PU21 takes the truth's maximum."""
 
+LOOKED_AT = (
+    "The only held-out view could also end the training, so these are figures of a view that was looked at: "
+    "take 9 views or more, or train without --early-stop and without a budget in dB."
+)
+
 Float = npt.NDArray[np.float32]
 
 
@@ -34,13 +39,18 @@ def evaluate(folder: Path, progress: Progress | None = None) -> dict[str, Any]:
     Names as in ARCHITECTURE. Figures against truth use one peak, the truth's maximum over the held-out
     views, and `_aligned` ones a single scale for all of them; PSNRs are means over views, stops_median
     and relative_error_by_decade (of aligned radiance) pool their values. `views` has the same per view.
+    `measured_on` says whether the views are test views, which nothing was chosen by, or the validation view
+    that the training was ended by, where that is the only one; `held_out` and `validation` name both kinds.
     Below four views nothing is held out: the result says so and has no such figures.
     """
     opened = open_model(folder)
-    views = opened.dataset.held_out
+    views = opened.dataset.reported
     light, seconds, rows, pooled = measured(opened, progress)
     result: dict[str, Any] = {"schema_version": 1, "method": opened.record.settings.method} | pooled
     if views:
+        result["measured_on"] = "test" if opened.dataset.test else "validation"
+        if not opened.dataset.test:
+            result["held_out_note"] = LOOKED_AT
         for key in sorted({key for row in rows for key in row} - {"view"} - set(result)):
             result[key] = float(np.mean([row[key] for row in rows if key in row]))
         for view, image in zip(views, light, strict=True):
@@ -57,7 +67,8 @@ def evaluate(folder: Path, progress: Progress | None = None) -> dict[str, Any]:
         "iterations": opened.training.iteration,
         "gaussians": len(opened.training.gaussians),
         "size_bytes": (folder / SPLATS).stat().st_size,
-        "held_out": [view.name for view in views],
+        "held_out": [view.name for view in opened.dataset.test],
+        "validation": [view.name for view in opened.dataset.validation],
         "views": rows,
     }
     if seconds:
@@ -71,8 +82,8 @@ def evaluate(folder: Path, progress: Progress | None = None) -> dict[str, Any]:
 def measured(
     opened: Opened, progress: Progress | None = None
 ) -> tuple[list[Float], list[float], list[dict[str, Any]], dict[str, Any]]:
-    """Of each held-out view light [H, W, 3], seconds a render and figures; and what is pooled over all."""
-    views = opened.dataset.held_out
+    """Of each reported view light [H, W, 3], seconds a render and figures; and what is pooled over all."""
+    views = opened.dataset.reported
     renders, seconds = [], []
     for done, view in enumerate(views):
         if progress:
@@ -101,9 +112,9 @@ def measured(
 def _reference(opened: Opened) -> list[Float] | None:
     """The true light of the held-out views: of the simulator, or of EXR files; None without either."""
     if has_truth(opened.dataset.session):
-        return [true_radiance(opened.dataset.session, view) for view in opened.dataset.held_out]
+        return [true_radiance(opened.dataset.session, view) for view in opened.dataset.reported]
     if opened.dataset.kind == "hdr":
-        return [view.shots[-1].pixels / np.float32(view.shots[-1].k) for view in opened.dataset.held_out]
+        return [view.shots[-1].pixels / np.float32(view.shots[-1].k) for view in opened.dataset.reported]
     return None
 
 
@@ -134,7 +145,7 @@ def _against_shots(opened: Opened, renders: list[torch.Tensor], rows: list[dict[
 
     Photographs at exposures that training saw (`_oe`, `ssim`) are apart from those at others (`_ne`).
     """
-    for row, image, view in zip(rows, renders, opened.dataset.held_out, strict=True):
+    for row, image, view in zip(rows, renders, opened.dataset.reported, strict=True):
         if view.sensor.kind == "hdr":
             continue
         pairs = [_recorded(opened, image, view, index) for index in range(len(view.shots))]

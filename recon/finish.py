@@ -52,6 +52,7 @@ def write_scene(
         radiance=f"relative to {gauge}",
         training_views=tuple(view.name for view in dataset.train),
         held_out=tuple(view.name for view in dataset.held_out),
+        validation=tuple(view.name for view in dataset.validation),
         gaussians=len(training.gaussians),
         train_seconds=round(training.seconds, 3),
         measuring_seconds=round(training.measuring, 3),

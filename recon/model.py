@@ -1,6 +1,6 @@
 """`model.json`: what was trained, from what, with which choices; and a trained scene opened again."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Literal
@@ -52,6 +52,11 @@ class Settings(Record):
     degree: int | None = None
     """Of the harmonics, as the scene was given it; None: as `fixed` or the method has it."""
 
+    @property
+    def watches(self) -> bool:
+        """Whether held-out views may end the training."""
+        return self.early_stop or (self.budget is not None and self.budget_unit == "dB")
+
     def composed(self, dataset: Dataset, light: Light) -> Method:
         """The method with what was fixed and decided."""
         fixed = self.fixed if self.degree is None else self.fixed.model_copy(update={"degree": self.degree})
@@ -94,6 +99,8 @@ class ModelRecord(Record):
     """What the radiance is relative to: the gauge."""
     training_views: tuple[str, ...]
     held_out: tuple[str, ...]
+    validation: tuple[str, ...] = ()
+    """Those of the held-out views that could end the training: figures of the others are of test views."""
     gaussians: int
     train_seconds: float
     device: str
@@ -110,7 +117,7 @@ class ModelRecord(Record):
     """Why it ended: as planned, since quality stood still, since it was reached, or since the user said so
     (the checkpoint can then be gone on with)."""
     held_out_db: float | None = None
-    """The end of the live curve; None where no view is held out."""
+    """The end of the live curve, of the validation views if there are any; None where no view is held out."""
     measuring_seconds: float = 0.0
     """What the live curve took, beside `train_seconds`."""
     predicted: Prediction | None = None
@@ -165,6 +172,7 @@ def open_model(folder: Path) -> Opened:
         )
     checkpoint = read_checkpoint(folder / CHECKPOINT)
     method = record.settings.composed(dataset, Training.light_in(checkpoint))
+    dataset = replace(dataset, watched=frozenset(record.validation))
     refinement = Refinement.stored(dataset, checkpoint)
     training = Training.restore(method, checkpoint, dataset.extent, refinement=refinement)
     return Opened(folder, record, refinement.corrected(), training)

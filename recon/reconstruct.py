@@ -67,7 +67,8 @@ def reconstruct(
     first look at the light to the last iteration, measuring on the way included, reading images and compiling
     not. fixed: what is not to be as the preset and the method have it. early_stop: train no longer than was
     worth it for other scenes, and end when held-out quality stands still. name: the method's if None. tell:
-    hears what is foretold of a training with a budget.
+    hears what is foretold of a training with a budget. With early_stop or a budget in dB some of the held-out
+    views are for that alone (`Dataset.with_validation`).
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
     called again with the same settings (with a time to keep, as fast as the machine then is); a finished
@@ -112,6 +113,8 @@ def reconstruct(
                 "fixed": fixed,
             }
         )
+        if wanted.watches:
+            dataset = dataset.with_validation()
         folder = store.inside(session, f"{shelf}/{name or chosen}")
         ladder = (*reasons, *rungs(dataset, chosen))
         return _reconstruct(folder, dataset, wanted, ladder, device, ranks, progress, tell, clock)

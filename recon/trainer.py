@@ -215,7 +215,7 @@ def train(
     course = training.course
     if course is None or course.planned != plan.iterations:
         course = training.course = Course.straight(plan.iterations)
-    looked_at = chosen_views(dataset.held_out) if plan.measure else ()
+    looked_at = chosen_views(dataset.validation or dataset.held_out) if plan.measure else ()
     every = period(plan.iterations, len(looked_at))
     started = clock() - training.seconds - training.measuring
     saved = clock()

@@ -5,6 +5,7 @@ from typing import Any
 
 from rig.commands.options import JsonOption, ReconstructionArgument
 from rig.progress import Meter
+from rig.report.measures import validation
 from rig.running import Outcome, running
 from rig.sessions import find_reconstruction
 from rig.words import number
@@ -45,7 +46,7 @@ def run_evaluate(folder: Path, meter: Meter) -> Outcome:
 def headline(metrics: dict[str, Any]) -> str:
     """The numbers that say most, in one line."""
     words = [
-        f"{name} {number(metrics[key])} {unit}".strip()
+        f"{name}{validation(metrics, key)} {number(metrics[key])} {unit}".strip()
         for key, name, unit in HEADLINES
         if isinstance(metrics.get(key), int | float)
     ]

@@ -47,7 +47,8 @@ def reconstruct(
         bool,
         typer.Option(
             "--early-stop",
-            help="Train no longer than scenes before gained from; end when held-out views get no better.",
+            help="Train no longer than scenes before gained from; end when validation views, up to half of "
+            "the held-out ones, get no better.",
         ),
     ] = False,
     seed: SeedOption = 0,
@@ -169,10 +170,10 @@ def _course(record: "ModelRecord") -> str:
     """How the training went, in one line."""
     words = f"trained in {duration(record.train_seconds)} on {record.device}, {record.iterations} iterations"
     if record.ending == "early stop":
-        words += f" of {record.settings.iterations} since held-out views hardly got better"
+        words += f" of {record.settings.iterations} since validation views hardly got better"
     if record.held_out_db is None:
         return words
-    words += f", held-out {record.held_out_db:.1f} dB"
+    words += f", {'validation' if record.validation else 'held-out'} {record.held_out_db:.1f} dB"
     if record.predicted is None:
         return words
     guess = record.predicted
@@ -187,6 +188,6 @@ def _missing(record: "ModelRecord") -> str | None:
     if reached >= settings.budget:
         return None
     return (
-        f"Held-out views reached {reached:.1f} dB, not {settings.budget:g} dB: use a finer --quality "
+        f"Validation views reached {reached:.1f} dB, not {settings.budget:g} dB: use a finer --quality "
         "or take more shots."
     )

@@ -69,7 +69,7 @@ def pictures(opened: Opened, scale: float, progress: Progress) -> Pictures | Non
 
     scale: the one factor that the evaluation aligned all renders with.
     """
-    held_out = opened.dataset.held_out
+    held_out = opened.dataset.reported
     views = (held_out or opened.dataset.train)[:MOST_VIEWS]
     if not views:
         return None

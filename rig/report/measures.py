@@ -1,6 +1,8 @@
 """The metrics of metrics.json in plain words."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from rig.words import number
 
@@ -104,3 +106,9 @@ MEASURES = (
 )
 
 BY_KEY = {measure.key: measure for measure in MEASURES}
+
+
+def validation(metrics: Mapping[str, Any], key: str) -> str:
+    """What a figure's name ends in if it is of a view that the training was ended by; else nothing."""
+    of_views = any(key in row for row in metrics.get("views", []))
+    return " (validation)" if of_views and metrics.get("measured_on") == "validation" else ""

@@ -13,7 +13,7 @@ from imaging import store
 from recon.model import ModelRecord
 from rig.report.calibrated import RungRow, rung_rows
 from rig.report.chart import Series, chart
-from rig.report.measures import BY_KEY, MEASURES
+from rig.report.measures import BY_KEY, MEASURES, validation
 from rig.report.page import Tile
 from rig.words import counted, duration, number, size
 
@@ -86,12 +86,12 @@ def quality(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> Qua
     return Quality(
         lead=f"Method {model.settings.method}, quality {model.settings.quality}: "
         f"{counted(len(model.training_views), 'view')} to train on, "
-        f"{counted(len(model.held_out), 'view')} held out to measure with",
+        f"{counted(len(model.held_out), 'view')} held out to measure with{_ended_by(model)}",
         note=str(metrics.get("held_out_note", "")),
         metrics=tuple(_metric_rows(metrics)),
         columns=tuple(_column(key) for key in keys),
         views=tuple((str(row["view"]), *(BY_KEY[key].written(row.get(key)) for key in keys)) for row in rows),
-        charts=tuple(_charts(folder, metrics)),
+        charts=tuple(_charts(folder, model, metrics)),
         cost=tuple(_cost(model, metrics)),
         rungs=rung_rows(model.rungs),
         files=tuple(_files(folder)),
@@ -106,13 +106,18 @@ def _files(folder: Path) -> Iterable[FileRow]:
             yield FileRow(path.name, link, size(path.stat().st_size), FILES.get(path.name, ""))
 
 
+def _ended_by(model: ModelRecord) -> str:
+    """How many of the held-out views were looked at before."""
+    return f", {len(model.validation)} of them to end the training by" if model.validation else ""
+
+
 def _metric_rows(metrics: Mapping[str, Any]) -> Iterable[MetricRow]:
     for measure in MEASURES:
         value = metrics.get(measure.key)
         if value is not None:
             worst = metrics.get(f"{measure.key}_max")
             yield MetricRow(
-                measure.name,
+                measure.name + validation(metrics, measure.key),
                 measure.written(value),
                 measure.unit,
                 "" if worst is None else measure.written(worst),
@@ -125,7 +130,9 @@ def _column(key: str) -> str:
     return f"{measure.name}, {measure.unit}" if measure.unit else measure.name
 
 
-def _charts(folder: Path, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str, Markup]]:
+def _charts(
+    folder: Path, model: ModelRecord, metrics: Mapping[str, Any]
+) -> Iterable[tuple[str, str, Markup]]:
     decades = metrics.get("relative_error_by_decade") or []
     if decades:
         middle = [math.sqrt(row["low"] * row["high"]) for row in decades]
@@ -163,11 +170,12 @@ def _charts(folder: Path, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str
         seconds = [float(row["seconds"]) for row in log]
         looked = [row for row in log if "held_out_db" in row]
         if looked:
+            kind = "Validation" if model.validation else "Held-out"
             yield (
                 "Quality while it trained",
-                "Held-out views against their shots over training time, as the loss compares them.",
+                f"{kind} views against their shots over training time.",
                 chart(
-                    "Held-out quality",
+                    f"{kind} quality",
                     [
                         Series(
                             "",
@@ -215,7 +223,7 @@ def _cost(model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[tuple[str,
     if model.predicted is not None and model.held_out_db is not None:
         guess = model.predicted
         yield (
-            "Held-out quality, foretold and reached",
+            f"{'Validation' if model.validation else 'Held-out'} quality, foretold and reached",
             f"{guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f}), {model.held_out_db:.1f} dB",
         )
     yield "Gaussians", f"{model.gaussians:,}"
@@ -228,7 +236,7 @@ def _cost(model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[tuple[str,
 def tiles(model: ModelRecord, metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
     """The headline numbers."""
     measured = (
-        Tile(BY_KEY[key].written(metrics[key]), BY_KEY[key].unit, label)
+        Tile(BY_KEY[key].written(metrics[key]), BY_KEY[key].unit, label + validation(metrics, key))
         for key, label in HEADLINES.items()
         if metrics.get(key) is not None
     )

@@ -1,6 +1,8 @@
 """A session as training sees it."""
 
 import json
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -44,6 +46,23 @@ def test_held_out_split_of_any_rig(cameras, frames):
     assert out < set(names)
     taken = [sum(camera == f"c{c:02d}" for _, camera in out) for c in range(cameras)]
     assert max(taken) <= -(-len(out) // min(cameras, 8)) + 1
+
+
+@pytest.mark.parametrize(
+    ("count", "validation"), [(0, 0), (1, 1), (2, 1), (3, 1), (4, 2), (7, 3), (8, 4), (30, 4)]
+)
+def test_views_that_end_a_training_are_none_of_those_that_are_reported(toy_dataset, count, validation):
+    """Unless there is only one: then that is looked at, and reported as such."""
+    held = tuple(replace(toy_dataset.held_out[0], frame=frame) for frame in range(count))
+    whole = replace(toy_dataset, held_out=held)
+    assert (whole.validation, whole.test, whole.reported) == ((), held, held)
+    parted = whole.with_validation()
+    assert len(parted.validation) == validation
+    assert set(parted.validation) | set(parted.test) == set(held)
+    assert not set(parted.validation) & set(parted.test)
+    assert parted.reported == (parted.test if count != 1 else held)
+    frames = [view.frame for view in parted.validation]
+    assert all(after - before >= count // validation for before, after in pairwise(frames))
 
 
 def test_toy_views_carry_what_the_truth_says(toy, toy_dataset):

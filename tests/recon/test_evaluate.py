@@ -240,6 +240,29 @@ def test_what_is_no_reconstruction_is_refused(toy, trained, tmp_path):
         render(trained, tmp_path / "out", views=["0009/cam7"])
 
 
+@pytest.mark.parametrize("views", [6, 16])
+def test_figures_of_a_training_that_views_may_end_are_of_others(toy, toy_long, tmp_path, monkeypatch, views):
+    """Six views have one to hold out, which is looked at; sixteen another, by which nothing is ended."""
+    monkeypatch.setitem(stage.QUALITIES, "draft", Quality(20, 400, 64))
+    session = shutil.copytree(toy if views == 6 else toy_long.session, tmp_path / "session")
+    folder = reconstruct(session, quality="draft", early_stop=True)
+    record, result = read_model(folder), evaluate(folder)
+    assert set(record.validation) <= set(record.held_out)
+    assert result["validation"] == list(record.validation)
+    assert len(record.validation) == 1
+    assert set(result["held_out"]) == set(record.held_out) - set(record.validation)
+    (row,) = result["views"]
+    last = json.loads((folder / "train.jsonl").read_text().splitlines()[-1])["held_out_db"]
+    if views == 6:
+        assert (result["measured_on"], row["view"]) == ("validation", record.validation[0])
+        assert "looked at" in result["held_out_note"]
+        assert row["raw_psnr"] == pytest.approx(last, abs=1e-3)
+        return
+    assert (result["measured_on"], row["view"]) == ("test", result["held_out"][0])
+    assert "held_out_note" not in result
+    assert row["raw_psnr"] != pytest.approx(last, abs=1e-3)
+
+
 def test_other_settings_replace_what_was_there(trained, tmp_path):
     folder = copied(trained, tmp_path)
     before = np.array(read_ply(folder / "splats.ply")["x"])

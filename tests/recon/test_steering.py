@@ -1,5 +1,6 @@
 """Trainings that are cut short: by the clock, since quality stands still, or since it is reached."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -161,6 +162,25 @@ def test_stopped_by_hand_and_gone_on_it_stops_where_it_would_have(begun, toy_dat
     assert whole.course == second.course
     assert [(m.iteration, m.db) for m in whole.curve] == [(m.iteration, m.db) for m in second.curve]
     assert_same(whole, second)
+
+
+def test_what_the_test_views_show_ends_no_training(begun, toy_dataset):
+    """One of two held-out views is for validation; the other may show anything."""
+    seen = toy_dataset.held_out[0]
+    other = replace(seen, frame=seen.frame + 1)
+    blank = replace(other, shots=tuple(replace(shot, pixels=0 * shot.pixels) for shot in other.shots))
+    whole, spoiled = (replace(toy_dataset, held_out=(view, seen)) for view in (other, blank))
+    steers = [EarlyStop(least=100.0, moments=2)]
+
+    def curve(dataset):
+        training = begun()
+        run(training, dataset, 80, steers)
+        assert training.ending == "early stop"
+        return [(moment.iteration, moment.db) for moment in training.curve]
+
+    assert whole.with_validation().test == (other,)
+    assert curve(whole.with_validation()) == curve(spoiled.with_validation())
+    assert curve(whole) != curve(spoiled)
 
 
 def test_a_goal_ends_the_training_when_it_is_reached_and_only_then(begun, toy_dataset):

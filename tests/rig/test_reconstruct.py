@@ -50,6 +50,17 @@ def test_a_quality_that_is_reached_ends_the_training(rig, toy: Path, quick: None
     assert told["iterations"] < 60
 
 
+def test_figures_of_the_view_that_ended_a_training_are_called_so(rig, toy: Path, quick: None) -> None:
+    code, out, _ = rig("reconstruct", str(toy), "--quality", "draft", "--budget", "12dB")
+    assert code == 0
+    assert ", validation " in out
+    assert "RAW PSNR (validation) " in out
+    page = (toy / RECON / "report.html").read_text()
+    assert "RAW PSNR (validation)" in page
+    assert "1 of them to end the training by" in page
+    assert "Looked at before" in page
+
+
 def test_a_quality_that_is_not_reached_is_said_and_the_scene_stays(rig, toy: Path, quick: None) -> None:
     code, out, err = rig("reconstruct", str(toy), "--quality", "draft", "--budget", "80dB", "--json")
     told = json.loads(out)
