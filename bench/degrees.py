@@ -25,8 +25,8 @@ from trial import Cache
 
 from recon.evaluate import measured
 from recon.fixed import Fixed
-from recon.model import Opened, open_model
 from recon.reconstruct import reconstruct
+from recon.scene import Opened, open_model
 from recon.size_ladder import PLAIN
 from recon.splat import rasterize
 from recon.warm_up import warm_up

@@ -21,9 +21,9 @@ from record import WORK, arguments, deliver, machine, words
 from trial import Cache
 
 from recon.evaluate import measured
-from recon.model import Opened, open_model
 from recon.presets import QUALITIES
 from recon.reconstruct import reconstruct
+from recon.scene import open_model
 from recon.trade.point import MEASURES, measuring, train_point
 from recon.trade.records import FOLDER, TRADE, Choice, Trade, code_hash, read_trade
 from recon.trade.sweep import sweep
@@ -53,7 +53,7 @@ def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[st
     opened = open_model(made)
     # On the views that the training was not ended by, both.
     dataset = replace(measuring(session, trade.width), watched=opened.dataset.watched)
-    _, _, rows, _ = measured(Opened(made, opened.record, dataset, opened.training))
+    _, _, rows, _ = measured(replace(opened, dataset=dataset))
     db = float(np.mean([next(row[key] for key in MEASURES if key in row) for row in rows]))
     full_db = float(np.mean([full.views[row["view"]] for row in rows]))
     found = {

@@ -7,6 +7,7 @@ from imaging import store
 from imaging.errors import InputError
 from imaging.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord, parse
 
+SESSION = "session.json"
 SPLIT = "split.json"
 
 
@@ -23,7 +24,7 @@ class Session:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"{folder} is not empty: name a new folder, or --resume the session in it.")
         store.make_folder(folder)
-        store.write_json(folder / "session.json", record.model_dump(mode="json"))
+        store.write_json(folder / SESSION, record.model_dump(mode="json"))
         return cls(folder, record)
 
     @classmethod
@@ -33,7 +34,7 @@ class Session:
             raise InputError(
                 f"{folder} is not a folder: name a session made by `rig capture` or `rig import`."
             )
-        path = folder / "session.json"
+        path = folder / SESSION
         if not path.exists():
             raise InputError(
                 f"{folder} has no session.json: name a session made by `rig capture` or `rig import`."

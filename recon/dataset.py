@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -175,27 +176,50 @@ def load(session: Path, *, max_width: int | None = None, progress: Progress | No
     if split is not None:
         digest.update((session / SPLIT).read_bytes())
     # What was not recognised is black, blurred or bare; such a picture would be taken at its word.
-    poses = {(view.frame, view.camera): view for view in calibration.views if not view.by_rig}
-    groups = {key: group for key, group in brackets(_used(opened, split)).items() if key in poses}
+    placed = {(view.frame, view.camera) for view in calibration.views if not view.by_rig}
+    groups = {key: group for key, group in brackets(_used(opened, split)).items() if key in placed}
     if not groups:
         raise ReconstructionError(
             f"{session} has no view with a pose: run `rig calibrate`, or take images that overlap."
         )
-    kinds = {opened.camera(camera).kind for _, camera in groups}
     out = held_out(sorted(groups)) if split is None else _tested(session, groups, split)
+    return read_views(
+        opened, calibration, digest.hexdigest(), groups, out, max_width=max_width, progress=progress
+    )
+
+
+def read_views(
+    session: Session,
+    calibration: CalibrationRecord,
+    calibration_sha256: str,
+    groups: Mapping[tuple[int, str], Sequence[ShotRecord]],
+    out: Collection[tuple[int, str]],
+    *,
+    max_width: int | None,
+    progress: Progress | None,
+) -> Dataset:
+    """The shots of each (frame, camera) as a data set, `out` of them held out; all have a pose."""
+    poses = {(view.frame, view.camera): view for view in calibration.views}
+    kinds = {session.camera(camera).kind for _, camera in groups}
     views = []
     for done, (key, group) in enumerate(sorted(groups.items())):
         if progress:
             progress("reading images", done, len(groups))
-        views.append(_view(opened, calibration, poses[key], opened.camera(key[1]), group, max_width))
+        views.append(_view(session, calibration, poses[key], session.camera(key[1]), group, max_width))
     return Dataset(
-        session=session,
+        session=session.folder,
         kind=kinds.pop() if len(kinds) == 1 else "mixed",
         train=tuple(view for view in views if (view.frame, view.camera) not in out),
         held_out=tuple(view for view in views if (view.frame, view.camera) in out),
         calibration=calibration,
-        calibration_sha256=digest.hexdigest(),
+        calibration_sha256=calibration_sha256,
     )
+
+
+def photographs_sha256(shots: Iterable[ShotRecord]) -> str:
+    """Of the names and hashes of shots and their masks, in order of name."""
+    lines = sorted(f"{shot.file} {shot.sha256} {shot.mask_sha256}\n" for shot in shots)
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
 def _used(session: Session, split: SplitRecord | None) -> list[ShotRecord]:
@@ -230,7 +254,7 @@ def _view(
     calibration: CalibrationRecord,
     pose: ViewCalibration,
     record: CameraRecord,
-    group: list[ShotRecord],
+    group: Sequence[ShotRecord],
     max_width: int | None,
 ) -> View:
     camera = calibration.camera(record.name)

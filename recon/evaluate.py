@@ -12,10 +12,11 @@ from imaging import metrics, store
 from imaging.exr import write_exr
 from recon.dataset import FEWEST_FOR_HOLDOUT, View
 from recon.mixed import Mixed
-from recon.model import SPLATS, Opened, open_model
+from recon.model import SPLATS
 from recon.photographs import ToneCurve
 from recon.pixels import Progress
-from recon.renders import render, stem
+from recon.renders import attributes, render, stem
+from recon.scene import Opened, open_model
 from recon.tone import encode
 from recon.truth import calibration_errors, has_truth, response_rmse, true_radiance
 
@@ -54,7 +55,8 @@ def evaluate(folder: Path, progress: Progress | None = None) -> dict[str, Any]:
         for key in sorted({key for row in rows for key in row} - {"view"} - set(result)):
             result[key] = float(np.mean([row[key] for row in rows if key in row]))
         for view, image in zip(views, light, strict=True):
-            write_exr(folder / "renders" / f"{stem(view)}.exr", image, attributes={"rig:view": view.name})
+            path = folder / "renders" / f"{stem(view)}.exr"
+            write_exr(path, image, attributes=attributes(opened.record, view))
     else:
         count = len(opened.dataset.views)
         views_are = "1 view is" if count == 1 else f"{count} views are"

@@ -1,19 +1,38 @@
 """What a training leaves behind: the scene, and what is to be said of it."""
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
 import torch
+from scipy.spatial.transform import Rotation
 
 from imaging import store
+from imaging.calibration import CalibrationRecord, Pose
 from imaging.records import Rung
-from recon.dataset import Dataset
+from imaging.session import Session
+from recon.dataset import Dataset, View, photographs_sha256
 from recon.device import device_name
-from recon.model import MODEL, REFINEMENT, SPLATS, ModelRecord, Prediction, Settings
+from recon.display import exposure_of
+from recon.model import (
+    CALIBRATION,
+    MODEL,
+    REFINEMENT,
+    SPLATS,
+    DisplayValues,
+    ModelRecord,
+    Prediction,
+    SceneShot,
+    SceneView,
+    Settings,
+    Use,
+)
+from recon.photographs import Display
 from recon.ply import write_ply
 from recon.prediction import ENOUGH, enough
 from recon.presets import QUALITIES
+from recon.refinement import Refinement
 from recon.trainer import Training
 
 
@@ -26,7 +45,9 @@ def write_scene(
     ladder: tuple[Rung, ...],
     predicted: Prediction | None,
 ) -> None:
-    """splats.ply, refinement.json of what was corrected, and last model.json: all is there then."""
+    """splats.ply, refinement.json of what was corrected, calibration.json as it was, and last model.json: all
+    is there then.
+    """
     light, appearance = training.light, training.method.appearance
     device = training.gaussians.parameters["means"].device
     ldr = dataset.kind == "ldr"
@@ -42,17 +63,25 @@ def write_scene(
     course = training.course
     assert course is not None
     interrupted = training.iteration < course.total
+    store.write_json(folder / CALIBRATION, dataset.calibration.model_dump(mode="json"))
+    session, observation = Session.open(dataset.session), training.method.observation
+    files = {shot.file for view in dataset.views for shot in view.shots}
     record = ModelRecord(
         created=datetime.now(UTC),
         versions={name: version(name) for name in ("hdr-rig", "torch", "numpy", "numba")},
         settings=settings,
+        session=session.record.name,
+        photographs_sha256=photographs_sha256(shot for shot in session.shots() if shot.file in files),
         calibration_sha256=dataset.calibration_sha256,
         normaliser=light.normaliser,
         reference=light.reference,
+        display=DisplayValues(response=observation.response, k=observation.k)
+        if isinstance(observation, Display)
+        else None,
         radiance=f"relative to {gauge}",
-        training_views=tuple(view.name for view in dataset.train),
-        held_out=tuple(view.name for view in dataset.held_out),
-        validation=tuple(view.name for view in dataset.validation),
+        exposure=exposure_of(training, dataset.views),
+        degree=degree,
+        views=scene_views(dataset, training.refinement),
         gaussians=len(training.gaussians),
         train_seconds=round(training.seconds, 3),
         measuring_seconds=round(training.measuring, 3),
@@ -66,6 +95,38 @@ def write_scene(
         rungs=(*ladder, *why, *_early_stop(training, settings)),
     )
     store.write_json(folder / MODEL, record.model_dump(mode="json"))
+
+
+def scene_views(dataset: Dataset, refinement: Refinement | None) -> tuple[SceneView, ...]:
+    """The views of a scene as training corrected them."""
+    corrected = dataset
+    if refinement is not None:
+        own = {name: value.detach().cpu() for name, value in refinement.parameters.items()}
+        corrected = replace(refinement, parameters=own).corrected()
+    uses: tuple[tuple[Use, tuple[View, ...]], ...] = (
+        ("training", corrected.train),
+        ("validation", corrected.validation),
+        ("test", corrected.test),
+    )
+    views = (_scene_view(view, dataset.calibration, use) for use, views in uses for view in views)
+    return tuple(sorted(views, key=lambda view: (view.frame, view.camera)))
+
+
+def _scene_view(view: View, calibration: CalibrationRecord, use: Use) -> SceneView:
+    lens, camera = calibration.camera(view.camera).lens, view.lens
+    assert lens is not None
+    turn = Rotation.from_matrix(camera.cam_from_world[:3, :3])
+    w, x, y, z = turn.as_quat(canonical=True, scalar_first=True).tolist()
+    a, b, c = camera.cam_from_world[:3, 3].tolist()
+    sizes = {"width": camera.width, "height": camera.height}
+    return SceneView(
+        camera=view.camera,
+        frame=view.frame,
+        use=use,
+        lens=lens.model_copy(update=sizes | dict(zip(lens.names, camera.lens, strict=True))),
+        cam_from_world=Pose(quaternion=(w, x, y, z), translation=(a, b, c)),
+        shots=tuple(SceneShot(file=shot.file, k=shot.k) for shot in view.shots),
+    )
 
 
 def _early_stop(training: Training, settings: Settings) -> tuple[Rung, ...]:

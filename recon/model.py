@@ -1,28 +1,28 @@
-"""`model.json`: what was trained, from what, with which choices; and a trained scene opened again."""
+"""`model.json`: what was trained, from what, with which choices, and all that its pictures need."""
 
-from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-import torch
+from pydantic import Field
 
 from imaging import store
+from imaging.calibration import Lens, Pose, Response
 from imaging.errors import ReconstructionError
-from imaging.records import Record, Rung, parse
+from imaging.records import Name, Record, Rung, parse
 from recon.budget import Unit
-from recon.checkpoint import read_checkpoint
-from recon.dataset import Dataset, View, load
+from recon.dataset import Dataset
 from recon.density import DensityRules
 from recon.fixed import Fixed
 from recon.haste import haste
 from recon.method import Light, Method
 from recon.methods import METHODS
-from recon.refinement import Refinement
 from recon.splat import SplatCamera
-from recon.trainer import Plan, Training
+from recon.trainer import Plan
 
 MODEL = "model.json"
+CALIBRATION = "calibration.json"
+"""The calibration as the scene was trained on it, whatever becomes of the session's."""
 CHECKPOINT = "checkpoint.safetensors"
 SPLATS = "splats.ply"
 LOG = "train.jsonl"
@@ -75,32 +75,87 @@ class Settings(Record):
 
 
 class Prediction(Record):
-    """Held-out quality foretold before training, dB: most likely, and an interval for 95 of 100 scenes."""
+    """Held-out quality predicted before training, dB: most likely, and an interval for 95 of 100 scenes."""
 
     db: float
     low: float
     high: float
 
 
+Use = Literal["training", "validation", "test"]
+
+
+class SceneShot(Record):
+    """One photograph of a view."""
+
+    file: str
+    """Relative to the session."""
+    k: float = Field(gt=0)
+    """Exposure scale, s, as training corrected it: camera signal = radiance x k."""
+
+
+class SceneView(Record):
+    """A camera at a frame, as the scene has it."""
+
+    camera: Name
+    frame: int = Field(ge=0)
+    use: Use
+    """validation: held out, and the training could be ended by it; figures are of the test views."""
+    lens: Lens
+    """Of the images that training looked at, px."""
+    cam_from_world: Pose
+    """As training corrected it."""
+    shots: tuple[SceneShot, ...]
+    """Those that were looked at, darkest first."""
+
+    @property
+    def name(self) -> str:
+        """`frame/camera`, as in the folders of previews and renders."""
+        return f"{self.frame:04d}/{self.camera}"
+
+    @property
+    def splat_camera(self) -> SplatCamera:
+        """What draws it; `dataclasses.replace` makes a camera of another pose or lens of it."""
+        return SplatCamera.of(self.lens, self.cam_from_world)
+
+
+class DisplayValues(Record):
+    """How a scene of display values is read as light: the inverse of the response, over `k`."""
+
+    response: Response
+    k: float = Field(gt=0)
+
+
 class ModelRecord(Record):
-    """`model.json`, written when the training is done."""
+    """`model.json`, written when the training is done.
+
+    It renders without the session: views, lenses, poses and the scale of the light are in it.
+    """
 
     schema_version: Literal[1] = 1
     created: datetime
     versions: dict[str, str]
     settings: Settings
+    session: str
+    """Name of the session that it was trained on."""
+    photographs_sha256: str
+    """Of the names and hashes of the shots of all views (`dataset.photographs_sha256`)."""
     calibration_sha256: str
-    """Of calibration.json as it was trained on; another value later means stale."""
+    """Of the session's calibration.json (and split.json) as it was trained on."""
     normaliser: float
     """Linear radiance, in the units of the calibration, that is 1 in scene units."""
     reference: float | None
     """The dimmest radiance that matters, in scene units."""
+    display: DisplayValues | None = None
+    """None: scene units times `normaliser` are linear radiance."""
     radiance: str
     """What the radiance is relative to: the gauge."""
-    training_views: tuple[str, ...]
-    held_out: tuple[str, ...]
-    validation: tuple[str, ...] = ()
-    """Those of the held-out views that could end the training: figures of the others are of test views."""
+    exposure: float = Field(gt=0)
+    """Factor on linear radiance that shows the median of its views as middle grey, 0.18."""
+    degree: int = Field(ge=0, le=2)
+    """Of the harmonics."""
+    views: tuple[SceneView, ...]
+    """In order of frame and camera."""
     gaussians: int
     train_seconds: float
     device: str
@@ -121,32 +176,22 @@ class ModelRecord(Record):
     measuring_seconds: float = 0.0
     """What the live curve took, beside `train_seconds`."""
     predicted: Prediction | None = None
-    """What was foretold of `held_out_db`."""
+    """What was predicted of `held_out_db`."""
 
+    @property
+    def training_views(self) -> tuple[str, ...]:
+        """Names of the views that were trained on."""
+        return tuple(view.name for view in self.views if view.use == "training")
 
-@dataclass(frozen=True)
-class Opened:
-    """A reconstruction with the session it belongs to."""
+    @property
+    def held_out(self) -> tuple[str, ...]:
+        """Names of the views that it was not trained on, for validation and for testing."""
+        return tuple(view.name for view in self.views if view.use != "training")
 
-    folder: Path
-    record: ModelRecord
-    dataset: Dataset
-    training: Training
-
-    def render(self, camera: SplatCamera) -> torch.Tensor:
-        """What a camera sees, in scene units, without gradient: float32 [H, W, 3]."""
-        with torch.no_grad():
-            degree = self.training.method.schedule.degree(1.0)
-            return self.training.renderer()(self.training.gaussians, camera, degree=degree).image
-
-    def view(self, name: str) -> View:
-        """The view of that name, `frame/camera`; ReconstructionError if there is none."""
-        for view in self.dataset.views:
-            if view.name == name:
-                return view
-        raise ReconstructionError(
-            f"{self.folder} has no view {name!r}: name one as {self.dataset.views[0].name}."
-        )
+    @property
+    def validation(self) -> tuple[str, ...]:
+        """Names of those of the held-out views that could end the training."""
+        return tuple(view.name for view in self.views if view.use == "validation")
 
 
 def read_model(folder: Path) -> ModelRecord:
@@ -155,24 +200,3 @@ def read_model(folder: Path) -> ModelRecord:
     if not path.is_file():
         raise ReconstructionError(f"{folder} holds no finished reconstruction: run `rig reconstruct` first.")
     return parse(ModelRecord, store.read_json(path), path)
-
-
-def open_model(folder: Path) -> Opened:
-    """Open a finished reconstruction, SESSION/reconstructions/NAME.
-
-    The views of its data set are as training corrected them. ReconstructionError if it is none, or if its
-    session was calibrated anew since.
-    """
-    record = read_model(folder)
-    fixed = record.settings.fixed
-    dataset = fixed.seen(load(folder.resolve().parent.parent, max_width=record.settings.max_width))
-    if dataset.calibration_sha256 != record.calibration_sha256:
-        raise ReconstructionError(
-            f"{dataset.session} was calibrated again since {folder}: reconstruct again."
-        )
-    checkpoint = read_checkpoint(folder / CHECKPOINT)
-    method = record.settings.composed(dataset, Training.light_in(checkpoint))
-    dataset = replace(dataset, watched=frozenset(record.validation))
-    refinement = Refinement.stored(dataset, checkpoint)
-    training = Training.restore(method, checkpoint, dataset.extent, refinement=refinement)
-    return Opened(folder, record, refinement.corrected(), training)

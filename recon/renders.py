@@ -1,87 +1,96 @@
 """Pictures of a scene on disk: linear EXR, and PNG as a display would show it."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from imaging import store
-from imaging.colour import SPACE_PRIMARIES, Space, space_from_rec709, srgb_encode
+from imaging.colour import SPACE_PRIMARIES, Space, space_from_rec709
 from imaging.exr import write_exr
 from imaging.photo import encode_png
-from recon.dataset import View
-from recon.model import Opened, open_model
+from recon.display import displayed
+from recon.model import ModelRecord
 from recon.pixels import Progress
-
-MIDDLE_GREY = 0.18
+from recon.scene import open_scene
 
 
 def render(
-    folder: Path,
-    out: Path,
+    folder: str | Path,
+    out: str | Path,
     *,
     views: Sequence[str] | None = None,
     stops: Sequence[float] = (0.0,),
+    exposure: float | None = None,
     space: Space = "rec709",
     progress: Progress | None = None,
 ) -> list[Path]:
     """Render views of a reconstruction into `out`; the files written, EXR first.
 
-    views: names `frame/camera`; None: every view of the session. Of each view an EXR of linear
+    views: names `frame/camera`; None: every view of the scene. Of each view an EXR of linear
     radiance in the units of the calibration, its primaries those of `space`, and one PNG for each of
-    `stops`: sRGB, exposed so that the median luminance over all these views is middle grey, plus so
-    many stops.
-    ReconstructionError for a view that the session does not have.
+    `stops`: sRGB of the radiance times 2^(exposure + stops), clipped. exposure: None takes what shows
+    the median of the scene as middle grey; the EXR name that factor as `rig:exposure`.
+    ReconstructionError for a view that the scene does not have.
     """
-    opened = open_model(folder)
-    chosen = opened.dataset.views if views is None else tuple(opened.view(name) for name in views)
+    scene, out = open_scene(folder), Path(out)
+    chosen = scene.views if views is None else tuple(scene.view(name) for name in views)
     from_rec709 = space_from_rec709(space).astype(np.float32)
-    files, images = [], []
+    shown = math.log2(scene.exposure) if exposure is None else exposure
+    files, pictures = [], []
     store.make_folder(out)
     for done, view in enumerate(chosen):
         if progress:
             progress("rendering", done, len(chosen))
-        image = radiance(opened, view)
+        image = scene.radiance(view.splat_camera)
         path = out / f"{stem(view)}.exr"
         write_exr(
             path,
             image @ from_rec709.T,
             chromaticities=SPACE_PRIMARIES[space],
-            attributes={"rig:view": view.name},
+            attributes=attributes(scene.record, view),
         )
         files.append(path)
-        images.append(image)
-    grey = display_scale(images)
-    for view, image in zip(chosen, images, strict=True):
         for step in stops:
             path = out / (f"{stem(view)}.png" if len(stops) == 1 else f"{stem(view)}_{step:+g}ev.png")
-            store.write_bytes(path, encode_png(displayed(image, grey * 2.0**step)))
-            files.append(path)
+            store.write_bytes(path, encode_png(displayed(image, 2.0 ** (shown + step))))
+            pictures.append(path)
     if progress:
         progress("rendering", len(chosen), len(chosen))
-    return files
+    return files + pictures
 
 
-def stem(view: View) -> str:
+class Named(Protocol):
+    """A camera at a frame."""
+
+    @property
+    def camera(self) -> str:
+        """The camera's name."""
+        ...
+
+    @property
+    def frame(self) -> int:
+        """The number of the frame."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """`frame/camera`."""
+        ...
+
+
+def stem(view: Named) -> str:
     """File name of a view without its suffix."""
     return f"{view.frame:04d}_{view.camera}"
 
 
-def radiance(opened: Opened, view: View) -> npt.NDArray[np.float32]:
-    """Linear Rec.709 radiance of a view, float32 [H, W, 3]."""
-    image = opened.training.method.observation.radiance(opened.render(view.lens))
-    return np.ascontiguousarray(image.numpy(), np.float32)
-
-
-def display_scale(images: Sequence[npt.NDArray[Any]]) -> float:
-    """The factor that brings the median of positive light to middle grey; 1 without any light."""
-    lit = np.concatenate([image.reshape(-1) for image in images])
-    lit = lit[lit > 0]
-    return float(MIDDLE_GREY / np.median(lit)) if lit.size else 1.0
-
-
-def displayed(image: npt.NDArray[Any], scale: float) -> npt.NDArray[np.uint8]:
-    """Linear light times a scale, clipped, as sRGB of 8 bits."""
-    return np.asarray(np.round(255 * srgb_encode(np.clip(image * scale, 0, 1))), np.uint8)
+def attributes(record: ModelRecord, view: Named) -> dict[str, str | float]:
+    """What the header of an EXR says of its values."""
+    return {
+        "rig:view": view.name,
+        "rig:values": f"linear radiance {record.radiance}",
+        "rig:exposure": record.exposure,
+        "rig:exposureNote": "values times rig:exposure show the median of the scene as middle grey, 0.18",
+    }

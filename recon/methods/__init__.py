@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from recon.appearance import Appearance
 from recon.dataset import Dataset
 from recon.method import Light, Method
 from recon.methods import hdr_gs, nh_3dgs, vanilla
@@ -11,3 +12,6 @@ METHODS: dict[str, Callable[[Dataset, Light], Method]] = {
     hdr_gs.NAME: hdr_gs.compose,
     vanilla.NAME: vanilla.compose,
 }
+
+APPEARANCES: dict[str, Appearance] = {module.NAME: module.APPEARANCE for module in (nh_3dgs, hdr_gs, vanilla)}
+"""What draws a finished scene; floors and learning rates, which only training needs, are any."""

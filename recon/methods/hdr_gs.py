@@ -1,17 +1,20 @@
 """HDR-GS with a grid tone curve (Wu et al., arXiv 2408.06543): radiance from bracketed photographs."""
 
+from dataclasses import replace
+
 from recon.appearance import LuminanceChromaticity
 from recon.dataset import Dataset
 from recon.method import Light, Method
 from recon.photographs import tone_curve
 
 NAME = "hdr-gs"
+APPEARANCE = LuminanceChromaticity()
 
 
 def compose(dataset: Dataset, light: Light) -> Method:
     """For photographs with known exposures."""
     return Method(
         name=NAME,
-        appearance=LuminanceChromaticity(floor=light.reference or 2.0**-20),
+        appearance=replace(APPEARANCE, floor=light.reference or 2.0**-20),
         observation=tone_curve(dataset, light),
     )

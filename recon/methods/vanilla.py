@@ -5,6 +5,8 @@ start as NH-3DGS; only the appearance differs, with learning rates tuned for it 
 On photographs alone it is 3DGS as published, in display values.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from imaging.calibration import Response
@@ -15,6 +17,7 @@ from recon.mixed import linear_or_mixed
 from recon.photographs import Display
 
 NAME = "vanilla"
+APPEARANCE = PlainHarmonics()
 
 
 def compose(dataset: Dataset, light: Light) -> Method:
@@ -22,13 +25,13 @@ def compose(dataset: Dataset, light: Light) -> Method:
     if dataset.kind != "ldr":
         return Method(
             name=NAME,
-            appearance=PlainHarmonics(dc_rate=Rate(1e-4, 1e-5), rest_rate=Rate(5e-6, 5e-7)),
+            appearance=replace(APPEARANCE, dc_rate=Rate(1e-4, 1e-5), rest_rate=Rate(5e-6, 5e-7)),
             observation=linear_or_mixed(dataset, light),
         )
     responses: list[Response] = [view.sensor.response for view in dataset.train]
     scales = [shot.k for view in dataset.train for shot in view.shots]
     return Method(
         name=NAME,
-        appearance=PlainHarmonics(),
+        appearance=APPEARANCE,
         observation=Display(responses[0], float(np.exp(np.median(np.log(scales))))),
     )

@@ -2,6 +2,7 @@
 
 import shutil
 import time
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -12,9 +13,10 @@ from recon import threads
 from recon.dataset import Dataset, load
 from recon.device import training_device
 from recon.evaluate import measured
-from recon.model import SPLATS, Opened, open_model
+from recon.model import SPLATS
 from recon.pixels import Progress
 from recon.reconstruct import reconstruct
+from recon.scene import open_model
 from recon.trade.records import FOLDER, Choice, Point, Trade, key_of
 from recon.warm_up import warm_up
 
@@ -51,7 +53,7 @@ def train_point(
         used = time.process_time() - used
         opened = open_model(folder)
         corrected = opened.training.refinement
-        _, _, rows, _ = measured(Opened(folder, opened.record, dataset, opened.training))
+        _, _, rows, _ = measured(replace(opened, dataset=dataset))
         # Views of a mixed rig are each measured as their camera is.
         own = {row["view"]: next(row[key] for key in MEASURES if key in row) for row in rows}
         truth = [row["hdr_psnr_mu_aligned"] for row in rows if "hdr_psnr_mu_aligned" in row]

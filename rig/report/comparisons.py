@@ -11,9 +11,8 @@ from imaging.cfa import demosaic
 from imaging.colour import srgb_encode
 from imaging.linear import decode
 from recon.dataset import View
-from recon.model import Opened
 from recon.pixels import Shot
-from recon.renders import radiance
+from recon.scene import Opened
 from recon.truth import has_truth, true_radiance
 from rig.progress import Progress
 from rig.report.pictures import (
@@ -82,7 +81,9 @@ def pictures(opened: Opened, scale: float, progress: Progress) -> Pictures | Non
     for done, view in enumerate(views):
         progress("drawing held-out views", done, len(views))
         if known:
-            columns = _against_truth(truths[done], radiance(opened, view) * np.float32(scale), stops)
+            columns = _against_truth(
+                truths[done], opened.scene.radiance(view.lens) * np.float32(scale), stops
+            )
         else:
             columns = _against_shots(opened, view)
         compared.append(Comparison(f"Camera {view.camera}, frame {view.frame}", tuple(columns)))

@@ -5,7 +5,7 @@ from pathlib import Path
 import rig
 from imaging import store
 from imaging.session import Session
-from recon.model import open_model
+from recon.scene import open_model
 from rig.progress import Progress, unreported
 from rig.report.calibrated import calibrated, is_stale
 from rig.report.captured import captured

@@ -7,8 +7,8 @@ import pytest
 from imaging.errors import InputError
 from recon import reconstruct as stage
 from recon.fixed import Fixed
-from recon.model import open_model
 from recon.reconstruct import Quality
+from recon.scene import open_model
 
 
 def test_words_are_read_and_said_again() -> None:

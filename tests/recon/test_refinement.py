@@ -14,12 +14,13 @@ from recon.fixed import Fixed
 from recon.gaussians import Gaussians, Renderer, limits_for
 from recon.geometry import project
 from recon.methods import METHODS
-from recon.model import open_model, read_model
+from recon.model import read_model
 from recon.radiance import light_of, radiance_image
 from recon.reconstruct import reconstruct
 from recon.refinement import Refinement, camera_delta
 from recon.refinement_evidence import held_out_db
 from recon.refinement_ladder import ALL
+from recon.scene import open_model
 from recon.splat.moved import moved
 from recon.start import gaussians_at, start_points
 from recon.trainer import Plan, Training, train

@@ -25,8 +25,9 @@ from imaging.session import Session
 from recon import reconstruct as stage
 from recon.dataset import View
 from recon.evaluate import evaluate
-from recon.model import SPLATS, Opened, open_model
+from recon.model import SPLATS
 from recon.ply import read_ply
+from recon.scene import Opened, open_model
 from recon.truth import true_radiance
 
 SHORT = stage.Quality(iterations=100, gaussians=1000, width=320)
