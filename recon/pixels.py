@@ -30,7 +30,8 @@ class Shot:
     (RAW; noise below black stays negative), code values 0..1 (LDR), or linear light (HDR).
     saturated: bool, same shape: the scene is at least this bright. dark: bool, the scene is at most
     this bright (LDR only). valid: bool, same shape; False where the file holds no number.
-    noise: of the linear signal; None if not known.
+    noise: of the linear signal; None if not known. ceiling: the signal at which the sensor saturates (RAW
+    only), as it was measured, else that of the file's white level.
     """
 
     file: str
@@ -40,12 +41,18 @@ class Shot:
     dark: Bool
     valid: Bool
     noise: Noise | None = None
+    ceiling: float | None = None
+
+    @property
+    def top(self) -> float:
+        """Where the signal ends: the ceiling of RAW, the last code of a photograph."""
+        return 1.0 if self.ceiling is None else self.ceiling
 
     def linear(self, response: Response | None, cfa: Cfa | None) -> LinearFrame:
         """The shot as linear light, codes decoded by `response` (None: they are linear already)."""
         signal = self.pixels if response is None else decode(self.pixels, response)
         return LinearFrame(
-            signal, self.k, self.saturated, self.dark, self.valid, cfa, self.noise, ceiling=None
+            signal, self.k, self.saturated, self.dark, self.valid, cfa, self.noise, self.ceiling
         )
 
 
@@ -70,7 +77,7 @@ def read_shot(
     height, width = shot.pixels.shape[:2]
     if (height, width) != size and max_width is not None and width == max_width:
         # A pixel of the smaller image counts if all that it is made of does.
-        counts = _area(counts, (width, height)) > 0.999
+        counts = area_mean(counts, (width, height)) > 0.999
     counts = counts[:height, :width] if shot.pixels.ndim == 2 else counts[:height, :width, None]
     return replace(shot, valid=shot.valid & counts), cfa
 
@@ -96,16 +103,16 @@ def _read(
         whole = codes.shape[0], codes.shape[1]
         if size is None:
             return Shot(name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise), None, whole
-        saturated, dark = (_area(mask, size) > 0.5 for mask in (frame.saturated, frame.dark))
-        codes = encode(_area(frame.signal, size), response)
+        saturated, dark = (area_mean(mask, size) > 0.5 for mask in (frame.saturated, frame.dark))
+        codes = encode(area_mean(frame.signal, size), response)
         return Shot(name, k, codes, saturated, dark, np.ones(codes.shape, bool), frame.noise), None, whole
     frame = from_light(read_exr(path).rgb(), k)
     light, valid = frame.signal, frame.valid
     whole = light.shape[0], light.shape[1]
     size = _smaller(light, max_width)
     if size is not None:
-        weight = _area(valid, size)
-        light, valid = np.asarray(_area(light, size) / weight.clip(1e-6), np.float32), weight > 0.5
+        weight = area_mean(valid, size)
+        light, valid = np.asarray(area_mean(light, size) / weight.clip(1e-6), np.float32), weight > 0.5
     never = np.zeros(light.shape, bool)
     return Shot(name, k, np.ascontiguousarray(light, np.float32), never, never, valid), None, whole
 
@@ -120,13 +127,14 @@ def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot,
     size = _smaller(signal, max_width) if max_width and width >= 2 * max_width else None
     cfa = None if size else frame.cfa
     if size:
-        signal = _area(demosaic(signal, frame.cfa, valid)[0], size)
+        signal = area_mean(demosaic(signal, frame.cfa, valid)[0], size)
         # A defect glows into no neighbour: the sites around it stand in for it.
-        saturated = np.repeat((_area(saturated & valid, size) > 0)[..., None], 3, axis=2)
+        saturated = np.repeat((area_mean(saturated & valid, size) > 0)[..., None], 3, axis=2)
         valid = np.ones(signal.shape, bool)
     never = np.zeros(signal.shape, bool)
     saturated, valid = np.ascontiguousarray(saturated), np.ascontiguousarray(valid)
-    return Shot(name, frame.k, np.ascontiguousarray(signal), saturated, never, valid, frame.noise), cfa
+    signal = np.ascontiguousarray(signal)
+    return Shot(name, frame.k, signal, saturated, never, valid, frame.noise, frame.ceiling), cfa
 
 
 def _smaller(image: npt.NDArray[np.generic], max_width: int | None) -> tuple[int, int] | None:
@@ -136,5 +144,6 @@ def _smaller(image: npt.NDArray[np.generic], max_width: int | None) -> tuple[int
     return max_width, max(round(height * max_width / width), 1)
 
 
-def _area(image: npt.NDArray[np.generic], size: tuple[int, int]) -> Float:
+def area_mean(image: npt.NDArray[np.generic], size: tuple[int, int]) -> Float:
+    """An image [H, W, ...] averaged over areas, `size` being the width and height that it is to have."""
     return np.asarray(cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)

@@ -11,6 +11,7 @@ from imaging import store
 from imaging.calibration import CalibrationRecord, Pose
 from imaging.exr import read_exr
 from recon.dataset import View
+from recon.pixels import area_mean
 
 Array = npt.NDArray[np.float64]
 
@@ -21,13 +22,18 @@ def has_truth(session: Path) -> bool:
 
 
 def true_radiance(session: Path, view: View) -> npt.NDArray[np.float32]:
-    """What a view should show, linear Rec.709 [H, W, 3]; averaged over areas to the view's size."""
+    """What a view should show, linear Rec.709 [H, W, 3]; averaged over areas to the view's size.
+
+    As `recon.pixels` makes the view of its files: of RAW an odd last row or column is left out first.
+    """
     light = read_exr(session / "truth" / f"{view.frame:04d}" / f"{view.camera}.exr").rgb()
-    height, width = light.shape[0] // view.lens.height, light.shape[1] // view.lens.width
-    if height > 1 or width > 1:
-        light = light[: height * view.lens.height, : width * view.lens.width]
-        light = light.reshape(view.lens.height, height, view.lens.width, width, 3).mean((1, 3))
-    return np.ascontiguousarray(light[: view.lens.height, : view.lens.width], np.float32)
+    if view.sensor.kind == "raw":
+        height, width = (side - side % 2 for side in light.shape[:2])
+        light = light[:height, :width]
+    size = view.lens.width, view.lens.height
+    if (light.shape[1], light.shape[0]) != size:
+        light = area_mean(light, size)
+    return np.ascontiguousarray(light, np.float32)
 
 
 def calibration_errors(session: Path, calibration: CalibrationRecord) -> dict[str, float]:

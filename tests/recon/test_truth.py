@@ -1,13 +1,36 @@
 """Errors of a calibration against the truth, for calibrations whose errors are known."""
 
 import json
+from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
 from drivers.sim.truth import pose_of
+from imaging import metrics, store
 from imaging.calibration import Pose, read_calibration
-from recon.truth import calibration_errors, has_truth, response_rmse
+from imaging.exr import write_exr
+from recon.truth import calibration_errors, has_truth, response_rmse, true_radiance
+
+
+@pytest.mark.parametrize("kind", ["ldr", "raw"])
+@pytest.mark.parametrize("width", [161, 160, 128, 80, 64])
+def test_the_truth_of_a_smaller_view_is_the_whole_picture_made_smaller(tmp_path, width, kind):
+    """A perfect reconstruction is perfect at any width, whether or not it divides that of the truth."""
+    y, x = np.mgrid[:121, :161] / 160
+    light = np.stack([np.exp(3 * np.sin(9 * x + 2 * y)), np.exp(2 * np.cos(7 * y)), 0.5 + x * y], -1)
+    store.make_folder(tmp_path / "truth" / "0000")
+    write_exr(tmp_path / "truth" / "0000" / "cam.exr", light.astype(np.float32))
+    # A mosaic of odd size loses its last row and column; all else is a change of scale.
+    whole = light[:120, :160] if kind == "raw" else light
+    if kind == "raw" and width == 161:
+        return
+    height = round(whole.shape[0] * width / whole.shape[1])
+    lens = SimpleNamespace(width=width, height=height)
+    view = SimpleNamespace(frame=0, camera="cam", lens=lens, sensor=SimpleNamespace(kind=kind))
+    perfect = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+    assert metrics.hdr_psnr_mu(perfect, true_radiance(tmp_path, view)) > 130
 
 
 def edit(session, change):

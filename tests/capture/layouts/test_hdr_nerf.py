@@ -2,6 +2,7 @@ import json
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -211,6 +212,17 @@ def test_true_light_is_where_an_evaluation_looks_for_it(tmp_path, form):
         name = Path(shots[view.frame].source).stem.split("_")[0]
         number = int(name) if form is handed_on else view.frame
         np.testing.assert_array_equal(true_radiance(session.folder, view), light(number))
+
+
+def test_true_light_is_that_of_the_views_at_the_width_they_are_trained_at(tmp_path):
+    """40 px, as a preset has them, of 64: the whole picture and not a corner of it."""
+    _, session, _ = imported(rendered(tmp_path / "h"))
+    ramp = np.arange(48 * 64 * 3, dtype=np.float32).reshape(48, 64, 3)
+    for view in load(session.folder, max_width=40).views:
+        write_exr(session.folder / "truth" / f"{view.frame:04d}" / f"{view.camera}.exr", ramp)
+        assert (view.lens.width, view.lens.height) == (40, 30)
+        whole = cv2.resize(ramp, (40, 30), interpolation=cv2.INTER_AREA)
+        np.testing.assert_allclose(true_radiance(session.folder, view), whole, rtol=1e-6)
 
 
 def test_true_light_that_some_views_lack_is_left_aside_and_said(tmp_path):
