@@ -16,8 +16,10 @@ from imaging import metrics
 from recon.dataset import Dataset, load
 from recon.density import DensityRules
 from recon.method import Light, Method
+from recon.pixels import Shot
 from recon.radiance import light_of, radiance_image
 from recon.reconstruct import START_SHARE
+from recon.recorded import shot_psnr
 from recon.start import Start, gaussians_at, start_points
 from recon.trainer import Plan, Training, train
 from recon.truth import true_radiance
@@ -89,18 +91,13 @@ def run(
 
 def quality(trial: Trial, training: Training) -> dict[str, Any]:
     """Metrics of the held-out views as `rig evaluate` has them, with the values per view under `views`."""
-    observation, light, shots = training.method.observation, [], []
+    observation, light, signals = training.method.observation, [], []
     for view in trial.dataset.held_out:
         with torch.no_grad():
             degree = training.method.schedule.degree(1.0)
             image = training.renderer()(training.gaussians, view.lens, degree=degree).image
-        light.append(observation.radiance(image).numpy())
-        shots.append(
-            [
-                (np.minimum(observation.predict(image, view, shot.k).numpy(), 1), np.minimum(shot.pixels, 1))
-                for shot in view.shots
-            ]
-        )
+            light.append(observation.radiance(image).numpy())
+            signals.append([observation.predict(image, view, shot.k) for shot in view.shots])
     everything, truth = np.stack(light), np.stack(trial.truth)
     peak, scale = float(truth.max()), metrics.align_scale(everything, truth)
     views = [
@@ -108,24 +105,28 @@ def quality(trial: Trial, training: Training) -> dict[str, Any]:
             "hdr_psnr_mu_aligned": metrics.hdr_psnr_mu(image * scale, goal, peak),
             "hdr_psnr_mu_dark": metrics.hdr_psnr_mu_dark(image * scale, goal, peak),
             "stops_median": metrics.stops_median(image * scale, goal),
-            **_signal(pairs, goal.max(-1) / peak),
+            **_signal(predicted, view.shots, goal.max(-1) / peak),
         }
-        for image, goal, pairs in zip(light, truth, shots, strict=True)
+        for image, goal, predicted, view in zip(light, truth, signals, trial.dataset.held_out, strict=True)
     ]
     means = {key: float(np.nanmean([view[key] for view in views])) for key in views[0]}
     return means | {"views": views}
 
 
-def _signal(pairs: list[tuple[np.ndarray, np.ndarray]], light: np.ndarray) -> dict[str, float]:
+def _signal(predicted: list[torch.Tensor], shots: Sequence[Shot], light: np.ndarray) -> dict[str, float]:
     """PSNR of the signal, mean over a bracket; and apart, where the light is below 1 % or above 50 %.
 
-    pairs: predicted and recorded signal of every shot; light [H, W]: true, over the scene's maximum. The two
-    parts count only photosites that are not clipped, of all shots together; NaN where there are none.
+    predicted: signal of every shot; light [H, W]: true, over the scene's maximum. The two parts count only
+    photosites that are not clipped, of all shots together; NaN where there are none.
     """
-    found = {"raw_psnr": float(np.mean([metrics.psnr(*pair) for pair in pairs]))}
+    psnrs = [psnr for pair in zip(predicted, shots, strict=True) if (psnr := shot_psnr(*pair)) is not None]
+    found = {"raw_psnr": float(np.mean(psnrs))}
     for name, there in {"shadows": light < 0.01, "highlights": light > 0.5}.items():
-        squares = [((ours - theirs) ** 2)[there & (theirs < 1)] for ours, theirs in pairs]
-        together = np.concatenate(squares)
+        squares = [
+            ((ours.numpy() - shot.pixels) ** 2)[there & shot.valid & ~shot.saturated]
+            for ours, shot in zip(predicted, shots, strict=True)
+        ]
+        together = np.concatenate(squares).astype(np.float64)
         found[f"raw_psnr_{name}"] = -10 * float(np.log10(together.mean())) if together.size else float("nan")
     return found
 

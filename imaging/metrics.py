@@ -56,11 +56,15 @@ def psnr(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float = 1.0) -> 
     return _psnr(a, b, peak)
 
 
-def ssim(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
+def ssim(
+    prediction: npt.ArrayLike, truth: npt.ArrayLike, valid: npt.NDArray[np.bool_] | None = None
+) -> float | None:
     """Mean structural similarity of images on 0..1, [H, W] or [H, W, C] (channels apart, then averaged).
 
     Wang et al. 2004: Gaussian window of 11 taps, sigma 1.5, K1 0.01, K2 0.03, in float64, mean
-    over the windows that lie wholly inside. ValueError if the image is smaller than the window.
+    over the windows that lie wholly inside. valid: bool of the same shape; only windows without a sample
+    that is not are averaged, so that whatever a masked image is filled with has no part in it, and None
+    comes back if there are none. ValueError if the image is smaller than the window.
     """
     a, b = _pair(prediction, truth)
     if a.ndim not in (2, 3) or min(a.shape[:2]) < 11:
@@ -72,7 +76,11 @@ def ssim(prediction: npt.ArrayLike, truth: npt.ArrayLike) -> float:
     c1, c2 = 0.01**2, 0.03**2
     luminance = (2 * mean_a * mean_b + c1) / (mean_a**2 + mean_b**2 + c1)
     structure = (2 * both + c2) / (var_a + var_b + c2)
-    return float(np.mean(luminance * structure))
+    found = luminance * structure
+    if valid is None:
+        return float(found.mean())
+    whole = ndimage.minimum_filter(valid, size=(11, 11, 1)[: a.ndim])[5:-5, 5:-5]
+    return float(found[whole].mean()) if whole.any() else None
 
 
 def _window(image: Array) -> Array:

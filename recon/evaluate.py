@@ -1,6 +1,7 @@
 """How good a reconstruction is: held-out views against the truth, where there is one, and the shots."""
 
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,12 @@ import torch
 
 from imaging import metrics, store
 from imaging.exr import write_exr
-from recon.dataset import FEWEST_FOR_HOLDOUT, View
+from recon.dataset import FEWEST_FOR_HOLDOUT
 from recon.mixed import Mixed
 from recon.model import SPLATS
 from recon.photographs import ToneCurve
-from recon.pixels import Progress
+from recon.pixels import Progress, Shot
+from recon.recorded import as_recorded, shot_psnr
 from recon.renders import attributes, render, stem
 from recon.scene import Opened, open_model
 from recon.tone import encode
@@ -142,44 +144,42 @@ def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, 
     }
 
 
+@torch.no_grad()
 def _against_shots(opened: Opened, renders: list[torch.Tensor], rows: list[dict[str, Any]]) -> None:
     """Fills the rows with the distance from what the cameras recorded, mean over the bracket.
 
-    Photographs at exposures that training saw (`_oe`, `ssim`) are apart from those at others (`_ne`).
+    Photographs at exposures that training saw (`_oe`, `ssim`) are apart from those at others (`_ne`). What is
+    masked counts in none, SSIM's windows that touch it included; a shot that is masked altogether has none.
     """
     for row, image, view in zip(rows, renders, opened.dataset.reported, strict=True):
         if view.sensor.kind == "hdr":
             continue
-        pairs = [_recorded(opened, image, view, index) for index in range(len(view.shots))]
-        psnrs = [_psnr(*pair, shot.valid) for pair, shot in zip(pairs, view.shots, strict=True)]
+        predicted = [opened.training.method.observation.predict(image, view, shot.k) for shot in view.shots]
         if view.sensor.kind == "raw":
-            row["raw_psnr"] = float(np.mean(psnrs))
+            _note(row, "raw_psnr", map(shot_psnr, predicted, view.shots))
             continue
         known = [opened.dataset.trained_at(shot.k) for shot in view.shots]
-        for suffix, seen in (("oe", True), ("ne", False)):
-            own = [pair for pair, trained in zip(pairs, known, strict=True) if trained == seen]
-            if not own:
-                continue
-            figures = [figure for figure, trained in zip(psnrs, known, strict=True) if trained == seen]
-            row[f"ldr_psnr_{suffix}"] = float(np.mean(figures))
+        for seen, suffix in ((True, "oe"), (False, "ne")):
+            pairs = [
+                (told, shot)
+                for told, shot, trained in zip(predicted, view.shots, known, strict=True)
+                if trained == seen
+            ]
+            _note(row, f"ldr_psnr_{suffix}", (shot_psnr(told, shot) for told, shot in pairs))
             if min(view.lens.width, view.lens.height) >= 11:
-                row["ssim" if seen else "ssim_ne"] = float(np.mean([metrics.ssim(*pair) for pair in own]))
+                _note(row, "ssim" if seen else "ssim_ne", (_ssim(told, shot) for told, shot in pairs))
 
 
-def _recorded(opened: Opened, image: torch.Tensor, view: View, index: int) -> tuple[Float, Float]:
-    """Predicted and recorded signal of a shot; the prediction saturates where the sensor does.
-
-    Where the shot is not valid the two are the same, so that no window of SSIM sees it.
-    """
-    shot = view.shots[index]
-    predicted = opened.training.method.observation.predict(image, view, shot.k).detach().numpy()
-    recorded = np.minimum(shot.pixels, 1.0)
-    return np.where(shot.valid, np.minimum(predicted, 1.0), recorded).astype(np.float32), recorded
+def _note(row: dict[str, Any], key: str, figures: Iterable[float | None]) -> None:
+    """Put the mean of the figures that there are into the row, if there are any."""
+    known = [figure for figure in figures if figure is not None]
+    if known:
+        row[key] = float(np.mean(known))
 
 
-def _psnr(predicted: Float, recorded: Float, valid: npt.NDArray[np.bool_]) -> float:
-    """Over what is valid; that of equal images if nothing is."""
-    return metrics.psnr(predicted[valid], recorded[valid]) if valid.any() else metrics.PSNR_CAP
+def _ssim(predicted: torch.Tensor, shot: Shot) -> float | None:
+    told, recorded = as_recorded(predicted, shot)
+    return metrics.ssim(told.numpy(), recorded.numpy(), shot.valid)
 
 
 def _response(opened: Opened) -> dict[str, float]:

@@ -3,12 +3,15 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 import torch
 
+from imaging.metrics import PSNR_CAP
 from recon.dataset import View
 from recon.ranks import Ranks
+from recon.recorded import psnr_of, shot_psnr
 
 if TYPE_CHECKING:
     from recon.trainer import Training
@@ -43,12 +46,12 @@ def period(iterations: int, views: int) -> int:
 def held_out_db(training: "Training", views: Sequence[View], progress: float, ranks: Ranks) -> float:
     """Mean over views of the PSNR, dB, of what their shots should hold against what they hold.
 
-    The same figure as `raw_psnr` or `ldr_psnr` of an evaluation, of these views; EXR, which has no white, is
-    compared in mu-law. The planes that the loss compares would hide the end of a training: noise fills them
-    in the dark. The ranks share the views and all return the same number.
+    The same figure as `raw_psnr` or `ldr_psnr` of an evaluation, of these views, over what masks leave of
+    them; EXR, which has no white, is compared in mu-law. The planes that the loss compares would hide the end
+    of a training: noise fills them in the dark. The ranks share the views and all return the same number.
     """
     method, renderer = training.method, training.renderer()
-    total = 0.0
+    total, count = 0.0, 0
     with torch.no_grad():
         for view in views[ranks.number :: ranks.count]:
             degree = method.schedule.degree(progress)
@@ -56,18 +59,17 @@ def held_out_db(training: "Training", views: Sequence[View], progress: float, ra
             if training.refinement is not None:
                 image = training.refinement.shaded(image, view, progress)
             if view.sensor.kind == "hdr":
-                total += _psnr(*method.observation.compare(image, view, progress))
-                continue
-            for shot in view.shots:
-                told = method.observation.predict(image, view, shot.k).clamp_max(1)
-                seen = torch.from_numpy(shot.pixels).to(told).clamp_max(1)
-                valid = torch.from_numpy(shot.valid).to(told.device)
-                total += _psnr(torch.where(valid, told, seen), seen) / len(view.shots)
-    (together,) = ranks.totals(total)
-    return together / len(views)
-
-
-def _psnr(told: torch.Tensor, seen: torch.Tensor) -> float:
-    """Of a peak of 1, within -100 and 100 dB."""
-    error = float((told - seen).square().mean(dtype=torch.float64))
-    return -10 * math.log10(min(max(error, 1e-10), 1e10)) if math.isfinite(error) else -100.0
+                told, seen = method.observation.compare(image, view, progress)
+                # What is not valid is equal in both: it adds nothing to the sum.
+                valid = sum(int(shot.valid.sum()) for shot in view.shots)
+                error = float((told - seen).double().square().sum())
+                psnrs = [psnr_of(error / valid)] if valid else []
+            else:
+                found = (
+                    shot_psnr(method.observation.predict(image, view, shot.k), shot) for shot in view.shots
+                )
+                psnrs = [psnr for psnr in found if psnr is not None]
+            if psnrs:
+                total, count = total + fmean(psnrs), count + 1
+    together, measured = ranks.totals(total, count)
+    return together / measured if measured else -PSNR_CAP

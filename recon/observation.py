@@ -204,7 +204,7 @@ class LinearLight:
         if self.space == "scene":  # every shot is divided by its own scale again: one mu-law for them all
             units = scales
         else:
-            units = [_white(shot.pixels) if sensor.kind == "hdr" else 1.0 for shot in view.shots]
+            units = [_white(shot.pixels[shot.valid]) if sensor.kind == "hdr" else 1.0 for shot in view.shots]
         mu = LIGHT_MU if self.space == "scene" or sensor.kind == "hdr" else SIGNAL_MU
         pairs = list(zip(view.shots, scales, units, strict=True))
         target = torch.stack([mu_law(planes(shot.pixels) / unit, mu) for shot, _, unit in pairs])

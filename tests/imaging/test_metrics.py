@@ -84,6 +84,19 @@ def test_ssim_is_the_mean_of_its_windows() -> None:
     assert ssim(three, other) == pytest.approx((naive_ssim(a, b) + 2) / 3, abs=1e-12)
 
 
+def test_ssim_of_a_masked_image_is_the_mean_of_its_whole_windows() -> None:
+    a, b = RNG.random((2, 24, 30, 3))
+    valid = np.ones(a.shape, bool)
+    valid[:7], valid[20, 3, 1] = False, False
+    a[:7], b[20, 3, 1] = 7.0, -1.0
+    rows = [naive_ssim(a[y : y + 11, x : x + 11, c], b[y : y + 11, x : x + 11, c])
+            for c in range(3) for y in range(7, 14) for x in range(20)
+            if valid[y : y + 11, x : x + 11, c].all()]  # fmt: skip
+    assert len(rows) == 3 * 7 * 20 - 16
+    assert ssim(a, b, valid) == pytest.approx(np.mean(rows), abs=1e-12)
+    assert ssim(a, b, valid & False) is None
+
+
 def test_ssim_of_constant_images_in_closed_form() -> None:
     flat = np.ones((12, 13))
     for x, y in ((0.2, 0.7), (0.0, 1.0), (0.5, 0.5)):

@@ -12,7 +12,8 @@ from imaging import metrics
 from imaging.colour import PRIMARIES, space_from_rec709
 from imaging.errors import InputError, ReconstructionError, RigError
 from imaging.exr import read_exr
-from recon.evaluate import evaluate, render
+from recon import threads
+from recon.evaluate import evaluate, measured, render
 from recon.model import read_model
 from recon.ply import read_ply
 from recon.reconstruct import Quality, reconstruct
@@ -126,6 +127,22 @@ def test_a_perfect_model_reaches_the_caps(trained, tmp_path, monkeypatch):
     assert all(entry["p95"] < 1e-5 for entry in result["relative_error_by_decade"])
     # What is left is the noise of the held-out shots themselves.
     assert 30 < result["raw_psnr"] < 60
+
+
+def test_figures_are_the_same_to_the_bit_on_any_number_of_threads(trained, tmp_path):
+    """Which is what an evaluation runs on, wherever the scene was trained: it renders on the processor."""
+    folder, found = copied(trained, tmp_path), []
+    threads_before = threads.thread_count()
+    try:
+        for count in (1, 2, 3):
+            threads.set_threads(count)
+            opened = open_model(folder)
+            assert {value.device.type for value in opened.training.gaussians.parameters.values()} == {"cpu"}
+            _, _, rows, pooled = measured(opened)
+            found.append((rows, pooled))
+    finally:
+        threads.set_threads(threads_before)
+    assert found[0] == found[1] == found[2]
 
 
 def test_a_model_twice_too_bright_is_right_after_alignment(trained, tmp_path, monkeypatch):

@@ -13,7 +13,6 @@ from imaging.errors import InputError
 from imaging.mask import read_mask
 from recon.dataset import load
 from recon.density import DensityRules
-from recon.evaluate import _psnr
 from recon.methods import METHODS
 from recon.radiance import light_of, radiance_image
 from recon.start import colours_at, gaussians_at, start_points
@@ -139,11 +138,3 @@ def test_colour_and_alpha_of_a_mask(tmp_path):
     image[0, 1, 2] = 1
     cv2.imwrite(str(tmp_path / "m.png"), image)
     assert read_mask(tmp_path / "m.png", 2, 3).tolist() == [[False, True, False], [False] * 3]
-
-
-def test_figures_are_of_what_is_valid_alone():
-    recorded = np.zeros((2, 2), np.float32)
-    predicted = np.array([[0.1, 1], [0.1, 1]], np.float32)
-    valid = np.array([[True, False], [True, False]])
-    assert _psnr(predicted, recorded, valid) == pytest.approx(20, abs=1e-4)
-    assert _psnr(predicted, recorded, valid & False) == metrics.PSNR_CAP
