@@ -1,5 +1,6 @@
 """A small GenApi: the features that a camera's GenICam XML describes, over its memory."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -39,18 +40,19 @@ _KINDS: dict[str, type[Node]] = {
 class NodeMap:
     """A camera's features by name.
 
-    Nothing is cached: every value comes from the device. Errors: CameraRefused where the device does not
-    have the feature or does not allow or take the value, CameraProtocol where its description makes no sense,
-    both with the feature's name; those of the memory as they are.
+    Nothing is kept from one question to the next: each is answered by the device as it is then. Errors:
+    CameraRefused where the device does not have the feature or does not allow or take the value,
+    CameraProtocol where its description makes no sense, both with the feature's name; those of the memory
+    as they are.
     """
 
     def __init__(self, xml: bytes, memory: Memory, where: str) -> None:
         """`where` names the camera in messages."""
         self._where = where
+        self._around = Surroundings(self._find, memory)
         with self._about("the description"):
             self._elements: dict[str, Element] = read_description(xml)
         self._nodes: dict[str, Node] = {}
-        self._around = Surroundings(self._find, memory)
 
     def names(self) -> tuple[str, ...]:
         """All nodes, features and what is behind them."""
@@ -104,6 +106,8 @@ class NodeMap:
     def set(self, name: str, value: Value) -> None:
         """Set a number, a bool, a text, or an Enumeration by the name of its entry."""
         with self._about(name):
+            if isinstance(value, float) and not math.isfinite(value):
+                raise CameraRefused(f"{value} is no finite number: give another value")
             self._writable(name).set(value)
 
     def execute(self, name: str) -> None:
@@ -149,7 +153,8 @@ class NodeMap:
 
     @contextmanager
     def _about(self, name: str) -> Iterator[None]:
-        """Have errors name the camera and the feature."""
+        """A question to the device, whose errors name the camera and the feature."""
+        self._around.values.clear()
         try:
             yield
         except (CameraProtocol, CameraRefused) as error:

@@ -9,21 +9,22 @@ from drivers.u3v.genicam.nodes import UNLIMITED, Limits, Node, Surroundings, Val
 
 
 class _Variables(Mapping[str, Number]):
-    """The variables, constants and expressions of a node, looked up when a formula uses them."""
+    """The variables, constants and expressions of a node, found out when a formula first uses them."""
 
     def __init__(self, node: "Computing", given: dict[str, Number]) -> None:
-        self._node, self._given = node, given
+        self._node, self._known = node, given
 
     def __getitem__(self, name: str) -> Number:
-        if name in self._given:
-            return self._given[name]
-        variable = self._node.variables.get(name)
-        if variable is not None:
-            return numeric(self._node.around.find(variable).get())
-        return self._node.expressions[name](self)
+        if name not in self._known:
+            variable = self._node.variables.get(name)
+            if variable is not None:
+                self._known[name] = numeric(self._node.around.find(variable).value())
+            else:
+                self._known[name] = self._node.expressions[name](self)
+        return self._known[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter((*self._given, *self._node.variables, *self._node.expressions))
+        return iter((*self._known, *self._node.variables, *self._node.expressions))
 
     def __len__(self) -> int:
         return len(list(iter(self)))
@@ -88,7 +89,7 @@ class Converter(Computing):
 
     def get(self) -> Number:
         """The value in this node's units."""
-        return self.compute(self._here, TO=numeric(self._target().get()))
+        return self.compute(self._here, TO=numeric(self._target().value()))
 
     def set(self, value: Value) -> None:
         """Set the node behind; where that takes whole numbers, to the nearest."""

@@ -1,5 +1,6 @@
 """What all nodes of a GenICam description share: references, availability, access, limits."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -47,6 +48,11 @@ class Surroundings:
     find: Callable[[str], "Node"]
     memory: Memory
     chunks: dict[int, bytes] = field(default_factory=dict)
+    values: dict["Node", Value] = field(default_factory=dict)
+    """What the nodes behind the feature that is being asked for have said, until something is written.
+
+    Without it a formula that uses another twice, which uses another twice, takes exponential time.
+    """
 
 
 class Node:
@@ -58,6 +64,13 @@ class Node:
     def get(self) -> Value:
         """The value: int, float or str."""
         raise CameraProtocol(f"a {self.element.tag} has no value")
+
+    def value(self) -> Value:
+        """The value, as other nodes refer to it: found out once for each question to the node map."""
+        values = self.around.values
+        if self not in values:
+            values[self] = self.get()
+        return values[self]
 
     def set(self, value: Value) -> None:
         """Set the value. CameraRefused if it cannot be."""
@@ -96,30 +109,38 @@ class Node:
         if literal is not None:
             return as_number(literal)
         node = self.refer("p" + tag)
-        return None if node is None else numeric(node.get())
+        return None if node is None else numeric(node.value())
 
     def whole(self, tag: str) -> int | None:
         """As `number`, in whole numbers."""
         value = self.number(tag)
-        return None if value is None else int(value)
+        return None if value is None else integral(value)
 
     def _true(self, tag: str, otherwise: bool) -> bool:
         node = self.refer(tag)
-        return otherwise if node is None else bool(numeric(node.get()))
+        return otherwise if node is None else bool(numeric(node.value()))
 
 
 def numeric(value: Value) -> Number:
-    """A value that must be a number. CameraProtocol."""
-    if isinstance(value, str):
+    """A value that must be a finite number. CameraProtocol."""
+    if isinstance(value, str) or not math.isfinite(value):
         raise CameraProtocol(f"{value!r} is no number")
     return value
 
 
+def integral(value: Value) -> int:
+    """A value that must be a finite number, cut to a whole one. CameraProtocol."""
+    return int(numeric(value))
+
+
 def as_number(text: str) -> Number:
-    """A literal: whole in tens or 0x, else a float. CameraProtocol."""
+    """A literal: whole in tens or 0x, else a float, which may be infinite but not NaN. CameraProtocol."""
     try:
         if text.lower().startswith("0x"):
             return wrapped(int(text, 16))
-        return float(text) if set(text) & set(".eEnN") else wrapped(int(text))
+        number = float(text) if set(text) & set(".eEnN") else wrapped(int(text))
     except ValueError:
-        raise CameraProtocol(f"{text!r} is no number") from None
+        number = math.nan
+    if math.isnan(number):
+        raise CameraProtocol(f"{text!r} is no number")
+    return number

@@ -5,50 +5,70 @@ from typing import Literal
 
 from drivers.errors import CameraProtocol, CameraRefused
 from drivers.u3v.genicam.description import Element
-from drivers.u3v.genicam.nodes import Limits, Node, Surroundings, Value, as_number, numeric
+from drivers.u3v.genicam.formulas import SwissKnife
+from drivers.u3v.genicam.nodes import Limits, Node, Surroundings, Value, as_number, integral, numeric
 
-_LARGEST = 1 << 16
+_PLACE = frozenset(("Address", "pAddress", "pIndex"))
+_OTHERS = frozenset(
+    (
+        *("AccessMode", "Bit", "Cachable", "Description", "DisplayName", "DisplayNotation"),
+        *("DisplayPrecision", "DocuURL", "Endianess", "EventID", "Extension", "ImposedAccessMode"),
+        *("IsDeprecated", "LSB", "Length", "MSB", "PollingTime", "Representation", "Sign", "Streamable"),
+        *("ToolTip", "Unit", "Visibility", "pAlias", "pBlockPolling", "pCastAlias", "pError"),
+        *("pInvalidator", "pIsAvailable", "pIsImplemented", "pIsLocked", "pLength", "pPort", "pSelected"),
+    )
+)
+"""What the GenApi schema 1.1 lets a register say besides its address. One that says more may well be
+somewhere else than rig would read and write, and is refused."""
 
 
 class Register(Node):
     """Bytes at an address; `get` and `set` of the kinds say what they mean."""
+
+    longest = 1 << 16
+    """Bytes that it can have."""
 
     def __init__(self, element: Element, around: Surroundings) -> None:
         super().__init__(element, around)
         big = (element.first("Endianess") or "LittleEndian").startswith("Big")
         self.order: Literal["big", "little"] = "big" if big else "little"
         self.signed = (element.first("Sign") or "Unsigned") == "Signed"
+        self._knives = [SwissKnife(child, around) for child in element.all("IntSwissKnife")]
 
     def target_access(self) -> str:
         """AccessMode; registers that say nothing are read only."""
         return self.element.first("AccessMode") or "RO"
 
     def address(self) -> int:
-        """The sum of all that the register says of its address."""
-        find, total = self.around.find, 0
-        for child in self.element.children:
-            if child.tag == "Address":
-                total += int(as_number(child.text))
-            elif child.tag == "pAddress":
-                total += int(numeric(find(child.text).get()))
-            elif child.tag == "pIndex":
-                step = child.attributes.get("Offset")
-                offset = child.attributes.get("pOffset")
-                if step is not None:
-                    width = int(as_number(step))
-                elif offset is not None:
-                    width = int(numeric(find(offset).get()))
-                else:
-                    width = self.size()
-                total += int(numeric(find(child.text).get())) * width
-        if total < 0:
+        """The sum of all that the register says of its address. CameraProtocol if it says none."""
+        tags = {child.tag for child in self.element.children}
+        if unknown := tags - _PLACE - _OTHERS - {"IntSwissKnife"}:
+            raise CameraProtocol(f"its register has a {min(unknown)}, which rig does not know")
+        if not self._knives and not tags & _PLACE:
+            raise CameraProtocol("its register has no address")
+        total = sum(self._place(child) for child in self.element.children if child.tag in _PLACE)
+        total += sum(integral(knife.get()) for knife in self._knives)
+        if not 0 <= total < 1 << 64:
             raise CameraProtocol(f"its register is at {total}")
         return total
+
+    def _place(self, child: Element) -> int:
+        """What an Address, pAddress or pIndex adds to the address, bytes."""
+        find = self.around.find
+        if child.tag == "Address":
+            return integral(as_number(child.text))
+        place = integral(find(child.text).value())
+        if child.tag == "pAddress":
+            return place
+        step, offset = child.attributes.get("Offset"), child.attributes.get("pOffset")
+        if step is not None:
+            return place * integral(as_number(step))
+        return place * (self.size() if offset is None else integral(find(offset).value()))
 
     def size(self) -> int:
         """Length in bytes."""
         size = self.whole("Length")
-        if size is None or not 0 < size <= _LARGEST:
+        if size is None or not 0 < size <= self.longest:
             raise CameraProtocol(f"its register has {size} bytes")
         return size
 
@@ -66,12 +86,19 @@ class Register(Node):
         """Write the bytes."""
         if self._chunk() is not None:
             raise CameraRefused("what comes with a frame cannot be written")
-        self.around.memory.write(self.address(), data)
+        address = self.address()
+        self.around.values.clear()
+        self.around.memory.write(address, data)
 
     def _chunk(self) -> int | None:
         """The ChunkID of the port, if it is one of chunks; it is written in hexadecimal."""
         port = self.refer("pPort")
-        told = None if port is None else port.element.first("ChunkID")
+        if port is None:
+            return None
+        for tag in ("EventID", "pChunkID"):
+            if port.element.all(tag):
+                raise CameraProtocol(f"its port has a {tag}, which rig does not know")
+        told = port.element.first("ChunkID")
         try:
             return None if told is None else int(told, 16)
         except ValueError:
@@ -81,13 +108,15 @@ class Register(Node):
 class IntRegister(Register):
     """IntReg: the whole register is a number."""
 
+    longest = 8
+
     def get(self) -> int:
         """The number."""
         return int.from_bytes(self.read(), self.order, signed=self.signed)
 
     def set(self, value: Value) -> None:
         """Write the number."""
-        number = int(numeric(value))
+        number = integral(value)
         self.limits().check(number)
         self.write(number.to_bytes(self.size(), self.order, signed=self.signed))
 
@@ -99,6 +128,8 @@ class IntRegister(Register):
 class MaskedIntRegister(Register):
     """MaskedIntReg and StructEntry: some bits of a register; the others stay as they are."""
 
+    longest = 8
+
     def get(self) -> int:
         """The number in the bits."""
         shift, width = self._bits()
@@ -107,7 +138,7 @@ class MaskedIntRegister(Register):
 
     def set(self, value: Value) -> None:
         """Write the bits."""
-        number = int(numeric(value))
+        number = integral(value)
         self.limits().check(number)
         shift, width = self._bits()
         mask = (1 << width) - 1

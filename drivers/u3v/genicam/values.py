@@ -1,10 +1,8 @@
 """Nodes whose value another node keeps: Integer, Float, Boolean, Enumeration, Command, String."""
 
-import math
-
 from drivers.errors import CameraProtocol, CameraRefused
 from drivers.u3v.genicam.formula import Number
-from drivers.u3v.genicam.nodes import UNLIMITED, Limits, Node, Value, numeric
+from drivers.u3v.genicam.nodes import UNLIMITED, Limits, Node, Value, as_number, integral, numeric
 
 
 class Holder(Node):
@@ -17,11 +15,8 @@ class Holder(Node):
         index = self.refer("pIndex")
         if index is None:
             return self.refer("pValue")
-        place = int(numeric(index.get()))
-        for child in self.element.all("pValueIndexed"):
-            if child.attributes.get("Index") == str(place):
-                return self.around.find(child.text)
-        return self.refer("pValueDefault")
+        chosen = self._indexed("pValueIndexed", index)
+        return self.refer("pValueDefault") if chosen is None else self.around.find(chosen)
 
     def target_access(self) -> str:
         """That of the node that keeps the value; a value of its own can be read and set."""
@@ -33,21 +28,27 @@ class Holder(Node):
     def literal(self) -> Number:
         """The value where no other node keeps it."""
         index = self.refer("pIndex")
-        if index is not None:
-            place = str(int(numeric(index.get())))
-            for child in self.element.all("ValueIndexed"):
-                if child.attributes.get("Index") == place:
-                    return float(child.text) if "." in child.text else int(child.text, 0)
-        value = self.number("ValueDefault" if index is not None else "Value")
+        chosen = None if index is None else self._indexed("ValueIndexed", index)
+        if chosen is not None:
+            return as_number(chosen)
+        value = self.number("Value" if index is None else "ValueDefault")
         if value is None:
             raise CameraProtocol("it has no value")
         return value
+
+    def _indexed(self, tag: str, index: Node) -> str | None:
+        """The text of the child whose Index is the value of that node, if there is one."""
+        place = integral(index.value())
+        for child in self.element.all(tag):
+            if as_number(child.attributes.get("Index", "")) == place:
+                return child.text
+        return None
 
     def raw(self) -> Value:
         """What the node behind gives, or the value of its own."""
         target = self.target()
         if target is not None:
-            return target.get()
+            return target.value()
         return self.literal() if self._own is None else self._own
 
     def put(self, value: Value) -> None:
@@ -55,6 +56,7 @@ class Holder(Node):
         target = self.target()
         if target is None:
             self._own = value
+            self.around.values.clear()
         else:
             target.set(value)
         for copy in self.element.all("pValueCopy"):
@@ -77,7 +79,7 @@ class Integer(Holder):
 
     def get(self) -> int:
         """The number."""
-        return int(numeric(self.raw()))
+        return integral(self.raw())
 
     def set(self, value: Value) -> None:
         """Set the number, which must keep to the limits."""
@@ -99,8 +101,6 @@ class Float(Holder):
         """Set the number, which must keep to the limits; steps are the device's own affair."""
         number = float(numeric(value))
         limits = self.limits()
-        if not math.isfinite(number):
-            raise CameraRefused(f"{value} is no finite number: give another value")
         Limits(limits.low, limits.high).check(number)
         self.put(number)
 
@@ -140,7 +140,7 @@ class Enumeration(Holder):
 
     def get(self) -> int:
         """The number."""
-        return int(numeric(self.raw()))
+        return integral(self.raw())
 
     def name(self) -> str:
         """The entry. CameraProtocol if the number has none."""
@@ -169,7 +169,7 @@ class Command(Holder):
     def done(self) -> bool:
         """Whether the device has taken the value back; true where that cannot be read."""
         target = self.target()
-        return target is None or "R" not in target.access() or target.get() != self._command()
+        return target is None or "R" not in target.access() or target.value() != self._command()
 
     def _command(self) -> int:
         value = self.whole("CommandValue")
