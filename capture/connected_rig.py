@@ -135,7 +135,14 @@ def _source(
 ) -> Source:
     tables = rig.tables
     cameras = {name: camera for name, (camera, _) in known.items()}
-    lowest = common_isos([camera.capabilities() for camera in cameras.values()])[0]
+    able = {name: camera.capabilities() for name, camera in cameras.items()}
+    for index, table in enumerate(tables.camera):
+        if obstacle := able[table.name].obstacle:
+            raise CaptureError(
+                f"{rig.at('camera', index)}: {table.name} with the serial number {table.serial!r} cannot "
+                f"shoot for rig ({obstacle}): take it out of the file."
+            )
+    lowest = common_isos(able.values())[0]
     records = tuple(
         CameraRecord(
             name=table.name,

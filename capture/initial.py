@@ -49,17 +49,17 @@ tolerance = {SKEW_TOLERANCE}            # seconds between the shutters of one st
 def rig_file_text(listed: Sequence[Listed]) -> str:
     """RIG.toml for these cameras, by serial number, named cam0, cam1 and so on.
 
-    Those that could not be asked are named in comments. CaptureError if none could, or if two have one
-    serial number.
+    Those that could not be asked, or cannot shoot, are named in comments. CaptureError if none is left, or
+    if two have one serial number.
     """
     able = sorted(
-        (one for one in listed if one.identity is not None),
+        (one for one in listed if not one.trouble),
         key=lambda one: one.identity.serial if one.identity else "",
     )
     serials = [one.identity.serial for one in able if one.identity]
     if not serials:
-        told = f"could be asked ({listed[0].error.rstrip('.')})" if listed else "is connected"
-        raise CaptureError(f"no camera {told}: connect the rig; rig doctor says what may be amiss.")
+        told = f"can be used ({listed[0].trouble.rstrip('.')})" if listed else "is connected"
+        raise CaptureError(f"no camera {told}: connect the rig; rig doctor shows what is missing.")
     for serial in serials:
         if serials.count(serial) > 1 or not serial:
             raise CaptureError(
@@ -68,7 +68,7 @@ def rig_file_text(listed: Sequence[Listed]) -> str:
             )
     parts = [_HEAD.format(f_number=_f_number(able), leader="cam0")]
     parts += [_camera(f"cam{index}", one, alone=len(able) == 1) for index, one in enumerate(able)]
-    parts += [f"\n# Could not be asked: {_printable(one.error)}\n" for one in listed if one.identity is None]
+    parts += [f"\n# Left out: {_printable(one.trouble)}\n" for one in listed if one.trouble]
     return "".join(parts)
 
 

@@ -19,7 +19,10 @@ class CameraIdentity:
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a camera can be set to: times in seconds, ascending."""
+    """What a camera can be set to: times in seconds, ascending.
+
+    obstacle: why it cannot shoot for rig, as half a sentence; empty where it can.
+    """
 
     width: int
     height: int
@@ -27,6 +30,7 @@ class Capabilities:
     times: tuple[float, ...]
     f_numbers: tuple[float, ...]
     isos: tuple[float, ...]
+    obstacle: str = ""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ U3V_VERIFIED = "the simulator; its description by the package genicam and by Ara
 
 @dataclass(frozen=True)
 class Listed:
-    """One connected camera; `error` says why a camera could not be asked, and the rest is then None.
+    """One connected camera; `error` says why it could not be asked for what is then None.
 
     verified: what our driver for its make has been tried against.
     """
@@ -28,6 +28,15 @@ class Listed:
     capabilities: Capabilities | None = None
     verified: str = ""
     error: str = ""
+
+    @property
+    def trouble(self) -> str:
+        """Why it cannot shoot for rig, as a sentence; empty where it can."""
+        if self.error or self.capabilities is None or not self.capabilities.obstacle:
+            return self.error
+        assert self.identity is not None  # it was asked before what it can do
+        name = f"{self.identity.make} {self.identity.model} {self.identity.serial}"
+        return f"{name} cannot shoot for rig: {self.capabilities.obstacle}."
 
 
 def find_cameras(backend: Any, clock: Clock) -> list[Camera]:
@@ -41,10 +50,13 @@ def ask_all(backend: Any, clock: Clock) -> Iterator[Listed]:
         still = isinstance(camera, PtpCamera)
         protocol: Protocol = "PTP" if still else "USB3 Vision"
         where = camera.where if isinstance(camera, PtpCamera) else ""
+        identity = None
         try:
+            identity = camera.identify()
             verified = camera.verified() if isinstance(camera, PtpCamera) else U3V_VERIFIED
-            yield Listed(protocol, where, camera.identify(), camera.capabilities(), verified)
+            listed = Listed(protocol, where, identity, camera.capabilities(), verified)
         except CameraError as error:
-            yield Listed(protocol, where, error=str(error))
+            listed = Listed(protocol, where, identity, error=str(error))
         finally:
             camera.close()
+        yield listed

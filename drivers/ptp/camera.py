@@ -80,9 +80,13 @@ class PtpCamera:
         return self._connection.where
 
     def identify(self) -> CameraIdentity:
-        """Who it is."""
+        """Who it is, also where it then refuses to be taken control of."""
         if self._connection.identity is None:
-            self._again(lambda body: None)
+            try:
+                self._again(lambda body: None)
+            except CameraRefused:
+                if self._connection.identity is None:
+                    raise
         assert self._connection.identity is not None
         return self._connection.identity
 
@@ -233,7 +237,8 @@ class PtpCamera:
 
     def _capabilities(self, body: StandardBody) -> Capabilities:
         width, height = self._size if self._size[0] else _stated_size(body)
-        return Capabilities(width, height, self._bits, *map(_values, (body.time, body.f_number, body.iso)))
+        times, f_numbers, isos = map(_values, (body.time, body.f_number, body.iso))
+        return Capabilities(width, height, self._bits, times, f_numbers, isos, body.obstacle())
 
     def _set(self, body: StandardBody, exposure: Exposure) -> Exposure:
         if body.time is None:

@@ -110,11 +110,11 @@ class Connection:
             if self.identity is not None and serial != self.identity.serial:
                 raise CameraLost(f"{found.where} is camera {serial}, not {self.identity.serial}.")
             body = body_for(session, self._usb[0])
+            kind: Literal["raw", "ldr"] = "raw" if body.delivers_raw() else "ldr"
+            self.identity = CameraIdentity(serial, info.manufacturer, info.model, kind)
+            self._usb_serial, self.where = usb_serial, found.where
             body.enter()
         except BaseException:
             pipe.close()
             raise
-        kind: Literal["raw", "ldr"] = "raw" if body.delivers_raw() else "ldr"
-        self.identity = CameraIdentity(serial, info.manufacturer, info.model, kind)
-        self._usb_serial, self.where = usb_serial, found.where
         return body

@@ -181,8 +181,17 @@ class PtpSession:
         self.run(Operation.SET_DEVICE_PROP_VALUE, code, data=packed)
 
     def handles(self) -> tuple[int, ...]:
-        """The handles of all objects in all storages."""
-        data = self.get(Operation.GET_OBJECT_HANDLES, EVERY_STORAGE, EVERY_FORMAT, EVERY_PARENT)
+        """The handles of all objects in all storages, storage by storage where it must be."""
+        try:
+            return self._handles(EVERY_STORAGE)
+        except RefusedWith as error:
+            if error.code != ResponseCode.INVALID_STORAGE_ID:
+                raise
+        storages = Reader(self.get(Operation.GET_STORAGE_IDS)).array(DataType.UINT32)
+        return tuple(handle for storage in storages for handle in self._handles(storage))
+
+    def _handles(self, storage: int) -> tuple[int, ...]:
+        data = self.get(Operation.GET_OBJECT_HANDLES, storage, EVERY_FORMAT, EVERY_PARENT)
         return Reader(data).array(DataType.UINT32)
 
     def object_info(self, handle: int) -> ObjectInfo:

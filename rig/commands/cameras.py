@@ -34,7 +34,7 @@ def cameras(
             listed.append(one)
             meter(one.where or one.protocol, len(listed), 0)
     lines = [line for one in listed for line in _lines(one)] or [
-        "No camera: rig doctor says what may be amiss."
+        "No camera: rig doctor shows what is missing."
     ]
     failed = [one for one in listed if one.error]
     missing = f"{counted(len(failed), 'camera')} could not be asked: {failed[0].error}" if failed else None
@@ -45,18 +45,19 @@ def cameras(
 def _lines(one: Any) -> list[str]:
     """A camera in three lines."""
     if one.error:
-        return [f"{one.where}: {one.error}"]
+        who = f"{one.identity.serial}  {one.identity.make} {one.identity.model}  " if one.identity else ""
+        return [f"{who}{one.where}: {one.error}"]
     who, able = one.identity, one.capabilities
     size = f"{able.width}x{able.height}, {able.bit_depth} bit, " if able.width and able.bit_depth else ""
     parts = [f"{_time(able.times[0])} to {_time(able.times[-1])} s" if able.times else ""]
     parts += [f"f/{able.f_numbers[0]:g} to f/{able.f_numbers[-1]:g}" if able.f_numbers else ""]
     parts += [f"ISO {able.isos[0]:g} to {able.isos[-1]:g}" if able.isos else ""]
     at = f"{one.protocol} at {one.where}" if one.where else one.protocol
-    return [
-        f"{who.serial}  {who.make} {who.model}  ({at})",
-        f"    {size}{', '.join(part for part in parts if part)}",
-        f"    driver verified against: {one.verified}",
-    ]
+    settings = f"{size}{', '.join(part for part in parts if part)}"
+    lines = [f"{who.serial}  {who.make} {who.model}  ({at})", f"    {settings}" if settings else ""]
+    lines += [f"    cannot shoot for rig: {able.obstacle}" if able.obstacle else ""]
+    lines += [f"    driver verified against: {one.verified}"]
+    return [line for line in lines if line]
 
 
 def _time(seconds: float) -> str:

@@ -42,13 +42,13 @@ def init(
             meter(one.where or one.protocol, len(listed), 0)
         text = rig_file_text(listed)
         store.write_bytes(path, text.encode())
-    failed = [one for one in listed if one.identity is None]
+    failed = [one for one in listed if one.trouble]
     asked = len(listed) - len(failed)
-    missing = f"{counted(len(failed), 'camera')} could not be asked: {failed[0].error}" if failed else None
+    missing = f"{counted(len(failed), 'camera')} left out: {failed[0].trouble}" if failed else None
     on = [] if sim is None else ["--sim", sim]
     lines = [
         f"{path}: {counted(asked, 'camera')}",
         f"Next: edit it as needed, then {command_line('rig', 'capture', path, 'S', '--dry-run', *on)}",
     ]
-    serials = [one.identity.serial for one in listed if one.identity is not None]
+    serials = [one.identity.serial for one in listed if one.identity is not None and not one.trouble]
     return Outcome({"rig": str(path), "cameras": serials}, lines, missing)

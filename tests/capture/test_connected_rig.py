@@ -16,9 +16,11 @@ from capture.recorder import CaptureResult
 from capture.rigfile import read_rig_file
 from capture.shooting import Rehearsal
 from drivers.connected import ask_all
+from drivers.ptp.codes import Operation
 from drivers.sim.bus import Holder, VirtualBus
 from drivers.sim.faults import Fault, FaultPlan, Kind
 from drivers.sim.on_bus import BusRig
+from drivers.sim.ptp_usb import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.u3v_device import U3vDevice
 from drivers.sim.u3v_lines import Wire
@@ -119,6 +121,22 @@ def test_what_rig_init_writes_shoots_what_it_says(place: Place) -> None:
     assert (result.taken, result.planned, result.missing) == (2 * len(plan.bracket),) * 2 + ((),)
     assert not (place.out / "truth").exists()
     assert place.said == []
+
+
+def test_a_camera_that_cannot_be_triggered_is_refused_by_name(given: Place) -> None:
+    def take_away(bus: BusRig) -> None:
+        device = bus.backend.port("SIM-RAW-001").device
+        assert isinstance(device, PtpDevice)
+        del device.responder._handlers[Operation.INITIATE_CAPTURE]
+
+    given.prepare = take_away
+    with pytest.raises(
+        CaptureError,
+        match=r"RIG\.toml, line \d+: cam0 with the serial number 'SIM-RAW-001' cannot shoot for rig "
+        r"\(it takes no pictures on command over USB\): take it out of the file\.",
+    ):
+        given.shoot()
+    assert not given.out.exists()
 
 
 def test_the_command_line_goes_before_the_file(given: Place) -> None:

@@ -194,9 +194,9 @@ def test_whatever_cameras_say_of_themselves_stays_text(serial: str, make: str) -
 def test_cameras_that_could_not_be_asked_are_comments(tmp_path: Path) -> None:
     silent = Listed("PTP", "USB 001:003", error="USB 001:003 is held\nby another program.")
     text = rig_file_text([silent, listed("A")])
-    assert "# Could not be asked: USB 001:003 is held by another program." in text
+    assert "# Left out: USB 001:003 is held by another program." in text
     assert len(read(tmp_path, text).tables.camera) == 1
-    with pytest.raises(CaptureError, match="no camera could be asked"):
+    with pytest.raises(CaptureError, match="no camera can be used"):
         rig_file_text([silent])
     with pytest.raises(CaptureError, match="no camera is connected"):
         rig_file_text([])

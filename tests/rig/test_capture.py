@@ -102,7 +102,7 @@ def test_no_camera_leaves_no_file_and_one_that_is_held_is_missing(
     monkeypatch.setattr("rig.commands.init.bus_of", lambda sim: Bus(VirtualBus(clock), clock))
     code, out, err = rig("init", str(tmp_path / "other.toml"))
     assert (code, out) == (2, "")
-    assert err == "no camera is connected: connect the rig; rig doctor says what may be amiss.\n"
+    assert err == "no camera is connected: connect the rig; rig doctor shows what is missing.\n"
     assert [one.name for one in tmp_path.iterdir()] == ["RIG.toml"]
 
 

@@ -56,6 +56,8 @@ def unpack_object(kind: int, payload: bytes) -> Download:
 class CanonBody(StandardBody):
     """An EOS DSLR or R."""
 
+    releases = (CanonOperation.REMOTE_RELEASE_ON, CanonOperation.REMOTE_RELEASE)
+
     @property
     def remembers(self) -> bool:
         """Not known to."""

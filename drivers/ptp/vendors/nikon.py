@@ -29,6 +29,10 @@ MEMORY_HANDLE = 0xFFFF0001
 """Where a picture lies that went to the camera's memory."""
 _NEF, _TO_MEMORY, _NO_AUTOFOCUS = 0x04, 1, 0xFFFFFFFF
 _PAUSE, _ASK_AFTER = 0.05, 1.0
+_MEMORY_RELEASES = (
+    NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA,
+    NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM,
+)
 
 
 def unpack_events(data: bytes) -> list[Event]:
@@ -43,16 +47,12 @@ def unpack_events(data: bytes) -> list[Event]:
 class NikonBody(StandardBody):
     """A Nikon DSLR or Z."""
 
+    releases = (*_MEMORY_RELEASES, Operation.INITIATE_CAPTURE)
+
     @property
     def _to_memory(self) -> bool:
         """Whether pictures go to the camera's memory, from where they must be deleted before the next."""
-        return any(
-            self.session.supports(operation)
-            for operation in (
-                NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA,
-                NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM,
-            )
-        )
+        return any(self.session.supports(operation) for operation in _MEMORY_RELEASES)
 
     @property
     def remembers(self) -> bool:

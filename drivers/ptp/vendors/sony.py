@@ -60,6 +60,8 @@ def _unpack_property(reader: Reader) -> DevicePropDesc:
 class SonyBody(StandardBody):
     """An Alpha in PC Remote mode."""
 
+    releases = (SonyOperation.SDIO_CONNECT,)
+
     @property
     def remembers(self) -> bool:
         """Not known to."""

@@ -21,6 +21,8 @@ class StandardBody:
 
     verified = "simulated cameras"
     """What it has been tried on, for `rig cameras`."""
+    releases: tuple[int, ...] = (Operation.INITIATE_CAPTURE,)
+    """The operations that expose; a body that lists none of them cannot be triggered."""
 
     def __init__(self, session: PtpSession) -> None:
         self.session = session
@@ -45,6 +47,16 @@ class StandardBody:
         """Whether it can write files that are RAW."""
         info = self.session.info
         return bool(_RAW_FORMATS & {*info.capture_formats, *info.image_formats})
+
+    def obstacle(self) -> str:
+        """Why it cannot shoot for rig, as half a sentence; empty where it can."""
+        if not any(self.session.supports(operation) for operation in self.releases):
+            return "it takes no pictures on command over USB"
+        return (
+            ""
+            if self.time is not None
+            else "its exposure time cannot be set over USB: turn its mode dial to M"
+        )
 
     @property
     def remembers(self) -> bool:
