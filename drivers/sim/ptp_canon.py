@@ -42,7 +42,8 @@ class Canon(Manner):
     polled = True
     _records: list[bytes]
     _destination = CARD
-    _host_has_room = False
+    _host_room = 0
+    """Bytes that the host says it has room for."""
 
     def operations(self) -> dict[int, Handler]:
         """Canon's own; the standard's InitiateCapture is not there."""
@@ -80,6 +81,7 @@ class Canon(Manner):
         info = self.shooting.store.object_info(one.handle)
         if one.news is not News.OBJECT_ADDED or info is None:
             return
+        self._count_shots()
         name = info.filename.encode("ascii") + b"\0"
         if one.handle == MEMORY_HANDLE:
             fields = struct.pack("<IIIII", one.handle, info.format, 0, info.size, 0)
@@ -113,6 +115,7 @@ class Canon(Manner):
         for code, dial in self.shooting.dials.items():
             self._value(code, self.shooting.shown(dial))
             self._list(code, dial.numbers())
+        self._count_shots()
         self._value(CanonProperty.CAPTURE_DESTINATION, self._destination)
         self._list(CanonProperty.CAPTURE_DESTINATION, (CARD, HOST))
         self._value(CanonProperty.IMAGE_FORMAT, *_RAW)
@@ -130,6 +133,7 @@ class Canon(Manner):
         if code == CanonProperty.CAPTURE_DESTINATION and value in (CARD, HOST):
             self._destination = value
             self._value(code, value)
+            self._count_shots()
             return Reply()
         dial = self.shooting.dials.get(code)
         if dial is None:
@@ -142,19 +146,30 @@ class Canon(Manner):
         return Reply()
 
     def _room(self, request: Request) -> Reply:
-        self._host_has_room = True
+        self._host_room = request.parameter(0) * request.parameter(1)
+        self._count_shots()
         return Reply()
+
+    def _count_shots(self) -> None:
+        """Tell how many pictures there is room for; hosts wait for that before they shoot to themselves."""
+        store = self.shooting.store
+        self._value(
+            CanonProperty.AVAILABLE_SHOTS, store.pictures(self._host_room if self._to_host else store.free)
+        )
+
+    @property
+    def _to_host(self) -> bool:
+        return self._destination == HOST
 
     def _release_on(self, request: Request) -> Reply:
         return self._release(request) if _is_full_press(request) else Reply(parameters=(0,))
 
     def _release(self, request: Request) -> Reply:
-        to_host = self._destination == HOST
-        if to_host and not self._host_has_room:
+        if self._to_host and not self._host_room:
             return Reply(ResponseCode.STORE_FULL)
         if self.shooting.store.data(MEMORY_HANDLE) is not None:
             return Reply(ResponseCode.DEVICE_BUSY)
-        memory = MEMORY_HANDLE if to_host else None
+        memory = MEMORY_HANDLE if self._to_host else None
         return Reply(self.shooting.shoot(request.transaction, request.faults, memory), (0,))
 
     def _object(self, request: Request) -> Reply:
@@ -183,7 +198,8 @@ class Canon(Manner):
 
     def _device_info_ex(self, request: Request) -> Reply:
         events = pack_array(DataType.UINT32, tuple(CanonEvent))
-        codes = (*self.shooting.dials, CanonProperty.CAPTURE_DESTINATION, CanonProperty.IMAGE_FORMAT)
+        own = (CanonProperty.AVAILABLE_SHOTS, CanonProperty.CAPTURE_DESTINATION, CanonProperty.IMAGE_FORMAT)
+        codes = (*self.shooting.dials, *own)
         lists = events + pack_array(DataType.UINT32, codes) + pack_array(DataType.UINT32, ())
         return Reply(data=struct.pack("<I", 4 + len(lists)) + lists)
 

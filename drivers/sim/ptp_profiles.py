@@ -100,7 +100,7 @@ PROFILES = {
             "Sony Corporation",
             "ILCE-7M4",
             0x054C,
-            0x0D9F,
+            0x0DA7,
             VendorId.SONY,
             100,
             "Sony PTP Extensions",

@@ -52,8 +52,11 @@ class Store:
 
     def info(self) -> StorageInfo:
         """The card: removable RAM with a DCIM tree, to be read and written."""
-        images = self.free // max(map(len, self._bytes.values()), default=1 << 25)
-        return StorageInfo(4, 3, 0, self.capacity, self.free, min(images, 0xFFFFFFFE), "SD", "")
+        return StorageInfo(4, 3, 0, self.capacity, self.free, self.pictures(self.free), "SD", "")
+
+    def pictures(self, room: int) -> int:
+        """How many pictures fit into that many bytes, going by the largest so far."""
+        return min(room // max(map(len, self._bytes.values()), default=1 << 25), 0xFFFFFFFE)
 
     def add(self, photograph: Photograph, memory_handle: int | None = None) -> int:
         """Store a file and return its handle; `memory_handle` keeps it in working memory, off the card."""

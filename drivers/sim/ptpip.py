@@ -1,7 +1,7 @@
 """A PTP/IP server in front of a responder, so that other people's programs can shoot with a simulated camera.
 
 CIPA DC-005: two connections a client, one for operations and one for events; every packet is
-u32 length, u32 type, fields, all little-endian. The port is on loopback unless told otherwise.
+u32 length, u32 type, fields, all little-endian.
 """
 
 import socket
@@ -20,7 +20,11 @@ PORT = 15740
 _VERSION = 0x00010000
 _MOST = 1 << 20
 """Bytes of the largest packet that is taken, and of the data packets that are sent."""
+_MOST_AT_FIRST, _PATIENCE = 1 << 10, 10.0
+"""Bytes of the first packet of a connection, and seconds that it may take: nobody is known by then."""
 _DATA_TO_CAMERA = 2
+_HEAD = 4
+"""Bytes of the transaction in front of data."""
 
 
 class _Type(IntEnum):
@@ -53,39 +57,39 @@ class _Connection:
         with self._sending:
             self._link.sendall(struct.pack("<II", 8 + len(payload), kind) + payload)
 
-    def receive(self) -> tuple[int, bytes]:
-        """Type and payload. _Refused for the end of the connection too."""
+    def receive(self, most: int = _MOST) -> tuple[int, bytes]:
+        """Type and payload of a packet of at most that many bytes. _Refused, also at its end."""
         length, kind = struct.unpack("<II", self._exactly(8))
-        if not 8 <= length <= _MOST:
+        if not 8 <= length <= most:
             raise _Refused
         return kind, self._exactly(length - 8)
 
-    def expect(self, kind: _Type, least: int) -> bytes:
-        """The payload of a packet that has to be of a type and of at least that many bytes."""
-        came, payload = self.receive()
-        if came != kind or len(payload) < least:
-            raise _Refused
-        return payload
-
     def _exactly(self, size: int) -> bytes:
-        data = b""
+        data = bytearray()
         while len(data) < size:
             part = self._link.recv(size - len(data))
             if not part:
                 raise _Refused
             data += part
-        return data
+        return bytes(data)
+
+
+def listen(host: str = "127.0.0.1", port: int = PORT) -> socket.socket:
+    """The socket of a server, on loopback unless told otherwise; port 0 takes a free one. OSError."""
+    return socket.create_server((host, port))
 
 
 class PtpIpServer:
-    """Serves one camera until it is closed; one client at a time, the newest."""
+    """Serves one camera until it is closed, to one client at a time: a new one takes over."""
 
-    def __init__(self, responder: Responder, host: str = "127.0.0.1", port: int = PORT) -> None:
-        """OSError if the address cannot be had; port 0 takes a free one."""
+    def __init__(self, responder: Responder, listening: socket.socket) -> None:
+        """listening: of `listen`; it is closed with the server."""
         self._responder = responder
-        self._listening = socket.create_server((host, port))
-        self.host, self.port = self._listening.getsockname()[:2]
+        self._listening = listening
+        self.host, self.port = listening.getsockname()[:2]
         self._links: set[socket.socket] = set()
+        self._served: set[socket.socket] = set()
+        """Those of the client whose session it is."""
         self._threads: list[threading.Thread] = []
         self._lock = threading.Lock()
         self._session = 0
@@ -125,50 +129,69 @@ class PtpIpServer:
     def _serve(self, link: socket.socket) -> None:
         connection = _Connection(link)
         try:
-            kind, payload = connection.receive()
+            link.settimeout(_PATIENCE)
+            kind, payload = connection.receive(_MOST_AT_FIRST)
+            link.settimeout(None)
             if kind == _Type.INIT_COMMAND_REQUEST:
-                self._commands(connection)
+                self._commands(connection, link)
             elif kind == _Type.INIT_EVENT_REQUEST:
-                self._events(connection, payload)
+                self._events(connection, link, payload)
         except (_Refused, OSError):
             pass  # The client went away or speaks something else: there is nobody to tell.
         finally:
             with self._lock:
                 self._links.discard(link)
+                self._served.discard(link)
             _hang_up(link)
 
-    def _commands(self, connection: _Connection) -> None:
+    def _commands(self, connection: _Connection, link: socket.socket) -> None:
         with self._responder.timeline.lock:
-            # A new client takes over: events of its session must not go to the one before.
+            # A new client takes over: the one before must neither go on in its session nor hear its events.
             self._session += 1
             session = self._session
             self._responder.reset()
             self._responder.listener = None
+            with self._lock:
+                before, self._served = self._served, {link}
+        for one in before:
+            with suppress(OSError):  # it has gone by itself
+                one.shutdown(socket.SHUT_RDWR)
         name = f"{self._responder.profile.model}\0".encode("utf-16-le")
         ack = struct.pack("<I", session) + bytes(16) + name + struct.pack("<I", _VERSION)
         connection.send(_Type.INIT_COMMAND_ACK, ack)
         while True:
-            payload = connection.expect(_Type.OPERATION_REQUEST, 10)
+            kind, payload = connection.receive()
+            if kind == _Type.END_DATA and len(payload) <= _HEAD:
+                continue  # of data that had no bytes, and was complete without it
+            if kind != _Type.OPERATION_REQUEST or len(payload) < 10:
+                raise _Refused
             phase, operation, transaction = struct.unpack_from("<IHI", payload)
             count = min(5, (len(payload) - 10) // 4)
             parameters = struct.unpack_from(f"<{count}I", payload, 10)
             data = self._data_from(connection) if phase == _DATA_TO_CAMERA else b""
-            reply = self._responder.handle(Request(operation, transaction, parameters, data))
+            with self._responder.timeline.lock:
+                if session != self._session:
+                    raise _Refused
+                reply = self._responder.handle(Request(operation, transaction, parameters, data))
             if reply.data is not None:
                 self._data_to(connection, transaction, reply.data)
             fields = struct.pack(f"<HI{len(reply.parameters)}I", reply.code, transaction, *reply.parameters)
             connection.send(_Type.RESPONSE, fields)
 
     def _data_from(self, connection: _Connection) -> bytes:
-        connection.expect(_Type.START_DATA, 12)
-        data = b""
+        kind, payload = connection.receive()
+        if kind != _Type.START_DATA or len(payload) < _HEAD + 8:
+            raise _Refused
+        if not any(payload[_HEAD : _HEAD + 8]):
+            return b""  # libgphoto2 ends data of length 0 here, others with an EndData
+        data = bytearray()
         while True:
             kind, payload = connection.receive()
-            if kind not in (_Type.DATA, _Type.END_DATA) or len(payload) < 4 or len(data) > _MOST:
+            if kind not in (_Type.DATA, _Type.END_DATA) or len(payload) < _HEAD or len(data) > _MOST:
                 raise _Refused
-            data += payload[4:]
+            data += payload[_HEAD:]
             if kind == _Type.END_DATA:
-                return data
+                return bytes(data)
 
     def _data_to(self, connection: _Connection, transaction: int, data: bytes) -> None:
         head = struct.pack("<I", transaction)
@@ -178,7 +201,7 @@ class PtpIpServer:
             connection.send(_Type.DATA, head + data[at : at + _MOST])
         connection.send(_Type.END_DATA, head + data[last:])
 
-    def _events(self, connection: _Connection, payload: bytes) -> None:
+    def _events(self, connection: _Connection, link: socket.socket, payload: bytes) -> None:
         def tell(event: Event) -> None:
             parameters = (*event.parameters, 0, 0, 0)[:3]
             fields = struct.pack("<HI3I", event.code, event.transaction, *parameters)
@@ -189,6 +212,8 @@ class PtpIpServer:
             if len(payload) < 4 or struct.unpack_from("<I", payload)[0] != self._session:
                 raise _Refused
             self._responder.listener = tell
+            with self._lock:
+                self._served.add(link)
         connection.send(_Type.INIT_EVENT_ACK, b"")
         while True:
             kind, _ = connection.receive()
@@ -199,4 +224,5 @@ class PtpIpServer:
 def _hang_up(link: socket.socket) -> None:
     with suppress(OSError):  # It was not connected, or is no longer.
         link.shutdown(socket.SHUT_RDWR)
-    link.close()
+    with suppress(OSError):  # Another thread closes it too.
+        link.close()

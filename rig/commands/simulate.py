@@ -40,10 +40,10 @@ def simulate(
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> Outcome:
-    """Be a camera on the network.
+    """Simulate a PTP/IP camera.
 
-    Serves the first camera of the rig demo to PTP/IP clients, such as gphoto2, until Ctrl-C. Nobody is
-    asked for a password: listen on 127.0.0.1 unless the network is your own.
+    Serves the first camera of the rig demo to PTP/IP clients, such as gphoto2, until Ctrl-C. There is no
+    password: listen on 127.0.0.1 unless the network is your own.
 
     Example: rig simulate --ptpip 127.0.0.1:15740 --profile nikon-z6
     """
@@ -52,23 +52,24 @@ def simulate(
             from drivers.sim import ptp_profiles, rigs
             from drivers.sim.camera import SimulatedCamera
             from drivers.sim.ptp_responder import Responder
-            from drivers.sim.ptpip import PtpIpServer
+            from drivers.sim.ptpip import PtpIpServer, listen
             from drivers.sim.timeline import LiveTimeline
             from imaging.errors import InputError
 
             known = ptp_profiles.profile(profile)
-            rig = rigs.simulate("demo", seed)
-            meter("rendering the scene", 0, 0)
-            view = rig.radiance(0, 0)
-            camera = SimulatedCamera(rig.bodies[0], lambda frame: view)
-            responder = Responder(camera, known, stack.enter_context(closing(LiveTimeline())))
             try:
-                server = stack.enter_context(PtpIpServer(responder, *ptpip))
+                listening = stack.enter_context(listen(*ptpip))
             except OSError as error:
                 reason = str(error.strerror).partition(" (")[0]
                 raise InputError(
                     f"{ptpip[0]}:{ptpip[1]} cannot be listened on ({reason}): choose another one."
                 ) from error
+            rig = rigs.simulate("demo", seed)
+            meter("rendering the scene", 0, 0)
+            view = rig.radiance(0, 0)
+            camera = SimulatedCamera(rig.bodies[0], lambda frame: view)
+            responder = Responder(camera, known, stack.enter_context(closing(LiveTimeline())))
+            server = stack.enter_context(PtpIpServer(responder, listening))
             meter.say(
                 f'{known.model} is at {server.host}:{server.port}, try: gphoto2 --camera "PTP/IP Camera" '
                 f"--port ptpip:{server.host}:{server.port}:{server.port} --summary"

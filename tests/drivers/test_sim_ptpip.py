@@ -17,7 +17,7 @@ from drivers.ptp.codes import Operation, ResponseCode
 from drivers.sim.camera import SimulatedCamera
 from drivers.sim.ptp_profiles import PROFILES, profile
 from drivers.sim.ptp_responder import Responder
-from drivers.sim.ptpip import PtpIpServer
+from drivers.sim.ptpip import PtpIpServer, listen
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.timeline import LiveTimeline
 from imaging.dng import encode_dng
@@ -69,7 +69,7 @@ def test_gphoto2_summarises_sets_shoots_and_downloads(
     rig: SimulatedRig, timeline: LiveTimeline, tmp_path: Path, name: str
 ) -> None:
     responder = Responder(camera(rig), profile(name), timeline)
-    with PtpIpServer(responder, port=0) as server:
+    with PtpIpServer(responder, listen(port=0)) as server:
         summary = gphoto2(server, tmp_path, "--summary")
         assert f"Model: {profile(name).model}" in summary
         assert "Serial Number: SIM-RAW-001" in summary
@@ -138,7 +138,7 @@ def begin(server: PtpIpServer) -> tuple[Client, Client]:
 
 
 def test_events_go_to_the_newest_client_alone(rig: SimulatedRig, timeline: LiveTimeline) -> None:
-    with PtpIpServer(Responder(camera(rig), profile("generic"), timeline), port=0) as server:
+    with PtpIpServer(Responder(camera(rig), profile("generic"), timeline), listen(port=0)) as server:
         old = begin(server)
         assert old[0].run(Operation.OPEN_SESSION, 0, 1) == ResponseCode.OK
         new = begin(server)
@@ -159,7 +159,7 @@ def test_events_go_to_the_newest_client_alone(rig: SimulatedRig, timeline: LiveT
 def test_who_speaks_something_else_is_hung_up_on(
     rig: SimulatedRig, timeline: LiveTimeline, sent: bytes
 ) -> None:
-    with PtpIpServer(Responder(camera(rig), profile("generic"), timeline), port=0) as server:
+    with PtpIpServer(Responder(camera(rig), profile("generic"), timeline), listen(port=0)) as server:
         client = Client(server)
         client.link.sendall(sent)
         with pytest.raises((EOFError, ConnectionError)):

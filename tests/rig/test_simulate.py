@@ -50,7 +50,10 @@ def test_an_unknown_profile_lists_those_there_are(rig) -> None:
     assert "generic, canon-eos-6d, nikon-z6, sony-a7m4" in err
 
 
-def test_an_address_that_is_taken_is_told(rig) -> None:
+def test_an_address_that_is_taken_is_told_before_anything_is_rendered(
+    rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.sim.rigs.simulate", lambda *asked: pytest.fail("it was rendered"))
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         code, _, err = rig("simulate", "--ptpip", f"127.0.0.1:{port}")
