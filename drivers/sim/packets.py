@@ -18,10 +18,11 @@ class PacketQueue:
         self.packet = packet
         self.halted = False
         self._runs: deque[memoryview] = deque()
+        self._bytes = 0
 
     def __len__(self) -> int:
         """Bytes that wait."""
-        return sum(map(len, self._runs))
+        return self._bytes
 
     def __bool__(self) -> bool:
         """Whether a packet waits, an empty one included."""
@@ -30,6 +31,7 @@ class PacketQueue:
     def put(self, data: bytes) -> None:
         """Full packets and, if `data` does not fill its last, a short one; b"" is a zero-length packet."""
         self._runs.append(memoryview(data).toreadonly())
+        self._bytes += len(data)
 
     def put_transfer(self, data: bytes) -> None:
         """The packets of a transfer that says where it ends: a zero-length one follows if none is short."""
@@ -40,6 +42,7 @@ class PacketQueue:
     def clear(self) -> None:
         """Drop everything."""
         self._runs.clear()
+        self._bytes = 0
 
     def take(self, buffer: memoryview) -> tuple[int, bool]:
         """Move packets into the buffer: how many bytes, and whether that ends the host's transfer.
@@ -56,6 +59,7 @@ class PacketQueue:
                 raise Overflow
             buffer[filled : filled + size] = run[:size]
             filled += size
+            self._bytes -= size
             if size < len(run):
                 self._runs[0] = run[size:]
                 continue
@@ -66,6 +70,8 @@ class PacketQueue:
 
     def _drop(self) -> None:
         """Lose the first packet."""
-        rest = self._runs.popleft()[self.packet :]
+        first = self._runs.popleft()
+        rest = first[self.packet :]
+        self._bytes -= len(first) - len(rest)
         if len(rest):
             self._runs.appendleft(rest)

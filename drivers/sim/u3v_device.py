@@ -15,6 +15,7 @@ from drivers.sim.port import Port
 from drivers.sim.seeds import generator
 from drivers.sim.timeline import Action, Timeline
 from drivers.sim.u3v_acquisition import Acquisition
+from drivers.sim.u3v_checks import Checks
 from drivers.sim.u3v_description import SETS, THROUGHPUT, Feature, describe
 from drivers.sim.u3v_lines import Oscillator, Wire
 from drivers.sim.u3v_memory import LARGEST_PACKET, Denied, DeviceMemory
@@ -27,6 +28,8 @@ from imaging.mosaic import RawMosaic
 
 CONTROL_OUT, CONTROL_IN, STREAM_IN = 0x01, 0x81, 0x82
 PACKET = 1024
+BUFFER = 64 << 20
+"""Bytes that may wait for the host; a camera drops frames that do not fit into its memory."""
 _WAY = 40e-6
 """Seconds that a control packet is late at least, beyond the bus's own time; on average again as much."""
 VENDOR, PRODUCT = 0x1209, 0x0453
@@ -111,8 +114,10 @@ class U3vDevice:
             self._acquisition.stop()
 
     def on_clear_halt(self, endpoint: int) -> None:
-        """What halted it is over."""
+        """What halted it is over, and what waited behind it is lost."""
         self._received = b""
+        if endpoint & 0x80:
+            self._live().queue(endpoint).clear()
 
     def on_control(self, setup: Setup, data: bytes) -> bytes:
         """There are no class requests. Stall."""
@@ -195,8 +200,12 @@ class U3vDevice:
                 return Packet(Status.SUCCESS, Code.READ_ACK, command.request_id, data)
             if command.code == Code.WRITE:
                 address, data = gencp.parse_write_payload(command.payload)
+                self._checks.check(self._memory, address, data)
                 self._memory.write(address, data)
                 self._refresh()
+                if not self._memory.stream(Sirm.CONTROL) & 1:
+                    # Frames that nobody has read are of the stream that ends.
+                    self._live().queue(STREAM_IN).clear()
                 if address == Abrm.LATCH:
                     self._memory.latch(self.oscillator.nanoseconds(self._timeline.now()))
                 if self._acquisition is not None:
@@ -215,6 +224,8 @@ class U3vDevice:
         faults = {fault.kind: fault for fault in strikes}
         if not memory.stream(Sirm.CONTROL) & 1 or Kind.TIMEOUT in faults:
             return
+        if len(port.queue(STREAM_IN)) > BUFFER:
+            return  # The host does not keep up: it sees a gap in the numbers of the frames.
         if Kind.STALL in faults:
             port.halt(STREAM_IN)
             return
@@ -234,7 +245,9 @@ class U3vDevice:
 
     def _send_payload(self, port: Port, payload: bytes) -> None:
         memory = self._memory
-        sizes = [memory.stream(Sirm.TRANSFER_SIZE)] * memory.stream(Sirm.TRANSFER_COUNT)
+        size, count = memory.stream(Sirm.TRANSFER_SIZE), memory.stream(Sirm.TRANSFER_COUNT)
+        needed = -(-len(payload) // size) if size else 0
+        sizes = [size] * min(count, needed)
         sizes += [memory.stream(Sirm.LAST_TRANSFER), memory.stream(Sirm.LAST_TRANSFER_2)]
         start = 0
         for size in sizes:
@@ -256,6 +269,9 @@ class U3vDevice:
         times = [1e6 * time for time in shutter.APPLIED_TIME.values()]
         xml = describe(
             told.model, (lens.width, lens.height), formats, (min(times), max(times)), max(shutter.ISOS)
+        )
+        self._checks = Checks(
+            frozenset(formats.values()), (min(times), max(times)), (1000, 10 * max(shutter.ISOS))
         )
         names = {
             Abrm.MANUFACTURER: told.make,

@@ -24,7 +24,11 @@ _WRITABLE_SIRM = (
     Sirm.LAST_TRANSFER_2,
     Sirm.LARGEST_TRAILER,
 )
-WIDE = (Feature.EXPOSURE_TIME, Feature.BLACK_LEVEL)
+
+
+def width(address: int) -> int:
+    """Bytes of a register that the host may write."""
+    return 8 if address == Feature.EXPOSURE_TIME else 4
 
 
 class Denied(Exception):
@@ -85,6 +89,8 @@ class DeviceMemory:
         selected = [Feature.TRIGGER_CONTROL + 4, *(Feature.LINE_CONTROL + 4 * line for line in range(LINES))]
         if address not in (*features, *stream, *selected, Abrm.LATCH):
             raise Denied(Status.WRITE_PROTECTED)
+        if len(data) != width(address):
+            raise Denied(Status.BAD_PARAMETER)
         self._put(address, data)
 
     def get(self, feature: Feature, index: int = 0) -> int:
