@@ -103,9 +103,13 @@ class LensError(Record):
     p2: float = 0.0
     k3: float = 0.0
     k4: float = 0.0
-    projection: tuple[tuple[float, ...], ...] = ()
+    projection: tuple[tuple[float | None, ...], ...] = ()
     """[rows][columns], px: how far a far point's projection may be off, at places evenly spread over the
-    image, when the camera's own turn is not counted."""
+    image, when the camera's own turn is not counted; None: not known at all."""
+
+    def projection_map(self) -> npt.NDArray[np.float64]:
+        """`projection` as an array [rows, columns], inf where it is not known."""
+        return np.array([[np.inf if one is None else one for one in row] for row in self.projection])
 
 
 class PoseError(Record):

@@ -17,6 +17,10 @@ Array = npt.NDArray[np.float64]
 
 WIDEST = math.radians(88.0)
 """From the axis. Tangents x/z end at a right angle, and near it they have no digits left."""
+_ROUNDS = 80
+"""Of bisection at worst, where the slope of a lens ends; a handful elsewhere."""
+_MISS = 1e-10
+"""In focal lengths, by which a ray found for a place may miss it."""
 
 
 def project(lens: Lens, points: npt.ArrayLike) -> Array:
@@ -58,22 +62,85 @@ def distort(tangents: Array, terms: Sequence[float], *, fisheye: bool) -> Array:
 def undistort(bent: Array, terms: Sequence[float], *, fisheye: bool) -> Array:
     """The tangents [..., 2] that `distort` puts at places [..., 2].
 
-    Exact to 1e-9 for lenses that do not fold over. What lies beyond the fold of a fisheye, or beyond WIDEST,
-    is taken to lie there.
+    Exact to 1e-9 within the `fold` of the lens; what lies beyond (`covers`) is taken to lie on it.
     """
-    if fisheye:
-        radius = np.linalg.norm(bent, axis=-1)
-        tangent = np.tan(fisheye_angle(radius, terms))
-        ratio = np.divide(tangent, radius, out=np.ones_like(radius), where=radius > 0)
-        return np.asarray(bent * ratio[..., None])
-    tangents = bent.copy()
-    if any(terms):
-        for _ in range(50):
-            miss = bent - distort(tangents, terms, fisheye=False)
-            tangents = tangents + miss
-            if np.abs(miss).max(initial=0) < 1e-10:
-                break
-    return tangents
+    radius = np.linalg.norm(bent, axis=-1)
+    tangent = np.tan(fisheye_angle(radius, terms)) if fisheye else _brown_tangent(radius, terms)
+    ratio = np.divide(tangent, radius, out=np.ones_like(radius), where=radius > 0)
+    tangents = np.asarray(bent * ratio[..., None])
+    return tangents if fisheye or not any(terms[2:]) else _with_tangential(bent, tangents, terms)
+
+
+def covers(lens: Lens, pixels: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Which pixels [..., 2] a ray ends at: not those beyond the fold of the lens."""
+    bent = (np.asarray(pixels, np.float64) - (lens.cx, lens.cy)) / (lens.fx, lens.fy)
+    terms, fisheye = lens.terms[4:], lens.fisheye
+    again = distort(undistort(bent, terms, fisheye=fisheye), terms, fisheye=fisheye)
+    return np.asarray(np.linalg.norm(again - bent, axis=-1) < _MISS)
+
+
+def fold(terms: Sequence[float], *, fisheye: bool) -> float:
+    """The tangent of the angle from the axis up to which rays farther out end farther out; inf: all do.
+
+    Beyond it the radial terms fold the world back into the image. Of a fisheye at most the tangent of WIDEST.
+    """
+    return math.tan(min(fisheye_fold(terms), WIDEST)) if fisheye else _first_root(3 * terms[0], 5 * terms[1])
+
+
+def _brown_tangent(radius: Array, terms: Sequence[float]) -> Array:
+    """The tangent that the radial terms put at a radius, at most the fold: Newton's method in a bracket."""
+    k1, k2 = terms[:2]
+
+    def bent(tangent: Array) -> Array:
+        square = tangent * tangent
+        return np.asarray(tangent * (1 + square * (k1 + square * k2)))
+
+    end = fold(terms, fisheye=False)
+    low, high = np.zeros_like(radius), np.minimum(np.maximum(radius, 1e-9), end)
+    while np.any(short := (bent(high) < radius) & (high < end)):
+        high = np.where(short, np.minimum(2 * high, end), high)
+    tangent = np.minimum(radius, high)
+    for _ in range(_ROUNDS):
+        miss, square = bent(tangent) - radius, tangent * tangent
+        low, high = np.where(miss < 0, tangent, low), np.where(miss < 0, high, tangent)
+        slope = 1 + square * (3 * k1 + square * 5 * k2)
+        moved = tangent - np.divide(miss, slope, out=np.full_like(miss, np.inf), where=slope > 0)
+        moved = np.where((moved > low) & (moved < high), moved, 0.5 * (low + high))
+        if np.abs(moved - tangent).max(initial=0.0) < 1e-15:
+            break
+        tangent = moved
+    return tangent
+
+
+def _with_tangential(bent: Array, start: Array, terms: Sequence[float]) -> Array:
+    """Newton's method from what the radial terms alone give; that itself where no ray ends."""
+    k1, k2, p1, p2 = terms
+    found, share = start, np.ones(start.shape[:-1])
+    miss = bent - distort(found, terms, fisheye=False)
+    for _ in range(_ROUNDS):
+        u, v = found[..., 0], found[..., 1]
+        square = u * u + v * v
+        radial, growth = 1 + square * (k1 + square * k2), 2 * (k1 + 2 * square * k2)
+        xx = radial + growth * u * u + 2 * p1 * v + 6 * p2 * u
+        yy = radial + growth * v * v + 6 * p1 * v + 2 * p2 * u
+        xy = growth * u * v + 2 * p1 * u + 2 * p2 * v
+        area = xx * yy - xy * xy
+        step = np.stack(
+            [yy * miss[..., 0] - xy * miss[..., 1], xx * miss[..., 1] - xy * miss[..., 0]], axis=-1
+        )
+        step *= np.divide(share, area, out=np.zeros_like(area), where=area > 0)[..., None]
+        left = bent - distort(found + step, terms, fisheye=False)
+        better = np.linalg.norm(left, axis=-1) < np.linalg.norm(miss, axis=-1)
+        found, miss = (
+            np.where(better[..., None], found + step, found),
+            np.where(better[..., None], left, miss),
+        )
+        share = np.where(better, 1.0, 0.5 * share)
+        if np.abs(step).max(initial=0.0) < 1e-15:
+            break
+    inside = np.linalg.norm(found, axis=-1) <= fold(terms, fisheye=False)
+    ends = inside & (np.linalg.norm(miss, axis=-1) < _MISS)
+    return np.where(ends[..., None], found, start)
 
 
 def fisheye_radius(angle: Array, terms: Sequence[float]) -> Array:
@@ -96,9 +163,14 @@ def fisheye_angle(radius: Array, terms: Sequence[float]) -> Array:
 def fisheye_fold(terms: Sequence[float]) -> float:
     """The angle from the axis, radians, where the radius of a fisheye stops growing; inf if nowhere."""
     k1, k2, k3, k4 = terms
-    roots = np.roots([9 * k4, 7 * k3, 5 * k2, 3 * k1, 1.0])
-    real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
-    return float(np.sqrt(real.min())) if len(real) else math.inf
+    return _first_root(3 * k1, 5 * k2, 7 * k3, 9 * k4)
+
+
+def _first_root(*terms: float) -> float:
+    """Where 1 + a x^2 + b x^4 + ... first becomes 0 for positive x; inf if nowhere."""
+    inverse = np.roots([1.0, *terms])  # of 1 / x^2: no term is too small to divide by
+    real = inverse.real[(np.abs(inverse.imag) <= 1e-12 * np.abs(inverse)) & (inverse.real > 0)]
+    return float(1 / np.sqrt(real.max())) if len(real) else math.inf
 
 
 def widest_angle(lens: Lens) -> float:

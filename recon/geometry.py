@@ -24,7 +24,7 @@ def project_camera(lens: SplatCamera, camera: Array) -> tuple[Array, Array]:
     depth = camera[..., 2]
     safe = np.where(np.abs(depth) > 1e-12, depth, 1e-12)
     tangents = camera[..., :2] / safe[..., None]
-    if lens.fisheye:  # beyond its last angle the lens would fold the world back into the image
+    if np.isfinite(lens.monotone_radius2):  # beyond it the lens would fold the world back into the image
         radius = np.maximum(np.linalg.norm(tangents, axis=-1, keepdims=True), 1e-12)
         tangents = tangents * np.minimum(1.0, np.sqrt(lens.monotone_radius2) / radius)
     return lens.distort(tangents) * (lens.fx, lens.fy) + (lens.cx, lens.cy), depth
@@ -40,7 +40,8 @@ def inside(lens: SplatCamera, pixels: Array, depth: Array) -> npt.NDArray[np.boo
 def rays(lens: SplatCamera, pixels: npt.ArrayLike) -> Array:
     """Directions [..., 3] with z = 1, in the camera's axes, through pixels [..., 2].
 
-    The distortion is inverted to 1e-9 for lenses that do not fold over (`imaging.lens.undistort`).
+    The distortion is inverted to 1e-9; a pixel beyond the fold of the lens is taken to lie on it
+    (`imaging.lens.undistort`).
     """
     uv = np.asarray(pixels, np.float64)
     bent = (uv - (lens.cx, lens.cy)) / (lens.fx, lens.fy)

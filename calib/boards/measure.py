@@ -114,13 +114,13 @@ def solve_group(
     names = tuple(sizes)
     try:
         begun = start.begin(board, seen, sizes)
+        kept, solved = rig.clean(board, seen, begun, ladder.RICHEST)
+        free, rungs = ladder.climb(board, kept, solved, progress)
+        if free == ladder.FISHEYE:  # corners that no radial terms bring near to their place are good ones now
+            kept, solved = rig.clean(board, seen, solved, free)
+        solved = rig.solve(board, kept, solved, free)
     except CalibrationError as error:
         return Group(names, None, None, (), refused=str(error))
-    kept, solved = rig.clean(board, seen, begun, ladder.RICHEST)
-    free, rungs = ladder.climb(board, kept, solved, progress)
-    if free == ladder.FISHEYE:  # corners that no radial terms bring near to their place are good ones now
-        kept, solved = rig.clean(board, seen, solved, free)
-    solved = rig.solve(board, kept, solved, free)
     doubt = uncertainty.bootstrap(board, kept, solved, free, 0, progress)
     return Group(names, solved, doubt, rungs, begun.isolated)
 
@@ -143,18 +143,26 @@ def _joined(board: Board, printed: str, seen: Mapping[Key, Corners], groups: lis
             if name in solved.cam_from_rig:
                 lenses[name] = lens
             if name in doubt.lenses and np.isfinite(list(doubt.lenses[name].values())).all():
-                projection = tuple(tuple(row) for row in doubt.map[name].tolist())
+                projection = tuple(
+                    tuple(one if np.isfinite(one) else None for one in row)
+                    for row in doubt.map[name].tolist()
+                )
                 lens_errors[name] = LensError(projection=projection, **doubt.lenses[name])
         if len(solved.cam_from_rig) > 1:
             for name, pose in solved.cam_from_rig.items():
                 mounted[name] = pose_of(pycolmap.Rigid3d(pose[:3]))
-                error = (doubt.rotation[name], doubt.translation[name])
+                error = (doubt.rotation.get(name, np.nan), doubt.translation.get(name, np.nan))
                 if np.isfinite(error).all():
                     rig_errors[name] = PoseError(rotation=error[0], translation=error[1])
         if group.isolated:
             outliers.append(
                 f"{', '.join(group.isolated)} never saw the board together with the other cameras: hold it "
                 "where both see it."
+            )
+        if doubt.failed:
+            outliers.append(
+                f"{doubt.failed} of {doubt.failed + doubt.draws} random choices of the board's frames give "
+                f"no lens of {', '.join(group.names)}: show the board in more frames, and larger."
             )
         outliers += [
             f"odd and even frames of the board disagree about the lens of {name} {ratio:.1f} times as far as "
@@ -201,12 +209,16 @@ def places_of(solved: rig.Solved) -> list[BoardPlace]:
 
 def _sure_lenses(lenses: Mapping[str, Lens], errors: Mapping[str, LensError]) -> tuple[frozenset[str], Rung]:
     """Cameras whose lens, and its middle, are known to a fraction of a pixel over the whole image."""
-    off = {name: max(float(np.mean(error.projection)), error.cx, error.cy) for name, error in errors.items()}
+    off = {
+        name: max(float(np.mean(error.projection_map())), error.cx, error.cy)
+        for name, error in errors.items()
+    }
     sure = frozenset(name for name in lenses if off.get(name, np.inf) < SURE_PX)
-    worst = max(off.values(), default=float("nan"))
+    worst = max((off.get(name, np.inf) for name in lenses), default=np.inf)
+    least = f"to {worst:.2g} px" if np.isfinite(worst) else "not everywhere in its image"
     reason = (
-        f"the board tells {len(sure)} of {len(lenses)} lenses to {SURE_PX:g} px or better (the worst to "
-        f"{worst:.2g} px); a scene adjusts the others"
+        f"the board determines {len(sure)} of {len(lenses)} lenses to {SURE_PX:g} px or better (the worst "
+        f"{least}); a scene adjusts the others"
     )
     return sure, Rung(name="board_lenses", taken=bool(sure), reason=reason)
 

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.adjust import Free, lens_of, set_model
+from calib.adjust import Free, lens_of, opencv_parameters, set_model
 from calib.boards.corners import Corners
 from calib.boards.start import Start
 from calib.features import Key, image_name
 from calib.known_rig import camera_of
 from imaging.calibration import Lens
 from imaging.colmap import pycolmap
+from imaging.errors import CalibrationError
 from imaging.records import Board
 
 Array = npt.NDArray[np.float64]
@@ -47,7 +48,7 @@ def solve(
     """Adjust lenses, rig and board poses to the corners; boards_only: the board poses alone.
 
     Least squares, since what was no corner is left out before (`clean`). Views of cameras or frames that the
-    start does not place are ignored.
+    start does not place are ignored. CalibrationError when the corners lead to no lens at all.
     """
     model, rows = _model(board, seen, start, free)
     _adjust(model, free, boards_only=boards_only, robust=None)
@@ -181,6 +182,11 @@ def _read(model: Any, rows: Rows, start: "Start | Solved") -> Solved:
     lenses, mounted = dict(start.lenses), {}
     for index, name in enumerate(names, start=1):
         camera = model.cameras[index]
+        if not np.isfinite(camera.params).all() or min(opencv_parameters(camera)[:2]) <= 0:
+            raise CalibrationError(
+                f"The corners of the board fit no lens of {name}: show the board larger, tilted, and in more "
+                "frames."
+            )
         lenses[name] = lens_of(camera)
         sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, index)
         mounted[name] = np.eye(4) if rig.is_ref_sensor(sensor) else _square(rig.sensor_from_rig(sensor))

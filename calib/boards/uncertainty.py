@@ -20,6 +20,7 @@ from calib.features import Key
 from calib.views import Progress
 from imaging import lens as optics
 from imaging.calibration import Lens
+from imaging.errors import CalibrationError
 from imaging.records import Board
 
 Array = npt.NDArray[np.float64]
@@ -35,9 +36,11 @@ class Uncertainty:
 
     lenses: by camera and term. rotation: degrees, of the camera in the rig, about its worst axis;
     translation: m, along its worst. map: px [rows, columns], how far a far point's projection may be off at
-    places evenly spread over the image, when the camera's own turn is not counted.
+    places evenly spread over the image, when the camera's own turn is not counted; inf where the frames do
+    not say that the lens reaches at all.
     halves: how far the odd and the even frames disagree about a lens, relative to what `map` lets expect:
     1 or less; above 1.5 no one lens of this kind fits all frames (mrcal's cross-validation).
+    draws, failed: how many drawings gave a rig, and how many none; the errors are those of the former.
     """
 
     lenses: dict[str, dict[str, float]]
@@ -46,6 +49,7 @@ class Uncertainty:
     map: dict[str, Array]
     halves: dict[str, float]
     draws: int
+    failed: int
 
 
 def bootstrap(
@@ -53,15 +57,19 @@ def bootstrap(
 ) -> Uncertainty:
     """Draw the frames with replacement and solve, DRAWS times; a seed gives the same draws.
 
-    taken: how `solved` was found.
+    taken: how `solved` was found. No errors are known where all frames together give no rig.
     """
     free = richest(taken)
-    middle = solve(board, seen, solved, free)
+    try:
+        middle = solve(board, seen, solved, free)
+    except CalibrationError:
+        return Uncertainty({}, {}, {}, {}, {}, draws=0, failed=DRAWS)
     rng = np.random.default_rng(seed)
     frames = sorted({frame for _, frame in seen})
     lenses: dict[str, list[Lens]] = {name: [] for name in solved.cam_from_rig}
     turns: dict[str, list[Array]] = {name: [] for name in solved.cam_from_rig}
     shifts: dict[str, list[Array]] = {name: [] for name in solved.cam_from_rig}
+    failed = 0
     for draw in range(DRAWS):
         progress("measuring how sure it is", draw, DRAWS)
         chosen = rng.choice(frames, len(frames))
@@ -75,7 +83,11 @@ def bootstrap(
         if {name for name, _ in again} != set(solved.cam_from_rig):
             continue  # a camera that none of the drawn frames shows has nothing to vary by
         start = Solved(middle.lenses, middle.cam_from_rig, boards, np.zeros(0), [])
-        drawn = solve(board, again, start, free)
+        try:
+            drawn = solve(board, again, start, free)
+        except CalibrationError:
+            failed += 1
+            continue
         for name, pose in drawn.cam_from_rig.items():
             apart = pose @ np.linalg.inv(middle.cam_from_rig[name])
             lenses[name].append(drawn.lenses[name])
@@ -93,6 +105,7 @@ def bootstrap(
         map=maps,
         halves=_halves(board, seen, middle, free, maps),
         draws=len(next(iter(lenses.values()))),
+        failed=failed,
     )
 
 
@@ -106,9 +119,17 @@ def _halves(
         half = {key: corners for key, corners in seen.items() if key[1] in set(frames[start::2])}
         if {name for name, _ in half} != set(middle.cam_from_rig):
             return {}
-        sides.append(solve(board, half, middle, free).lenses)
-    apart = {name: float(np.mean(projection_map(sides[0][name], [sides[1][name]]))) for name in maps}
-    return {name: apart[name] / (2.0 * float(np.mean(own))) for name, own in maps.items() if own.mean() > 0}
+        try:
+            sides.append(solve(board, half, middle, free).lenses)
+        except CalibrationError:
+            return {}
+    found = {}
+    for name, own in maps.items():
+        apart = projection_map(sides[0][name], [sides[1][name]])
+        known = np.isfinite(own) & np.isfinite(apart)
+        if known.any() and own[known].mean() > 0:
+            found[name] = float(apart[known].mean() / (2.0 * own[known].mean()))
+    return found
 
 
 def _spread(values: list[float]) -> float:
@@ -127,16 +148,20 @@ def projection_map(lens: Lens, drawn: list[Lens]) -> Array:
 
     A lens whose middle is elsewhere is a camera that looks elsewhere: the turn that brings the drawn lens's
     rays nearest to the lens's own is taken out, as mrcal does (https://mrcal.secretsauce.net, "Projection
-    uncertainty").
+    uncertainty"). inf where `lens`, or any of those drawn, folds the world over before it.
     """
     columns, rows = GRID
     across = (np.arange(columns) + 0.5) * lens.width / columns
     down = (np.arange(rows) + 0.5) * lens.height / rows
     places = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     rays = optics.rays(lens, places)
-    squares = np.zeros(len(places))
+    squares = np.where(optics.covers(lens, places), 0.0, np.inf)
     for other in drawn:
-        u, _, vt = np.linalg.svd(optics.rays(other, places).T @ rays)
-        turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-        squares += ((optics.project(other, rays @ turn.T) - places) ** 2).sum(1)
+        shared = optics.covers(other, places)
+        u, _, vt = np.linalg.svd(optics.rays(other, places[shared]).T @ rays[shared])
+        turned = rays @ (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
+        widest = optics.fold(other.terms[4:], fisheye=other.fisheye)
+        ends = shared & (np.linalg.norm(turned[:, :2], axis=1) < widest * turned[:, 2])
+        squares[~ends] = np.inf
+        squares[ends] += ((optics.project(other, turned[ends]) - places[ends]) ** 2).sum(1)
     return np.sqrt(squares / max(len(drawn), 1)).reshape(rows, columns)

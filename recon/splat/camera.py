@@ -97,15 +97,10 @@ class SplatCamera:
     def monotone_radius2(self) -> float:
         """Square of the undistorted radius x/z where the radial distortion stops growing; inf if nowhere.
 
-        Beyond it the polynomial folds the world back into the image, so Gaussians there are not drawn.
-        Smallest positive root s of d(r + k1 r^3 + k2 r^5)/dr = 1 + 3 k1 s + 5 k2 s^2, s = r^2.
-        Of a fisheye never inf: tangents end at a right angle from the axis (`imaging.lens.WIDEST`).
+        Beyond it the polynomial folds the world back into the image (`imaging.lens.fold`), so Gaussians
+        there are not drawn. Of a fisheye never inf: tangents end at a right angle from the axis.
         """
-        if self.fisheye:
-            return math.tan(min(optics.fisheye_fold(self.lens[4:]), optics.WIDEST)) ** 2
-        roots = np.roots([5 * self.k2, 3 * self.k1, 1.0])
-        real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
-        return float(real.min()) if len(real) else float("inf")
+        return optics.fold(self.lens[4:], fisheye=self.fisheye) ** 2
 
     def distort(self, points: Floats) -> Floats:
         """Undistorted tangents (x/z, y/z) [..., 2] to distorted ones [..., 2]."""
@@ -130,23 +125,6 @@ class SplatCamera:
         near, far = np.zeros(17), np.ones(17)
         border = np.concatenate([(ends, near), (ends, far), (near, ends), (far, ends)], axis=1).T
         pixels = border * [self.width, self.height]
-        tangents = self._undistort((pixels - [self.cx, self.cy]) / [self.fx, self.fy])
+        bent = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
+        tangents = optics.undistort(bent, self.lens[4:], fisheye=self.fisheye)
         return tangents.min(axis=0), tangents.max(axis=0)
-
-    def _undistort(self, target: Floats) -> Floats:
-        """Inverse of `distort` within the monotone radius, [n, 2] to [n, 2]; finite for any lens."""
-        size = float(np.abs(target).max())
-        limit = min(np.sqrt(self.monotone_radius2), 10.0 * size + 10.0)
-        points = np.zeros_like(target)
-        for _ in range(6):  # the tangential part is small: taken from the last estimate
-            u, v = points[:, 0], points[:, 1]
-            radial = 1 + (u * u + v * v) * (self.k1 + (u * u + v * v) * self.k2)
-            wanted = target - (self.distort(points) - points * radial[:, None])
-            length = np.maximum(np.linalg.norm(wanted, axis=1), 1e-30)
-            low, high = np.zeros(len(target)), np.full(len(target), limit)
-            for _ in range(40):
-                r = 0.5 * (low + high)
-                short = r * (1 + r * r * (self.k1 + r * r * self.k2)) < length
-                low, high = np.where(short, r, low), np.where(short, high, r)
-            points = wanted * (0.5 * (low + high) / length)[:, None]
-        return points

@@ -61,17 +61,18 @@ def _figures(record: CalibrationRecord, residuals: Residuals) -> Iterable[Figure
             wide=True,
         )
     maps = [
-        (camera.name, camera.lens_error.projection, camera.lens)
+        (camera.name, camera.lens_error.projection_map(), camera.lens)
         for camera in record.cameras
         if camera.lens_error is not None and camera.lens_error.projection and camera.lens is not None
     ]
     unsure = sorted(maps, key=lambda own: -float(np.max(own[1])))[:MOST_CAMERAS]
     if unsure:
-        top = max(float(np.max(values)) for _, values, _ in unsure)
+        top = max((float(one) for _, values, _ in unsure for one in values[np.isfinite(values)]), default=0.0)
         yield Figure(
             "Projection uncertainty",
             "Standard error, px, of where a far point lands in the image, when the camera's own turn is not "
-            "counted: what the board does not tell of the lens. Large in corners that it never reached."
+            "counted: what the board does not tell of the lens. Large in corners that it never reached, and "
+            "unknown (?) where its frames do not even tell that the lens sees that far."
             + _chosen(len(unsure), len(maps), "the least sure"),
             _small([heat_map(name, values, lens, top) for name, values, lens in sorted(unsure)]),
             wide=True,
@@ -158,9 +159,8 @@ def _arrow(x: float, y: float, dx: float, dy: float, kind: str) -> str:
     )
 
 
-def heat_map(name: str, values: Sequence[Sequence[float]], lens: Lens, top: float) -> Markup:
-    """Numbers over the image, the larger the darker; `top`: the value that is darkest."""
-    grid = np.array(values, np.float64)
+def heat_map(name: str, grid: Array, lens: Lens, top: float) -> Markup:
+    """Numbers over the image, the larger the darker; `top`: the value that is darkest; inf: not known."""
     rows, columns = grid.shape
     tall = WIDTH * lens.height / lens.width
     wide, high = WIDTH / columns, tall / rows
@@ -174,14 +174,18 @@ def heat_map(name: str, values: Sequence[Sequence[float]], lens: Lens, top: floa
         parts.append(
             f'<rect class="cell" x="{x:.1f}" y="{y:.1f}" width="{wide:.2f}" height="{high:.2f}" '
             f'fill-opacity="{0.04 + 0.66 * share:.2f}"/>'
-            f'<text x="{x + wide / 2:.1f}" y="{y + high / 2 + 4:.1f}">{number(float(value), 2)}</text>'
+            f'<text x="{x + wide / 2:.1f}" y="{y + high / 2 + 4:.1f}">{_known(value)}</text>'
         )
     middle = float(np.median(grid[rows // 2 - 1 : rows // 2 + 1, columns // 2]))
     parts.append(
-        f"</svg><figcaption><b>{escape(name)}</b> · {number(middle, 2)} px in the middle, "
-        f"{number(float(grid.max()), 2)} px at most</figcaption></figure>"
+        f"</svg><figcaption><b>{escape(name)}</b> · {_known(middle)} px in the middle, "
+        f"{_known(float(grid.max()))} px at most</figcaption></figure>"
     )
     return Markup("".join(parts))
+
+
+def _known(value: float) -> str:
+    return number(value, 2) if math.isfinite(value) else "?"
 
 
 def _distortion(name: str, lens: Lens) -> Series:

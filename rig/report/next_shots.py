@@ -147,7 +147,7 @@ def _edges(camera: CameraCalibration) -> str | None:
     error = camera.lens_error
     if error is None or not error.projection:
         return None
-    grid = np.array(error.projection)
+    grid = error.projection_map()
     rows, columns = grid.shape
     middle = float(np.median(grid[rows // 4 : rows - rows // 4, columns // 4 : columns - columns // 4]))
     corners = {
@@ -159,4 +159,5 @@ def _edges(camera: CameraCalibration) -> str | None:
     where, worst = max(corners.items(), key=lambda corner: corner[1])
     if worst <= max(LOPSIDED * middle, LENS_PX):
         return None
-    return f"{camera.name} ({where} known to {number(float(worst), 2)} px, the middle to {number(middle, 2)})"
+    known = f"known to {number(float(worst), 2)} px" if np.isfinite(worst) else "not known"
+    return f"{camera.name} ({where} {known}, the middle to {number(middle, 2)} px)"

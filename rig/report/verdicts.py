@@ -3,6 +3,7 @@
 Each line names the number and the threshold that it is held against.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from statistics import median
@@ -96,9 +97,18 @@ def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: 
         grades.append(_grade(rms, GOOD_PX, POOR_PX))
         words.append(f"residual {number(rms)} px rms (good below {GOOD_PX})")
     if camera.lens_error is not None and camera.lens_error.projection:
-        doubt = float(np.mean(camera.lens_error.projection))
-        grades += ["warn"] * (doubt >= LENS_PX)
-        words.append(f"lens known to {number(doubt, 2)} px on average (good below {LENS_PX})")
+        places = camera.lens_error.projection_map()
+        known = np.isfinite(places)
+        doubt = float(np.mean(places[known])) if known.any() else math.inf
+        grades += ["warn"] * (doubt >= LENS_PX or not known.all())
+        where = (
+            "on average" if known.all() else f"in {100 * known.mean():.0f} % of its image, not in the rest"
+        )
+        words.append(
+            f"lens known to {number(doubt, 2)} px {where} (good below {LENS_PX})"
+            if known.any()
+            else "lens not determined by the board"
+        )
     elif camera.lens_error is not None and camera.lens is not None:
         doubt = camera.lens_error.fx / camera.lens.fx
         grades += ["warn"] * (doubt >= FOCAL)

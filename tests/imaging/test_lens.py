@@ -4,7 +4,10 @@ import math
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
 
 from imaging import lens as optics
 from imaging.calibration import Lens
@@ -58,3 +61,56 @@ def test_the_widest_angle_is_that_of_the_farthest_corner() -> None:
     ideal = Lens(model="OPENCV_FISHEYE", width=640, height=480, fx=400, fy=400, cx=320, cy=240)
     assert optics.widest_angle(ideal) == pytest.approx(1.0, abs=1e-6)  # 400 px in 400 px a radian
     assert optics.widest_angle(ideal.model_copy(update={"k1": -0.4})) == math.inf
+
+
+def slope(at: npt.NDArray[np.float64], terms: tuple[float, ...]) -> npt.NDArray[np.float64]:
+    """The least factor by which a lens stretches anything at tangents [n, 2], by finite differences."""
+    step = 1e-5
+    columns = [
+        optics.distort(at + shift, terms, fisheye=False) - optics.distort(at - shift, terms, fisheye=False)
+        for shift in (np.array([step, 0.0]), np.array([0.0, step]))
+    ]
+    jacobian = np.stack(columns, axis=-1) / (2 * step)
+    area = np.linalg.det(jacobian)
+    return np.where(area > 0, np.linalg.svd(jacobian, compute_uv=False)[:, -1], -1.0)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@given(st.tuples(*[st.floats(-0.6, 0.6)] * 2, *[st.floats(-0.03, 0.03)] * 2), st.floats(0.05, 2.0))
+def test_undistortion_is_exact_wherever_a_lens_does_not_fold(terms: tuple[float, ...], widest: float) -> None:
+    reach = min(widest, 0.98 * optics.fold(terms, fisheye=False))
+    angles = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)
+    edge = reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    within = np.concatenate([edge * share for share in np.linspace(0.1, 1.0, 10)])
+    assume((slope(within, terms) > 0.02).all())
+    bent = optics.distort(within, terms, fisheye=False)
+    np.testing.assert_allclose(optics.undistort(bent, terms, fisheye=False), within, atol=1e-9)
+
+
+def test_undistortion_far_from_the_axis_of_strong_lenses() -> None:
+    """Of pincushions and barrels whose slope is 0.1 to 6: OpenCV's own distortion, undone."""
+    for terms, reach in (
+        ((0.4, 0.0, 0.0, 0.0), 0.9),
+        ((0.35, 0.2, 0.0, 0.0), 0.8),
+        ((0.3, 20.0, 0.0, 0.0), 0.3),
+        ((-0.3, 0.0, 0.0, 0.0), 1.0),
+        ((-0.25, 0.06, 0.01, -0.02), 1.0),
+    ):
+        radii = np.linspace(0.01, reach, 50)
+        tangents = np.stack([radii * 0.8, radii * 0.6], axis=1)
+        rays = np.column_stack([tangents, np.ones(50)])
+        bent, _ = cv2.projectPoints(rays[:, None], np.zeros(3), np.zeros(3), np.eye(3), np.array(terms))
+        found = optics.undistort(bent.reshape(-1, 2), terms, fisheye=False)
+        np.testing.assert_allclose(found, tangents, atol=1e-9)
+
+
+def test_pixels_beyond_the_fold_of_a_lens_are_told() -> None:
+    """k1 = -0.5 folds at a tangent of 0.816, which ends 0.544 from the middle."""
+    lens = Lens(model="OPENCV", **SIZE).model_copy(update={"k1": -0.5, "p1": 1e-4})
+    end = lens.fx * math.sqrt(2 / 3) * (1 - 0.5 * 2 / 3)
+    pixels = np.array([[lens.cx + end * share, lens.cy] for share in (0.5, 0.99, 1.01, 3.0)])
+    assert optics.covers(lens, pixels).tolist() == [True, True, False, False]
+    assert np.isfinite(optics.rays(lens, pixels)).all()
+    assert optics.fold(lens.terms[4:], fisheye=False) == pytest.approx(math.sqrt(2 / 3), rel=1e-12)
+    assert optics.fold((0.1, 0.0, 0.0, 0.0), fisheye=False) == math.inf
+    assert optics.fold((-1e-300, 1e-300, 0.0, 0.0), fisheye=False) > 1e100

@@ -73,7 +73,7 @@ def test_points_that_miss_nothing_have_a_field_too() -> None:
 
 def test_the_map_writes_its_numbers_where_they_hold(toy: Path) -> None:
     lens = read_calibration(toy).cameras[0].lens
-    (drawing,) = drawings(heat_map("cam", [[0.11, 0.22], [0.33, 0.44]], lens, 0.44))
+    (drawing,) = drawings(heat_map("cam", np.array([[0.11, 0.22], [0.33, 0.44]]), lens, 0.44))
     texts = {part.text: (float(part.get("x")), float(part.get("y"))) for part in drawing.iter() if part.text}
     assert texts["0.11"][0] < texts["0.22"][0]
     assert texts["0.11"][1] < texts["0.33"][1]

@@ -33,6 +33,31 @@ def test_corners_lie_where_the_simulator_has_them(stage: Stage) -> None:
     assert np.abs(every.mean(0)).max() < 0.02  # half a pixel would show
 
 
+@pytest.mark.parametrize("blur", [0.0, 1.0])
+def test_corners_of_a_small_blurred_board_lie_where_they_are(blur: float) -> None:
+    """Squares of 25 px whose white rim is 3 px wide: a blur fills the window that a corner is sought in."""
+    import cv2
+
+    board = Board(columns=7, rows=5, square=0.04, marker=0.03)
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    flat = np.asarray(cv2.aruco.CharucoBoard((7, 5), 0.04, 0.03, dictionary).generateImage((1120, 800)))
+    flat = np.pad(flat, 160, constant_values=255).astype(np.float32) * 0.8 + 20
+    turn = np.array([[0.15, 0.04, 10.0], [-0.03, 0.155, 40.0], [-2e-5, 3e-5, 1.0]])
+    half = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])  # OpenCV counts from centres
+    wide = np.linalg.inv(half) @ np.diag([4.0, 4.0, 1.0]) @ turn @ half  # four times the size, then averaged
+    drawn = cv2.warpPerspective(flat, wide, (960, 800), flags=cv2.INTER_AREA, borderValue=100)
+    image = cv2.resize(drawn, (240, 200), interpolation=cv2.INTER_AREA)
+    if blur:
+        image = cv2.GaussianBlur(image, (0, 0), blur)
+    image = image + np.random.default_rng(0).normal(0.0, 1.0, image.shape)
+    corners = find(board, np.clip(image, 0, 255).astype(np.uint8), Print())
+    assert len(corners.ids) >= 16
+    places = board.corners()[:, :2] / 0.04 * 160 + 160
+    at = np.column_stack([places, np.ones(len(places))]) @ turn.T
+    misses = np.linalg.norm(corners.points - (at[:, :2] / at[:, 2:])[corners.ids], axis=1)
+    assert np.sqrt((misses**2).mean()) < 0.04
+
+
 @pytest.mark.parametrize("printed", PRINTS, ids=str)
 def test_any_print_of_the_board_is_recognised(printed: Print) -> None:
     """Only an even number of rows differs between the patterns before and after OpenCV 4.6."""

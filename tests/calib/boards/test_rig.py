@@ -10,6 +10,7 @@ from calib.boards.measure import DISAGREE, places_of, solve_group
 from calib.boards.start import begin
 from calib.features import Key
 from drivers.sim.lens import project
+from imaging.calibration import Lens
 from imaging.errors import CalibrationError
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of
 
@@ -167,3 +168,62 @@ def test_the_same_corners_give_the_same_rig(stage: Stage) -> None:
     assert one.doubt is not None
     assert other.doubt is not None
     assert one.doubt.lenses == other.doubt.lenses
+
+
+def test_where_drawn_lenses_fold_over_nothing_is_known() -> None:
+    """A lens whose terms turn back before the corners says nothing of them, and spoils nothing else."""
+    lens = Lens(model="OPENCV", width=320, height=240, fx=312.0, fy=312.0, cx=160.0, cy=120.0, k1=-0.06)
+    folded = lens.model_copy(update={"k1": 0.1, "k2": -1.6})  # up to 155 px; the corners are at 174
+    near = lens.model_copy(update={"k1": -0.05})
+    plain = uncertainty.projection_map(lens, [near])
+    both = uncertainty.projection_map(lens, [near, folded])
+    assert np.isfinite(plain).all()
+    assert np.isinf(both[0, 0])
+    assert np.isinf(both[-1, -1])
+    assert np.isfinite(both[2:4, 1:8]).all()
+    assert np.isinf(uncertainty.projection_map(folded, [lens])[0, 0])
+    everywhere = lens.model_copy(update={"k1": -1e6})
+    assert np.isinf(uncertainty.projection_map(lens, [everywhere])).all()
+
+
+def test_corners_with_large_errors_still_give_a_calibration(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Six frames in the middle of the image, corners off by 1.5 px: what cannot be known is told so."""
+    monkeypatch.setattr(uncertainty, "DRAWS", 8)
+    middle = np.array((WIDTH / 2, HEIGHT / 2))
+    seen = {}
+    for key, corners in stage.seen(7, noise=1.5).items():
+        near = np.linalg.norm(corners.points - middle, axis=1) < 0.3 * WIDTH
+        if near.sum() >= 6:
+            seen[key] = Corners(corners.ids[near], corners.points[near])
+    group = solve_group(stage.board, seen, stage.sizes, silent)
+    assert group.solved is not None
+    assert group.doubt is not None
+    for name in group.solved.cam_from_rig:
+        assert not np.isnan(group.doubt.map[name]).any()
+        assert group.doubt.map[name].max() > 1.0
+
+
+def test_frames_drawn_that_give_no_lens_are_counted(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(uncertainty, "DRAWS", 6)
+    seen = stage.seen(7)
+    group = solve_group(stage.board, seen, stage.sizes, silent)
+    assert group.solved is not None
+    calls = []
+    whole = rig.solve
+
+    def failing(*given: object, **options: object) -> rig.Solved:
+        calls.append(1)
+        if len(calls) % 3 == 0:
+            raise CalibrationError("no lens")
+        return whole(*given, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(uncertainty, "solve", failing)
+    doubt = uncertainty.bootstrap(stage.board, seen, group.solved, ladder.RICHEST, 0, silent)
+    assert doubt.failed == 2
+    assert doubt.draws == 4
+    calls[:] = [1, 1]  # the next one, of all frames together, fails
+    doubt = uncertainty.bootstrap(stage.board, seen, group.solved, ladder.RICHEST, 0, silent)
+    assert doubt.draws == 0
+    assert doubt.lenses == {}
