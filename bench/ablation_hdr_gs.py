@@ -140,7 +140,8 @@ def trained(options: argparse.Namespace, protocol: str, name: str, seed: int) ->
     fixed = Fixed(iterations=options.iterations, gaussians=GAUSSIANS, ssim=row.ssim)
     method: MethodName = "nh-3dgs" if name == NH else "hdr-gs"
     with row.within():
-        found = evaluate(reconstruct(folder, method=method, seed=seed, fixed=fixed, name=slug(name)))
+        made = reconstruct(folder, method=method, seed=seed, fixed=fixed, name=slug(name), replace=True)
+        found = evaluate(made)
     return {key: found[key] for key, _ in COLUMNS.values() if key in found}
 
 

@@ -55,7 +55,7 @@ def one_scene(job: tuple[Any, ...], options: argparse.Namespace) -> dict[str, An
     fixed = Fixed(degree=2, gaussians=options.gaussians, iterations=options.iterations, refine="none")
     made = reconstruct(folder, fixed=fixed, name="degrees")
     opened = open_model(made)
-    parameters = opened.training.gaussians.parameters
+    parameters = opened.scene.gaussians.parameters
     (key,) = [name for name in parameters if name.endswith("_rest")]
     rest, order = parameters[key].detach().clone(), effects(opened, key).argsort()
     steps = []

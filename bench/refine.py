@@ -77,7 +77,7 @@ def trained(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, f
             refine=refine, width=options.width, iterations=options.iterations, gaussians=GAUSSIANS,
             degree=DEGREE,
         )  # fmt: skip
-        made = reconstruct(folder, method="nh-3dgs", fixed=fixed, name="refine", seed=seed)
+        made = reconstruct(folder, method="nh-3dgs", fixed=fixed, name=f"refine-{refine}", seed=seed)
         found[name] = evaluate(made)["raw_psnr"]
     return found
 

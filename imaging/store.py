@@ -4,11 +4,13 @@ A file is written beside its place as `.part`, synced and renamed. A line of a `
 and synced; a torn last line is dropped when the file is opened again.
 """
 
+import errno
 import hashlib
 import json
 import os
 import shutil
 import sys
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
@@ -29,9 +31,34 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def _refused(path: Path, error: OSError) -> StorageError:
+_FIXES = {
+    errno.ENOSPC: "free some space on the disk and run again",
+    errno.EDQUOT: "free some of the space that is yours on the disk and run again",
+    errno.EROFS: "name a place on a disk that can be written to",
+    errno.EACCES: "change its permissions, or name a place of your own",
+    errno.EPERM: "change its permissions, or name a place of your own",
+    errno.EEXIST: "a file is in its place, so remove that or use another name",
+    errno.ENOTDIR: "a file is in the place of a folder, so remove that or use another name",
+    errno.EISDIR: "a folder is in its place, so remove that or use another name",
+    errno.ENAMETOOLONG: "use a shorter name",
+}
+
+
+def refused(path: Path | str, error: OSError) -> StorageError:
+    """What to tell of a disk that refused to write a path: what, where, and the fix by the reason."""
     reason = (error.strerror or str(error)).lower()
-    return StorageError(f"{path} could not be written ({reason}): free or unlock the disk and run again.")
+    fix = _FIXES.get(error.errno or 0, "check the disk and run again")
+    return StorageError(f"{path} could not be written ({reason}): {fix}.")
+
+
+def require_writable(folder: Path) -> None:
+    """StorageError unless files can be written into a folder, to be made or there already; leaves nothing."""
+    try:
+        place = next(one for one in (folder, *folder.parents) if one.exists())
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise refused(folder, error) from error
 
 
 def _unreadable(path: Path, error: OSError) -> InputError:
@@ -47,7 +74,7 @@ def make_folder(path: Path) -> None:
         for folder in missing:
             sync(folder.parent)
     except OSError as error:
-        raise _refused(path, error) from error
+        raise refused(path, error) from error
 
 
 @contextmanager
@@ -73,7 +100,7 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as error:
         with suppress(OSError):  # a disk that refuses to write may refuse to delete
             _discard(part)
-        raise _refused(path, error) from error
+        raise refused(path, error) from error
     except BaseException:
         with suppress(OSError):
             _discard(part)
@@ -114,7 +141,7 @@ def leftovers(folder: Path) -> list[Path]:
         for old in folder.glob(f".*{_ASIDE}"):
             _bring_back(old)
     except OSError as error:
-        raise _refused(folder, error) from error
+        raise refused(folder, error) from error
     return sorted(folder.glob(".*.part"))
 
 
@@ -123,7 +150,7 @@ def discard(path: Path) -> None:
     try:
         _discard(path)
     except OSError as error:
-        raise _refused(path, error) from error
+        raise refused(path, error) from error
 
 
 def _discard(path: Path) -> None:
@@ -131,6 +158,15 @@ def _discard(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
+
+
+def replace_folder(new: Path, path: Path) -> None:
+    """Put a folder in the place of another, which steps aside first and comes back if that fails."""
+    try:
+        _replace_folder(new, path)
+        sync(path.parent)
+    except OSError as error:
+        raise refused(path, error) from error
 
 
 def write_bytes(path: Path, data: bytes) -> None:
@@ -184,7 +220,7 @@ def append_line(path: Path, value: Any) -> None:
         if new:
             sync(path.parent)
     except OSError as error:
-        raise _refused(path, error) from error
+        raise refused(path, error) from error
 
 
 def read_lines(path: Path) -> list[Any]:

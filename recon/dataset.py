@@ -171,10 +171,7 @@ def load(session: Path, *, max_width: int | None = None, progress: Progress | No
     """
     opened = Session.open(session)
     calibration = read_calibration(session)
-    digest = hashlib.sha256((session / "calibration" / "calibration.json").read_bytes())
     split = opened.split()
-    if split is not None:
-        digest.update((session / SPLIT).read_bytes())
     # What was not recognised is black, blurred or bare; such a picture would be taken at its word.
     placed = {(view.frame, view.camera) for view in calibration.views if not view.by_rig}
     groups = {key: group for key, group in brackets(_used(opened, split)).items() if key in placed}
@@ -184,8 +181,16 @@ def load(session: Path, *, max_width: int | None = None, progress: Progress | No
         )
     out = held_out(sorted(groups)) if split is None else _tested(session, groups, split)
     return read_views(
-        opened, calibration, digest.hexdigest(), groups, out, max_width=max_width, progress=progress
+        opened, calibration, calibration_sha256(session), groups, out, max_width=max_width, progress=progress
     )
+
+
+def calibration_sha256(session: Path) -> str:
+    """Of calibration.json, and of split.json where there is one: what places and parts the views."""
+    digest = hashlib.sha256((session / "calibration" / "calibration.json").read_bytes())
+    if (session / SPLIT).exists():
+        digest.update((session / SPLIT).read_bytes())
+    return digest.hexdigest()
 
 
 def read_views(

@@ -7,10 +7,10 @@ from typing import Literal
 from pydantic import Field
 
 from imaging import store
-from imaging.calibration import Lens, Pose, Response
+from imaging.calibration import CalibrationRecord, Lens, Pose, Response
 from imaging.errors import ReconstructionError
 from imaging.records import Name, Record, Rung, parse
-from recon.budget import Unit
+from recon.budget import Budget, Unit
 from recon.dataset import Dataset
 from recon.density import DensityRules
 from recon.fixed import Fixed
@@ -56,6 +56,17 @@ class Settings(Record):
     def watches(self) -> bool:
         """Whether held-out views may end the training."""
         return self.early_stop or (self.budget is not None and self.budget_unit == "dB")
+
+    def words(self) -> dict[str, str]:
+        """What a person asked for, by name."""
+        return {
+            "method": self.method,
+            "quality": self.quality,
+            "seed": str(self.seed),
+            "budget": "none" if self.budget is None else str(Budget(self.budget, self.budget_unit)),
+            "early stop": "on" if self.early_stop else "off",
+            "settings": " ".join(self.fixed.words()) or "none set",
+        }
 
     def composed(self, dataset: Dataset, light: Light) -> Method:
         """The method with what was fixed and decided."""
@@ -200,3 +211,9 @@ def read_model(folder: Path) -> ModelRecord:
     if not path.is_file():
         raise ReconstructionError(f"{folder} holds no finished reconstruction: run `rig reconstruct` first.")
     return parse(ModelRecord, store.read_json(path), path)
+
+
+def read_own_calibration(folder: Path) -> CalibrationRecord:
+    """The calibration that a scene was trained on; InputError if its copy is missing or damaged."""
+    path = folder / CALIBRATION
+    return parse(CalibrationRecord, store.read_json(path), path)

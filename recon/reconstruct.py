@@ -13,7 +13,7 @@ from imaging import store
 from imaging.errors import InputError, ReconstructionError
 from imaging.records import Rung
 from recon.budget import Budget
-from recon.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from recon.checkpoint import Checkpoint, write_checkpoint
 from recon.dataset import Dataset, load
 from recon.device import training_device
 from recon.finish import write_scene
@@ -23,6 +23,7 @@ from recon.ladder import chosen_method, rungs
 from recon.methods import hdr_gs, nh_3dgs
 from recon.model import CHECKPOINT, LOG, MODEL, REFINEMENT, Prediction, Settings
 from recon.pixels import Progress
+from recon.place import default_name, place_for
 from recon.prediction import enough, predicted
 from recon.presets import QUALITIES, START_SHARE, Quality, QualityName
 from recon.probe import has_time_for_trials, probe
@@ -53,6 +54,7 @@ def reconstruct(
     seed: int = 0,
     fixed: Fixed = _AS_IT_IS,
     name: str | None = None,
+    replace: bool = False,
     shelf: str = "reconstructions",
     early_stop: bool = False,
     progress: Progress = lambda message, done, total: None,
@@ -66,16 +68,18 @@ def reconstruct(
     that was misjudged; trials of what the scene needs are made only if all of it fits. It counts from the
     first look at the light to the last iteration, measuring on the way included, reading images and compiling
     not. fixed: what is not to be as the preset and the method have it. early_stop: train no longer than was
-    worth it for other scenes, and end when held-out quality stands still. name: the method's if None. tell:
-    hears what is foretold of a training with a budget. With early_stop or a budget in dB some of the held-out
-    views are for that alone (`Dataset.with_validation`).
+    worth it for other scenes, and end when held-out quality stands still. name: None names method, quality
+    and budget (`default_name`). tell: hears what is predicted of a training with a budget. With early_stop
+    or a budget in dB some of the held-out views are for that alone (`Dataset.with_validation`).
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
     called again with the same settings (with a time to keep, as fast as the machine then is); a finished
-    one is returned as it is; other settings replace it. Runs on the GPU if there is one. Started several
-    times over by torchrun, the processes train one scene together, each looking at a share of the views: a
-    step then takes as many views as there are processes, and there are fewer steps. The session has to be
-    on a disk that all of them see; the first one writes. Errors: ReconstructionError, InputError,
+    one is returned as it is. A training of other settings, or of another calibration, is not overwritten
+    (InputError) unless `replace` says so; then the new one is trained in `SHELF/.NAME.new`, and takes the
+    place of what is there when it is finished. Runs on the GPU if there is one. Started several times over
+    by torchrun, the processes train one scene together, each looking at a share of the views: a step then
+    takes as many views as there are processes, and there are fewer steps. The session has to be on a disk
+    that all of them see; the first one writes. Errors: ReconstructionError, InputError,
     StorageError.
     """
     if isinstance(budget, str):
@@ -87,6 +91,7 @@ def reconstruct(
     with joined() as ranks:
         preset, device = QUALITIES[quality], training_device()
         width = fixed.width or preset.width
+        store.require_writable(session / shelf)
         dataset = fixed.seen(load(session, max_width=width, progress=progress))
         if budget is not None and budget.unit == "dB" and not dataset.held_out:
             raise ReconstructionError(
@@ -115,13 +120,18 @@ def reconstruct(
         )
         if wanted.watches:
             dataset = dataset.with_validation()
-        folder = store.inside(session, f"{shelf}/{name or chosen}")
+        folder = store.inside(session, f"{shelf}/{name or default_name(chosen, quality, budget)}")
+        place, found = place_for(folder, wanted, dataset.calibration_sha256, replace)
         ladder = (*reasons, *rungs(dataset, chosen))
-        return _reconstruct(folder, dataset, wanted, ladder, device, ranks, progress, tell, clock)
+        _reconstruct(place, found, dataset, wanted, ladder, device, ranks, progress, tell, clock)
+        if place != folder and ranks.first:
+            store.replace_folder(place, folder)
+        return folder
 
 
 def _reconstruct(
     folder: Path,
+    found: Checkpoint | None,
     dataset: Dataset,
     wanted: Settings,
     ladder: tuple[Rung, ...],
@@ -130,9 +140,8 @@ def _reconstruct(
     progress: Progress,
     tell: Callable[[str], None],
     clock: Callable[[], float],
-) -> Path:
-    """`reconstruct` on one of the ranks: begin, or go on; train; write."""
-    found = _checkpoint(folder, wanted, dataset)
+) -> None:
+    """`reconstruct` on one of the ranks: begin, or go on from what was found; train; write."""
     if found is None:
         begun = _begin(folder, dataset, wanted, device, ranks, progress, tell, clock)
         training, settings, size, guess = begun
@@ -147,7 +156,7 @@ def _reconstruct(
         if not ranks.first:  # the first one holds what all had counted
             training.stats = SplatStats(len(training.gaussians))
         if training.course and training.iteration >= training.course.total and (folder / MODEL).is_file():
-            return folder
+            return
     steers: list[Steer] = [EarlyStop()] if wanted.early_stop else []
     if wanted.budget is not None and wanted.budget_unit == "dB":
         steers.append(Goal(wanted.budget))
@@ -195,7 +204,6 @@ def _reconstruct(
     if ranks.first:
         save()
         write()
-    return folder
 
 
 def _method(dataset: Dataset, asked: MethodName) -> tuple[str, tuple[Rung, ...]]:
@@ -210,17 +218,6 @@ def _method(dataset: Dataset, asked: MethodName) -> tuple[str, tuple[Rung, ...]]
             f"{dataset.session} holds developed photographs, no linear light: use --method hdr-gs or vanilla."
         )
     return asked, (Rung(name="method", taken=True, reason="asked for"),)
-
-
-def _checkpoint(folder: Path, wanted: Settings, dataset: Dataset) -> Checkpoint | None:
-    """The checkpoint of a training with just these settings, on just this calibration; else None."""
-    if not (folder / CHECKPOINT).is_file():
-        return None
-    checkpoint = read_checkpoint(folder / CHECKPOINT)
-    if checkpoint.facts["calibration_sha256"] != dataset.calibration_sha256:
-        return None
-    stored, asked = checkpoint.facts.get("asked"), wanted.model_dump(mode="json")
-    return checkpoint if stored == asked else None
 
 
 def _begin(

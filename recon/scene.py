@@ -8,16 +8,14 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from imaging import store
-from imaging.calibration import CalibrationRecord
 from imaging.errors import ReconstructionError
-from imaging.records import ShotRecord, parse
+from imaging.records import ShotRecord
 from imaging.session import SESSION, Session
 from recon.checkpoint import Checkpoint, read_checkpoint
 from recon.dataset import Dataset, View, photographs_sha256, read_views
 from recon.gaussians import Gaussians, Renderer, limits_for
 from recon.methods import APPEARANCES
-from recon.model import CALIBRATION, CHECKPOINT, ModelRecord, SceneView, read_model
+from recon.model import CHECKPOINT, ModelRecord, SceneView, read_model, read_own_calibration
 from recon.photographs import Display
 from recon.pixels import Progress
 from recon.refinement import Refinement
@@ -130,12 +128,6 @@ def open_model(folder: Path, progress: Progress | None = None) -> Opened:
     refinement = Refinement.stored(dataset, checkpoint)
     training = Training.restore(method, checkpoint, dataset.extent, refinement=refinement)
     return Opened(_scene(folder, record, checkpoint), refinement.corrected(), training)
-
-
-def read_own_calibration(folder: Path) -> CalibrationRecord:
-    """The calibration that a scene was trained on; InputError if its copy is missing or damaged."""
-    path = folder / CALIBRATION
-    return parse(CalibrationRecord, store.read_json(path), path)
 
 
 def _dataset(folder: Path, record: ModelRecord, progress: Progress | None) -> Dataset:

@@ -3,13 +3,13 @@
 import json
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from imaging.errors import PartialError
+from imaging.errors import PartialError, RigError
 from rig.failures import Stopped
 from rig.progress import Meter, metering, speaks
 from rig.streams import libraries_silenced
@@ -28,6 +28,8 @@ class Outcome:
     """Whether anything of use is there when something is missing."""
     defect: bool = False
     """Whether what is missing is our fault."""
+    already_there: bool = False
+    """Whether all of it was done before."""
 
     @property
     def exit_code(self) -> int:
@@ -55,6 +57,31 @@ def running(stage: str, go_on: str = "run the same command again") -> Iterator[M
             yield meter
         except KeyboardInterrupt as error:
             raise Stopped(f"stopped; {go_on} to go on.") from error
+
+
+def of_each(items: Sequence[Path], work: Callable[[Path], Outcome], done: str) -> Outcome:
+    """An outcome of several scenes: their data in a list `scenes`, their lines one after the other.
+
+    Where one of several fails, the others are still worked on; `done` is what it was not, in the sentence
+    that says so.
+    """
+    outcomes, failures = [], []
+    for item in items:
+        try:
+            outcomes.append(work(item))
+        except RigError as error:
+            if len(items) == 1:
+                raise
+            failures.append(str(error))
+    missing = next((outcome.missing for outcome in outcomes if outcome.missing), None)
+    if failures:
+        missing = f"{len(failures)} of {len(items)} scenes could not be {done}: {failures[0]}"
+    return Outcome(
+        {"scenes": [outcome.data for outcome in outcomes]},
+        [line for outcome in outcomes for line in outcome.lines],
+        missing,
+        usable=bool(outcomes),
+    )
 
 
 def deliver(outcome: Outcome, command: str, as_json: bool) -> int:

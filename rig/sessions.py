@@ -12,9 +12,10 @@ def has_shots(session: Path) -> bool:
     return shots.is_file() and shots.stat().st_size > 0
 
 
-def session_of(reconstruction: Path) -> Path:
-    """The session that a reconstruction folder belongs to."""
-    return reconstruction.resolve().parent.parent
+def session_of(reconstruction: Path) -> Path | None:
+    """The session that a reconstruction folder is in; None for one that was moved out of it."""
+    folder = reconstruction.resolve().parent.parent
+    return folder if (folder / "session.json").is_file() else None
 
 
 def find_reconstruction(path: Path) -> Path:
@@ -23,10 +24,16 @@ def find_reconstruction(path: Path) -> Path:
         raise InputError(f"{path} is not a folder: name SESSION/reconstructions/NAME, or its session.")
     if (path / "model.json").is_file():
         return path
-    found = [model.parent for model in path.glob("reconstructions/*/model.json")]
+    found = [model.parent for model in path.glob("reconstructions/[!.]*/model.json")]
     if not found:
         raise InputError(f"{path} has no finished reconstruction: run `rig reconstruct` first.")
     return max(found, key=lambda folder: ((folder / "model.json").stat().st_mtime_ns, folder.name))
+
+
+def scene_around(path: Path) -> Path | None:
+    """The reconstruction that a path is, or is in; None if it is in none."""
+    place = path.resolve()
+    return next((one for one in (place, *place.parents) if (one / "model.json").is_file()), None)
 
 
 def calibration_is_current(session: Path) -> bool:

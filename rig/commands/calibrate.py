@@ -1,5 +1,6 @@
 """`rig calibrate`: find out what the cameras did."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -77,7 +78,7 @@ def calibration_outcome(session: Path) -> Outcome:
     """What the calibration that a session has came to."""
     from imaging.calibration import read_calibration
 
-    return told(session, read_calibration(session))
+    return replace(told(session, read_calibration(session)), already_there=True)
 
 
 def told_cameras(session: Path, record: "CalibrationRecord") -> Outcome:

@@ -266,4 +266,4 @@ def run_capture(
         "missing_shots": list(result.missing),
         "problems": list(result.problems),
     }
-    return Outcome(data, lines, missing, usable=there > 0)
+    return Outcome(data, lines, missing, usable=there > 0, already_there=not result.taken)

@@ -1,7 +1,7 @@
 """`rig demo`: everything once, on a simulated rig."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +15,7 @@ from rig.commands.reconstruct import MethodName, run_training
 from rig.progress import Meter
 from rig.running import Outcome, running
 from rig.sessions import calibration_is_current
-from rig.words import duration, number
+from rig.words import command_line, duration, number
 
 SIM, SEED = "demo", 0
 METHOD: MethodName = "nh-3dgs"
@@ -43,13 +43,18 @@ def demo(
 def run_demo(out: Path, meter: Meter, clock: Callable[[], float] = time.monotonic) -> Outcome:
     """The four stages; each is skipped, or nearly so, if it is finished."""
     times: dict[str, float] = {}
+    before: list[str] = []
 
     def stage(name: str, work: Callable[[], Outcome]) -> Outcome:
         meter.begin(name)
         began = clock()
         outcome = work()
-        times[name] = clock() - began
-        meter.say(f"{name}: {outcome.lines[0]} ({duration(times[name])})")
+        took = clock() - began
+        if outcome.already_there:
+            before.append(name)
+        else:
+            times[name] = took
+        meter.say(f"{name}: {outcome.lines[0]} ({duration(took)})")
         return outcome
 
     captured = stage("capture", lambda: _capture(out, meter))
@@ -67,8 +72,9 @@ def run_demo(out: Path, meter: Meter, clock: Callable[[], float] = time.monotoni
     lines = [
         *_poses(metrics),
         headline(metrics),
-        "Time: " + ", ".join(f"{name} {duration(spent)}" for name, spent in times.items()),
+        _time(times, before),
         f"Report: {evaluated.data['report']}",
+        f"Next: {command_line('rig', 'render', trained.data['reconstruction'])}",
     ]
     data: dict[str, Any] = {
         "session": str(out),
@@ -80,6 +86,13 @@ def run_demo(out: Path, meter: Meter, clock: Callable[[], float] = time.monotoni
     }
     missing = next((part.missing for part in (captured, calibrated, evaluated) if part.missing), None)
     return Outcome(data, lines, missing)
+
+
+def _time(times: Mapping[str, float], before: Sequence[str]) -> str:
+    """What the stages took, and which were done by an earlier run."""
+    words = ", ".join(f"{name} {duration(spent)}" for name, spent in times.items())
+    done = f"{', '.join(before)} done before" if before else ""
+    return "Time: " + "; ".join(part for part in (words, done) if part)
 
 
 def _capture(out: Path, meter: Meter) -> Outcome:

@@ -3,10 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from rig.commands.options import JsonOption, ReconstructionArgument
+from imaging import store
+from rig.commands.options import JsonOption, ReconstructionsArgument
 from rig.progress import Meter
 from rig.report.measures import validation
-from rig.running import Outcome, running
+from rig.running import Outcome, of_each, running
 from rig.sessions import find_reconstruction
 from rig.words import number
 
@@ -20,15 +21,18 @@ HEADLINES = (
 )
 
 
-def evaluate(reconstruction: ReconstructionArgument, as_json: JsonOption = False) -> Outcome:
-    """Measure a scene on held-out views.
+def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = False) -> Outcome:
+    """Measure scenes on held-out views.
 
-    Against the truth where there is one. Writes metrics.json and report.html into its folder.
+    Against the truth where there is one, and against the photographs of their session, as the scene was
+    calibrated when it was trained. Writes metrics.json and report.html into the folder of each scene.
 
-    Example: rig evaluate S/reconstructions/nh-3dgs
+    Example: rig evaluate S/reconstructions/*
     """
     with running("evaluate") as meter:
-        return run_evaluate(find_reconstruction(reconstruction), meter)
+        return of_each(
+            reconstructions, lambda path: run_evaluate(find_reconstruction(path), meter), "evaluated"
+        )
 
 
 def run_evaluate(folder: Path, meter: Meter) -> Outcome:
@@ -38,7 +42,19 @@ def run_evaluate(folder: Path, meter: Meter) -> Outcome:
     metrics = evaluate_scene(folder, progress=meter)
     from rig.report.reconstruction_page import reconstruction_report
 
-    report = reconstruction_report(folder, meter)
+    return told(folder, metrics, reconstruction_report(folder, meter))
+
+
+def evaluated_before(folder: Path) -> Outcome | None:
+    """What an evaluation came to that a scene has with its report; None: there is none of it as it is."""
+    report, metrics = folder / "report.html", folder / "metrics.json"
+    if not (report.is_file() and metrics.is_file()):
+        return None
+    return told(folder, store.read_json(metrics), report)
+
+
+def told(folder: Path, metrics: dict[str, Any], report: Path) -> Outcome:
+    """An evaluation as an outcome."""
     lines = [f"{folder}: {headline(metrics)}", f"Report: {report}"]
     return Outcome({"reconstruction": str(folder), "metrics": metrics, "report": str(report)}, lines)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +12,7 @@ import typer
 from rig.commands.options import JsonOption
 from rig.running import Outcome, running
 from rig.tables import table
-from rig.words import counted, duration
+from rig.words import command_line, counted, duration
 
 if TYPE_CHECKING:
     from imaging.calibration import CalibrationRecord
@@ -30,46 +31,77 @@ def explain(
     ],
     as_json: JsonOption = False,
 ) -> Outcome:
-    """Tell what was modelled, what not, and why.
+    """Explain modelling decisions.
 
     From the plan of the capture to the reconstruction: every part of a model that was considered, what
     it gained on data that was held out, what it costs, and whether it was taken.
 
-    Example: rig explain S/reconstructions/nh-3dgs
+    Example: rig explain S/reconstructions/nh-3dgs-standard
     """
     with running("explain") as meter:
-        from imaging.calibration import is_stale, read_calibration
-        from imaging.session import Session
-
         folder, session = _found(place)
         meter("reading", 0, 0)
-        plans = Session.open(session).plans()
-        calibration = read_calibration(session)
-        model = None
-        if folder is not None:
-            from recon.model import read_model
-
-            model = read_model(folder)
-        stale = is_stale(session, calibration)
+        found = _read(folder, session, of_session=place == session)
     data: dict[str, Any] = {
-        "session": str(session),
+        "session": None if session is None else str(session),
         "reconstruction": None if folder is None else str(folder),
-        "capture": [_plan(plan) for plan in plans],
-        "calibration": [rung.model_dump(mode="json") for rung in calibration.rungs],
-        "calibration_is_stale": stale,
+        "capture": [_plan(plan) for plan in found.plans],
+        "calibration": [rung.model_dump(mode="json") for rung in found.calibration.rungs],
+        "calibration_is_stale": found.shots_added,
     }
-    if model is not None:
-        data["model"] = model.model_dump(
+    if found.model is not None:
+        data["model"] = found.model.model_dump(
             mode="json", include={"settings", "gaussians", "train_seconds", "device"}
         )
-        data["model_rungs"] = [rung.model_dump(mode="json") for rung in model.rungs]
-        data["model_is_stale"] = model.created < calibration.created
-    lines = list(_lines(session, folder, plans, calibration, model, stale))
-    return Outcome(data, lines)
+        data["model_rungs"] = [rung.model_dump(mode="json") for rung in found.model.rungs]
+        data["model_is_stale"] = found.calibrated_again
+    return Outcome(data, list(_lines(found)))
 
 
-def _found(place: Path) -> tuple[Path | None, Path]:
-    """The reconstruction, if there is one, and its session; InputError if there is neither."""
+@dataclass(frozen=True)
+class _Found:
+    """What there is to explain: a session, a scene in it, or a scene alone.
+
+    calibration: the session's, or where a scene was named the one that it was trained on.
+    """
+
+    folder: Path | None
+    session: Path | None
+    plans: Sequence[PlanRecord]
+    calibration: CalibrationRecord
+    model: ModelRecord | None
+    shots_added: bool
+    """Since the calibration."""
+    calibrated_again: bool
+    """Since the training."""
+
+
+def _read(folder: Path | None, session: Path | None, *, of_session: bool) -> _Found:
+    from imaging.calibration import is_stale, read_calibration
+    from imaging.session import Session
+
+    plans = [] if session is None else Session.open(session).plans()
+    model = None
+    if folder is not None:
+        from recon.model import read_model, read_own_calibration
+
+        model = read_model(folder)
+    if folder is not None and not of_session:
+        calibration = read_own_calibration(folder)
+    else:
+        assert session is not None
+        calibration = read_calibration(session)
+    added = session is not None and is_stale(session, calibration)
+    again = False
+    if session is not None and model is not None:
+        from recon.dataset import calibration_sha256
+
+        again = calibration_sha256(session) != model.calibration_sha256
+    return _Found(folder, session, plans, calibration, model, added, again)
+
+
+def _found(place: Path) -> tuple[Path | None, Path | None]:
+    """The reconstruction and its session, as far as they are there; InputError if neither is."""
     from imaging.errors import InputError
     from rig.sessions import find_reconstruction, session_of
 
@@ -89,33 +121,29 @@ def _plan(plan: PlanRecord) -> dict[str, Any]:
     return told | {"exposures": exposures, "frames": frames, "cameras": cameras, "shots": shots}
 
 
-def _lines(
-    session: Path,
-    folder: Path | None,
-    plans: Sequence[PlanRecord],
-    calibration: CalibrationRecord,
-    model: ModelRecord | None,
-    stale: bool,
-) -> Iterable[str]:
+def _lines(found: _Found) -> Iterable[str]:
     from rig.report.calibrated import rung_groups, rung_rows
 
-    yield f"{session}: capture, {counted(len(plans), 'plan')}"
-    yield from table([("", [_plan_row(plan) for plan in plans])], ("Plan", "Exposures", "Why"), RATIOS)
-    yield ""
-    tally = _tally(calibration.rungs)
-    yield f"{session}: calibration, {tally}{'; OUT OF DATE, shots were added since' if stale else ''}"
-    groups = [(own.title, [_row(row) for row in own.rows]) for own in rung_groups(calibration.rungs)]
+    if found.session is not None:
+        yield f"{found.session}: capture, {counted(len(found.plans), 'plan')}"
+        rows = [_plan_row(plan) for plan in found.plans]
+        yield from table([("", rows)], ("Plan", "Exposures", "Why"), RATIOS)
+        yield ""
+    rungs = found.calibration.rungs
+    old = "; OUT OF DATE, shots were added since" if found.shots_added else ""
+    yield f"{found.session or found.folder}: calibration, {_tally(rungs)}{old}"
+    groups = [(own.title, [_row(row) for row in own.rows]) for own in rung_groups(rungs)]
     yield from table(groups, COLUMNS, RATIOS)
     yield ""
+    model = found.model
     if model is None:
-        yield f"{session}: no reconstruction yet, next: rig reconstruct {session}"
+        yield f"{found.session}: no reconstruction yet"
+        yield f"Next: {command_line('rig', 'reconstruct', found.session)}"
         return
-    old = (
-        "; OUT OF DATE, the session was calibrated again since" if model.created < calibration.created else ""
-    )
+    old = "; the session was calibrated again since" if found.calibrated_again else ""
     made = model.iterations or model.settings.iterations
     yield (
-        f"{folder}: {model.settings.method}, {_tally(model.rungs)}; {duration(model.train_seconds)} on "
+        f"{found.folder}: {model.settings.method}, {_tally(model.rungs)}; {duration(model.train_seconds)} on "
         f"{model.device}, {counted(model.gaussians, 'Gaussian')}, {made} iterations{old}"
     )
     yield from table([("", [_row(row) for row in rung_rows(model.rungs)])], COLUMNS, RATIOS)

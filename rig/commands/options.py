@@ -17,6 +17,13 @@ ReconstructionArgument = Annotated[
         metavar="RECON", help="A reconstruction: SESSION/reconstructions/NAME, or a session that has one."
     ),
 ]
+ReconstructionsArgument = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RECON...",
+        help="Reconstructions: SESSION/reconstructions/NAME, or a session, whose newest is taken.",
+    ),
+]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else.")
 ]

@@ -1,20 +1,21 @@
 """`rig reconstruct`: train a scene."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import replace as changed
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from recon.presets import QUALITIES
-from rig.commands.evaluate import run_evaluate
+from rig.commands.evaluate import evaluated_before, run_evaluate
 from rig.commands.options import JsonOption, SeedOption, SessionArgument
 from rig.commands.options import budget as parsed_budget
 from rig.failures import Stopped
 from rig.progress import Meter, speaks
 from rig.running import Outcome, running
-from rig.words import duration
+from rig.words import command_line, duration
 
 if TYPE_CHECKING:
     from recon.model import ModelRecord
@@ -62,15 +63,26 @@ def reconstruct(
         ),
     ] = None,
     name: Annotated[
-        str | None, typer.Option(help="Folder name under SESSION/reconstructions; the method if not given.")
+        str | None,
+        typer.Option(
+            help="Folder name under SESSION/reconstructions; if not given, method, quality and budget, as "
+            "nh-3dgs-standard."
+        ),
     ] = None,
+    replace: Annotated[
+        bool,
+        typer.Option(
+            "--replace", help="Train anew and replace the scene of that name, once the new one is finished."
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> Outcome:
     """Train a scene on a calibrated session.
 
-    The scene is made of Gaussians, measured on held-out views and reported. Ctrl-C leaves the scene as
-    it is by then; the same command goes on from there. Runs on the GPU if there is one. With several
-    GPUs or machines, `torchrun ... -m rig reconstruct S` trains on all of them together.
+    The scene is made of Gaussians, measured on held-out views and reported. Ctrl-C saves the scene trained
+    so far; the same command goes on from there. A finished scene is never overwritten without --replace.
+    Its folder needs nothing else to be rendered. Runs on the GPU if there is one. With several GPUs or
+    machines, `torchrun ... -m rig reconstruct S` trains on all of them together.
 
     Example: rig reconstruct S --budget 5m
     """
@@ -84,6 +96,7 @@ def reconstruct(
             early_stop=early_stop,
             seed=seed,
             name=name,
+            replace=replace,
             sets=sets,
         )
 
@@ -97,6 +110,7 @@ def run_reconstruct(
     budget: float | str | None,
     seed: int,
     name: str | None,
+    replace: bool = False,
     sets: Sequence[str] | None = None,
     early_stop: bool = False,
 ) -> Outcome:
@@ -110,15 +124,22 @@ def run_reconstruct(
         early_stop=early_stop,
         seed=seed,
         name=name,
+        replace=replace,
         sets=sets,
     )
     if not speaks():
         return Outcome({}, [])
-    evaluated = run_evaluate(Path(trained.data["reconstruction"]), meter)
-    return replace(
+    folder = Path(trained.data["reconstruction"])
+    before = evaluated_before(folder) if trained.already_there else None
+    evaluated = before or run_evaluate(folder, meter)
+    return changed(
         evaluated,
         data=trained.data | evaluated.data,
-        lines=[*trained.lines, *evaluated.lines],
+        lines=[
+            *trained.lines,
+            *evaluated.lines,
+            f"Next: {command_line('rig', 'render', folder)}",
+        ],
         missing=evaluated.missing or trained.missing,
     )
 
@@ -132,10 +153,11 @@ def run_training(
     budget: float | str | None = None,
     seed: int = 0,
     name: str | None = None,
+    replace: bool = False,
     sets: Sequence[str] | None = None,
     early_stop: bool = False,
 ) -> Outcome:
-    """Train a scene, or go on with it."""
+    """Train a scene, or go on with it; a finished one is told as such."""
     from recon.fixed import Fixed
 
     fixed = Fixed.of(sets or ())
@@ -143,6 +165,7 @@ def run_training(
     from recon.model import read_model
     from recon.reconstruct import reconstruct as reconstruct_session
 
+    began = datetime.now(UTC)
     try:
         folder = reconstruct_session(
             session,
@@ -153,6 +176,7 @@ def run_training(
             seed=seed,
             fixed=fixed,
             name=name,
+            replace=replace,
             progress=meter,
             tell=meter.say,
         )
@@ -161,9 +185,14 @@ def run_training(
     if not speaks():
         return Outcome({"reconstruction": str(folder)})
     record = read_model(folder)
-    data = {"reconstruction": str(folder), "device": record.device}
+    there = record.created < began
+    data = {"reconstruction": str(folder), "device": record.device, "already_there": there}
     data |= record.model_dump(mode="json", include={"iterations", "ending", "held_out_db", "predicted"})
-    return Outcome(data, [f"{folder}: {_course(record)}"], missing=_missing(record))
+    line = f"{folder}: {_course(record)}"
+    if there:
+        when = record.created.astimezone().strftime("%Y-%m-%d %H:%M")
+        line = f"{folder}: already there, finished on {when}: {_course(record)}"
+    return Outcome(data, [line], missing=_missing(record), already_there=there)
 
 
 def _course(record: "ModelRecord") -> str:

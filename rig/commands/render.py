@@ -1,34 +1,98 @@
-"""`rig render`: pictures of a scene in linear light."""
+"""`rig render`: pictures of scenes in linear light."""
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from rig.commands.options import JsonOption, ReconstructionArgument, SpaceOption
-from rig.running import Outcome, leaving_nothing, running
-from rig.sessions import find_reconstruction
-from rig.words import counted
+from imaging.errors import InputError
+from rig.commands.options import JsonOption, ReconstructionsArgument, SpaceOption
+from rig.running import Outcome, leaving_nothing, of_each, running
+from rig.sessions import find_reconstruction, scene_around
+from rig.words import counted, number
 
 
 def render(
-    reconstruction: ReconstructionArgument,
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder for the EXR files.")],
+    reconstructions: ReconstructionsArgument,
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Where to write, one folder for each scene.")
+    ] = Path("renders"),
     space: SpaceOption = "rec709",
+    exposure: Annotated[
+        float | None,
+        typer.Option(
+            metavar="STOPS",
+            min=-60,
+            max=60,
+            help="Exposure of the PNG files: the light times 2^STOPS. If it is not given, the median of each "
+            "scene is middle grey.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> Outcome:
-    """Render a scene to EXR pictures.
+    """Render scenes to EXR and PNG files.
 
-    One for every view of the session, in linear light of Rec.709, ACEScg or ACES2065-1.
+    Every view of the scene in linear light of Rec.709, ACEScg or ACES2065-1 (EXR), and as a display shows it
+    (PNG), into FOLDER/NAME. Needs the scene's folder alone, not its session.
 
-    Example: rig render S/reconstructions/nh-3dgs renders/
+    Example: rig render S/reconstructions/* --out renders/
     """
     with running("render") as meter:
-        folder = find_reconstruction(reconstruction)
-        with leaving_nothing(out, unless=lambda path: any(path.rglob("*.exr"))):
-            from recon.renders import render as render_scene
+        folders = _scenes(reconstructions)
+        targets = _targets(folders, out)
 
-            files = render_scene(folder, out, space=space, progress=meter)
-    lines = [f"{out}: {counted(len(files), 'render')}"]
-    data = {"reconstruction": str(folder), "space": space, "files": [str(file) for file in files]}
-    return Outcome(data, lines)
+        def one(folder: Path) -> Outcome:
+            target = targets[folder]
+            with leaving_nothing(target, unless=lambda path: any(path.rglob("*.exr"))):
+                from recon.model import read_model
+                from recon.renders import render as render_scene
+
+                files = render_scene(folder, target, space=space, exposure=exposure, progress=meter)
+            scale = read_model(folder).exposure
+            return Outcome(
+                _told(folder, target, files, scale),
+                [
+                    f"{target}: {counted(len(files) // 2, 'view')} of {folder}, as EXR and PNG",
+                    f"EXR values times {number(scale)} ({math.log2(scale):+.1f} stops) show the median "
+                    "of the scene as middle grey",
+                ],
+            )
+
+        told = of_each(folders, one, "rendered")
+    told.data["space"] = space
+    return told
+
+
+def _told(folder: Path, target: Path, files: Sequence[Path], scale: float) -> dict[str, Any]:
+    return {
+        "reconstruction": str(folder),
+        "out": str(target),
+        "exposure": scale,
+        "files": [str(file) for file in files],
+    }
+
+
+def _scenes(paths: Sequence[Path]) -> list[Path]:
+    """The scenes that were named, each once."""
+    try:
+        found = [find_reconstruction(path) for path in paths]
+    except InputError as error:
+        if len(paths) == 1:
+            raise
+        raise InputError(f"{str(error).rstrip('.')}; pictures go to the folder that --out names.") from error
+    return list({folder.resolve(): folder for folder in found}.values())
+
+
+def _targets(folders: Sequence[Path], out: Path) -> dict[Path, Path]:
+    """The folder for the pictures of each scene; InputError if two would share one, or a scene would."""
+    targets: dict[Path, Path] = {}
+    for folder in folders:
+        target = out / folder.resolve().name
+        if target in targets.values():
+            raise InputError(f"Two scenes are called {target.name}: render them with an --out each.")
+        if scene := scene_around(target):
+            raise InputError(f"{target} is in the folder of the scene {scene}: name another --out.")
+        targets[folder] = target
+    return targets

@@ -95,13 +95,17 @@ def _commands(
         yield f"rig calibrate {name}"
     if model is not None:
         from recon.budget import Budget
+        from recon.place import default_name
 
         chosen = model.settings
         options = f"--method {chosen.method} --quality {chosen.quality} --seed {chosen.seed}"
-        budget = "" if chosen.budget is None else f" --budget {Budget(chosen.budget, chosen.budget_unit)}"
-        own = "" if reconstruction in (None, chosen.method) else f" --name {shlex.quote(str(reconstruction))}"
+        asked = None if chosen.budget is None else Budget(chosen.budget, chosen.budget_unit)
+        budget = "" if asked is None else f" --budget {asked}"
+        usual = default_name(chosen.method, chosen.quality, asked)
+        own = "" if reconstruction in (None, usual) else f" --name {shlex.quote(str(reconstruction))}"
         sets = "".join(f" --set {word}" for word in chosen.fixed.words())
-        yield f"rig reconstruct {name} {options}{budget}{sets}{own}"
+        early = " --early-stop" if chosen.early_stop else ""
+        yield f"rig reconstruct {name} {options}{budget}{early}{sets}{own}"
 
 
 def _source(session: Session) -> str:

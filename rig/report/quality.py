@@ -36,7 +36,9 @@ ENDINGS = {
 
 FILES = {
     "splats.ply": "The Gaussians, in the layout of 3DGS",
-    "model.json": "What was trained, from what, with which choices",
+    "model.json": "What was trained, from what, with which choices; every view's lens and pose",
+    "calibration.json": "The calibration that it was trained on",
+    "refinement.json": "What training corrected in the calibration",
     "metrics.json": "The metrics of this page",
     "train.jsonl": "The training's log",
     "checkpoint.safetensors": "Every parameter, to render with and to go on from",

@@ -13,15 +13,13 @@ from rig.report.comparisons import pictures
 from rig.report.page import Page, now, write_page
 from rig.report.provenance import provenance
 from rig.report.quality import quality, tiles
-from rig.sessions import session_of
 
 
 def reconstruction_report(folder: Path, progress: Progress = unreported) -> Path:
     """Write report.html into a reconstruction that was evaluated: all, from the capture to the quality."""
-    session = Session.open(session_of(folder))
     metrics = store.read_json(folder / "metrics.json")
     opened = open_model(folder)
-    record = opened.dataset.calibration
+    session, record = Session.open(opened.dataset.session), opened.dataset.calibration
     section = quality(folder, opened.record, metrics)
     page = Page(
         kind="Reconstruction report",

@@ -81,5 +81,5 @@ def test_a_training_is_as_it_was_told(session_copy, monkeypatch: pytest.MonkeyPa
     stamp = (folder / "splats.ply").stat().st_mtime_ns
     assert stage.reconstruct(session_copy, quality="draft", fixed=fixed, name="by-hand") == folder
     assert (folder / "splats.ply").stat().st_mtime_ns == stamp
-    stage.reconstruct(session_copy, quality="draft", fixed=Fixed(iterations=13), name="by-hand")
+    stage.reconstruct(session_copy, quality="draft", fixed=Fixed(iterations=13), name="by-hand", replace=True)
     assert open_model(folder).training.iteration == 13

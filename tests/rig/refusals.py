@@ -9,7 +9,7 @@ ON_SESSION = {
     "calibrate": ["calibrate", "{it}"],
     "reconstruct": ["reconstruct", "{it}", "--quality", "draft"],
     "evaluate": ["evaluate", "{it}"],
-    "render": ["render", "{it}", "{out}"],
+    "render": ["render", "{it}", "--out", "{out}"],
     "trade": ["trade", "{it}", "--budget", "1s"],
     "explain": ["explain", "{it}"],
 }

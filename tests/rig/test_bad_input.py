@@ -188,7 +188,7 @@ def refusing(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 WRITING = {
     "evaluate": ["evaluate", "{it}"],
-    "render": ["render", "{it}", "{out}"],
+    "render": ["render", "{it}", "--out", "{out}"],
     "trade": ["trade", "{it}", "--budget", "1s"],
     "demo": ["demo", "{out}"],
     "capture": ["capture", "--sim", "toy", "{out}"],

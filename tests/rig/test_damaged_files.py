@@ -82,8 +82,8 @@ DAMAGED_RECORDS = {
     "session.json": ["check", "repair", "calibrate", "reconstruct", "evaluate"],
     "shots.jsonl": ["calibrate", "reconstruct", "evaluate"],
     "calibration/calibration.json": ["reconstruct"],
-    "reconstructions/nh-3dgs/calibration.json": ["evaluate"],
-    "reconstructions/nh-3dgs/model.json": ["evaluate", "render"],
+    "reconstructions/nh-3dgs-draft/calibration.json": ["evaluate"],
+    "reconstructions/nh-3dgs-draft/model.json": ["evaluate", "render"],
 }
 
 
@@ -106,7 +106,7 @@ def test_a_record_of_a_later_version_says_so(rig, scene: Path, tmp_path: Path) -
 
 
 def test_a_damaged_checkpoint_is_named(rig, scene: Path, tmp_path: Path) -> None:
-    truncate(scene / "reconstructions" / "nh-3dgs" / "checkpoint.safetensors")
+    truncate(scene / "reconstructions" / "nh-3dgs-draft" / "checkpoint.safetensors")
     for name in ("evaluate", "render"):
         err = assert_refused(rig, fill(EVERY[name], scene, tmp_path / "out"), tmp_path)
         assert "checkpoint.safetensors" in err

@@ -73,14 +73,15 @@ def test_the_response_alone(rig, toy: Path) -> None:
 
 
 def test_reconstruct_evaluate_and_render(rig, scene: Path, tmp_path: Path) -> None:
-    recon = scene / "reconstructions" / "nh-3dgs"
+    recon = scene / "reconstructions" / "nh-3dgs-draft"
     before = store.read_json(recon / "metrics.json")
-    value = told(rig, "evaluate", str(scene))
+    (value,) = told(rig, "evaluate", str(scene))["scenes"]
     assert value["reconstruction"] == str(recon)
     assert value["metrics"]["hdr_psnr_mu_aligned"] == pytest.approx(before["hdr_psnr_mu_aligned"])
     assert value["metrics"]["views"]
 
-    files = told(rig, "render", str(recon), str(tmp_path / "out"))["files"]
+    (rendered,) = told(rig, "render", str(recon), "--out", str(tmp_path / "out"))["scenes"]
+    files = rendered["files"]
     assert all(Path(file).is_file() for file in files)
     assert {Path(file).stem for file in files if file.endswith(".exr")} == {
         f"{frame:04d}_cam{camera}" for frame in range(3) for camera in range(2)
@@ -109,7 +110,7 @@ def test_reconstruct_evaluate_and_render(rig, scene: Path, tmp_path: Path) -> No
 
 def test_without_truth_the_photograph_is_shown_beside_the_render(rig, scene: Path) -> None:
     shutil.rmtree(scene / "truth")
-    value = told(rig, "evaluate", str(scene))
+    (value,) = told(rig, "evaluate", str(scene))["scenes"]
     assert "hdr_psnr_mu" not in value["metrics"]
     assert "raw_psnr" in value["metrics"]
     page = Page.read(Path(value["report"]))
@@ -135,14 +136,14 @@ def test_a_scene_of_too_few_views_says_that_nothing_was_measured(rig, tmp_path: 
     code, out, err = rig("reconstruct", str(folder), "--quality", "draft")
     assert (code, err) == (0, "")
     assert "no view was held out" in out
-    page = Page.read(folder / "reconstructions" / "nh-3dgs" / "report.html")
+    page = Page.read(folder / "reconstructions" / "nh-3dgs-draft" / "report.html")
     assert "Training views: none was held out" in page.text
 
 
 class Steps:
     """Stands in for the stages of the demo, which take minutes; notes what was asked of them."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, out: Path) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, out: Path, *, done: bool = False) -> None:
         self.calls: list[str] = []
         recon = str(out / "reconstructions" / "demo")
         metrics = {
@@ -153,11 +154,12 @@ class Steps:
             "pose_translation_relative": 0.004,
             "pose_translation_relative_max": 0.008,
         }
-        self.note(monkeypatch, "run_capture", Outcome({}, ["72 of 72 shots"]))
+        self.note(monkeypatch, "run_capture", Outcome({}, ["72 of 72 shots"], already_there=done))
         registered = {"registered": 24, "images": 24, "reprojection_px": 0.2}
         self.note(monkeypatch, "run_calibrate", Outcome(registered, ["24 of 24"]))
-        self.note(monkeypatch, "calibration_outcome", Outcome(registered, ["24 of 24"]))
-        self.note(monkeypatch, "run_training", Outcome({"reconstruction": recon}, ["trained"]))
+        self.note(monkeypatch, "calibration_outcome", Outcome(registered, ["24 of 24"], already_there=True))
+        trained = Outcome({"reconstruction": recon}, ["trained"], already_there=done)
+        self.note(monkeypatch, "run_training", trained)
         self.note(
             monkeypatch,
             "run_evaluate",
@@ -188,7 +190,10 @@ def test_the_demo_ends_with_the_headline_numbers_and_the_report(
     )
     assert "39.7 dB" in lines[1]
     assert "0.131 stops" in lines[1]
-    assert lines[-1] == f"Report: {out}/reconstructions/demo/report.html"
+    assert lines[-2:] == [
+        f"Report: {out}/reconstructions/demo/report.html",
+        f"Next: rig render {out}/reconstructions/demo",
+    ]
     assert [name for name in ("capture", "calibrate", "reconstruct", "evaluate") if name in lines[2]] == [
         "capture",
         "calibrate",
@@ -201,6 +206,14 @@ def test_a_demo_that_was_stopped_goes_on_where_it_was(toy: Path, monkeypatch: py
     steps = Steps(monkeypatch, toy)
     demo.run_demo(toy, Silence())
     assert steps.calls == ["run_capture resume", "calibration_outcome", "run_training", "run_evaluate"]
+
+
+def test_a_demo_that_is_finished_does_not_tell_old_times_as_new(toy: Path, monkeypatch) -> None:
+    Steps(monkeypatch, toy, done=True)
+    seconds = iter(range(100))
+    told = demo.run_demo(toy, Silence(), clock=lambda: next(seconds))
+    assert "Time: evaluate 1.0 s; capture, calibrate, reconstruct done before" in told.lines
+    assert told.data["seconds"] == {"evaluate": 1}
 
 
 def test_a_demo_with_new_shots_is_calibrated_again(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """`rig explain`: the rungs that the records hold, as a table and as JSON."""
 
 import json
+import shutil
 
 import pytest
 
@@ -33,7 +34,7 @@ def test_a_scene_is_explained_stage_by_stage(rig, scene) -> None:
 
 
 def test_json_has_every_rung_of_both_records(rig, scene) -> None:
-    folder = scene / "reconstructions" / "nh-3dgs"
+    folder = scene / "reconstructions" / "nh-3dgs-draft"
     code, out, _ = rig("explain", str(folder), "--json")
     told = json.loads(out)
     assert code == 0
@@ -49,7 +50,7 @@ def test_json_has_every_rung_of_both_records(rig, scene) -> None:
 def test_a_calibrated_session_without_a_scene(rig, toy) -> None:
     code, out, _ = rig("explain", str(toy))
     assert code == 0
-    assert out.splitlines()[-1] == f"{toy}: no reconstruction yet, next: rig reconstruct {toy}"
+    assert out.splitlines()[-2:] == [f"{toy}: no reconstruction yet", f"Next: rig reconstruct {toy}"]
     assert json.loads(rig("explain", str(toy), "--json")[1])["reconstruction"] is None
 
 
@@ -59,7 +60,27 @@ def test_what_is_out_of_date_is_said(rig, scene) -> None:
     store.write_json(path, record | {"created": "2999-01-01T00:00:00Z", "shots_sha256": "0" * 64})
     code, out, _ = rig("explain", str(scene))
     assert code == 0
-    assert out.count("OUT OF DATE") == 2
+    assert "OUT OF DATE, shots were added since" in out
+    assert "the session was calibrated again since" in out
+    assert json.loads(rig("explain", str(scene), "--json")[1])["model_is_stale"]
+    # The scene itself goes by the calibration that it was trained on.
+    code, out, _ = rig("explain", str(scene / "reconstructions" / "nh-3dgs-draft"))
+    assert code == 0
+    assert "OUT OF DATE" not in out
+    assert "the session was calibrated again since" in out
+
+
+def test_a_scene_away_from_its_session_is_explained(rig, scene, tmp_path) -> None:
+    folder = scene / "reconstructions" / "nh-3dgs-draft"
+    within = json.loads(rig("explain", str(folder), "--json")[1])
+    moved = shutil.copytree(folder, tmp_path / "sent")
+    shutil.rmtree(scene)
+    code, out, err = rig("explain", str(moved), "--json")
+    told = json.loads(out)
+    assert (code, err, told["session"], told["capture"]) == (0, "", None, [])
+    for name in ("calibration", "model", "model_rungs"):
+        assert told[name] == within[name]
+    assert "vignetting" in rig("explain", str(moved))[1]
 
 
 def test_costs_are_told_where_they_were_counted_and_long_reasons_wrap(rig, toy) -> None:

@@ -12,7 +12,7 @@ from recon.ply import read_ply
 from recon.prediction import enough
 from recon.reconstruct import QUALITIES, Quality
 
-RECON = Path("reconstructions") / "nh-3dgs"
+RECON = Path("reconstructions") / "nh-3dgs-draft"
 
 
 @pytest.fixture
@@ -28,17 +28,18 @@ def test_gaussians_and_bytes_limit_the_scene(rig, toy: Path, budget: str, most: 
     assert code == 0
     assert 0.9 * most < told["metrics"]["gaussians"] <= most
     assert told["predicted"]["low"] < told["predicted"]["db"] < told["predicted"]["high"]
-    assert told["held_out_db"] == store.read_json(toy / RECON / "model.json")["held_out_db"]
+    scene = toy / f"{RECON}-{budget}"
+    assert told["held_out_db"] == store.read_json(scene / "model.json")["held_out_db"]
     assert told["metrics"]["raw_psnr"] == pytest.approx(told["held_out_db"], abs=0.01)
     if budget.endswith("KB"):
-        assert (toy / RECON / "splats.ply").stat().st_size <= 12_000
+        assert (scene / "splats.ply").stat().st_size <= 12_000
 
 
 def test_more_gaussians_than_pixels_are_not_made(rig, toy: Path, monkeypatch) -> None:
     monkeypatch.setitem(QUALITIES, "draft", Quality(iterations=4, gaussians=400, width=16))
     code, _, _ = rig("reconstruct", str(toy), "--quality", "draft", "--budget", "90k")
     assert code == 0
-    assert store.read_json(toy / RECON / "model.json")["settings"]["max_gaussians"] == 5 * 16 * 12
+    assert store.read_json(toy / f"{RECON}-90k" / "model.json")["settings"]["max_gaussians"] == 5 * 16 * 12
 
 
 def test_a_quality_that_is_reached_ends_the_training(rig, toy: Path, quick: None) -> None:
@@ -55,7 +56,7 @@ def test_figures_of_the_view_that_ended_a_training_are_called_so(rig, toy: Path,
     assert code == 0
     assert ", validation " in out
     assert "RAW PSNR (validation) " in out
-    page = (toy / RECON / "report.html").read_text()
+    page = (toy / f"{RECON}-12dB" / "report.html").read_text()
     assert "RAW PSNR (validation)" in page
     assert "1 of them to end the training by" in page
     assert "Looked at before" in page
@@ -101,7 +102,7 @@ def test_ctrl_c_leaves_a_scene_and_the_same_command_ends_it(rig, toy: Path, quic
     assert (model["ending"], model["iterations"]) == ("interrupted", stopped)
     assert len(read_ply(toy / RECON / "splats.ply")["x"]) == model["gaussians"]
     code, out, _ = rig("evaluate", str(toy / RECON), "--json")
-    assert (code, json.loads(out)["metrics"]["iterations"]) == (0, stopped)
+    assert (code, json.loads(out)["scenes"][0]["metrics"]["iterations"]) == (0, stopped)
     code, out, _ = rig(*command, "--json")
     told = json.loads(out)
     assert (code, told["ending"], told["iterations"]) == (0, "schedule", 60)
