@@ -207,15 +207,17 @@ class Run:
         refused = self.standing.halted
         if refused is not None and not self._session.shots():
             raise refused
-        reasons = {
-            slot: self._missing.get(slot, str(refused)) for slot in self.planned if slot not in self.done
-        }
+        reasons = {slot: self._missing.get(slot) for slot in self.planned if slot not in self.done}
+        for slot, reason in reasons.items():
+            if reason in (None, str(refused)):
+                # The file that the disk refused may be that of another camera.
+                reasons[slot] = f"the capture stopped: {refused}"
         return CaptureResult(
             session=self._session.folder,
             planned=len(self.planned),
             taken=len(self.done) - self.kept,
             kept=self.kept,
-            missing=tuple(f"{slot}: {reason.rstrip('.')}" for slot, reason in reasons.items()),
+            missing=tuple(f"{slot}: {(reason or '').rstrip('.')}" for slot, reason in reasons.items()),
             problems=(*self._problems, *self._skews()),
         )
 

@@ -1,4 +1,4 @@
-"""What can go wrong with a camera; each message is one sentence: what, where, the mend.
+"""What can go wrong with a camera; each message is one sentence: what, where, the fix.
 
 CameraError (imaging.errors)
 ├── CameraNotFound     no such camera is connected

@@ -17,11 +17,11 @@ MEMORY = Path("/sys/module/usbcore/parameters/usbfs_memory_mb")
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at; `mend` is empty where nothing has to be done."""
+    """One thing that was looked at; `fix` is empty where nothing has to be done."""
 
     name: str
     says: str
-    mend: str = ""
+    fix: str = ""
 
 
 def rules_file() -> Path:
@@ -33,8 +33,8 @@ def examine() -> list[Finding]:
     """libusb, udev rules, memory for transfers, and every camera on the bus; nothing is opened."""
     backend = default_backend()
     if backend is None:
-        mend = "Install libusb 1.0, or the package libusb-package."
-        return [Finding("libusb", "not found: no camera can be reached", mend)]
+        fix = "Install libusb 1.0, or the package libusb-package."
+        return [Finding("libusb", "not found: no camera can be reached", fix)]
     findings = [Finding("libusb", "found"), _rules(), _memory()]
     try:
         cameras = [one for kind in (STILL_IMAGE, U3V_CONTROL) for one in find(kind, backend)]
@@ -50,8 +50,8 @@ def _rules() -> Finding:
     for folder in folders:
         if (folder / RULES).is_file():
             return Finding("udev rules", f"installed in {folder}")
-    mend = f"sudo cp {rules_file()} /etc/udev/rules.d/ && sudo udevadm control --reload"
-    return Finding("udev rules", "not installed: only root may open cameras", mend)
+    fix = f"sudo cp {rules_file()} /etc/udev/rules.d/ && sudo udevadm control --reload"
+    return Finding("udev rules", "not installed: only root may open cameras", fix)
 
 
 def _memory() -> Finding:
@@ -61,17 +61,17 @@ def _memory() -> Finding:
         return Finding("USB memory", "not limited here, or not known")
     if megabytes == 0 or megabytes >= LEAST_MEMORY_MB:
         return Finding("USB memory", f"{megabytes} MB" if megabytes else "not limited")
-    mend = f"echo 1000 | sudo tee {MEMORY}"
-    return Finding("USB memory", f"{megabytes} MB: too little for several streaming cameras", mend)
+    fix = f"echo 1000 | sudo tee {MEMORY}"
+    return Finding("USB memory", f"{megabytes} MB: too little for several streaming cameras", fix)
 
 
 def _node(camera: UsbDevice) -> Finding:
     node = node_of(camera.device)
     if node.exists() and not os.access(node, os.R_OK | os.W_OK):
-        mend = f"Install the udev rules ({rules_file()}), then plug the camera in again."
-        return Finding(camera.where, "this user may not open it", mend)
+        fix = f"Install the udev rules ({rules_file()}), then plug the camera in again."
+        return Finding(camera.where, "this user may not open it", fix)
     programs = holders(camera.device)
     if programs:
-        mend = "Unmount it in the file manager, and close that program."
-        return Finding(camera.where, f"held by {', '.join(programs)}", mend)
+        fix = "Unmount it in the file manager, and close that program."
+        return Finding(camera.where, f"held by {', '.join(programs)}", fix)
     return Finding(camera.where, "may be opened")

@@ -72,8 +72,8 @@ class RefusedWith(CameraRefused):
     def __init__(self, where: str, operation: int, code: int) -> None:
         known = code in ResponseCode.__members__.values()
         reason = ResponseCode(code).name.lower().replace("_", " ") if known else f"code 0x{code:04X}"
-        mend = "free its card" if code == ResponseCode.STORE_FULL else "check its mode dial and menus"
-        super().__init__(f"{where} refused operation 0x{operation:04X} ({reason}): {mend}.")
+        fix = "free its card" if code == ResponseCode.STORE_FULL else "check its mode dial and menus"
+        super().__init__(f"{where} refused operation 0x{operation:04X} ({reason}): {fix}.")
         self.code = code
 
 
@@ -257,15 +257,15 @@ class PtpSession:
 
     def _begin(self) -> None:
         """OpenSession; a session that somebody left open is closed first, by a reset if it must be."""
-        for mend in (self._close_stale, self.transport.reset, None):
+        for recover in (self._close_stale, self.transport.reset, None):
             reply = self._open_once()
             if reply.response.code == ResponseCode.OK:
                 self._transaction = 0
                 return
-            if reply.response.code != ResponseCode.SESSION_ALREADY_OPENED or mend is None:
+            if reply.response.code != ResponseCode.SESSION_ALREADY_OPENED or recover is None:
                 raise RefusedWith(self.where, Operation.OPEN_SESSION, reply.response.code)
             try:
-                mend()
+                recover()
             except (CameraProtocol, CameraTimeout):
                 continue
 

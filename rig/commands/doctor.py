@@ -1,4 +1,4 @@
-"""`rig doctor`: what this machine lacks."""
+"""`rig doctor`: what this machine has, and what is missing."""
 
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
@@ -31,13 +31,13 @@ def doctor(
         bool,
         typer.Option(
             "--stability",
-            help="Compute the extremes of calibration, splatting and training instead, and compare them with "
+            help="Run numerical stress tests on this machine instead, and compare their results with "
             "float64 and the truth.",
         ),
     ] = False,
     as_json: JsonOption = False,
 ) -> Outcome:
-    """Look at what this machine has and lacks.
+    """Check this machine's setup.
 
     Looks at libusb, permissions, memory for USB transfers, the GPU, and versions; opens no camera.
 
@@ -59,13 +59,12 @@ def doctor(
     width = max(len(one.name) for one in findings)
     lines = []
     for one in findings:
-        lines.append(f"{'!' if one.mend else ' '} {one.name:{width}}  {one.says}")
-        if one.mend:
-            lines.append(f"  {'':{width}}  {one.mend}")
-    wrong = [one for one in findings if one.mend]
-    lines.append(
-        "Everything is in order." if not wrong else f"To mend: {', '.join(one.name for one in wrong)}."
-    )
+        lines.append(f"{'!' if one.fix else ' '} {one.name:{width}}  {one.says}")
+        if one.fix:
+            lines.append(f"  {'':{width}}  {one.fix}")
+    wrong = [one for one in findings if one.fix]
+    names = ", ".join(one.name for one in wrong)
+    lines.append(f"{counted(len(wrong), 'problem')} to fix: {names}." if wrong else "Everything is in order.")
     return Outcome({"findings": [asdict(one) for one in findings], "in_order": not wrong}, lines)
 
 

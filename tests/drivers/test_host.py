@@ -43,26 +43,26 @@ def test_a_machine_without_libusb_says_only_that(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(host, "default_backend", lambda: None)
     (only,) = host.examine()
     assert only.name == "libusb"
-    assert "nstall" in only.mend
+    assert "nstall" in only.fix
 
 
 def test_rules_are_found_or_the_command_that_installs_them_is_told(machine: SimpleNamespace) -> None:
-    assert str(host.rules_file()) in found("udev rules").mend
+    assert str(host.rules_file()) in found("udev rules").fix
     assert host.rules_file().is_file()
     (machine.rules / RULES).write_bytes(host.rules_file().read_bytes())
-    assert found("udev rules").mend == ""
+    assert found("udev rules").fix == ""
 
 
 @pytest.mark.parametrize(("text", "enough"), [("16", False), ("256", True), ("1000", True), ("0", True)])
 def test_little_memory_for_transfers_is_told(machine: SimpleNamespace, text: str, enough: bool) -> None:
     machine.memory.write_text(f"{text}\n")
-    assert (found("USB memory").mend == "") == enough
+    assert (found("USB memory").fix == "") == enough
 
 
 def test_memory_that_nobody_knows_is_no_fault(machine: SimpleNamespace) -> None:
-    assert found("USB memory").mend == ""
+    assert found("USB memory").fix == ""
     machine.memory.write_text("much\n")
-    assert found("USB memory").mend == ""
+    assert found("USB memory").fix == ""
 
 
 def test_a_bus_that_cannot_be_read_is_told(machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,7 +95,7 @@ def test_who_holds_a_camera_is_named(machine: SimpleNamespace, monkeypatch: pyte
     assert found("USB 001:007").says == "held by gvfsd-gphoto2"
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     assert found("USB 001:007").says == "this user may not open it"
-    assert str(host.rules_file()) in found("USB 001:007").mend
+    assert str(host.rules_file()) in found("USB 001:007").fix
 
 
 def test_the_error_names_the_program_that_holds_a_camera(machine: SimpleNamespace) -> None:

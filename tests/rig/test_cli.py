@@ -198,13 +198,13 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_the_doctor_lists_findings_and_what_to_mend(rig) -> None:
+def test_the_doctor_lists_findings_and_what_to_fix(rig) -> None:
     code, out, _ = rig("doctor", "--json")
     assert code == 0
     report = json.loads(out)
     findings = {one["name"]: one for one in report["findings"]}
     assert {"libusb", "training", "torch"} <= set(findings)
-    assert report["in_order"] == (not any(one["mend"] for one in findings.values()))
+    assert report["in_order"] == (not any(one["fix"] for one in findings.values()))
     code, out, _ = rig("doctor")
     for name in findings:
         assert name in out
