@@ -148,7 +148,7 @@ class SoftplusRadiance:
 
 @dataclass(frozen=True)
 class PlainHarmonics:
-    """`c(d) = max(SH(d) + 0.5, 0)`: 3DGS as published (Kerbl et al., arXiv 2308.04079)."""
+    """`c(d) = max(SH(d) + 0.5, 0)`: the colours of 3DGS (Kerbl et al., arXiv 2308.04079), up to degree 2."""
 
     dc_rate: Rate = Rate(2.5e-3, 2.5e-3)
     rest_rate: Rate = Rate(2.5e-3 / 20, 2.5e-3 / 20)

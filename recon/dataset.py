@@ -20,15 +20,18 @@ from imaging.calibration import (
     read_calibration,
 )
 from imaging.cfa import Cfa
+from imaging.colmap import SparsePoints, read_points, read_tracks
 from imaging.errors import InputError, ReconstructionError
 from imaging.falloff import falloff
 from imaging.records import CameraRecord, ShotRecord, SplitRecord
 from imaging.session import SPLIT, Session, brackets
 from recon.pixels import Progress, Shot, read_shot
 from recon.splat import SplatCamera
+from recon.world import SAME, WorldTransform
 
 Float = npt.NDArray[np.float32]
 
+COLMAP = "calibration/colmap"
 EVERY = 8
 """One view in eight is held out."""
 FEWEST_FOR_HOLDOUT = 4
@@ -54,7 +57,7 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One camera at one frame: its bracket, and where it stood."""
+    """One camera at one frame: its bracket, and where it stood, in scene coordinates (`recon.world`)."""
 
     camera: str
     frame: int
@@ -75,7 +78,7 @@ class View:
 
     @cached_property
     def centre(self) -> npt.NDArray[np.float64]:
-        """The camera's centre in the world, float64 [3]."""
+        """The camera's centre in the scene, float64 [3]."""
         motion = self.lens.cam_from_world
         return np.asarray(-motion[:3, :3].T @ motion[:3, 3])
 
@@ -97,6 +100,8 @@ class Dataset:
     """Of calibration.json, and of split.json where there is one."""
     watched: frozenset[str] = frozenset()
     """Names of the validation views."""
+    world: WorldTransform = SAME
+    """Where the scene, with its views, lies in the world of the calibration."""
 
     @property
     def validation(self) -> tuple[View, ...]:
@@ -127,6 +132,16 @@ class Dataset:
     def views(self) -> tuple[View, ...]:
         """Every view, in order of frame and camera."""
         return tuple(sorted(self.train + self.held_out, key=lambda view: (view.frame, view.camera)))
+
+    def points(self) -> SparsePoints:
+        """The points of the calibration, in the scene; InputError if they cannot be read."""
+        points = read_points(self.session / COLMAP)
+        return replace(points, xyz=self.world.from_world(points.xyz))
+
+    def tracks(self) -> tuple[npt.NDArray[np.float64], dict[str, npt.NDArray[np.int64]]]:
+        """The same points [P, 3], and which of them the image of each name saw, as `read_tracks` has them."""
+        xyz, tracks = read_tracks(self.session / COLMAP)
+        return self.world.from_world(xyz), tracks
 
     def trained_at(self, k: float) -> bool:
         """Whether an exposure scale is one that training saw, to a sixth of a stop."""
@@ -180,8 +195,17 @@ def load(session: Path, *, max_width: int | None = None, progress: Progress | No
             f"{session} has no view with a pose: run `rig calibrate`, or take images that overlap."
         )
     out = held_out(sorted(groups)) if split is None else _tested(session, groups, split)
+    poses = {(view.frame, view.camera): view.cam_from_world.matrix() for view in calibration.views}
+    world = WorldTransform.of({f"{key[1]}/{key[0]:04d}.png": poses[key] for key in groups}, session / COLMAP)
     return read_views(
-        opened, calibration, calibration_sha256(session), groups, out, max_width=max_width, progress=progress
+        opened,
+        calibration,
+        calibration_sha256(session),
+        groups,
+        out,
+        world,
+        max_width=max_width,
+        progress=progress,
     )
 
 
@@ -199,18 +223,23 @@ def read_views(
     calibration_sha256: str,
     groups: Mapping[tuple[int, str], Sequence[ShotRecord]],
     out: Collection[tuple[int, str]],
+    world: WorldTransform,
     *,
     max_width: int | None,
     progress: Progress | None,
 ) -> Dataset:
-    """The shots of each (frame, camera) as a data set, `out` of them held out; all have a pose."""
+    """The shots of each (frame, camera) as a data set, `out` of them held out; all have a pose.
+
+    world: where the scene lies, whose views they are.
+    """
     poses = {(view.frame, view.camera): view for view in calibration.views}
     kinds = {session.camera(camera).kind for _, camera in groups}
     views = []
     for done, (key, group) in enumerate(sorted(groups.items())):
         if progress:
             progress("reading images", done, len(groups))
-        views.append(_view(session, calibration, poses[key], session.camera(key[1]), group, max_width))
+        view = _view(session, calibration, poses[key], session.camera(key[1]), group, max_width)
+        views.append(replace(view, lens=world.camera(view.lens)))
     return Dataset(
         session=session.folder,
         kind=kinds.pop() if len(kinds) == 1 else "mixed",
@@ -218,6 +247,7 @@ def read_views(
         held_out=tuple(view for view in views if (view.frame, view.camera) in out),
         calibration=calibration,
         calibration_sha256=calibration_sha256,
+        world=world,
     )
 
 

@@ -11,7 +11,6 @@ import numpy.typing as npt
 import torch
 from scipy.ndimage import map_coordinates
 
-from imaging.colmap import read_tracks
 from imaging.linear import Bool, Float
 from recon.dataset import Dataset
 from recon.geometry import project
@@ -55,7 +54,7 @@ class Gains:
 
 def looks(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Looks:
     """Every training view at every scene point that calibration saw in it; `images`: radiance images."""
-    xyz, tracks = read_tracks(dataset.session / "calibration" / "colmap")
+    xyz, tracks = dataset.tracks()
     shape = len(dataset.train), len(xyz)
     light, slope = np.full(shape, np.nan), np.full(shape, np.nan)
     towards = np.zeros((*shape, 3))

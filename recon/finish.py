@@ -9,7 +9,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from imaging import store
-from imaging.calibration import CalibrationRecord, Pose
+from imaging.calibration import Pose
 from imaging.records import Rung
 from imaging.session import Session
 from recon.dataset import Dataset, View, photographs_sha256
@@ -29,11 +29,12 @@ from recon.model import (
     Use,
 )
 from recon.photographs import Display
-from recon.ply import write_ply
+from recon.ply import plain_harmonics, write_ply
 from recon.prediction import ENOUGH, enough
 from recon.presets import QUALITIES
 from recon.refinement import Refinement
 from recon.trainer import Training
+from recon.world import Vector
 
 
 def write_scene(
@@ -56,7 +57,10 @@ def write_scene(
     if settings.method == "vanilla" and ldr:
         note = "display values, sRGB, as 3DGS"
     degree = training.method.schedule.degree(1.0)
-    write_ply(folder / SPLATS, training.gaussians.to(torch.device("cpu")), appearance, degree, 1.0, note)
+    gaussians, offset = training.gaussians.to(torch.device("cpu")), _offset(dataset)
+    comments = [note, *(["offset {!r} {!r} {!r}: add it to x y z".format(*offset)] if any(offset) else [])]
+    harmonics = plain_harmonics(gaussians, appearance, degree)
+    write_ply(folder / SPLATS, gaussians, harmonics, comments, dataset.world, offset)
     if training.refinement is not None and training.refinement.parameters:
         store.write_json(folder / REFINEMENT, training.refinement.facts())
     why = () if training.refinement is None else training.refinement.told()
@@ -79,6 +83,8 @@ def write_scene(
         if isinstance(observation, Display)
         else None,
         radiance=f"relative to {gauge}",
+        world=dataset.world,
+        offset=offset,
         exposure=exposure_of(training, dataset.views),
         degree=degree,
         views=scene_views(dataset, training.refinement),
@@ -97,6 +103,11 @@ def write_scene(
     store.write_json(folder / MODEL, record.model_dump(mode="json"))
 
 
+def _offset(dataset: Dataset) -> Vector:
+    """What the PLY files leave out of world coordinates."""
+    return dataset.world.offset(max(max(view.lens.fx, view.lens.fy) for view in dataset.views))
+
+
 def scene_views(dataset: Dataset, refinement: Refinement | None) -> tuple[SceneView, ...]:
     """The views of a scene as training corrected them."""
     corrected = dataset
@@ -108,12 +119,12 @@ def scene_views(dataset: Dataset, refinement: Refinement | None) -> tuple[SceneV
         ("validation", corrected.validation),
         ("test", corrected.test),
     )
-    views = (_scene_view(view, dataset.calibration, use) for use, views in uses for view in views)
+    views = (_scene_view(view, dataset, use) for use, views in uses for view in views)
     return tuple(sorted(views, key=lambda view: (view.frame, view.camera)))
 
 
-def _scene_view(view: View, calibration: CalibrationRecord, use: Use) -> SceneView:
-    lens, camera = calibration.camera(view.camera).lens, view.lens
+def _scene_view(view: View, dataset: Dataset, use: Use) -> SceneView:
+    lens, camera = dataset.calibration.camera(view.camera).lens, dataset.world.camera_in_world(view.lens)
     assert lens is not None
     turn = Rotation.from_matrix(camera.cam_from_world[:3, :3])
     w, x, y, z = turn.as_quat(canonical=True, scalar_first=True).tolist()

@@ -23,7 +23,7 @@ class GeometryRates:
     opacity_logits: Rate = Rate(1e-1, 2e-2)
 
     def all(self, extent: float) -> dict[str, Rate]:
-        """The rate of every geometric parameter, in world units."""
+        """The rate of every geometric parameter, in scene coordinates."""
         return {
             "means": Rate(self.means.start * extent, self.means.end * extent),
             "log_scales": self.log_scales,
@@ -36,8 +36,8 @@ class GeometryRates:
 class Gaussians:
     """N Gaussians, by the name of their parameters, float32, the first dimension N.
 
-    means [N, 3] world; log_scales [N, 3] natural log of world units; quats [N, 4] wxyz, any length;
-    opacity_logits [N]; and what the appearance owns.
+    means [N, 3] in scene coordinates; log_scales [N, 3] natural log of their unit; quats [N, 4] wxyz, any
+    length; opacity_logits [N]; and what the appearance owns.
     """
 
     parameters: Parameters
@@ -54,7 +54,7 @@ class Gaussians:
         return torch.sigmoid(self.parameters["opacity_logits"])
 
     def scales(self) -> Tensor:
-        """Standard deviations along the own axes, world units, [N, 3]."""
+        """Standard deviations along the own axes, in the unit of the means, [N, 3]."""
         return self.parameters["log_scales"].exp()
 
     def rows(self, index: Tensor) -> Parameters:

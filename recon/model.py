@@ -19,6 +19,7 @@ from recon.method import Light, Method
 from recon.methods import METHODS
 from recon.splat import SplatCamera
 from recon.trainer import Plan
+from recon.world import Vector, WorldTransform
 
 MODEL = "model.json"
 CALIBRATION = "calibration.json"
@@ -161,6 +162,11 @@ class ModelRecord(Record):
     """None: scene units times `normaliser` are linear radiance."""
     radiance: str
     """What the radiance is relative to: the gauge."""
+    world: WorldTransform
+    """Where the scene lies in the world of the calibration: `views` are in the world, the checkpoint
+    is in the scene's coordinates."""
+    offset: Vector
+    """World coordinates are those of the PLY files plus this: zeros, where float32 holds them as they are."""
     exposure: float = Field(gt=0)
     """Factor on linear radiance that shows the median of its views as middle grey, 0.18."""
     degree: int = Field(ge=0, le=2)

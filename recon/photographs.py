@@ -255,7 +255,7 @@ def tone_curve(dataset: Dataset, light: Light) -> ToneCurve:
 
 @dataclass
 class Display:
-    """Code values as they are: 3DGS as published, without any idea of exposure.
+    """Code values as they are, as 3DGS has them, without any idea of exposure.
 
     `k` is the exposure scale at which the display values are read as light, when radiance is asked for.
     """

@@ -1,5 +1,7 @@
 """`splats.ply` in the layout of 3DGS, which viewers read, with radiance instead of display colours."""
 
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +10,10 @@ import torch
 
 from imaging import store
 from imaging.errors import ReconstructionError
-from recon.appearance import Appearance
+from recon.appearance import Appearance, PlainHarmonics
 from recon.gaussians import Gaussians
-from recon.harmonics import C0, basis, sphere
+from recon.harmonics import basis, sphere
+from recon.world import SAME, Vector, WorldTransform
 
 Table = dict[str, npt.NDArray[np.float32]]
 
@@ -33,45 +36,65 @@ def properties(degree: int) -> tuple[str, ...]:
     )
 
 
-def radiance_harmonics(gaussians: Gaussians, appearance: Appearance, degree: int) -> npt.NDArray[np.float64]:
-    """The appearance as a plain series of harmonics of linear radiance: float64 [N, (degree + 1)^2, 3], scene
-    units.
+def plain_harmonics(gaussians: Gaussians, appearance: Appearance, degree: int) -> npt.NDArray[np.float64]:
+    """The appearance as the plain series of 3DGS: float64 [N, (degree + 1)^2, 3], see `properties`.
 
-    Least squares over directions spread evenly over the sphere: exact for a plain series, the best of
-    its degree for the others.
+    Of `PlainHarmonics` its own coefficients; of the others, of linear radiance in scene units, those that are
+    nearest.
+    """
+    parameters = gaussians.parameters
+    if isinstance(appearance, PlainHarmonics):
+        own = [parameters[name].detach().double().numpy() for name in ("sh_dc", "sh_rest")]
+        return np.concatenate(own, axis=1)[:, : (degree + 1) ** 2]
+
+    def colours(towards: torch.Tensor) -> npt.NDArray[np.float64]:
+        return appearance.colours(parameters, towards, degree).detach().double().numpy()
+
+    return fitted_harmonics(colours, len(gaussians), degree)
+
+
+def fitted_harmonics(
+    colours: Callable[[torch.Tensor], npt.NDArray[np.float64]], count: int, degree: int
+) -> npt.NDArray[np.float64]:
+    """The series of 3DGS that is nearest to the colours of `count` Gaussians: [count, (degree + 1)^2, 3].
+
+    `colours` [count, 3] are asked for towards directions [count, 3] (camera to Gaussian), all the same; least
+    squares over directions spread evenly over the sphere.
     """
     directions = torch.from_numpy(sphere().astype(np.float32))
     inverse = np.linalg.pinv(basis(directions, degree).double().numpy())
-    total = np.zeros((len(gaussians), len(inverse), 3))
-    with torch.no_grad():
-        for column, direction in enumerate(directions):
-            towards = direction.expand(len(gaussians), 3)
-            colours = appearance.colours(gaussians.parameters, towards, degree).double().numpy()
-            total += inverse[:, column][None, :, None] * colours[:, None]
+    total = np.zeros((count, len(inverse), 3))
+    for column, direction in enumerate(directions):
+        total += inverse[:, column][None, :, None] * (colours(direction.expand(count, 3)) - 0.5)[:, None]
     return total
 
 
 def write_ply(
-    path: Path, gaussians: Gaussians, appearance: Appearance, degree: int, scale: float, note: str
+    path: Path,
+    gaussians: Gaussians,
+    harmonics: npt.NDArray[np.floating],
+    comments: Sequence[str],
+    world: WorldTransform = SAME,
+    offset: Vector = (0.0, 0.0, 0.0),
 ) -> None:
-    """Write the Gaussians, their harmonics up to a degree; colours are scene units times `scale`; `note`
-    becomes a comment line.
+    """Write the Gaussians with the colours of `plain_harmonics`, each of `comments` on a line of its own.
+
+    Coordinates are those of the world less `offset`.
     """
-    harmonics = radiance_harmonics(gaussians, appearance, degree) * scale
-    harmonics[:, 0] -= 0.5 / C0
     count = len(gaussians)
     parameters = {name: value.detach().numpy() for name, value in gaussians.parameters.items()}
     quats = parameters["quats"] / np.linalg.norm(parameters["quats"], axis=1, keepdims=True).clip(1e-12)
     columns = [
-        parameters["means"],
+        world.to_world(parameters["means"]) - offset,
         harmonics[:, 0],
         harmonics[:, 1:].transpose(0, 2, 1).reshape(count, -1),
         parameters["opacity_logits"][:, None],
-        parameters["log_scales"],
+        parameters["log_scales"].astype(np.float64) + np.log(world.unit),
         quats,
     ]
-    header = ["ply", "format binary_little_endian 1.0", f"comment {note}", f"element vertex {count}"]
-    header += [*(f"property float {name}" for name in properties(degree)), "end_header"]
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {comment}" for comment in comments)]
+    names = properties(math.isqrt(harmonics.shape[1]) - 1)
+    header += [f"element vertex {count}", *(f"property float {name}" for name in names), "end_header"]
     body = np.concatenate(columns, axis=1).astype("<f4").tobytes()
     store.write_bytes(path, ("\n".join(header) + "\n").encode("ascii") + body)
 

@@ -6,7 +6,6 @@ from typing import get_args
 import numpy as np
 
 from imaging.calibration import CalibrationRecord, Response
-from imaging.colmap import read_points
 from imaging.records import ONE_OF_SEVERAL, Rung
 from recon.dataset import Dataset, View, load
 from recon.geometry import inside, project
@@ -126,7 +125,7 @@ def pose_error_px(dataset: Dataset) -> float | None:
     median depth.
     """
     errors = {(view.frame, view.camera): view.error for view in dataset.calibration.views}
-    model = read_points(dataset.session / "calibration" / "colmap")
+    model = dataset.points()
     found = []
     for view in dataset.train:
         error = errors.get((view.frame, view.camera))
@@ -134,7 +133,7 @@ def pose_error_px(dataset: Dataset) -> float | None:
             return None
         pixels, depth = project(view.lens, model.xyz)
         shown = inside(view.lens, pixels, depth)
-        away = float(np.median(depth[shown])) if shown.any() else dataset.extent
+        away = dataset.world.unit * (float(np.median(depth[shown])) if shown.any() else dataset.extent)
         found.append(view.lens.fx * (np.radians(error.rotation) + error.translation / away))
     return float(np.median(found))
 

@@ -55,6 +55,10 @@ class Scene:
 
     def render(self, camera: SplatCamera) -> torch.Tensor:
         """What a camera sees, in scene units, without gradient: float32 [H, W, 3]."""
+        return self.drawn(self.record.world.camera(camera))
+
+    def drawn(self, camera: SplatCamera) -> torch.Tensor:
+        """The same of a camera whose pose is in scene coordinates, as those of `Dataset.views`."""
         with torch.no_grad():
             return self.renderer(self.gaussians, camera, degree=self.record.degree).image
 
@@ -94,8 +98,8 @@ class Opened:
         return self.scene.record
 
     def render(self, camera: SplatCamera) -> torch.Tensor:
-        """What a camera sees, in scene units, without gradient: float32 [H, W, 3]."""
-        return self.scene.render(camera)
+        """What a camera of `dataset` sees, in scene units, without gradient: float32 [H, W, 3]."""
+        return self.scene.drawn(camera)
 
     def view(self, name: str) -> View:
         """The view of that name, `frame/camera`; ReconstructionError if there is none."""
@@ -152,6 +156,7 @@ def _dataset(folder: Path, record: ModelRecord, progress: Progress | None) -> Da
         record.calibration_sha256,
         groups,
         held_out,
+        record.world,
         max_width=record.settings.max_width,
         progress=progress,
     )

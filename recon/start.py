@@ -8,7 +8,6 @@ import numpy.typing as npt
 import torch
 from scipy.spatial import cKDTree
 
-from imaging.colmap import read_points
 from imaging.errors import ReconstructionError
 from imaging.linear import Bool, Float
 from recon.appearance import Appearance
@@ -45,7 +44,7 @@ def start_points(
     theirs from a first sweep over all depths. ReconstructionError when there are fewer than 8 points,
     or fewer are seen, since then nothing says where the scene is.
     """
-    model = read_points(dataset.session / "calibration" / "colmap")
+    model = dataset.points()
     # Points that came with somebody else's poses, but without the images that saw them, are believed.
     good = np.isfinite(model.xyz).all(1) & ((model.views >= 2) | ~model.views.any())
     if good.any():
@@ -71,7 +70,7 @@ def start_points(
 
 
 def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress | None) -> Array:
-    """World points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
+    """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
     points = [np.zeros((0, 3))]
     for found in sweep(dataset.train, [rgb for rgb, _ in images], None, progress=progress):
         # Beyond the middle of the image's depths by so much, a match tells a direction and no place.

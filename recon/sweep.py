@@ -185,14 +185,14 @@ def _confirmed(
     raw: list[tuple[Float, Float] | None],
 ) -> Bool:
     """Where at least one other view puts a surface at the same place."""
-    world = lift(views[index].lens, centres, depth)
+    place = lift(views[index].lens, centres, depth)
     found = np.zeros(depth.shape, bool)
     for other in _neighbours(index, views):
         theirs = raw[other]
         if theirs is None:
             continue
         lens = views[other].lens
-        pixels, at = project(lens, world)
+        pixels, at = project(lens, place)
         height, width = theirs[0].shape
         x = np.floor(pixels[..., 0] * width / lens.width).astype(int)
         y = np.floor(pixels[..., 1] * height / lens.height).astype(int)
@@ -222,7 +222,7 @@ def _fill(depth: Float, trusted: Bool) -> Float:
 
 
 def sample(maps: list[DepthMap], count: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
-    """`count` world points, drawn evenly over the pixels of all maps, each jittered within its pixel."""
+    """`count` scene points, drawn evenly over the pixels of all maps, each jittered within its pixel."""
     sizes = [depth_map.depth.size for depth_map in maps]
     if not sizes or count <= 0:
         return np.zeros((0, 3))

@@ -1,8 +1,15 @@
-"""The baseline: 3DGS (Kerbl et al., arXiv 2308.04079) with its own colours, and nothing of HDR.
+"""The baseline: the Gaussians and colours of 3DGS (Kerbl et al., arXiv 2308.04079), trained as rig trains.
 
-On RAW and EXR, and on photographs beside them, it sees the same mosaics, mu-law, loss, schedule and
-start as NH-3DGS; only the appearance differs, with learning rates tuned for it (bench/appearance.py).
-On photographs alone it is 3DGS as published, in display values.
+Of 3DGS are how Gaussians are drawn and their colours, `max(0, 0.5 + SH)`, and nothing is of HDR. All else
+is what the other methods have too: the start (points of a plane sweep beside those of structure from
+motion, opacity 0.7, 3DGS: 0.1), learning rates of the geometry, 0.05 of SSIM in the loss (0.2), harmonics
+up to degree 2 (3), growth by rank to a given number (above a threshold, to any), no reset of opacities
+(every 3,000 iterations), cut-offs for high contrast, 300 to 4,000 iterations (30,000). The learning rates
+of the colours are those of 3DGS on photographs.
+
+On photographs alone it is trained on their display values, with no idea of exposure. On RAW and EXR, and on
+photographs beside them, it sees the same mosaics through the same mu-law as NH-3DGS; only the appearance
+differs, with learning rates tuned for it (bench/appearance.py).
 """
 
 from dataclasses import replace

@@ -30,7 +30,8 @@ class Limits:
     tau: float = 1e-3
     """Largest error of a cut-off, relative to `luminance_reference`."""
     near: float = 0.01
-    """Gaussians whose centre is nearer than this (camera z, world units) are not drawn."""
+    """Gaussians whose centre is nearer than this (camera z, in the unit of the means) are not drawn. In scene
+    coordinates (`recon.world`) what is looked at is about 1 away."""
     blur: float = 0.3
     """Variance added to every projected Gaussian, px^2 (3DGS: 0.3)."""
     tangent_margin: float = 0.3

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace as changed
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -31,7 +31,11 @@ _PRESETS = "; ".join(
 def reconstruct(
     session: SessionArgument,
     method: Annotated[
-        MethodName, typer.Option(help="auto chooses by what the session holds: RAW or photographs.")
+        MethodName,
+        typer.Option(
+            help="auto chooses by what the session holds: nh-3dgs for RAW and EXR, hdr-gs for photographs "
+            "whose exposures differ, else vanilla, which has the colours of 3DGS in the same training."
+        ),
     ] = "auto",
     quality: Annotated[Quality, typer.Option(help=f"How long and how fine: {_PRESETS}.")] = "standard",
     budget: Annotated[
@@ -186,13 +190,19 @@ def run_training(
         return Outcome({"reconstruction": str(folder)})
     record = read_model(folder)
     there = record.created < began
-    data = {"reconstruction": str(folder), "device": record.device, "already_there": there}
+    data: dict[str, Any] = {"reconstruction": str(folder), "device": record.device, "already_there": there}
     data |= record.model_dump(mode="json", include={"iterations", "ending", "held_out_db", "predicted"})
-    line = f"{folder}: {_course(record)}"
+    lines = [f"{folder}: {_course(record)}"]
     if there:
         when = record.created.astimezone().strftime("%Y-%m-%d %H:%M")
-        line = f"{folder}: already there, finished on {when}: {_course(record)}"
-    return Outcome(data, [line], missing=_missing(record), already_there=there)
+        lines = [f"{folder}: already there, finished on {when}: {_course(record)}"]
+    if any(record.offset):
+        data["offset"] = record.offset
+        lines.append(
+            "coordinates in its PLY files are less by {:.10g} {:.10g} {:.10g}, which single precision "
+            "would not hold; model.json and their headers say so".format(*record.offset)
+        )
+    return Outcome(data, lines, missing=_missing(record), already_there=there)
 
 
 def _course(record: "ModelRecord") -> str:

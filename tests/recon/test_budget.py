@@ -12,7 +12,7 @@ from imaging.errors import InputError
 from recon.appearance import LuminanceChromaticity
 from recon.budget import Budget
 from recon.gaussians import Gaussians
-from recon.ply import most_gaussians, read_ply, write_ply
+from recon.ply import most_gaussians, plain_harmonics, read_ply, write_ply
 from recon.prediction import ENOUGH, NOISE, SCENES, enough, gains, lacking, predicted
 
 
@@ -76,14 +76,9 @@ def test_the_file_of_that_many_gaussians_is_no_larger(toy_scene, tmp_path, degre
     count = most_gaussians(size, degree)
     index = [i % len(gaussians) for i in range(count)]
     path = tmp_path / "splats.ply"
-    write_ply(
-        path,
-        Gaussians(gaussians.rows(index)),
-        appearance,
-        degree,
-        1.0,
-        "a note that is as long as notes are" * 3,
-    )
+    copied = Gaussians(gaussians.rows(index))
+    harmonics = plain_harmonics(copied, appearance, degree)
+    write_ply(path, copied, harmonics, ["a note that is as long as notes are" * 3])
     assert len(read_ply(path)["x"]) == count
     assert 0.97 * size < path.stat().st_size <= size
     assert Budget(size, "bytes").gaussians == most_gaussians(size, 0) >= count

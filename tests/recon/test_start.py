@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from drivers.sim.tabletop import demo_scene
-from imaging.colmap import read_points
 from imaging.errors import ReconstructionError
 from recon.appearance import LuminanceChromaticity
 from recon.geometry import lift, pixel_centres, project, rays
@@ -30,11 +29,12 @@ def images(toy_dataset):
     return [radiance_image(view) for view in toy_dataset.train]
 
 
-def true_depth(view, pixels):
+def true_depth(dataset, view, pixels):
     motion = view.lens.cam_from_world
     directions = rays(view.lens, pixels) @ motion[:3, :3]
-    origin = np.broadcast_to(view.centre, directions.shape)
-    return demo_scene().depth(origin, directions) / np.linalg.norm(directions, axis=-1)
+    origin = np.broadcast_to(dataset.world.to_world(view.centre), directions.shape)
+    lengths = np.linalg.norm(directions, axis=-1)
+    return demo_scene().depth(origin, directions) / (lengths * dataset.world.unit)
 
 
 @pytest.mark.parametrize("lens", [LENS, FISHEYE])
@@ -82,11 +82,11 @@ def test_light_of_the_scene(toy_dataset, images):
 
 
 def test_swept_depth_is_the_true_one_at_most_pixels(toy_dataset, images):
-    points = read_points(toy_dataset.session / "calibration" / "colmap").xyz
+    points = toy_dataset.points().xyz
     maps = sweep(toy_dataset.train, [rgb for rgb, _ in images], points)
     assert len(maps) == len(toy_dataset.train)
     for depth_map in maps:
-        error = np.abs(depth_map.depth / true_depth(depth_map.view, depth_map.centres) - 1)
+        error = np.abs(depth_map.depth / true_depth(toy_dataset, depth_map.view, depth_map.centres) - 1)
         assert np.isfinite(depth_map.depth).all()
         assert np.median(error) < 0.06
         if depth_map.trusted.any():
@@ -111,7 +111,7 @@ def test_start_has_the_number_asked_for_and_the_colours_of_the_views(toy_dataset
 def test_colours_forgive_what_is_covered_in_a_few_views(toy_dataset, images):
     view = toy_dataset.train[0]
     pixels = np.array([[32.5, 20.5], [12.5, 40.5]])
-    points = lift(view.lens, pixels, true_depth(view, pixels))
+    points = lift(view.lens, pixels, true_depth(toy_dataset, view, pixels))
     behind = np.array([[0.0, 0, 500.0]]) @ view.lens.cam_from_world[:3, :3]
     rgb, seen = colours_at(toy_dataset, images, np.concatenate([points, view.centre - behind]))
     assert seen[:2].all()

@@ -21,7 +21,8 @@ def pointless(session_copy):
     for key in list(model.points3D):
         model.delete_point3D(key)
     model.write(str(folder))
-    return load(session_copy), xyz
+    dataset = load(session_copy)
+    return dataset, dataset.world.from_world(xyz)
 
 
 def test_points_are_found_where_the_scene_is(pointless):

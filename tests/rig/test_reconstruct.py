@@ -5,12 +5,14 @@ import os
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from imaging import store
 from recon.ply import read_ply
 from recon.prediction import enough
 from recon.reconstruct import QUALITIES, Quality
+from tests.recon.worlds import UTM, put
 
 RECON = Path("reconstructions") / "nh-3dgs-draft"
 
@@ -130,3 +132,13 @@ def test_a_training_that_is_no_longer_than_its_worth_is_not_said_to_be_shortened
     model = store.read_json(toy / RECON / "model.json")
     (why,) = [rung for rung in model["rungs"] if rung["name"] == "early stop"]
     assert not why["taken"]
+
+
+def test_what_the_files_leave_out_of_far_coordinates_is_said(rig, toy: Path, monkeypatch) -> None:
+    monkeypatch.setitem(QUALITIES, "draft", Quality(iterations=4, gaussians=200, width=32))
+    put(toy, 1.0, UTM)
+    code, out, _ = rig("reconstruct", str(toy), "--quality", "draft")
+    record = store.read_json(toy / RECON / "model.json")
+    assert code == 0
+    assert "less by {:.10g} {:.10g} {:.10g}, which".format(*record["offset"]) in " ".join(out.split())
+    assert np.abs(np.array(record["offset"]) - UTM).max() < 100
