@@ -22,8 +22,8 @@ from record import arguments, deliver, machine, words
 
 from calib.colour.chart import Found, Missed, best, half, locate
 from calib.colour.fit import Model, Patches, held_out
-from calib.colour.reference import delta_e
 from imaging.cfa import Cfa
+from imaging.colour_difference import delta_e
 from imaging.linear import from_raw
 from imaging.merge import Merged, merge_bracket
 

@@ -10,14 +10,14 @@ import numpy.typing as npt
 import torch
 
 from imaging import metrics, store
-from imaging.exr import write_exr
 from recon.dataset import FEWEST_FOR_HOLDOUT
 from recon.mixed import Mixed
 from recon.model import SPLATS
+from recon.perceptual import compare_pictures
 from recon.photographs import ToneCurve
 from recon.pixels import Progress, Shot
 from recon.recorded import as_recorded, shot_psnr
-from recon.renders import attributes, render, stem
+from recon.renders import render
 from recon.scene import Opened, open_model
 from recon.tone import encode
 from recon.truth import calibration_errors, has_truth, response_rmse, true_radiance
@@ -37,8 +37,9 @@ Float = npt.NDArray[np.float32]
 
 
 def evaluate(folder: Path, progress: Progress | None = None) -> dict[str, Any]:
-    """Evaluate SESSION/reconstructions/NAME; writes metrics.json and renders/*.exr, returns the metrics.
+    """Evaluate SESSION/reconstructions/NAME: the metrics, which metrics.json has too.
 
+    renders/ and references/ hold the pictures that are compared (`recon.perceptual`).
     Names as in ARCHITECTURE. Figures against truth use one peak, the truth's maximum over the held-out
     views, and `_aligned` ones a single scale for all of them; PSNRs are means over views, stops_median
     and relative_error_by_decade (of aligned radiance) pool their values. `views` has the same per view.
@@ -54,11 +55,11 @@ def evaluate(folder: Path, progress: Progress | None = None) -> dict[str, Any]:
         result["measured_on"] = "test" if opened.dataset.test else "validation"
         if not opened.dataset.test:
             result["held_out_note"] = LOOKED_AT
+        scale = float(pooled.get("alignment_scale", 1.0))
+        looks = compare_pictures(folder, opened, light, _reference(opened), scale, progress)
+        rows = [row | own for row, own in zip(rows, looks, strict=True)]
         for key in sorted({key for row in rows for key in row} - {"view"} - set(result)):
             result[key] = float(np.mean([row[key] for row in rows if key in row]))
-        for view, image in zip(views, light, strict=True):
-            path = folder / "renders" / f"{stem(view)}.exr"
-            write_exr(path, image, attributes=attributes(opened.record, view))
     else:
         count = len(opened.dataset.views)
         views_are = "1 view is" if count == 1 else f"{count} views are"

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.colour.fit import Model, Patches, fit
-from calib.colour.reference import COLUMNS, NEUTRAL, PATCHES, chart, delta_e
+from calib.colour.reference import COLUMNS, NEUTRAL, PATCHES, chart
 from imaging.cfa import Cfa
 from imaging.colour import srgb_encode
+from imaging.colour_difference import delta_e
 from imaging.merge import Merged
 
 Array = npt.NDArray[np.float64]

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from calib.colour.reference import NEUTRAL, delta_e, lab
+from calib.colour.reference import NEUTRAL
+from imaging.colour_difference import delta_e, lab
 
 Array = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]

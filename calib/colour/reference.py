@@ -1,11 +1,11 @@
-"""The classic chart of 24 patches, and how far apart two colours look."""
+"""The classic chart of 24 patches."""
 
 from functools import cache
 
 import numpy as np
 import numpy.typing as npt
 
-from imaging.colour import PRIMARIES, REC709_FROM_XYZ, XYZ_FROM_REC709, adaptation
+from imaging.colour import PRIMARIES, REC709_FROM_XYZ, adaptation
 
 Array = npt.NDArray[np.float64]
 
@@ -30,19 +30,3 @@ def chart() -> Array:
     xyz = np.array([colour.xyY_to_XYZ(patch) for patch in edition.data.values()])
     x, y = (float(part) for part in edition.illuminant)
     return np.asarray(xyz @ (REC709_FROM_XYZ @ adaptation((x, y), PRIMARIES["rec709"][3])).T, np.float64)
-
-
-def lab(rgb: npt.ArrayLike) -> Array:
-    """CIE Lab under D65 of linear Rec.709 [..., 3]; CIE 15, its straight part continued below black."""
-    white = XYZ_FROM_REC709.sum(axis=1)
-    ratio = np.asarray(rgb, np.float64) @ (XYZ_FROM_REC709 / white[:, None]).T
-    root = np.where(ratio > 216 / 24389, np.cbrt(np.maximum(ratio, 1e-9)), (24389 / 27 * ratio + 16) / 116)
-    x, y, z = np.moveaxis(root, -1, 0)
-    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
-
-
-def delta_e(one: npt.ArrayLike, other: npt.ArrayLike) -> Array:
-    """CIEDE2000 between linear Rec.709 colours [..., 3]."""
-    import colour
-
-    return np.asarray(colour.delta_E(lab(one), lab(other), method="CIE 2000"), np.float64)

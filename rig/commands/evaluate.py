@@ -25,7 +25,8 @@ def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = Fal
     """Measure scenes on held-out views.
 
     Against the truth where there is one, and against the photographs of their session, as the scene was
-    calibrated when it was trained. Writes metrics.json and report.html into the folder of each scene.
+    calibrated when it was trained. Writes metrics.json and report.html into the folder of each scene, and
+    renders/ and references/ with the same pictures as EXR and PNG, for any other program to compare.
 
     Example: rig evaluate S/reconstructions/*
     """

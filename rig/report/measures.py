@@ -74,6 +74,19 @@ MEASURES = (
     ),
     Measure("ssim", "SSIM", "", "Likeness of structure; 1 is identical."),
     Measure(
+        "ciede2000_mean",
+        "Colour difference (CIEDE2000)",
+        "",
+        "Mean over the pixels of renders/ and references/; below 1 the eye sees none, above 5 at once.",
+    ),
+    Measure(
+        "flip_mean",
+        "FLIP",
+        "",
+        "Mean visible difference of the same pictures when they alternate on a display; 0 is identical.",
+    ),
+    Measure("hdr_flip_mean", "HDR-FLIP", "", "The same of the light, the worst over all exposures of it."),
+    Measure(
         "pose_rotation_deg",
         "Camera orientation error",
         "°",

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from calib.colour.fit import Fit, Model, Patches, fit, held_out, of_camera
-from calib.colour.reference import EDITION, chart, delta_e, lab
+from calib.colour.reference import EDITION, chart
 from imaging.colour import XYZ_FROM_REC709
+from imaging.colour_difference import delta_e, lab
 
 from .charts import world
 

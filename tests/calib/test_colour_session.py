@@ -12,10 +12,11 @@ from calib.colour.chart import Found
 from calib.colour.fit import Patches
 from calib.colour.measure import Charts, colours
 from calib.colour.recorded import charts_of, rebalanced
-from calib.colour.reference import chart, delta_e
+from calib.colour.reference import chart
 from calib.views import View
 from imaging.calibration import CalibrationRecord, read_calibration
 from imaging.colour import REC709_FROM_XYZ
+from imaging.colour_difference import delta_e
 from imaging.errors import CalibrationError, InputError
 from imaging.exposure import Exposure
 from imaging.mosaic import Matrix, RawMosaic, as_matrix

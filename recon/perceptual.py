@@ -1,0 +1,154 @@
+"""Renders and what they should show, side by side on disk, and how different they look.
+
+CIEDE2000 is always told, FLIP where it is installed (`pip install 'hdr-rig[metrics]'`): of pictures
+(Andersson et al., HPG 2020) and of light (HDR-FLIP, EGSR 2021). Other programs find the files there.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from imaging import store
+from imaging.colour import srgb_decode
+from imaging.colour_difference import delta_e
+from imaging.exr import write_exr
+from imaging.photo import encode_png
+from recon.dataset import View
+from recon.display import displayed
+from recon.pixels import Progress
+from recon.renders import attributes, stem
+from recon.scene import Opened
+
+Float = npt.NDArray[np.float32]
+Codes = npt.NDArray[np.uint8]
+
+RENDERS, REFERENCES = "renders", "references"
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+ACES_TOP = 2.1188723239873153
+"""Light that the tone curve of HDR-FLIP, Narkowicz's fit of ACES at 0.6 times the light, takes to 0.85."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A render and its reference as a display shows them, sRGB [H, W, 3]; seen [H, W]: not masked."""
+
+    name: str
+    ours: Codes
+    reference: Codes
+    seen: npt.NDArray[np.bool_]
+
+
+def compare_pictures(
+    folder: Path,
+    opened: Opened,
+    light: list[Float],
+    truth: list[Float] | None,
+    scale: float,
+    progress: Progress | None = None,
+) -> list[dict[str, float]]:
+    """Write renders/ and references/ of the reported views; a row of figures for each of them.
+
+    light: of the views, [H, W, 3]; truth: likewise, if it is known; scale: what aligns the light with it.
+    EXR of both are in the units of the scene, PNG at its exposure; of photographs PNG of every shot of a
+    trained exposure instead, as they are.
+    """
+    rows = []
+    for turn, view in enumerate(opened.dataset.reported):
+        if progress:
+            progress("comparing pictures", turn, len(light))
+        header = attributes(opened.record, view)
+        write_exr(folder / RENDERS / f"{stem(view)}.exr", light[turn], attributes=header)
+        goal = None
+        if truth is not None:
+            goal = np.asarray(truth[turn] / np.float32(scale), np.float32)
+            write_exr(folder / REFERENCES / f"{stem(view)}.exr", goal, attributes=header)
+        pairs = list(_pairs(opened, view, light[turn], goal))
+        for pair in pairs:
+            store.write_bytes(folder / RENDERS / f"{pair.name}.png", encode_png(pair.ours))
+            store.write_bytes(folder / REFERENCES / f"{pair.name}.png", encode_png(pair.reference))
+        row = _told("ciede2000", [_colour_difference(pair) for pair in pairs])
+        if find_spec("flip_evaluator") is not None:
+            row |= _told("flip", [found for pair in pairs if (found := _flip(pair)) is not None])
+            if goal is not None:
+                found = hdr_flip(light[turn], goal, view.seen)
+                row |= _told("hdr_flip", [] if found is None else [found])
+        rows.append(row)
+    return rows
+
+
+def _pairs(opened: Opened, view: View, light: Float, goal: Float | None) -> Iterator[Pair]:
+    if view.sensor.kind != "ldr":
+        if goal is not None:
+            exposure = opened.record.exposure
+            yield Pair(stem(view), displayed(light, exposure), displayed(goal, exposure), view.seen)
+        return
+    image = opened.render(view.lens)
+    for number, shot in enumerate(view.shots):
+        if opened.dataset.trained_at(shot.k):
+            with torch.no_grad():
+                told = opened.training.method.observation.predict(image, view, shot.k).numpy()
+            ours, reference = (
+                np.asarray(np.rint(255 * np.clip(side, 0, 1)), np.uint8) for side in (told, shot.pixels)
+            )
+            yield Pair(f"{stem(view)}_{number}", ours, reference, np.asarray(shot.valid.all(-1)))
+
+
+def _told(name: str, found: list[Float]) -> dict[str, float]:
+    """Mean and median of the pixels of all pictures; nothing where there are none."""
+    pixels = np.concatenate([one.reshape(-1) for one in found]) if found else np.empty(0)
+    if not pixels.size:
+        return {}
+    return {f"{name}_mean": float(pixels.mean(dtype=np.float64)), f"{name}_median": float(np.median(pixels))}
+
+
+def _colour_difference(pair: Pair) -> Float:
+    """CIEDE2000 of the pixels that are seen."""
+    ours, reference = (srgb_decode(side[pair.seen] / 255.0) for side in (pair.ours, pair.reference))
+    return np.asarray(delta_e(ours, reference), np.float32)
+
+
+def _flip(pair: Pair) -> Float | None:
+    ours, reference = (np.asarray(side / np.float32(255), np.float32) for side in (pair.ours, pair.reference))
+    return _compared(ours, reference, pair.seen, "LDR", {})
+
+
+def hdr_flip(light: Float, truth: Float, seen: npt.NDArray[np.bool_]) -> Float | None:
+    """HDR-FLIP of the pixels that are seen, of linear Rec.709 [H, W, 3]; None where it has no exposures.
+
+    Its exposures are those that FLIP finds by itself, from the one at which the median of the truth is bright
+    to the one at which its maximum is. They are given to it since it ends the process where they coincide.
+    """
+    luminance = np.maximum(truth, 0) @ LUMINANCE
+    middle, top = float(np.median(luminance)), float(luminance.max())
+    if not 0 < middle < top or not math.isfinite(top / middle):
+        return None
+    ours, reference = (np.maximum(side / np.float32(middle), 0) for side in (light, truth))
+    start, stop = math.log2(ACES_TOP * middle / top), math.log2(ACES_TOP)
+    exposures = {
+        "startExposure": start,
+        "stopExposure": stop,
+        "numExposures": max(2, math.ceil(stop - start)),
+    }
+    return _compared(ours, reference, seen, "HDR", exposures)
+
+
+def _compared(
+    ours: Float, reference: Float, seen: npt.NDArray[np.bool_], kind: str, parameters: dict[str, Any]
+) -> Float | None:
+    if not seen.any():
+        return None
+    import flip_evaluator
+
+    # What is masked is alike, so that it does not shine into its neighbours.
+    ours = np.where(seen[..., None], ours, reference)
+    found = flip_evaluator.evaluate(
+        np.ascontiguousarray(reference), np.ascontiguousarray(ours), kind, True, False, True, parameters
+    )
+    return np.asarray(found[0][..., 0][seen], np.float32)
