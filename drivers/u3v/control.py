@@ -25,7 +25,7 @@ _REFUSED = {
     Status.NOT_IMPLEMENTED: "does not have that",
     Status.BAD_PARAMETER: "does not take that value",
     Status.BAD_ADDRESS: "has nothing at that address",
-    Status.WRITE_PROTECTED: "lets nobody write there",
+    Status.WRITE_PROTECTED: "does not let that be written",
     Status.ACCESS_DENIED: "does not allow that now",
     Status.WRONG_CONFIGURATION: "cannot do that as it is set up",
     Status.TRANSFERS_UNSUITED: "does not take these transfer sizes",

@@ -65,6 +65,10 @@ def _choose_format(nodes: NodeMap, name: str) -> PixelFormat:
     """Set the Bayer format with most bits a value and, of those, fewest in the payload."""
     offered = nodes.entries("PixelFormat")
     bayer = [BY_NAME[entry] for entry in offered if entry in BY_NAME and BY_NAME[entry].cfa is not None]
+    if not offered:
+        raise CameraRefused(
+            f"{name} offers no pixel format: close other programs that use it, and replug it."
+        )
     if not bayer:
         monochrome = all(entry.startswith("Mono") for entry in offered)
         raise CameraRefused(

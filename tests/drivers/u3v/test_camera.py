@@ -8,6 +8,7 @@ from drivers.errors import CameraNotFound, CameraRefused, CameraTimeout
 from drivers.sim import u3v_frames
 from drivers.sim.u3v_description import Feature
 from drivers.u3v import U3vCamera, find_cameras
+from drivers.u3v.genicam import NodeMap
 from drivers.u3v.pixels import BY_NAME
 from drivers.u3v.registers import Sirm
 from drivers.u3v.session import open_session
@@ -214,8 +215,18 @@ def test_a_sensor_without_a_mosaic_is_refused(
     bench.device._memory.put(Feature.PIXEL_FORMAT, codes["Mono8"])
     with pytest.raises(CameraRefused) as refused:
         bench.camera().identify()
-    mend = "connect a camera with a Bayer mosaic in its place."
-    assert str(refused.value) == f"camera {bench.serial} {told}: {mend}"
+    fix = "connect a camera with a Bayer mosaic in its place."
+    assert str(refused.value) == f"camera {bench.serial} {told}: {fix}"
+    assert bench.bus.open_handles == 0
+
+
+def test_a_camera_that_offers_no_pixel_format_is_not_taken_for_monochrome(
+    make_bench: MakeBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = make_bench()
+    monkeypatch.setattr(NodeMap, "entries", lambda nodes, name: ())
+    with pytest.raises(CameraRefused, match=f"camera {bench.serial} offers no pixel format: close other"):
+        bench.camera().identify()
     assert bench.bus.open_handles == 0
 
 
