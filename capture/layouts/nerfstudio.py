@@ -73,9 +73,18 @@ class Entry:
             raise InputError(f"{self.where} has no transform_matrix of 4x4 numbers: correct it.")
         return pose_of(OPENCV_FROM_OPENGL @ inverse(matrix, self.where), self.where)
 
+    def _camera_model(self) -> Any:
+        """`camera_model`, or what `is_fisheye` says in its place, as Instant NGP writes it."""
+        model, fisheye = (self.values.get(key, self.top.get(key)) for key in ("camera_model", "is_fisheye"))
+        if fisheye not in (None, True, False) or (fisheye and model not in (None, FISHEYE)):
+            raise InputError(
+                f"{self.where} has is_fisheye {fisheye!r:.40} and camera_model {model!r:.40}: take one out."
+            )
+        return FISHEYE if fisheye else "OPENCV" if model is None else model
+
     def lens(self, photo: Path) -> Lens | None:
         """The lens of the frame; None if rig has no such model. `photo` tells the size if no key does."""
-        model = self.values.get("camera_model", self.top.get("camera_model", "OPENCV"))
+        model = self._camera_model()
         fisheye = model == FISHEYE
         names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
         others = [key for key in ("p1", "p2", "k3", "k4", "k5", "k6") if key not in names]

@@ -3,6 +3,7 @@ import math
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -144,6 +145,28 @@ def test_a_fisheye_sees_what_colmaps_sees(tmp_path, seen_at):
     np.testing.assert_allclose(seen_at(record, *at["1.png"], xyz), expected, atol=1e-6)
     model = pycolmap.Reconstruction(str(session.folder / "calibration" / "colmap"))
     assert {camera.model_name for camera in model.cameras.values()} == {"OPENCV_FISHEYE"}
+
+
+@pytest.mark.parametrize("terms", [{"k1": 0.02, "k2": -0.01}, {"k1": 0.02, "k2": -0.01, "k3": 0.003}])
+def test_the_flag_of_instant_ngp_makes_a_fisheye(tmp_path, seen_at, terms):
+    # as its colmap2nerf.py writes COLMAP's fisheyes: Brown terms of 0, and no camera_model
+    flag = {"is_fisheye": True, "p1": 0, "p2": 0, "k3": 0, "k4": 0, "camera_angle_x": 0.8}
+    _, session, at = imported(scene(tmp_path / "n", LENS | flag | terms | {"frames": frames()}))
+    record = read_calibration(session.folder)
+    assert record.cameras[0].lens.fisheye
+    xyz = np.random.default_rng(2).uniform(-2.5, 2.5, (20, 3))
+    own = (xyz - CENTRES[0]) @ looking_at(CENTRES[0])[:3, :3] * [1, -1, -1]
+    xyz, own = xyz[own[:, 2] > 0.5], own[own[:, 2] > 0.5]
+    matrix = np.array([[70.0, 0, 33.0], [0, 72.0, 22.5], [0, 0, 1]])
+    k = np.array([terms.get(f"k{n}", 0.0) for n in range(1, 5)])
+    expected, _ = cv2.fisheye.projectPoints(own[:, None], np.zeros(3), np.zeros(3), matrix, k)
+    np.testing.assert_allclose(seen_at(record, *at["0.png"], xyz), expected.reshape(-1, 2), atol=1e-6)
+
+
+@pytest.mark.parametrize("extra", [{"is_fisheye": True, "camera_model": "OPENCV"}, {"is_fisheye": "yes"}])
+def test_a_flag_that_contradicts_the_model_is_refused(tmp_path, extra):
+    with pytest.raises(InputError, match=r"frame 0 of .* has is_fisheye .*: take one out\."):
+        imported(scene(tmp_path / "n", LENS | extra | {"frames": frames()}))
 
 
 def test_a_fisheye_needs_its_focal_length(tmp_path):
