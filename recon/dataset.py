@@ -15,6 +15,7 @@ import numpy.typing as npt
 from imaging import store
 from imaging.calibration import (
     CalibrationRecord,
+    Lens,
     Response,
     ViewCalibration,
     read_calibration,
@@ -257,6 +258,14 @@ def photographs_sha256(shots: Iterable[ShotRecord]) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
+def lens_of_pixels(lens: Lens, kind: Literal["raw", "ldr", "hdr"], width: int, height: int) -> Lens:
+    """The lens of a file for what `read_shot` made of it, width x height pixels."""
+    if kind == "raw":  # an odd side loses its last row or column, which moves nothing
+        even = {"width": lens.width - lens.width % 2, "height": lens.height - lens.height % 2}
+        lens = lens.model_copy(update=even)
+    return lens.resized(width, height)
+
+
 def _used(session: Session, split: SplitRecord | None) -> list[ShotRecord]:
     """The shots that training or testing looks at."""
     shots = session.shots("scene")
@@ -309,13 +318,7 @@ def _view(
         raise ReconstructionError(
             f"The shots of camera {record.name} at frame {pose.frame} differ in size: delete the odd one out."
         )
-    # A mosaic of odd size loses its last row or column, which moves nothing; all else is a change of scale.
-    cropped = 0 <= camera.lens.width - width <= 1 and 0 <= camera.lens.height - height <= 1
-    lens = (
-        camera.lens.model_copy(update={"width": width, "height": height})
-        if cropped
-        else camera.lens.resized(width, height)
-    )
+    lens = lens_of_pixels(camera.lens, record.kind, width, height)
     return View(
         camera=record.name,
         frame=pose.frame,

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -75,11 +75,12 @@ def read_shot(
         return shot, cfa
     counts = read_mask(mask, *size)
     height, width = shot.pixels.shape[:2]
-    if (height, width) != size and max_width is not None and width == max_width:
+    if kind == "raw":
+        counts = _even(counts)
+    if counts.shape != (height, width):
         # A pixel of the smaller image counts if all that it is made of does.
         counts = area_mean(counts, (width, height)) > 0.999
-    counts = counts[:height, :width] if shot.pixels.ndim == 2 else counts[:height, :width, None]
-    return replace(shot, valid=shot.valid & counts), cfa
+    return replace(shot, valid=shot.valid & (counts if shot.pixels.ndim == 2 else counts[..., None])), cfa
 
 
 def _read(
@@ -118,9 +119,8 @@ def _read(
 
 
 def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot, Cfa | None]:
-    height, width = (side - side % 2 for side in frame.signal.shape)
-    signal, saturated = frame.signal[:height, :width], frame.saturated[:height, :width]
-    valid = frame.valid[:height, :width]
+    signal, saturated, valid = _even(frame.signal), _even(frame.saturated), _even(frame.valid)
+    width = signal.shape[1]
     assert frame.cfa is not None
     # From half the width on, every pixel of the smaller image has sites of all colours under it, and
     # the mosaic has nothing left to say; above that, scaling a mosaic would blur it for little.
@@ -135,6 +135,12 @@ def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot,
     saturated, valid = np.ascontiguousarray(saturated), np.ascontiguousarray(valid)
     signal = np.ascontiguousarray(signal)
     return Shot(name, frame.k, signal, saturated, never, valid, frame.noise, frame.ceiling), cfa
+
+
+def _even(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """A mosaic, or what goes with it, without the last row or column that completes no tile."""
+    height, width = image.shape
+    return image[: height - height % 2, : width - width % 2]
 
 
 def _smaller(image: npt.NDArray[np.generic], max_width: int | None) -> tuple[int, int] | None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from imaging import store
-from imaging.calibration import Response
+from imaging.calibration import Lens, Response
 from imaging.cfa import Cfa, mosaic
 from imaging.dng import write_dng
 from imaging.errors import InputError, ReconstructionError
@@ -16,7 +16,7 @@ from imaging.exr import write_exr
 from imaging.mosaic import RawMosaic
 from imaging.photo import encode_png
 from imaging.session import Session
-from recon.dataset import held_out, load
+from recon.dataset import held_out, lens_of_pixels, load
 from recon.pixels import read_shot
 from recon.tone import encode
 
@@ -108,6 +108,48 @@ def test_a_slightly_wider_mosaic_stays_one_and_an_odd_one_loses_its_edge(tmp_pat
     shot, cfa = read_shot(tmp_path / "a.dng", "a", "raw", 0.5, LINEAR, max_width=40)
     assert cfa == Cfa.GRBG
     assert shot.pixels.shape == (46, 60)
+
+
+@pytest.mark.parametrize(
+    ("kind", "width", "height", "most"),
+    [
+        ("ldr", 65, 49, 64),  # a pixel wider than what is asked for
+        ("ldr", 129, 96, 64),
+        ("hdr", 65, 49, 64),
+        ("raw", 131, 99, 64),  # odd, and small enough to be averaged
+        ("raw", 131, 99, 128),  # odd, and a mosaic still
+        ("raw", 130, 98, None),
+    ],
+)
+def test_what_is_scaled_stays_where_its_lens_says(tmp_path, kind, width, height, most):
+    at = width - 20  # the first of seven lit columns, far from the centre
+    light = np.zeros((height, width, 3), np.float32)
+    light[:, at : at + 7] = 0.5
+    path = tmp_path / {"ldr": "a.png", "hdr": "a.exr", "raw": "a.dng"}[kind]
+    if kind == "ldr":
+        store.write_bytes(path, encode_png(np.round(light * 255).astype(np.uint8)))
+    elif kind == "hdr":
+        write_exr(path, light)
+    else:
+        write_mosaic(path, light[..., 0])
+    shot, _ = read_shot(path, "a", kind, 1.0, LINEAR, max_width=most)
+    lens = Lens(model="PINHOLE", width=width, height=height, fx=90, fy=90, cx=width / 2, cy=height / 2)
+    size = shot.pixels.shape[1], shot.pixels.shape[0]
+    own = lens_of_pixels(lens, kind, *size)
+    assert (own.width, own.height) == size
+    row = shot.pixels.reshape(*shot.pixels.shape[:2], -1).mean((0, 2))
+    seen = (row * (np.arange(size[0]) + 0.5)).sum() / row.sum()
+    expected = (at + 3.5 - lens.cx) / lens.fx * own.fx + own.cx
+    assert seen == pytest.approx(expected, abs=0.05)
+
+
+def test_a_mask_is_scaled_as_the_odd_mosaic_that_it_covers(tmp_path):
+    write_mosaic(tmp_path / "a.dng", np.full((99, 131), 0.5))
+    mask = np.full((99, 131), 255, np.uint8)
+    mask[:, 64:66] = 0  # 32 of 65 pixels of the even width halved
+    store.write_bytes(tmp_path / "m.png", encode_png(mask))
+    shot, _ = read_shot(tmp_path / "a.dng", "a", "raw", 1.0, LINEAR, max_width=65, mask=tmp_path / "m.png")
+    assert np.flatnonzero(~shot.valid.all((0, 2))).tolist() == [32]
 
 
 def test_photographs_are_averaged_in_linear_light(tmp_path):

@@ -258,7 +258,16 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
     max_leaves=8,
 )
-KEYS = ["file_path", "transform_matrix", "camera_model", "exposure_time", "camera_angle_x", *LENS, *TERMS]
+KEYS = [
+    "file_path",
+    "is_fisheye",
+    "transform_matrix",
+    "camera_model",
+    "exposure_time",
+    "camera_angle_x",
+    *LENS,
+    *TERMS,
+]
 
 
 @given(top=st.dictionaries(st.sampled_from(KEYS), JSON), frame=st.dictionaries(st.sampled_from(KEYS), JSON))
