@@ -71,6 +71,7 @@ def survey(
         progress(f"reading {shown(path.name)}", number, len(paths))
         originals.append(_read(path, listed.get(path)))
     progress("read", len(paths), len(paths))
+    notes += [*_unknown(originals, listed), *_transparent(originals)]
     return Survey(tuple(originals), tuple(notes))
 
 
@@ -120,6 +121,36 @@ def _without_developed(paths: list[Path]) -> tuple[list[Path], list[Path]]:
     beside = [p for p in paths if kind_of(p) == "ldr" and (p.parent, p.stem.casefold()) in raws]
     aside = set(beside)
     return [path for path in paths if path not in aside], beside
+
+
+def _unknown(originals: list[Original], listed: Mapping[Path, Exposure]) -> list[str]:
+    """A sentence for ISO and f-number each, where some of the exposures lack it, or all of the files' own."""
+    exposed = [original for original in originals if original.exposure is not None]
+    notes = []
+    for name, field, counts in (("ISO", "iso", "ISO 100"), ("f-number", "f_number", "f/1")):
+        without = [original for original in exposed if getattr(original.exposure, field) is None]
+        mixed = len(without) < len(exposed)
+        if not without or not (mixed or any(original.path not in listed for original in without)):
+            continue
+        count = (
+            f"1 photo tells no {name}, which counts"
+            if len(without) == 1
+            else (f"{len(without)} photos tell no {name}, which counts")
+        )
+        rest = "although others tell theirs" if mixed else "and has to be the same in all"
+        notes.append(f"{count} as {counts}, {rest}; --exposures FILE gives it.")
+    return notes
+
+
+def _transparent(originals: list[Original]) -> list[str]:
+    glassy = [one for one in originals if one.picture is not None and one.picture.transparent > 0]
+    if not glassy:
+        return []
+    count = "1 photo is" if len(glassy) == 1 else f"{len(glassy)} photos are"
+    return [
+        f"{count} transparent in part, and taken as standing before black; --masks FOLDER, with copies of "
+        "them, ignores what is transparent instead."
+    ]
 
 
 def _listed(folder: Path, others: list[Path], notes: list[str]) -> dict[Path, Exposure]:

@@ -31,7 +31,8 @@ class Picture:
 
     clipped: share of the samples of red, green and blue that are at the top of the range, 0..1;
     of a mosaic each photosite counts for its own colour. black: share of all samples at or below
-    the black level. lit: share of all samples clearly above it, by LIT of white.
+    the black level. lit: share of all samples clearly above it, by LIT of white. transparent: share of the
+    pixels that alpha says to be so, in part or wholly.
     """
 
     kind: Kind
@@ -41,6 +42,7 @@ class Picture:
     clipped: tuple[float, float, float]
     black: float
     lit: float
+    transparent: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,8 @@ def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) ->
         return _of_mosaic(content, from_raw(content, 1.0))
     if isinstance(content, Photo):
         height, width = content.pixels.shape[:2]
-        return Picture("ldr", width, height, content.metadata, *_photo_shares(content.pixels))
+        shares = _photo_shares(content.pixels)
+        return Picture("ldr", width, height, content.metadata, *shares, transparent=content.transparent)
     height, width = content.shape[:2]
     black = float(np.mean(content <= 0))
     return Picture("hdr", width, height, read_metadata(path), (0.0, 0.0, 0.0), black, 1.0 - black)

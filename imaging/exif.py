@@ -28,7 +28,8 @@ from imaging.tiff import (
 
 MAKE, MODEL, ORIENTATION, DATE_TIME = 271, 272, 274, 306
 EXPOSURE_TIME, F_NUMBER, ISO = 33434, 33437, 34855
-SENSITIVITY_TYPE, RECOMMENDED_INDEX = 34864, 34866
+SHUTTER_SPEED_VALUE, APERTURE_VALUE = 37377, 37378
+SENSITIVITY_TYPE, OUTPUT_SENSITIVITY, RECOMMENDED_INDEX, ISO_SPEED = 34864, 34865, 34866, 34867
 EXIF_VERSION, DATE_TIME_ORIGINAL, ZONE_ORIGINAL, SUB_SECONDS = 36864, 36867, 36881, 37521
 FOCAL_LENGTH, FOCAL_LENGTH_35MM, BODY_SERIAL = 37386, 41989, 42033
 CAMERA_SERIAL = 50735
@@ -41,13 +42,21 @@ _NAMES = {
     EXPOSURE_TIME: "EXIF ExposureTime",
     F_NUMBER: "EXIF FNumber",
     ISO: "EXIF ISOSpeedRatings",
+    SHUTTER_SPEED_VALUE: "EXIF ShutterSpeedValue",
+    APERTURE_VALUE: "EXIF ApertureValue",
+    SENSITIVITY_TYPE: "EXIF SensitivityType",
+    OUTPUT_SENSITIVITY: "EXIF Tag 0x8821",
     RECOMMENDED_INDEX: "EXIF RecommendedExposureIndex",
+    ISO_SPEED: "EXIF ISOSpeed",
     DATE_TIME_ORIGINAL: "EXIF DateTimeOriginal",
     SUB_SECONDS: "EXIF SubSecTimeOriginal",
     FOCAL_LENGTH: "EXIF FocalLength",
     FOCAL_LENGTH_35MM: "EXIF FocalLengthIn35mmFilm",
     BODY_SERIAL: "EXIF BodySerialNumber",
 }
+
+_MOST_APEX = 30.0
+"""Of a time or an aperture: 34 years, f/32768."""
 
 
 def exif_entries(metadata: FrameMetadata) -> dict[int, Entry]:
@@ -141,13 +150,33 @@ def _positive(directory: Directory, tag: int) -> float | None:
 
 
 def _exposure(tags: Directory) -> Exposure | None:
+    """Time, f-number and ISO; of time and aperture what the APEX values say, if there is nothing else.
+
+    Beside a plain value of 0, which tells nothing, an APEX value of 0 does not either.
+    """
     time, f_number = _positive(tags, EXPOSURE_TIME), _positive(tags, F_NUMBER)
-    if time is None:
-        return None
+    speed, aperture = (numbers(tags, tag)[:1] for tag in (SHUTTER_SPEED_VALUE, APERTURE_VALUE))
+    if EXPOSURE_TIME not in tags and speed and abs(speed[0]) < _MOST_APEX:
+        time = 2.0 ** -speed[0]
+    if F_NUMBER not in tags and aperture and 0 < aperture[0] < _MOST_APEX:  # 0 is a lens that tells nothing
+        f_number = 2.0 ** (aperture[0] / 2)
+    return None if time is None else Exposure(time=time, f_number=f_number, iso=_iso(tags))
+
+
+def _iso(tags: Directory) -> float | None:
+    """ISO, which has 16 bits and is 65535 where it is more: then the wider number that it stands for.
+
+    Exif 2.32, 4.6.5, PhotographicSensitivity and SensitivityType.
+    """
     iso = _positive(tags, ISO)
-    if iso is None or iso == 65535:
-        iso = _positive(tags, RECOMMENDED_INDEX) or iso
-    return Exposure(time=time, f_number=f_number, iso=iso)
+    if iso is not None and iso != 65535:
+        return iso
+    kinds = {1: OUTPUT_SENSITIVITY, 2: RECOMMENDED_INDEX, 3: ISO_SPEED}
+    told = next(
+        (tag for kind, tag in kinds.items() if (kind,) == numbers(tags, SENSITIVITY_TYPE)), RECOMMENDED_INDEX
+    )
+    found = [_positive(tags, tag) for tag in (told, RECOMMENDED_INDEX, OUTPUT_SENSITIVITY, ISO_SPEED)]
+    return next((value for value in found if value is not None), iso)
 
 
 def _moment(tags: Directory) -> datetime | None:
@@ -164,7 +193,7 @@ def _moment(tags: Directory) -> datetime | None:
 
 
 def _metadata(tags: Directory) -> FrameMetadata:
-    turned = int((*numbers(tags, ORIENTATION), 1)[0])
+    turned = (*numbers(tags, ORIENTATION), 1.0)[0]
     return FrameMetadata(
         make=text(tags, MAKE),
         model=text(tags, MODEL),
@@ -173,5 +202,5 @@ def _metadata(tags: Directory) -> FrameMetadata:
         captured_at=_moment(tags),
         focal_length_mm=_positive(tags, FOCAL_LENGTH),
         focal_length_35mm=_positive(tags, FOCAL_LENGTH_35MM),
-        orientation=turned if 1 <= turned <= 8 else 1,
+        orientation=int(turned) if 1 <= turned <= 8 else 1,
     )

@@ -1,7 +1,8 @@
 """OpenEXR files: linear light in float, with what is needed to know which light."""
 
 import errno
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import OpenEXR
 
-from imaging import store
+from imaging import memory, store
 from imaging.colour import PRIMARIES, rec709_from_rgb
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -33,6 +34,8 @@ _STRUCTURE = {
     "name",
     "chunkCount",
 }
+_MOST_BEYOND = 1 << 12
+"""Pixels by which a tile may be larger than the window that it is of."""
 _MAGIC = b"\x76\x2f\x31\x01"
 
 
@@ -127,16 +130,45 @@ def read_exr(path: Path) -> ExrImage:
 
     The pixels are those of the display window; what the data window leaves out of it is 0.
     """
-    header, pixels = _part(path, header_only=False)
-    data, display = (np.array(header[name], np.int64)[:, ::-1] for name in ("dataWindow", "displayWindow"))
+    _check_size(path)
+    header, pixels = _part(path)
+    data, display = (_window(header, name) for name in ("dataWindow", "displayWindow"))
     shape = tuple((data[1] - data[0] + 1).tolist())
     if not pixels or any(plane.dtype == object or plane.shape != shape for plane in pixels.values()):
-        raise InputError(f"{path} is deep or subsampled, which rig does not read: export it flat, as RGB.")
+        raise _deep(path)
     try:
         channels = {name: _on_display(plane, data, display) for name, plane in pixels.items()}
     except (ValueError, MemoryError) as error:  # a damaged window that no image fits
         raise _damaged(path) from error
     return ExrImage(channels, _attributes(header))
+
+
+def _check_size(path: Path) -> None:
+    """InputError, before any pixel is read, if those of the file do not fit the memory.
+
+    The library reads every part, of which the first is wanted.
+    """
+    headers = _headers(path)
+    for header in headers:
+        if header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile):
+            raise _deep(path)
+    samples = 0
+    for header, name in (*((header, "dataWindow") for header in headers), (headers[0], "displayWindow")):
+        window, channels = _window(header, name), len(header["channels"])
+        height, width = (int(side) for side in window[1] - window[0] + 1)
+        memory.check_picture(str(path), width, height, channels)
+        samples += width * height * channels
+        tile = header.get("tiles")
+        if tile is not None:  # each is decoded whole, however much of it lies beyond the window
+            if tile.xSize > width + _MOST_BEYOND or tile.ySize > height + _MOST_BEYOND:
+                raise _damaged(path)
+            samples += tile.xSize * tile.ySize * channels
+    memory.check(f"{path} has {samples} samples in all", memory.PER_SAMPLE * samples)
+
+
+def _window(header: Mapping[str, Any], name: str) -> npt.NDArray[np.int64]:
+    """[[top, left], [bottom, right]], inclusive."""
+    return np.array(header[name], np.int64)[:, ::-1]
 
 
 def _on_display(
@@ -157,11 +189,25 @@ def _on_display(
 
 def read_exr_header(path: Path) -> ExrImage:
     """The attributes alone, without channels; InputError if it is no EXR file."""
-    return ExrImage({}, _attributes(_part(path, header_only=True)[0]))
+    return ExrImage({}, _attributes(_headers(path)[0]))
 
 
-def _part(path: Path, header_only: bool) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+def _headers(path: Path) -> list[dict[str, Any]]:
+    """The header of every part."""
+    with _opened(path, header_only=True) as exr:
+        return [dict(part.header) for part in exr.parts]
+
+
+def _part(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     """Header and pixels of the first part, copied out before the library empties them."""
+    with _opened(path, header_only=False) as exr:
+        pixels = {name: np.array(channel.pixels) for name, channel in exr.parts[0].channels.items()}
+        return dict(exr.parts[0].header), pixels
+
+
+@contextmanager
+def _opened(path: Path, header_only: bool) -> Iterator[Any]:
+    """The library's file, of one part or more; InputError for whatever it complains of in the block."""
     if not path.is_file():
         raise InputError(f"{path} is not a file: name an EXR file.")
     try:
@@ -171,10 +217,13 @@ def _part(path: Path, header_only: bool) -> tuple[dict[str, Any], dict[str, npt.
         with quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as exr:
             if not exr.parts:  # the library only prints why
                 raise _damaged(path)
-            pixels = {} if header_only else {n: np.array(c.pixels) for n, c in exr.parts[0].channels.items()}
-            return dict(exr.parts[0].header), pixels
+            yield exr
     except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as error:
         raise _damaged(path) from error
+
+
+def _deep(path: Path) -> InputError:
+    return InputError(f"{path} is deep or subsampled, which rig does not read: export it flat, as RGB.")
 
 
 def _damaged(path: Path) -> InputError:

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from imaging.errors import InputError
 from imaging.linear import Bool, LinearFrame
+from imaging.photo import decode_codes
 from imaging.records import ShotRecord
 from imaging.session import Session
 
@@ -35,9 +35,10 @@ def without(frame: LinearFrame, counts: Bool | None) -> LinearFrame:
 
 
 def read_mask(path: Path, height: int, width: int) -> Bool:
-    """Which pixels count, bool [height, width]: those that are not black, as COLMAP and nerfstudio have it.
+    """Which pixels count, bool [height, width]: those that are neither black, as COLMAP and nerfstudio have
+    it, nor wholly transparent.
 
-    InputError when the file is missing, cannot be read, or is not of the photograph's size.
+    InputError when the file is missing, is no JPEG, PNG or TIFF, is damaged or not of the photograph's size.
     """
     try:
         data = path.read_bytes()
@@ -46,12 +47,11 @@ def read_mask(path: Path, height: int, width: int) -> Bool:
             f"The mask {path} cannot be read ({(error.strerror or 'error').lower()}): "
             "restore it, or import again without masks."
         ) from error
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    if image is None:
-        raise InputError(f"The mask {path} is damaged: make it again as a PNG, black where to ignore.")
-    if image.shape[:2] != (height, width):
+    codes = decode_codes(data, f"The mask {path}", "make it again as a PNG, black where to ignore")
+    if codes.shape[:2] != (height, width):
         raise InputError(
-            f"The mask {path} has {image.shape[1]}x{image.shape[0]} pixels and its photograph "
+            f"The mask {path} has {codes.shape[1]}x{codes.shape[0]} pixels and its photograph "
             f"{width}x{height}: make it of the same size."
         )
-    return np.asarray(image[..., :3].any(-1) if image.ndim == 3 else image > 0)
+    lit = codes[..., : 1 if codes.shape[2] < 3 else 3].any(-1)
+    return np.asarray(lit & (codes[..., -1] > 0) if codes.shape[2] in (2, 4) else lit)

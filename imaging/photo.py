@@ -1,6 +1,5 @@
 """Display-referred photographs: JPEG, PNG and TIFF of 8 or 16 bits, and their EXIF."""
 
-import logging
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -9,9 +8,9 @@ from typing import Any, BinaryIO
 import imagecodecs
 import numpy as np
 import numpy.typing as npt
-import tifffile
 from PIL import Image
 
+from imaging.colour import srgb_decode, srgb_encode
 from imaging.containers import (
     JPEG_MAGIC,
     PNG_MAGIC,
@@ -23,31 +22,34 @@ from imaging.containers import (
 )
 from imaging.errors import InputError
 from imaging.exif import decode_exif, encode_exif, read_exif
+from imaging.memory import check_picture
 from imaging.mosaic import FrameMetadata
 from imaging.quiet import quiet
 from imaging.tiff import TiffError, TiffReader
+from imaging.tiff_image import UnfitError, decode_tiff
 
 SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff"))
 
-MOST_PIXELS = 1 << 29
-"""Pixels beyond which a file is taken for damaged: twice the largest cameras there are."""
+_ROWS = 64
+"""Rows that are computed with at a time: copies of a large picture would fill the memory."""
+_MOST_DEFLATED = 1032
+"""Bytes that deflate can make of one."""
 
 _TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-
-# without a handler, Python would print the library's complaints about damaged files
-logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 
 @dataclass(frozen=True)
 class Photo:
     """pixels: float32 [H, W, 3], code values divided by the largest, 0..1; bit_depth: 8 or 16.
 
-    The pixel grid is as stored: the orientation of the metadata is not applied.
+    The pixel grid is as stored: the orientation of the metadata is not applied. transparent: share of the
+    pixels, 0..1, that alpha says to be so in part or wholly; they stand before black.
     """
 
     pixels: npt.NDArray[np.float32]
     bit_depth: int
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
+    transparent: float = 0.0
 
 
 def is_photo(path: Path) -> bool:
@@ -58,8 +60,10 @@ def is_photo(path: Path) -> bool:
 def read_photo(path: Path) -> Photo:
     """The first image of a JPEG, PNG or TIFF file, told by its content.
 
-    Grey becomes three equal channels, alpha is dropped, colour profiles are not applied.
-    InputError if the file is none of these, is damaged or has other than 8 or 16 bits.
+    Grey becomes three equal channels. What alpha makes transparent is mixed with black, in linear light as
+    the PNG specification (12.16) has it; the sRGB curve decodes it, whatever the camera's. Colour profiles
+    are not applied. InputError if the file is none of these, is damaged or has other than 8 or 16 bits, or
+    takes more memory than there is.
     """
     try:
         data = path.read_bytes()
@@ -70,20 +74,38 @@ def read_photo(path: Path) -> Photo:
 
 def decode_photo(data: bytes, name: str) -> Photo:
     """The same of bytes in memory; `name` is what errors call them."""
+    codes = decode_codes(data, name)
+    largest = np.float32(np.iinfo(codes.dtype).max)
+    pixels = _three_channels(codes).astype(np.float32)
+    pixels /= largest
+    transparent = _onto_black(pixels, codes[..., -1]) if codes.shape[2] in (2, 4) else 0.0
+    metadata = _metadata(BytesIO(data)) or FrameMetadata()
+    return Photo(pixels, 8 * codes.dtype.itemsize, metadata, transparent)
+
+
+def decode_codes(data: bytes, name: str, fix: str = "copy it again from the camera") -> npt.NDArray[Any]:
+    """Code values of a JPEG, PNG or TIFF file, uint8 or uint16 [H, W, C]; errors as `read_photo`.
+
+    C: 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha. fix: what to do about damage.
+    """
     if not data:
-        raise InputError(f"{name} is empty: copy it again from the camera.")
+        raise InputError(f"{name} is empty: {fix}.")
     decode = _decoder(data)
     if decode is None:
         raise InputError(f"{name} is not a JPEG, PNG or TIFF file: convert it to one of them.")
     try:
-        codes = decode(data)
-        largest = np.iinfo(codes.dtype).max
-        pixels = _three_channels(codes).astype(np.float32) / np.float32(largest)
-    except _UnfitError as error:
+        codes = np.asarray(decode(data, name))
+        if codes.ndim == 2:
+            codes = codes[..., None]
+        if codes.ndim != 3 or codes.size == 0:
+            raise ValueError("no image")
+        return codes
+    except InputError:
+        raise
+    except UnfitError as error:
         raise InputError(f"{name} {error}.") from error
     except Exception as error:  # the decoders raise whatever damaged bytes make them trip over
-        raise InputError(f"{name} is damaged or cut off: copy it again from the camera.") from error
-    return Photo(pixels, 8 * codes.dtype.itemsize, _metadata(BytesIO(data)) or FrameMetadata())
+        raise InputError(f"{name} is damaged or cut off: {fix}.") from error
 
 
 def read_metadata(path: Path) -> FrameMetadata:
@@ -127,10 +149,6 @@ def encode_png(pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> bytes:
     return bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels)))
 
 
-class _UnfitError(Exception):
-    """A sound file of a kind that is not read; the message ends the sentence that the path begins."""
-
-
 def _unreadable(path: Path, error: OSError) -> InputError:
     reason = (error.strerror or str(error)).lower()
     return InputError(f"{path} cannot be read ({reason}): correct the path or its permissions.")
@@ -141,69 +159,47 @@ def _decoder(data: bytes) -> Any:
         return _jpeg
     if data.startswith(PNG_MAGIC):
         return _png
-    return _tiff if data.startswith(_TIFF_MAGICS) else None
+    return decode_tiff if data.startswith(_TIFF_MAGICS) else None
+
+
+def _onto_black(pixels: npt.NDArray[np.float32], alpha: npt.NDArray[Any]) -> float:
+    """Mix codes [H, W, 3] with black, in place, where alpha [H, W] says; the share of pixels so mixed."""
+    top, mixed = np.float32(np.iinfo(alpha.dtype).max), 0
+    for rows in range(0, len(pixels), _ROWS):
+        own, cover = pixels[rows : rows + _ROWS], alpha[rows : rows + _ROWS]
+        glassy = cover < top
+        if glassy.any():
+            own[glassy] = srgb_encode(
+                srgb_decode(own[glassy]) * (cover[glassy, None].astype(np.float32) / top)
+            )
+            mixed += int(np.count_nonzero(glassy))
+    return mixed / alpha.size
 
 
 def _three_channels(codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """[H, W, 3] of [H, W] or [H, W, C]; one channel is grey, a second or fourth is alpha."""
-    if codes.ndim == 2:
-        codes = codes[..., None]
-    if codes.ndim != 3 or codes.size == 0:
-        raise ValueError("no image")
+    """[H, W, 3] of [H, W, C], without alpha."""
     return codes[..., :3] if codes.shape[2] >= 3 else codes[..., :1].repeat(3, axis=2)
 
 
-def _check_size(width: int, height: int) -> None:
-    """A damaged header asks for more memory than there is."""
-    if not 0 < width * height <= MOST_PIXELS:
-        raise ValueError("no plausible size")
-
-
-def _jpeg(data: bytes) -> npt.NDArray[Any]:
+def _jpeg(data: bytes, name: str) -> npt.NDArray[Any]:
     shell = jpeg_shell(BytesIO(data))
-    _check_size(shell.width, shell.height)
     if not jpeg_is_whole(data):
         raise ValueError("cut off")
+    check_picture(name, shell.width, shell.height)
     with quiet():
         codes = np.asarray(imagecodecs.jpeg8_decode(data))
     if codes.dtype != np.uint8 or (codes.ndim == 3 and codes.shape[2] not in (1, 3)):
-        raise _UnfitError("is a JPEG of other than 8-bit grey or RGB: convert it to 8-bit RGB")
+        raise UnfitError("is a JPEG of other than 8-bit grey or RGB: convert it to 8-bit RGB")
     return codes
 
 
-def _png(data: bytes) -> npt.NDArray[Any]:
+def _png(data: bytes, name: str) -> npt.NDArray[Any]:
     shell = png_shell(BytesIO(data))
-    _check_size(shell.width, shell.height)
-    if not png_is_whole(BytesIO(data)):
+    if not png_is_whole(BytesIO(data)) or shell.width * shell.height > 8 * _MOST_DEFLATED * len(data):
         raise ValueError("cut off")
+    check_picture(name, shell.width, shell.height, 4)
     with quiet():
         return np.asarray(imagecodecs.png_decode(data))
-
-
-def _tiff(data: bytes) -> npt.NDArray[Any]:
-    with tifffile.TiffFile(BytesIO(data)) as file:
-        page = file.pages.first
-        if page.photometric not in (0, 1, 2, 6):
-            raise _UnfitError("is a TIFF that is neither grey nor RGB: convert it to RGB")
-        if page.dtype not in (np.uint8, np.uint16) or page.bitspersample not in (8, 16):
-            raise _UnfitError("is a TIFF of other than 8 or 16 bits: convert it to one of them")
-        _check_size(page.imagewidth, page.imagelength)
-        _check_extents(page, len(data))
-        codes = np.asarray(page.asarray())
-    if page.axes.startswith("S"):  # planes
-        codes = np.moveaxis(codes, 0, -1)
-    codes = codes.astype(codes.dtype.newbyteorder("="))
-    return np.iinfo(codes.dtype).max - codes if page.photometric == 0 else codes
-
-
-def _check_extents(page: Any, size: int) -> None:
-    """Whether every strip and tile of the page is there: tifffile fills missing ones with zeros."""
-    sizes = page.databytecounts
-    ends = [start + length for start, length in zip(page.dataoffsets, sizes, strict=True)]
-    if len(ends) < np.prod(page.chunked) or not ends or max(ends) > size or 0 in sizes:
-        raise ValueError("cut off")
-    if page.compression == 1 and sum(sizes) < page.nbytes:
-        raise ValueError("cut off")
 
 
 def _metadata(file: BinaryIO) -> FrameMetadata | None:

@@ -17,6 +17,7 @@ from imaging.cfa import Cfa
 from imaging.errors import InputError
 from imaging.exif import from_names, read_exif
 from imaging.exposure import Exposure
+from imaging.memory import check_picture
 from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
 from imaging.quiet import quiet
 from imaging.tiff import Directory, TiffError, TiffReader
@@ -106,6 +107,7 @@ def _read_tags(path: Path) -> tuple[Directory | None, FrameMetadata | None]:
 
 def _decoded(path: Path, raw: rawpy.RawPy, tags: Directory | None) -> RawMosaic:
     """Pixels, phase, levels and colour as LibRaw sees them."""
+    check_picture(str(path), raw.sizes.raw_width, raw.sizes.raw_height, channels=2)
     not_bayer = InputError(f"{path} is not a Bayer mosaic, which is all that rig reads: develop it to TIFF.")
     if raw.raw_type != rawpy.RawType.Flat or not (tags is None or dngtags.is_bayer(tags)):
         raise not_bayer

@@ -16,6 +16,9 @@ BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 1, 2, 3, 4, 5
 _FORMATS = {1: "B", 3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 11: "f", 12: "d", 13: "I"}
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
 
+_MOST_READ = 4
+"""Bytes of values for each byte of a file: a directory may be read several times."""
+
 SUB_IFDS, EXIF_IFD = 330, 34665
 
 _LARGEST_VALUE = 1 << 24
@@ -95,6 +98,7 @@ class TiffReader:
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
         self.size = file.seek(0, 2)
+        self._taken = 0
         head = self.read(0, 8)
         orders = {b"II*\0": "<", b"MM\0*": ">"}
         if head[:4] not in orders:
@@ -131,6 +135,10 @@ class TiffReader:
             length = _SIZES[kind] * number
             if length > _LARGEST_VALUE:
                 continue
+            # values that many tags share would fill the memory
+            self._taken += length
+            if self._taken > _MOST_READ * max(self.size, 1 << 16):
+                raise TiffError("more values than bytes")
             data = inline[:length] if length <= 4 else self.read(self._unpack("I", inline)[0], length)
             directory[tag] = self._decoded(kind, data)
         return directory, self._unpack("I", table[-4:])[0]

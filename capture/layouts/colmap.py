@@ -14,6 +14,7 @@ from imaging import store
 from imaging.calibration import Lens, LensModel, Pose
 from imaging.colmap import pycolmap
 from imaging.errors import InputError
+from imaging.memory import check
 
 MODELS: Mapping[str, LensModel] = {
     "SIMPLE_PINHOLE": "PINHOLE",
@@ -28,6 +29,9 @@ MODELS: Mapping[str, LensModel] = {
     "OPENCV_FISHEYE": "OPENCV_FISHEYE",
 }
 """COLMAP's camera models that rig has a lens for."""
+
+_PER_BYTE = 4
+"""Bytes of memory that pycolmap takes for each of a model's files."""
 
 
 def model_folder(folder: Path) -> Path | None:
@@ -104,6 +108,8 @@ def read(folder: Path) -> Given:
 
 def read_model(place: Path) -> Any:
     """The pycolmap reconstruction of a model folder; InputError if it is damaged."""
+    size = sum(path.stat().st_size for path in place.iterdir() if path.suffix in (".bin", ".txt"))
+    check(f"{place} is a COLMAP model of {size / 1e6:.0f} MB", _PER_BYTE * size)
     check_whole(place)
     try:
         model = pycolmap.Reconstruction(str(place))

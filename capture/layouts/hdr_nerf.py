@@ -31,6 +31,7 @@ from imaging import store
 from imaging.calibration import Lens, Pose
 from imaging.errors import InputError
 from imaging.exposure import Exposure
+from imaging.memory import check
 
 ARRAY = "poses_bounds_exps.npy"
 
@@ -204,9 +205,11 @@ def _photographed(folder: Path) -> Given:
 def _table(path: Path) -> Array:
     """The rows of `poses_bounds_exps.npy`, float64 [N, 18]."""
     try:
-        stored = np.load(path, allow_pickle=False)
+        # mapped, so that a shape that the file does not hold takes no memory
+        stored = np.load(path, mmap_mode="r", allow_pickle=False)
         if not isinstance(stored, np.ndarray) or stored.dtype.kind not in "fiu":
             raise TypeError
+        check(f"{path} has {stored.size} numbers", 8 * stored.size)
         table = stored.astype(np.float64)
     except (OSError, ValueError, TypeError, EOFError, MemoryError, SyntaxError) as error:
         raise InputError(f"{path} cannot be read as an array of numbers: export it again.") from error

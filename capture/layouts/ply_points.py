@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.errors import InputError
+from imaging.memory import check
 
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "<i1"),
@@ -22,13 +23,15 @@ _TYPES = {
     **dict.fromkeys(("double", "float64"), "<f8"),
 }
 _END = b"end_header"
+_PER_BYTE = 32
+"""Bytes of memory that the numbers of a text take for each of its bytes."""
 
 
 def read_ply_points(path: Path) -> npt.NDArray[np.float64]:
     """x, y, z of every vertex, float64 [P, 3]; InputError unless vertices come first and all are there."""
     try:
-        data = path.read_bytes()
-        return _points(data)
+        check(f"{path} is a large file", path.stat().st_size)
+        return _points(path.read_bytes(), path)
     except OSError as error:
         raise InputError(f"{path} cannot be read: copy it again or take its name out.") from error
     except (ValueError, KeyError, IndexError, OverflowError, MemoryError) as error:
@@ -37,7 +40,7 @@ def read_ply_points(path: Path) -> npt.NDArray[np.float64]:
         ) from error
 
 
-def _points(data: bytes) -> npt.NDArray[np.float64]:
+def _points(data: bytes, path: Path) -> npt.NDArray[np.float64]:
     start = data.index(b"\n", data.index(_END)) + 1
     lines = [line.split() for line in data[:start].decode("ascii").splitlines()]
     if lines[0] != ["ply"]:
@@ -51,6 +54,7 @@ def _points(data: bytes) -> npt.NDArray[np.float64]:
     fields = np.dtype([(line[2], _TYPES[line[1]]) for line in mine if line[:1] == ["property"]])
     if not 0 <= count * fields.itemsize <= 100 * len(data):
         raise ValueError("cut off")
+    check(f"{path} has {count} points", count * 48 + (_PER_BYTE * len(data) if form == "ascii" else 0))
     if form == "binary_little_endian":
         table = np.frombuffer(data, fields, count, start)
         return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)

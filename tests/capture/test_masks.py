@@ -10,11 +10,13 @@ import pytest
 from capture.check import check, repair
 from capture.masks import masks_beside
 from capture.photos import import_photos
+from capture.reading import read_picture
 from imaging.cfa import Cfa
 from imaging.colour import srgb_encode
 from imaging.dng import encode_dng
 from imaging.errors import InputError
 from imaging.exposure import Exposure
+from imaging.mask import mask_of
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.session import Session
 
@@ -26,6 +28,27 @@ def picture(path: Path, value: int, size=(16, 12)) -> Path:
     image = np.full((size[1], size[0], 3), value, np.uint8)
     cv2.imwrite(str(path), image)
     return path
+
+
+def test_transparent_photographs_are_told_and_mask_themselves_if_asked_to(tmp_path):
+    rgba = np.full((12, 16, 4), 120, np.uint8)
+    rgba[:, :8, 3], rgba[:, 8:, 3] = 0, 255
+    for name in ("photos/0.png", "cut/0.png"):
+        (tmp_path / name).parent.mkdir()
+        cv2.imwrite(str(tmp_path / name), rgba)
+    cv2.imwrite(str(tmp_path / "photos" / "1.png"), rgba[..., :3])
+    result = import_photos(tmp_path / "photos", tmp_path / "S")
+    told = [guess for guess in result.guesses if "transparent" in guess]
+    assert [guess.split(";")[0] for guess in told] == [
+        "1 photo is transparent in part, and taken as standing before black"
+    ]
+    assert read_picture(tmp_path / "photos" / "0.png").black == 0.5
+    import_photos(tmp_path / "photos", tmp_path / "T", masks=tmp_path / "cut")
+    session = Session.open(tmp_path / "T")
+    (shot,) = (shot for shot in session.shots() if shot.mask)
+    counts = mask_of(session, shot, 12, 16)
+    assert counts[:, 8:].all()
+    assert not counts[:, :8].any()
 
 
 @pytest.fixture
@@ -138,7 +161,7 @@ def test_masks_of_sessions_without_their_digests_are_read(session):
     (session.folder / own["mask"]).write_bytes(b"nothing")
     ((kind, message),) = mask_problems(session)
     assert kind == "torn"
-    assert "is damaged" in message
+    assert "is not a JPEG, PNG or TIFF file" in message
     own["mask"] = "../masks/0.png"
     write(session, records)
     ((kind, message),) = mask_problems(session)
@@ -155,7 +178,7 @@ def test_a_repair_finds_the_mask_of_a_shot_again(session):
     write(session, [record for record in records if record is not own])
     (session.folder / own["mask"]).write_bytes(b"nothing")
     (left,) = repair(session.folder).left
-    assert "is damaged" in left
+    assert "is not a JPEG, PNG or TIFF file" in left
 
 
 @pytest.mark.parametrize("kind", ["png", "dng"])

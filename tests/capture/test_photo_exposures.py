@@ -8,7 +8,8 @@ import pytest
 from capture.photos import import_photos
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.photo import encode_png
+from imaging.mosaic import FrameMetadata
+from imaging.photo import encode_jpeg, encode_png
 from imaging.session import Session
 
 from .photo_files import T, jpeg, put
@@ -66,3 +67,38 @@ def test_a_list_that_is_asked_for_speaks_before_exif_and_before_one_that_is_foun
     with pytest.raises(InputError, match="cannot be read"):
         import_photos(photos, tmp_path / "t", exposures=tmp_path / "absent.csv")
     assert not (tmp_path / "t").exists()
+
+
+def test_an_exposure_without_iso_or_aperture_is_told(tmp_path):
+    def photo(seed, iso, f_number):
+        pixels = np.random.default_rng(seed).integers(0, 256, (24, 32, 3), dtype=np.uint8)
+        told = Exposure(time=1 / 60, iso=iso, f_number=f_number)
+        return encode_jpeg(pixels, metadata=FrameMetadata(make="M", model="N", exposure=told))
+
+    cases = {
+        "none": [(None, 4), (None, 4)],
+        "some": [(None, 4), (200, 4), (None, None)],
+        "all": [(100, 4), (200, 4)],
+    }
+    said = {}
+    for name, values in cases.items():
+        put(tmp_path / name, {f"{n}.jpg": photo(n, *value) for n, value in enumerate(values)})
+        result = import_photos(tmp_path / name, tmp_path / f"S{name}")
+        said[name] = [guess for guess in result.guesses if " counts as " in guess]
+    assert said == {
+        "none": [
+            "2 photos tell no ISO, which counts as ISO 100, and has to be the same in all; "
+            "--exposures FILE gives it."
+        ],
+        "some": [
+            "2 photos tell no ISO, which counts as ISO 100, although others tell theirs; "
+            "--exposures FILE gives it.",
+            "1 photo tells no f-number, which counts as f/1, although others tell theirs; "
+            "--exposures FILE gives it.",
+        ],
+        "all": [],
+    }
+    # what a list tells needs no word
+    listed = put(tmp_path, {"l.csv": b"0.jpg, 1/2\n1.jpg, 1/4\n"}) / "l.csv"
+    result = import_photos(tmp_path / "none", tmp_path / "T", exposures=listed)
+    assert not [guess for guess in result.guesses if " counts as " in guess]

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from imaging.colour import srgb_decode, srgb_encode
 from imaging.errors import InputError
 from imaging.exif import encode_exif
 from imaging.exposure import Exposure
@@ -109,23 +110,73 @@ def test_the_first_page_is_read(tmp_path: Path) -> None:
     assert np.array_equal(codes(tmp_path / "a.tif", stack), RGB8)
 
 
-def test_alpha_and_palettes(tmp_path: Path) -> None:
-    alpha = np.dstack([RGB8, np.full(RGB8.shape[:2], 40, np.uint8)])
-    assert np.array_equal(codes(tmp_path / "a.png", pillow(Image.fromarray(alpha), "PNG")), RGB8)
-    assert np.array_equal(codes(tmp_path / "a.tif", tiff(alpha, photometric="rgb", extrasamples=[2])), RGB8)
-    grey = (
-        Image.fromarray(alpha[..., 1:3].copy(), mode="LA") if False else Image.fromarray(RGB8).convert("LA")
+@pytest.mark.parametrize("pixels", [RGB8, RGB16])
+def test_what_is_transparent_stands_before_black(tmp_path: Path, pixels: np.ndarray) -> None:
+    top = np.iinfo(pixels.dtype).max
+    alpha = np.full(pixels.shape[:2], top, pixels.dtype)
+    alpha[3:9], alpha[9:12] = 0, top // 3
+    both = np.dstack([pixels, alpha])
+    # alpha is a share of light (PNG specification, 12.16)
+    light = srgb_decode(pixels / top) * (alpha / top)[..., None]
+    expected = np.where(alpha[..., None] == top, pixels / top, srgb_encode(light))
+    grey = both[..., [0, 3]]
+    for data, colours in (
+        (encode_png(both), expected),
+        (tiff(both, photometric="rgb", extrasamples=["unassalpha"]), expected),
+        (tiff(grey, photometric="minisblack", extrasamples=["unassalpha"]), expected[..., :1]),
+    ):
+        (tmp_path / "a").write_bytes(data)
+        seen = read_photo(tmp_path / "a")
+        assert np.abs(seen.pixels - colours).max() < 1e-6
+        assert seen.transparent == pytest.approx(9 / 21)
+    # colours that are multiplied by alpha already, to within their rounding
+    times = np.dstack([np.rint(pixels * (alpha / top)[..., None]).astype(pixels.dtype), alpha])
+    (tmp_path / "a").write_bytes(tiff(times, photometric="rgb", extrasamples=["assocalpha"]))
+    assert np.abs(read_photo(tmp_path / "a").pixels - expected).max() < 3 / top
+
+
+def test_what_is_not_transparent_is_as_without_alpha(tmp_path: Path) -> None:
+    opaque = np.dstack([RGB8, np.full(RGB8.shape[:2], 255, np.uint8)])
+    (tmp_path / "a.png").write_bytes(encode_png(opaque))
+    assert np.array_equal(codes(tmp_path / "a.png", encode_png(opaque)), RGB8)
+    assert read_photo(tmp_path / "a.png").transparent == 0
+    # a fourth sample that is not said to be alpha
+    unknown = tiff(np.dstack([RGB8, RGB8[..., 0]]), photometric="rgb", extrasamples=["unspecified"])
+    assert np.array_equal(codes(tmp_path / "a.tif", unknown), RGB8)
+    grey = Image.fromarray(RGB8).convert("LA")
+    assert np.array_equal(
+        codes(tmp_path / "a.png", pillow(grey, "PNG"))[..., 0], np.asarray(grey.convert("L"))
     )
-    assert codes(tmp_path / "a.png", pillow(grey, "PNG")).shape == RGB8.shape
+
+
+def test_palettes(tmp_path: Path) -> None:
     palette = Image.fromarray(RGB8).quantize(16)
     assert np.array_equal(
         codes(tmp_path / "a.png", pillow(palette, "PNG")), np.asarray(palette.convert("RGB"))
     )
 
 
-def test_sixteen_bit_alpha(tmp_path: Path) -> None:
-    alpha = np.dstack([RGB16, np.full(RGB16.shape[:2], 40, np.uint16)])
-    assert np.array_equal(codes(tmp_path / "a.png", encode_png(alpha)), RGB16)
+@pytest.mark.parametrize("compression", [None, "tiff_lzw", "tiff_adobe_deflate", "jpeg"])
+def test_luma_and_chroma_of_a_tiff_become_colour(tmp_path: Path, compression: str | None) -> None:
+    rows, columns = np.mgrid[0:24, 0:40]
+    smooth = np.dstack([200 - columns, 60 + rows, 30 + columns + rows]).astype(np.uint8)
+    image = Image.fromarray(smooth).convert("YCbCr")
+    options = {"quality": 100} if compression == "jpeg" else {}
+    seen = codes(tmp_path / "a.tif", pillow(image, "TIFF", compression=compression, **options)).astype(int)
+    # as Pillow converts it, both with their rounding
+    assert np.abs(seen - np.asarray(image.convert("RGB")).astype(int)).max() <= (
+        1 if compression != "jpeg" else 4
+    )
+    assert np.abs(seen - smooth).max() <= 4
+
+
+def test_subsampled_chroma_without_jpeg_is_refused(tmp_path: Path) -> None:
+    data = pillow(Image.fromarray(RGB8).convert("YCbCr"), "TIFF")
+    whole = bytes.fromhex("120203000200000001000100")  # YCbCrSubSampling, SHORT[2]
+    assert data.count(whole) == 1
+    (tmp_path / "a.tif").write_bytes(data.replace(whole, whole[:8] + bytes.fromhex("02000200")))
+    with pytest.raises(InputError, match="is a TIFF of subsampled YCbCr without JPEG: convert it to RGB"):
+        read_photo(tmp_path / "a.tif")
 
 
 def test_jpeg_is_near_and_as_pillow_decodes_it(tmp_path: Path) -> None:

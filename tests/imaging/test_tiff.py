@@ -8,13 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging.exif import decode_exif, from_names
+from imaging.exif import _NAMES, decode_exif, from_names
 from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata
 from imaging.tiff import (
     ASCII,
     BYTE,
     DOUBLE,
+    EXIF_IFD,
     LONG,
     RATIONAL,
     SHORT,
@@ -167,3 +168,46 @@ def test_a_clock_that_was_never_set(moment: str) -> None:
 @pytest.mark.parametrize("value", [[0], [], ["x"], [Fraction(0)], [-1], [10**12]])
 def test_an_exposure_that_cannot_be_is_none(value: list[object]) -> None:
     assert from_names({"EXIF ExposureTime": value, "EXIF FNumber": [Fraction(4)]}).exposure is None
+
+
+@pytest.mark.parametrize(
+    ("tags", "expected"),
+    [
+        # ShutterSpeedValue, ApertureValue: time is 2^-Tv, f-number 2^(Av/2)
+        ({37377: 7, 37378: 3}, Exposure(time=1 / 128, f_number=2**1.5)),
+        ({37377: Fraction(-5, 2)}, Exposure(time=2**2.5)),
+        ({33434: Fraction(1, 125), 37377: 7, 37378: 4}, Exposure(time=1 / 125, f_number=4)),
+        ({33434: Fraction(1, 125), 33437: Fraction(28, 10), 37378: 4}, Exposure(time=1 / 125, f_number=2.8)),
+        ({33434: 1, 33437: 0, 37378: 0}, Exposure(time=1)),  # a lens without contacts
+        ({37378: 4}, None),
+        ({33434: 0, 37377: 0}, None),  # as converters write what they do not know
+        ({37377: 10**6}, None),
+        # StandardOutputSensitivity, RecommendedExposureIndex, ISOSpeed, of which SensitivityType tells one
+        ({33434: 1, 34865: 400}, Exposure(time=1, iso=400)),
+        ({33434: 1, 34866: 500}, Exposure(time=1, iso=500)),
+        ({33434: 1, 34867: 640}, Exposure(time=1, iso=640)),
+        ({33434: 1, 34855: 200, 34867: 640}, Exposure(time=1, iso=200)),
+        ({33434: 1, 34855: 65535, 34867: 102400}, Exposure(time=1, iso=102400)),
+        ({33434: 1, 34855: 65535}, Exposure(time=1, iso=65535)),
+        ({33434: 1, 34864: 3, 34866: 80000, 34867: 102400}, Exposure(time=1, iso=102400)),
+        ({33434: 1, 34864: 1, 34865: 90000, 34866: 80000}, Exposure(time=1, iso=90000)),
+        ({33434: 1, 34864: 7, 34866: 80000, 34867: 102400}, Exposure(time=1, iso=80000)),
+    ],
+)
+def test_other_tags_tell_the_exposure_too(tags: dict[int, int | Fraction], expected: Exposure | None) -> None:
+    block = encode_directory({tag: Entry(SRATIONAL, [value]) for tag, value in tags.items()}, 26)
+    head = encode_directory({EXIF_IFD: Entry(LONG, [26])}, 8)
+    for seen in (
+        decode_exif(HEAD + head + block),
+        from_names({_NAMES[tag]: [value] for tag, value in tags.items()}),
+    ):
+        if expected is None:
+            assert seen.exposure is None
+        else:
+            assert seen.exposure is not None
+            assert seen.exposure.model_dump() == pytest.approx(expected.model_dump())
+
+
+def test_an_orientation_that_is_no_number_is_none() -> None:
+    block = encode_directory({274: Entry(DOUBLE, [float("nan")])}, 8)
+    assert decode_exif(HEAD + block).orientation == 1

@@ -1,0 +1,101 @@
+"""The memory that a file asks for, compared with what the machine has before any of it is taken."""
+
+import os
+import resource
+from pathlib import Path
+
+from imaging.errors import InputError
+
+MOST_PIXELS = 1 << 29
+"""Pixels beyond which a header is taken for damaged: twice the largest cameras there are."""
+
+PER_SAMPLE = 28
+"""Bytes, at most, that reading a picture takes for each of its samples: its number in the file and in
+float32, with copies of both. Measured of every format: 6 to 24 (half-float EXR of other primaries)."""
+
+_GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+_MEMINFO = Path("/proc/meminfo")
+_STATM = Path("/proc/self/statm")
+
+
+def available() -> int:
+    """Bytes that this process may still take: of the machine, of its control group and of its own limit."""
+    bounds = [_machine(), _group(), _own()]
+    return max(min(bound for bound in bounds if bound is not None), 0)
+
+
+def check_picture(name: str, width: int, height: int, channels: int = 3) -> None:
+    """InputError for a picture, px, that is larger than any or than the memory."""
+    if width <= 0 or height <= 0:
+        raise InputError(f"{name} is damaged, since it claims {width}x{height} pixels: copy it again.")
+    if width * height > MOST_PIXELS:
+        raise InputError(
+            f"{name} claims {width}x{height} pixels, and rig reads {MOST_PIXELS // 10**6} million at most: "
+            "copy it again if that is damage, else scale it down."
+        )
+    check(f"{name} has {width}x{height} pixels", PER_SAMPLE * width * height * max(channels, 1))
+
+
+def check(what: str, need: int) -> None:
+    """InputError unless so many bytes are free; `what` begins its sentence."""
+    free = available()
+    if need > free:
+        raise InputError(
+            f"{what}, which takes {_told(need)} of memory where {_told(free)} are free: scale it down, "
+            "or read it on a machine with more."
+        )
+
+
+def _machine() -> int | None:
+    """What the system would give without swapping, else all that there is."""
+    try:
+        for line in _MEMINFO.read_text("ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024 * int(line.split()[1])
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, AttributeError, IndexError):
+        return 1 << 33  # a system that does not say: as a small machine
+
+
+def _group() -> int | None:
+    """What the limit of a container leaves, file caches not counted; None: there is none."""
+    left = []
+    for folder in (_GROUPS / "memory", _GROUPS, *_own_groups()):
+        for limit, usage in (
+            ("memory.max", "memory.current"),
+            ("memory.limit_in_bytes", "memory.usage_in_bytes"),
+        ):
+            try:
+                most, used = (int((folder / name).read_text("ascii")) for name in (limit, usage))
+                told = dict(line.split() for line in (folder / "memory.stat").read_text("ascii").splitlines())
+            except (OSError, ValueError):  # no such group, or the word "max"
+                continue
+            cached = told.get("total_inactive_file", told.get("inactive_file", "0"))
+            left.append(most - used + int(cached))
+    return min(left, default=None)
+
+
+def _own_groups() -> list[Path]:
+    """Folders of the group that this process is in, of either version of control groups."""
+    try:
+        lines = _OWN_GROUPS.read_text("utf-8").splitlines()
+    except (OSError, ValueError):
+        return []
+    paths = {controllers: path.lstrip("/") for _, controllers, path in (line.split(":", 2) for line in lines)}
+    bases = {"": _GROUPS, "memory": _GROUPS / "memory"}
+    return [base / paths[controllers] for controllers, base in bases.items() if paths.get(controllers)]
+
+
+def _own() -> int | None:
+    """What `ulimit -v` leaves of the address space."""
+    most = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if most == resource.RLIM_INFINITY:
+        return None
+    try:
+        return most - int(_STATM.read_text("ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError):
+        return most
+
+
+def _told(size: int) -> str:
+    return f"{size / 1e9:.1f} GB" if size >= 10**9 else f"{size / 1e6:.0f} MB"
