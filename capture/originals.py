@@ -71,7 +71,7 @@ def survey(
         progress(f"reading {shown(path.name)}", number, len(paths))
         originals.append(_read(path, listed.get(path)))
     progress("read", len(paths), len(paths))
-    notes += [*_unknown(originals, listed), *_transparent(originals)]
+    notes += [*_unknown(originals, listed), *_transparent(originals), *_profiles(originals)]
     return Survey(tuple(originals), tuple(notes))
 
 
@@ -150,6 +150,15 @@ def _transparent(originals: list[Original]) -> list[str]:
     return [
         f"{count} transparent in part, and taken as standing before black; --masks FOLDER, with copies of "
         "them, ignores what is transparent instead."
+    ]
+
+
+def _profiles(originals: list[Original]) -> list[str]:
+    names = [one.picture.profile for one in originals if one.picture is not None and one.picture.profile]
+    return [
+        f"{names.count(name)} of {len(originals)} photos are in {name}, as their files say; "
+        "rig reads them converted to sRGB."
+        for name in dict.fromkeys(names)
     ]
 
 

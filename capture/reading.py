@@ -32,7 +32,7 @@ class Picture:
     clipped: share of the samples of red, green and blue that are at the top of the range, 0..1;
     of a mosaic each photosite counts for its own colour. black: share of all samples at or below
     the black level. lit: share of all samples clearly above it, by LIT of white. transparent: share of the
-    pixels that alpha says to be so, in part or wholly.
+    pixels that alpha says to be so, in part or wholly. profile: name of another space than sRGB.
     """
 
     kind: Kind
@@ -43,6 +43,7 @@ class Picture:
     black: float
     lit: float
     transparent: float = 0.0
+    profile: str = ""
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,8 @@ def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) ->
     if isinstance(content, Photo):
         height, width = content.pixels.shape[:2]
         shares = _photo_shares(content.pixels)
-        return Picture("ldr", width, height, content.metadata, *shares, transparent=content.transparent)
+        glass, profile = content.transparent, content.profile
+        return Picture("ldr", width, height, content.metadata, *shares, transparent=glass, profile=profile)
     height, width = content.shape[:2]
     black = float(np.mean(content <= 0))
     return Picture("hdr", width, height, read_metadata(path), (0.0, 0.0, 0.0), black, 1.0 - black)

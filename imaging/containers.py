@@ -47,6 +47,19 @@ def jpeg_shell(file: BinaryIO) -> Shell:
     return Shell(width, height, exif)
 
 
+def jpeg_segments(file: BinaryIO, marker: int) -> Iterator[bytes]:
+    """The bodies of the segments of one kind before the first scan of an open JPEG file."""
+    file.seek(2)
+    while len(head := file.read(4)) == 4 and head[0] == 0xFF and head[1] not in (_SCAN, _END):
+        length = struct.unpack(">H", head[2:])[0] - 2
+        if length < 0:
+            return
+        if head[1] == marker:
+            yield file.read(length)
+        else:
+            file.seek(length, 1)
+
+
 def jpeg_is_whole(data: bytes) -> bool:
     """Whether the scans of a JPEG file go on to its end marker."""
     position = 2
@@ -70,7 +83,7 @@ def png_shell(file: BinaryIO) -> Shell:
     """What the chunks of an open PNG file say; empty where it is damaged."""
     width = height = 0
     exif = b""
-    for kind, length in _png_chunks(file):
+    for kind, length in png_chunks(file):
         if kind == b"IHDR" and length >= 8:
             width, height = struct.unpack(">II", file.read(8).ljust(8, b"\0"))
         elif kind == b"eXIf" and length <= 1 << 20:
@@ -81,10 +94,10 @@ def png_shell(file: BinaryIO) -> Shell:
 def png_is_whole(file: BinaryIO) -> bool:
     """Whether the chunks of a PNG file go on to its end chunk."""
     size = file.seek(0, 2)
-    return any(kind == b"IEND" and file.tell() + 4 <= size for kind, _ in _png_chunks(file))
+    return any(kind == b"IEND" and file.tell() + 4 <= size for kind, _ in png_chunks(file))
 
 
-def _png_chunks(file: BinaryIO) -> Iterator[tuple[bytes, int]]:
+def png_chunks(file: BinaryIO) -> Iterator[tuple[bytes, int]]:
     """Kind and length of every chunk; the file stands at its data."""
     position = 8
     while file.seek(position) == position and len(head := file.read(8)) == 8:

@@ -32,6 +32,7 @@ SHUTTER_SPEED_VALUE, APERTURE_VALUE = 37377, 37378
 SENSITIVITY_TYPE, OUTPUT_SENSITIVITY, RECOMMENDED_INDEX, ISO_SPEED = 34864, 34865, 34866, 34867
 EXIF_VERSION, DATE_TIME_ORIGINAL, ZONE_ORIGINAL, SUB_SECONDS = 36864, 36867, 36881, 37521
 FOCAL_LENGTH, FOCAL_LENGTH_35MM, BODY_SERIAL = 37386, 41989, 42033
+COLOUR_SPACE, INTEROP_IFD = 40961, 40965
 CAMERA_SERIAL = 50735
 
 _NAMES = {
@@ -128,6 +129,22 @@ def decode_exif(block: bytes) -> FrameMetadata:
         return read_exif(TiffReader(BytesIO(block.removeprefix(b"Exif\0\0"))))
     except TiffError:
         return FrameMetadata()
+
+
+def is_adobe_rgb(block: bytes) -> bool:
+    """Whether an EXIF block says Adobe RGB: by DCF's option file R03, or by colour space 2 of some makers."""
+    try:
+        reader = TiffReader(BytesIO(block.removeprefix(b"Exif\0\0")))
+        main, _ = reader.directory(reader.first)
+        for offset in integers(main, EXIF_IFD)[:1]:
+            exif, _ = reader.directory(offset)
+            interop = [reader.directory(place)[0] for place in integers(exif, INTEROP_IFD)[:1]]
+            if integers(exif, COLOUR_SPACE) == (1,):
+                return False
+            return integers(exif, COLOUR_SPACE) == (2,) or any(text(one, 1) == "R03" for one in interop)
+    except TiffError:
+        pass
+    return False
 
 
 def from_names(values: Mapping[str, Any]) -> FrameMetadata:

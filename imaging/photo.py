@@ -22,6 +22,7 @@ from imaging.containers import (
 )
 from imaging.errors import InputError
 from imaging.exif import decode_exif, encode_exif, read_exif
+from imaging.icc import profile_of
 from imaging.memory import check_picture
 from imaging.mosaic import FrameMetadata
 from imaging.quiet import quiet
@@ -43,13 +44,15 @@ class Photo:
     """pixels: float32 [H, W, 3], code values divided by the largest, 0..1; bit_depth: 8 or 16.
 
     The pixel grid is as stored: the orientation of the metadata is not applied. transparent: share of the
-    pixels, 0..1, that alpha says to be so in part or wholly; they stand before black.
+    pixels, 0..1, that alpha says to be so in part or wholly; they stand before black. profile: name of the
+    colour space that the file is in, and the pixels were; "": sRGB, or not told.
     """
 
     pixels: npt.NDArray[np.float32]
     bit_depth: int
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
     transparent: float = 0.0
+    profile: str = ""
 
 
 def is_photo(path: Path) -> bool:
@@ -60,10 +63,10 @@ def is_photo(path: Path) -> bool:
 def read_photo(path: Path) -> Photo:
     """The first image of a JPEG, PNG or TIFF file, told by its content.
 
-    Grey becomes three equal channels. What alpha makes transparent is mixed with black, in linear light as
-    the PNG specification (12.16) has it; the sRGB curve decodes it, whatever the camera's. Colour profiles
-    are not applied. InputError if the file is none of these, is damaged or has other than 8 or 16 bits, or
-    takes more memory than there is.
+    Grey becomes three equal channels. A photograph in another colour space (`imaging.icc`) becomes what it is
+    in sRGB. What alpha makes transparent is mixed with black, in linear light as the PNG specification
+    (12.16) has it; the sRGB curve decodes it, whatever the camera's. InputError if the file is none of
+    these, is damaged, has other than 8 or 16 bits or takes more memory than there is.
     """
     try:
         data = path.read_bytes()
@@ -78,9 +81,14 @@ def decode_photo(data: bytes, name: str) -> Photo:
     largest = np.float32(np.iinfo(codes.dtype).max)
     pixels = _three_channels(codes).astype(np.float32)
     pixels /= largest
+    profile = profile_of(data) if codes.shape[2] >= 3 else None
+    if profile is not None:
+        profile.apply(pixels)
     transparent = _onto_black(pixels, codes[..., -1]) if codes.shape[2] in (2, 4) else 0.0
     metadata = _metadata(BytesIO(data)) or FrameMetadata()
-    return Photo(pixels, 8 * codes.dtype.itemsize, metadata, transparent)
+    return Photo(
+        pixels, 8 * codes.dtype.itemsize, metadata, transparent, "" if profile is None else profile.name
+    )
 
 
 def decode_codes(data: bytes, name: str, fix: str = "copy it again from the camera") -> npt.NDArray[Any]:
