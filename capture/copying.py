@@ -6,13 +6,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from capture.beginning import begin, is_vacant
 from capture.masks import mask_file
 from capture.originals import Original, Progress, shown
 from capture.saving import Slot, shot_file
 from imaging import store
-from imaging.errors import StorageError
+from imaging.errors import InputError, StorageError
 from imaging.mask import read_mask
 from imaging.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord
 from imaging.session import Session
@@ -40,11 +41,15 @@ def begin_or_continue(
     """A new session, or the one that a killed import of the same photographs left; and whether it is new.
 
     last: the file, relative to the session, that the import writes last; without it there is more to do.
+    InputError for a folder that holds anything else, or all of this import.
     """
-    if not is_vacant(out) and (out / "session.json").exists():
-        session = Session.open(out)
-        if _is_unfinished(session, cameras, plans, places, last):
-            return session, False
+    if not is_vacant(out):
+        session = Session.open(out) if (out / "session.json").exists() else None
+        if session is None or not _is_part(session, cameras, plans, places):
+            raise InputError(f"{out} is not empty, and holds no part of this import: name a new folder.")
+        if not _is_unfinished(session, places, last):
+            raise InputError(f"{out} holds this import already, complete: name a new folder to import again.")
+        return session, False
     record = SessionRecord(name=out.resolve().name, created=datetime.now(UTC), origin=ORIGIN, cameras=cameras)
     return begin(out, record), True
 
@@ -57,15 +62,14 @@ def append_plans(session: Session, plans: Sequence[PlanRecord]) -> None:
             session.append_plan(plan)
 
 
-def _is_unfinished(
+def _is_part(
     session: Session,
     cameras: tuple[CameraRecord, ...],
     plans: Sequence[PlanRecord],
     places: Sequence[Place],
-    last: str,
 ) -> bool:
-    """Whether all that the session holds is a part, not the whole, of this import."""
-    sources = {(p.plan, *p.slot): shown(p.original.path) for p in places if p.original.picture is not None}
+    """Whether all that the session holds belongs to this import."""
+    sources = _sources(places)
     shots = {shot.identity: shot.source for shot in session.shots()}
     wanted = {plan.plan: (plan.bracket, plan.frames, plan.cameras) for plan in plans}
     there = {plan.plan: (plan.bracket, plan.frames, plan.cameras) for plan in session.plans()}
@@ -74,8 +78,17 @@ def _is_unfinished(
         and session.record.cameras == cameras
         and there.items() <= wanted.items()
         and shots.items() <= sources.items()
-        and (len(shots) < len(sources) or not (session.folder / last).exists())
     )
+
+
+def _is_unfinished(session: Session, places: Sequence[Place], last: str) -> bool:
+    """Whether there is more to do of an import that the session is a part of."""
+    return len(session.shots()) < len(_sources(places)) or not (session.folder / last).exists()
+
+
+def _sources(places: Sequence[Place]) -> dict[Any, str]:
+    """Where each shot comes from, by its identity."""
+    return {(p.plan, *p.slot): shown(p.original.path) for p in places if p.original.picture is not None}
 
 
 def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> list[str]:

@@ -12,6 +12,11 @@ from capture.reading import Kind, Picture, kind_of, read_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 
+FOREIGN = dict.fromkeys(
+    (".heic", ".heif", ".hif", ".avif"), "convert HEIC to JPEG or TIFF, or set the camera to JPEG"
+) | dict.fromkeys((".mp4", ".mov"), "extract photographs from a video first, as ffmpeg does")
+"""What to do about pictures of kinds that are not read, by their suffix."""
+
 Progress = Callable[[str, int, int], None]
 
 
@@ -63,7 +68,9 @@ def survey(
     if others:
         names = ", ".join(shown(path.relative_to(folder)) for path in others[:3])
         more = "" if len(others) <= 3 else " and others"
-        notes.append(f"{_files(len(others))} left aside as no picture that rig reads: {names}{more}.")
+        told = f"{_files(len(others))} left aside as no picture that rig reads: {names}{more}."
+        foreign = sorted({path.suffix.lower() for path in others} & FOREIGN.keys())
+        notes.append(told.rstrip(".") + f"; {FOREIGN[foreign[0]]}." if foreign else told)
     if beside:
         notes.append(f"{_files(len(beside))} left aside because a RAW file of the same name is there.")
     originals: list[Original] = []

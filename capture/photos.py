@@ -18,7 +18,7 @@ from capture.layouts import detect, read_layout
 from capture.layouts.given import Given, LayoutName
 from capture.lock import sole_writer
 from capture.masks import masks_asked, told_masks
-from capture.originals import Original, Progress, survey
+from capture.originals import FOREIGN, Original, Progress, survey
 from capture.saving import Slot
 from imaging.errors import InputError, PartialError
 from imaging.exposure import Exposure
@@ -149,6 +149,11 @@ def _told_layout(given: Given, asked: LayoutName | None) -> str:
 def _check_folders(folder: Path, out: Path, bracket: int | None) -> None:
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder: name the folder that holds the photographs.")
+    if (folder / "session.json").is_file():
+        raise InputError(
+            f"{folder} is a session, with renders and previews of its own: name the folder of the "
+            f"photographs themselves, such as {folder / 'raw'}."
+        )
     if out.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"{out} lies inside {folder}: name a folder outside of the photographs.")
     if bracket is not None and bracket < 1:
@@ -159,9 +164,9 @@ def _nothing_usable(folder: Path, originals: Sequence[Original], lost: Sequence[
     if lost:
         return InputError(f"{lost[0]}, and no other photograph is: copy the photographs to {folder}.")
     if not originals:
-        return InputError(
-            f"{folder} holds no RAW, JPEG, PNG, TIFF or EXR file: name a folder of photographs."
-        )
+        found = {path.suffix.lower() for path in folder.rglob("*")} & FOREIGN.keys()
+        fix = FOREIGN[min(found)] if found else "name a folder of photographs"
+        return InputError(f"{folder} holds no RAW, JPEG, PNG, TIFF or EXR file: {fix}.")
     names = "; ".join(str(original.error) for original in originals[:3])
     more = f"; and {len(originals) - 3} more" if len(originals) > 3 else ""
     return InputError(f"{folder} holds no photograph that can be read ({names}{more}): copy them again.")

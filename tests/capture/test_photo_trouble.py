@@ -91,8 +91,10 @@ def test_folders_that_cannot_be_are_refused(tmp_path):
 def test_a_finished_import_is_not_empty_and_a_killed_one_is_completed(tmp_path):
     photos = put(tmp_path / "photos", {f"{n}.jpg": jpeg(n, time=T) for n in range(4)})
     import_photos(photos, tmp_path / "whole")
-    with pytest.raises(InputError, match="not empty"):
+    with pytest.raises(InputError, match=r"whole holds this import already, complete: name a new folder to"):
         import_photos(photos, tmp_path / "whole")
+    with pytest.raises(InputError, match=r"holds no part of this import: name a new folder\.$"):
+        import_photos(put(tmp_path / "other", {"a.jpg": jpeg(9, time=T)}), tmp_path / "whole")
 
     def stop(message, done, total):
         if message.startswith("copying") and done == 2:
@@ -143,3 +145,28 @@ def test_a_disk_that_refuses_leaves_nothing_behind(tmp_path, monkeypatch, code, 
         import_photos(photos, tmp_path / "s")
     assert (tmp_path / "s").exists() == there
     assert tree(tmp_path) == {f"photos/{name}": data for name, data in before.items()}
+
+
+def test_a_session_is_not_imported_with_its_renders(tmp_path):
+    photos = put(tmp_path / "photos", {f"{n}.jpg": jpeg(n, time=T) for n in range(2)})
+    import_photos(photos, tmp_path / "s")
+    with pytest.raises(InputError, match=r"s is a session, with .*: name the folder of .*/s/raw\.$"):
+        import_photos(tmp_path / "s", tmp_path / "t")
+    assert not (tmp_path / "t").exists()
+    assert import_photos(tmp_path / "s" / "raw", tmp_path / "t").shots == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "fix"),
+    [("a.HEIC", "convert HEIC to JPEG or TIFF"), ("b.mov", "extract photographs from a video")],
+)
+def test_pictures_that_are_not_read_are_told_with_what_to_do(tmp_path, name, fix):
+    photos = put(tmp_path / "photos", {name: b"x", "notes.txt": b"mine"})
+    with pytest.raises(InputError, match=f"holds no RAW, JPEG, PNG, TIFF or EXR file: {fix}"):
+        import_photos(photos, tmp_path / "s")
+    put(photos, {"1.jpg": jpeg(1, time=T)})
+    result = import_photos(photos, tmp_path / "s")
+    assert any(
+        f"2 files are left aside as no picture that rig reads: {name}, notes.txt; {fix}" in one
+        for one in result.guesses
+    )
