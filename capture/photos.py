@@ -166,7 +166,7 @@ def _nothing_usable(folder: Path, originals: Sequence[Original], lost: Sequence[
     if not originals:
         found = {path.suffix.lower() for path in folder.rglob("*")} & FOREIGN.keys()
         fix = FOREIGN[min(found)] if found else "name a folder of photographs"
-        return InputError(f"{folder} holds no RAW, JPEG, PNG, TIFF or EXR file: {fix}.")
+        return InputError(f"{folder} holds no RAW, JPEG, PNG, TIFF, EXR or HDR file: {fix}.")
     names = "; ".join(str(original.error) for original in originals[:3])
     more = f"; and {len(originals) - 3} more" if len(originals) > 3 else ""
     return InputError(f"{folder} holds no photograph that can be read ({names}{more}): copy them again.")

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from capture import seeing, thumbnails
 from imaging.colour import srgb_encode
 from imaging.errors import InputError
-from imaging.exr import read_exr
+from imaging.hdr import SUFFIX as RADIANCE
+from imaging.hdr import read_light
 from imaging.linear import Bool, LinearFrame, from_raw
 from imaging.mask import without
 from imaging.mosaic import FrameMetadata, RawMosaic
@@ -57,7 +58,7 @@ class Examined:
 
 def kind_of(path: Path) -> Kind | None:
     """What the suffix promises; None: not a picture that rig reads."""
-    if path.suffix.lower() == ".exr":
+    if path.suffix.lower() in (".exr", RADIANCE):
         return "hdr"
     if is_raw(path):
         return "raw"
@@ -105,8 +106,8 @@ def _content(path: Path) -> RawMosaic | Photo | npt.NDArray[np.float32]:
     if kind == "ldr":
         return read_photo(path)
     if kind == "hdr":
-        return np.asarray(read_exr(path).rgb(), np.float32)
-    raise InputError(f"{path} is not a picture that rig reads: give RAW, JPEG, PNG, TIFF or EXR.")
+        return read_light(path)
+    raise InputError(f"{path} is not a picture that rig reads: give RAW, JPEG, PNG, TIFF, EXR or HDR.")
 
 
 def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) -> Picture:

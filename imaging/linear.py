@@ -11,7 +11,7 @@ import numpy.typing as npt
 from imaging.calibration import Response
 from imaging.cfa import Cfa
 from imaging.colour import srgb_decode
-from imaging.exr import read_exr
+from imaging.hdr import read_light
 from imaging.mosaic import RawMosaic
 from imaging.photo import read_photo
 from imaging.raw import read_raw
@@ -101,13 +101,13 @@ def read_linear(
     """A file of a session as linear light; InputError if it is missing or damaged.
 
     kind: of the camera (`CameraRecord.kind`); response: of its calibration, which only code values
-    (`ldr`) need; sensors: of its calibration, for RAW. The signal of an EXR (`hdr`) is taken as it is.
+    (`ldr`) need; sensors: of its calibration, for RAW. Light (`hdr`) is taken as it is.
     """
     if kind == "raw":
         return from_raw(read_raw(path), k, sensors)
     if kind == "ldr":
         return from_codes(read_photo(path).pixels, k, response)
-    return from_light(read_exr(path).rgb(), k)
+    return from_light(read_light(path), k)
 
 
 def from_raw(raw: RawMosaic, k: float, sensors: Sequence[SensorCalibration] = ()) -> LinearFrame:

@@ -117,16 +117,18 @@ def decode_codes(data: bytes, name: str, fix: str = "copy it again from the came
 
 
 def read_metadata(path: Path) -> FrameMetadata:
-    """What any supported file (photograph, RAW, EXR) says about camera and exposure, without its pixels.
+    """What any supported file (photograph, RAW, EXR, HDR) says about camera and exposure, without its pixels.
 
     InputError if there is no such file or it is of no kind that rig reads.
     """
-    from imaging import exr, raw  # they load LibRaw and OpenEXR, which a photograph does not need
+    from imaging import exr, hdr, raw  # they load LibRaw and OpenEXR, which a photograph does not need
 
     if raw.is_raw(path):
         return raw.read_raw_metadata(path)
     if path.suffix.lower() == ".exr":
         return FrameMetadata(exposure=exr.read_exr_header(path).exposure)
+    if path.suffix.lower() == hdr.SUFFIX:
+        return FrameMetadata()
     try:
         with path.open("rb") as file:
             metadata = _metadata(file)

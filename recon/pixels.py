@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from imaging.calibration import Response
 from imaging.cfa import Cfa, demosaic
-from imaging.exr import read_exr
+from imaging.hdr import read_light
 from imaging.linear import Bool, Float, LinearFrame, Noise, decode, from_codes, from_light, from_raw
 from imaging.mask import read_mask
 from imaging.photo import read_photo
@@ -107,7 +107,7 @@ def _read(
         saturated, dark = (area_mean(mask, size) > 0.5 for mask in (frame.saturated, frame.dark))
         codes = encode(area_mean(frame.signal, size), response)
         return Shot(name, k, codes, saturated, dark, np.ones(codes.shape, bool), frame.noise), None, whole
-    frame = from_light(read_exr(path).rgb(), k)
+    frame = from_light(read_light(path), k)
     light, valid = frame.signal, frame.valid
     whole = light.shape[0], light.shape[1]
     size = _smaller(light, max_width)

@@ -20,7 +20,7 @@ def import_(
         Path,
         typer.Argument(
             metavar="PHOTOS",
-            help="A folder of RAW, JPEG, PNG, TIFF or EXR files; or a nerfstudio, COLMAP or HDR-NeRF scene.",
+            help="Folder of RAW, JPEG, PNG, TIFF, EXR or HDR files; or nerfstudio, COLMAP or HDR-NeRF scene.",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make.")],

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from imaging.cfa import Cfa
 from imaging.colour import srgb_decode
 from imaging.errors import RigError
-from imaging.exr import read_exr
+from imaging.hdr import read_light
 from imaging.photo import read_photo
 from imaging.raw import read_raw
 from imaging.records import ShotRecord
@@ -103,7 +103,7 @@ def read_look(session: Session, shot: ShotRecord) -> Look:
             rgb /= np.maximum(np.asarray(raw.neutral, np.float32), np.float32(1e-3))
         return Look(float(clipped.mean()), float((signal < DARK).mean()), *_reduced(rgb, valid))
     if kind == "hdr":
-        rgb = np.asarray(read_exr(path).rgb(), np.float32)
+        rgb = read_light(path)
         return Look(0.0, 0.0, *_reduced(rgb, np.ones(rgb.shape[:2], bool)))
     photo = read_photo(path)
     top = 2**photo.bit_depth - 1

@@ -48,8 +48,8 @@ def test_a_bad_file_shifts_no_bracket_that_is_given_either(tmp_path):
 @pytest.mark.parametrize(
     ("files", "sentence"),
     [
-        ({}, "holds no RAW, JPEG, PNG, TIFF or EXR"),
-        ({"notes.txt": b"x"}, "holds no RAW, JPEG, PNG, TIFF or EXR"),
+        ({}, "holds no RAW, JPEG, PNG, TIFF, EXR or HDR"),
+        ({"notes.txt": b"x"}, "holds no RAW, JPEG, PNG, TIFF, EXR or HDR"),
         ({"a.dng": b"text"}, r"holds no photograph that can be read \(.*a\.dng"),
         (
             {"a.dng": b"text", "b.jpg": b"", "c.exr": b"1", "d.png": b"2", "e.tif": b"3"},
@@ -162,7 +162,7 @@ def test_a_session_is_not_imported_with_its_renders(tmp_path):
 )
 def test_pictures_that_are_not_read_are_told_with_what_to_do(tmp_path, name, fix):
     photos = put(tmp_path / "photos", {name: b"x", "notes.txt": b"mine"})
-    with pytest.raises(InputError, match=f"holds no RAW, JPEG, PNG, TIFF or EXR file: {fix}"):
+    with pytest.raises(InputError, match=f"holds no RAW, JPEG, PNG, TIFF, EXR or HDR file: {fix}"):
         import_photos(photos, tmp_path / "s")
     put(photos, {"1.jpg": jpeg(1, time=T)})
     result = import_photos(photos, tmp_path / "s")
