@@ -66,6 +66,7 @@ def test_canon_tells_values_in_records_and_waits_for_the_transfer(plug: Plug) ->
     told = canon_records(host.get(CanonOperation.GET_EVENT))
     values = {struct.unpack_from("<II", body) for kind, body in told if kind == 0xC189}
     assert {(0xD102, 0x68), (0xD101, 0x28), (0xD103, 0x48), (0xD11C, 2)} <= values  # 1/60 f/4 ISO 100, card
+    assert dict(values)[0xD11B] == (1 << 34) // (1 << 25)  # shots: the card over what a picture may need
     assert canon_records(host.get(CanonOperation.GET_EVENT)) == []
 
     def put(code: int, value: int) -> int:
@@ -82,8 +83,10 @@ def test_canon_tells_values_in_records_and_waits_for_the_transfer(plug: Plug) ->
     host.get(CanonOperation.GET_EVENT)
     assert host.run(CanonOperation.REMOTE_RELEASE_ON, 2).code == OK
     host.clock.sleep(1.0)
-    ((kind, body),) = canon_records(host.get(CanonOperation.GET_EVENT))
+    (told_shots, shots), (kind, body) = canon_records(host.get(CanonOperation.GET_EVENT))
     handle, _, _, size = struct.unpack_from("<IIII", body)
+    room = 0x7FFFFFFF * 0x1000
+    assert (told_shots, *struct.unpack("<II", shots)) == (0xC189, 0xD11B, min(room // size, 0xFFFFFFFE))
     assert (kind, body[20:].rstrip(b"\0")) == (0xC186, b"IMG_0001.DNG")
     data = host.get(CanonOperation.GET_PARTIAL_OBJECT, handle, 0, size)
     assert len(data) == size

@@ -94,7 +94,7 @@ def test_no_camera_leaves_no_file_and_one_that_is_held_is_missing(
     cameras.held = "SIM-RAW-002"
     code, out, err = rig("init", str(path))
     assert code == 3
-    assert "1 camera could not be asked" in err
+    assert "1 camera left out: USB" in err
     assert "held by another program" in err
     assert path.read_text().count("\n[[camera]]") == 1
     assert f"{path}: 1 camera\n" in out
