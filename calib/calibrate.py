@@ -44,7 +44,7 @@ _PARTS: dict[Part, frozenset[str]] = {
 
 
 def calibrate(
-    session: Path,
+    session: str | Path,
     *,
     only: Part | None = None,
     board: Board | None = None,
@@ -62,7 +62,9 @@ def calibrate(
     calibration has poses, which then stays; PartialError when no view can be placed but exposures or
     response were measured, which are then written; InputError for a damaged session; StorageError.
     """
+    session = Path(session)
     opened = Session.open(session)
+    store.require_writable(session / "calibration")
     # Darks and flats alone tell of the sensor, a board alone of lenses and rig.
     alone = only == "sensor" or (only in (None, "poses") and bool(opened.shots("board")))
     views = scene_views(opened) if opened.shots("scene") or not alone else []

@@ -29,7 +29,7 @@ What holds where no plan says another."""
 _MENDS = {"captured": "take it again with rig capture --resume", "imported": "import the photographs again"}
 
 
-def check(session: Path, progress: Progress = lambda message, done, total: None) -> CheckReport:
+def check(session: str | Path, progress: Progress = lambda message, done, total: None) -> CheckReport:
     """Read every file of a session and hold it against its record, the plans and the rest of its bracket.
 
     Nothing is changed, not even the record of a shot whose exposure is found to be another than its label:
@@ -38,6 +38,7 @@ def check(session: Path, progress: Progress = lambda message, done, total: None)
     progress: called with the file being read, files read, files to read. InputError if the folder
     is no session; whatever is wrong inside of it is a problem of the report.
     """
+    session = Path(session)
     opened = Session.open(session)
     again = _MENDS["imported" if opened.record.origin == "import" else "captured"]
     shots, damaged = read_index(opened)

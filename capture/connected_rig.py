@@ -45,7 +45,7 @@ class Wired(Protocol):
 
 def capture_rig(
     rig: RigFile,
-    out: Path,
+    out: str | Path,
     *,
     kind: Subject = "scene",
     frames: int | None = None,
@@ -70,6 +70,7 @@ def capture_rig(
     camera that it names is not there, or what is there cannot be metered. StorageError: the disk refuses;
     what was finished stays.
     """
+    out = Path(out)
     request = Request(kind, frames, bracket if auto is None else auto)
     with _opened(rig, hands, positions, backend, clock, say) as source:
         return shoot(

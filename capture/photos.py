@@ -51,15 +51,15 @@ class ImportResult:
 
 
 def import_photos(
-    folder: Path,
-    out: Path,
+    folder: str | Path,
+    out: str | Path,
     *,
     layout: LayoutName | None = None,
     cameras: Identity | None = None,
     bracket: int | None = None,
     together: Together | None = None,
-    exposures: Path | None = None,
-    masks: Path | None = None,
+    exposures: str | Path | None = None,
+    masks: str | Path | None = None,
     progress: Progress = lambda message, done, total: None,
 ) -> ImportResult:
     """Make a session at `out` of the photographs in `folder` and its subfolders; these stay untouched.
@@ -75,6 +75,9 @@ def import_photos(
     inside `folder`; StorageError when the disk refuses; both leave nothing behind. Files that cannot be
     read are listed in the result.
     """
+    folder, out = Path(folder), Path(out)
+    exposures = None if exposures is None else Path(exposures)
+    masks = None if masks is None else Path(masks)
     _check_folders(folder, out, bracket)
     name = layout or detect(folder)
     given = read_layout(folder, name)

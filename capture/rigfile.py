@@ -165,8 +165,9 @@ class RigFile:
         return f"{self.path}, line {line_of(self.lines, keys)}"
 
 
-def read_rig_file(path: Path) -> RigFile:
+def read_rig_file(path: str | Path) -> RigFile:
     """Read and validate a rig file; InputError of one sentence with the line that is at fault."""
+    path = Path(path)
     text = _text(path)
     try:
         value = tomllib.loads(text)

@@ -22,7 +22,7 @@ from imaging.session import Session
 
 def capture_simulated(
     name: str,
-    out: Path,
+    out: str | Path,
     *,
     seed: int = 0,
     kind: Subject = "scene",
@@ -49,6 +49,7 @@ def capture_simulated(
     InputError: no such rig, `out` is not empty, or (resume) holds another capture. CaptureError: the
     scene cannot be metered. StorageError: the disk refuses; what was finished stays.
     """
+    out = Path(out)
     if resume and not out.is_dir():
         raise InputError(f"{out} is not a folder: leave --resume out to begin a session there.")
     source = _source(name, seed, mix)

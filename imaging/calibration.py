@@ -1,5 +1,6 @@
 """`calibration/calibration.json`: what `rig calibrate` found, for every later stage to read."""
 
+import shlex
 from datetime import datetime
 from pathlib import Path
 from typing import Literal
@@ -263,9 +264,14 @@ class CalibrationRecord(Record):
         raise InputError(f"calibration.json has no camera {name!r}: run `rig calibrate` again.")
 
 
-def read_calibration(session: Path) -> CalibrationRecord:
+def read_calibration(session: str | Path) -> CalibrationRecord:
     """The calibration of a session folder; InputError if there is none or it is damaged."""
+    session = Path(session)
     path = session / "calibration" / "calibration.json"
+    if not path.is_file():
+        raise InputError(
+            f"{session} is not calibrated: run `{shlex.join(['rig', 'calibrate', str(session)])}` first."
+        )
     return parse(CalibrationRecord, store.read_json(path), path)
 
 

@@ -47,8 +47,9 @@ _SMALLEST_SIDE = 22
 """LibRaw takes smaller images for no image."""
 
 
-def write_dng(path: Path, raw: RawMosaic, *, compression: Compression = "none") -> None:
+def write_dng(path: str | Path, raw: RawMosaic, *, compression: Compression = "none") -> None:
     """Write a mosaic, whole or not at all; StorageError when the disk refuses, ValueError as `encode_dng`."""
+    path = Path(path)
     store.write_bytes(path, encode_dng(raw, compression))
 
 

@@ -82,7 +82,7 @@ class ExrImage:
 
 
 def write_exr(
-    path: Path,
+    path: str | Path,
     channels: npt.NDArray[Any] | Mapping[str, npt.NDArray[Any]],
     *,
     half: bool = False,
@@ -99,6 +99,7 @@ def write_exr(
     names (`rig:...` for our own, or OpenEXR's, as `whiteLuminance`); numbers become float32, as do
     those of `exposure`. ValueError for other shapes or names.
     """
+    path = Path(path)
     planes = {name: _stored(path, name, plane, half) for name, plane in _planes(channels).items()}
     if len({plane.shape for plane in planes.values()}) != 1:
         raise ValueError("the channels of an EXR have one shape")
@@ -125,11 +126,12 @@ def write_exr(
             raise OSError(errno.EIO, str(error).rstrip(".").rpartition(". ")[2]) from error
 
 
-def read_exr(path: Path) -> ExrImage:
+def read_exr(path: str | Path) -> ExrImage:
     """The first part of an EXR file; InputError if it is none, is damaged, deep or subsampled.
 
     The pixels are those of the display window; what the data window leaves out of it is 0.
     """
+    path = Path(path)
     _check_size(path)
     header, pixels = _part(path)
     data, display = (_window(header, name) for name in ("dataWindow", "displayWindow"))

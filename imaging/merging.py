@@ -68,8 +68,8 @@ class MergedView:
 
 
 def merge_session(
-    session: Path,
-    out: Path,
+    session: str | Path,
+    out: str | Path,
     calibration: CalibrationRecord | None,
     *,
     frame: int | None = None,
@@ -84,6 +84,7 @@ def merge_session(
     kept. InputError when there is no such bracket, a file is missing or damaged, exposures of a bracket
     are not known, or the colour of a camera is not known and a space other than Rec.709 is asked for.
     """
+    session, out = Path(session), Path(out)
     opened = Session.open(session)
     groups = {
         key: shots
@@ -97,6 +98,7 @@ def merge_session(
             if value is not None
         )
         raise InputError(f"{session} has no shot of the scene{wanted}: name one that `rig check` lists.")
+    store.require_writable(out)
     found = []
     for done, ((number, name), shots) in enumerate(groups.items()):
         progress("merging", done, len(groups))

@@ -60,7 +60,7 @@ def is_photo(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
-def read_photo(path: Path) -> Photo:
+def read_photo(path: str | Path) -> Photo:
     """The first image of a JPEG, PNG or TIFF file, told by its content.
 
     Grey becomes three equal channels. A photograph in another colour space (`imaging.icc`) becomes what it is
@@ -68,6 +68,7 @@ def read_photo(path: Path) -> Photo:
     (12.16) has it; the sRGB curve decodes it, whatever the camera's. InputError if the file is none of
     these, is damaged, has other than 8 or 16 bits or takes more memory than there is.
     """
+    path = Path(path)
     try:
         data = path.read_bytes()
     except OSError as error:

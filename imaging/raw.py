@@ -36,12 +36,13 @@ def is_raw(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
-def read_raw(path: Path) -> RawMosaic:
+def read_raw(path: str | Path) -> RawMosaic:
     """The mosaic of a RAW file, cut to its active area; InputError if it is none or is damaged.
 
     Orientation is not applied. Black, white, colour and noise are those that the file states: real
     clipping may lie below its white level. Gain maps and other opcodes of a DNG are not applied.
     """
+    path = Path(path)
     tags, metadata = _read_tags(path)
     try:
         with quiet(), rawpy.imread(str(path)) as raw:

@@ -28,8 +28,9 @@ class Session:
         return cls(folder, record)
 
     @classmethod
-    def open(cls, folder: Path) -> "Session":
+    def open(cls, folder: str | Path) -> "Session":
         """Open an existing session; InputError that says what is wrong if it is none."""
+        folder = Path(folder)
         if not folder.is_dir():
             raise InputError(
                 f"{folder} is not a folder: name a session made by `rig capture` or `rig import`."

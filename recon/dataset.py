@@ -192,9 +192,13 @@ def load(session: Path, *, max_width: int | None = None, progress: Progress | No
     placed = {(view.frame, view.camera) for view in calibration.views if not view.by_rig}
     groups = {key: group for key, group in brackets(_used(opened, split)).items() if key in placed}
     if not groups:
-        raise ReconstructionError(
-            f"{session} has no view with a pose: run `rig calibrate`, or take images that overlap."
+        tried = len(calibration.unregistered)
+        why = (
+            f"`rig calibrate` found none for its {tried} images: take images that overlap by two thirds"
+            if tried
+            else "it was calibrated without: run `rig calibrate` in full, on two views or more of one scene"
         )
+        raise ReconstructionError(f"{session} has no view with a pose, since {why}.")
     out = held_out(sorted(groups)) if split is None else _tested(session, groups, split)
     poses = {(view.frame, view.camera): view.cam_from_world.matrix() for view in calibration.views}
     world = WorldTransform.of({f"{key[1]}/{key[0]:04d}.png": poses[key] for key in groups}, session / COLMAP)

@@ -12,7 +12,7 @@ import torch
 from imaging import metrics, store
 from recon.dataset import FEWEST_FOR_HOLDOUT
 from recon.mixed import Mixed
-from recon.model import SPLATS
+from recon.model import SPLATS, read_model
 from recon.perceptual import compare_pictures
 from recon.photographs import ToneCurve
 from recon.pixels import Progress, Shot
@@ -36,18 +36,22 @@ LOOKED_AT = (
 Float = npt.NDArray[np.float32]
 
 
-def evaluate(folder: Path, progress: Progress | None = None) -> dict[str, Any]:
+def evaluate(folder: str | Path, progress: Progress | None = None) -> dict[str, Any]:
     """Evaluate SESSION/reconstructions/NAME: the metrics, which metrics.json has too.
 
     renders/ and references/ hold the pictures that are compared (`recon.perceptual`).
-    Names as in ARCHITECTURE. Figures against truth use one peak, the truth's maximum over the held-out
-    views, and `_aligned` ones a single scale for all of them; PSNRs are means over views, stops_median
-    and relative_error_by_decade (of aligned radiance) pool their values. `views` has the same per view.
+    What the names mean is said in `rig.report.measures`. Figures against truth use one peak, the truth's
+    maximum over the held-out views, and `_aligned` ones a single scale for all of them; PSNRs are means over
+    views, stops_median and relative_error_by_decade (of aligned radiance) pool their values. `views` has the
+    same per view.
     `measured_on` says whether the views are test views, which nothing was chosen by, or the validation view
     that the training was ended by, where that is the only one; `held_out` and `validation` name both kinds.
     Below four views nothing is held out: the result says so and has no such figures.
     """
-    opened = open_model(folder)
+    folder = Path(folder)
+    read_model(folder)
+    store.require_writable(folder)
+    opened = open_model(folder, progress)
     views = opened.dataset.reported
     light, seconds, rows, pooled = measured(opened, progress)
     result: dict[str, Any] = {"schema_version": 1, "method": opened.record.settings.method} | pooled

@@ -46,7 +46,7 @@ _AS_IT_IS = Fixed()
 
 
 def reconstruct(
-    session: Path,
+    session: str | Path,
     *,
     method: MethodName = "auto",
     quality: QualityName = "standard",
@@ -82,6 +82,7 @@ def reconstruct(
     that all of them see; the first one writes. Errors: ReconstructionError, InputError,
     StorageError.
     """
+    session = Path(session)
     if isinstance(budget, str):
         budget = Budget.parse(budget)
     elif budget is not None and not isinstance(budget, Budget):

@@ -35,7 +35,9 @@ def render(
     the median of the scene as middle grey; the EXR name that factor as `rig:exposure`.
     ReconstructionError for a view that the scene does not have.
     """
-    scene, out = open_scene(folder), Path(out)
+    out = Path(out)
+    store.require_writable(out)
+    scene = open_scene(folder)
     chosen = scene.views if views is None else tuple(scene.view(name) for name in views)
     from_rec709 = space_from_rec709(space).astype(np.float32)
     shown = math.log2(scene.exposure) if exposure is None else exposure

@@ -101,6 +101,10 @@ class Opened:
         """What a camera of `dataset` sees, in scene units, without gradient: float32 [H, W, 3]."""
         return self.scene.drawn(camera)
 
+    def radiance(self, view: View) -> npt.NDArray[np.float32]:
+        """Linear Rec.709 radiance of a view of `dataset`, float32 [H, W, 3]."""
+        return self.scene.radiance(self.scene.view(view.name).splat_camera)
+
     def view(self, name: str) -> View:
         """The view of that name, `frame/camera`; ReconstructionError if there is none."""
         found = self.scene.view(name).name

@@ -1,15 +1,16 @@
 """The face of the toolkit: the `rig` command, its reports and its public API.
 
     import rig
-    from pathlib import Path
 
-    rig.capture_simulated("demo", Path("S"), seed=0)
-    rig.calibrate(Path("S"))
-    scene = rig.reconstruct(Path("S"), quality="draft")
-    print(rig.evaluate(scene)["hdr_psnr_mu_aligned"])
-    rig.reconstruction_report(scene)
+    rig.capture_simulated("demo", "S", seed=0)
+    rig.calibrate("S")
+    folder = rig.reconstruct("S", quality="draft")
+    print(rig.evaluate(folder)["hdr_psnr_mu_aligned"])
+    scene = rig.open_scene(folder)
+    light = scene.radiance(scene.views[0].splat_camera)
 
-`import rig` loads nothing heavy: each name below is fetched from its stage when it is first used.
+Paths may be `str` or `Path`; what goes wrong is a `RigError` of one sentence. `import rig` loads nothing
+heavy: each name below is fetched from its stage when it is first used.
 """
 
 from importlib import import_module
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from recon.evaluate import evaluate
     from recon.reconstruct import reconstruct
     from recon.renders import render
+    from recon.scene import Scene, open_scene
+    from recon.splat import SplatCamera
     from recon.trade import sweep
     from rig.report.calibration_page import calibration_report
     from rig.report.reconstruction_page import reconstruction_report
@@ -46,7 +49,9 @@ __all__ = [
     "PartialError",
     "RawMosaic",
     "RigError",
+    "Scene",
     "Session",
+    "SplatCamera",
     "StorageError",
     "calibrate",
     "calibration_report",
@@ -56,6 +61,7 @@ __all__ = [
     "evaluate",
     "import_photos",
     "merge_session",
+    "open_scene",
     "read_calibration",
     "read_exr",
     "read_photo",
@@ -77,7 +83,9 @@ _HOMES = {
     "PartialError": "imaging.errors",
     "RawMosaic": "imaging.mosaic",
     "RigError": "imaging.errors",
+    "Scene": "recon.scene",
     "Session": "imaging.session",
+    "SplatCamera": "recon.splat",
     "StorageError": "imaging.errors",
     "calibrate": "calib.calibrate",
     "calibration_report": "rig.report.calibration_page",
@@ -87,6 +95,7 @@ _HOMES = {
     "evaluate": "recon.evaluate",
     "import_photos": "capture.photos",
     "merge_session": "imaging.merging",
+    "open_scene": "recon.scene",
     "read_calibration": "imaging.calibration",
     "read_exr": "imaging.exr",
     "read_photo": "imaging.photo",

@@ -71,7 +71,7 @@ def _disk(error: OSError) -> str | None:
     reason = (error.strerror or str(error)).lower()
     name = error.filename if error.filename is not None else "the disk"
     if error.errno in _DISK:
-        return sentence(f"{name} could not be written ({reason}): free or unlock the disk and run again")
+        return sentence(store.refused(name, error))
     if error.errno in _PLACE and error.filename is not None:
         return sentence(f"{name} cannot be used ({reason}): correct the path or its permissions")
     return None

@@ -23,7 +23,7 @@ from recon.trade.records import FOLDER, TRADE, Choice, Measure, Point, Trade, co
 
 
 def sweep(
-    session: Path,
+    session: str | Path,
     *,
     budget: float,
     workers: int = 1,
@@ -38,6 +38,8 @@ def sweep(
     workers: trainings at once; more than one share the machine, so their seconds tell less than their
     processor seconds. Errors: InputError, ReconstructionError, StorageError.
     """
+    session = Path(session)
+    store.require_writable(session / FOLDER)
     width = max(preset.width for preset in QUALITIES.values())
     progress("reading images", 0, 0)
     dataset = measuring(session, width)

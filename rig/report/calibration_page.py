@@ -30,8 +30,9 @@ def _tiles(record: CalibrationRecord, registered: str) -> Iterable[Tile]:
         yield Tile(number(record.board.rms_px), "px", "rms of the board's corners")
 
 
-def calibration_report(folder: Path, progress: Progress = unreported) -> Path:
+def calibration_report(folder: str | Path, progress: Progress = unreported) -> Path:
     """Write SESSION/calibration/report.html; the session is at `folder`."""
+    folder = Path(folder)
     session, record = Session.open(folder), read_calibration(folder)
     section = calibrated(session, record, is_stale(session, record))
     page = Page(

@@ -81,9 +81,7 @@ def pictures(opened: Opened, scale: float, progress: Progress) -> Pictures | Non
     for done, view in enumerate(views):
         progress("drawing held-out views", done, len(views))
         if known:
-            columns = _against_truth(
-                truths[done], opened.scene.radiance(view.lens) * np.float32(scale), stops
-            )
+            columns = _against_truth(truths[done], opened.radiance(view) * np.float32(scale), stops)
         else:
             columns = _against_shots(opened, view)
         compared.append(Comparison(f"Camera {view.camera}, frame {view.frame}", tuple(columns)))

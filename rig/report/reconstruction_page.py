@@ -15,8 +15,9 @@ from rig.report.provenance import provenance
 from rig.report.quality import quality, tiles
 
 
-def reconstruction_report(folder: Path, progress: Progress = unreported) -> Path:
+def reconstruction_report(folder: str | Path, progress: Progress = unreported) -> Path:
     """Write report.html into a reconstruction that was evaluated: all, from the capture to the quality."""
+    folder = Path(folder)
     metrics = store.read_json(folder / "metrics.json")
     opened = open_model(folder)
     session, record = Session.open(opened.dataset.session), opened.dataset.calibration

@@ -43,8 +43,9 @@ class TradeOff:
     failed: tuple[tuple[str, str], ...]
 
 
-def trade_report(session: Path) -> Path:
+def trade_report(session: str | Path) -> Path:
     """Write the page of a session's trade-off; returns its path. InputError if there is none."""
+    session = Path(session)
     opened, trade = Session.open(session), read_trade(session)
     page = Page(
         kind="Trade-off report",

@@ -188,7 +188,7 @@ def test_nan_in_an_exr_is_masked(tmp_path):
 
 def test_a_session_without_calibration_is_refused(session_copy):
     (session_copy / "calibration" / "calibration.json").unlink()
-    with pytest.raises(InputError, match=r"calibration\.json is missing"):
+    with pytest.raises(InputError, match=r"is not calibrated: run `rig calibrate"):
         load(session_copy)
 
 

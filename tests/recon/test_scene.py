@@ -100,6 +100,13 @@ def test_the_record_has_the_views_as_training_corrected_them(trained):
         assert np.allclose(camera.cam_from_world, uncorrected, atol=1e-9) == (own.use != "training")
 
 
+def test_a_view_of_the_data_set_is_drawn_where_the_scene_has_it(scene):
+    opened = open_model(scene)
+    for view in opened.dataset.views:
+        image = opened.render(view.lens).numpy() * opened.record.normaliser
+        assert np.allclose(opened.radiance(view), image, rtol=1e-4, atol=1e-4 * image.max())
+
+
 def test_a_pose_that_no_camera_had_is_rendered_in_linear_light(trained, tmp_path):
     scene = open_scene(str(trained))
     camera = scene.view("0000/cam0").splat_camera

@@ -168,7 +168,35 @@ def test_a_calibration_in_part_has_its_page(rig, toy: Path, monkeypatch: pytest.
 @pytest.mark.parametrize("name", ["reconstruct"])
 def test_a_session_that_is_not_calibrated(rig, toy: Path, tmp_path: Path, name: str) -> None:
     shutil.rmtree(toy / "calibration")
-    assert_refused(rig, fill(EVERY[name], toy, tmp_path / "out"), tmp_path)
+    err = assert_refused(rig, fill(EVERY[name], toy, tmp_path / "out"), tmp_path)
+    assert f"{toy} is not calibrated: run `rig calibrate {toy}` first" in err
+
+
+@pytest.mark.parametrize(
+    ("unregistered", "words"),
+    [((), "run `rig calibrate` in full"), (("cam0/0000", "cam1/0000"), "found none for its 2 images")],
+)
+def test_a_calibration_without_poses_says_what_there_is_to_do(
+    rig, toy: Path, tmp_path: Path, unregistered: tuple[str, ...], words: str
+) -> None:
+    path = toy / "calibration" / "calibration.json"
+    store.write_json(path, store.read_json(path) | {"views": [], "unregistered": unregistered})
+    assert words in assert_refused(rig, fill(EVERY["reconstruct"], toy, tmp_path / "out"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("number", "fix"),
+    [
+        (errno.ENOSPC, "free some space"),
+        (errno.EROFS, "a disk that can be written to"),
+        (errno.EACCES, "change its permissions"),
+        (errno.EEXIST, "a file is in its place"),
+    ],
+)
+def test_a_refusal_names_the_fix_of_its_own_reason(number: int, fix: str) -> None:
+    told = str(store.refused(Path("S"), OSError(number, os.strerror(number))))
+    assert fix in told
+    assert told.endswith(".")
 
 
 @pytest.fixture(params=[errno.EROFS, errno.ENOSPC, errno.EACCES], ids=["EROFS", "ENOSPC", "EACCES"])

@@ -1,5 +1,11 @@
 """`import rig`: every name it promises is there, and is what it says."""
 
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 import pytest
 
 import rig
@@ -27,3 +33,84 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
 
 def test_every_lazy_name_is_public() -> None:
     assert set(rig._HOMES) == set(rig.__all__)
+
+
+def test_the_readme_renders_a_new_pose_from_python(toy: Path, tmp_path: Path, monkeypatch) -> None:
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    section = readme.partition("## From Python\n")[2].partition("\n## ")[0]
+    code = "\n".join(line[4:] for line in section.splitlines() if line.startswith("    ") or not line)
+    toy.rename(tmp_path / "S")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(code, names)
+    light, scene = names["light"], names["scene"]
+    assert np.array_equal(rig.read_exr("new.exr").rgb(), light * np.float32(scene.exposure))
+    assert not np.array_equal(light, scene.radiance(scene.views[0].splat_camera))
+
+
+MISSING: dict[str, Callable[[str], object]] = {
+    "calibrate": lambda path: rig.calibrate(path),
+    "calibration_report": lambda path: rig.calibration_report(path),
+    "check": lambda path: rig.check(path),
+    "evaluate": lambda path: rig.evaluate(path),
+    "import_photos": lambda path: rig.import_photos(path, path + "-out"),
+    "merge_session": lambda path: rig.merge_session(path, path + "-out", None),
+    "open_scene": lambda path: rig.open_scene(path),
+    "read_calibration": lambda path: rig.read_calibration(path),
+    "read_exr": lambda path: rig.read_exr(path),
+    "read_photo": lambda path: rig.read_photo(path),
+    "read_raw": lambda path: rig.read_raw(path),
+    "read_rig_file": lambda path: rig.read_rig_file(path),
+    "reconstruct": lambda path: rig.reconstruct(path),
+    "reconstruction_report": lambda path: rig.reconstruction_report(path),
+    "render": lambda path: rig.render(path, path + "-out"),
+    "repair": lambda path: rig.repair(path),
+    "Session": lambda path: rig.Session.open(path),
+    "sweep": lambda path: rig.sweep(path, budget=1.0),
+    "trade_report": lambda path: rig.trade_report(path),
+}
+
+
+@pytest.mark.parametrize("name", MISSING)
+def test_a_path_may_be_text_and_one_that_is_missing_is_an_error_of_rig(name: str, tmp_path: Path) -> None:
+    with pytest.raises(rig.RigError, match="nosuch"):
+        MISSING[name](str(tmp_path / "nosuch"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_results_are_written_where_text_says(scene: Path, tmp_path: Path) -> None:
+    calibration = rig.read_calibration(str(scene))
+    merged = rig.merge_session(str(scene), str(tmp_path / "merged"), calibration, frame=0)
+    assert all(view.file.is_file() for view in merged)
+    rig.write_exr(str(tmp_path / "one.exr"), np.ones((2, 2, 3), np.float32))
+    raw = rig.read_raw(str(next(scene.rglob("*.dng"))))
+    rig.write_dng(str(tmp_path / "one.dng"), raw)
+    assert np.array_equal(rig.read_raw(tmp_path / "one.dng").pixels, raw.pixels)
+    folder = str(scene / "reconstructions" / "nh-3dgs-draft")
+    assert all(path.is_file() for path in rig.render(folder, str(tmp_path / "out")))
+    assert rig.evaluate(folder)["gaussians"] == len(rig.open_scene(folder).gaussians)
+
+
+def unheard(message: str, done: int, total: int) -> None:
+    pytest.fail(f"{message} began before the disk was tried")
+
+
+TRIED: dict[str, Callable[[Path, Path], object]] = {
+    "calibration": lambda session, out: rig.calibrate(session, progress=unheard),
+    "trade": lambda session, out: rig.sweep(session, budget=1.0, progress=unheard),
+    "merged": lambda session, out: rig.merge_session(session, out, None, progress=unheard),
+    "renders": lambda session, out: rig.render(
+        session / "reconstructions" / "nh-3dgs-draft", out, progress=unheard
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TRIED)
+def test_whether_results_can_be_written_is_tried_before_the_work(name: str, scene: Path) -> None:
+    target = scene / name
+    if target.exists():
+        shutil.rmtree(target)
+    target.write_text("in the way")
+    with pytest.raises(rig.StorageError, match="a file is in the place of a folder"):
+        TRIED[name](scene, target)
+    assert target.read_text() == "in the way"
