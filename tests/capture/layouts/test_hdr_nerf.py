@@ -272,7 +272,7 @@ def test_an_import_that_was_killed_between_any_two_steps_is_completed(tmp_path):
         result = import_photos(folder, tmp_path / "s")
         assert (result.shots, result.views) == (20, 4)
         assert files(tmp_path / "s") == files(tmp_path / "whole")
-        with pytest.raises(InputError, match="not empty"):
+        with pytest.raises(InputError, match="holds this import already, complete"):
             import_photos(folder, tmp_path / "s")
         shutil.rmtree(tmp_path / "s")
 
