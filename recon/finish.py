@@ -5,7 +5,6 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-import torch
 from scipy.spatial.transform import Rotation
 
 from imaging import store
@@ -19,7 +18,6 @@ from recon.model import (
     CALIBRATION,
     MODEL,
     REFINEMENT,
-    SPLATS,
     DisplayValues,
     ModelRecord,
     Prediction,
@@ -29,12 +27,12 @@ from recon.model import (
     Use,
 )
 from recon.photographs import Display
-from recon.ply import plain_harmonics, write_ply
+from recon.pixels import Progress
 from recon.prediction import ENOUGH, enough
 from recon.presets import QUALITIES
 from recon.refinement import Refinement
+from recon.splat_files import offset_of, write_splats
 from recon.trainer import Training
-from recon.world import Vector
 
 
 def write_scene(
@@ -45,22 +43,17 @@ def write_scene(
     loss: float | None,
     ladder: tuple[Rung, ...],
     predicted: Prediction | None,
+    progress: Progress,
 ) -> None:
-    """splats.ply, refinement.json of what was corrected, calibration.json as it was, and last model.json: all
-    is there then.
+    """The PLY files, refinement.json of what was corrected, calibration.json as it was, and last model.json:
+    all is there then.
     """
-    light, appearance = training.light, training.method.appearance
+    light = training.light
     device = training.gaussians.parameters["means"].device
     ldr = dataset.kind == "ldr"
     gauge = "the calibration's response" if ldr else "camera signal = radiance x exposure scale"
-    note = f"linear Rec.709 radiance over {light.normaliser:.6g} ({gauge}); not clipped, not tone-mapped"
-    if settings.method == "vanilla" and ldr:
-        note = "display values, sRGB, as 3DGS"
-    degree = training.method.schedule.degree(1.0)
-    gaussians, offset = training.gaussians.to(torch.device("cpu")), _offset(dataset)
-    comments = [note, *(["offset {!r} {!r} {!r}: add it to x y z".format(*offset)] if any(offset) else [])]
-    harmonics = plain_harmonics(gaussians, appearance, degree)
-    write_ply(folder / SPLATS, gaussians, harmonics, comments, dataset.world, offset)
+    exposure, degree = exposure_of(training, dataset.views), training.method.schedule.degree(1.0)
+    display_db = write_splats(folder, dataset, training, exposure, gauge, progress)
     if training.refinement is not None and training.refinement.parameters:
         store.write_json(folder / REFINEMENT, training.refinement.facts())
     why = () if training.refinement is None else training.refinement.told()
@@ -84,8 +77,9 @@ def write_scene(
         else None,
         radiance=f"relative to {gauge}",
         world=dataset.world,
-        offset=offset,
-        exposure=exposure_of(training, dataset.views),
+        offset=offset_of(dataset),
+        exposure=exposure,
+        display_db=display_db,
         degree=degree,
         views=scene_views(dataset, training.refinement),
         gaussians=len(training.gaussians),
@@ -101,11 +95,6 @@ def write_scene(
         rungs=(*ladder, *why, *_early_stop(training, settings)),
     )
     store.write_json(folder / MODEL, record.model_dump(mode="json"))
-
-
-def _offset(dataset: Dataset) -> Vector:
-    """What the PLY files leave out of world coordinates."""
-    return dataset.world.offset(max(max(view.lens.fx, view.lens.fy) for view in dataset.views))
 
 
 def scene_views(dataset: Dataset, refinement: Refinement | None) -> tuple[SceneView, ...]:

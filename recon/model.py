@@ -26,6 +26,9 @@ CALIBRATION = "calibration.json"
 """The calibration as the scene was trained on it, whatever becomes of the session's."""
 CHECKPOINT = "checkpoint.safetensors"
 SPLATS = "splats.ply"
+"""As viewers show it."""
+RADIANCE = "radiance.ply"
+"""In linear light."""
 LOG = "train.jsonl"
 REFINEMENT = "refinement.json"
 
@@ -169,6 +172,9 @@ class ModelRecord(Record):
     """World coordinates are those of the PLY files plus this: zeros, where float32 holds them as they are."""
     exposure: float = Field(gt=0)
     """Factor on linear radiance that shows the median of its views as middle grey, 0.18."""
+    display_db: float | None
+    """PSNR of splats.ply as a viewer draws it, against the light as a display shows it; None of a scene that
+    was trained on display values, which are in splats.ply as they are."""
     degree: int = Field(ge=0, le=2)
     """Of the harmonics."""
     views: tuple[SceneView, ...]

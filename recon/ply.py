@@ -1,4 +1,4 @@
-"""`splats.ply` in the layout of 3DGS, which viewers read, with radiance instead of display colours."""
+"""PLY files in the layout of 3DGS, which viewers read."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -23,8 +23,8 @@ def properties(degree: int) -> tuple[str, ...]:
 
     Colour towards direction d: max(0, 0.5 + SH(d)), the harmonics as in 3DGS; f_rest holds all of red, then
     green, then blue, and viewers tell the degree by how many there are. opacity is a logit, scales are
-    natural logarithms, rot is wxyz. Colours are linear Rec.709 radiance divided by the exposure named in the
-    comments. The normals of the first 3DGS files, all zero, are left out, as gsplat and PlayCanvas do.
+    natural logarithms, rot is wxyz. What colours are, display values or light, the
+    comments say. The normals of the first 3DGS files, all zero, are left out, as gsplat and PlayCanvas do.
     """
     return (
         *("x", "y", "z"),

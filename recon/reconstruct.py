@@ -182,7 +182,7 @@ def _reconstruct(
 
     def write() -> None:
         loss = float(lines[-1]["loss"]) if lines else None
-        write_scene(folder, dataset, training, settings, loss, (*ladder, *size), guess)
+        write_scene(folder, dataset, training, settings, loss, (*ladder, *size), guess, progress)
 
     plan = settings.plan()
     try:

@@ -41,7 +41,7 @@ def usual(toy, tmp_path_factory):
     return trained(shutil.copytree(toy, tmp_path_factory.mktemp("usual") / "session"))
 
 
-@pytest.fixture(scope="module", params=WORLDS)
+@pytest.fixture(scope="module", params=["utm", "thousandths"])
 def elsewhere(request, toy, tmp_path_factory):
     """The same session in another world, its scene, and the world's unit and origin."""
     session = shutil.copytree(toy, tmp_path_factory.mktemp(request.param) / "session")
@@ -49,9 +49,12 @@ def elsewhere(request, toy, tmp_path_factory):
     return trained(session), *WORLDS[request.param]
 
 
-def test_the_views_of_a_scene_and_its_points_are_those_of_any_other_world(usual, elsewhere):
-    folder, scale, shift = elsewhere
-    one, two = load(usual.parent.parent), load(folder.parent.parent)
+@pytest.mark.parametrize(("scale", "shift"), WORLDS.values(), ids=WORLDS)
+def test_the_views_of_a_scene_and_its_points_are_those_of_any_other_world(
+    toy_dataset, session_copy, scale, shift
+):
+    put(session_copy, scale, shift)
+    one, two = toy_dataset, load(session_copy)
     assert two.world.unit == pytest.approx(scale * one.world.unit, rel=1e-6)
     np.testing.assert_allclose(
         two.world.origin, scale * np.array(one.world.origin) + shift, rtol=1e-12, atol=1e-6 * scale
