@@ -59,8 +59,8 @@ def calibrate(
     all. Views without a pose are listed in the record.
 
     Errors: CalibrationError when no view can be placed and nothing else was learnt, or when an earlier
-    calibration has poses, which then stays; PartialError when no view can be placed but exposures or
-    response were measured, which are then written; InputError for a damaged session; StorageError.
+    calibration has poses, which then stays; PartialError when the board or the poses had to be left out of
+    what is written; InputError for a damaged session; StorageError.
     """
     session = Path(session)
     opened = Session.open(session)
@@ -89,12 +89,31 @@ def calibrate(
         record = _with_part(opened, views, only, found, light, charts, earlier)
         store.write_json(_folder(opened) / "calibration.json", record.model_dump(mode="json"))
         return record
-    known = measure_board(opened, board, progress)
-    if known is not None and not views:
+    known, refused = _board(opened, board, progress)
+    if views:
+        record = _with_poses(opened, views, found, light, charts, known, refused, progress)
+    elif known is None and not _has_sensor_frames(opened):
+        raise CalibrationError(refused)
+    else:
         record = with_charts(assemble(opened, views, found, light, board=known), charts)
         _write(opened, record, {}, None, progress)
-        return record
-    return _with_poses(opened, views, found, light, charts, known, progress)
+    if refused:
+        raise PartialError(f"{session}: the board was left out, and the rest is calibrated: {refused}")
+    return record
+
+
+def _board(session: Session, told: Board | None, progress: Progress) -> tuple[MeasuredBoard | None, str]:
+    """What the session's shots of a board gave, or why they gave nothing: the rest does not hang on it.
+
+    told: what they show; a board that was told once is known from the calibration that there is.
+    """
+    if told is None and (_folder(session) / "calibration.json").exists():
+        evidence = read_calibration(session.folder).board
+        told = None if evidence is None else evidence.board
+    try:
+        return measure_board(session, told, progress), ""
+    except CalibrationError as error:
+        return None, str(error)
 
 
 def _folder(session: Session) -> Path:
@@ -142,6 +161,7 @@ def _with_poses(
     light: Light,
     charts: Charts,
     board: MeasuredBoard | None,
+    board_refused: str,
     progress: Progress,
 ) -> CalibrationRecord:
     threads = len(os.sched_getaffinity(0))
@@ -158,13 +178,13 @@ def _with_poses(
         model = _placed(session, looks, found, board, 1, progress)
     except CalibrationError as error:
         cause = f"{str(error)[0].lower()}{str(error)[1:]}"
-        if not (light.measured or board is not None) or _has_poses(session):
+        gained = _gained(session, found, light, charts, board)
+        if not gained or _has_poses(session):
             raise CalibrationError(f"{session.folder}: {cause}") from error
         record = with_charts(assemble(session, views, found, light, board=board), charts)
         _write(session, record, {}, None, progress)
-        raise PartialError(
-            f"{session.folder}: exposures and response are measured, but no view has a pose: {cause}"
-        ) from error
+        also = f" The board was left out: {board_refused}" if board_refused else ""
+        raise PartialError(f"{session.folder}: {gained}, but no view has a pose: {cause}{also}") from error
     rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
     model, by_rig = place(model, looks, rigs)
     names = sorted(model.lenses)
@@ -181,6 +201,31 @@ def _with_poses(
     record = with_balance(record, equal)
     _write(session, record, {key: own.png for key, own in looks.items()}, model, progress)
     return record
+
+
+def _has_sensor_frames(session: Session) -> bool:
+    return bool(session.shots("dark") or session.shots("flat"))
+
+
+def _gained(
+    session: Session,
+    found: Mapping[str, Sensor],
+    light: Light,
+    charts: Charts,
+    board: MeasuredBoard | None,
+) -> str:
+    """What there is without any pose, as the beginning of a sentence; empty if there is nothing."""
+    parts = {
+        "exposures and response": light.measured,
+        "the board's lenses": board is not None,
+        "sensors": _has_sensor_frames(session),
+        "colours": bool(charts.evidence),
+    }
+    measured = ", ".join(part for part, there in parts.items() if there)
+    if measured:
+        return f"{measured} are measured"
+    named = any(own.camera_from_rec709 is not None for own in found.values())
+    return "colours are as the files say" if named else ""
 
 
 def _placed(

@@ -20,7 +20,7 @@ def refuse_hopeless(features: Mapping[Key, Features], blank: Mapping[Key, str]) 
     """CalibrationError when fewer than two views have anything to hold on to, naming the commonest cause."""
     if len(features) < 2:
         raise CalibrationError(
-            "One view alone has no pose: take more views of the same scene from other places."
+            "Only one view: poses need at least two, so take more views of the same scene from other places."
         )
     lost = {key: blank.get(key, "without texture or blurred") for key, own in features.items()
             if key in blank or len(own.points) < FEWEST_FEATURES}  # fmt: skip

@@ -1,5 +1,6 @@
 """`rig capture RIG.toml`: a session shot by the cameras that a rig file names."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -71,6 +72,7 @@ def capture_rig(
     what was finished stays.
     """
     out = Path(out)
+    _require_board(rig, kind)
     request = Request(kind, frames, bracket if auto is None else auto)
     with _opened(rig, hands, positions, backend, clock, say) as source:
         return shoot(
@@ -81,6 +83,18 @@ def capture_rig(
             compression=compression,
             progress=progress,
             say=say,
+        )
+
+
+def _require_board(rig: RigFile, kind: Subject) -> None:
+    """InputError where a board is to be shown that nothing describes: no calibration could use the shots."""
+    if kind == "board" and rig.tables.board is None:
+        from capture.initial import EXAMPLE  # a board takes OpenCV, which takes a while to load
+
+        example = ", ".join(f"{key} = {json.dumps(value)}" for key, value in EXAMPLE.model_dump().items())
+        raise InputError(
+            f"{rig.path} does not describe the board that is shown: make `board = {{ {example} }}` its first "
+            "line, with the squares and the sizes in metres of your own, or fill in its [board] table."
         )
 
 
@@ -99,6 +113,7 @@ def rehearse_rig(
     say: Say = lambda line: None,
 ) -> Rehearsal:
     """Plan what `capture_rig` would shoot, with the scene metered, and write nothing."""
+    _require_board(rig, kind)
     request = Request(kind, frames, bracket if auto is None else auto)
     with _opened(rig, hands, positions, backend, clock, say) as source:
         return rehearse(source, out, request)

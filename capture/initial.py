@@ -7,6 +7,10 @@ from capture.check import SKEW_TOLERANCE
 from capture.planner import Wanted
 from drivers.connected import Listed
 from imaging.errors import CaptureError
+from imaging.records import Board
+
+EXAMPLE = Board(columns=7, rows=5, square=0.15, marker=0.1125, dictionary="DICT_4X4_50")
+"""The board that simulated cameras see."""
 
 _HEAD = f"""\
 # The rig that `rig capture` shoots with; lines that begin with # say what else there is.
@@ -32,13 +36,7 @@ mode = "software"           # "hardware": exposed by a rising edge on a line
 # output = "Line1"          #   that goes out on this line of it; without a leader edges come from elsewhere
 tolerance = {SKEW_TOLERANCE}            # seconds between the shutters of one step that are still together
 
-# [board]                   # what rig capture --board shows: a ChArUco board, sizes in metres
-# columns = 7               # squares along its longer side
-# rows = 5
-# square = 0.04
-# marker = 0.03
-# dictionary = "DICT_4X4_50"
-
+{{board}}
 # A camera is known by its serial number, wherever it is plugged in. Its name stands in the names of its
 # files: raw/0000/{{leader}}_0.dng. Cameras that name the same rig are fixed to each other for as long as a
 # session is shot; a camera that moves by itself has no rig. With the positions of two cameras in it the scene
@@ -46,9 +44,10 @@ tolerance = {SKEW_TOLERANCE}            # seconds between the shutters of one st
 """
 
 
-def rig_file_text(listed: Sequence[Listed]) -> str:
+def rig_file_text(listed: Sequence[Listed], board: Board | None = None) -> str:
     """RIG.toml for these cameras, by serial number, named cam0, cam1 and so on.
 
+    board: the one that they will be shown, if that is known; else one stands there as an example.
     Those that could not be asked, or cannot shoot, are named in comments. CaptureError if none is left, or
     if two have one serial number.
     """
@@ -66,10 +65,24 @@ def rig_file_text(listed: Sequence[Listed]) -> str:
                 f"{serials.count(serial)} cameras have the serial number {serial!r} and cannot be told "
                 "apart: unplug all but one of them."
             )
-    parts = [_HEAD.format(f_number=_f_number(able), leader="cam0")]
+    parts = [_HEAD.format(f_number=_f_number(able), leader="cam0", board=_board(board))]
     parts += [_camera(f"cam{index}", one, alone=len(able) == 1) for index, one in enumerate(able)]
     parts += [f"\n# Left out: {_printable(one.trouble)}\n" for one in listed if one.trouble]
     return "".join(parts)
+
+
+def _board(known: Board | None) -> str:
+    """The table of a board, in comments if it is but an example."""
+    board = EXAMPLE if known is None else known
+    lines = (
+        "[board]                   # what rig capture --board shows: a ChArUco board, sizes in metres",
+        f"columns = {board.columns}               # squares along x, as its generator counts them",
+        f"rows = {board.rows}",
+        f"square = {board.square:<16g} # its side gives the scene its scale: measure it on the print",
+        f"marker = {board.marker:g}",
+        f'dictionary = "{board.dictionary}"',
+    )
+    return "".join(f"{'# ' if known is None else ''}{line}\n" for line in lines)
 
 
 def _f_number(able: Sequence[Listed]) -> str:

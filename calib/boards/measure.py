@@ -1,5 +1,6 @@
 """Lenses and rigs of a session from its views of a board."""
 
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ from imaging.merge import merge_bracket
 from imaging.records import Board, Rung
 from imaging.session import Session
 
+EXAMPLE = "7x5,square=150mm,marker=112.5mm,DICT_4X4_50"
+"""The board that simulated cameras see, as the command line describes it."""
 OUTLIER = 2.5
 """A view, or a camera, that misses by this many times the median of all is named."""
 SURE_PX, SURE_RIG_PX = 0.3, 0.5
@@ -66,8 +69,8 @@ def measure(session: Session, told: Board | None, progress: Progress) -> Measure
     board = told or (shown[-1] if shown else None)
     if board is None:
         raise CalibrationError(
-            f"{session.folder} has shots of a board and does not say which: describe it, as "
-            "--board 7x5,square=110mm,marker=82.5mm,DICT_4X4_50."
+            f"nothing describes it: run `rig calibrate {shlex.quote(str(session.folder))} --board {EXAMPLE}` "
+            "with the squares and sizes of your own."
         )
     seen, printed = find_all(board, sorted(views), lambda key: picture_of(session, views[key]), progress)
     sizes = {key[0]: (views[key].shots[0].width, views[key].shots[0].height) for key in seen}

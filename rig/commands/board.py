@@ -1,4 +1,4 @@
-"""A board in one word on the command line: `7x5,square=110mm,marker=82.5mm,DICT_4X4_50`."""
+"""A board in one word on the command line: `7x5,square=150mm,marker=112.5mm,DICT_4X4_50`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from imaging.records import Board
 
-EXAMPLE = "7x5,square=110mm,marker=82.5mm,DICT_4X4_50"
+EXAMPLE = "7x5,square=150mm,marker=112.5mm,DICT_4X4_50"
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 
 

@@ -31,6 +31,7 @@ def init(
         from drivers.connected import ask_all
         from imaging import store
         from imaging.errors import InputError
+        from imaging.records import Board
 
         if path.exists() or path.is_symlink():
             raise InputError(f"{path} is there already: name another file, or move it away.")
@@ -40,7 +41,8 @@ def init(
         for one in ask_all(bus.backend, bus.clock):
             listed.append(one)
             meter(one.where or one.protocol, len(listed), 0)
-        text = rig_file_text(listed)
+        board = None if bus.rig is None else Board.model_validate(bus.rig.board.description())
+        text = rig_file_text(listed, board)
         store.write_bytes(path, text.encode())
     failed = [one for one in listed if one.trouble]
     asked = len(listed) - len(failed)

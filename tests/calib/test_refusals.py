@@ -1,5 +1,7 @@
 """Sessions that cannot be placed: the cause is named, and what was measured stays."""
 
+import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
 from imaging.records import SessionRecord
 from imaging.session import Session
+from rig.commands.board import board_text
 
 from .conftest import make_session, silent
 
@@ -35,7 +38,7 @@ def plain(code: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("pictures", "cause"),
     [
-        ([noise(0)], "one view alone has no pose"),
+        ([noise(0)], "only one view: poses need at least two"),
         ([plain(0)] * 3, "3 of 3 views show nothing to hold on to, 3 of them are black: expose longer"),
         ([plain(255)] * 3, "are saturated: expose shorter"),
         ([plain(128)] * 3, "are without texture or blurred: focus"),
@@ -95,6 +98,41 @@ def test_one_view_keeps_what_its_bracket_says(tmp_path: Path) -> None:
     scale = [record.exposure_scale[f"raw/0000/cam_{step}.dng"] for step in range(3)]
     np.testing.assert_allclose(scale / np.array(scale[2]), [1 / 16, 1 / 4, 1], rtol=5e-3)
     assert "straight line" in record.cameras[0].response.evidence
+
+
+def add_board_shot(folder: Path) -> None:
+    """One picture of kind board, of which the session does not say what it shows."""
+    session = Session.open(folder)
+    (shot,) = [one for one in session.shots("scene") if one.step == 0]
+    file = folder / "raw" / "0009" / "cam_0.dng"
+    file.parent.mkdir()
+    file.write_bytes((folder / shot.file).read_bytes())
+    update = {"kind": "board", "plan": "board", "frame": 9, "file": "raw/0009/cam_0.dng"}
+    session.append_shot(shot.model_copy(update=update))
+
+
+def test_a_board_that_nothing_describes_is_left_out_alone(tmp_path: Path) -> None:
+    """Everything else is measured; the command that is named can be pasted, and its board is remembered."""
+    session = make_session(tmp_path / "a session", [bracket(1)])
+    add_board_shot(session)
+    with pytest.raises(PartialError, match="The board was left out: nothing describes it") as refused:
+        calibrate(session, progress=silent)
+    assert "straight line" in read_calibration(session).cameras[0].response.evidence
+    words = shlex.split(str(refused.value).split("`")[1])
+    assert words[:3] == ["rig", "calibrate", str(session)]
+    told = board_text(words[4]).board()
+    with pytest.raises(PartialError, match="No picture shows a board of 7 x 5 squares"):
+        calibrate(session, board=told, progress=silent)
+
+
+def test_one_view_keeps_the_colour_that_its_file_names(tmp_path: Path) -> None:
+    """One RAW photograph without a bracket: no pose, but what `rig merge` needs to leave camera RGB."""
+    raw, exposure = bracket(1)[2]
+    matrix = ((0.8, -0.2, -0.1), (-0.4, 1.2, 0.2), (0.0, 0.2, 0.6))
+    session = make_session(tmp_path / "S", [[(replace(raw, camera_from_xyz=matrix), exposure)]])
+    with pytest.raises(PartialError, match="colours are as the files say, but no view has a pose: only one"):
+        calibrate(session, progress=silent)
+    assert read_calibration(session).cameras[0].camera_from_rec709 is not None
 
 
 def test_poses_that_were_found_before_are_not_given_up(

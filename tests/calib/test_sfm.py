@@ -120,7 +120,7 @@ def test_a_turn_is_told_from_a_flat_scene():
 @pytest.mark.parametrize(
     ("features", "cause"),
     [
-        ({("cam", 0): seen(*arc(1)[0])}, "One view alone"),
+        ({("cam", 0): seen(*arc(1)[0])}, "Only one view"),
         (
             {("cam", i): Features(np.empty((0, 2)), np.empty((0, 128), np.float32)) for i in range(4)},
             "without texture",

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture.initial import rig_file_text
+from capture.connected_rig import capture_rig, rehearse_rig
+from capture.initial import EXAMPLE, rig_file_text
 from capture.planner import Wanted
 from capture.rigfile import RigFile, read_rig_file
 from drivers.camera import CameraIdentity, Capabilities
@@ -168,8 +169,25 @@ def test_every_setting_that_is_commented_out_may_be_used(tmp_path: Path) -> None
         lines[number] = lines[number].removeprefix("# ")
     tables = read(tmp_path, "\n".join(lines)).tables
     bracket = tables.bracket
-    assert tables.board == Board(columns=7, rows=5, square=0.04, marker=0.03)
+    assert tables.board == EXAMPLE
     assert (bracket.f_number, bracket.iso, bracket.total, bracket.slowest) == (8, 100, 2, 1 / 4)
+
+
+def test_a_board_that_is_known_stands_in_the_file(tmp_path: Path) -> None:
+    board = Board(columns=12, rows=9, square=0.0301, marker=0.022, dictionary="DICT_5X5_100")
+    assert read(tmp_path, rig_file_text([listed("A")], board)).tables.board == board
+    assert read(tmp_path, rig_file_text([listed("A")])).tables.board is None
+
+
+def test_no_board_is_shot_that_nothing_describes(tmp_path: Path) -> None:
+    """The sentence holds a line that can be pasted; no camera is looked for before it."""
+    rig = read(tmp_path, SOUND)
+    for shoot in (capture_rig, rehearse_rig):
+        with pytest.raises(InputError, match="does not describe the board") as refused:
+            shoot(rig, tmp_path / "S", kind="board")
+    assert not (tmp_path / "S").exists()
+    line = str(refused.value).split("`")[1]
+    assert read(tmp_path, f"{line}\n{SOUND}").tables.board == EXAMPLE
 
 
 def test_positions_and_boards_that_cannot_be_name_their_line(tmp_path: Path) -> None:

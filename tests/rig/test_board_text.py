@@ -3,13 +3,20 @@
 import pytest
 import typer
 
+import calib.boards.measure
+import capture.initial
+import drivers.sim.board
 from imaging.errors import InputError
 from imaging.records import Board
 from rig.commands.board import EXAMPLE, board_text
 
 
-def test_the_example_of_the_help_is_a_board() -> None:
-    assert board_text(EXAMPLE).board() == Board(columns=7, rows=5, square=0.11, marker=0.0825)
+def test_the_example_everywhere_is_the_board_that_simulated_cameras_see() -> None:
+    """Who copies it while trying things out gets a scene of the right scale."""
+    shown = Board.model_validate(drivers.sim.board.Board().description())
+    assert board_text(EXAMPLE).board() == shown
+    assert shown == capture.initial.EXAMPLE
+    assert calib.boards.measure.EXAMPLE == EXAMPLE
 
 
 def test_order_units_and_case_do_not_matter() -> None:
