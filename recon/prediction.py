@@ -1,4 +1,4 @@
-"""What held-out quality a training will reach, foretold from a training in miniature.
+"""What held-out quality a training will reach, predicted from a training in miniature.
 
 Quality over the length n of a whole schedule goes as q(n) = end - rise / (1 + (n / half)^power): slowly
 while Gaussians look for their places, fastest around `half` iterations, and last by a power law, as learning

@@ -278,7 +278,7 @@ def _begin(
         if found.db is not None:
             guess = predicted(found.db, found.iterations, settings.iterations * settings.batch)
         if guess is not None and ranks.first:
-            tell(f"foretold: held-out {guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f})")
+            tell(f"predicted: held-out {guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f})")
     if ranks.first:
         store.make_folder(folder)
         for name in (CHECKPOINT, LOG):

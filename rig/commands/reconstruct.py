@@ -43,17 +43,17 @@ def reconstruct(
         typer.Option(
             parser=parsed_budget,
             metavar="AMOUNT",
-            help="Train no longer than 90s or 5m, which leaves out trials of what the scene needs if there "
-            "is no room for them; make splats.ply no larger than 30MB; use at most 100k "
-            "Gaussians; or stop when held-out views reach 35dB.",
+            help="Train no longer than 90s or 5m (model trials are skipped if time is short); make "
+            "splats.ply no larger than 30MB; use at most 100k Gaussians; or stop when "
+            "held-out views reach 35dB.",
         ),
     ] = None,
     early_stop: Annotated[
         bool,
         typer.Option(
             "--early-stop",
-            help="Train no longer than scenes before gained from; end when validation views, up to half of "
-            "the held-out ones, get no better.",
+            help="Stop at the typical point of no further gain, or earlier, when validation views, up to "
+            "half of the held-out ones, get no better.",
         ),
     ] = False,
     seed: SeedOption = 0,
@@ -216,7 +216,7 @@ def _course(record: "ModelRecord") -> str:
     if record.predicted is None:
         return words
     guess = record.predicted
-    return f"{words} (foretold {guess.db:.1f}, {guess.low:.1f} to {guess.high:.1f})"
+    return f"{words} (predicted {guess.db:.1f}, {guess.low:.1f} to {guess.high:.1f})"
 
 
 def _missing(record: "ModelRecord") -> str | None:

@@ -20,7 +20,7 @@ def trade(
         str, typer.Option(metavar="TIME", help="Train no longer than this, as 90s or 10m.")
     ] = "10m",
     workers: Annotated[
-        int, typer.Option(min=1, max=64, help="Trainings at once; their seconds then tell less.")
+        int, typer.Option(min=1, max=64, help="Parallel trainings; timings become less reliable.")
     ] = 1,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
@@ -63,10 +63,10 @@ def told(session: Path, found: "Trade", report: Path) -> Outcome:
     from recon.trade import front
 
     best = front(found.points, lambda point: point.seconds, lambda point: point.db)
-    lines = [f"{session}: {counted(len(found.points), 'training')}, of which nothing beats these:"]
+    lines = [f"{session}: {counted(len(found.points), 'training')}, Pareto-optimal among them:"]
     lines += [f"  {_row(point)}" for point in best]
     if found.left:
-        lines.append(f"{counted(found.left, 'training')} more did not fit: run the same command to go on.")
+        lines.append(f"{found.left} more did not fit the budget: run the same command to go on.")
     lines.append(f"Report: {report}")
     missing = None
     if found.failed:

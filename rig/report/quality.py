@@ -226,7 +226,7 @@ def _cost(model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[tuple[str,
     if model.predicted is not None and model.held_out_db is not None:
         guess = model.predicted
         yield (
-            f"{'Validation' if model.validation else 'Held-out'} quality, foretold and reached",
+            f"{'Validation' if model.validation else 'Held-out'} quality, predicted and reached",
             f"{guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f}), {model.held_out_db:.1f} dB",
         )
     yield "Gaussians", f"{model.gaussians:,}"

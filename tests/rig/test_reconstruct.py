@@ -1,4 +1,4 @@
-"""`rig reconstruct`: budgets of every kind, what is foretold, and Ctrl-C."""
+"""`rig reconstruct`: budgets of every kind, what is predicted, and Ctrl-C."""
 
 import json
 import os
@@ -48,7 +48,7 @@ def test_a_quality_that_is_reached_ends_the_training(rig, toy: Path, quick: None
     code, out, err = rig("reconstruct", str(toy), "--quality", "draft", "--budget", "12dB", "--json")
     told = json.loads(out)
     assert (code, told["ending"]) == (0, "goal")
-    assert err.startswith("foretold: held-out ")
+    assert err.startswith("predicted: held-out ")
     assert told["held_out_db"] >= 12
     assert told["iterations"] < 60
 

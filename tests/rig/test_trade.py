@@ -163,7 +163,7 @@ def test_the_command_sweeps_and_writes_the_page(rig, toy: Path, monkeypatch: pyt
     assert Path(told["report"]).is_file()
     code, out, _ = rig("trade", str(toy), "--budget", "0.000001s")
     assert code == 0
-    assert "more did not fit: run the same command to go on." in out
+    assert "more did not fit the budget: run the same command to go on." in out
     assert f"rig reconstruct {toy} --method nh-3dgs --quality draft --seed 0" in out
 
 
