@@ -6,17 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from calib import radiometry, sensors, sfm, tracks, vignetting
+from calib import pictures, radiometry, sensors, sfm, tracks, vignetting
 from calib.assemble import assemble
 from calib.boards.measure import Measured as MeasuredBoard
 from calib.boards.measure import measure as measure_board
 from calib.by_rig import place
 from calib.colour.measure import Charts, measure_charts
 from calib.colour.recorded import CHART_RUNGS, balance, charts_of, rebalanced, with_balance, with_charts
-from calib.exports import write_exports
-from calib.features import Key, image_name
+from calib.features import Key
 from calib.known_rig import Known
 from calib.looks import Look, look
+from calib.output import write_calibration
 from calib.radiometry import Light
 from calib.response import RUNGS
 from calib.sensor.measure import Sensors, measure
@@ -96,7 +96,7 @@ def calibrate(
         raise CalibrationError(refused)
     else:
         record = with_charts(assemble(opened, views, found, light, board=known), charts)
-        _write(opened, record, {}, None, progress)
+        write_calibration(opened, record, (), None, progress)
     if refused:
         raise PartialError(f"{session}: the board was left out, and the rest is calibrated: {refused}")
     return record
@@ -182,7 +182,7 @@ def _with_poses(
         if not gained or _has_poses(session):
             raise CalibrationError(f"{session.folder}: {cause}") from error
         record = with_charts(assemble(session, views, found, light, board=board), charts)
-        _write(session, record, {}, None, progress)
+        write_calibration(session, record, (), None, progress)
         also = f" The board was left out: {board_refused}" if board_refused else ""
         raise PartialError(f"{session.folder}: {gained}, but no view has a pose: {cause}{also}") from error
     rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
@@ -199,7 +199,23 @@ def _with_poses(
     )
     record = with_charts(assemble(session, views, found, light, model, falloff, board, by_rig), charts)
     record = with_balance(record, equal)
-    _write(session, record, {key: own.png for key, own in looks.items()}, model, progress)
+    factor = pictures.exposure({key: own.brightness for key, own in looks.items()})
+    shown = (
+        (
+            view.key,
+            pictures.picture(
+                session,
+                view,
+                light.scale,
+                light.responses[view.camera.name],
+                record.camera(view.camera.name).camera_from_rec709,
+                (looks[view.key].width, looks[view.key].height),
+                factor,
+            ),
+        )
+        for view in views
+    )
+    write_calibration(session, record, shown, model, progress)
     return record
 
 
@@ -270,31 +286,6 @@ def _has_poses(session: Session) -> bool:
         return bool(read_calibration(session.folder).views)
     except InputError:
         return False
-
-
-def _write(
-    session: Session,
-    record: CalibrationRecord,
-    previews: Mapping[Key, bytes],
-    model: sfm.Model | None,
-    progress: Progress,
-) -> None:
-    progress("writing the calibration", 0, 1)
-    with store.replacing(_folder(session)) as part:
-        part.mkdir()
-        for key, png in previews.items():
-            file = part / "previews" / image_name(key)
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(png)
-        if model is not None:
-            (part / "colmap").mkdir()
-            try:
-                model.reconstruction.write(str(part / "colmap"))
-            except RuntimeError as error:  # which is how pycolmap tells of a full disk
-                raise OSError(str(error)) from error
-        store.write_json(part / "calibration.json", record.model_dump(mode="json"))
-        write_exports(part, record, session.record.cameras, {} if model is None else model.lenses)
-    progress("writing the calibration", 1, 1)
 
 
 def _with_part(

@@ -1,7 +1,9 @@
 """The calibration in the formats of other programs, written beside calibration.json.
 
 * `transforms.json` (nerfstudio, Instant NGP): camera-to-world with OpenGL axes; pixel centres at +0.5 as
-  here. It names the pictures in previews/, and the lenses are those of that size.
+  here. It names the pictures in previews/ (sRGB, 8 bits, of one exposure), and the lenses are those of that
+  size; `sparse_pc.ply` holds the scene points in the same world, for trainers that start from them. Which
+  lenses are fisheyes nerfstudio reads from `camera_model`, Instant NGP from `is_fisheye`.
 * `opencv/<camera>.yaml` (cv2.FileStorage): pixel centres at whole numbers, so `c` is half a pixel less. A
   lens of the `distortion_model` fisheye is for cv2.fisheye.
 * `camchain-<rig>.yaml` (Kalibr): each camera from the one before it; pixel centres as OpenCV's.
@@ -23,21 +25,33 @@ from imaging.records import CameraRecord
 
 HALF = 0.5
 """By which OpenCV's pixel coordinates are less than ours."""
+_POINTS = "sparse_pc.ply"
+"""As ns-process-data calls it."""
+_COLOURS = ("red", "green", "blue")
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def write_exports(
-    folder: Path, record: CalibrationRecord, cameras: Sequence[CameraRecord], pictures: Mapping[str, Lens]
+    folder: Path,
+    record: CalibrationRecord,
+    cameras: Sequence[CameraRecord],
+    pictures: Mapping[str, Lens],
+    model: Any = None,
 ) -> None:
     """Write every export that the calibration allows into `folder`.
 
     cameras: of the session, whose `rig` says what is mounted together. pictures: the lens of each camera at
-    the size of its previews. OSError when the disk refuses.
+    the size of its previews. model: the COLMAP model, whose points go with transforms.json. OSError when the
+    disk refuses.
     """
     known = [camera for camera in record.cameras if camera.lens is not None]
     if record.views:
-        transforms = json.dumps(_transforms(record, pictures), indent=1, allow_nan=False)
-        (folder / "transforms.json").write_text(f"{transforms}\n", encoding="utf-8")
+        transforms = _transforms(record, pictures)
+        if model is not None and model.points3D:
+            (folder / _POINTS).write_bytes(_ply(model))
+            transforms = {"ply_file_path": _POINTS, **transforms}
+        text = json.dumps(transforms, indent=1, allow_nan=False)
+        (folder / "transforms.json").write_text(f"{text}\n", encoding="utf-8")
     if known:
         (folder / "opencv").mkdir()
     for camera in known:
@@ -66,6 +80,7 @@ def _transforms(record: CalibrationRecord, pictures: Mapping[str, Lens]) -> dict
                 "cy": lens.cy,
                 **_terms(lens),
                 "camera_model": "OPENCV_FISHEYE" if lens.fisheye else "OPENCV",
+                "is_fisheye": lens.fisheye,
                 "transform_matrix": world_from_cam.tolist(),
             }
         )
@@ -74,7 +89,26 @@ def _transforms(record: CalibrationRecord, pictures: Mapping[str, Lens]) -> dict
     if len(models) == 1:
         for frame in frames:
             del frame["camera_model"]
-    return {"camera_model": min(models), "frames": frames}
+    return {"camera_model": min(models), "is_fisheye": models == {"OPENCV_FISHEYE"}, "frames": frames}
+
+
+def _ply(model: Any) -> bytes:
+    """The points of a COLMAP model with their colours as binary PLY."""
+    points = [model.points3D[number] for number in sorted(model.points3D)]
+    table = np.empty(len(points), [*((axis, "<f4") for axis in "xyz"), *((c, "u1") for c in _COLOURS)])
+    for column, axis in enumerate("xyz"):
+        table[axis] = [point.xyz[column] for point in points]
+    for column, colour in enumerate(_COLOURS):
+        table[colour] = [point.color[column] for point in points]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(points)}",
+        *(f"property float {axis}" for axis in "xyz"),
+        *(f"property uchar {colour}" for colour in _COLOURS),
+        "end_header",
+    ]
+    return "\n".join([*header, ""]).encode() + table.tobytes()
 
 
 def _write_opencv(path: Path, camera: CameraCalibration) -> None:

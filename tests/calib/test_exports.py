@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from calib import exports
+from capture.layouts.ply_points import read_ply_points
 from imaging import lens as optics
 from imaging.calibration import (
     CalibrationRecord,
@@ -65,6 +66,46 @@ def test_transforms_hold_rays_through_the_centres_of_pixels(arm: Path, points: A
         found = np.stack([frame["fl_x"] * along + frame["cx"], frame["fl_y"] * down + frame["cy"]], 1)
         name = frame["file_path"].removeprefix("previews/")
         np.testing.assert_allclose(found, projected(arm, name, points), atol=1e-6)
+
+
+def test_the_pictures_that_exports_name_are_photographs_in_colour(arm: Path) -> None:
+    """Display-referred and all of one exposure: a point looks alike in all of them, and as it truly is."""
+    transforms = json.loads((arm / "calibration" / "transforms.json").read_text())
+    model = pycolmap.Reconstruction(str(arm / "calibration" / "colmap"))
+    shown = {
+        frame["file_path"].removeprefix("previews/"): cv2.imread(
+            str(arm / "calibration" / frame["file_path"])
+        )[..., ::-1]
+        for frame in transforms["frames"]
+    }
+    for picture in shown.values():
+        assert 40 < np.median(picture) < 200
+        assert np.abs(np.diff(picture.astype(int), axis=-1)).mean() > 5  # grey has none
+    spread = []
+    for point in model.points3D.values():
+        codes = []
+        for element in point.track.elements:
+            image = model.images[element.image_id]
+            x, y = np.ravel(image.points2D[element.point2D_idx].xy).astype(int)
+            codes.append(shown[image.name][y, x].astype(float))
+        np.testing.assert_allclose(np.mean(codes, axis=0), point.color, atol=0.51)
+        spread.append(np.std(codes, axis=0).mean())
+    assert np.median(spread) < 15
+    colours = np.array([point.color for point in model.points3D.values()], int)
+    assert 40 < np.median(colours) < 200
+    assert np.abs(np.diff(colours, axis=-1)).mean() > 5
+
+
+def test_the_points_beside_transforms_are_those_of_the_model(arm: Path, points: Array) -> None:
+    transforms = json.loads((arm / "calibration" / "transforms.json").read_text())
+    file = arm / "calibration" / transforms["ply_file_path"]
+    np.testing.assert_allclose(read_ply_points(file)[: len(points)], points, rtol=1e-6, atol=1e-6)
+    header, values = file.read_bytes().split(b"end_header\n")
+    assert header.split()[:3] == [b"ply", b"format", b"binary_little_endian"]
+    model = pycolmap.Reconstruction(str(arm / "calibration" / "colmap"))
+    rows = np.frombuffer(values, np.dtype([("xyz", "<f4", 3), ("colour", "u1", 3)]))
+    assert len(rows) == model.num_points3D()
+    assert (rows["colour"] == [model.points3D[number].color for number in sorted(model.points3D)]).all()
 
 
 def test_opencv_reads_its_file_and_projects_half_a_pixel_less(
@@ -184,3 +225,5 @@ def test_fisheyes_are_told_as_each_program_tells_them(tmp_path: Path) -> None:
     transforms = json.loads((tmp_path / "alone" / "transforms.json").read_text())
     assert transforms["camera_model"] == "OPENCV_FISHEYE"
     assert "camera_model" not in transforms["frames"][0]
+    assert (wide["is_fisheye"], long["is_fisheye"]) == (True, False)  # Instant NGP reads each frame's
+    assert transforms["is_fisheye"] is True
