@@ -78,7 +78,8 @@ def assemble(
         blank = CameraCalibration(name=camera.name, serial=camera.serial, response=response)
         cameras.append(blank.model_copy(update=update))
     poses = {} if model is None else model.poses
-    rungs: tuple[Rung, ...] = (*sensors.rungs(found), *light.rungs)
+    raw = {name: own for name, own in found.items() if session.camera(name).kind == "raw"}
+    rungs: tuple[Rung, ...] = (*sensors.rungs(raw), *light.rungs)
     if model is not None and falloff is not None:
         rungs = (*rungs, *model.rungs, *falloff.rungs)
     if board is not None:

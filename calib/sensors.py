@@ -81,16 +81,20 @@ def with_measured(sensor: Sensor, measured: Sensors, iso: float | None) -> Senso
 
 
 def rungs(sensors: Mapping[str, Sensor]) -> tuple[Rung, ...]:
-    """Where noise and colour come from."""
+    """Where noise and colour come from; sensors: of the cameras that gave RAW, no others have any."""
     noisy = sum(sensor.noise is not None for sensor in sensors.values())
     coloured = sum(sensor.camera_from_rec709 is not None for sensor in sensors.values())
     total = len(sensors)
+    if not total:
+        return ()
     return (
         *sensor_rungs({name: sensor.measured for name, sensor in sensors.items()}, noisy, total),
         Rung(
             name="camera_colour",
             taken=coloured > 0,
-            reason=f"matrix from XYZ as the files of {coloured} of {total} cameras say; not measured",
+            reason=f"matrix from XYZ as the files of {coloured} of {total} cameras say; not measured"
+            if coloured
+            else "the colour of the cameras is not known: their files name no matrix; a chart would tell it",
         ),
     )
 

@@ -24,6 +24,7 @@ ProblemKind = Literal[
     "motion",
     "dark",
     "flat",
+    "clipped",
 ]
 
 

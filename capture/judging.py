@@ -20,14 +20,19 @@ MOVED = {"raw": 0.005, "hdr": 0.005, "ldr": 0.01}
 LIGHT_IN_DARK = 0.01
 """Share of the photosites of a dark frame that may be lit, or hot."""
 CLIPPED_IN_FLAT = 0.001
+CLIPPED_IN_SHORTEST = 0.005
+"""Share of the samples of the shortest exposures above which highlights are lost."""
+ALIKE = 1.3
+"""Exposures within this factor of the shortest count as the shortest."""
 
 T = TypeVar("T")
 Looks = Sequence[ShotLook]
 
 
 def warnings(looks: Looks, cameras: Sequence[CameraRecord]) -> Iterator[Problem]:
-    """All of them: of darks and flats, of labels, of focus, of motion."""
+    """All of them: of darks and flats, of highlights, of labels, of focus, of motion."""
     yield from _darks_and_flats(looks)
+    yield from _clipped(looks)
     compared = [look for look in looks if look.kind in COMPARED]
     yield from _labels(compared)
     blurred = list(_blurred(compared))
@@ -36,6 +41,41 @@ def warnings(looks: Looks, cameras: Sequence[CameraRecord]) -> Iterator[Problem]
     # What is blurred in one exposure differs from the others without having moved.
     known = {(problem.camera, problem.frame) for problem in blurred}
     yield from _moved([look for look in compared if (look.camera, look.frame) not in known])
+
+
+def lost_highlights(shots: Sequence[tuple[float, float]]) -> str | None:
+    """What to say of highlights that not even the shortest exposures hold; None if they hold them.
+
+    shots: exposure scale and share of clipped samples of each shot of a scene.
+    """
+    if not shots:
+        return None
+    least = min(scale for scale, _ in shots)
+    share = median(clipped for scale, clipped in shots if scale <= least * ALIKE)
+    if share <= CLIPPED_IN_SHORTEST:
+        return None
+    percent = f"{100 * share:.0f}" if share >= 0.1 else f"{100 * share:.2g}"
+    return (
+        f"The shortest exposure still clips {percent} % of its samples: "
+        "add a shorter one to keep the highlights."
+    )
+
+
+def _clipped(looks: Looks) -> Iterator[Problem]:
+    shots = [
+        (own.scale, _share(look))
+        for look in looks
+        if look.kind == "scene" and (own := label(look)) is not None
+    ]
+    message = lost_highlights(shots)
+    if message is not None:
+        yield Problem(kind="clipped", message=message)
+
+
+def _share(look: ShotLook) -> float:
+    """Of all samples that are clipped: half of a mosaic's are green."""
+    red, green, blue = look.clipped
+    return (red + 2 * green + blue) / 4 if look.picture == "raw" else (red + green + blue) / 3
 
 
 def _problem(kind: ProblemKind, look: ShotLook, message: str) -> Problem:

@@ -24,7 +24,12 @@ NAMES = frozenset(
 
 
 def rungs(found: Mapping[str, Sensors], stated: int, total: int) -> tuple[Rung, ...]:
-    """One rung for each thing that may be measured; stated: cameras whose files name their noise, of all."""
+    """One rung for each thing that may be measured of sensors whose RAW is there; none if there is none.
+
+    stated: cameras whose files name their noise, of all.
+    """
+    if not found:
+        return ()
     at = [sensor for own in found.values() for sensor in own.at]
     missing = "".join(f"; {words}" for own in found.values() for words in own.missing)
     return (
@@ -49,6 +54,12 @@ def _sources(values: list[Measured]) -> str:
 
 def _noise(at: list[SensorCalibration], stated: int, total: int, missing: str) -> Rung:
     gains, reads = _values(at, "gain"), _values(at, "read_noise")
+    if not gains and not stated:
+        return _not(
+            "sensor_noise",
+            "gain and read noise are not known: the files do not name them (NoiseProfile), nothing measures "
+            f"them, and the merge falls back on plain sums{missing}",
+        )
     if not gains:
         return Rung(
             name="sensor_noise",

@@ -7,9 +7,10 @@ import typer
 
 from rig.commands.options import JsonOption, SessionArgument, SpaceOption
 from rig.running import Outcome, leaving_nothing, running
-from rig.words import counted
+from rig.words import command_line, counted
 
 if TYPE_CHECKING:
+    from imaging.calibration import CalibrationRecord
     from imaging.merging import MergedView
 
 
@@ -26,7 +27,7 @@ def merge(
     Writes OUT/FRAME/CAMERA.exr with light, its standard deviation and a mask. All files share one scale.
     Exposures and response are those of rig calibrate where it was run, else labels and sRGB. What a mask of
     the session hides in one exposure is taken from the others; what it hides in all of them keeps its light,
-    and 16 in the mask.
+    and 16 in the mask. RAW of a camera whose colour no calibration knows stays camera RGB.
 
     Example: rig merge S merged/ --frame 0
     """
@@ -34,6 +35,7 @@ def merge(
         running("merge") as meter,
         leaving_nothing(out, unless=lambda path: any(path.rglob("*.exr"))),
     ):
+        from imaging.colour import SPACE_NAMES
         from imaging.merging import merge_session, read_session_calibration
 
         calibration = read_session_calibration(session)
@@ -46,13 +48,40 @@ def merge(
     if kept:
         lines.append(f"{counted(kept, 'file')} of an earlier run kept")
     lines += [f"{view.file}: {warning}" for view in found for warning in view.warnings]
+    uncoloured = _camera_rgb(session, calibration, found)
+    if uncoloured:
+        how = command_line("rig", "calibrate", session)
+        if calibration is not None:
+            how = f"{how} --only colour --chart` with a view of a ColorChecker in it, and `"
+        else:
+            how = f"{how}` and `"
+        lines.append(
+            f"The colours of {', '.join(uncoloured)} are camera RGB, and no {SPACE_NAMES[space]}: run "
+            f"`{how}{command_line('rig', 'merge', session, out)}` again for {SPACE_NAMES[space]}."
+        )
     data = {
         "session": str(session),
         "exposures": "labels" if calibration is None else "calibration",
         "space": space,
+        "camera_rgb": uncoloured,
         "files": [_told(view) for view in found],
     }
     return Outcome(data, lines, _missing(session, found), usable=True)
+
+
+def _camera_rgb(
+    session: Path, calibration: "CalibrationRecord | None", found: "list[MergedView]"
+) -> list[str]:
+    """Cameras whose RAW was merged without knowing their colour."""
+    from imaging.session import Session
+
+    opened = Session.open(session)
+    return [
+        name
+        for name in dict.fromkeys(view.camera for view in found)
+        if opened.camera(name).kind == "raw"
+        and (calibration is None or calibration.camera(name).camera_from_rec709 is None)
+    ]
 
 
 def _told(view: "MergedView") -> dict[str, Any]:

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from statistics import median
 
+from capture.judging import lost_highlights
 from imaging.calibration import CalibrationRecord
 from imaging.exposure import Exposure
 from imaging.records import ShotRecord
@@ -13,8 +14,6 @@ from rig.progress import Progress
 from rig.report.shots import Looks, Thumbnail, look_at
 from rig.words import counted, number
 
-CLIPPED_IN_SHORTEST = 0.005
-"""Above this share clipped in the shortest exposure, highlights are lost."""
 DARK_IN_LONGEST = 0.25
 """Above this share dark in the longest exposure, shadows are lost in noise."""
 LABEL_OFF = 0.06
@@ -181,14 +180,11 @@ def _advice(steps: dict[int, list[ShotRecord]], looks: Looks, views: int) -> Ite
     ]
     scales = {shot.file: shot.exposure.scale for shot, _ in known if shot.exposure}
     if scales:
-        low, high = min(scales.values()), max(scales.values())
-        shortest = [share[0] for shot, share in known if scales.get(shot.file, math.inf) <= low * 1.3]
+        high = max(scales.values())
         longest = [share[1] for shot, share in known if scales.get(shot.file, 0.0) >= high / 1.3]
-        if shortest and median(shortest) > CLIPPED_IN_SHORTEST:
-            yield (
-                f"The shortest exposure still clips {_percent(median(shortest))} of its samples: "
-                "add a shorter one to keep the highlights."
-            )
+        lost = lost_highlights([(scales[s.file], share[0]) for s, share in known if s.file in scales])
+        if lost is not None:
+            yield lost
         if longest and median(longest) > DARK_IN_LONGEST:
             yield (
                 f"The longest exposure leaves {_percent(median(longest))} of its samples dark: "

@@ -125,6 +125,11 @@ def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: 
         words.append(
             f"RAW bends by {100 * share:.1f} % at white and is straightened (good below {100 * BEND:g} %)"
         )
+    if camera.response.residual is not None:
+        words.append(
+            "response measured, with overlapping exposures agreeing to "
+            f"{100 * math.expm1(camera.response.residual):.2g} %"
+        )
     looked_at = total or not (record.views or record.unregistered)
     if camera.response.kind == "srgb" and camera.response.residual is None and looked_at:
         grades.append("warn")

@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 
 from capture.check import CheckReport, check, repair
+from capture.findings import ShotLook
+from capture.judging import warnings
 from capture.photos import import_photos
 from capture.recorder import record
 from imaging import store
 from imaging.cfa import Cfa
 from imaging.dng import encode_dng
 from imaging.errors import InputError
+from imaging.exposure import Exposure
 from imaging.exr import write_exr
 from imaging.mosaic import RawMosaic
 from imaging.photo import encode_png
@@ -200,7 +203,7 @@ POISON = {
 
 @pytest.mark.parametrize("name", POISON)
 def test_pictures_that_show_nothing_are_checked_without_a_finding(tmp_path, name):
-    """Three times the same picture, but for one sample, under three exposures."""
+    """Three times the same picture, but for one sample, under three exposures; white ones are clipped."""
     (tmp_path / "photos").mkdir()
     for number in range(3):
         pixels = POISON[name].copy()
@@ -211,7 +214,12 @@ def test_pictures_that_show_nothing_are_checked_without_a_finding(tmp_path, name
     report = check(tmp_path / "s")
     assert report.ok
     assert report.sound == 3
-    assert [warning for warning in report.warnings if warning.kind != "label"] == []
+    found = [warning.message for warning in report.warnings if warning.kind != "label"]
+    assert found == (
+        ["The shortest exposure still clips 100 % of its samples: add a shorter one to keep the highlights."]
+        if name == "white"
+        else []
+    )
     assert len(report.thumbnails) == 3
 
 
@@ -223,3 +231,20 @@ def test_light_without_numbers_is_checked(tmp_path):
     import_photos(tmp_path / "photos", tmp_path / "s")
     report = check(tmp_path / "s")
     assert (report.sound, report.warnings) == (1, ())
+
+
+def test_highlights_that_no_exposure_holds_are_a_warning():
+    """In the words of the calibration's report, whose rule it is."""
+
+    def look(step, time, clipped, picture="raw"):
+        return ShotLook(
+            kind="scene", picture=picture, file=f"{step}", camera="a", frame=0, step=step, clipped=clipped,
+            requested=None, reported=Exposure(time=time), black=0.0, lit=0.0,
+        )  # fmt: skip
+
+    long, short = look(0, 1.0, (0.9, 0.9, 0.9)), look(1, 0.1, (0.2, 0.1, 0.0))
+    (found,) = warnings([long, short], ())
+    assert found.message == (
+        "The shortest exposure still clips 10 % of its samples: add a shorter one to keep the highlights."
+    )
+    assert not list(warnings([long, look(1, 0.1, (0.01, 0.001, 0.0))], ()))

@@ -253,3 +253,7 @@ def test_a_camera_of_unknown_colour_has_no_other_space(rig: Run, toy: Path, tmp_
     assert code == 2
     assert "the colour of camera cam0 is not known" in err
     assert not (tmp_path / "M").exists()
+    code, out, _ = rig("merge", str(toy), str(tmp_path / "M"), "--camera", "cam0", "--frame", "0")
+    assert code == 0
+    assert "The colours of cam0 are camera RGB, and no Rec.709: run `rig calibrate" in out
+    assert f"and `rig merge {toy} {tmp_path / 'M'}` again" in out

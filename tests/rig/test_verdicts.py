@@ -4,8 +4,16 @@ from pathlib import Path
 
 import numpy as np
 
+from calib import sensors
 from imaging import store
-from imaging.calibration import CalibrationRecord, LensError, PoseError, read_calibration
+from imaging.calibration import (
+    CalibrationRecord,
+    CameraCalibration,
+    LensError,
+    PoseError,
+    Response,
+    read_calibration,
+)
 from imaging.session import Session
 from rig.report.calibration_page import calibration_report
 from rig.report.next_shots import next_shots
@@ -107,7 +115,7 @@ def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> 
         changed(record, cameras=(*cameras, *record.cameras[1:])).model_dump() | {"board": board, "unit": "m"}
     )
     told = "\n".join(next_shots(Session.open(toy), record))
-    assert "corners of cam0 (upper right known to 0.90 px, the middle to 0.10)" in told
+    assert "corners of cam0 (upper right known to 0.90 px, the middle to 0.10 px)" in told
     assert "--board" not in told
     assert any("cam0/0007" in line for line in outliers(record, NOTHING))
     store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
@@ -129,3 +137,18 @@ def test_a_long_list_of_images_without_a_pose_is_cut_short(toy: Path) -> None:
     text = Page.read(calibration_report(toy, quiet)).text
     assert "cam0/0123 and 16 more." in text
     assert "cam0: 3 of 43 images with a pose" in text
+
+
+def test_of_a_camera_whose_response_is_all_that_was_measured_it_is_said() -> None:
+    response = Response(kind="curve", evidence="", residual=0.02)
+    camera = CameraCalibration(name="a", serial="1", response=response)
+    record = CalibrationRecord(
+        created="2026-01-01T00:00:00Z", versions={}, shots_sha256="", cameras=(camera,), views=(),
+        unregistered=("a/0000",), exposure_scale={},
+    )  # fmt: skip
+    _, own = verdicts(record, NOTHING)
+    assert own.text == "a: response measured, with overlapping exposures agreeing to 2 %"
+
+
+def test_of_photographs_no_sensor_is_spoken() -> None:
+    assert sensors.rungs({}) == ()
