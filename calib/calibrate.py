@@ -278,6 +278,7 @@ def _placed(
         known=known,
         blank={key: own.blank for key, own in looks.items() if own.blank is not None},
         pictures={key: own.png for key, own in looks.items() if not own.faint},
+        brightness={key: own.brightness for key, own in looks.items()},
     )
 
 

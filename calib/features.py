@@ -50,10 +50,14 @@ class Features:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two views that share matches: points [M, 2] of each, px, that fit an epipolar geometry."""
+    """Two views that share matches: points [M, 2] of each, px, that fit an epipolar geometry.
+
+    index: uint32 [M, 2], their places among the features of each view.
+    """
 
     one: npt.NDArray[np.float64]
     other: npt.NDArray[np.float64]
+    index: npt.NDArray[np.uint32]
 
     def parallax(self, size: tuple[int, int], max_error: float) -> float:
         """How far the matches are from those of a camera that only turns: 0 for a pure rotation.
@@ -152,6 +156,7 @@ def fill_database(
         inliers = np.asarray(geometry.inlier_matches)
         if len(inliers) >= FEWEST_MATCHES:
             database.write_two_view_geometry(images[a], images[b], geometry)
-            pairs[a, b] = Pair(features[a].points[inliers[:, 0]], features[b].points[inliers[:, 1]])
+            one, other = features[a].points[inliers[:, 0]], features[b].points[inliers[:, 1]]
+            pairs[a, b] = Pair(one, other, inliers)
     progress("matching", len(every), len(every))
     return pairs

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from calib import spread as spreads
 from calib.adjust import Free, adjust, cut, lens_of, misses
 from calib.alignment import align
+from calib.contradictions import settle
 from calib.features import FEWEST_MATCHES, Features, Key, fill_database, key_of
 from calib.hopeless import refuse_hopeless, refuse_turning
 from calib.known_rig import NOTHING, Known, camera_of, to_metres
@@ -44,7 +45,7 @@ class Model:
 
     reconstruction: the pycolmap model. poses: cam_from_world of every registered view. cam_from_rig: of
     every camera, if the rig constraint held. points: scene points that each view sees. rungs: the
-    ladder of rig and lens.
+    ladder of rig and lens. contradicted: views that have no pose because others said that it was false.
     """
 
     reconstruction: Any
@@ -56,6 +57,7 @@ class Model:
     rungs: tuple[Rung, ...]
     spread: spreads.Spread | None
     metric: bool
+    contradicted: frozenset[Key] = frozenset()
 
     @property
     def rigged(self) -> bool:
@@ -74,6 +76,7 @@ def solve(
     known: Known = NOTHING,
     blank: Mapping[Key, str] | None = None,
     pictures: Mapping[Key, bytes] | None = None,
+    brightness: Mapping[Key, npt.NDArray[np.float64]] | None = None,
 ) -> Model:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
 
@@ -99,9 +102,15 @@ def solve(
         )
     refuse_turning(pairs, cameras, max_error)
     fixed = frozenset(models[name].camera_id for name in known.lenses if name in models)
-    reconstruction = _map(database, len(features), max_error, fixed, threads, progress)
+
+    def mapped() -> Any | None:
+        return _map(database, len(features), max_error, fixed, threads, progress)
+
+    reconstruction = mapped()
     if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(_NO_START.format(len(pairs)))
+    settled = settle(database, reconstruction, pairs, brightness or {}, max_error, mapped)
+    reconstruction = settled.reconstruction
     alone = misses(reconstruction).typical
     metric = sum(to_metres(reconstruction, known, rig) is not None for rig in rigs) > 0
     loose = pycolmap.Reconstruction(reconstruction)
@@ -135,15 +144,17 @@ def solve(
             for name, lens in begun.items()
         }
         again = solve(
-            features, {**cameras, **centred}, rigs, threads, progress, known=known, pictures=pictures
-        )
+            features, {**cameras, **centred}, rigs, threads, progress,
+            known=known, pictures=pictures, brightness=brightness,
+        )  # fmt: skip
         return replace(again, rungs=(*(one for one in rungs if one.name in _LENS_KINDS), *again.rungs))
     adjust(reconstruction, free, typical, threads)
     if metric and not free.placed:  # distances are better known now than at first
         for rig in rigs:
             to_metres(reconstruction, known, rig)
     spread = spreads.measure(reconstruction, free, typical, progress)
-    return _model(reconstruction, (rung, *rungs), spread, metric=metric)
+    model = _model(reconstruction, (settled.rung, rung, *rungs), spread, metric=metric)
+    return replace(model, contradicted=settled.left_out)
 
 
 def _polish(reconstruction: Any, free: Free, max_error: float, threads: int, progress: Progress) -> float:

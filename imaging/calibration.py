@@ -246,6 +246,8 @@ class CalibrationRecord(Record):
     views: tuple[ViewCalibration, ...]
     unregistered: tuple[str, ...] = ()
     """'camera/frame' of images that were looked at for their poses and got none."""
+    contradicted: tuple[str, ...] = ()
+    """Those of them that match others, which contradict each other about where they stand."""
     unit: Literal["relative", "m"] = "relative"
     """Of all lengths: metres where a board or a known distance gave the scale."""
     board: BoardEvidence | None = None

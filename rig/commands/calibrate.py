@@ -1,5 +1,6 @@
 """`rig calibrate`: find out what the cameras did."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -136,6 +137,18 @@ def told_charts(record: "CalibrationRecord") -> dict[str, dict[str, Any]]:
     }
 
 
+def left_out(record: "CalibrationRecord") -> Iterator[str]:
+    """The images without a pose, by cause, with what to do about it."""
+    alone = [name for name in record.unregistered if name not in record.contradicted]
+    if alone:
+        yield f"take more pictures that overlap with {', '.join(alone)}"
+    if record.contradicted:
+        yield (
+            f"{', '.join(record.contradicted)} would stand where other views contradict, as where parts of a "
+            "scene look alike: take more pictures around them, or put something unique beside them"
+        )
+
+
 def told(session: Path, record: "CalibrationRecord") -> Outcome:
     """A calibration as an outcome."""
     report = session / "calibration" / "report.html"
@@ -154,6 +167,7 @@ def told(session: Path, record: "CalibrationRecord") -> Outcome:
         "registered": len(record.views),
         "images": images,
         "unregistered": list(record.unregistered),
+        "contradicted": list(record.contradicted),
         "by_rig": by_rig,
         "points": record.points,
         "reprojection_px": record.reprojection_px,
@@ -163,7 +177,7 @@ def told(session: Path, record: "CalibrationRecord") -> Outcome:
     missing = None
     if record.unregistered:
         missing = (
-            f"{session}: {counted(len(record.unregistered), 'image')} of {images} got no pose "
-            f"({', '.join(record.unregistered)}): take more pictures that overlap with them."
+            f"{session}: {counted(len(record.unregistered), 'image')} of {images} got no pose: "
+            + "; ".join(left_out(record))
         )
     return Outcome(data, lines, missing, usable=bool(record.views))

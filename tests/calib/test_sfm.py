@@ -13,6 +13,7 @@ WIDTH, HEIGHT, FOCAL = 640, 480, 620.0
 GUESS = Lens(
     model="SIMPLE_RADIAL", width=WIDTH, height=HEIGHT, fx=700.0, fy=700.0, cx=WIDTH / 2, cy=HEIGHT / 2
 )
+NO_INDEX = np.empty((0, 2), np.uint32)
 RNG = np.random.default_rng(7)
 POINTS = RNG.uniform(-1, 1, (600, 3)) * (1.2, 0.9, 0.7)
 DESCRIPTORS = RNG.normal(size=(600, 128)).astype(np.float32)
@@ -111,9 +112,9 @@ def test_a_turn_is_told_from_a_flat_scene():
         return FOCAL * points[:, :2] / points[:, 2:] + (WIDTH / 2, HEIGHT / 2)
 
     here = picture(flat, np.eye(3), ahead)
-    assert Pair(here, picture(flat, turned(10), turned(10) @ ahead)).parallax(size, 2.0) < 2e-3
-    assert Pair(here, picture(flat, turned(10), ahead)).parallax(size, 2.0) > 0.05
-    deep = Pair(picture(POINTS, np.eye(3), ahead), picture(POINTS, turned(24), ahead))
+    assert Pair(here, picture(flat, turned(10), turned(10) @ ahead), NO_INDEX).parallax(size, 2.0) < 2e-3
+    assert Pair(here, picture(flat, turned(10), ahead), NO_INDEX).parallax(size, 2.0) > 0.05
+    deep = Pair(picture(POINTS, np.eye(3), ahead), picture(POINTS, turned(24), ahead), NO_INDEX)
     assert deep.parallax(size, 2.0) == float("inf")
 
 
