@@ -279,6 +279,7 @@ def _placed(
         blank={key: own.blank for key, own in looks.items() if own.blank is not None},
         pictures={key: own.png for key, own in looks.items() if not own.faint},
         brightness={key: own.brightness for key, own in looks.items()},
+        exact={camera.name for camera in session.record.cameras if camera.kind == "raw"},
     )
 
 

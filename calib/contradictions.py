@@ -44,6 +44,10 @@ OTHERWISE_LIT = 0.03, 0.1
 the same surface, at least and at most. Of neighbours that do, it is below 0.03 in RAW brackets."""
 UNEVEN = 0.1, 0.3
 """The same of the median absolute difference, which tells two sides apart that are as bright on the whole."""
+BESIDE = 30.0
+"""Degrees between views that see the same side."""
+FEW_LIT = 0.2
+"""Share of such pairs that may differ by more than the most without a warning."""
 USUALLY_LIT = 4.0
 """Times the differences of the tenth of pairs that agree best, between those limits."""
 
@@ -69,17 +73,22 @@ def settle(
     brightness: Mapping[Key, Array],
     max_error: float,
     again: Callable[[], Any | None],
+    exact: Collection[str] = (),
 ) -> Settled:
     """Find the pairs that contradict a model, and leave out what cannot be reconciled.
 
     database: of COLMAP, from which pairs are deleted that light says are false. brightness: natural log of
     the luminance at each feature of each view [K], NaN where unknown. max_error: of the epipolar geometry,
-    px. again: makes a model of the database as it is now. Errors: CalibrationError when the views contradict
+    px. again: makes a model of the database as it is now. exact: cameras whose brightness is known so well
+    that it differs only where things do. Errors: CalibrationError when the views contradict
     each other so much that none can be told to be right.
     """
     against = contradicting(reconstruction, pairs, max_error)
     out = shut_out(reconstruction, pairs)
     if not against and not out:
+        lit = _neighbours_otherwise_lit(reconstruction, pairs, brightness, exact)
+        if lit is not None:
+            return Settled(reconstruction, frozenset(), Rung(name="lit_differently", taken=True, reason=lit))
         reason = f"all {len(pairs)} pairs of views that match agree with the poses"
         return Settled(reconstruction, frozenset(), Rung(name="contradictions", taken=False, reason=reason))
     reason = f"{len(against)} of {len(pairs)} pairs of views that match contradicted the poses"
@@ -118,6 +127,28 @@ def settle(
         reason += f"; {len(left_out)} views are left out that most contradicted"
     return Settled(
         reconstruction, frozenset(left_out | out), Rung(name="contradictions", taken=True, reason=reason)
+    )
+
+
+def _neighbours_otherwise_lit(
+    reconstruction: Any, pairs: Pairs, brightness: Mapping[Key, Array], exact: Collection[str]
+) -> str | None:
+    """A warning where views that look from nearly the same side are not as bright; else None."""
+    placed = {key: own for key, own in _placed(reconstruction).items() if key[0] in exact}
+    steps = []
+    for (one, other), pair in pairs.items():
+        if one in placed and other in placed and one[0] == other[0]:
+            turn = (placed[other][1] @ np.linalg.inv(placed[one][1]))[:3, :3]
+            step = brightness[other][pair.index[:, 1]] - brightness[one][pair.index[:, 0]]
+            if np.trace(turn) > 1 + 2 * np.cos(np.radians(BESIDE)) and np.isfinite(step).any():
+                steps.append(abs(float(np.nanmedian(step))))
+    apart = sum(step > OTHERWISE_LIT[1] for step in steps)
+    if apart <= FEW_LIT * len(steps):
+        return None
+    return (
+        f"{apart} of {len(steps)} pairs of views from nearly the same side differ in brightness by more than "
+        f"{100 * OTHERWISE_LIT[1]:.0f} %: either the light changed, or sides that look alike are "
+        "taken for one another and poses are wrong"
     )
 
 

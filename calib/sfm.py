@@ -77,6 +77,7 @@ def solve(
     blank: Mapping[Key, str] | None = None,
     pictures: Mapping[Key, bytes] | None = None,
     brightness: Mapping[Key, npt.NDArray[np.float64]] | None = None,
+    exact: Collection[str] = (),
 ) -> Model:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
 
@@ -109,7 +110,7 @@ def solve(
     reconstruction = mapped()
     if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(_NO_START.format(len(pairs)))
-    settled = settle(database, reconstruction, pairs, brightness or {}, max_error, mapped)
+    settled = settle(database, reconstruction, pairs, brightness or {}, max_error, mapped, exact)
     reconstruction = settled.reconstruction
     alone = misses(reconstruction).typical
     metric = sum(to_metres(reconstruction, known, rig) is not None for rig in rigs) > 0
@@ -145,7 +146,7 @@ def solve(
         }
         again = solve(
             features, {**cameras, **centred}, rigs, threads, progress,
-            known=known, pictures=pictures, brightness=brightness,
+            known=known, pictures=pictures, brightness=brightness, exact=exact,
         )  # fmt: skip
         return replace(again, rungs=(*(one for one in rungs if one.name in _LENS_KINDS), *again.rungs))
     adjust(reconstruction, free, typical, threads)

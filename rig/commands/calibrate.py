@@ -158,6 +158,7 @@ def told(session: Path, record: "CalibrationRecord") -> Outcome:
         f"{session}: {len(record.views)} of {counted(images, 'image')} with a pose, "
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
         *[f"{session}: {name} shows nothing that was recognised: its pose is the rig's" for name in by_rig],
+        *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name == "lit_differently"],
         *chart_lines(session, record),
         f"Report: {report}",
         f"Next: {command_line('rig', 'reconstruct', session)}",

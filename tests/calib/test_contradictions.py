@@ -73,6 +73,20 @@ def placed(alike: bool, lit: bool) -> tuple[Model, list[int]]:
     return model, [frame for frame, own in worlds.items() if np.linalg.norm(own - worlds[best]) > 0.05]
 
 
+def test_views_that_do_not_contradict_each_other_are_doubted_where_light_differs():
+    """As of a crate whose corners are passed in steps that match nothing: one side stands before another."""
+    features, brightness, _ = pillar(alike=False, lit=True)
+    arc = {key: own for key, own in features.items() if key[1] < 8}
+    darker = {key: brightness[key] - 0.5 * (key[1] % 2) for key in arc}
+    for exact, doubted in ((["cam"], True), ([], False)):
+        model = solve(arc, {"cam": LENS}, [], 1, silent, focal_known={"cam"}, brightness=darker, exact=exact)
+        assert any(rung.name == "lit_differently" for rung in model.rungs) == doubted
+    model = solve(
+        arc, {"cam": LENS}, [], 1, silent, focal_known={"cam"}, brightness=brightness, exact=["cam"]
+    )
+    assert not any(rung.name == "lit_differently" for rung in model.rungs)
+
+
 def rung(model: Model):
     return next(rung for rung in model.rungs if rung.name == "contradictions")
 
