@@ -85,11 +85,12 @@ def settle(
     """
     against = contradicting(reconstruction, pairs, max_error)
     out = shut_out(reconstruction, pairs)
-    if not against and not out:
+    # Without exact light, views that fit nowhere show no more than that views are missing between them.
+    if not against and not (out and exact):
         lit = _neighbours_otherwise_lit(reconstruction, pairs, brightness, exact)
         if lit is not None:
             return Settled(reconstruction, frozenset(), Rung(name="lit_differently", taken=True, reason=lit))
-        reason = f"all {len(pairs)} pairs of views that match agree with the poses"
+        reason = f"none of {len(pairs)} pairs of views that match contradicts the poses"
         return Settled(reconstruction, frozenset(), Rung(name="contradictions", taken=False, reason=reason))
     reason = f"{len(against)} of {len(pairs)} pairs of views that match contradicted the poses"
     if out:
