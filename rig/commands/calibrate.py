@@ -1,4 +1,4 @@
-"""`rig calibrate`: find out what the cameras did."""
+"""`rig calibrate`: cameras, lenses and poses of a session."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -31,7 +31,7 @@ def calibrate(
         typer.Option(
             parser=board_text,
             metavar="COLUMNSxROWS,...",
-            help=f"The ChArUco board in the session's shots of one, where these do not say: {EXAMPLE}.",
+            help=f"ChArUco board layout, if the session does not record it: {EXAMPLE}.",
         ),
     ] = None,
     chart: Annotated[
@@ -39,7 +39,7 @@ def calibrate(
     ] = False,
     as_json: JsonOption = False,
 ) -> Outcome:
-    """Find out what the cameras did.
+    """Calibrate cameras, lenses and poses.
 
     Poses, lenses, exposure ratios, response and vignetting come from the pictures themselves; the sensor
     from darks and flats, lenses, rig and scale from a board, where the session has them.

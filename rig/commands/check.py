@@ -1,4 +1,4 @@
-"""`rig check`: prove what a session holds."""
+"""`rig check`: verify a session."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,12 +17,10 @@ if TYPE_CHECKING:
 
 def check(
     session: SessionArgument,
-    repair: Annotated[
-        bool, typer.Option("--repair", help="Bring the index back in line with the files first.")
-    ] = False,
+    repair: Annotated[bool, typer.Option("--repair", help="Rebuild the index from the files first.")] = False,
     as_json: JsonOption = False,
 ) -> Outcome:
-    """Prove what a session holds.
+    """Verify a session.
 
     Reads every file and holds it against its record and the rest of its bracket: hashes, exposures
     against labels, clipping, focus, motion, skew; what masks hide is not compared. Writes

@@ -97,16 +97,16 @@ def check_report(folder: Path, report: CheckReport) -> Path:
 
 def _verdict(report: CheckReport) -> tuple[str, str, str]:
     """Grade, word and sentence."""
-    whole = f"{report.sound} of {counted(report.shots, 'shot')} proven whole"
+    whole = f"{report.sound} of {counted(report.shots, 'shot')} intact"
     if report.problems:
-        return "fail", "problems", f"{whole}; {counted(len(report.problems), 'problem')} to mend."
+        return "fail", "problems", f"{whole}; {counted(len(report.problems), 'problem')} to fix."
     if report.warnings:
         return "warn", "look", f"{whole}; {counted(len(report.warnings), 'thing')} worth a look."
-    return "pass", "pass", f"{whole}; nothing to mend."
+    return "pass", "pass", f"{whole}; nothing to fix."
 
 
 def _tiles(report: CheckReport) -> Iterable[Tile]:
-    yield Tile(f"{report.sound} / {report.planned}", "", "shots proven, of those planned")
+    yield Tile(f"{report.sound} / {report.planned}", "", "shots intact, of those planned")
     yield Tile(str(len(report.problems)), "", "problems of files and records")
     yield Tile(str(len(report.warnings)), "", "warnings about pictures")
     off = [abs(look.off) for look in report.looks if look.off is not None]
@@ -115,7 +115,7 @@ def _tiles(report: CheckReport) -> Iterable[Tile]:
         f"{max(off):.3f}" if off else "n/a", "stops" if off else "", f"largest label error; {estimated}"
     )
     skews = [1000 * step.skew for step in report.skews]
-    yield Tile(f"{max(skews):.2g}" if skews else "n/a", "ms" if skews else "", "largest skew of a step")
+    yield Tile(f"{max(skews):.2g}" if skews else "n/a", "ms" if skews else "", "largest trigger skew")
 
 
 def _rows(report: CheckReport) -> Iterable[Row]:
@@ -167,7 +167,8 @@ def _charts(report: CheckReport) -> Iterable[tuple[str, str, Markup]]:
         series = [_sharpness(camera, [look for look in sharp if look.camera == camera]) for camera in cameras]
         yield (
             "Focus",
-            "Fine over coarse detail of the sharpest exposure of each bracket: it falls where focus is lost.",
+            "Sharpness: fine/coarse detail ratio of the sharpest exposure of each bracket. It falls where "
+            "focus is lost.",
             chart("Focus by frame", series, "frame", "sharpness", y_zero=True),
         )
     if report.skews:

@@ -40,7 +40,7 @@ def test_check_writes_every_shot_with_its_three_exposures(rig, toy: Path) -> Non
     assert_self_contained(page)
     assert len(page.all("img")) == 18
     assert page.text.count("asked") >= 18
-    assert "18 of 18 shots proven whole" in page.text
+    assert "18 of 18 shots intact" in page.text
     assert "no picture gives cause for doubt" in page.text
     (look,) = [one for one in value["looks"] if one["file"] == "raw/0001/cam0_1.dng"]
     # The simulated shutter takes 1/60 s for 1/64 s.
