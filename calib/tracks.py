@@ -11,7 +11,7 @@ from calib.features import Key, key_of
 from calib.sfm import Model
 from calib.vignetting import Tracks
 from imaging.calibration import Lens
-from imaging.cfa import demosaic
+from imaging.cfa import bilinear
 from imaging.merge import Merged
 
 Array = npt.NDArray[np.float64]
@@ -39,7 +39,7 @@ def light(merged: Merged, camera_from_rec709: Array | None) -> Light:
     an edge, where a single pixel says more about its place than about its brightness."""
     if merged.radiance.ndim == 2:
         assert merged.cfa is not None
-        rgb, each = demosaic(np.nan_to_num(merged.radiance), merged.cfa, merged.valid)
+        rgb, each = bilinear(np.nan_to_num(merged.radiance), merged.cfa, merged.valid)
         known = np.asarray(each.all(axis=-1))
         window = 5
     else:

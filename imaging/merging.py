@@ -3,8 +3,10 @@
     OUT/<frame>/<camera>.exr    R, G, B; sigma.R, sigma.G, sigma.B; mask
 
 Light is in one unit for the whole rig and session: signal (1 = white) per second of exposure scale, with the
-gains and the vignetting of the calibration divided out. sigma is of the noise and, for photographs, of the
-standard error of their response. The header says all that is needed to read it.
+gains and the vignetting of the calibration divided out. sigma is of the noise, for RAW of the interpolation
+of missing colours too, and for photographs of the standard error of their response. It is infinite where the
+light is a bound or interpolated from one, so that 1 / sigma^2 weighs it rightly. The header says all that is
+needed to read it.
 
 What a mask hides in one exposure is left out of the merge where another exposure shows the place. What is
 hidden in all of them is merged as if it were not, and flagged: it is light, and nobody can fill a hole again.
@@ -36,9 +38,10 @@ from imaging.shutter import exact_times
 
 Progress = Callable[[str, int, int], None]
 
-VERSION = 3
+VERSION = 4
 """Of what is written; another number makes every file anew."""
 UNIT = "signal (1 = white) per second of exposure scale k = time * ISO/100 / f-number^2, relative"
+SIGMA = "standard deviation; infinite (no weight) where a bound has a say, NaN where there is no number"
 PAIR = 0.954
 """Median difference of two exposures over the standard deviation of one: 0.6745 times the root of two."""
 WRONG = 0.03
@@ -164,6 +167,7 @@ def _merge_view(
         "rig:k": json.dumps(sorted(k)),
         "rig:response": response.evidence,
         "rig:noise": "unknown: no sigma" if picture.sigma is None else f"{best.noise:.3g} times its model",
+        "rig:sigma": SIGMA,
         "rig:colour": SPACE_NAMES[space] if picture.known_colour else "camera RGB",
         "rig:result": json.dumps([*shares, hidden, shift, warnings]),
     }

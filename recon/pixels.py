@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.calibration import Response
-from imaging.cfa import Cfa, demosaic
+from imaging.cfa import Cfa
+from imaging.demosaic import demosaic
 from imaging.hdr import read_light
 from imaging.linear import Bool, Float, LinearFrame, Noise, decode, from_codes, from_light, from_raw
 from imaging.mask import read_mask
@@ -127,7 +128,8 @@ def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot,
     size = _smaller(signal, max_width) if max_width and width >= 2 * max_width else None
     cfa = None if size else frame.cfa
     if size:
-        signal = area_mean(demosaic(signal, frame.cfa, valid)[0], size)
+        sigma = None if frame.noise is None else np.sqrt(frame.noise.variance(signal))
+        signal = area_mean(demosaic(signal, frame.cfa, valid, sigma).rgb, size)
         # A defect glows into no neighbour: the sites around it stand in for it.
         saturated = np.repeat((area_mean(saturated & valid, size) > 0)[..., None], 3, axis=2)
         valid = np.ones(signal.shape, bool)

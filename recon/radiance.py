@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from imaging.cfa import demosaic
+from imaging.cfa import bilinear
+from imaging.demosaic import demosaic
 from imaging.linear import Bool, Float
 from imaging.merge import merge_bracket
 from recon.dataset import Dataset, View
@@ -22,8 +23,9 @@ def radiance_image(view: View) -> tuple[Float, Bool]:
     merged = merge_bracket([shot.linear(response, sensor.cfa) for shot in view.shots])
     light = np.nan_to_num(merged.radiance, nan=0.0, posinf=0.0, neginf=0.0)
     if sensor.cfa is not None:
-        rgb, _ = demosaic(light / sensor.falloff, sensor.cfa)
-        trusted = demosaic(light, sensor.cfa, merged.valid)[1]
+        sigma = None if merged.sigma is None else merged.sigma / sensor.falloff
+        rgb = demosaic(light / sensor.falloff, sensor.cfa, sigma=sigma).rgb
+        trusted = bilinear(light, sensor.cfa, merged.valid)[1]
     else:
         rgb, trusted = light / sensor.falloff[..., None], merged.valid
     rgb = rgb @ np.linalg.inv(sensor.camera_from_rec709).T

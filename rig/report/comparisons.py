@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from imaging.cfa import demosaic
 from imaging.colour import srgb_encode
+from imaging.demosaic import demosaic
 from imaging.linear import decode
 from recon.dataset import View
 from recon.pixels import Shot
@@ -134,7 +134,7 @@ def _as_shown(pixels: Float, view: View) -> Bytes:
 
 def _balanced(pixels: Float, view: View) -> Float:
     """A linear signal as rgb [H, W, 3] in which a neutral surface is grey."""
-    rgb = pixels if view.sensor.cfa is None else demosaic(pixels, view.sensor.cfa)[0]
+    rgb = pixels if view.sensor.cfa is None else demosaic(pixels, view.sensor.cfa).rgb
     return np.asarray(rgb / np.maximum(view.sensor.camera_from_rec709.sum(1), 1e-3))
 
 

@@ -9,7 +9,7 @@ import pytest
 from drivers.sim.lens import unproject
 from drivers.sim.mounting import ARC_STEP
 from drivers.sim.rigs import SimulatedRig, names, simulate
-from imaging.cfa import demosaic
+from imaging.cfa import bilinear
 from imaging.errors import InputError
 from imaging.mosaic import RawMosaic
 
@@ -43,7 +43,7 @@ def preview(shots: list[RawMosaic]) -> np.ndarray:
         assert shot.metadata.exposure is not None
         total += np.where(shot.saturated(), 0, shot.signal())
         scale += np.where(shot.saturated(), 0, shot.metadata.exposure.scale)
-    rgb, _ = demosaic(total / scale, shots[0].cfa)
+    rgb, _ = bilinear(total / scale, shots[0].cfa)
     grey = rgb.mean(axis=2)
     log = np.log2(np.maximum(grey, 0) + np.median(grey) / 64)
     low, high = np.percentile(log, (0.5, 99.5))

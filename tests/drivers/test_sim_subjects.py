@@ -13,7 +13,7 @@ from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.sensor import Sensor
 from drivers.sim.subjects import LIGHT, Subject
 from imaging.calibration import Pose
-from imaging.cfa import demosaic
+from imaging.cfa import bilinear
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
@@ -92,7 +92,7 @@ def demo() -> SimulatedRig:
 def corners(demo: SimulatedRig, camera: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
     """Corners that OpenCV finds, as true pixels [N, 2] and found pixels [N, 2]."""
     shot = shoot(demo, camera, frame)
-    grey = demosaic(shot.signal(), shot.cfa)[0][..., 1]
+    grey = bilinear(shot.signal(), shot.cfa)[0][..., 1]
     # Twice as large, as the detector wants some pixels for every cell of a marker.
     large = cv2.resize(np.clip(grey * 4, 0, 1) ** 0.45, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
     picture = np.rint(255 * np.clip(large, 0, 1)).astype(np.uint8)

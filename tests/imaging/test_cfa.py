@@ -1,11 +1,11 @@
-"""Bayer phases, crops and demosaicing."""
+"""Bayer phases, crops, and bilinear demosaicing."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging.cfa import Cfa, demosaic, mosaic, split_planes
+from imaging.cfa import Cfa, bilinear, mosaic, split_planes
 
 all_phases = pytest.mark.parametrize("cfa", list(Cfa))
 
@@ -66,7 +66,7 @@ def test_planes_keep_both_greens_apart() -> None:
 @pytest.mark.parametrize(("height", "width"), [(2, 2), (3, 3), (8, 9), (11, 6)])
 def test_a_constant_image_is_exact(cfa: Cfa, height: int, width: int) -> None:
     rgb = np.broadcast_to(np.array([0.25, 0.5, 3.0]), (height, width, 3))
-    seen, known = demosaic(mosaic(rgb, cfa), cfa)
+    seen, known = bilinear(mosaic(rgb, cfa), cfa)
     assert seen.dtype == np.float32
     assert known.all()
     assert np.array_equal(seen, rgb.astype(np.float32))
@@ -76,14 +76,14 @@ def test_a_constant_image_is_exact(cfa: Cfa, height: int, width: int) -> None:
 def test_a_ramp_is_exact_inside(cfa: Cfa) -> None:
     rows, columns = np.mgrid[0:12, 0:14].astype(np.float64)
     rgb = np.stack([rows + 2 * columns, 3 * rows - columns + 50, 5 + rows], axis=-1)
-    seen, _ = demosaic(mosaic(rgb, cfa), cfa)
+    seen, _ = bilinear(mosaic(rgb, cfa), cfa)
     assert np.allclose(seen[1:-1, 1:-1], rgb[1:-1, 1:-1], atol=1e-5)
 
 
 @all_phases
 def test_own_samples_are_kept(cfa: Cfa) -> None:
     rgb = np.random.default_rng(2).random((9, 10, 3)).astype(np.float32)
-    seen, _ = demosaic(mosaic(rgb, cfa), cfa)
+    seen, _ = bilinear(mosaic(rgb, cfa), cfa)
     assert np.array_equal(mosaic(seen, cfa), mosaic(rgb, cfa))
 
 
@@ -95,7 +95,7 @@ def test_a_saturated_photosite_does_not_spread(cfa: Cfa, bad: tuple[int, int], v
     image = mosaic(rgb, cfa).copy()
     valid = np.ones(image.shape, bool)
     image[bad], valid[bad] = value, False
-    seen, known = demosaic(image, cfa, valid)
+    seen, known = bilinear(image, cfa, valid)
     expected, filled = rgb.astype(np.float32), np.ones(rgb.shape, bool)
     own = cfa.channels(10, 11)[bad]
     if own != 1:  # red and blue have no second photosite within reach, green has four
@@ -109,8 +109,8 @@ def test_where_nothing_is_known_it_says_so(cfa: Cfa) -> None:
     image = np.ones((10, 10), np.float32)
     valid = np.ones((10, 10), bool)
     valid[2:8, 2:8] = False
-    seen, known = demosaic(image, cfa, valid)
+    seen, known = bilinear(image, cfa, valid)
     assert not known[4:6, 4:6].any()
     assert np.all(seen[~known] == 0)
     assert np.all(seen[known] == 1)
-    assert not demosaic(image, cfa, np.zeros((10, 10), bool))[1].any()
+    assert not bilinear(image, cfa, np.zeros((10, 10), bool))[1].any()

@@ -1,0 +1,248 @@
+"""Demosaicing along edges, in a logarithmic code, with the standard deviation of what comes of it.
+
+Menon, Andriani and Calvagno, "Demosaicing With Directional Filtering and a posteriori Decision" (IEEE
+Transactions on Image Processing 16(1), 2007): green is interpolated along rows and along columns, each pixel
+takes the direction in which colour changes less, and red and blue follow green. Two things are different. It
+works on `asinh(light / toe)`, since over the range of a merged bracket the ratios of colours are smooth and
+not their differences; and green stays within the range of its four neighbours, since the code would make
+much of an overshoot at a lamp.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from imaging.cfa import Bool, Cfa, Float, bilinear, bilinear_variance
+
+TOE_OF_LIGHT, TOE_OF_NOISE = 1 / 16, 16.0
+"""The code turns linear below this share of the median light, or this many times the least noise."""
+REFINEMENTS = 2
+"""Of the paper's second part, which has one. The other gains 0.8 dB on the demo, 0.1 dB on the gallery."""
+REACH = 2
+"""px from a photosite without a value at which the stand-in for it still counts."""
+ROWS, HALO = 512, 16
+"""Rows at a time, which bounds the memory, and rows beside them that have a say in their values."""
+DOUBT = 0.5
+"""Standard error of interpolation over how far rows and columns disagree, and how uneven colour is."""
+
+QUARTER = 0.3186
+"""A quarter of a normal distribution of deviation 1 lies within this of its mean."""
+
+_HALF = np.array([[0.5, 0.0, 0.5]], np.float32)
+_CURVE = np.array([[-0.25, 0.0, 0.5, 0.0, -0.25]], np.float32)
+_STEP = np.array([[-1.0, 0.0, 1.0]], np.float32)
+_THIRD = np.full((1, 3), 1 / 3, np.float32)
+_AROUND = np.array(
+    [[0, 1, 0, 1, 0], [0, 0, 1, 0, 0], [0, 3, 0, 3, 0], [0, 0, 1, 0, 0], [0, 1, 0, 1, 0]], np.float32
+)
+_CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
+_WINDOW, _NEAR = (5, 5), (3, 3)
+"""px over which the noise of a channel is averaged for its neighbours, and signs of a wrong guess are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Demosaicked:
+    """rgb: float32 [H, W, 3], 0 where not known. known: bool [H, W, 3]. sigma: float32 [H, W, 3] or None.
+
+    sigma holds the noise of the photosites and a standard error of the interpolation; infinite near a
+    photosite whose own is, NaN where nothing is known. Neighbours share photosites, so their errors are
+    correlated over some 5 px.
+    """
+
+    rgb: Float
+    known: Bool
+    sigma: Float | None
+
+
+def demosaic(
+    image: npt.NDArray[np.floating],
+    cfa: Cfa,
+    valid: Bool | None = None,
+    sigma: npt.NDArray[np.floating] | None = None,
+) -> Demosaicked:
+    """Colour at every photosite of a linear mosaic [H, W] of any scale; recorded values stay as they are.
+
+    valid: photosites that have a value; those next to one without are interpolated bilinearly from what is
+    there. sigma: [H, W], standard deviation of each photosite, infinite for a bound.
+    """
+    trusted = np.isfinite(image) if valid is None else valid & np.isfinite(image)
+    rgb, known = bilinear(image, cfa, trusted)
+    spread = None if sigma is None else bilinear_variance(np.square(sigma, dtype=np.float64), cfa, trusted)
+    if trusted.any():
+        filled = np.where(trusted, image, _stand_in(image, trusted)).astype(np.float32)
+        toe = _toe(filled, sigma)
+        near = cv2.dilate((~trusted).astype(np.uint8), np.ones((2 * REACH + 1,) * 2, np.uint8)) > 0
+        channels = cfa.channels(*image.shape)
+        for top in range(0, image.shape[0], ROWS):
+            _strip(top, filled, sigma, toe, channels, near, rgb, spread)
+    deviation = None if spread is None else np.sqrt(spread).astype(np.float32)
+    return Demosaicked(rgb, known, deviation)
+
+
+def _strip(
+    top: int,
+    light: Float,
+    sigma: npt.NDArray[np.floating] | None,
+    toe: float,
+    channels: npt.NDArray[np.uint8],
+    near: Bool,
+    rgb: Float,
+    spread: npt.NDArray[np.float64] | None,
+) -> None:
+    """Put ROWS rows from `top` on into `rgb` and `spread` (variance), but where `near` says so."""
+    first = max(top - HALO, 0)
+    seen, rows = slice(first, top + ROWS + HALO), slice(top, min(top + ROWS, len(light)))
+    inner = slice(top - first, top - first + rows.stop - rows.start)
+    own = channels[seen]
+    code = np.arcsinh(light[seen] / np.float32(toe))
+    horizontal, disagreement, planes = _interpolated(code, own)
+    sites = np.arange(3) == own[inner][..., None]
+    put = ~(near[rows][..., None] | sites)
+    coded = np.stack(planes, axis=-1)[inner]
+    rgb[rows][put] = (np.float32(toe) * np.sinh(coded))[put]
+    if spread is None or sigma is None:
+        return
+    bound = ~np.isfinite(sigma[seen])
+    slope = toe * np.sqrt(1 + np.square(np.sinh(code)))
+    noise = np.where(bound, 0, np.square(np.where(bound, 0, sigma[seen]) / slope)).astype(np.float32)
+    variance = _interpolated_variance(noise, own, horizontal, disagreement, planes)[inner]
+    variance *= np.square(toe * np.cosh(coded))
+    reached = cv2.dilate(bound.astype(np.uint8), np.ones((3, 3), np.uint8))[inner] > 0
+    variance[reached] = np.inf
+    spread[rows][put] = variance[put]
+
+
+def _interpolated(code: Float, own: npt.NDArray[np.uint8]) -> tuple[Bool, Float, list[Float]]:
+    """Where rows were followed, how far rows are from columns, and the three channels [H, W] of a mosaic."""
+    green = own == 1
+    sides, ends = _along(code, _HALF), _along(code, _CURVE)
+    within = [
+        np.where(green, np.inf, cv2.erode(np.where(green, code, np.inf), _CROSS)),
+        np.where(green, -np.inf, cv2.dilate(np.where(green, code, -np.inf), _CROSS)),
+    ]
+    both = [np.where(green, code, side + end) for side, end in zip(sides, ends, strict=True)]
+    disagreement = both[0] - both[1]
+    both = [np.where(green, code, np.clip(one, *within)).astype(np.float32) for one in both]
+    steps = [
+        _filtered(np.abs(_along(code - one, _STEP)[way]), kernel)
+        for way, (one, kernel) in enumerate(zip(both, (_AROUND, _AROUND.T), strict=True))
+    ]
+    horizontal = steps[1] >= steps[0]
+    return horizontal, disagreement, _coloured(code, own, horizontal, np.where(horizontal, *both))
+
+
+def _coloured(code: Float, own: npt.NDArray[np.uint8], horizontal: Bool, g: Float) -> list[Float]:
+    """Red, green and blue, from a mosaic and its green."""
+    red, blue, green = own == 0, own == 2, own == 1
+    rows = [np.broadcast_to(one.any(1, keepdims=True), own.shape) for one in (red, blue)]
+
+    def chosen(values: Float, kernel: Float) -> Float:
+        return np.where(horizontal, *_along(values, kernel))
+
+    def at_green(values: Float, mine: Bool) -> Float:
+        return g + np.where(mine, *_along(values - g, _HALF))
+
+    r = np.where(red, code, np.where(green, at_green(code, rows[0]), 0))
+    b = np.where(blue, code, np.where(green, at_green(code, rows[1]), 0))
+    r, b = np.where(blue, b + chosen(r - b, _HALF), r), np.where(red, r + chosen(b - r, _HALF), b)
+    for _ in range(REFINEMENTS):
+        g = np.where(
+            red, code - chosen(r - g, _THIRD), np.where(blue, code - chosen(b - g, _THIRD), code)
+        ).astype(np.float32)
+        r, b = np.where(green, at_green(r, rows[0]), r), np.where(green, at_green(b, rows[1]), b)
+        change = chosen(r - b, _THIRD)
+        r, b = np.where(blue, b + change, r), np.where(red, r - change, b)
+    return [r, g, b]
+
+
+def _interpolated_variance(
+    noise: Float, own: npt.NDArray[np.uint8], horizontal: Bool, disagreement: Float, planes: list[Float]
+) -> npt.NDArray[np.float64]:
+    """Variance [H, W, 3] of the code: the noise of the photosites, and what interpolation may miss."""
+    mean = [
+        cv2.blur(np.where(own == channel, noise, 0), _WINDOW)
+        / np.maximum(cv2.blur((own == channel).astype(np.float32), _WINDOW), 1e-6)
+        for channel in range(3)
+    ]
+    there = (own != 1).astype(np.float32)
+    expected = mean[1] + 0.25 * np.where(own == 0, mean[0], mean[2])
+    apart = cv2.blur((np.square(disagreement) - expected) * there, _NEAR)
+    doubt = np.maximum(apart / np.maximum(cv2.blur(there, _NEAR), 1e-6), 0)
+    uneven = -np.sum(mean, axis=0)
+    for shade in (planes[0] - planes[1], planes[2] - planes[1]):
+        uneven += cv2.blur(np.square(shade), _NEAR) - np.square(cv2.blur(shade, _NEAR))
+    doubt = np.square(DOUBT) * (doubt + np.maximum(uneven, 0))
+    case = np.where(horizontal, 0, 4) + _kinds(own)
+    shares = _shares().reshape(8, 3, 3).astype(np.float32)
+    made_of = [doubt + sum(shares[:, made, of][case] * mean[of] for of in range(3)) for made in range(3)]
+    return np.stack(made_of, axis=-1).astype(np.float64)
+
+
+def _kinds(own: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """0 red, 1 green in a row with red, 2 green in a row with blue, 3 blue."""
+    with_red = (own == 0).any(1, keepdims=True)
+    return np.where(own == 0, 0, np.where(own == 2, 3, np.where(with_red, 1, 2))).astype(np.uint8)
+
+
+@cache
+def _shares() -> npt.NDArray[np.float64]:
+    """Variance of an interpolated channel for each unit of variance of the photosites of another.
+
+    [2, 4, 3, 3]: along rows and columns; site as `_kinds` has it; channel made; channel of the photosites.
+    Sums of squared impulse responses, without the limits of green.
+    """
+    size, table = 32, np.zeros((2, 4, 3, 3))
+    own = Cfa.RGGB.channels(size, size)
+    kinds = _kinds(own)
+    for row, column in ((16, 16), (16, 17), (17, 16), (17, 17)):
+        impulse = np.zeros((size, size), np.float32)
+        impulse[row, column] = 1
+        for way in (0, 1):
+            made = np.where(own == 1, impulse, sum(_along(impulse, k)[way] for k in (_HALF, _CURVE)))
+            planes = _coloured(impulse, own, np.full(own.shape, way == 0), made.astype(np.float32))
+            for site in range(4):
+                for channel in range(3):
+                    square = np.square(planes[channel][kinds == site], dtype=np.float64).sum()
+                    table[way, site, channel, own[row, column]] += square
+    return table
+
+
+def _toe(light: Float, sigma: npt.NDArray[np.floating] | None) -> float:
+    """Where the code turns from linear to logarithmic, which it must not within the noise.
+
+    The least change between photosites of a colour stands in for noise that is not known.
+    """
+    if sigma is None:
+        change = np.abs(_filtered(light, _CURVE)) / np.float32(np.sqrt(np.square(_CURVE).sum()))
+        least = float(np.percentile(change, 25)) / QUARTER
+    else:
+        told = sigma[np.isfinite(sigma)]
+        least = float(np.percentile(told, 1)) if told.size else 0.0
+    toe = max(TOE_OF_LIGHT * float(np.median(np.abs(light))), TOE_OF_NOISE * least)
+    return toe if toe > 0 else float(np.abs(light).max()) or 1.0
+
+
+def _stand_in(image: npt.NDArray[np.floating], trusted: Bool) -> Float:
+    """The mean of the nearest photosites of the same colour, 0 where there is none."""
+    kernel = np.zeros((5, 5), np.float32)
+    kernel[::2, ::2] = 1
+    weight = _filtered(trusted.astype(np.float32), kernel)
+    total = _filtered(np.where(trusted, image, 0).astype(np.float32), kernel)
+    return np.asarray(total / np.maximum(weight, 1), np.float32)
+
+
+def _along(values: Float, kernel: Float) -> tuple[Float, Float]:
+    """Filtered along rows, and along columns."""
+    return _filtered(values, kernel), _filtered(values, kernel.T)
+
+
+def _filtered(values: Float, kernel: Float) -> Float:
+    """Mirrored at the edges, which leaves every photosite its colour."""
+    found = cv2.filter2D(
+        np.ascontiguousarray(values, np.float32), -1, np.ascontiguousarray(kernel),
+        borderType=cv2.BORDER_REFLECT_101,
+    )  # fmt: skip
+    return np.asarray(found)
