@@ -5,11 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from imaging.cfa import demosaic
+from imaging.cfa import bilinear
+from imaging.demosaic import demosaic
+from imaging.linear import Bool, Float
 from imaging.merge import merge_bracket
 from recon.dataset import Dataset, Sensor, View
 from recon.pixels import Shot
 from recon.radiance import radiance_image
+
+Picture = Callable[[View], tuple[Float, Bool]]
 
 
 def brackets(dataset: Dataset) -> Dataset:
@@ -22,9 +26,18 @@ def one_exposure(dataset: Dataset, index: int) -> Dataset:
     return _with(dataset, lambda view: replace(view, shots=view.shots[index : index + 1]))
 
 
-def merged(dataset: Dataset) -> Dataset:
+def merged(dataset: Dataset, picture: Picture = radiance_image) -> Dataset:
     """Each bracket merged (at the Cramer-Rao bound) and demosaicked: linear Rec.709, as in an EXR."""
-    return _with(dataset, _merged)
+    return _with(dataset, lambda view: _merged(view, picture))
+
+
+def bilinear_image(view: View) -> tuple[Float, Bool]:
+    """As `radiance_image`, demosaicked bilinearly."""
+    sensor = view.sensor
+    assert sensor.cfa is not None
+    found = merge_bracket([shot.linear(None, sensor.cfa) for shot in view.shots])
+    rgb, known = bilinear(np.nan_to_num(found.radiance, nan=0.0) / sensor.falloff, sensor.cfa)
+    return np.asarray(rgb @ np.linalg.inv(sensor.camera_from_rec709).T, np.float32), known.all(-1)
 
 
 def merged_mosaic(dataset: Dataset) -> Dataset:
@@ -42,8 +55,8 @@ def _with(dataset: Dataset, change: Callable[[View], View]) -> Dataset:
     return replace(dataset, train=tuple(change(view) for view in dataset.train))
 
 
-def _merged(view: View) -> View:
-    rgb, _ = radiance_image(view)
+def _merged(view: View, picture: Picture) -> View:
+    rgb, _ = picture(view)
     everywhere = np.ones(rgb.shape, bool)
     shot = Shot(view.shots[0].file, 1.0, rgb, ~everywhere, ~everywhere, everywhere)
     plain = np.ones(rgb.shape[:2], np.float32)
@@ -64,9 +77,16 @@ def _demosaicked(view: View) -> View:
     assert cfa is not None
     shots = []
     for shot in view.shots:
-        rgb, known = demosaic(shot.pixels, cfa, shot.valid)
-        clipped = demosaic(shot.saturated.astype(np.float32), cfa)[0] > 0
+        sigma = None if shot.noise is None else np.sqrt(shot.noise.variance(shot.pixels))
+        found = demosaic(shot.pixels, cfa, shot.valid, sigma)
+        clipped = bilinear(shot.saturated.astype(np.float32), cfa)[0] > 0
         shots.append(
-            replace(shot, pixels=rgb, saturated=clipped, dark=np.zeros(rgb.shape, bool), valid=known)
+            replace(
+                shot,
+                pixels=found.rgb,
+                saturated=clipped,
+                dark=np.zeros(clipped.shape, bool),
+                valid=found.known,
+            )
         )
     return replace(view, shots=tuple(shots), sensor=replace(view.sensor, cfa=None))
