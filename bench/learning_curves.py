@@ -6,7 +6,7 @@
 Scenes of bench/presets.py, in FOLDER of --work, and the first of each kind of bench/ladder.py, in that of
 --ladder, trained at the preset `best` with whole schedules of 6 to 3200 iterations, until one takes more
 than --longest seconds; some of them narrower or with few Gaussians too, and the real photographs where
-RIG_DATA names the folder that has them. A curve is fitted to each (recon.prediction), and each is foretold
+RIG_DATA names the folder that has them. A curve is fitted to each (recon.prediction), and each is predicted
 from each of its schedules by the curves of scenes of other kinds. Finished rows are kept in --work. --write
 puts the table into bench/results/learning_curves.md and the curves into learning_curves.json, which a test
 holds the curves of recon.prediction against.
@@ -81,7 +81,7 @@ def curve(folder: Path, fixed: Fixed, options: argparse.Namespace) -> list[tuple
 
 
 def kind(name: str) -> str:
-    """Scenes of one kind look alike: one of them is foretold by none of the others."""
+    """Scenes of one kind look alike: one of them is predicted by none of the others."""
     rig = name.split(",")[0].rpartition(" ")[0]
     return rig.removesuffix("-ldr")
 
@@ -99,7 +99,7 @@ def fitted(curve: Sequence[tuple[int, float]]) -> tuple[list[float], float]:
 
 
 def forecasts(rows: Sequence[Row]) -> list[Row]:
-    """Each scene foretold from each of its schedules, by the curves of scenes of other kinds."""
+    """Each scene predicted from each of its schedules, by the curves of scenes of other kinds."""
     found = []
     for row in rows:
         others = np.array([other["fit"] for other in rows if other["kind"] != row["kind"]])
@@ -113,7 +113,7 @@ def forecasts(rows: Sequence[Row]) -> list[Row]:
 
 def report(result: Row) -> str:
     lines = [
-        "# What is foretold of a training",
+        "# What is predicted of a training",
         "",
         f"`python bench/learning_curves.py --write`, {words(result['machine'])}. Held-out dB after whole "
         "schedules of so many iterations at the preset best, and the curve end - rise / (1 + (n / "
@@ -130,7 +130,7 @@ def report(result: Row) -> str:
         lines.append(f"| {row['scene']} | {' | '.join(cells)} |")
     lines += [
         "",
-        "Foretold from schedules of n iterations, by the curves of the scenes of other kinds:",
+        "Predicted from schedules of n iterations, by the curves of the scenes of other kinds:",
         "",
         "| n | times longer | scenes | bias, dB | RMS, dB | interval, +- dB | inside |",
         "|---|---|---|---|---|---|---|",

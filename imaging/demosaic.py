@@ -78,6 +78,12 @@ def demosaic(
         channels = cfa.channels(*image.shape)
         for top in range(0, image.shape[0], ROWS):
             _strip(top, filled, sigma, toe, channels, near, rgb, spread)
+        for channel in range(3):
+            # Beside a lamp red and blue may overshoot, which would set the scale of the scene.
+            recorded = filled[trusted & (channels == channel)]
+            if recorded.size:
+                rgb[..., channel].clip(recorded.min(), recorded.max(), out=rgb[..., channel])
+        rgb[~known] = 0
     deviation = None if spread is None else np.sqrt(spread).astype(np.float32)
     return Demosaicked(rgb, known, deviation)
 

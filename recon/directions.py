@@ -1,6 +1,6 @@
-"""How much better the light of scene points is foretold when it may depend on the direction of the look.
+"""How much better the light of scene points is predicted when it may depend on the direction of the look.
 
-Every scene point that many training views saw is looked at as often. The luminance of each look is foretold
+Every scene point that many training views saw is looked at as often. The luminance of each look is predicted
 from all the others: by their mean, and by harmonics of the direction fitted to them. No training is needed.
 """
 
@@ -42,7 +42,7 @@ class Looks:
 
 @dataclass(frozen=True)
 class Gains:
-    """By how many dB degrees 1 and 2 foretell better than degree 0: the means, and errors of the steps.
+    """By how many dB degrees 1 and 2 predict better than degree 0: the means, and errors of the steps.
 
     db[d]: of degree d over 0, so db[0] is 0. error[low, high]: standard error of db[high] - db[low].
     """
@@ -101,7 +101,7 @@ def gains(found: Looks) -> Gains | None:
 
 
 def _missed(light: Array, towards: Array, degree: int) -> Array:
-    """Mean square [P] of what looks [P, V] differ from what all others of their point foretell.
+    """Mean square [P] of what looks [P, V] differ from what all others of their point predict.
 
     Ridge regression, its constant free; a look is left out in closed form: residual over one minus leverage.
     """

@@ -95,6 +95,11 @@ class Prediction(Record):
     db: float
     low: float
     high: float
+    iterations: int
+    """Of the training that it is about, each of one view."""
+    tried: int
+    """Iterations of the miniature that it comes from."""
+    tried_db: float
 
 
 Use = Literal["training", "validation", "test"]

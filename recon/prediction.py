@@ -56,12 +56,43 @@ def enough(iterations: int) -> int:
     return long
 
 
-def predicted(db: float, tried: int, iterations: int, scenes: npt.ArrayLike = SCENES) -> Prediction:
+SLOWER, FASTER = 0.5, 1.5
+"""Iterations within a time, over those that fit at the speed of the start: other work may come, or go."""
+
+
+def predicted(
+    db: float, tried: int, iterations: int, scenes: npt.ArrayLike = SCENES, *, timed: bool = False
+) -> Prediction:
     """The end of a training of `iterations`, with an interval that holds in 95 of 100.
 
     db: held-out, at the end of a schedule of `tried` iterations. scenes: curves [S, 3] as `SCENES` has them.
+    timed: the training is within a time, so that it may come to fewer iterations, or more.
     """
+    told, half = _expected(db, tried, iterations, scenes)
+    low, high = told - half, told + half
+    if timed:
+        slow, fast = (
+            _expected(db, tried, max(round(factor * iterations), 1), scenes) for factor in (SLOWER, FASTER)
+        )
+        low, high = min(low, slow[0] - slow[1]), max(high, fast[0] + fast[1])
+    return Prediction(
+        db=round(told, 2),
+        low=round(low, 2),
+        high=round(high, 2),
+        iterations=iterations,
+        tried=tried,
+        tried_db=db,
+    )
+
+
+def corrected(guess: Prediction, iterations: int) -> Prediction | None:
+    """What the miniature says of a training of another length; None if that is about as planned."""
+    if SLOWER * guess.iterations <= iterations <= FASTER * guess.iterations:
+        return None
+    return predicted(guess.tried_db, guess.tried, iterations)
+
+
+def _expected(db: float, tried: int, iterations: int, scenes: npt.ArrayLike) -> tuple[float, float]:
+    """dB, and half the width of its interval."""
     more = gains(tried, iterations, scenes)
-    told = db + float(more.mean())
-    half = SURE * float(np.sqrt(more.var(ddof=1) + 2 * NOISE**2))
-    return Prediction(db=round(told, 2), low=round(told - half, 2), high=round(told + half, 2))
+    return db + float(more.mean()), SURE * float(np.sqrt(more.var(ddof=1) + 2 * NOISE**2))

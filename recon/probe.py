@@ -11,16 +11,16 @@ from recon.ranks import Ranks
 from recon.trainer import Plan, Training, train
 
 FEWEST = 50
-"""Iterations that any training has, however little time there is."""
+"""Iterations that a training within a time has: one that has no room for them is not begun."""
 WARM_UP, TRIAL = 2, 3
 SHARE = 0.08
 """Of a time and of a schedule, what the miniature may take."""
-SHORTEST = 12
-"""Iterations of a miniature. Where the time has no room for them, there is none."""
+SHORTEST = 25
+"""Iterations of a miniature. Where the time has no room for them, there is none, and nothing is predicted."""
 GROWTH = 1.25
 """How much longer an iteration takes on the mean of a training than with the Gaussians it starts with."""
 WITH_TRIALS = 2.1
-"""Time of a training with its trials, over what its first iterations foretell of it without: 1.1 and 0.6 of
+"""Time of a training with its trials, over what its first iterations predict of it without: 1.1 and 0.6 of
 two scenes of which only the number of Gaussians is tried, which makes what follows shorter; 1.7 and 2.1 of
 two whose poses, exposures and falloff are all in doubt."""
 RESERVE = 0.92
@@ -42,8 +42,12 @@ class Probe:
     db: float | None
 
     def iterations_within(self, seconds: float) -> int:
-        """Iterations that fit into `seconds`, at least 50. The result depends on the machine."""
-        return max(FEWEST, int(RESERVE * seconds / self.pace))
+        """Iterations that fit into `seconds`. The result depends on the machine."""
+        return max(int(RESERVE * seconds / self.pace), 0)
+
+    def seconds_for(self, iterations: int) -> float:
+        """The time to give for so many iterations."""
+        return iterations * self.pace / RESERVE
 
 
 def probe(

@@ -14,6 +14,7 @@ from imaging.errors import InputError, ReconstructionError
 from imaging.records import Rung
 from recon.budget import Budget
 from recon.checkpoint import Checkpoint, write_checkpoint
+from recon.countdown import Countdown
 from recon.dataset import Dataset, load
 from recon.device import training_device
 from recon.finish import write_scene
@@ -26,7 +27,7 @@ from recon.pixels import Progress
 from recon.place import default_name, place_for
 from recon.prediction import enough, predicted
 from recon.presets import QUALITIES, START_SHARE, Quality, QualityName
-from recon.probe import has_time_for_trials, probe
+from recon.probe import FEWEST, has_time_for_trials, probe
 from recon.radiance import light_of, radiance_image
 from recon.ranks import Ranks, joined
 from recon.refinement import Refinement
@@ -60,17 +61,19 @@ def reconstruct(
     progress: Progress = lambda message, done, total: None,
     tell: Callable[[str], None] = lambda line: None,
     clock: Callable[[], float] = time.monotonic,
+    countdown: Countdown | None = None,
 ) -> Path:
     """Train a scene on a calibrated session; returns the folder SESSION/SHELF/NAME.
 
-    budget: seconds, or a `Budget`, or what `Budget.parse` reads. Within a time, the whole schedule is made
-    shorter if the preset's iterations do not fit at the speed measured at the start, and again on the way if
-    that was misjudged; trials of what the scene needs are made only if all of it fits. It counts from the
-    first look at the light to the last iteration, measuring on the way included, reading images and compiling
-    not. fixed: what is not to be as the preset and the method have it. early_stop: train no longer than was
-    worth it for other scenes, and end when held-out quality stands still. name: None names method, quality
-    and budget (`default_name`). tell: hears what is predicted of a training with a budget. With early_stop
-    or a budget in dB some of the held-out views are for that alone (`Dataset.with_validation`).
+    budget: seconds, or a `Budget`, or what `Budget.parse` reads. A time is that from the call to the return,
+    or what `countdown` says, whose time began before or ends later. The whole schedule is made shorter if the
+    preset's iterations do not fit at the speed measured at the start, and again on the way if that was
+    misjudged. What else has no room is left out as `recon.countdown` says; where 50 iterations do not fit it
+    ends with an InputError that says how long would do. fixed: what is not to be as the preset and the method
+    have it. early_stop: train no longer than was worth it for other scenes, and end when held-out quality
+    stands still. name: None names method, quality and budget (`default_name`). tell: hears what is predicted
+    of a training with a budget, and what is left out. With early_stop or a budget in dB some of the held-out views are for that alone
+    (`Dataset.with_validation`).
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
     called again with the same settings (with a time to keep, as fast as the machine then is); a finished
@@ -89,6 +92,8 @@ def reconstruct(
         budget = Budget(budget, "s")
     if not 0 <= seed < 2**32:
         raise InputError(f"The seed {seed} is out of range: give a number from 0 to 4294967295.")
+    if budget is not None and budget.unit == "s" and countdown is None:
+        countdown = Countdown(budget.amount, clock(), clock=clock, say=tell)
     with joined() as ranks:
         preset, device = QUALITIES[quality], training_device()
         width = fixed.width or preset.width
@@ -124,7 +129,7 @@ def reconstruct(
         folder = store.inside(session, f"{shelf}/{name or default_name(chosen, quality, budget)}")
         place, found = place_for(folder, wanted, dataset.calibration_sha256, replace)
         ladder = (*reasons, *rungs(dataset, chosen))
-        _reconstruct(place, found, dataset, wanted, ladder, device, ranks, progress, tell, clock)
+        _reconstruct(place, found, dataset, wanted, ladder, device, ranks, progress, tell, clock, countdown)
         if place != folder and ranks.first:
             store.replace_folder(place, folder)
         return folder
@@ -141,10 +146,11 @@ def _reconstruct(
     progress: Progress,
     tell: Callable[[str], None],
     clock: Callable[[], float],
+    countdown: Countdown | None,
 ) -> None:
     """`reconstruct` on one of the ranks: begin, or go on from what was found; train; write."""
     if found is None:
-        begun = _begin(folder, dataset, wanted, device, ranks, progress, tell, clock)
+        begun = _begin(folder, dataset, wanted, device, ranks, progress, tell, clock, countdown)
         training, settings, size, guess = begun
     else:
         settings = Settings.model_validate(found.facts["settings"])
@@ -161,8 +167,13 @@ def _reconstruct(
     steers: list[Steer] = [EarlyStop()] if wanted.early_stop else []
     if wanted.budget is not None and wanted.budget_unit == "dB":
         steers.append(Goal(wanted.budget))
-    if wanted.budget is not None and wanted.budget_unit == "s":
-        steers.append(Deadline(wanted.budget, _longest(wanted), settings.max_gaussians))
+    if countdown is not None:
+        if found is not None:
+            countdown.reserve = found.facts["reserve"]
+        spent = training.seconds + training.measuring
+        # What an earlier run trained before it was stopped is part of the time.
+        limit = countdown.left() + (spent if found is None else 0.0)
+        steers.append(Deadline(max(limit, 1e-3), _longest(wanted), settings.max_gaussians))
     saved, lines = [-1], _lines(folder, training, ranks)
 
     def log(line: dict[str, Any]) -> None:
@@ -175,6 +186,7 @@ def _reconstruct(
             "settings": settings.model_dump(mode="json"),
             "size": [rung.model_dump(mode="json") for rung in size],
             "calibration_sha256": dataset.calibration_sha256,
+            "reserve": 0.0 if countdown is None else countdown.reserve,
             "predicted": guess and guess.model_dump(mode="json"),
         }
         write_checkpoint(folder / CHECKPOINT, training.checkpoint(facts))
@@ -230,6 +242,7 @@ def _begin(
     progress: Progress,
     tell: Callable[[str], None],
     clock: Callable[[], float],
+    countdown: Countdown | None,
 ) -> tuple[Training, Settings, tuple[Rung, ...], Prediction | None]:
     """Gaussians at their start; what an earlier training left in the folder is removed.
 
@@ -238,12 +251,20 @@ def _begin(
     warm_up(progress, device, fisheye=any(view.lens.fisheye for view in dataset.views))
     started = clock()
     images = [radiance_image(view) for view in dataset.train]
+    if countdown is not None:
+        countdown.plan(ranks.told(clock() - started), len(dataset.train), len(dataset.held_out))
+        countdown.require(ranks.told(clock() - started), FEWEST)
     light = light_of(dataset, images)
     rng = np.random.Generator(np.random.PCG64([wanted.seed, 0x57A27]))
     share = START_SHARE if wanted.fixed.growth is None else 1 - wanted.fixed.growth
     colour = degree_for(dataset, wanted, images, ranks)
     most = most_for(dataset, wanted, colour[0])
-    points = start_points(dataset, images, int(share * most), rng, progress)
+    # Several processes have to begin with the same points, whichever is slower.
+    over = countdown.start_over() if countdown is not None and ranks.count == 1 else None
+    points = start_points(dataset, images, int(share * most), rng, progress, over)
+    if countdown is not None and points.left_out:
+        few = f"{points.left_out} of {len(dataset.train)} views"
+        tell(f"{countdown.seconds:g} s leave no room for the depths of {few}.")
     settings = wanted.model_copy(
         update={"max_gaussians": most, "degree": colour[0], "iterations": _longest(wanted)}
     )
@@ -257,26 +278,33 @@ def _begin(
         return Training.begin(method, light, gaussians, dataset.extent, device, refinement)
 
     guess, deciding = None, wanted
-    time_limit = wanted.budget if wanted.budget_unit == "s" else None
-    if time_limit is not None:
+    if countdown is not None:
         unhurried = wanted.model_copy(update={"budget": None})
-        if not no_trial(dataset, unhurried) and has_time_for_trials(
-            training, dataset, settings.plan(), time_limit, ranks=ranks, clock=clock
-        ):
-            deciding = unhurried
+        if not no_trial(dataset, unhurried):
+            if has_time_for_trials(
+                training, dataset, settings.plan(), ranks.told(countdown.left()), ranks=ranks, clock=clock
+            ):
+                deciding = unhurried
+            else:
+                tell(f"{countdown.seconds:g} s leave no room for trials of what the scene needs.")
     refined = refinement_for(dataset, deciding, ranks, progress)
     size = size_for(dataset, deciding, colour, refined, points, ranks, progress, device)
     settings = settings.model_copy(update={"max_gaussians": size.gaussians, "degree": size.degree})
     points = fewer(points, int(share * size.gaussians), wanted.seed)
     if wanted.budget is not None:
+        seconds = None if countdown is None else ranks.told(countdown.left())
         found = probe(
-            training, dataset, settings.plan(), time_limit, ranks=ranks, progress=progress, clock=clock
+            training, dataset, settings.plan(), seconds, ranks=ranks, progress=progress, clock=clock
         )
-        if time_limit is not None:
-            fitting = int(ranks.told(found.iterations_within(time_limit - (clock() - started))))
+        if countdown is not None:
+            left = ranks.told(countdown.left())
+            fitting = found.iterations_within(left)
+            if fitting < min(FEWEST, _longest(wanted)):
+                countdown.require(max(found.seconds_for(FEWEST), left + 1.0), FEWEST)
             settings = settings.model_copy(update={"iterations": min(_longest(wanted), fitting)})
         if found.db is not None:
-            guess = predicted(found.db, found.iterations, settings.iterations * settings.batch)
+            length = settings.iterations * settings.batch
+            guess = predicted(found.db, found.iterations, length, timed=countdown is not None)
         if guess is not None and ranks.first:
             tell(f"predicted: held-out {guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f})")
     if ranks.first:

@@ -47,7 +47,7 @@ PLAIN = 14
 FEWEST = 50
 """Gaussians that a trial is made with."""
 UNIT = "dB of the pictures of views held out of a trial"
-COLOUR_UNIT = "dB of the luminance of scene points, each look foretold from all others"
+COLOUR_UNIT = "dB of the luminance of scene points, each look predicted from all others"
 _ALONE = Ranks()
 
 Array = npt.NDArray[np.float64]

@@ -24,11 +24,15 @@ FEWEST_POINTS = 8
 
 @dataclass(frozen=True)
 class Start:
-    """Points that training may start from: SfM points first, swept ones behind. Colours are radiance."""
+    """Points that training may start from: SfM points first, swept ones behind. Colours are radiance.
+
+    left_out: views whose depths were not swept for want of time.
+    """
 
     xyz: Array
     rgb: Array
     sparse: int
+    left_out: int = 0
 
 
 def start_points(
@@ -37,12 +41,14 @@ def start_points(
     count: int,
     rng: np.random.Generator,
     progress: Progress | None = None,
+    over: Callable[[], bool] | None = None,
 ) -> Start:
     """At most `count` coloured points: SfM points (as many as fit), then points of the plane sweep.
 
     `images` are the radiance images of the training views. Poses that came without any points get
-    theirs from a first sweep over all depths. ReconstructionError when there are fewer than 8 points,
-    or fewer are seen, since then nothing says where the scene is.
+    theirs from a first sweep over all depths. over: asked before each view is swept; those that are due when
+    it says yes are left out. ReconstructionError when there are fewer than 8 points, or fewer are seen, since
+    then nothing says where the scene is.
     """
     model = dataset.points()
     # Points that came with somebody else's poses, but without the images that saw them, are believed.
@@ -57,7 +63,10 @@ def start_points(
         )
     if len(sparse) > count:
         sparse = sparse[np.sort(rng.choice(len(sparse), size=count, replace=False))]
-    maps = sweep(dataset.train, [rgb for rgb, _ in images], sparse, progress=progress)
+    skipped: list[int] = []
+    maps = sweep(
+        dataset.train, [rgb for rgb, _ in images], sparse, progress=progress, over=over, skipped=skipped
+    )
     dense = sample(maps, max(count - len(sparse), 0), rng)
     xyz = np.concatenate([sparse, dense])
     rgb, seen = colours_at(dataset, images, xyz)
@@ -66,7 +75,7 @@ def start_points(
             f"{dataset.session} shows {int(seen.sum())} of its {len(xyz)} scene points where its images hold "
             "numbers and no mask hides them, too few to start from: look at the images and the masks."
         )
-    return Start(xyz[seen], rgb[seen], int(seen[: len(sparse)].sum()))
+    return Start(xyz[seen], rgb[seen], int(seen[: len(sparse)].sum()), len(skipped))
 
 
 def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress | None) -> Array:

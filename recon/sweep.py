@@ -6,6 +6,7 @@ log-radiance patches in the neighbouring views, gives a point for most pixels in
 new observations: only training views are looked at.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -25,6 +26,7 @@ PLANES = 56
 NEIGHBOURS = 4
 PATCH = 7
 """Pixels of the coarse image."""
+GOLDEN = 0.6180339887498949
 TRUSTED_SCORE = 0.6
 MOST_PARALLAX = 1.5
 """Coarse pixels between two planes in a neighbouring view, where no points tell the range of depths."""
@@ -49,26 +51,35 @@ def sweep(
     *,
     width: int = 160,
     progress: Progress | None = None,
+    over: Callable[[], bool] | None = None,
+    skipped: list[int] | None = None,
 ) -> list[DepthMap]:
     """Depth maps of `views`, from their radiance `images` [H, W, 3] and sparse `points` [P, 3].
 
     The range of depths of each view comes from the points in front of it, widened by a quarter
     in inverse depth; views that see fewer than 8 of them get no map. Without points (None) the range
-    goes from infinity to as near as the planes can tell apart, seen from the neighbours.
+    goes from infinity to as near as the planes can tell apart, seen from the neighbours. over: asked before
+    each view; when it says yes, the views that are left get no map and their indices go into `skipped`.
+    Views are taken in an order that soon has some of everywhere.
     """
     logs = [_log_image(image, view, width) for image, view in zip(images, views, strict=True)]
 
     def one(index: int) -> tuple[Float, Float] | None:
+        if over is not None and over():
+            if skipped is not None:
+                skipped.append(index)
+            return None
         near = _neighbours(index, views)
         bounds = _reach(views[index], near, views, width) if points is None else _bounds(views[index], points)
         return _sweep_one(index, near, views, logs, bounds) if bounds and near else None
 
-    raw: list[tuple[Float, Float] | None] = []
+    raw: list[tuple[Float, Float] | None] = [None] * len(views)
+    order = sorted(range(len(views)), key=lambda index: index * GOLDEN % 1)
     with ThreadPoolExecutor(thread_count()) as pool:
-        for index, found in enumerate(pool.map(one, range(len(views)))):
+        for done, (index, found) in enumerate(zip(order, pool.map(one, order), strict=True)):
             if progress:
-                progress("sweeping depth", index, len(views))
-            raw.append(found)
+                progress("sweeping depth", done, len(views))
+            raw[index] = found
     maps = []
     for index, view in enumerate(views):
         found = raw[index]

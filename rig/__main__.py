@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import typer
 
 from rig.cli import app
+from rig.enter import count_from
 from rig.failures import STOPPED, explained
 from rig.running import Outcome, deliver, print_json
 from rig.streams import debugging
@@ -14,6 +15,7 @@ from rig.streams import debugging
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `rig ARGUMENTS` (those of the process if None); the exit code."""
+    count_from(process=arguments is None)
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     if words[0] == "help":
         words = [*words[1:], "--help"]

@@ -119,8 +119,8 @@ def compare(
     site = site[clear]
     shift = np.where(fitted, values[1:] / (1.0 - ratio), 0.0)
     sigma = np.where(fitted, np.sqrt(np.diag(inverse)[1:]) / (ratio - 1.0), np.inf)
-    foretold = np.where(seen & (short > 0.1 * span), ratio * short, np.nan)
-    full = ceiling(long.reshape(4, -1), foretold.reshape(4, -1), black)
+    predicted = np.where(seen & (short > 0.1 * span), ratio * short, np.nan)
+    full = ceiling(long.reshape(4, -1), predicted.reshape(4, -1), black)
     levels = (mean_x[clear], mean_y[clear], variance[clear], kept[clear].astype(np.float64))
     return Pair(ratio, shift, sigma, site, *levels, full)
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 FEWEST = 30
 """Overexposed photosites that a ceiling is read from."""
 MISSING = 0.8
-"""A photosite with less than this share of the light that another exposure foretells is saturated."""
+"""A photosite with less than this share of the light that another exposure predicts is saturated."""
 
 
 @dataclass(frozen=True)
@@ -20,14 +20,14 @@ class Ceiling:
 
 
 def ceiling(
-    pixels: npt.NDArray[np.floating], foretold: npt.NDArray[np.floating], black: npt.NDArray[np.floating]
+    pixels: npt.NDArray[np.floating], predicted: npt.NDArray[np.floating], black: npt.NDArray[np.floating]
 ) -> Ceiling | None:
     """The lowest of the plateaus of the four CFA sites, from pixels [4, N] and what they should have, DN.
 
     Both above black [4]; NaN marks photosites that are not to be used. None where too few are overexposed.
     """
     found: list[Ceiling] = []
-    for own, expected, off in zip(pixels, foretold, black, strict=True):
+    for own, expected, off in zip(pixels, predicted, black, strict=True):
         with np.errstate(invalid="ignore"):
             full = own[own < MISSING * expected]
         if len(full) < FEWEST:

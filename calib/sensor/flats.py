@@ -59,7 +59,7 @@ def falloff(flat: Stack, black: Array, usable: Bool) -> Falloff | None:
 
 
 def plateau(flats: Sequence[Stack], black: Array, usable: Bool) -> Ceiling | None:
-    """Where the flats end: photosites that have less than shorter flats foretell."""
+    """Where the flats end: photosites that have less than shorter flats predict."""
     ordered = sorted(flats, key=lambda flat: flat.time)
     found: list[Ceiling] = []
     off = black[:, None]

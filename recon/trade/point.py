@@ -21,23 +21,44 @@ from recon.trade.records import FOLDER, Choice, Point, Trade, key_of
 from recon.warm_up import warm_up
 
 
-def work_on(session: Path, choice: Choice, trade: Trade, at_once: int, cores: int) -> Point:
+class OutOfTime(Exception):
+    """A training was given up since its time was over."""
+
+
+def work_on(
+    session: Path, choice: Choice, trade: Trade, at_once: int, cores: int, until: float | None
+) -> Point:
     """`train_point` in a process of its own, with a share of the cores."""
     threads.set_threads(max(1, cores // at_once))
-    return train_point(session, choice, trade, at_once)
+    return train_point(session, choice, trade, at_once, until=until)
 
 
 def train_point(
-    session: Path, choice: Choice, trade: Trade, at_once: int = 1, progress: Progress | None = None
+    session: Path,
+    choice: Choice,
+    trade: Trade,
+    at_once: int = 1,
+    progress: Progress | None = None,
+    until: float | None = None,
 ) -> Point:
-    """Train a choice and measure it at the trade's own size; what was trained is removed."""
+    """Train a choice and measure it at the trade's own size; what was trained is removed.
+
+    until: reading of `time.monotonic` at which it is given up, by OutOfTime.
+    """
+    heard = progress or _unheard
+
+    def watched(message: str, done: int, total: int) -> None:
+        if until is not None and time.monotonic() > until:
+            raise OutOfTime
+        heard(message, done, total)
+
     key = key_of(choice, trade)
     name = f"point-{key}"
     folder = session / FOLDER / name
     if folder.exists():  # what a killed sweep left, whose processor time nobody knows
         shutil.rmtree(folder)
     dataset = measuring(session, trade.width)
-    warm_up(progress or _unheard, training_device())
+    warm_up(watched, training_device())
     try:
         used = time.process_time()
         reconstruct(
@@ -48,7 +69,7 @@ def train_point(
             fixed=choice.fixed,
             name=name,
             shelf=FOLDER,
-            progress=progress or _unheard,
+            progress=watched,
         )
         used = time.process_time() - used
         opened = open_model(folder)

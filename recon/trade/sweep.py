@@ -18,7 +18,7 @@ from recon.ladder import chosen_method
 from recon.pixels import Progress
 from recon.presets import QUALITIES
 from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
-from recon.trade.point import measuring, train_point, work_on
+from recon.trade.point import OutOfTime, measuring, train_point, work_on
 from recon.trade.records import FOLDER, TRADE, Choice, Measure, Point, Trade, code_hash, key_of, read_trade
 
 
@@ -30,10 +30,12 @@ def sweep(
     seed: int = 0,
     progress: Progress = lambda message, done, total: None,
     say: Callable[[str], None] = lambda line: None,
+    until: float | None = None,
 ) -> Trade:
     """Train what tells most of a session's trade-offs within `budget` seconds; writes trade/trade.json.
 
-    The first training is always made. Each is kept when it is done, so that a sweep that was stopped, or ran
+    The first training is always begun. until: reading of `time.monotonic` at which the one under way is given
+    up. Each is kept when it is done, so that a sweep that was stopped, or ran
     out of time, goes on when it is called again; a change of the calibration or of the code begins anew.
     workers: trainings at once; more than one share the machine, so their seconds tell less than their
     processor seconds. Errors: InputError, ReconstructionError, StorageError.
@@ -48,7 +50,7 @@ def sweep(
             f"{session} has too few views to hold one out, so nothing can be measured: take "
             f"{FEWEST_FOR_HOLDOUT} or more."
         )
-    run = _Run(session, _begun(session, dataset, width, seed), Session.of(dataset), budget)
+    run = _Run(session, _begun(session, dataset, width, seed), Session.of(dataset), budget, until)
     if workers > 1:
         _several(run, workers, progress, say)
     else:
@@ -65,6 +67,7 @@ class _Run:
     trade: Trade
     limits: Session
     budget: float
+    until: float | None
     began: float = field(default_factory=time.monotonic)
     tried: set[str] = field(default_factory=set)
     made: int = 0
@@ -97,12 +100,19 @@ class _Run:
     def alone(self, choice: Choice, progress: Progress, say: Callable[[str], None]) -> None:
         """Train in this process."""
         beside = self.beside(progress, choice)
-        self.make(choice, lambda one: train_point(self.session, one, self.trade, progress=beside), say)
+        self.make(
+            choice,
+            lambda one: train_point(self.session, one, self.trade, progress=beside, until=self.until),
+            say,
+        )
 
     def make(self, choice: Choice, train: Callable[[Choice], Point], say: Callable[[str], None]) -> None:
         """Train and keep it, or note why that failed."""
         try:
             self.keep(train(choice), say)
+        except OutOfTime:
+            self.left += 1
+            say(f"{label(choice)}: given up, since the time is over")
         except RigError as error:
             self.note(choice, error, say)
 
@@ -143,7 +153,7 @@ def _several(run: _Run, workers: int, progress: Progress, say: Callable[[str], N
             while len(under_way) < workers and STANDARD not in under_way.values():
                 if (choice := next(choices, None)) is None:
                     break
-                future = pool.submit(work_on, run.session, choice, run.trade, workers, cores)
+                future = pool.submit(work_on, run.session, choice, run.trade, workers, cores, run.until)
                 under_way[future] = choice
             if not under_way:
                 return

@@ -12,12 +12,14 @@ from recon.presets import QUALITIES
 from rig.commands.evaluate import evaluated_before, run_evaluate
 from rig.commands.options import JsonOption, SeedOption, SessionArgument
 from rig.commands.options import budget as parsed_budget
+from rig.enter import entered
 from rig.failures import Stopped
 from rig.progress import Meter, speaks
 from rig.running import Outcome, running
 from rig.words import command_line, duration
 
 if TYPE_CHECKING:
+    from recon.countdown import Countdown
     from recon.model import ModelRecord
 
 MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
@@ -43,9 +45,9 @@ def reconstruct(
         typer.Option(
             parser=parsed_budget,
             metavar="AMOUNT",
-            help="Train no longer than 90s or 5m (model trials are skipped if time is short); make "
-            "splats.ply no larger than 30MB; use at most 100k Gaussians; or stop when "
-            "held-out views reach 35dB.",
+            help="Be done within 90s or 5m, from Enter to the report (left out if time is short, in this "
+            "order: the report, depths of some views, model trials); make splats.ply no larger than 30MB; use "
+            "at most 100k Gaussians; or stop when held-out views reach 35dB.",
         ),
     ] = None,
     early_stop: Annotated[
@@ -119,6 +121,13 @@ def run_reconstruct(
     early_stop: bool = False,
 ) -> Outcome:
     """Train, evaluate, write the report and say what came of it."""
+    from recon.budget import Budget
+    from recon.countdown import Countdown
+
+    asked = Budget.parse(str(budget)) if budget is not None else None
+    countdown = None
+    if asked is not None and asked.unit == "s":
+        countdown = Countdown(asked.amount, entered(), page=True, say=meter.say)
     trained = run_training(
         session,
         meter,
@@ -130,7 +139,10 @@ def run_reconstruct(
         name=name,
         replace=replace,
         sets=sets,
+        countdown=countdown,
     )
+    if countdown is not None and not countdown.page:
+        return trained
     if not speaks():
         return Outcome({}, [])
     folder = Path(trained.data["reconstruction"])
@@ -160,6 +172,7 @@ def run_training(
     replace: bool = False,
     sets: Sequence[str] | None = None,
     early_stop: bool = False,
+    countdown: "Countdown | None" = None,
 ) -> Outcome:
     """Train a scene, or go on with it; a finished one is told as such."""
     from recon.fixed import Fixed
@@ -183,6 +196,7 @@ def run_training(
             replace=replace,
             progress=meter,
             tell=meter.say,
+            countdown=countdown,
         )
     except Interrupted as error:
         raise Stopped(f"stopped; {error}; run the same command again to go on.") from error
@@ -215,8 +229,16 @@ def _course(record: "ModelRecord") -> str:
     words += f", {'validation' if record.validation else 'held-out'} {record.held_out_db:.1f} dB"
     if record.predicted is None:
         return words
+    from recon.prediction import corrected
+
     guess = record.predicted
-    return f"{words} (predicted {guess.db:.1f}, {guess.low:.1f} to {guess.high:.1f})"
+    words = f"{words} (predicted {guess.db:.1f}, {guess.low:.1f} to {guess.high:.1f}"
+    count = (record.iterations or 0) * record.settings.batch
+    other = corrected(guess, count) if record.ending == "schedule" else None
+    if other is not None:
+        words += f", for {guess.iterations} iterations; for the {count} that the time had room for "
+        words += f"{other.db:.1f}, {other.low:.1f} to {other.high:.1f}"
+    return f"{words})"
 
 
 def _missing(record: "ModelRecord") -> str | None:

@@ -1,11 +1,13 @@
 """`rig trade`: what settings cost and what they buy, on one's own session."""
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.commands.options import JsonOption, SeedOption, SessionArgument
+from rig.enter import entered
 from rig.progress import Meter
 from rig.running import Outcome, running
 from rig.words import counted, size
@@ -14,10 +16,14 @@ if TYPE_CHECKING:
     from recon.trade import Point, Trade
 
 
+PAGE_SHARE = 0.05
+"""Of the time, kept for the page and for a training that is given up late."""
+
+
 def trade(
     session: SessionArgument,
     budget: Annotated[
-        str, typer.Option(metavar="TIME", help="Train no longer than this, as 90s or 10m.")
+        str, typer.Option(metavar="TIME", help="Be done after this, as 90s or 10m, counted from Enter.")
     ] = "10m",
     workers: Annotated[
         int, typer.Option(min=1, max=64, help="Parallel trainings; timings become less reliable.")
@@ -50,7 +56,17 @@ def run_trade(session: Path, meter: Meter, budget: float, workers: int, seed: in
     from rig.report.trade_page import trade_report
 
     try:
-        found = sweep(session, budget=budget, workers=workers, seed=seed, progress=meter, say=meter.say)
+        now = time.monotonic()
+        left = (1 - PAGE_SHARE) * budget - (now - entered())
+        found = sweep(
+            session,
+            budget=left,
+            workers=workers,
+            seed=seed,
+            progress=meter,
+            say=meter.say,
+            until=now + left,
+        )
     except KeyboardInterrupt:
         if (session / "trade" / "trade.json").is_file():
             trade_report(session)
@@ -69,6 +85,8 @@ def told(session: Path, found: "Trade", report: Path) -> Outcome:
         lines.append(f"{found.left} more did not fit the budget: run the same command to go on.")
     lines.append(f"Report: {report}")
     missing = None
+    if not found.points:
+        missing = f"No training of {session} was done in time: give a longer --budget."
     if found.failed:
         command, why = next(iter(found.failed.items()))
         missing = f"{counted(len(found.failed), 'training')} failed, the first is `{command}`: {why}"

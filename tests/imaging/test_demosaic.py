@@ -46,6 +46,16 @@ def test_it_beats_bilinear_by_far_on_truth(cfa: Cfa) -> None:
 
 
 @all_phases
+def test_nothing_is_brighter_than_what_was_recorded(cfa: Cfa) -> None:
+    seen = mosaic(scene(), cfa)
+    found = demosaic(seen, cfa).rgb
+    for channel in range(3):
+        recorded = seen[cfa.channels(*seen.shape) == channel]
+        assert found[..., channel].max() <= np.float32(recorded.max())
+        assert found[..., channel].min() >= np.float32(recorded.min())
+
+
+@all_phases
 def test_a_lamp_has_no_fringe_of_another_colour(cfa: Cfa) -> None:
     """Grey stays grey at an edge of ten stops, within what bilinear interpolation makes of it."""
     truth = scene().mean(-1, keepdims=True).repeat(3, -1)

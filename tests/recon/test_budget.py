@@ -1,4 +1,4 @@
-"""What a budget may be, what is refused, and what is foretold of one."""
+"""What a budget may be, what is refused, and what is predicted of one."""
 
 from itertools import combinations
 from pathlib import Path
@@ -13,7 +13,7 @@ from recon.appearance import LuminanceChromaticity
 from recon.budget import Budget
 from recon.gaussians import Gaussians
 from recon.ply import most_gaussians, plain_harmonics, read_ply, write_ply
-from recon.prediction import ENOUGH, NOISE, SCENES, enough, gains, lacking, predicted
+from recon.prediction import ENOUGH, NOISE, SCENES, corrected, enough, gains, lacking, predicted
 
 
 def recorded():
@@ -111,7 +111,7 @@ def test_the_more_was_tried_the_surer_is_what_is_told():
 
 @pytest.mark.parametrize("db", [-100.0, 0.0, 100.0])
 @pytest.mark.parametrize(("tried", "longer"), [(1, 10**7), (5000, 50)])
-def test_what_is_foretold_is_finite(db, tried, longer):
+def test_what_is_predicted_is_finite(db, tried, longer):
     found = predicted(db, tried, longer)
     assert np.isfinite([found.db, found.low, found.high]).all()
     assert found.low < found.db < found.high
@@ -130,7 +130,7 @@ def test_the_curves_of_scenes_are_those_that_were_measured():
     assert np.array_equal(SCENES, [row["fit"] for row in recorded()])
 
 
-def test_scenes_of_other_kinds_foretell_those_that_were_measured():
+def test_scenes_of_other_kinds_predict_those_that_were_measured():
     inside = []
     for row in recorded():
         others = [other["fit"] for other in recorded() if other["kind"] != row["kind"]]
@@ -139,3 +139,27 @@ def test_scenes_of_other_kinds_foretell_those_that_were_measured():
             inside.append(found.low <= reached <= found.high)
     assert len(inside) > 500
     assert 0.85 <= np.mean(inside) <= 0.99
+
+
+def test_the_interval_of_a_time_covers_a_machine_that_gets_busy():
+    """The same scene, on a machine that has half the time for it or half as much again."""
+    rng = np.random.Generator(np.random.PCG64(6))
+    inside = {True: [], False: []}
+    for _ in range(300):
+        own = rng.choice(SCENES, axis=0)[None]
+        begun = 40 - float(lacking(own, 25)[0]) + NOISE * rng.standard_normal()
+        reached = 40 - float(lacking(own, rng.choice((100, 200, 300)))[0]) + NOISE * rng.standard_normal()
+        for timed, hits in inside.items():
+            found = predicted(begun, 25, 200, timed=timed)
+            hits.append(found.low <= reached <= found.high)
+    assert np.mean(inside[False]) < np.mean(inside[True])
+    assert np.mean(inside[True]) >= 0.93
+
+
+def test_a_training_that_came_out_shorter_has_another_forecast():
+    guess = predicted(30.0, 25, 400, timed=True)
+    assert corrected(guess, 390) is None
+    less = corrected(guess, 60)
+    assert less is not None
+    assert less.db < guess.db
+    assert (less.iterations, less.tried, less.tried_db) == (60, 25, 30.0)

@@ -57,7 +57,7 @@ def test_errors_shrink_with_more_points():
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
-def test_a_look_is_foretold_by_a_fit_to_all_others(degree):
+def test_a_look_is_predicted_by_a_fit_to_all_others(degree):
     """Against ridge regressions that never saw the look; their constant is not held back."""
     found = made(0.2, 0.3)
     light, towards = found.light[:, 0].copy(), found.towards[:, 0]

@@ -68,10 +68,13 @@ def test_a_time_with_room_for_trials_trains_what_no_budget_does(sixteen):
     assert any("views held out of both" in rung.reason for rung in read_model(timed).rungs)
 
 
-def test_a_time_without_room_leaves_them_out_and_says_so(sixteen):
-    record = read_model(reconstruct(sixteen, budget=0.05))
+def test_a_time_without_room_leaves_them_out_and_says_so(sixteen, monkeypatch):
+    monkeypatch.setattr("recon.reconstruct.has_time_for_trials", lambda *_, **__: False)
+    said = []
+    record = read_model(reconstruct(sixteen, budget=600.0, tell=said.append))
     assert not any("held out of both" in rung.reason for rung in record.rungs)
     assert any("take its time from the budget" in rung.reason for rung in record.rungs)
+    assert "600 s leave no room for trials of what the scene needs." in said
 
 
 @pytest.mark.parametrize(("amount", "unit"), [(35.0, "dB"), (1e6, "bytes"), (400.0, "Gaussians")])

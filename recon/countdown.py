@@ -1,0 +1,65 @@
+"""A budget of time, from Enter to the end, and what of a reconstruction it has room for.
+
+What does not fit is left out in this order, and said when that is known: the page with its evaluation, depths
+of some of the views, trials of what the scene needs, iterations.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from imaging.errors import InputError
+
+SAVING, PAGE = 0.5, 10.0
+"""Seconds that writing the scene takes, over those of the first look at the light of the training views; and
+that evaluation and page take for each held-out view, over those of the look at one. On the demo: 0.3 and
+7 to 8. Other work on the machine slows that look down as it will them."""
+MOST_OF_PAGE, MOST_OF_START = 0.3, 0.4
+"""Share of the time that is left which the page, and the depths of the views, may take."""
+
+
+@dataclass
+class Countdown:
+    """What is left of `seconds` that began at `began`, a reading of `clock`.
+
+    page: whether the scene is evaluated and reported after it is trained; made False where that does not
+    fit. reserve: seconds that are kept for what follows training. say: hears what is left out.
+    """
+
+    seconds: float
+    began: float
+    page: bool = False
+    clock: Callable[[], float] = time.monotonic
+    say: Callable[[str], None] = lambda line: None
+    reserve: float = field(default=0.0, init=False)
+
+    def left(self) -> float:
+        """Seconds until training has to be over."""
+        return self.seconds - (self.clock() - self.began) - self.reserve
+
+    def plan(self, look: float, train: int, held_out: int) -> None:
+        """Set time aside for what follows, by the seconds that the first look at `train` views took."""
+        page = PAGE * look * held_out / max(train, 1)
+        self.reserve = SAVING * look
+        if self.page and page > MOST_OF_PAGE * self.left():
+            self.page = False
+            self.say(f"{self.seconds:g} s leave no room for evaluation and page: `rig evaluate` makes them.")
+        if self.page:
+            self.reserve += page
+
+    def start_over(self) -> Callable[[], bool]:
+        """Whether the share of the time that depths of views may take is used up."""
+        end = self.clock() + MOST_OF_START * max(self.left(), 0.0)
+        return lambda: self.clock() >= end
+
+    def require(self, training: float, fewest: int) -> None:
+        """InputError, with the time that would do, where the `training` seconds of the fewest do not fit."""
+        left = self.left()
+        if training <= left:
+            return
+        needed = math.ceil((self.seconds - left + training) / 5) * 5
+        raise InputError(
+            f"{self.seconds:g} s are too short for this scene on this machine, busy as it is: start, saving "
+            f"and the fewest iterations, {fewest}, take {needed} s at least: give --budget {needed}s or more."
+        )

@@ -1,0 +1,24 @@
+"""When the command was given."""
+
+import subprocess
+import sys
+import time
+
+from rig.enter import count_from, entered, process_age
+
+
+def test_the_age_of_a_process_counts_what_it_did_before_it_was_asked() -> None:
+    code = "import time; time.sleep(0.3); from rig.enter import process_age; print(process_age())"
+    began = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert 0.3 <= float(done.stdout) <= time.monotonic() - began + 0.05
+
+
+def test_a_command_within_a_process_counts_from_now() -> None:
+    before = time.monotonic()
+    count_from(process=False)
+    assert before <= entered() <= time.monotonic()
+    assert process_age() > 0
+    count_from(process=True)
+    assert entered() < before
+    count_from(process=False)
