@@ -45,9 +45,9 @@ def reconstruct(
         typer.Option(
             parser=parsed_budget,
             metavar="AMOUNT",
-            help="Be done within 90s or 5m, from Enter to the report (left out if time is short, in this "
-            "order: the report, depths of some views, model trials); make splats.ply no larger than 30MB; use "
-            "at most 100k Gaussians; or stop when held-out views reach 35dB.",
+            help="Be done in 90s or 5m, from Enter to the report (left out if time is short, in this order: "
+            "the report, depths of some views, model trials); make splats.ply no larger than 30MB; use at "
+            "most 100k Gaussians; or stop when held-out views reach 35dB.",
         ),
     ] = None,
     early_stop: Annotated[
