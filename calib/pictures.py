@@ -15,8 +15,8 @@ from scipy import ndimage
 
 from calib.views import View, read_view
 from imaging.calibration import Response
-from imaging.cfa import demosaic
 from imaging.colour import srgb_encode
+from imaging.demosaic import demosaic
 from imaging.merge import merge_bracket
 from imaging.session import Session
 
@@ -51,7 +51,7 @@ def picture(
     merged = merge_bracket(read_view(session, view, scale, response))
     light = np.nan_to_num(merged.radiance)
     if merged.cfa is not None:
-        light = demosaic(light, merged.cfa, np.asarray(np.isfinite(merged.radiance)))[0]
+        light = demosaic(light, merged.cfa, np.asarray(np.isfinite(merged.radiance)), merged.sigma).rgb
     light = cv2.resize(light.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     if camera_from_rec709 is not None:
         light = light @ np.linalg.inv(np.array(camera_from_rec709)).T.astype(np.float32)
