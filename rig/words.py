@@ -48,8 +48,8 @@ def size(count: float) -> str:
 
 
 def counted(count: int, noun: str, plural: str | None = None) -> str:
-    """`1 shot`, `2 shots`, `11 images`."""
-    return f"{count} {noun if count == 1 else plural or noun + 's'}"
+    """`1 shot`, `2 shots`, `40,000 Gaussians`."""
+    return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -127,13 +127,13 @@ def _lines(found: _Found) -> Iterable[str]:
     if found.session is not None:
         yield f"{found.session}: capture, {counted(len(found.plans), 'plan')}"
         rows = [_plan_row(plan) for plan in found.plans]
-        yield from table([("", rows)], ("Plan", "Exposures", "Why"), RATIOS)
+        yield from table([("", rows)], ("Plan", "Exposures", "Why"), PLANS)
         yield ""
     rungs = found.calibration.rungs
     old = "; OUT OF DATE, shots were added since" if found.shots_added else ""
     yield f"{found.session or found.folder}: calibration, {_tally(rungs)}{old}"
     groups = [(own.title, [_row(row) for row in own.rows]) for own in rung_groups(rungs)]
-    yield from table(groups, COLUMNS, RATIOS)
+    yield from table(groups, COLUMNS, PARTS)
     yield ""
     model = found.model
     if model is None:
@@ -146,10 +146,10 @@ def _lines(found: _Found) -> Iterable[str]:
         f"{found.folder}: {model.settings.method}, {_tally(model.rungs)}; {duration(model.train_seconds)} on "
         f"{model.device}, {counted(model.gaussians, 'Gaussian')}, {made} iterations{old}"
     )
-    yield from table([("", [_row(row) for row in rung_rows(model.rungs)])], COLUMNS, RATIOS)
+    yield from table([("", [_row(row) for row in rung_rows(model.rungs)])], COLUMNS, PARTS)
 
 
-COLUMNS = ("Part of the model", "Taken", "Evidence", "Cost", "Why")
+COLUMNS = ("Part of the model", "Taken", "Why")
 
 
 def _tally(rungs: Sequence[Rung]) -> str:
@@ -169,8 +169,11 @@ def _plan_row(plan: PlanRecord) -> tuple[str, ...]:
 
 
 def _row(row: RungRow) -> tuple[str, ...]:
-    return row.name, "yes" if row.taken else "no", row.gain, row.cost, row.reason
+    """The part, whether it was taken, and why: in brackets what a trial gained, and what it costs."""
+    measured = ", ".join(words for words in (row.gain if row.tried else "", row.cost) if words)
+    why = f"{row.reason} ({measured})" if measured else row.reason
+    return row.name, "yes" if row.taken else "no", why
 
 
-RATIOS = {"Part of the model": 4, "Evidence": 5, "Why": 8, "Exposures": 5}
+PLANS, PARTS = {"Exposures": 5, "Why": 8}, {"Part of the model": 2, "Why": 7}
 """How columns share a line; the others are as wide as what they hold."""

@@ -44,6 +44,7 @@ class RungRow:
     name: str
     taken: bool
     gain: str
+    tried: bool
     cost: str
     """What it adds to the model; nothing where that was not counted."""
     reason: str
@@ -209,7 +210,8 @@ def rung_rows(rungs: Sequence[Rung]) -> tuple[RungRow, ...]:
             else f"{rung.gain:+.3g}"
             + (f" ± {rung.standard_error:.2g}" if rung.standard_error is not None else "")
             + (f" {rung.unit}" if rung.unit else ""),
-            cost="" if rung.parameters is None else counted(rung.parameters, "number"),
+            tried=rung.gain is not None,
+            cost="" if rung.parameters is None else counted(rung.parameters, "parameter"),
             reason=rung.reason,
         )
         for rung in rungs

@@ -24,7 +24,7 @@ def test_a_scene_is_explained_stage_by_stage(rig, scene) -> None:
     assert "3 parts considered, 1 taken" in calibration[0]
     (row,) = [line for line in calibration if line.lstrip().startswith("vignetting")]
     assert row.split()[1] == "yes"
-    assert "+0.031 ± 0.004 stops" in row
+    assert "(+0.031 ± 0.004 stops)" in " ".join(" ".join(calibration).split())
     assert "nh-3dgs" in model[0]
     assert "20 iterations" in model[0]
     assert any(line.lstrip().startswith("one-sided saturation") for line in model)
@@ -91,7 +91,7 @@ def test_costs_are_told_where_they_were_counted_and_long_reasons_wrap(rig, toy) 
     store.write_json(path, record | {"rungs": rungs})
     code, out, _ = rig("explain", str(toy))
     assert code == 0
-    assert "3 numbers" in out
+    assert "(+1 ± 0.1 stops, 3 parameters)" in " ".join(out.split())
     assert "[red]corners[/red]" in " ".join(out.split())
     assert "\x1b" not in out
     assert max(map(len, out.splitlines()[1:-1])) <= 120
