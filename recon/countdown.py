@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 
 from imaging.errors import InputError
 
-SAVING, PAGE = 0.5, 10.0
-"""Seconds that writing the scene takes, over those of the first look at the light of the training views; and
-that evaluation and page take for each held-out view, over those of the look at one. On the demo: 0.3 and
-7 to 8. Other work on the machine slows that look down as it will them."""
+SAVING, PAGE = 5.0, 30.0
+"""Seconds that files and display colours take, over those of the first look at the light of the training
+views; and that evaluation and page take for each held-out view, over those of the look at one. On the demo
+both together take 14 s. Other work on the machine slows that look down as it will them."""
 MOST_OF_PAGE, MOST_OF_START = 0.3, 0.4
 """Share of the time that is left which the page, and the depths of the views, may take."""
 

@@ -3,7 +3,7 @@
 import pytest
 
 from imaging.errors import InputError
-from recon.countdown import MOST_OF_START, Countdown
+from recon.countdown import MOST_OF_START, PAGE, SAVING, Countdown
 from recon.presets import QUALITIES, Quality
 from recon.reconstruct import reconstruct
 
@@ -35,7 +35,7 @@ def test_time_is_kept_for_files_and_page() -> None:
     countdown, _, said = counting(60)
     countdown.plan(look=2.0, train=20, held_out=4)
     assert countdown.page
-    assert countdown.left() == pytest.approx(60 - 0.5 * 2 - 10 * 2 * 4 / 20)
+    assert countdown.left() == pytest.approx(60 - SAVING * 2 - PAGE * 2 * 4 / 20)
     assert said == []
 
 
@@ -43,7 +43,7 @@ def test_a_page_that_takes_too_much_is_left_out_and_said() -> None:
     countdown, _, said = counting(20, spent=8)
     countdown.plan(look=2.0, train=20, held_out=4)
     assert not countdown.page
-    assert countdown.left() == pytest.approx(12 - 0.5 * 2)
+    assert countdown.left() == pytest.approx(12 - SAVING * 2)
     assert said == ["20 s leave no room for evaluation and page: `rig evaluate` makes them."]
 
 
