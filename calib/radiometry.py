@@ -11,12 +11,12 @@ from calib.tags import WRONG, departures
 from calib.track_codes import sample_tracks
 from calib.views import Progress, View
 from imaging.calibration import Response
+from imaging.dials import meant
 from imaging.mask import mask_of
 from imaging.photo import read_photo
 from imaging.ratios import Linearity
 from imaging.records import Rung, ShotRecord
 from imaging.session import Session
-from imaging.shutter import exact_times
 
 SITES = 4_000
 """Patches that the response of one camera model is measured from; more would only take time."""
@@ -107,17 +107,11 @@ def _models(views: Sequence[View]) -> list[list[View]]:
 
 
 def _labels(views: Sequence[View], scale: dict[str, float]) -> dict[str, float]:
-    """Exposure scale of each file by its label, a shutter's round numbers taken for what they stand for."""
+    """Exposure scale of each file by its label, a dial's round numbers taken for what they stand for."""
     shots = [shot for view in views for shot in view.shots]
-    stated = {shot.exposure.time for shot in shots if shot.exposure is not None}
-    exact = exact_times(stated)
-    if exact is None:
-        return {shot.file: scale[shot.file] for shot in shots}
+    exact = meant(shot.exposure for shot in shots if shot.exposure is not None)
     return {
-        shot.file: scale[shot.file]
-        if shot.exposure is None
-        else shot.exposure.with_time(exact[shot.exposure.time]).scale
-        for shot in shots
+        shot.file: scale[shot.file] if shot.exposure is None else exact[shot.exposure].scale for shot in shots
     }
 
 

@@ -14,10 +14,10 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from imaging import dials
 from imaging.exposure import Exposure
 from imaging.linear import LinearFrame
 from imaging.ratios import Ratio, overlap, ratio, solve
-from imaging.shutter import exact_times
 
 Array = npt.NDArray[np.float64]
 
@@ -89,6 +89,6 @@ def _solved(exposures: Sequence[Exposure], edges: Mapping[tuple[int, int], Ratio
 
 
 def meant(exposures: Sequence[Exposure]) -> Array:
-    """ln of the exposures with the powers of two that round names of shutter times stand for."""
-    exact = exact_times(exposure.time for exposure in exposures) or {}
-    return np.log([e.with_time(exact.get(e.time, e.time)).scale for e in exposures])
+    """ln of the exposures with the powers of two that round names of times and f-numbers stand for."""
+    exact = dials.meant(exposures)
+    return np.log([exact[exposure].scale for exposure in exposures])

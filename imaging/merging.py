@@ -25,6 +25,7 @@ from imaging import alignment, store
 from imaging.calibration import CalibrationRecord, CameraCalibration, Response, is_stale, read_calibration
 from imaging.colour import SPACE_NAMES, SPACE_PRIMARIES, Space
 from imaging.curve_error import with_curve_error
+from imaging.dials import meant
 from imaging.errors import InputError
 from imaging.exr import read_exr_header, write_exr
 from imaging.ghosts import TOLERANCE, without_ghosts
@@ -34,7 +35,6 @@ from imaging.picture import BITS, CLIPPED, DARK, GHOST, HIDDEN, picture_of
 from imaging.ratios import overlap, ratio
 from imaging.records import ShotRecord
 from imaging.session import Session, brackets
-from imaging.shutter import exact_times
 
 Progress = Callable[[str, int, int], None]
 
@@ -215,8 +215,8 @@ def _scales(session: Session, shots: Sequence[ShotRecord], scales: Mapping[str, 
     exposures = [shot.exposure for shot in shots]
     known = [exposure for exposure in exposures if exposure is not None]
     if len(known) == len(shots):
-        exact = exact_times(exposure.time for exposure in known) or {}
-        return [exposure.with_time(exact.get(exposure.time, exposure.time)).scale for exposure in known]
+        exact = meant(known)
+        return [exact[exposure].scale for exposure in known]
     if len(shots) == 1:
         return [1.0]
     blank = shots[exposures.index(None)]

@@ -14,6 +14,7 @@ from calib.sensor.flats import Falloff
 from calib.sensor.linearity import straightness
 from calib.sensor.stack import Stack, gather
 from calib.views import Progress, View
+from imaging.dials import meant
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.mask import mask_of
@@ -21,7 +22,6 @@ from imaging.raw import read_raw
 from imaging.records import CameraRecord, ShotRecord
 from imaging.sensor import Measured, SensorCalibration
 from imaging.session import Session
-from imaging.shutter import exact_times
 
 VIEWS = 6
 """Views of a camera that its sensor is measured from where there are no darks and flats."""
@@ -112,11 +112,11 @@ def _frames(session: Session, darks: list[ShotRecord], flats: list[ShotRecord], 
     """Stacks of equal exposures, read one frame at a time."""
     stacks: list[list[Stack]] = []
     groups = [_groups(darks), _groups(flats)]
-    times = exact_times({key.time for group in groups for key in group}) or {}
+    meanings = meant(key for group in groups for key in group)
     for group, black in zip(groups, (None, float(nominal.black.mean())), strict=True):
         own = []
         for key, shots in group.items():
-            exact = key.with_time(times.get(key.time, key.time))
+            exact = meanings[key]
             # The light of a flat goes with the f-number, the signal of a dark does not.
             amount = exact.time if black is None else exact.model_copy(update={"iso": None}).scale
             try:

@@ -16,7 +16,6 @@ from imaging.colour import srgb_encode
 from imaging.exposure import Exposure
 from imaging.linear import decode
 from imaging.session import Session
-from imaging.shutter import exact_times
 
 from .conftest import make_session, silent
 
@@ -239,13 +238,6 @@ def test_srgb_is_assumed_and_said_so_where_nothing_can_be_measured(samples: Samp
     assert "take" in found.response.evidence
     assert "1 to 3 stops apart" in found.response.evidence
     assert found.shift == {}
-
-
-def test_round_numbers_stand_for_powers_of_two() -> None:
-    assert exact_times([1 / 60, 1 / 4, 2.0]) == {1 / 60: 1 / 64, 1 / 4: 1 / 4, 2.0: 2.0}
-    assert exact_times([1 / 8000, 30.0]) == {1 / 8000: 2.0**-13, 30.0: 32.0}
-    assert exact_times([1 / 60, 0.0123]) is None
-    assert exact_times([]) == {}
 
 
 def test_a_real_bracket_of_photographs(real: Path, tmp_path: Path) -> None:
