@@ -102,9 +102,7 @@ def assemble(
         ),
         unregistered=tuple(view.name for view in views if view.key not in poses),
         contradicted=tuple(
-            view.name
-            for view in views
-            if model is not None and view.key in model.contradicted and view.key not in poses
+            view.name for view in views if model is not None and view.key in model.contradicted
         ),
         unit="m"
         if (board is not None and model is None) or (model is not None and model.metric)

@@ -57,7 +57,7 @@ def place(model: Model, views: Collection[Key], rigs: Mapping[str, str]) -> tupl
 def _rung(names: list[str]) -> Rung:
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     reason = (
-        f"nothing in {', '.join(names[:MOST_NAMES])}{more} was recognised: the other cameras of the rig at "
-        "that frame tell the pose, and no reconstruction looks at the picture"
+        f"no scene point that {', '.join(names[:MOST_NAMES])}{more} shows was used: the other cameras of the "
+        "rig at that frame tell the pose, and no reconstruction looks at the picture"
     )
     return Rung(name="rig_placing", taken=True, reason=reason)

@@ -16,13 +16,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.features import FEWEST_MATCHES, Key, Pair, image_name, key_of
+from calib.brightness_steps import Array, Pairs, otherwise_lit, warning
+from calib.features import Key, Pair, image_name, key_of
 from imaging.colmap import pycolmap
 from imaging.errors import CalibrationError
 from imaging.records import Rung
-
-Array = npt.NDArray[np.float64]
-Pairs = Mapping[tuple[Key, Key], Pair]
 
 FEWEST_AGAINST = 30
 """Matches of a pair that do not fit the model, below which they may be chance."""
@@ -39,17 +37,10 @@ CLOSED = 10.0
 MOST_LEFT_OUT = 0.1
 """Share of views that are left out or fit nowhere, though they match well, above which all are in doubt: of a
 scene that is folded, the views at the folds are those that contradict the rest, and the rest is wrong."""
-OTHERWISE_LIT = 0.03, 0.1
-"""Median difference of natural log brightness between the two views of a pair beyond which they do not show
-the same surface, at least and at most. Of neighbours that do, it is below 0.03 in RAW brackets."""
-UNEVEN = 0.1, 0.3
-"""The same of the median absolute difference, which tells two sides apart that are as bright on the whole."""
-BESIDE = 30.0
-"""Degrees between views that see the same side."""
-FEW_LIT = 0.2
-"""Share of such pairs that may differ by more than the most without a warning."""
-USUALLY_LIT = 4.0
-"""Times the differences of the tenth of pairs that agree best, between those limits."""
+FEWEST_CONFIRMED = 3
+"""Views that have to fit together before one confirms the others."""
+MOST_LOST = 0.5
+"""Share of the views that match others of which a model may lack poses and still be held to be confirmed."""
 
 _ALIKE = (
     "the views contradict each other about where they stand, as where parts of a scene look alike: put "
@@ -59,11 +50,12 @@ _ALIKE = (
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The model that no pair contradicts, the views that had to be left out of it, and what was done."""
+    """The model that no pair contradicts, the views that had to be left out of it, what was done, and what
+    makes the poses doubtful all the same."""
 
     reconstruction: Any
     left_out: frozenset[Key]
-    rung: Rung
+    rungs: tuple[Rung, ...]
 
 
 def settle(
@@ -83,15 +75,52 @@ def settle(
     that it differs only where things do. Errors: CalibrationError when the views contradict
     each other so much that none can be told to be right.
     """
+    reconstruction, left_out, rung = _reconciled(
+        database, reconstruction, pairs, brightness, max_error, again, bool(exact)
+    )
+    poses = {key: pose for key, (_, pose) in _placed(reconstruction).items()}
+    doubts = {
+        "pose_lit_differently": warning(poses, pairs, brightness, exact),
+        "pose_unconfirmed": unconfirmed(poses, pairs),
+    }
+    rungs = (Rung(name=name, taken=True, reason=why) for name, why in doubts.items() if why is not None)
+    return Settled(reconstruction, frozenset(left_out), (rung, *rungs))
+
+
+def unconfirmed(placed: Collection[Key], pairs: Pairs) -> str | None:
+    """What to tell of poses that too few other views confirm; None where enough do.
+
+    Any two views fit together, and a few of many that match do by chance where parts of a scene look alike.
+    """
+    views = {key for pair in pairs for key in pair}
+    if len(placed) >= max(FEWEST_CONFIRMED, (1 - MOST_LOST) * len(views)):
+        return None
+    if len(views) == len(placed):
+        return (
+            f"only {len(placed)} views match, and no third confirms their poses: take more views beside them"
+        )
+    return (
+        f"only {len(placed)} of {len(views)} views that match others fit together, and nothing confirms "
+        "their poses: take more views, at most 15 degrees apart"
+    )
+
+
+def _reconciled(
+    database: Any,
+    reconstruction: Any,
+    pairs: Pairs,
+    brightness: Mapping[Key, Array],
+    max_error: float,
+    again: Callable[[], Any | None],
+    exact: bool,
+) -> tuple[Any, set[Key], Rung]:
+    """A model without contradictions, the views that were left out, and what was done."""
     against = contradicting(reconstruction, pairs, max_error)
     out = shut_out(reconstruction, pairs)
     # Without exact light, views that fit nowhere show no more than that views are missing between them.
     if not against and not (out and exact):
-        lit = _neighbours_otherwise_lit(reconstruction, pairs, brightness, exact)
-        if lit is not None:
-            return Settled(reconstruction, frozenset(), Rung(name="lit_differently", taken=True, reason=lit))
         reason = f"none of {len(pairs)} pairs of views that match contradicts the poses"
-        return Settled(reconstruction, frozenset(), Rung(name="contradictions", taken=False, reason=reason))
+        return reconstruction, set(), Rung(name="pose_contradictions", taken=False, reason=reason)
     reason = f"{len(against)} of {len(pairs)} pairs of views that match contradicted the poses"
     if out:
         reason += f", and {len(out)} views that match others well fitted nowhere"
@@ -126,31 +155,7 @@ def settle(
         raise CalibrationError(f"{reason}; {_ALIKE}.")
     if left_out:
         reason += f"; {len(left_out)} views are left out that most contradicted"
-    return Settled(
-        reconstruction, frozenset(left_out | out), Rung(name="contradictions", taken=True, reason=reason)
-    )
-
-
-def _neighbours_otherwise_lit(
-    reconstruction: Any, pairs: Pairs, brightness: Mapping[Key, Array], exact: Collection[str]
-) -> str | None:
-    """A warning where views that look from nearly the same side are not as bright; else None."""
-    placed = {key: own for key, own in _placed(reconstruction).items() if key[0] in exact}
-    steps = []
-    for (one, other), pair in pairs.items():
-        if one in placed and other in placed and one[0] == other[0]:
-            turn = (placed[other][1] @ np.linalg.inv(placed[one][1]))[:3, :3]
-            step = brightness[other][pair.index[:, 1]] - brightness[one][pair.index[:, 0]]
-            if np.trace(turn) > 1 + 2 * np.cos(np.radians(BESIDE)) and np.isfinite(step).any():
-                steps.append(abs(float(np.nanmedian(step))))
-    apart = sum(step > OTHERWISE_LIT[1] for step in steps)
-    if apart <= FEW_LIT * len(steps):
-        return None
-    return (
-        f"{apart} of {len(steps)} pairs of views from nearly the same side differ in brightness by more than "
-        f"{100 * OTHERWISE_LIT[1]:.0f} %: either the light changed, or sides that look alike are "
-        "taken for one another and poses are wrong"
-    )
+    return reconstruction, left_out | out, Rung(name="pose_contradictions", taken=True, reason=reason)
 
 
 def _turns(reconstruction: Any, pairs: Pairs, max_error: float) -> dict[tuple[Key, Key], Array]:
@@ -226,34 +231,6 @@ def _strong(reconstruction: Any, pairs: Pairs, against: Mapping[tuple[Key, Key],
     return any(
         count >= STRONG * min(best.get(one, 0), best.get(other, 0)) for (one, other), count in against.items()
     )
-
-
-def otherwise_lit(pairs: Pairs, brightness: Mapping[Key, Array]) -> set[tuple[Key, Key]]:
-    """The pairs whose matches are not as bright in one view as in the other.
-
-    Cameras may differ in gain: what all pairs of two cameras have in common is taken off.
-    """
-    steps: dict[tuple[Key, Key], Array] = {}
-    for (one, other), pair in pairs.items():
-        if one in brightness and other in brightness:
-            step = brightness[other][pair.index[:, 1]] - brightness[one][pair.index[:, 0]]
-            step = step[np.isfinite(step)]
-            if len(step) >= FEWEST_MATCHES:
-                steps[one, other] = step
-    gains: dict[tuple[str, str], list[float]] = {}
-    for (one, other), step in steps.items():
-        gains.setdefault((one[0], other[0]), []).append(float(np.median(step)))
-    usual = {cameras: 0.0 if cameras[0] == cameras[1] else median(own) for cameras, own in gains.items()}
-    apart = {(one, other): step - usual[one[0], other[0]] for (one, other), step in steps.items()}
-    if not apart:
-        return set()
-    shift = {pair: abs(float(np.median(step))) for pair, step in apart.items()}
-    uneven = {pair: float(np.median(np.abs(step))) for pair, step in apart.items()}
-    most_shift, most_uneven = (
-        float(np.clip(USUALLY_LIT * np.percentile(list(own.values()), 10), *limits))
-        for own, limits in ((shift, OTHERWISE_LIT), (uneven, UNEVEN))
-    )
-    return {pair for pair in apart if shift[pair] > most_shift or uneven[pair] > most_uneven}
 
 
 def _placed(reconstruction: Any) -> dict[Key, tuple[Any, Array]]:

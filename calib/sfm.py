@@ -45,7 +45,8 @@ class Model:
 
     reconstruction: the pycolmap model. poses: cam_from_world of every registered view. cam_from_rig: of
     every camera, if the rig constraint held. points: scene points that each view sees. rungs: the
-    ladder of rig and lens. contradicted: views that have no pose because others said that it was false.
+    ladder of rig and lens. contradicted: views that were left out because others
+    said that their poses were false.
     """
 
     reconstruction: Any
@@ -154,7 +155,7 @@ def solve(
         for rig in rigs:
             to_metres(reconstruction, known, rig)
     spread = spreads.measure(reconstruction, free, typical, progress)
-    model = _model(reconstruction, (settled.rung, rung, *rungs), spread, metric=metric)
+    model = _model(reconstruction, (*settled.rungs, rung, *rungs), spread, metric=metric)
     return replace(model, contradicted=settled.left_out)
 
 

@@ -231,7 +231,11 @@ class ViewCalibration(Record):
     """Scene points seen by it."""
     error: PoseError | None = None
     by_rig: bool = False
-    """Nothing in its picture was recognised: the other cameras of its rig alone tell where it was."""
+    """Nothing was recognised in its picture, or what was is contradicted: the other cameras of its rig alone
+    tell where it was."""
+
+
+_DOUBTS = frozenset({"pose_lit_differently", "pose_unconfirmed"})
 
 
 class CalibrationRecord(Record):
@@ -247,7 +251,8 @@ class CalibrationRecord(Record):
     unregistered: tuple[str, ...] = ()
     """'camera/frame' of images that were looked at for their poses and got none."""
     contradicted: tuple[str, ...] = ()
-    """Those of them that match others, which contradict each other about where they stand."""
+    """Images that match others, which contradict each other about where these stand: nothing in their own
+    pictures placed them."""
     unit: Literal["relative", "m"] = "relative"
     """Of all lengths: metres where a board or a known distance gave the scale."""
     board: BoardEvidence | None = None
@@ -257,6 +262,11 @@ class CalibrationRecord(Record):
     exposure_scale: dict[str, float]
     """Exposure scale k of each shot's file, s; estimated from overlaps where they allow it."""
     rungs: tuple[Rung, ...] = ()
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why poses may be wrong that no view contradicts."""
+        return tuple(rung.reason for rung in self.rungs if rung.taken and rung.name in _DOUBTS)
 
     def camera(self, name: str) -> CameraCalibration:
         """The calibration of a camera of the session; InputError if it was not calibrated."""

@@ -142,11 +142,19 @@ def left_out(record: "CalibrationRecord") -> Iterator[str]:
     alone = [name for name in record.unregistered if name not in record.contradicted]
     if alone:
         yield f"take more pictures that overlap with {', '.join(alone)}"
-    if record.contradicted:
+    contradicted = [name for name in record.unregistered if name in record.contradicted]
+    if contradicted:
         yield (
-            f"{', '.join(record.contradicted)} would stand where other views contradict, as where parts of a "
+            f"{', '.join(contradicted)} would stand where other views contradict, as where parts of a "
             "scene look alike: take more pictures around them, or put something unique beside them"
         )
+
+
+def _unseen(record: "CalibrationRecord", name: str) -> str:
+    """Why nothing in its own picture placed an image."""
+    if name in record.contradicted:
+        return "contradicts other images about where it stands"
+    return "shows nothing that was recognised"
 
 
 def told(session: Path, record: "CalibrationRecord") -> Outcome:
@@ -157,8 +165,8 @@ def told(session: Path, record: "CalibrationRecord") -> Outcome:
     lines = [
         f"{session}: {len(record.views)} of {counted(images, 'image')} with a pose, "
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
-        *[f"{session}: {name} shows nothing that was recognised: its pose is the rig's" for name in by_rig],
-        *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name == "lit_differently"],
+        *[f"{session}: {name} {_unseen(record, name)}: its pose is the rig's" for name in by_rig],
+        *[f"{session}: {doubt}" for doubt in record.doubts],
         *chart_lines(session, record),
         f"Report: {report}",
         f"Next: {command_line('rig', 'reconstruct', session)}",
@@ -170,6 +178,7 @@ def told(session: Path, record: "CalibrationRecord") -> Outcome:
         "unregistered": list(record.unregistered),
         "contradicted": list(record.contradicted),
         "by_rig": by_rig,
+        "doubts": list(record.doubts),
         "points": record.points,
         "reprojection_px": record.reprojection_px,
         "charts": told_charts(record),

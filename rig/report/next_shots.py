@@ -50,7 +50,15 @@ def _poses(record: CalibrationRecord) -> Iterable[str]:
             "No image has a pose: walk around a textured scene and take 20 views or more, each showing two "
             "thirds of the one before."
         )
-    guessed = [f"{v.camera}/{v.frame:04d}" for v in record.views if v.by_rig]
+    yield from (f"{doubt[0].upper()}{doubt[1:]}." for doubt in record.doubts)
+    by_rig = [f"{v.camera}/{v.frame:04d}" for v in record.views if v.by_rig]
+    refuted = [name for name in by_rig if name in record.contradicted]
+    if refuted:
+        yield (
+            f"{_named(refuted)} contradicts other views about where it stands, as where parts of a scene "
+            "look alike: its pose is the rig's, and no reconstruction looks at it."
+        )
+    guessed = [name for name in by_rig if name not in record.contradicted]
     if guessed:
         yield (
             f"Nothing in {_named(guessed)} was recognised: its pose is the rig's, and no reconstruction "

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from calib import sensors
 from imaging import store
@@ -14,7 +15,9 @@ from imaging.calibration import (
     Response,
     read_calibration,
 )
+from imaging.records import Rung
 from imaging.session import Session
+from rig.commands.calibrate import told
 from rig.report.calibration_page import calibration_report
 from rig.report.next_shots import next_shots
 from rig.report.residuals import CameraResiduals, Residuals
@@ -89,6 +92,28 @@ def test_what_the_rig_alone_placed_is_told(toy: Path) -> None:
     assert graded["cam0"].grade == "warn"
     assert "1 of them by the rig alone, the others: each from" in graded["cam0"].text
     assert "rig alone" not in graded["cam1"].text
+
+
+def test_what_the_rig_placed_because_others_contradicted_it_is_not_called_unrecognised(toy: Path) -> None:
+    record = read_calibration(toy)
+    first = record.views[0].model_copy(update={"by_rig": True, "points": 0})
+    record = changed(record, views=(first, *record.views[1:]), contradicted=("cam0/0000",))
+    (asked,) = (words for words in next_shots(Session.open(toy), record) if "cam0/0000" in words)
+    assert asked.startswith("cam0/0000 contradicts other views about where it stands")
+    outcome = told(toy, record)
+    (line,) = (line for line in outcome.lines if "cam0/0000" in line)
+    assert line.endswith("cam0/0000 contradicts other images about where it stands: its pose is the rig's")
+    assert outcome.missing is None
+
+
+@pytest.mark.parametrize("name", ["pose_lit_differently", "pose_unconfirmed"])
+def test_doubts_about_the_poses_are_told_everywhere(toy: Path, name: str) -> None:
+    record = read_calibration(toy)
+    record = changed(record, rungs=(*record.rungs, Rung(name=name, taken=True, reason="why they are")))
+    assert "Why they are." in list(next_shots(Session.open(toy), record))
+    outcome = told(toy, record)
+    assert f"{toy}: why they are" in outcome.lines
+    assert outcome.data["doubts"] == ["why they are"]
 
 
 def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> None:
