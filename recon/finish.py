@@ -52,8 +52,9 @@ def write_scene(
     device = training.gaussians.parameters["means"].device
     ldr = dataset.kind == "ldr"
     gauge = "the calibration's response" if ldr else "camera signal = radiance x exposure scale"
-    exposure, degree = exposure_of(training, dataset.views), training.method.schedule.degree(1.0)
-    display_db = write_splats(folder, dataset, training, exposure, gauge, progress)
+    corrected = as_corrected(dataset, training.refinement)
+    exposure, degree = exposure_of(training, corrected.views), training.method.schedule.degree(1.0)
+    display_db = write_splats(folder, corrected, training, exposure, gauge, progress)
     if training.refinement is not None and training.refinement.parameters:
         store.write_json(folder / REFINEMENT, training.refinement.facts())
     why = () if training.refinement is None else training.refinement.told()
@@ -81,7 +82,7 @@ def write_scene(
         exposure=exposure,
         display_db=display_db,
         degree=degree,
-        views=scene_views(dataset, training.refinement),
+        views=scene_views(corrected),
         gaussians=len(training.gaussians),
         train_seconds=round(training.seconds, 3),
         measuring_seconds=round(training.measuring, 3),
@@ -97,16 +98,20 @@ def write_scene(
     store.write_json(folder / MODEL, record.model_dump(mode="json"))
 
 
-def scene_views(dataset: Dataset, refinement: Refinement | None) -> tuple[SceneView, ...]:
-    """The views of a scene as training corrected them."""
-    corrected = dataset
-    if refinement is not None:
-        own = {name: value.detach().cpu() for name, value in refinement.parameters.items()}
-        corrected = replace(refinement, parameters=own).corrected()
+def as_corrected(dataset: Dataset, refinement: Refinement | None) -> Dataset:
+    """The data set with what training corrected of its views."""
+    if refinement is None:
+        return dataset
+    own = {name: value.detach().cpu() for name, value in refinement.parameters.items()}
+    return replace(refinement, parameters=own).corrected()
+
+
+def scene_views(dataset: Dataset) -> tuple[SceneView, ...]:
+    """The views of a scene and what each served for."""
     uses: tuple[tuple[Use, tuple[View, ...]], ...] = (
-        ("training", corrected.train),
-        ("validation", corrected.validation),
-        ("test", corrected.test),
+        ("training", dataset.train),
+        ("validation", dataset.validation),
+        ("test", dataset.test),
     )
     views = (_scene_view(view, dataset, use) for use, views in uses for view in views)
     return tuple(sorted(views, key=lambda view: (view.frame, view.camera)))

@@ -261,7 +261,7 @@ def test_a_disk_that_refuses_stops_the_capture_and_keeps_what_is_finished(
         if refused():
             with path.open("ab") as file:
                 file.write(b'{"kind": "sce')
-            raise store._refused(path, OSError(code, "refused"))
+            raise store.refused(path, OSError(code, "refused"))
         append(path, value)
 
     monkeypatch.setattr(store, "append_line", append_line)

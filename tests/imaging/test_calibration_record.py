@@ -51,5 +51,5 @@ def test_a_record_comes_back_and_knows_its_cameras(tmp_path: Path) -> None:
 
 
 def test_no_calibration_is_said(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is missing: run the stage"):
+    with pytest.raises(InputError, match="is not calibrated: run `rig calibrate"):
         read_calibration(tmp_path)

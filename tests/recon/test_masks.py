@@ -126,13 +126,17 @@ def test_a_mask_that_cannot_be_used_is_told(session_copy, image, sentence):
 
 
 def test_a_damaged_mask_is_told(tmp_path):
-    (tmp_path / "m.png").write_bytes(b"\x89PNG nothing")
+    whole = cv2.imencode(".png", np.eye(40, dtype=np.uint8))[1].tobytes()
+    (tmp_path / "m.png").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"m\.png is damaged"):
-        read_mask(tmp_path / "m.png", 4, 4)
+        read_mask(tmp_path / "m.png", 40, 40)
+    (tmp_path / "m.png").write_bytes(b"\x89PNG nothing")
+    with pytest.raises(InputError, match=r"m\.png is not a JPEG, PNG or TIFF file"):
+        read_mask(tmp_path / "m.png", 40, 40)
 
 
 def test_colour_and_alpha_of_a_mask(tmp_path):
-    """Any colour counts as seen; alpha says nothing."""
+    """Any colour counts as seen, where it is opaque."""
     image = np.zeros((2, 3, 4), np.uint8)
     image[..., 3] = 255
     image[0, 1, 2] = 1

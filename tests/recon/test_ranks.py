@@ -104,14 +104,16 @@ def test_the_command_trains_on_two_ranks_and_only_one_speaks(session_copy: Path)
         "--quality",
         "draft",
         "--budget",
-        "5s",
+        "90s",
+        "--set",
+        "iterations=60",
         "--json",
     ]
     first, second = together(command)
     assert first[0] == second[0] == 0, first[2] + second[2]
     assert json.loads(first[1])["command"] == "reconstruct"
     assert second[1] == second[2] == ""
-    record = read_model(session_copy / "reconstructions" / "nh-3dgs-draft-5s")
+    record = read_model(session_copy / "reconstructions" / "nh-3dgs-draft-90s")
     assert record.settings.batch == 2
     assert "1 thread" in record.device or "threads" in record.device
 

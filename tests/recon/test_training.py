@@ -2,6 +2,7 @@
 
 import os
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -173,9 +174,7 @@ def test_scenes_without_information_stay_finite(begun, toy_dataset, what):
                 type(shot)(shot.file, shot.k, full.astype(np.float32), full, ~full & False, shot.valid)
             )
         views.append(type(view)(view.camera, view.frame, view.lens, view.sensor, tuple(shots)))
-    dataset = type(toy_dataset)(
-        toy_dataset.session, "raw", tuple(views), (), toy_dataset.calibration, toy_dataset.calibration_sha256
-    )
+    dataset = replace(toy_dataset, train=tuple(views), held_out=())
     images = [radiance_image(view) for view in dataset.train]
     light = light_of(dataset, images)
     points = start_points(dataset, images, 400, np.random.Generator(np.random.PCG64(0)))
