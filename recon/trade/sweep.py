@@ -34,9 +34,10 @@ def sweep(
 ) -> Trade:
     """Train what tells most of a session's trade-offs within `budget` seconds; writes trade/trade.json.
 
-    The first training is always begun. until: reading of `time.monotonic` at which the one under way is given
-    up. Each is kept when it is done, so that a sweep that was stopped, or ran
-    out of time, goes on when it is called again; a change of the calibration or of the code begins anew.
+    The first training is begun however short the budget is. until: reading of `time.monotonic` at which the
+    one under way is given up and no other is begun. Each is kept when it is done, so that a sweep that was
+    stopped, or ran out of time, goes on when it is called again; a change of the calibration or of the code
+    begins anew.
     workers: trainings at once; more than one share the machine, so their seconds tell less than their
     processor seconds. Errors: InputError, ReconstructionError, StorageError.
     """
@@ -89,8 +90,10 @@ class _Run:
             if key in self.tried or any(point.key == key for point in self.trade.points):
                 continue
             needed = expected_seconds(choice, self.trade.points, self.limits)
-            spent = time.monotonic() - self.began
-            if self.made and needed is not None and spent + needed > self.budget:
+            now = time.monotonic()
+            spent = now - self.began
+            over = self.until is not None and now >= self.until
+            if over or (self.made and needed is not None and spent + needed > self.budget):
                 self.left += 1
                 continue
             self.tried.add(key)

@@ -3,6 +3,7 @@
 import importlib
 import json
 import re
+import time
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -154,17 +155,27 @@ def test_no_points_and_failures_are_a_page_too(session: Path) -> None:
 def test_the_command_sweeps_and_writes_the_page(rig, toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, quality in TINY.items():
         monkeypatch.setitem(QUALITIES, name, quality)
-    code, out, err = rig("trade", str(toy), "--budget", "0.000001", "--json")
+    monkeypatch.setattr("rig.commands.trade.entered", time.monotonic)
+    code, out, err = rig("trade", str(toy), "--budget", "12s", "--json")
     told = json.loads(out)
     assert code == 0
     assert "standard: " in err
-    (only,) = told["points"]
-    assert told["front"] == [only["key"]]
+    keys = [point["key"] for point in told["points"]]
+    assert set(told["front"]) <= set(keys)
     assert Path(told["report"]).is_file()
+    # What was made stays, and a time that is over makes nothing more.
     code, out, _ = rig("trade", str(toy), "--budget", "0.000001s")
     assert code == 0
-    assert "more did not fit the budget: run the same command to go on." in out
-    assert f"rig reconstruct {toy} --method nh-3dgs --quality draft --seed 0" in out
+    assert f"{len(keys)} training" in out
+    assert told["left"] == 0 or "more did not fit the budget: run the same command to go on." in out
+    assert f"rig reconstruct {toy} --method nh-3dgs --quality " in out
+
+
+def test_a_time_without_room_for_one_training_is_said(rig, toy: Path) -> None:
+    code, _, err = rig("trade", str(toy), "--budget", "0.000001s")
+    assert code == 2
+    assert err.count("given up") <= 1
+    assert f"No training of {toy} was done in time: give a longer --budget." in err
 
 
 def test_an_interruption_leaves_the_page_of_what_is_done(
