@@ -189,6 +189,13 @@ CLAIMS = (
         lambda: [cell("calibration", "AUC@1", f"320 px, {ev} EV", under="Scene") for ev in ("0", "-8")],
     ),
     Claim(
+        r"alike (\d+) of (\d+) placed views stand wrongly, each of them warned of, where (\d+) of (\d+) did",
+        lambda: [
+            sum(one[0] for one in cells("foreign_poses", column))
+            for column in ("wrong 1", "placed with", "wrong", "placed without")
+        ],
+    ),
+    Claim(
         r"RAW mosaics is ([\d.]+) dB above 3DGS with tuned rates and ([\d.]+) \+- ([\d.]+) above 3DGS as pub",
         lambda: [
             compared("methods", EXR, "SH of 3DGS, tuned")[0],
@@ -375,5 +382,6 @@ def test_nothing_was_worse_than_said_in_words() -> None:
     assert cells("merge", "noise", "all clipped")
     noise = [one[0] for one in cells("merge", "noise", but="2^20 apart") if one]
     assert fmean(noise) == pytest.approx(1, abs=0.01)
+    assert line("foreign_poses", r"with\s+them \d+ of \d+, (\d+) of these in silence") == [0]
     assert "scenes disagree" in str(tables("methods")[0][1][1])
     assert abs(line("refine", r"(?m)^0\.3 px: ([+-][\d.]+) dB")[0]) < 0.05

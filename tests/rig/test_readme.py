@@ -1,0 +1,126 @@
+"""Every command of the README, run in its order as somebody who has just installed rig would.
+
+What stands in for a user: four simulated cameras for a rig, a folder of their files for `photos/`, and
+shorter times where the README allows minutes. Nothing else of a command is changed.
+"""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rig.cli import COMMANDS
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+
+SHORTER = {"--budget 5m": "--budget 45s", "--budget 15m": "--budget 75s", "--frames 12": "--frames 3"}
+"""What the README allows minutes for, and what is allowed here."""
+CAMERAS = {"init", "capture"}
+"""Commands that speak to cameras, which are simulated here."""
+
+
+def blocks(heading: str) -> list[str]:
+    """The indented lines of a section, without their comments."""
+    section = README.split(f"\n## {heading}\n", 1)[1].split("\n## ", 1)[0]
+    lines = re.findall(r"^    (\S.*)$", section, re.MULTILINE)
+    return [" ".join(shlex.split(line, comments=True)) if "*" not in line else line for line in lines]
+
+
+def spans() -> list[str]:
+    """Commands within the sentences, as `rig explain S`."""
+    flowing = " ".join(line for line in README.splitlines() if not line.startswith("    "))
+    found = re.findall(r"`((?:rig|torchrun) [^`]+)`", flowing)
+    return list(dict.fromkeys(found))
+
+
+class Desk:
+    """A folder with photographs and an activated environment, and a shell that works in it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        bin_folder = folder / ".venv" / "bin"
+        bin_folder.mkdir(parents=True)
+        rig = bin_folder / "rig"
+        rig.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m rig "$@"\n')
+        rig.chmod(0o755)
+        (bin_folder / "activate").write_text(f'PATH={shlex.quote(str(bin_folder))}:"$PATH"\n')
+        self.environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")]),
+            "TERM": "dumb",
+        }
+
+    def run(self, command: str) -> str:
+        """What a command prints; it has to succeed, and to call nothing a defect."""
+        done = subprocess.run(
+            ["bash", "-c", f". .venv/bin/activate; {command}"],
+            cwd=self.folder,
+            env=self.environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=280,
+        )
+        assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+        assert "defect of rig" not in done.stderr
+        return done.stdout
+
+
+def stood_in(command: str) -> str:
+    """A command of the README with what stands in for minutes and cameras."""
+    for long, short in SHORTER.items():
+        command = command.replace(long, short)
+    words = command.split()
+    return f"{command} --sim demo" if words[:1] == ["rig"] and words[1] in CAMERAS else command
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Desk:
+    """A new user's, with three brackets of each of four cameras in photos/."""
+    desk = Desk(tmp_path_factory.mktemp("desk"))
+    desk.run("rig capture --sim demo taken --frames 3 && mv taken/raw photos && rm -r taken")
+    return desk
+
+
+def test_make_has_the_two_commands_that_begin() -> None:
+    assert blocks("Begin") == ["make demo", "make test"]
+    for target, command in (("demo", "rig demo demo/"), ("test", "pytest")):
+        done = subprocess.run(
+            ["make", "-n", target], cwd=REPOSITORY, capture_output=True, text=True, check=True, timeout=60
+        )
+        assert command in done.stdout
+
+
+@pytest.mark.timeout(600)
+def test_the_first_real_use(desk: Desk) -> None:
+    commands = blocks("First real use")
+    assert len(commands) > 6
+    for command in commands:
+        desk.run(stood_in(command))
+    (scene,) = (desk.folder / "S" / "reconstructions").iterdir()
+    assert (scene / "report.html").is_file()
+    assert list((desk.folder / "merged").rglob("*.exr"))
+    assert list((desk.folder / "renders").rglob("*.exr"))
+
+
+@pytest.mark.timeout(600)
+def test_a_rig_of_your_own(desk: Desk) -> None:
+    (desk.folder / "S").rename(desk.folder / "first") if (desk.folder / "S").exists() else None
+    for command in blocks("A rig of your own"):
+        desk.run(stood_in(command))
+    assert (desk.folder / "S" / "calibration" / "report.html").is_file()
+
+
+@pytest.mark.parametrize("command", spans())
+def test_a_command_within_a_sentence_is_one_that_rig_has(rig, command: str) -> None:
+    """Told to print its help, so that it does nothing: an option that does not exist is a usage error."""
+    words = shlex.split(command)
+    words = words[words.index("rig") + 1 :]
+    assert words[0] in COMMANDS
+    code, _, err = rig(*words, "--help")
+    assert (code, err) == (0, "")
