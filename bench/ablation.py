@@ -26,9 +26,10 @@ from variants import ClampedChroma, LogBlended, LogBlending, ThirdDegree
 from recon.dataset import Dataset
 from recon.density import DensityRules
 from recon.losses import Photometric
-from recon.method import Light, Method, Schedule
+from recon.method import Method, Schedule
 from recon.methods import nh_3dgs
 from recon.observation import LinearLight
+from recon.radiance import Light
 
 CAP = 20_000
 PAPERS_MU = 5000.0

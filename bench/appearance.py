@@ -21,8 +21,9 @@ from trial import Cache, prepare, run, session
 
 from recon.appearance import Appearance, LogRadiance, PlainHarmonics, Rate, SoftplusRadiance
 from recon.dataset import Dataset
-from recon.method import Light, Method
+from recon.method import Method
 from recon.methods import nh_3dgs, vanilla
+from recon.radiance import Light
 
 CAP = 20_000
 MEASURES = {

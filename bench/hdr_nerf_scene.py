@@ -15,8 +15,8 @@ import numpy.typing as npt
 from drivers.sim.mounting import look_at
 from drivers.sim.tabletop import LAMP, TARGET, demo_scene
 from imaging import store
-from imaging.calibration import Lens
 from imaging.exr import write_exr
+from imaging.lens import Lens
 from imaging.photo import encode_png
 
 Array = npt.NDArray[np.float64]

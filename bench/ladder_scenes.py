@@ -20,7 +20,8 @@ from capture.simulated import capture_simulated
 from drivers.sim.rigs import simulate
 from drivers.sim.truth import pose_of
 from imaging import store
-from imaging.calibration import CalibrationRecord, Pose, read_calibration
+from imaging.calibration import CalibrationRecord, read_calibration
+from imaging.pose import Pose
 
 POINTS = 1200
 """Scene points of a calibration that is taken from the truth: about as many as pictures of this size give."""

@@ -39,9 +39,9 @@ from recon.appearance import (
 )
 from recon.dataset import Dataset, View
 from recon.losses import Photometric
-from recon.method import Light, Method
+from recon.method import Method
 from recon.observation import LinearLight
-from recon.radiance import light_of, radiance_image
+from recon.radiance import Light, light_of, radiance_image
 
 CAP = 20_000
 PAPERS_MU = 5000.0

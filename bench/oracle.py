@@ -15,16 +15,11 @@ import numpy.typing as npt
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import simulate
 from imaging import store
-from imaging.calibration import (
-    CalibrationRecord,
-    CameraCalibration,
-    Lens,
-    Pose,
-    Response,
-    ViewCalibration,
-)
+from imaging.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.colmap import pycolmap
 from imaging.exr import read_exr
+from imaging.lens import Lens
+from imaging.pose import Pose
 from imaging.session import Session
 from recon.geometry import project, rays
 from recon.splat import SplatCamera

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging import store
-from imaging.calibration import CalibrationRecord, Pose
+from imaging.calibration import CalibrationRecord
+from imaging.pose import Pose
 
 Array = npt.NDArray[np.float64]
 Key = tuple[str, int]

@@ -20,14 +20,15 @@ from trial import Cache, session
 
 from drivers.sim.truth import pose_of
 from imaging import store
-from imaging.calibration import CalibrationRecord, Pose, read_calibration
+from imaging.calibration import CalibrationRecord, read_calibration
 from imaging.colmap import read_points
+from imaging.pose import Pose
 from recon.dataset import Dataset, load
 from recon.evaluate import evaluate
 from recon.fixed import Fixed
-from recon.model import Settings
 from recon.reconstruct import reconstruct
 from recon.refinement_ladder import KNOWN_PX, tried
+from recon.settings import Settings
 
 SCENES = (("demo", 0), ("gallery", 0))
 PIXELS = (0.0, 0.15, 0.3, 0.6)

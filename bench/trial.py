@@ -15,9 +15,9 @@ from capture.simulated import capture_simulated
 from imaging import metrics
 from recon.dataset import Dataset, load
 from recon.density import DensityRules
-from recon.method import Light, Method
+from recon.method import Method
 from recon.pixels import Shot
-from recon.radiance import light_of, radiance_image
+from recon.radiance import Light, light_of, radiance_image
 from recon.reconstruct import START_SHARE
 from recon.recorded import shot_psnr
 from recon.start import Start, gaussians_at, start_points

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.fisheye import nearest_terms
-from imaging.calibration import Lens, LensModel
 from imaging.colmap import pycolmap
+from imaging.lens import Lens, LensModel
 
 Array = npt.NDArray[np.float64]
 

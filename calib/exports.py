@@ -20,7 +20,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from imaging.calibration import CalibrationRecord, CameraCalibration, Lens
+from imaging.calibration import CalibrationRecord, CameraCalibration
+from imaging.lens import Lens
 from imaging.records import CameraRecord
 
 HALF = 0.5

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from imaging.calibration import Lens
+from imaging.lens import Lens
 
 LEAST_RADIUS = 0.75
 """Focal lengths from the principal point to a corner, below which a lens is no fisheye: 37 degrees of an

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from calib.features import Features, Key, Pair
-from imaging.calibration import Lens
 from imaging.errors import CalibrationError
+from imaging.lens import Lens
 
 FEWEST_FEATURES = 40
 """A view with fewer cannot be placed."""

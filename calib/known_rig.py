@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from calib.adjust import set_model
 from calib.features import key_of
-from imaging.calibration import Lens, Pose
 from imaging.colmap import pycolmap
+from imaging.lens import Lens
+from imaging.pose import Pose
 
 Array = npt.NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from calib.sensor.measure import Sensors
 from calib.sensor.rungs import rungs as sensor_rungs
-from imaging.calibration import Lens
 from imaging.colour import camera_from_rec709
 from imaging.errors import InputError
+from imaging.lens import Lens
 from imaging.mosaic import FrameMetadata, Matrix, as_matrix
 from imaging.noise import SensorNoise
 from imaging.photo import read_metadata

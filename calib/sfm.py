@@ -16,9 +16,10 @@ from calib.hopeless import refuse_hopeless, refuse_turning
 from calib.known_rig import NOTHING, Known, camera_of, to_metres
 from calib.lens_ladder import climb, sees_wide
 from calib.views import Progress
-from imaging.calibration import Lens, Pose
 from imaging.colmap import pycolmap
 from imaging.errors import CalibrationError
+from imaging.lens import Lens
+from imaging.pose import Pose
 from imaging.records import Rung
 
 MAX_ERROR = 4.0

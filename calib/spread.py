@@ -21,7 +21,7 @@ from calib.adjust import Free, is_fisheye
 from calib.features import Key, key_of
 from calib.jacobian import Linear, is_reference, linearise
 from calib.views import Progress
-from imaging.calibration import BROWN_TERMS, FISHEYE_TERMS
+from imaging.lens import BROWN_TERMS, FISHEYE_TERMS
 
 Array = npt.NDArray[np.float64]
 

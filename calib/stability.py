@@ -10,9 +10,8 @@ import numpy.typing as npt
 
 from calib.sensor.photon_transfer import Points, fit
 from calib.vignetting import Tracks, estimate
-from imaging.calibration import Lens
 from imaging.extreme import Extreme
-from imaging.lens import project, rays
+from imaging.lens import Lens, project, rays
 from imaging.linear import LinearFrame, SensorSignalNoise
 from imaging.merge import merge_bracket
 from imaging.ratios import overlap, ratio

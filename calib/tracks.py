@@ -10,8 +10,8 @@ from scipy import ndimage
 from calib.features import Key, key_of
 from calib.sfm import Model
 from calib.vignetting import Tracks
-from imaging.calibration import Lens
 from imaging.cfa import bilinear
+from imaging.lens import Lens
 from imaging.merge import Merged
 
 Array = npt.NDArray[np.float64]

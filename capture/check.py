@@ -11,7 +11,7 @@ from capture.examining import Read, examine_all
 from capture.findings import CheckReport, Exposed, Problem, ProblemKind, StepSkew
 from capture.index import read_index, stray_files
 from capture.judging import warnings
-from capture.masks import mask_problems
+from capture.mask_check import mask_problems
 from capture.reading import Picture
 from capture.recorder import Progress, leftovers, slots
 from capture.repair import RepairReport, repair

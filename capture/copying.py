@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from capture.beginning import begin, is_vacant
-from capture.masks import mask_file
 from capture.originals import Original, Progress, shown
-from capture.saving import Slot, shot_file
+from capture.saving import Slot, mask_file, shot_file
 from imaging import store
 from imaging.errors import InputError, StorageError
 from imaging.mask import read_mask

@@ -12,17 +12,12 @@ from capture.layouts.colmap import read_model
 from capture.layouts.given import Given, GivenPhoto
 from capture.originals import Original, shown
 from imaging import store
-from imaging.calibration import (
-    CalibrationRecord,
-    CameraCalibration,
-    Lens,
-    Pose,
-    Response,
-    ViewCalibration,
-)
+from imaging.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.colmap import pycolmap
 from imaging.errors import InputError
 from imaging.exr import read_exr
+from imaging.lens import Lens
+from imaging.pose import Pose
 from imaging.records import CameraRecord, Rung, ShotRecord
 from imaging.session import Session
 

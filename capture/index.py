@@ -5,7 +5,8 @@ import os
 from pathlib import Path
 
 from imaging.errors import InputError
-from imaging.records import ShotRecord, parse
+from imaging.record import parse
+from imaging.records import ShotRecord
 from imaging.session import Session
 
 

@@ -1,16 +1,10 @@
 """Masks that come with photographs: pictures beside them, black where a photograph is to be ignored."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from capture.findings import Problem, ProblemKind
 from capture.originals import shown
-from capture.saving import Slot
-from imaging import store
 from imaging.errors import InputError
-from imaging.mask import read_mask
-from imaging.records import ShotRecord
-from imaging.session import Session
 
 
 def masks_beside(photos: Iterable[Path], root: Path, masks: Path) -> dict[Path, Path]:
@@ -45,41 +39,6 @@ def masks_asked(photos: list[Path], folder: Path, masks: Path) -> tuple[dict[Pat
         example = shown(photos[0].relative_to(folder).with_suffix(".png")) if photos else "a photo's name"
         raise InputError(f"{masks} holds no mask of any photo: name them as the photos, such as {example}.")
     return found, told_masks(found, len(photos))
-
-
-def mask_file(slot: Slot, suffix: str) -> str:
-    """Where the mask of a shot lies, relative to the session."""
-    return f"masks/{slot.frame:04d}/{slot.camera}_{slot.step}{suffix}"
-
-
-def mask_problems(session: Session, shots: Sequence[ShotRecord], again: str) -> Iterator[Problem]:
-    """Masks that are absent, damaged or not those that were recorded; again: how to get them anew."""
-    for shot in shots:
-        if shot.mask is None:
-            continue
-        name = f"{shot.mask}, the mask of {shot.file},"
-        try:
-            path = session.mask(shot)
-            assert path is not None
-            if not path.is_file():
-                kind: ProblemKind = "absent"
-                message = f"{name} is not there: restore it from a copy, or {again}."
-            elif shot.mask_sha256 is None:
-                read_mask(path, shot.height, shot.width)
-                continue
-            elif store.sha256(path) != shot.mask_sha256:
-                kind = "altered"
-                message = (
-                    f"{name} is not the file that was recorded (its SHA-256 differs): restore it from a "
-                    f"copy, or {again}."
-                )
-            else:
-                continue
-        except InputError as error:
-            kind, message = "torn", str(error)
-        yield Problem(
-            kind=kind, file=shot.mask, camera=shot.camera, frame=shot.frame, step=shot.step, message=message
-        )
 
 
 def told_masks(masks: Mapping[Path, Path], photos: int) -> str:

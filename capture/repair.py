@@ -8,10 +8,9 @@ from pathlib import Path
 from capture.findings import Model
 from capture.index import read_index, stray_files
 from capture.lock import sole_writer
-from capture.masks import mask_file
 from capture.reading import read_picture
 from capture.recorder import Progress
-from capture.saving import Slot, shot_file
+from capture.saving import Slot, mask_file, shot_file
 from imaging import store
 from imaging.errors import InputError
 from imaging.mask import read_mask

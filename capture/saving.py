@@ -53,3 +53,8 @@ def save_frame(session: Session, compression: Compression, one: Round, camera: s
         opened=taken.opened,
         retries=taken.retries,
     )
+
+
+def mask_file(slot: Slot, suffix: str) -> str:
+    """Where the mask of a shot lies, relative to the session."""
+    return f"masks/{slot.frame:04d}/{slot.camera}_{slot.step}{suffix}"

@@ -13,6 +13,7 @@ from capture.source import Request, Source, Stops, Subject
 from drivers.sim.faults import Mix
 from drivers.sim.on_bus import BusRig
 from drivers.sim.rigs import SimulatedRig, simulate
+from drivers.sim.truth import write_truth
 from imaging import store
 from imaging.dng import Compression
 from imaging.errors import InputError, PartialError, StorageError
@@ -136,7 +137,7 @@ def _truth(
     try:
         _list_faults(session.folder, bus)
         if not truth.exists():
-            rig.write_truth(session.folder, progress)
+            write_truth(rig, session.folder, progress)
     except StorageError as error:
         there = len(finished(session, plan))
         if there == len(slots(plan)):

@@ -7,11 +7,73 @@ and Calibration Method for Conventional, Wide-Angle, and Fish-Eye Lenses", 2006,
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
-from imaging.calibration import Lens
+from imaging.record import Record
+
+LensModel = Literal["PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "RADIAL_FISHEYE", "OPENCV_FISHEYE"]
+
+
+BROWN_TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
+
+
+FISHEYE_TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
+
+
+class Lens(Record):
+    """A COLMAP camera model; pixel centres at +0.5. Parameters as `fx fy cx cy k1 k2 p1 p2` (OPENCV).
+
+    `model` says which of them were free; the others are zero (or fx = fy). A fisheye (RADIAL_FISHEYE,
+    OPENCV_FISHEYE) has `fx fy cx cy k1 k2 k3 k4`, terms in the angle from the axis. `imaging.lens` projects.
+    """
+
+    model: LensModel
+    width: int = Field(gt=0)
+    height: int = Field(gt=0)
+    fx: float = Field(gt=0)
+    fy: float = Field(gt=0)
+    cx: float
+    cy: float
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+
+    @property
+    def fisheye(self) -> bool:
+        """Whether the terms are those of the angle from the axis, not of its tangent."""
+        return self.model in ("RADIAL_FISHEYE", "OPENCV_FISHEYE")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the eight `terms` are called."""
+        return FISHEYE_TERMS if self.fisheye else BROWN_TERMS
+
+    @property
+    def terms(self) -> tuple[float, ...]:
+        """`fx fy cx cy k1 k2 p1 p2`, or of a fisheye `fx fy cx cy k1 k2 k3 k4`: COLMAP's order."""
+        return tuple(float(getattr(self, name)) for name in self.names)
+
+    def resized(self, width: int, height: int) -> "Lens":
+        """The same lens seen on an image of another size."""
+        x, y = width / self.width, height / self.height
+        return self.model_copy(
+            update={
+                "width": width,
+                "height": height,
+                "fx": self.fx * x,
+                "cx": self.cx * x,
+                "fy": self.fy * y,
+                "cy": self.cy * y,
+            }
+        )
+
 
 Array = npt.NDArray[np.float64]
 

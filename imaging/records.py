@@ -6,25 +6,19 @@ one instant of the whole rig. Unknown fields and unknown schema versions are err
 
 import re
 from datetime import datetime
-from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import (
     AfterValidator,
-    BaseModel,
-    ConfigDict,
     Field,
-    ValidationError,
     field_validator,
     model_validator,
 )
 
-from imaging.errors import InputError
 from imaging.exposure import Exposure
-
-SCHEMA_VERSION = 1
+from imaging.record import Record
 
 Kind = Literal["scene", "dark", "flat", "board", "probe"]
 
@@ -36,12 +30,6 @@ def _plain_name(value: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_plain_name)]
-
-
-class Record(BaseModel):
-    """Base of everything written to disk: frozen, strict about fields, no NaN."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class CameraRecord(Record):
@@ -186,24 +174,6 @@ class SplitRecord(Record):
     """Who says so."""
     train: tuple[str, ...]
     test: tuple[str, ...]
-
-
-RecordT = TypeVar("RecordT", bound=BaseModel)
-
-
-def parse(model: type[RecordT], value: Any, where: Path | str) -> RecordT:
-    """Validate a value read from a file; InputError of one sentence that names file and field."""
-    if isinstance(value, dict) and "schema_version" in value and value["schema_version"] != SCHEMA_VERSION:
-        raise InputError(
-            f"{where} has schema version {value['schema_version']!r}, this rig reads {SCHEMA_VERSION}: "
-            "open it with the version of rig that wrote it."
-        )
-    try:
-        return model.model_validate(value)
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or "the record"
-        raise InputError(f"{where}: {field}: {first['msg'].lower()}; correct or restore the file.") from error
 
 
 ONE_OF_SEVERAL = 2.0

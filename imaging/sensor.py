@@ -9,7 +9,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from imaging.noise import SensorNoise
-from imaging.records import Record
+from imaging.record import Record
 
 Bool = npt.NDArray[np.bool_]
 Float = npt.NDArray[np.float32]

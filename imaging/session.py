@@ -5,7 +5,8 @@ from pathlib import Path
 
 from imaging import store
 from imaging.errors import InputError
-from imaging.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord, parse
+from imaging.record import parse
+from imaging.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord
 
 SESSION = "session.json"
 SPLIT = "split.json"

@@ -13,17 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging import store
-from imaging.calibration import (
-    CalibrationRecord,
-    Lens,
-    Response,
-    ViewCalibration,
-    read_calibration,
-)
+from imaging.calibration import CalibrationRecord, Response, ViewCalibration, read_calibration
 from imaging.cfa import Cfa
 from imaging.colmap import SparsePoints, read_points, read_tracks
 from imaging.errors import InputError, ReconstructionError
 from imaging.falloff import falloff
+from imaging.lens import Lens
 from imaging.records import CameraRecord, ShotRecord, SplitRecord
 from imaging.session import SPLIT, Session, brackets
 from recon.pixels import Progress, Shot, read_shot

@@ -1,10 +1,19 @@
 """L1 and SSIM of planes in plain torch operations, for devices that Numba does not reach."""
 
+import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 from torch.nn.functional import conv2d
 
-from recon.ssim import C1, C2, RADIUS, window
+RADIUS = 5
+C1, C2 = 0.01**2, 0.03**2
+
+
+def window() -> npt.NDArray[np.float64]:
+    """The 11 taps, summing to 1."""
+    taps = np.exp(-0.5 * (np.arange(-RADIUS, RADIUS + 1) / 1.5) ** 2)
+    return np.asarray(taps / taps.sum())
 
 
 def dense_photometric_loss(prediction: Tensor, target: Tensor, ssim_weight: float) -> Tensor:

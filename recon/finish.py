@@ -8,29 +8,19 @@ from pathlib import Path
 from scipy.spatial.transform import Rotation
 
 from imaging import store
-from imaging.calibration import Pose
+from imaging.pose import Pose
 from imaging.records import Rung
 from imaging.session import Session
 from recon.dataset import Dataset, View, photographs_sha256
 from recon.device import device_name
 from recon.display import exposure_of
-from recon.model import (
-    CALIBRATION,
-    MODEL,
-    REFINEMENT,
-    DisplayValues,
-    ModelRecord,
-    Prediction,
-    SceneShot,
-    SceneView,
-    Settings,
-    Use,
-)
+from recon.model import CALIBRATION, MODEL, REFINEMENT, DisplayValues, ModelRecord, SceneShot, SceneView, Use
 from recon.photographs import Display
 from recon.pixels import Progress
-from recon.prediction import ENOUGH, enough
+from recon.prediction import ENOUGH, Prediction, enough
 from recon.presets import QUALITIES
 from recon.refinement import Refinement
+from recon.settings import Settings
 from recon.splat_files import offset_of, write_splats
 from recon.trainer import Training
 

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from imaging.errors import InputError
-from imaging.records import Record
+from imaging.record import Record
 
 if TYPE_CHECKING:
     from recon.dataset import Dataset, View

@@ -4,17 +4,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean
-from typing import TYPE_CHECKING
 
 import torch
 
 from imaging.metrics import PSNR_CAP
 from recon.dataset import View
+from recon.gaussians import Gaussians, Renderer
+from recon.method import Method
 from recon.ranks import Ranks
 from recon.recorded import psnr_of, shot_psnr
-
-if TYPE_CHECKING:
-    from recon.trainer import Training
+from recon.refinement import Refinement
 
 MOST_VIEWS = 4
 MOST_MOMENTS = 16
@@ -43,21 +42,28 @@ def period(iterations: int, views: int) -> int:
     return math.ceil(iterations / min(max(fitting, 1), MOST_MOMENTS))
 
 
-def held_out_db(training: "Training", views: Sequence[View], progress: float, ranks: Ranks) -> float:
+def held_out_db(
+    method: Method,
+    gaussians: Gaussians,
+    renderer: Renderer,
+    refinement: Refinement | None,
+    views: Sequence[View],
+    progress: float,
+    ranks: Ranks,
+) -> float:
     """Mean over views of the PSNR, dB, of what their shots should hold against what they hold.
 
     The same figure as `raw_psnr` or `ldr_psnr` of an evaluation, of these views, over what masks leave of
     them; EXR, which has no white, is compared in mu-law. The planes that the loss compares would hide the end
     of a training: noise fills them in the dark. The ranks share the views and all return the same number.
     """
-    method, renderer = training.method, training.renderer()
     total, count = 0.0, 0
     with torch.no_grad():
         for view in views[ranks.number :: ranks.count]:
             degree = method.schedule.degree(progress)
-            image = renderer(training.gaussians, view.lens, degree=degree).image
-            if training.refinement is not None:
-                image = training.refinement.shaded(image, view, progress)
+            image = renderer(gaussians, view.lens, degree=degree).image
+            if refinement is not None:
+                image = refinement.shaded(image, view, progress)
             if view.sensor.kind == "hdr":
                 told, seen = method.observation.compare(image, view, progress)
                 # What is not valid is equal in both: it adds nothing to the sum.

@@ -9,18 +9,6 @@ from recon.observation import Observation
 
 
 @dataclass(frozen=True)
-class Light:
-    """The two scalars that tie a model to the light of its scene, stored with it.
-
-    normaliser: radiance that counts as 1 in scene units. reference: the dimmest radiance that
-    matters, in scene units; None for display values, which end where a display does.
-    """
-
-    normaliser: float
-    reference: float | None
-
-
-@dataclass(frozen=True)
 class Schedule:
     """What changes during training, as fractions of it.
 

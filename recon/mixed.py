@@ -7,9 +7,9 @@ from torch import Tensor
 
 from recon.appearance import Rate
 from recon.dataset import Dataset, View
-from recon.method import Light
 from recon.observation import LinearLight, Observation
 from recon.photographs import ToneCurve, tone_curve
+from recon.radiance import Light
 
 
 @dataclass

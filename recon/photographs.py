@@ -12,7 +12,7 @@ from imaging.calibration import Response
 from imaging.linear import decode
 from recon.appearance import Rate
 from recon.dataset import Dataset, View
-from recon.method import Light
+from recon.radiance import Light
 from recon.tone import encode
 from recon.tone_grid import (
     Grid,

@@ -3,10 +3,11 @@
 from pathlib import Path
 
 from imaging.errors import InputError
-from imaging.records import parse
+from imaging.record import parse
 from recon.budget import Budget
 from recon.checkpoint import Checkpoint, read_checkpoint
-from recon.model import CHECKPOINT, MODEL, Settings
+from recon.model import CHECKPOINT, MODEL
+from recon.settings import Settings
 
 
 def default_name(method: str, quality: str, budget: Budget | None) -> str:

@@ -9,7 +9,21 @@ other scenes how it goes on.
 import numpy as np
 import numpy.typing as npt
 
-from recon.model import Prediction
+from imaging.record import Record
+
+
+class Prediction(Record):
+    """Held-out quality predicted before training, dB: most likely, and an interval for 95 of 100 scenes."""
+
+    db: float
+    low: float
+    high: float
+    iterations: int
+    """Of the training that it is about, each of one view."""
+    tried: int
+    """Iterations of the miniature that it comes from."""
+    tried_db: float
+
 
 Array = npt.NDArray[np.float64]
 

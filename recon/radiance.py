@@ -1,5 +1,7 @@
 """A first look at the scene's light: the bracket of a view as one linear Rec.709 image."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from imaging.cfa import bilinear
@@ -7,7 +9,19 @@ from imaging.demosaic import demosaic
 from imaging.linear import Bool, Float
 from imaging.merge import merge_bracket
 from recon.dataset import Dataset, View
-from recon.method import Light
+
+
+@dataclass(frozen=True)
+class Light:
+    """The two scalars that tie a model to the light of its scene, stored with it.
+
+    normaliser: radiance that counts as 1 in scene units. reference: the dimmest radiance that
+    matters, in scene units; None for display values, which end where a display does.
+    """
+
+    normaliser: float
+    reference: float | None
+
 
 _STEP = {"raw": 1 / 4095, "ldr": 1 / 255, "hdr": 0.0}
 

@@ -22,16 +22,17 @@ from recon.fixed import Fixed
 from recon.interrupt import Interrupted
 from recon.ladder import chosen_method, rungs
 from recon.methods import hdr_gs, nh_3dgs
-from recon.model import CHECKPOINT, LOG, MODEL, REFINEMENT, Prediction, Settings
+from recon.model import CHECKPOINT, LOG, MODEL, REFINEMENT
 from recon.pixels import Progress
 from recon.place import default_name, place_for
-from recon.prediction import enough, predicted
+from recon.prediction import Prediction, enough, predicted
 from recon.presets import QUALITIES, START_SHARE, Quality, QualityName
 from recon.probe import FEWEST, has_time_for_trials, probe
 from recon.radiance import light_of, radiance_image
 from recon.ranks import Ranks, joined
 from recon.refinement import Refinement
 from recon.refinement_ladder import refinement_for
+from recon.settings import Settings
 from recon.size_ladder import degree_for, fewer, most_for, size_for
 from recon.splat import SplatStats
 from recon.start import gaussians_at, start_points

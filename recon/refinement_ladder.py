@@ -10,11 +10,11 @@ from imaging.records import ONE_OF_SEVERAL, Rung
 from recon.dataset import Dataset, View, load
 from recon.geometry import inside, project
 from recon.methods import vanilla
-from recon.model import Settings
 from recon.pixels import Progress
 from recon.ranks import Ranks
 from recon.refinement import Refined, Refinement
 from recon.refinement_evidence import held_out_db
+from recon.settings import Settings
 from recon.trainer import Training
 from recon.trials import Trials, no_trial, room
 

@@ -15,14 +15,13 @@ from imaging.records import Rung
 from recon.dataset import Dataset
 from recon.directions import FEWEST_POINTS, FEWEST_VIEWS, Gains, gains, looks
 from recon.harmonics import DEGREE
-from recon.live_curve import held_out_db
-from recon.model import Settings
 from recon.pixels import Progress
 from recon.ply import most_gaussians
 from recon.presets import START_SHARE
 from recon.ranks import Ranks
 from recon.refinement import Refinement
 from recon.refinement_evidence import fitted_view
+from recon.settings import Settings
 from recon.start import Start
 from recon.trials import SAMPLES, Trials, no_trial, room
 
@@ -226,7 +225,7 @@ class Ladder:
             )
             unsure, extent = tuple(self.refined.parameters), trials.part.extent
             views = [fitted_view(training, view, unsure, extent) for view in trials.judged]
-            told = [held_out_db(training, (view,), 1.0, _ALONE) for view in views]
+            told = [training.held_out_db((view,), 1.0, _ALONE) for view in views]
             self.heard[count] = np.array(told)
         return self.heard[count]
 

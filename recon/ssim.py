@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from recon.dense_ssim import C1, C2, RADIUS, dense_photometric_loss, window
 from recon.jit import inlined, kernel
 from recon.lanes import (
     WIDTH,
@@ -29,22 +30,14 @@ from recon.lanes import (
 )
 from recon.threads import share, take_number
 
-RADIUS = 5
 STRIP = 64
 """Rows that a thread takes at a time; 2 RADIUS more are needed on either side."""
 GROUP = 4
 """Rows that are filtered down the columns together, so that a row that is read serves four."""
-C1, C2 = 0.01**2, 0.03**2
 _C1, _C2 = np.float32(C1), np.float32(C2)
 _ONE = np.float32(1.0)
 _TWO = np.float32(2.0)
 _ZERO = np.float32(0.0)
-
-
-def window() -> np.ndarray[Any, np.dtype[np.float64]]:
-    """The 11 taps, summing to 1."""
-    taps = np.exp(-0.5 * (np.arange(-RADIUS, RADIUS + 1) / 1.5) ** 2)
-    return np.asarray(taps / taps.sum())
 
 
 _TAPS = np.concatenate([np.zeros(GROUP - 1), window(), np.zeros(GROUP - 1)]).astype(np.float32)
@@ -284,14 +277,7 @@ def photometric_loss(prediction: torch.Tensor, target: torch.Tensor, ssim_weight
         if tensor.dtype != torch.float32 or tensor.device != prediction.device:
             raise ValueError(f"{name} is {tensor.dtype} on {tensor.device}: float32 on one device needed")
     if prediction.device.type != "cpu":
-        from recon.dense_ssim import dense_photometric_loss
-
         return dense_photometric_loss(prediction, target, ssim_weight)
     keep = torch.is_grad_enabled() and prediction.requires_grad
     loss: torch.Tensor = _Photometric.apply(prediction, target, ssim_weight, keep)
     return loss
-
-
-def ssim_loss(prediction: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """`1 - SSIM` of planes [P, H, W], a scalar; see `photometric_loss`."""
-    return photometric_loss(prediction, target, 1.0)

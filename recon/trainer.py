@@ -11,13 +11,14 @@ import torch
 
 from recon.checkpoint import Checkpoint, adam_tensors, restore_adam
 from recon.course import Course
-from recon.dataset import Dataset
+from recon.dataset import Dataset, View
 from recon.density import Density, DensityRules
 from recon.gaussians import Gaussians, Renderer, limits_for
 from recon.interrupt import deferred
 from recon.live_curve import Moment, chosen_views, held_out_db, period
-from recon.method import Light, Method
+from recon.method import Method
 from recon.pixels import Progress
+from recon.radiance import Light
 from recon.ranks import Ranks
 from recon.refinement import RATES, Refinement
 from recon.splat import SplatStats
@@ -102,6 +103,12 @@ class Training:
     def renderer(self) -> Renderer:
         """How its Gaussians are drawn."""
         return Renderer(self.method.appearance, limits_for(self.light.reference))
+
+    def held_out_db(self, views: Sequence[View], progress: float, ranks: Ranks) -> float:
+        """Quality of views, dB: see `live_curve.held_out_db`."""
+        return held_out_db(
+            self.method, self.gaussians, self.renderer(), self.refinement, views, progress, ranks
+        )
 
     def parameters(self) -> list[torch.Tensor]:
         """All tensors that are trained."""
@@ -272,7 +279,7 @@ def train(
             last = training.iteration == course.total
             measured = bool(looked_at) and (last or training.iteration % every == 0)
             if measured:
-                quality = held_out_db(training, looked_at, done, ranks)
+                quality = training.held_out_db(looked_at, done, ranks)
                 training.curve.append(Moment(training.iteration, training.seconds, quality))
                 training.measuring = clock() - started - training.seconds
             if measured or last or training.iteration % plan.log_every == 0:

@@ -13,12 +13,11 @@ from recon.dataset import Dataset, View, held_out
 from recon.density import DensityRules
 from recon.fixed import Fixed
 from recon.haste import haste
-from recon.method import Light
 from recon.methods import METHODS
-from recon.model import Settings
 from recon.pixels import Progress
-from recon.radiance import light_of, radiance_image
+from recon.radiance import Light, light_of, radiance_image
 from recon.refinement import Refined, Refinement
+from recon.settings import Settings
 from recon.start import Start, gaussians_at, start_points
 from recon.trainer import Plan, Training, train
 

@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging import store
-from imaging.calibration import CalibrationRecord, Pose
+from imaging.calibration import CalibrationRecord
 from imaging.exr import read_exr
+from imaging.pose import Pose
 from recon.dataset import View
 from recon.pixels import area_mean
 

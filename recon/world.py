@@ -10,7 +10,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from imaging.colmap import read_tracks
-from imaging.records import Record
+from imaging.record import Record
 from recon.splat import SplatCamera
 
 Array = npt.NDArray[np.float64]

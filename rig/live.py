@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Ta
 from rich.table import Column
 from rich.text import Text
 
-from rig.progress import Position
+from rig.position import Position
 from rig.words import duration, plain
 
 ROOMY = 120

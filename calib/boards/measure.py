@@ -12,10 +12,12 @@ from calib.features import Key
 from calib.previews import luminance
 from calib.sfm import pose_of
 from calib.views import Progress, View, read_view, views_of
-from imaging.calibration import BoardEvidence, BoardPlace, Lens, LensError, Pose, PoseError, Response
+from imaging.calibration import BoardEvidence, BoardPlace, LensError, PoseError, Response
 from imaging.colmap import pycolmap
 from imaging.errors import CalibrationError
+from imaging.lens import Lens
 from imaging.merge import merge_bracket
+from imaging.pose import Pose
 from imaging.records import Board, Rung
 from imaging.session import Session
 

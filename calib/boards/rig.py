@@ -12,9 +12,9 @@ from calib.boards.corners import Corners
 from calib.boards.start import Start
 from calib.features import Key, image_name
 from calib.known_rig import camera_of
-from imaging.calibration import Lens
 from imaging.colmap import pycolmap
 from imaging.errors import CalibrationError
+from imaging.lens import Lens
 from imaging.records import Board
 
 Array = npt.NDArray[np.float64]

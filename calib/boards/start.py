@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from calib.boards.corners import Corners
 from calib.features import Key
-from imaging.calibration import Lens
 from imaging.errors import CalibrationError
+from imaging.lens import Lens
 from imaging.records import Board
 
 Array = npt.NDArray[np.float64]

@@ -19,8 +19,8 @@ from calib.boards.rig import Solved, solve
 from calib.features import Key
 from calib.views import Progress
 from imaging import lens as optics
-from imaging.calibration import Lens
 from imaging.errors import CalibrationError
+from imaging.lens import Lens
 from imaging.records import Board
 
 Array = npt.NDArray[np.float64]

@@ -11,10 +11,11 @@ from capture.layouts.given import Given, GivenPhoto, lens_of, pose_of
 from capture.masks import masks_beside
 from capture.originals import natural, pictures_in, shown
 from imaging import store
-from imaging.calibration import Lens, LensModel, Pose
 from imaging.colmap import pycolmap
 from imaging.errors import InputError
+from imaging.lens import Lens, LensModel
 from imaging.memory import check
+from imaging.pose import Pose
 
 MODELS: Mapping[str, LensModel] = {
     "SIMPLE_PINHOLE": "PINHOLE",

@@ -10,9 +10,10 @@ import numpy.typing as npt
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from imaging.calibration import Lens, LensModel, Pose
 from imaging.errors import InputError
 from imaging.exposure import Exposure
+from imaging.lens import Lens, LensModel
+from imaging.pose import Pose
 
 LayoutName = Literal["photos", "nerfstudio", "colmap", "hdr-nerf"]
 

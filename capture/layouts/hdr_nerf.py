@@ -28,10 +28,11 @@ from capture.layouts.nerfstudio import Entry, entries
 from capture.originals import pictures_in, shown
 from capture.reading import kind_of
 from imaging import store
-from imaging.calibration import Lens, Pose
 from imaging.errors import InputError
 from imaging.exposure import Exposure
+from imaging.lens import Lens
 from imaging.memory import check
+from imaging.pose import Pose
 
 ARRAY = "poses_bounds_exps.npy"
 

@@ -18,9 +18,10 @@ from capture.layouts.ply_points import read_ply_points
 from capture.originals import natural, shown
 from capture.reading import read_picture
 from imaging import store
-from imaging.calibration import Lens, Pose
 from imaging.errors import InputError
 from imaging.exposure import Exposure
+from imaging.lens import Lens
+from imaging.pose import Pose
 
 FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json")
 

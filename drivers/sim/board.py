@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from drivers.sim.lens import unproject
 from drivers.sim.seeds import generator
-from imaging.calibration import Lens
+from imaging.lens import Lens
 
 Array = npt.NDArray[np.float64]
 

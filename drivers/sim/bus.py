@@ -16,9 +16,8 @@ from usb.core import USBError, USBTimeoutError
 
 from drivers.sim import descriptors
 from drivers.sim.descriptors import SUPER_SPEED
-from drivers.sim.device import Device, Setup, Stall
 from drivers.sim.packets import Overflow
-from drivers.sim.port import Port
+from drivers.sim.port import Device, Port, Setup, Stall
 from drivers.sim.timeline import Timeline
 
 BUS_NUMBER = 1
@@ -79,7 +78,7 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
         """Plug a device in, at an address that none had before."""
         with self.timeline.lock:
             self._address += 1
-            port = Port(self, device, self._address)
+            port = Port(self.timeline, device, self._address, self._ports.remove, self.plug)
             self._ports.append(port)
             device.on_attach(port)
             self.timeline.changed()
@@ -95,10 +94,6 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
             if port.device.description.serial == serial:
                 return port
         raise LookupError(f"no device {serial} is plugged in")
-
-    def remove(self, port: Port) -> None:
-        """Forget a port, whose device was unplugged."""
-        self._ports.remove(port)
 
     def hold(self, serial: str, holder: Holder) -> None:
         """Have somebody keep the host from a device, or nobody any more."""

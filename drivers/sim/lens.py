@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.compiling import compiled
-from imaging.calibration import Lens
+from imaging.lens import Lens
 
 Array = npt.NDArray[np.float64]
 

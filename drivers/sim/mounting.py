@@ -13,9 +13,9 @@ import numpy.typing as npt
 from drivers.sim.optics import Optics
 from drivers.sim.seeds import generator
 from drivers.sim.tabletop import TARGET
-from imaging.calibration import Lens
 from imaging.cfa import Cfa
 from imaging.colour import REC709_FROM_XYZ
+from imaging.lens import Lens
 from imaging.mosaic import Matrix
 
 Array = npt.NDArray[np.float64]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from imaging.calibration import Lens
+from imaging.lens import Lens
 
 Array = npt.NDArray[np.float64]
 

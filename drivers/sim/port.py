@@ -1,20 +1,72 @@
-"""A device's side of the cable: queues towards the host, halts, and being pulled out."""
+"""A device on the virtual bus, and its side of the cable: queues, halts, and being pulled out."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
 
-from drivers.sim.device import Device
+from drivers.sim.descriptors import Description
 from drivers.sim.packets import PacketQueue
 from drivers.sim.timeline import Timeline
 
-if TYPE_CHECKING:
-    from drivers.sim.bus import VirtualBus
+
+class Stall(Exception):
+    """A device's answer to a control request that it does not know or will not do."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The head of a control transfer."""
+
+    request_type: int
+    request: int
+    value: int
+    index: int
+    length: int
+
+
+class Device(Protocol):
+    """A device on the bus. The bus calls it with the timeline's lock held: it answers and never waits."""
+
+    @property
+    def description(self) -> Description:
+        """What it says of itself."""
+        ...
+
+    def on_attach(self, port: "Port") -> None:
+        """It was plugged in; `port` is its side of the cable until it is unplugged."""
+        ...
+
+    def on_bulk_out(self, endpoint: int, packet: bytes) -> None:
+        """A packet from the host, at most wMaxPacketSize bytes, empty ones included."""
+        ...
+
+    def on_control(self, setup: Setup, data: bytes) -> bytes:
+        """A class or vendor request; returns the data to the host. Stall."""
+        ...
+
+    def on_clear_halt(self, endpoint: int) -> None:
+        """The host cleared a halt, or set the data toggle back."""
+        ...
+
+    def on_reset(self) -> None:
+        """The host reset the device; its queues are empty."""
+        ...
 
 
 class Port:
     """One plugging-in of a device, at one address. Its methods are called with the timeline's lock held."""
 
-    def __init__(self, bus: "VirtualBus", device: Device, address: int) -> None:
-        self.bus, self.device, self.address = bus, device, address
+    def __init__(
+        self,
+        timeline: Timeline,
+        device: Device,
+        address: int,
+        removed: Callable[["Port"], None],
+        plug: Callable[[Device], "Port"],
+    ) -> None:
+        """removed: called when the cable is pulled out. plug: puts a device back on the bus."""
+        self.timeline, self.device, self.address = timeline, device, address
+        self._removed, self._plug = removed, plug
         self.gone = False
         self.claims: dict[int, object] = {}
         """Interfaces by number, and the handle that has each."""
@@ -29,11 +81,6 @@ class Port:
         }
         self._fuse: int | None = None
         self._replug_after: float | None = None
-
-    @property
-    def timeline(self) -> Timeline:
-        """The bus's time."""
-        return self.bus.timeline
 
     def packet(self, endpoint: int) -> int:
         """wMaxPacketSize, bytes."""
@@ -91,9 +138,9 @@ class Port:
             if self.gone:
                 return
             self.gone = True
-            self.bus.remove(self)
+            self._removed(self)
             if replug_after is not None:
-                self.timeline.call_later(replug_after, lambda: self._replug())
+                self.timeline.call_later(replug_after, self._replug)
             self.timeline.changed()
 
     def unplug_at(self, count: int, replug_after: float | None = None) -> None:
@@ -110,4 +157,4 @@ class Port:
         return not self.gone
 
     def _replug(self) -> None:
-        self.bus.plug(self.device)
+        self._plug(self.device)

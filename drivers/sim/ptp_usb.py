@@ -10,9 +10,8 @@ from drivers.errors import CameraProtocol
 from drivers.ptp.codec import HEADER_SIZE, Command, ContainerType, Data, Event, Header, Response
 from drivers.ptp.codes import ResponseCode
 from drivers.sim.descriptors import Description, Endpoint, Interface
-from drivers.sim.device import Setup, Stall
 from drivers.sim.faults import Fault, Kind
-from drivers.sim.port import Port
+from drivers.sim.port import Port, Setup, Stall
 from drivers.sim.ptp_operations import Request
 from drivers.sim.ptp_responder import Responder
 from drivers.usb import STILL_IMAGE

@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +18,6 @@ from drivers.sim.scene import Scene
 from drivers.sim.sensor import SensorModel
 from drivers.sim.subjects import LIGHT, Subject, grey
 from drivers.sim.tabletop import demo_scene
-from drivers.sim.truth import write_truth
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.records import CameraRecord
@@ -226,10 +224,6 @@ class SimulatedRig:
         seen = self.board.render(lens, pose @ np.linalg.inv(self.board_from_world(frame)), samples)
         light = np.float32(LIGHT * self.settings.light)
         return np.repeat((light * seen)[..., None], 3, axis=2)
-
-    def write_truth(self, session: Path, progress: Progress = lambda message, done, total: None) -> None:
-        """Write `truth/` of a session: see drivers.sim.truth."""
-        write_truth(self, session, progress)
 
     def _view(self, index: int) -> Callable[[int], npt.NDArray[np.float32]]:
         return lambda frame: self.radiance(index, frame, self._shown.get(frame, "scene"))

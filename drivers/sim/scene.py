@@ -13,7 +13,7 @@ from drivers.sim.lens import parameters
 from drivers.sim.raycast import DIM_ZONE, LIGHT
 from drivers.sim.solids import BOX, CYLINDER, ROOM, SOLID, SPHERE
 from drivers.sim.texture import MATERIAL
-from imaging.calibration import Lens
+from imaging.lens import Lens
 
 Array = npt.NDArray[np.float64]
 

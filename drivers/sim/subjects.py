@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from imaging.calibration import Lens
+from imaging.lens import Lens
 
 Subject = Literal["scene", "dark", "flat", "board"]
 

@@ -7,24 +7,22 @@ and the board are told in truth.json: which frames they are, how bright, where t
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from drivers.sim import response, shutter
 from drivers.sim.camera import Body, applied_exposure
+from drivers.sim.rigs import Progress, SimulatedRig
 from drivers.sim.sensor import Sensor
 from drivers.sim.subjects import LIGHT
 from imaging import store
-from imaging.calibration import Pose
 from imaging.exposure import Exposure
 from imaging.exr import write_exr
+from imaging.pose import Pose
 from imaging.records import ShotRecord
 from imaging.session import Session
-
-if TYPE_CHECKING:
-    from drivers.sim.rigs import Progress, SimulatedRig
 
 
 def pose_of(motion: npt.NDArray[np.float64]) -> Pose:
@@ -47,7 +45,9 @@ def pose_of(motion: npt.NDArray[np.float64]) -> Pose:
     return Pose(quaternion=(q[0], q[1], q[2], q[3]), translation=(t[0], t[1], t[2]))
 
 
-def write_truth(rig: "SimulatedRig", session: Path, progress: "Progress") -> None:
+def write_truth(
+    rig: SimulatedRig, session: Path, progress: Progress = lambda message, done, total: None
+) -> None:
     """Write `truth/` for the frames that the session has shots of, or for all if it has none yet.
 
     Radiance that an earlier run of the session has written stays: the seed makes it the same.
@@ -106,7 +106,7 @@ def write_truth(rig: "SimulatedRig", session: Path, progress: "Progress") -> Non
     progress("writing the true radiance", total, total)
 
 
-def _subjects(rig: "SimulatedRig", names: list[str], shots: list[ShotRecord]) -> dict[str, Any]:
+def _subjects(rig: SimulatedRig, names: list[str], shots: list[ShotRecord]) -> dict[str, Any]:
     """What was shown in the frames that do not show the scene; nothing where there are none."""
     frames = {
         kind: sorted({shot.frame for shot in shots if shot.kind == kind})
@@ -134,7 +134,7 @@ def _subjects(rig: "SimulatedRig", names: list[str], shots: list[ShotRecord]) ->
     return told
 
 
-def _camera(rig: "SimulatedRig", index: int) -> dict[str, Any]:
+def _camera(rig: SimulatedRig, index: int) -> dict[str, Any]:
     mount, body = rig.mounts[index], rig.bodies[index]
     optics, sensor = body.optics, body.sensor
     return {

@@ -9,9 +9,8 @@ from drivers.errors import CameraProtocol
 from drivers.sim import shutter, u3v_frames
 from drivers.sim.camera import SimulatedCamera
 from drivers.sim.descriptors import SUPER_SPEED, Description, Endpoint, Interface
-from drivers.sim.device import Setup, Stall
 from drivers.sim.faults import Fault, FaultPlan, Kind
-from drivers.sim.port import Port
+from drivers.sim.port import Port, Setup, Stall
 from drivers.sim.seeds import generator
 from drivers.sim.timeline import Action, Timeline
 from drivers.sim.u3v_acquisition import Acquisition

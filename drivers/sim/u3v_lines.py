@@ -2,13 +2,22 @@
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Self
+from typing import Protocol, Self
 
 from drivers.sim.seeds import generator
 from drivers.sim.timeline import Timeline
 
-if TYPE_CHECKING:
-    from drivers.sim.u3v_device import U3vDevice
+
+class LineDevice(Protocol):
+    """A device whose lines can be wired."""
+
+    serial: str
+    wires: "dict[int, Wire]"
+    """What is soldered to its lines, by number."""
+
+    def line(self, number: int, rising: bool) -> None:
+        """An edge arrives at one of its inputs."""
+        ...
 
 
 class Wire:
@@ -17,15 +26,15 @@ class Wire:
     def __init__(self, timeline: Timeline, seed: int = 0) -> None:
         """seed: of how late each input sees an edge, 10 to 60 us, always the same for one input."""
         self._timeline, self._seed = timeline, seed
-        self._ends: list[tuple[U3vDevice, int, float]] = []
+        self._ends: list[tuple[LineDevice, int, float]] = []
 
-    def connect(self, device: "U3vDevice", line: int) -> None:
+    def connect(self, device: LineDevice, line: int) -> None:
         """Solder a line of a device to it."""
         late = generator(self._seed, "wire", device.serial, line).uniform(10e-6, 60e-6)
         self._ends.append((device, line, float(late)))
         device.wires[line] = self
 
-    def edge(self, rising: bool, source: "U3vDevice") -> None:
+    def edge(self, rising: bool, source: LineDevice) -> None:
         """A device's output rises or falls."""
         for device, line, late in self._ends:
             if device is not source:

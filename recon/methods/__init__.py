@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 from recon.appearance import Appearance
 from recon.dataset import Dataset
-from recon.method import Light, Method
+from recon.method import Method
 from recon.methods import hdr_gs, nh_3dgs, vanilla
+from recon.radiance import Light
 
 METHODS: dict[str, Callable[[Dataset, Light], Method]] = {
     nh_3dgs.NAME: nh_3dgs.compose,

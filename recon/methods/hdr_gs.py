@@ -4,8 +4,9 @@ from dataclasses import replace
 
 from recon.appearance import LuminanceChromaticity
 from recon.dataset import Dataset
-from recon.method import Light, Method
+from recon.method import Method
 from recon.photographs import tone_curve
+from recon.radiance import Light
 
 NAME = "hdr-gs"
 APPEARANCE = LuminanceChromaticity()

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 from recon.appearance import LuminanceChromaticity
 from recon.dataset import Dataset
-from recon.method import Light, Method
+from recon.method import Method
 from recon.mixed import linear_or_mixed
+from recon.radiance import Light
 
 NAME = "nh-3dgs"
 APPEARANCE = LuminanceChromaticity()

@@ -19,9 +19,10 @@ import numpy as np
 from imaging.calibration import Response
 from recon.appearance import PlainHarmonics, Rate
 from recon.dataset import Dataset
-from recon.method import Light, Method
+from recon.method import Method
 from recon.mixed import linear_or_mixed
 from recon.photographs import Display
+from recon.radiance import Light
 
 NAME = "vanilla"
 APPEARANCE = PlainHarmonics()

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging import lens as optics
-from imaging.calibration import BROWN_TERMS, FISHEYE_TERMS, Lens, Pose
 from imaging.errors import ReconstructionError
+from imaging.lens import BROWN_TERMS, FISHEYE_TERMS, Lens
+from imaging.pose import Pose
 
 Floats = npt.NDArray[np.float64]
 

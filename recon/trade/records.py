@@ -15,7 +15,7 @@ import imaging
 import recon
 from imaging import store
 from imaging.errors import InputError
-from imaging.records import Record, parse
+from imaging.record import Record, parse
 from recon import presets
 from recon.fixed import Fixed
 

@@ -9,10 +9,10 @@ from statistics import median
 import numpy as np
 
 from imaging import store
-from imaging.calibration import CalibrationRecord, CameraCalibration, Lens
+from imaging.calibration import CalibrationRecord, CameraCalibration
 from imaging.colmap import SparsePoints, read_points
 from imaging.errors import InputError
-from imaging.lens import fisheye_angle
+from imaging.lens import Lens, fisheye_angle
 from imaging.records import Rung
 from imaging.session import Session
 from rig.report.calibration_charts import charts

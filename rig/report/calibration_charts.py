@@ -8,8 +8,8 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from imaging.calibration import CalibrationRecord, CameraCalibration
+from imaging.records import ShotRecord
 from imaging.session import Session
-from rig.report.captured import label_ratio
 from rig.report.chart import Series, chart
 
 Array = npt.NDArray[np.float64]
@@ -123,3 +123,13 @@ def _response_charts(cameras: Sequence[CameraCalibration]) -> Iterable[tuple[str
                 shaded=valid,
             ),
         )
+
+
+def label_ratio(shot: ShotRecord, calibration: CalibrationRecord | None) -> float | None:
+    """Estimated exposure scale over the one that the file's label states; None if either is not known."""
+    label = shot.reported or shot.requested
+    if label is None:
+        return None
+    if calibration is not None and shot.file in calibration.exposure_scale:
+        return calibration.exposure_scale[shot.file] / label.scale
+    return None if shot.estimated is None else shot.estimated.scale / label.scale

@@ -9,8 +9,9 @@ from imaging.session import Session
 from rig.progress import Progress, unreported
 from rig.report.calibrated import calibrated, is_stale
 from rig.report.captured import captured
-from rig.report.page import Page, Tile, now, write_page
+from rig.report.page import Page, now, write_page
 from rig.report.provenance import provenance
+from rig.report.topic import Tile
 from rig.words import number
 
 
@@ -42,9 +43,11 @@ def calibration_report(folder: str | Path, progress: Progress = unreported) -> P
         version=rig.__version__,
         made=now(),
         tiles=tuple(_tiles(record, section.registered)),
-        captured=captured(session, record, progress),
-        calibrated=section,
-        provenance=provenance(session, record, None, rig.__version__),
+        sections={
+            "captured": captured(session, record, progress),
+            "calibrated": section,
+            "provenance": provenance(session, record, None, rig.__version__),
+        },
     )
     path = folder / "calibration" / "report.html"
     write_page(path, page)

@@ -11,6 +11,7 @@ from imaging.exposure import Exposure
 from imaging.records import ShotRecord
 from imaging.session import Session
 from rig.progress import Progress
+from rig.report.calibration_charts import label_ratio
 from rig.report.shots import Looks, Thumbnail, look_at
 from rig.words import counted, number
 
@@ -143,16 +144,6 @@ def _step_row(
         dark=_percent(median([share[1] for share in shares])) if shares else "n/a",
         shots=len(shots),
     )
-
-
-def label_ratio(shot: ShotRecord, calibration: CalibrationRecord | None) -> float | None:
-    """Estimated exposure scale over the one that the file's label states; None if either is not known."""
-    label = shot.reported or shot.requested
-    if label is None:
-        return None
-    if calibration is not None and shot.file in calibration.exposure_scale:
-        return calibration.exposure_scale[shot.file] / label.scale
-    return None if shot.estimated is None else shot.estimated.scale / label.scale
 
 
 def _exposures(exposures: Iterable[Exposure | None]) -> str:

@@ -16,7 +16,8 @@ from imaging import store
 from imaging.exposure import Exposure
 from imaging.session import Session
 from rig.report.chart import Series, chart
-from rig.report.page import Tile, environment, now
+from rig.report.page import environment, now
+from rig.report.topic import Tile
 from rig.words import counted
 
 MOST_ROWS = 200

@@ -8,15 +8,8 @@ import numpy.typing as npt
 from markupsafe import Markup, escape
 
 from imaging import lens as optics
-from imaging.calibration import (
-    BROWN_TERMS,
-    FISHEYE_TERMS,
-    CalibrationRecord,
-    CameraCalibration,
-    Lens,
-    LensError,
-    LensModel,
-)
+from imaging.calibration import CalibrationRecord, CameraCalibration, LensError
+from imaging.lens import BROWN_TERMS, FISHEYE_TERMS, Lens, LensModel
 from rig.report.chart import COLOURS, Series, chart
 from rig.report.residuals import CameraResiduals, Residuals
 from rig.report.topic import NOT_DETERMINED, Figure, Table, Topic, plus_minus

@@ -1,23 +1,14 @@
 """A page: its parts, and how it becomes one HTML file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from imaging import store
-from rig.report.calibrated import Calibrated
-from rig.report.captured import Captured
-from rig.report.provenance import Provenance
-
-if TYPE_CHECKING:
-    # These bring torch with them, which a calibration does not need.
-    from rig.report.comparisons import Pictures
-    from rig.report.quality import Quality
-    from rig.report.trade_page import TradeOff
+from rig.report.topic import Tile
 
 SECTIONS = {
     "trade": "Trade-offs",
@@ -30,17 +21,8 @@ SECTIONS = {
 
 
 @dataclass(frozen=True)
-class Tile:
-    """A headline number."""
-
-    value: str
-    unit: str
-    label: str
-
-
-@dataclass(frozen=True)
 class Page:
-    """What a page shows; a section that is None is left out."""
+    """What a page shows. sections: by name, each drawn by the template of that name."""
 
     kind: str
     title: str
@@ -48,17 +30,12 @@ class Page:
     version: str
     made: str
     tiles: tuple[Tile, ...] = ()
-    trade: "TradeOff | None" = None
-    pictures: "Pictures | None" = None
-    quality: "Quality | None" = None
-    captured: Captured | None = None
-    calibrated: Calibrated | None = None
-    provenance: Provenance | None = None
+    sections: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def contents(self) -> list[tuple[str, str]]:
-        """Anchor and name of every section that is there."""
-        return [(name, title) for name, title in SECTIONS.items() if getattr(self, name) is not None]
+        """Anchor and title of every section, in the order of the page."""
+        return [(name, title) for name, title in SECTIONS.items() if name in self.sections]
 
 
 def environment() -> Environment:

@@ -14,7 +14,7 @@ from recon.model import ModelRecord
 from rig.report.calibrated import RungRow, rung_rows
 from rig.report.chart import Series, chart
 from rig.report.measures import BY_KEY, MEASURES, validation
-from rig.report.page import Tile
+from rig.report.topic import Tile
 from rig.words import counted, duration, number, size
 
 HEADLINES = {

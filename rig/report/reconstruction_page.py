@@ -29,11 +29,13 @@ def reconstruction_report(folder: str | Path, progress: Progress = unreported) -
         version=rig.__version__,
         made=now(),
         tiles=tiles(opened.record, metrics),
-        pictures=pictures(opened, float(metrics.get("alignment_scale", 1.0)), progress),
-        quality=section,
-        captured=captured(session, record, progress),
-        calibrated=calibrated(session, record, is_stale(session, record)),
-        provenance=provenance(session, record, opened.record, rig.__version__, folder.resolve().name),
+        sections={
+            "pictures": pictures(opened, float(metrics.get("alignment_scale", 1.0)), progress),
+            "quality": section,
+            "captured": captured(session, record, progress),
+            "calibrated": calibrated(session, record, is_stale(session, record)),
+            "provenance": provenance(session, record, opened.record, rig.__version__, folder.resolve().name),
+        },
     )
     path = folder / "report.html"
     write_page(path, page)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup, escape
 
-from imaging.calibration import Lens
+from imaging.lens import Lens
 from rig.report.chart import COLOURS, nice_step
 from rig.report.topview import ground
 

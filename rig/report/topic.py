@@ -9,6 +9,15 @@ NOT_DETERMINED = "not determined"
 
 
 @dataclass(frozen=True)
+class Tile:
+    """A headline number."""
+
+    value: str
+    unit: str
+    label: str
+
+
+@dataclass(frozen=True)
 class Figure:
     """A drawing with its heading and what it shows; wide: it takes the whole width of the page."""
 

@@ -13,9 +13,9 @@ from recon.losses import Photometric
 from recon.presets import QUALITIES, START_SHARE
 from recon.trade import Point, Trade, front, read_trade
 from recon.trade.records import FOLDER
-from rig.report.page import Page, Tile, now, write_page
+from rig.report.page import Page, now, write_page
 from rig.report.provenance import provenance
-from rig.report.topic import Figure, Table, plus_minus
+from rig.report.topic import Figure, Table, Tile, plus_minus
 from rig.report.trade_charts import PRESETS, costs, figures, is_preset
 from rig.words import counted, duration, number, size
 
@@ -54,8 +54,10 @@ def trade_report(session: str | Path) -> Path:
         version=rig.__version__,
         made=now(),
         tiles=tuple(_tiles(trade)),
-        trade=trade_off(trade),
-        provenance=provenance(opened, read_calibration(session), None, rig.__version__),
+        sections={
+            "trade": trade_off(trade),
+            "provenance": provenance(opened, read_calibration(session), None, rig.__version__),
+        },
     )
     path = session / FOLDER / "report.html"
     write_page(path, page)

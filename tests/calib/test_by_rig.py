@@ -13,8 +13,9 @@ from calib.calibrate import _known_light, calibrate
 from calib.features import Features
 from calib.sfm import Model, centres, solve
 from imaging import store
-from imaging.calibration import Pose, read_calibration
+from imaging.calibration import read_calibration
 from imaging.dng import write_dng
+from imaging.pose import Pose
 from imaging.raw import read_raw
 from recon.dataset import load
 from recon.truth import calibration_errors

@@ -15,9 +15,10 @@ from calib.features import Key
 from calib.looks import Look, look
 from calib.views import scene_views
 from imaging import store
-from imaging.calibration import Pose, is_stale, read_calibration
+from imaging.calibration import is_stale, read_calibration
 from imaging.colmap import pycolmap, read_points
 from imaging.errors import InputError
+from imaging.pose import Pose
 from imaging.session import Session
 from recon.truth import calibration_errors
 

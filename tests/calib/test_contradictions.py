@@ -11,8 +11,8 @@ from calib.brightness_steps import warning
 from calib.contradictions import settle, unconfirmed
 from calib.features import Features
 from calib.sfm import Model, solve
-from imaging.calibration import Lens
 from imaging.errors import CalibrationError
+from imaging.lens import Lens
 
 from .conftest import silent
 

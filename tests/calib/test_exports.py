@@ -16,13 +16,13 @@ from imaging import lens as optics
 from imaging.calibration import (
     CalibrationRecord,
     CameraCalibration,
-    Lens,
-    Pose,
     Response,
     ViewCalibration,
     read_calibration,
 )
 from imaging.colmap import pycolmap
+from imaging.lens import Lens
+from imaging.pose import Pose
 from imaging.records import CameraRecord
 
 Array = npt.NDArray[np.float64]

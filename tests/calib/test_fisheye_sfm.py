@@ -12,8 +12,8 @@ from calib.features import Features, Key
 from calib.sfm import solve
 from drivers.sim import lens as simulated
 from imaging import lens as optics
-from imaging.calibration import Lens
 from imaging.colmap import pycolmap
+from imaging.lens import Lens
 
 WIDTH, HEIGHT, COUNT = 640, 480, 500
 TRUE = Lens(

@@ -12,7 +12,9 @@ from calib import calibrate as calibrating
 from calib.boards.measure import Measured
 from calib.calibrate import calibrate
 from imaging import store
-from imaging.calibration import BoardEvidence, CalibrationRecord, Lens, LensError, Pose, PoseError
+from imaging.calibration import BoardEvidence, CalibrationRecord, LensError, PoseError
+from imaging.lens import Lens
+from imaging.pose import Pose
 from imaging.records import Board
 
 Array = npt.NDArray[np.float64]

@@ -6,8 +6,8 @@ import pytest
 from calib.features import Features, Pair
 from calib.matching import match
 from calib.sfm import centres, solve
-from imaging.calibration import Lens
 from imaging.errors import CalibrationError
+from imaging.lens import Lens
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 620.0
 GUESS = Lens(

@@ -10,8 +10,8 @@ import pytest
 from calib import spread
 from calib.adjust import Free, adjust, opencv_parameters, set_model
 from calib.jacobian import TERMS, linearise
-from imaging.calibration import LensModel
 from imaging.colmap import pycolmap
+from imaging.lens import LensModel
 
 NOISE = 0.3
 OWN = Free("RADIAL", principal_point=True)

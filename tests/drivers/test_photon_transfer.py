@@ -10,7 +10,7 @@ from drivers.camera import Camera
 from drivers.connected import find_cameras
 from drivers.sim.bus import VirtualBus
 from drivers.sim.camera import SimulatedCamera
-from drivers.sim.device import Device
+from drivers.sim.port import Device
 from drivers.sim.ptp_profiles import profile
 from drivers.sim.ptp_responder import Responder
 from drivers.sim.ptp_usb import PtpDevice

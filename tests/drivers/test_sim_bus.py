@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from drivers.errors import CameraClaimed, CameraLost, CameraPermission, CameraTimeout
 from drivers.sim.bus import Holder, VirtualBus
 from drivers.sim.descriptors import Description, Endpoint, Interface
-from drivers.sim.device import Setup, Stall
 from drivers.sim.packets import Overflow, PacketQueue
-from drivers.sim.port import Port
+from drivers.sim.port import Port, Setup, Stall
 from drivers.sim.virtual_clock import VirtualClock
 from drivers.usb import STILL_IMAGE, UsbPipe, find
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from drivers.sim.lens import parameters, project, unproject
-from imaging.calibration import Lens
+from imaging.lens import Lens
 
 LENSES = [
     Lens(model="PINHOLE", width=320, height=240, fx=320, fy=320, cx=160, cy=120),

@@ -12,7 +12,7 @@ from drivers.sim.mounting import look_at
 from drivers.sim.scene import Builder, Scene
 from drivers.sim.tabletop import TARGET, demo_scene
 from drivers.sim.texture import MOTTLE
-from imaging.calibration import Lens
+from imaging.lens import Lens
 
 GREY = (0.5, 0.4, 0.3)
 LENS = Lens(

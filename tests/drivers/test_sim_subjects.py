@@ -12,11 +12,12 @@ from drivers.sim.lens import project
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.sensor import Sensor
 from drivers.sim.subjects import LIGHT, Subject
-from imaging.calibration import Pose
+from drivers.sim.truth import write_truth
 from imaging.cfa import bilinear
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
+from imaging.pose import Pose
 from imaging.records import SessionRecord, ShotRecord
 from imaging.session import Session
 
@@ -165,7 +166,7 @@ def test_the_truth_tells_which_frames_showed_what(tmp_path: Path) -> None:
                         height=48,
                     )
                 )
-    rig.write_truth(tmp_path)
+    write_truth(rig, tmp_path)
     truth = json.loads((tmp_path / "truth" / "truth.json").read_text())
     assert [entry["frame"] for entry in truth["frames"]] == [0, 2]
     assert sorted(path.name for path in (tmp_path / "truth").iterdir() if path.is_dir()) == ["0000", "0002"]

@@ -9,11 +9,12 @@ import pytest
 from drivers.sim import response
 from drivers.sim.lens import unproject
 from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.truth import pose_of
-from imaging.calibration import Lens, Pose
+from drivers.sim.truth import pose_of, write_truth
 from imaging.exposure import Exposure
 from imaging.exr import read_exr
+from imaging.lens import Lens
 from imaging.mosaic import RawMosaic
+from imaging.pose import Pose
 
 
 def test_poses_survive_as_quaternions() -> None:
@@ -36,7 +37,7 @@ def written(
     rig = simulate("toy", 4, effects=True)
     folder = tmp_path_factory.mktemp("session")
     steps: list[tuple[str, int, int]] = []
-    rig.write_truth(folder, lambda message, done, total: steps.append((message, done, total)))
+    write_truth(rig, folder, lambda message, done, total: steps.append((message, done, total)))
     return rig, folder / "truth", steps
 
 
@@ -105,7 +106,7 @@ def test_the_frames_follow_from_the_truth(
 
 def test_the_response_is_told_and_only_frames_that_were_shot(tmp_path: Path) -> None:
     rig = simulate("toy-ldr", positions=1)
-    rig.write_truth(tmp_path)
+    write_truth(rig, tmp_path)
     truth = json.loads((tmp_path / "truth" / "truth.json").read_text())
     assert [entry["frame"] for entry in truth["frames"]] == [0]
     curve = truth["response"]

@@ -8,8 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from imaging import store
-from imaging.calibration import CalibrationRecord, CameraCalibration, Lens, Pose, Response, read_calibration
+from imaging.calibration import CalibrationRecord, CameraCalibration, Response, read_calibration
 from imaging.errors import InputError
+from imaging.lens import Lens
+from imaging.pose import Pose
 
 RECORD = CalibrationRecord(
     created=datetime(2024, 5, 6),

@@ -8,7 +8,8 @@ from pydantic import ValidationError
 
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.records import CameraRecord, PlanRecord, Rung, SessionRecord, ShotRecord, parse
+from imaging.record import parse
+from imaging.records import CameraRecord, PlanRecord, Rung, SessionRecord, ShotRecord
 
 SESSION: dict[str, Any] = {
     "schema_version": 1,

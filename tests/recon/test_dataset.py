@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from imaging import store
-from imaging.calibration import Lens, Response
+from imaging.calibration import Response
 from imaging.cfa import Cfa, mosaic
 from imaging.dng import write_dng
 from imaging.errors import InputError, ReconstructionError
 from imaging.exr import write_exr
+from imaging.lens import Lens
 from imaging.mosaic import RawMosaic
 from imaging.photo import encode_png
 from imaging.session import Session

@@ -6,8 +6,9 @@ import torch
 from recon.appearance import LuminanceChromaticity
 from recon.density import Density, DensityRules, rotate
 from recon.gaussians import GEOMETRY, Gaussians
-from recon.method import Light, Method
+from recon.method import Method
 from recon.observation import LinearLight
+from recon.radiance import Light
 from recon.splat import SplatStats
 from recon.trainer import Training
 

@@ -8,10 +8,10 @@ from recon.density import DensityRules
 from recon.haste import USUAL, haste
 from recon.live_curve import held_out_db
 from recon.methods import METHODS
-from recon.model import Settings
 from recon.radiance import light_of, radiance_image
 from recon.ranks import Ranks
 from recon.refinement import RATES, Refinement
+from recon.settings import Settings
 from recon.start import gaussians_at, start_points
 from recon.trainer import Plan, Training, train
 

@@ -8,8 +8,8 @@ import pytest
 from imaging.calibration import PoseError
 from imaging.records import Rung
 from recon.dataset import load
-from recon.model import Settings
 from recon.refinement_ladder import decided, pose_error_px, tried
+from recon.settings import Settings
 
 
 def settings(**changed) -> Settings:

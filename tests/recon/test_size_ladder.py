@@ -13,7 +13,7 @@ from imaging import store
 from recon.dataset import load
 from recon.directions import Gains
 from recon.fixed import Fixed
-from recon.model import Settings, read_model
+from recon.model import read_model
 from recon.ply import most_gaussians
 from recon.presets import QUALITIES, Quality
 from recon.radiance import radiance_image
@@ -21,6 +21,7 @@ from recon.ranks import Ranks
 from recon.reconstruct import reconstruct
 from recon.refinement import Refinement
 from recon.scene import open_model
+from recon.settings import Settings
 from recon.size_ladder import (
     COLOUR,
     COUNT,

@@ -9,8 +9,9 @@ import pytest
 
 from drivers.sim.truth import pose_of
 from imaging import metrics, store
-from imaging.calibration import Pose, read_calibration
+from imaging.calibration import read_calibration
 from imaging.exr import write_exr
+from imaging.pose import Pose
 from recon.truth import calibration_errors, has_truth, response_rmse, true_radiance
 
 

@@ -10,16 +10,11 @@ import numpy as np
 import pytest
 
 from imaging import store
-from imaging.calibration import (
-    CalibrationRecord,
-    CameraCalibration,
-    Lens,
-    Pose,
-    Response,
-    ViewCalibration,
-)
+from imaging.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.exposure import Exposure
+from imaging.lens import Lens
 from imaging.noise import SensorNoise
+from imaging.pose import Pose
 from imaging.records import Rung
 
 

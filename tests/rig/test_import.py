@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from imaging import store
-from imaging.calibration import Lens, Pose, read_calibration
+from imaging.calibration import read_calibration
+from imaging.lens import Lens
+from imaging.pose import Pose
 from imaging.session import Session
 
 from .pages import Page, assert_self_contained

@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from imaging.calibration import Lens, read_calibration
-from imaging.lens import fisheye_angle
+from imaging.calibration import read_calibration
+from imaging.lens import Lens, fisheye_angle
 from rig.report.calibrated import _across
 from rig.report.lens_charts import field, heat_map, lens_topic
 from rig.report.residuals import CameraResiduals, Residuals, read_residuals

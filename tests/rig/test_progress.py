@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import pytest
 
 from rig.live import live_meter
-from rig.progress import PlainMeter, Position, metering
+from rig.position import Position
+from rig.progress import PlainMeter, metering
 
 
 @dataclass

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging.calibration import BoardEvidence, BoardPlace, CalibrationRecord, Pose, read_calibration
+from imaging.calibration import BoardEvidence, BoardPlace, CalibrationRecord, read_calibration
+from imaging.pose import Pose
 from imaging.records import Board
 from rig.report.board_view import board_figures
 from rig.report.calibration_page import calibration_report

@@ -13,7 +13,7 @@ from calib.boards.start import begin
 from calib.features import Key
 from calib.fisheye import may_be_fisheye, nearest_terms
 from calib.known_rig import camera_of
-from imaging.calibration import Lens
+from imaging.lens import Lens
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of
 
 

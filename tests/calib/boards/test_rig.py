@@ -10,8 +10,8 @@ from calib.boards.measure import DISAGREE, places_of, solve_group
 from calib.boards.start import begin
 from calib.features import Key
 from drivers.sim.lens import project
-from imaging.calibration import Lens
 from imaging.errors import CalibrationError
+from imaging.lens import Lens
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of
 
 Array = npt.NDArray[np.float64]

@@ -10,6 +10,7 @@ import pytest
 from calib.calibrate import calibrate
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.subjects import Subject
+from drivers.sim.truth import write_truth
 from imaging import store
 from imaging.calibration import CalibrationRecord, read_calibration
 from imaging.dng import write_dng
@@ -72,7 +73,7 @@ def dark_and_flat(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Calib
     shooting = Shooting(folder, rig())
     shooting.shoot("dark", exposures((1 / 1000, 4.0)), 8)
     shooting.shoot("flat", exposures(FLATS), 5)
-    shooting.rig.write_truth(folder)
+    write_truth(shooting.rig, folder)
     return folder, calibrate(folder, only="sensor")
 
 

@@ -9,8 +9,7 @@ from drivers.ptp.codec import Command, Data, Header, Response, parse
 from drivers.ptp.codes import Operation, ResponseCode
 from drivers.sim.bus import VirtualBus
 from drivers.sim.descriptors import Description, Endpoint, Interface
-from drivers.sim.device import Setup, Stall
-from drivers.sim.port import Port
+from drivers.sim.port import Port, Setup, Stall
 from drivers.sim.virtual_clock import VirtualClock
 from drivers.usb import STILL_IMAGE, UsbPipe, find
 

@@ -17,8 +17,7 @@ from drivers.ptp.session import Download, PtpSession
 from drivers.ptp.transport import Transport
 from drivers.sim.bus import VirtualBus
 from drivers.sim.descriptors import Description, Endpoint, Interface
-from drivers.sim.device import Setup, Stall
-from drivers.sim.port import Port
+from drivers.sim.port import Port, Setup, Stall
 from drivers.sim.virtual_clock import VirtualClock
 from drivers.usb import STILL_IMAGE, find
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
 from drivers.sim.bus import VirtualBus
 from drivers.sim.descriptors import Description, Endpoint, Interface
-from drivers.sim.device import Setup, Stall
-from drivers.sim.port import Port
+from drivers.sim.port import Port, Setup, Stall
 from drivers.sim.virtual_clock import VirtualClock
 from drivers.u3v import gencp
 from drivers.u3v.control import ControlChannel

@@ -11,8 +11,8 @@ from recon.appearance import LuminanceChromaticity
 from recon.density import Density, DensityRules
 from recon.gaussians import Gaussians
 from recon.losses import Photometric, mu_law
-from recon.method import Light
 from recon.observation import LIGHT_MU
+from recon.radiance import Light
 from recon.splat import SplatStats, rasterize
 
 

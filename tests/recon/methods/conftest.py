@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pytest
 
 from drivers.sim.rigs import SimulatedRig, simulate
+from drivers.sim.truth import write_truth
 from imaging import metrics, store
 from imaging.cfa import Cfa
 from imaging.dng import write_dng
@@ -99,7 +100,7 @@ def shoot(rig: SimulatedRig, folder: Path) -> None:
                         height=height,
                     )
                 )
-    rig.write_truth(folder)
+    write_truth(rig, folder)
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,9 @@ import pytest
 import torch
 
 from imaging import lens as optics
-from imaging.calibration import Lens, Pose
 from imaging.errors import ReconstructionError
+from imaging.lens import Lens
+from imaging.pose import Pose
 from recon import lanes
 from recon.jit import kernel
 from recon.splat import Limits, SplatCamera, rasterize

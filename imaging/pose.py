@@ -1,0 +1,25 @@
+"""Rigid motions: where a camera, a rig or a board stands."""
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.record import Record
+
+
+class Pose(Record):
+    """A rigid motion `x_to = R(quaternion) x_from + translation`; quaternion wxyz, unit."""
+
+    quaternion: tuple[float, float, float, float]
+    translation: tuple[float, float, float]
+
+    def matrix(self) -> npt.NDArray[np.float64]:
+        """The motion as float64 [4, 4]."""
+        w, x, y, z = np.array(self.quaternion) / np.linalg.norm(self.quaternion)
+        motion = np.eye(4)
+        motion[:3, :3] = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+        motion[:3, 3] = self.translation
+        return motion
