@@ -7,14 +7,16 @@ from math import degrees, hypot
 from statistics import median
 from typing import Literal
 
-from calib import sensors, sfm, vignetting
 from calib.boards.measure import Measured
-from calib.features import Key
-from calib.radiometry import Light
-from calib.sensors import Sensor
-from calib.views import View
-from imaging import store
-from imaging.calibration import (
+from calib.data.features import Key
+from calib.data.views import View
+from calib.light import vignetting
+from calib.light.radiometry import Light
+from calib.poses import sfm
+from calib.sensor import metadata
+from calib.sensor.metadata import Sensor
+from imaging.files import store
+from imaging.session.calibration import (
     CalibrationRecord,
     CameraCalibration,
     LensError,
@@ -22,8 +24,8 @@ from imaging.calibration import (
     Response,
     ViewCalibration,
 )
-from imaging.records import Rung
-from imaging.session import Session
+from imaging.session.records import Rung
+from imaging.session.session import Session
 
 
 def assemble(
@@ -79,7 +81,7 @@ def assemble(
         cameras.append(blank.model_copy(update=update))
     poses = {} if model is None else model.poses
     raw = {name: own for name, own in found.items() if session.camera(name).kind == "raw"}
-    rungs: tuple[Rung, ...] = (*sensors.rungs(raw), *light.rungs)
+    rungs: tuple[Rung, ...] = (*metadata.rungs(raw), *light.rungs)
     if model is not None and falloff is not None:
         rungs = (*rungs, *model.rungs, *falloff.rungs)
     if board is not None:

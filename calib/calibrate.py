@@ -6,32 +6,31 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from calib import pictures, radiometry, sensors, sfm, tracks, vignetting
 from calib.assemble import assemble
 from calib.boards.measure import Measured as MeasuredBoard
 from calib.boards.measure import measure as measure_board
-from calib.by_rig import place
 from calib.colour.measure import Charts, measure_charts
 from calib.colour.recorded import CHART_RUNGS, balance, charts_of, rebalanced, with_balance, with_charts
-from calib.features import Key
-from calib.known_rig import Known
-from calib.looks import Look, look
-from calib.output import write_calibration
-from calib.radiometry import Light
-from calib.response import RUNGS
+from calib.data.features import Key
+from calib.data.views import Progress, View, scene_views
+from calib.exports import pictures
+from calib.exports.output import write_calibration
+from calib.light import radiometry, tracks, vignetting
+from calib.light.radiometry import Light
+from calib.light.response import RUNGS
+from calib.poses import sfm
+from calib.poses.known_rig import Known
+from calib.poses.rig_placement import place
+from calib.sensor import metadata
 from calib.sensor.measure import Sensors, measure
+from calib.sensor.metadata import Sensor
 from calib.sensor.rungs import NAMES
-from calib.sensors import Sensor
-from calib.views import Progress, View, scene_views
-from imaging import store
-from imaging.calibration import (
-    CalibrationRecord,
-    is_stale,
-    read_calibration,
-)
+from calib.view_images import Look, look
 from imaging.errors import CalibrationError, InputError, PartialError
-from imaging.records import Board, ShotRecord
-from imaging.session import Session
+from imaging.files import store
+from imaging.session.calibration import CalibrationRecord, is_stale, read_calibration
+from imaging.session.records import Board, ShotRecord
+from imaging.session.session import Session
 
 Part = Literal["sensor", "response", "colour", "poses"]
 
@@ -139,9 +138,9 @@ def _sensors(session: Session, views: Sequence[View], measured: Mapping[str, Sen
         first.setdefault(shot.camera, shot)
     found = {}
     for name, shot in first.items():
-        sensor = sensors.describe(session, session.camera(name), shot)
+        sensor = metadata.describe(session, session.camera(name), shot)
         iso = None if shot.exposure is None else shot.exposure.iso
-        found[name] = sensors.with_measured(sensor, measured.get(name, Sensors()), iso)
+        found[name] = metadata.with_measured(sensor, measured.get(name, Sensors()), iso)
     return found
 
 

@@ -8,13 +8,13 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from calib.light.vignetting import Tracks, estimate
 from calib.sensor.photon_transfer import Points, fit
-from calib.vignetting import Tracks, estimate
-from imaging.extreme import Extreme
+from imaging.extreme_case import Extreme
 from imaging.lens import Lens, project, rays
-from imaging.linear import LinearFrame, SensorSignalNoise
-from imaging.merge import merge_bracket
-from imaging.ratios import overlap, ratio
+from imaging.merge.bracket import merge_bracket
+from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
+from imaging.merge.ratios import overlap, ratio
 
 Array = npt.NDArray[np.float64]
 

@@ -6,19 +6,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from capture.choices import common_isos
-from capture.planner import Wanted
-from capture.recorder import CaptureResult, Progress
-from capture.rigfile import RigFile
-from capture.shooting import Rehearsal, Say, nothing_beside, rehearse, shoot
-from capture.source import Hands, Request, Source, Stops, Subject
+from capture.bracket.exposure_choices import common_isos
+from capture.bracket.planner import Wanted
+from capture.record.recorder import CaptureResult, Progress
+from capture.record.shooting import Rehearsal, Say, nothing_beside, rehearse, shoot
+from capture.record.source import Hands, Request, Source, Stops, Subject
+from capture.rigfile.rigfile import RigFile
 from drivers.camera import Camera, CameraIdentity
 from drivers.clock import Clock, SystemClock
-from drivers.connected import find_cameras
+from drivers.discovery import find_cameras
 from drivers.usb import default_backend
-from imaging.dng import Compression
 from imaging.errors import CameraError, CaptureError, InputError
-from imaging.records import CameraRecord
+from imaging.files.dng import Compression
+from imaging.session.records import CameraRecord
 
 
 class Unattended:
@@ -89,7 +89,7 @@ def capture_rig(
 def _require_board(rig: RigFile, kind: Subject) -> None:
     """InputError where a board is to be shown that nothing describes: no calibration could use the shots."""
     if kind == "board" and rig.tables.board is None:
-        from capture.initial import EXAMPLE  # a board takes OpenCV, which takes a while to load
+        from capture.rigfile.template import EXAMPLE  # a board takes OpenCV, which takes a while to load
 
         example = ", ".join(f"{key} = {json.dumps(value)}" for key, value in EXAMPLE.model_dump().items())
         raise InputError(

@@ -6,19 +6,19 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
-from capture.planner import Wanted
-from capture.recorder import CaptureResult, Progress, finished, slots
-from capture.shooting import Rehearsal, Say, rehearse, shoot
-from capture.source import Request, Source, Stops, Subject
+from capture.bracket.planner import Wanted
+from capture.record.recorder import CaptureResult, Progress, finished, slots
+from capture.record.shooting import Rehearsal, Say, rehearse, shoot
+from capture.record.source import Request, Source, Stops, Subject
+from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Mix
-from drivers.sim.on_bus import BusRig
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import write_truth
-from imaging import store
-from imaging.dng import Compression
 from imaging.errors import InputError, PartialError, StorageError
-from imaging.records import Board, PlanRecord
-from imaging.session import Session
+from imaging.files import store
+from imaging.files.dng import Compression
+from imaging.session.records import Board, PlanRecord
+from imaging.session.session import Session
 
 
 def capture_simulated(

@@ -9,18 +9,19 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from imaging import metrics, store
-from recon.dataset import FEWEST_FOR_HOLDOUT
-from recon.mixed import Mixed
-from recon.model import SPLATS, read_model
+from imaging import metrics
+from imaging.files import store
+from recon.data.dataset import FEWEST_FOR_HOLDOUT
+from recon.data.pixels import Progress, Shot
+from recon.data.tone import encode
+from recon.data.truth import calibration_errors, has_truth, response_rmse, true_radiance
+from recon.observe.mixed import Mixed
+from recon.observe.photographs import ToneCurve
+from recon.observe.recorded import as_recorded, shot_psnr
 from recon.perceptual import compare_pictures
-from recon.photographs import ToneCurve
-from recon.pixels import Progress, Shot
-from recon.recorded import as_recorded, shot_psnr
-from recon.renders import render
-from recon.scene import Opened, open_model
-from recon.tone import encode
-from recon.truth import calibration_errors, has_truth, response_rmse, true_radiance
+from recon.render import render
+from recon.result.model import SPLATS, read_model
+from recon.result.scene import Opened, open_model
 
 __all__ = ["evaluate", "render"]
 
@@ -40,13 +41,13 @@ def evaluate(folder: str | Path, progress: Progress | None = None) -> dict[str, 
     """Evaluate SESSION/reconstructions/NAME: the metrics, which metrics.json has too.
 
     renders/ and references/ hold the pictures that are compared (`recon.perceptual`).
-    What the names mean is said in `rig.report.measures`. Figures against truth use one peak, the truth's
-    maximum over the held-out views, and `_aligned` ones a single scale for all of them; PSNRs are means over
-    views, stops_median and relative_error_by_decade (of aligned radiance) pool their values. `views` has the
-    same per view.
-    `measured_on` says whether the views are test views, which nothing was chosen by, or the validation view
-    that the training was ended by, where that is the only one; `held_out` and `validation` name both kinds.
-    Below four views nothing is held out: the result says so and has no such figures.
+    What the names mean is said in `rig.report.sections.measures`. Figures against truth use one peak, the
+    truth's maximum over the held-out views, and `_aligned` ones a single scale for all of them; PSNRs are
+    means over views, stops_median and relative_error_by_decade (of aligned radiance) pool their values.
+    `views` has the same per view. `measured_on` says whether the views are test views, which nothing was
+    chosen by, or the validation view that the training was ended by, where that is the only one; `held_out`
+    and `validation` name both kinds. Below four views nothing is held out: the result says so and has no such
+    figures.
     """
     folder = Path(folder)
     read_model(folder)

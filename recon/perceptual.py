@@ -15,16 +15,16 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from imaging import store
 from imaging.colour import srgb_decode
 from imaging.colour_difference import delta_e
-from imaging.exr import write_exr
-from imaging.photo import encode_png
-from recon.dataset import View
-from recon.display import displayed
-from recon.pixels import Progress
-from recon.renders import attributes, stem
-from recon.scene import Opened
+from imaging.files import store
+from imaging.files.exr import write_exr
+from imaging.files.photo import encode_png
+from recon.data.dataset import View
+from recon.data.pixels import Progress
+from recon.render import attributes, stem
+from recon.result.display import displayed
+from recon.result.scene import Opened
 
 Float = npt.NDArray[np.float32]
 Codes = npt.NDArray[np.uint8]

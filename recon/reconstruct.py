@@ -9,37 +9,37 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
-from imaging import store
 from imaging.errors import InputError, ReconstructionError
-from imaging.records import Rung
-from recon.budget import Budget
-from recon.checkpoint import Checkpoint, write_checkpoint
-from recon.countdown import Countdown
-from recon.dataset import Dataset, load
-from recon.device import training_device
-from recon.finish import write_scene
-from recon.fixed import Fixed
-from recon.interrupt import Interrupted
-from recon.ladder import chosen_method, rungs
+from imaging.files import store
+from imaging.session.records import Rung
+from recon.data.dataset import Dataset, load
+from recon.data.light import light_of, radiance_image
+from recon.data.pixels import Progress
+from recon.decide.budget import Budget
+from recon.decide.corrections import refinement_for
+from recon.decide.countdown import Countdown
+from recon.decide.method_choice import chosen_method, rungs
+from recon.decide.overrides import Fixed
+from recon.decide.prediction import Prediction, enough, predicted
+from recon.decide.presets import QUALITIES, START_SHARE, Quality, QualityName
+from recon.decide.probe import FEWEST, has_time_for_trials, probe
+from recon.decide.settings import Settings
+from recon.decide.size import degree_for, fewer, most_for, size_for
+from recon.decide.trials import no_trial
 from recon.methods import hdr_gs, nh_3dgs
-from recon.model import CHECKPOINT, LOG, MODEL, REFINEMENT
-from recon.pixels import Progress
-from recon.place import default_name, place_for
-from recon.prediction import Prediction, enough, predicted
-from recon.presets import QUALITIES, START_SHARE, Quality, QualityName
-from recon.probe import FEWEST, has_time_for_trials, probe
-from recon.radiance import light_of, radiance_image
-from recon.ranks import Ranks, joined
-from recon.refinement import Refinement
-from recon.refinement_ladder import refinement_for
-from recon.settings import Settings
-from recon.size_ladder import degree_for, fewer, most_for, size_for
+from recon.observe.refinement import Refinement
+from recon.result.model import CHECKPOINT, LOG, MODEL, REFINEMENT
+from recon.result.place import default_name, place_for
+from recon.result.save import write_scene
+from recon.scene.checkpoint import Checkpoint, write_checkpoint
 from recon.splat import SplatStats
-from recon.start import gaussians_at, start_points
-from recon.steering import Deadline, EarlyStop, Goal
-from recon.trainer import Steer, Training, train
-from recon.trials import no_trial
-from recon.warm_up import warm_up
+from recon.train.device import training_device
+from recon.train.early_stopping import Deadline, EarlyStop, Goal
+from recon.train.initialisation import gaussians_at, start_points
+from recon.train.interrupt import Interrupted
+from recon.train.ranks import Ranks, joined
+from recon.train.trainer import Steer, Training, train
+from recon.train.warm_up import warm_up
 
 __all__ = ["QUALITIES", "START_SHARE", "MethodName", "Quality", "QualityName", "reconstruct"]
 
@@ -69,12 +69,12 @@ def reconstruct(
     budget: seconds, or a `Budget`, or what `Budget.parse` reads. A time is that from the call to the return,
     or what `countdown` says, whose time began before or ends later. The whole schedule is made shorter if the
     preset's iterations do not fit at the speed measured at the start, and again on the way if that was
-    misjudged. What else has no room is left out as `recon.countdown` says; where 50 iterations do not fit it
-    ends with an InputError that says how long would do. fixed: what is not to be as the preset and the method
-    have it. early_stop: train no longer than was worth it for other scenes, and end when held-out quality
-    stands still. name: None names method, quality and budget (`default_name`). tell: hears what is predicted
-    of a training with a budget, and what is left out. With early_stop or a budget in dB some of the held-out
-    views are for that alone (`Dataset.with_validation`).
+    misjudged. What else has no room is left out as `recon.decide.countdown` says; where 50 iterations do not
+    fit it ends with an InputError that says how long would do. fixed: what is not to be as the preset and the
+    method have it. early_stop: train no longer than was worth it for other scenes, and end when held-out
+    quality stands still. name: None names method, quality and budget (`default_name`). tell: hears what is
+    predicted of a training with a budget, and what is left out. With early_stop or a budget in dB some of the
+    held-out views are for that alone (`Dataset.with_validation`).
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
     called again with the same settings (with a time to keep, as fast as the machine then is); a finished

@@ -18,30 +18,30 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from calib.calibrate import calibrate
-    from capture.check import check, repair
+    from calib.exports.merge_session import merge_session
+    from capture.check.check import check, repair
     from capture.connected_rig import capture_rig
-    from capture.photos import import_photos
-    from capture.rigfile import read_rig_file
+    from capture.imports.photos import import_photos
+    from capture.rigfile.rigfile import read_rig_file
     from capture.simulated import capture_simulated
-    from imaging.calibration import read_calibration
-    from imaging.dng import write_dng
     from imaging.errors import InputError, PartialError, RigError, StorageError
     from imaging.exposure import Exposure
-    from imaging.exr import read_exr, write_exr
-    from imaging.merging import merge_session
+    from imaging.files.dng import write_dng
+    from imaging.files.exr import read_exr, write_exr
+    from imaging.files.photo import read_photo
+    from imaging.files.raw import read_raw
     from imaging.mosaic import RawMosaic
-    from imaging.photo import read_photo
-    from imaging.raw import read_raw
-    from imaging.session import Session
+    from imaging.session.calibration import read_calibration
+    from imaging.session.session import Session
     from recon.evaluate import evaluate
     from recon.reconstruct import reconstruct
-    from recon.renders import render
-    from recon.scene import Scene, open_scene
+    from recon.render import render
+    from recon.result.scene import Scene, open_scene
     from recon.splat import SplatCamera
     from recon.trade import sweep
-    from rig.report.calibration_page import calibration_report
-    from rig.report.reconstruction_page import reconstruction_report
-    from rig.report.trade_page import trade_report
+    from rig.report.pages.calibration import calibration_report
+    from rig.report.pages.reconstruction import reconstruction_report
+    from rig.report.pages.trade import trade_report
 
 __all__ = [
     "Exposure",
@@ -83,32 +83,32 @@ _HOMES = {
     "PartialError": "imaging.errors",
     "RawMosaic": "imaging.mosaic",
     "RigError": "imaging.errors",
-    "Scene": "recon.scene",
-    "Session": "imaging.session",
+    "Scene": "recon.result.scene",
+    "Session": "imaging.session.session",
     "SplatCamera": "recon.splat",
     "StorageError": "imaging.errors",
     "calibrate": "calib.calibrate",
-    "calibration_report": "rig.report.calibration_page",
+    "calibration_report": "rig.report.pages.calibration",
     "capture_rig": "capture.connected_rig",
     "capture_simulated": "capture.simulated",
-    "check": "capture.check",
+    "check": "capture.check.check",
     "evaluate": "recon.evaluate",
-    "import_photos": "capture.photos",
-    "merge_session": "imaging.merging",
-    "open_scene": "recon.scene",
-    "read_calibration": "imaging.calibration",
-    "read_exr": "imaging.exr",
-    "read_photo": "imaging.photo",
-    "read_raw": "imaging.raw",
-    "read_rig_file": "capture.rigfile",
+    "import_photos": "capture.imports.photos",
+    "merge_session": "calib.exports.merge_session",
+    "open_scene": "recon.result.scene",
+    "read_calibration": "imaging.session.calibration",
+    "read_exr": "imaging.files.exr",
+    "read_photo": "imaging.files.photo",
+    "read_raw": "imaging.files.raw",
+    "read_rig_file": "capture.rigfile.rigfile",
     "reconstruct": "recon.reconstruct",
-    "reconstruction_report": "rig.report.reconstruction_page",
-    "render": "recon.renders",
-    "repair": "capture.check",
+    "reconstruction_report": "rig.report.pages.reconstruction",
+    "render": "recon.render",
+    "repair": "capture.check.check",
     "sweep": "recon.trade",
-    "trade_report": "rig.report.trade_page",
-    "write_dng": "imaging.dng",
-    "write_exr": "imaging.exr",
+    "trade_report": "rig.report.pages.trade",
+    "write_dng": "imaging.files.dng",
+    "write_exr": "imaging.files.exr",
 }
 
 

@@ -8,9 +8,9 @@ import typer
 
 from rig.cli import app
 from rig.enter import count_from
-from rig.failures import STOPPED, explained
-from rig.running import Outcome, deliver, print_json
-from rig.streams import debugging
+from rig.terminal.failures import STOPPED, explained
+from rig.terminal.outcome import Outcome, deliver, print_json
+from rig.terminal.streams import debugging
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from capture.rigfile import RigFile
-    from capture.source import Hands
+    from capture.record.source import Hands
+    from capture.rigfile.rigfile import RigFile
     from drivers.clock import Clock
     from drivers.sim.rigs import SimulatedRig
-    from rig.progress import Meter
+    from rig.terminal.progress import Meter
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ def bus_of(sim: str | None, seed: int = 0, *, rough: bool = False) -> Bus:
         from drivers.usb import default_backend
 
         return Bus(default_backend(), SystemClock())
+    from drivers.sim.bus_rig import BusRig
     from drivers.sim.faults import ROUGH
-    from drivers.sim.on_bus import BusRig
     from drivers.sim.rigs import simulate
 
     rig = simulate(sim, seed)
@@ -42,6 +42,6 @@ def hands_at(bus: Bus, rig: RigFile, meter: Meter) -> Hands:
     """Who moves things before the cameras: the simulator, or whoever gave the command."""
     if bus.rig is not None:
         return bus.rig
-    from rig.person import Person
+    from rig.terminal.operator import Person
 
     return Person(meter.say, rig.tables.pause, bus.clock)

@@ -22,7 +22,7 @@ from rig.commands import (
     simulate,
     trade,
 )
-from rig.running import Outcome
+from rig.terminal.outcome import Outcome
 
 EXIT_CODES = (
     "Exit codes: 0 done; 1 a defect of rig; 2 the input or the usage is at fault, nothing usable came out; "

@@ -2,15 +2,15 @@
 
 from collections.abc import Iterator
 
-from imaging.extreme import Extreme
-from rig.progress import Progress, unreported
+from imaging.extreme_case import Extreme
+from rig.terminal.progress import Progress, unreported
 
 
 def extremes(quick: bool, seed: int = 0, progress: Progress = unreported) -> Iterator[Extreme]:
     """Calibration, splatting, methods; quick: with smaller pictures."""
     from calib.stability import calibration
     from recon.stability import methods, splatting
-    from recon.warm_up import warm_up
+    from recon.train.warm_up import warm_up
 
     warm_up(progress)
     progress("calibration", 0, 0)

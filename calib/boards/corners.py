@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calib.features import Key
-from calib.views import Progress
+from calib.data.features import Key
+from calib.data.views import Progress
 from imaging.errors import CalibrationError
-from imaging.records import Board
+from imaging.session.records import Board
 
 Picture = npt.NDArray[np.uint8]
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from calib.adjust import Free
 from calib.boards.corners import Corners
 from calib.boards.rig import Solved, solve
-from calib.features import Key
-from calib.fisheye import may_be_fisheye
-from calib.views import Progress
-from imaging.records import Board, Rung
+from calib.data.features import Key
+from calib.data.views import Progress
+from calib.poses.bundle_adjustment import Free
+from calib.poses.fisheye import may_be_fisheye
+from imaging.session.records import Board, Rung
 
 FOLDS = 4
 FEWEST_FRAMES = 8

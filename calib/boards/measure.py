@@ -8,18 +8,18 @@ import numpy as np
 
 from calib.boards import ladder, rig, start, uncertainty
 from calib.boards.corners import Corners, Picture, find_all
-from calib.features import Key
-from calib.previews import luminance
-from calib.sfm import pose_of
-from calib.views import Progress, View, read_view, views_of
-from imaging.calibration import BoardEvidence, BoardPlace, LensError, PoseError, Response
-from imaging.colmap import pycolmap
+from calib.data.features import Key
+from calib.data.previews import luminance
+from calib.data.views import Progress, View, read_view, views_of
+from calib.poses.sfm import pose_of
 from imaging.errors import CalibrationError
+from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
-from imaging.merge import merge_bracket
+from imaging.merge.bracket import merge_bracket
 from imaging.pose import Pose
-from imaging.records import Board, Rung
-from imaging.session import Session
+from imaging.session.calibration import BoardEvidence, BoardPlace, LensError, PoseError, Response
+from imaging.session.records import Board, Rung
+from imaging.session.session import Session
 
 EXAMPLE = "7x5,square=150mm,marker=112.5mm,DICT_4X4_50"
 """The board that simulated cameras see, as the command line describes it."""

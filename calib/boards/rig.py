@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.adjust import Free, lens_of, opencv_parameters, set_model
 from calib.boards.corners import Corners
 from calib.boards.start import Start
-from calib.features import Key, image_name
-from calib.known_rig import camera_of
-from imaging.colmap import pycolmap
+from calib.data.features import Key, image_name
+from calib.poses.bundle_adjustment import Free, lens_of, opencv_parameters, set_model
+from calib.poses.known_rig import camera_of
 from imaging.errors import CalibrationError
+from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
-from imaging.records import Board
+from imaging.session.records import Board
 
 Array = npt.NDArray[np.float64]
 

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.boards.corners import Corners
-from calib.features import Key
+from calib.data.features import Key
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
-from imaging.records import Board
+from imaging.session.records import Board
 
 Array = npt.NDArray[np.float64]
 

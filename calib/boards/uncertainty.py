@@ -12,16 +12,16 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calib.adjust import Free
 from calib.boards.corners import Corners
 from calib.boards.ladder import richest
 from calib.boards.rig import Solved, solve
-from calib.features import Key
-from calib.views import Progress
+from calib.data.features import Key
+from calib.data.views import Progress
+from calib.poses.bundle_adjustment import Free
 from imaging import lens as optics
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
-from imaging.records import Board
+from imaging.session.records import Board
 
 Array = npt.NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from calib.colour.reference import COLUMNS, NEUTRAL, PATCHES, chart
 from imaging.cfa import Cfa
 from imaging.colour import srgb_encode
 from imaging.colour_difference import delta_e
-from imaging.merge import Merged
+from imaging.merge.bracket import Merged
 
 Array = npt.NDArray[np.float64]
 

@@ -12,16 +12,16 @@ import numpy.typing as npt
 from calib.colour.chart import NO_FALLOFF, Found, Missed, best, half, locate
 from calib.colour.fit import Fit, Model, Patches, fit, held_out, of_camera
 from calib.colour.reference import EDITION, chart
-from calib.radiometry import Light
-from calib.sensors import Sensor
-from calib.views import Progress, View, read_view
-from imaging.calibration import CalibrationRecord, ChartEvidence, ChartPatch
+from calib.data.views import Progress, View, read_view
+from calib.light.radiometry import Light
+from calib.sensor.metadata import Sensor
 from imaging.errors import CalibrationError
-from imaging.linear import read_linear
-from imaging.merge import merge_bracket
+from imaging.merge.bracket import merge_bracket
+from imaging.merge.linear_frame import read_linear
 from imaging.mosaic import Matrix, as_matrix
-from imaging.records import Rung
-from imaging.session import Session
+from imaging.session.calibration import CalibrationRecord, ChartEvidence, ChartPatch
+from imaging.session.records import Rung
+from imaging.session.session import Session
 
 Array = npt.NDArray[np.float64]
 

@@ -7,14 +7,14 @@ import numpy.typing as npt
 
 from calib.colour.measure import Charts
 from calib.colour.white_balance import Balance, Sights, estimate, folded
-from calib.features import Key
-from calib.sensors import Sensor
-from calib.sfm import Model
-from calib.tracks import tracks_of
-from calib.vignetting import DARKEST, Falloff
-from imaging.calibration import CalibrationRecord, CameraCalibration
+from calib.data.features import Key
+from calib.light.tracks import tracks_of
+from calib.light.vignetting import DARKEST, Falloff
+from calib.poses.sfm import Model
+from calib.sensor.metadata import Sensor
 from imaging.mosaic import Matrix, as_matrix
-from imaging.records import Rung
+from imaging.session.calibration import CalibrationRecord, CameraCalibration
+from imaging.session.records import Rung
 
 Array = npt.NDArray[np.float64]
 

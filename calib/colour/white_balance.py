@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from imaging.records import Rung
+from imaging.session.records import Rung
 
 Array = npt.NDArray[np.float64]
 Int = npt.NDArray[np.int64]

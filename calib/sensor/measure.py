@@ -7,21 +7,21 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from calib.data.views import Progress, View
 from calib.sensor import brackets, emva
 from calib.sensor.brackets import Blind
 from calib.sensor.emva import Frames, Nominal
 from calib.sensor.flats import Falloff
 from calib.sensor.linearity import straightness
 from calib.sensor.stack import Stack, gather
-from calib.views import Progress, View
-from imaging.dials import meant
+from imaging.dial_settings import meant
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.mask import mask_of
-from imaging.raw import read_raw
-from imaging.records import CameraRecord, ShotRecord
+from imaging.files.raw import read_raw
+from imaging.merge.masks import mask_of
 from imaging.sensor import Measured, SensorCalibration
-from imaging.session import Session
+from imaging.session.records import CameraRecord, ShotRecord
+from imaging.session.session import Session
 
 VIEWS = 6
 """Views of a camera that its sensor is measured from where there are no darks and flats."""

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Literal
 
 from calib.sensor.measure import Sensors
-from imaging.records import Rung
 from imaging.sensor import Measured, SensorCalibration
+from imaging.session.records import Rung
 
 Field = Literal["gain", "read_noise", "prnu", "dsnu", "dark_current"]
 

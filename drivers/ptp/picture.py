@@ -7,7 +7,7 @@ from drivers.camera import EncodedPhoto
 from drivers.errors import CameraProtocol
 from drivers.ptp.codes import FormatCode
 from drivers.ptp.session import Download
-from imaging import photo, raw
+from imaging.files import photo, raw
 from imaging.mosaic import RawMosaic
 
 _SUFFIXES = {

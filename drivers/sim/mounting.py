@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from drivers.sim.optics import Optics
+from drivers.sim.camera.optics import Optics
+from drivers.sim.scene.tabletop import TARGET
 from drivers.sim.seeds import generator
-from drivers.sim.tabletop import TARGET
 from imaging.cfa import Cfa
 from imaging.colour import REC709_FROM_XYZ
 from imaging.lens import Lens

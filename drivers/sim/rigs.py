@@ -9,18 +9,18 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.camera import Camera
-from drivers.sim.board import Board, board_from_rig
-from drivers.sim.camera import HEADROOM, MAKE, Body, SimulatedCamera
-from drivers.sim.gallery import gallery_scene
+from drivers.sim.camera.camera import HEADROOM, MAKE, Body, SimulatedCamera
+from drivers.sim.camera.response import Curve
+from drivers.sim.camera.sensor import SensorModel
 from drivers.sim.mounting import LensKind, Mount, mounts, rig_from_world
-from drivers.sim.response import Curve
-from drivers.sim.scene import Scene
-from drivers.sim.sensor import SensorModel
-from drivers.sim.subjects import LIGHT, Subject, grey
-from drivers.sim.tabletop import demo_scene
+from drivers.sim.scene.board import Board, board_from_rig
+from drivers.sim.scene.gallery import gallery_scene
+from drivers.sim.scene.scene import Scene
+from drivers.sim.scene.subjects import LIGHT, Subject, grey
+from drivers.sim.scene.tabletop import demo_scene
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.records import CameraRecord
+from imaging.session.records import CameraRecord
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -169,7 +169,7 @@ class SimulatedRig:
         """What the cameras look at from now on: the scene, nothing, a grey surface, or the board.
 
         dark: the lenses are covered; flat: all that each lens sees has the one radiance
-        `drivers.sim.subjects.LIGHT`; board: it is held anew at every frame. The rig rests for these at
+        `drivers.sim.scene.subjects.LIGHT`; board: it is held anew at every frame. The rig rests for these at
         its first place, and frames have any number, which should be that of one subject only.
         """
         self._subject = self._shown[self._frame] = kind

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drivers.sim import response, shutter
-from drivers.sim.camera import Body, applied_exposure
+from drivers.sim.camera import response, shutter
+from drivers.sim.camera.camera import Body, applied_exposure
+from drivers.sim.camera.sensor import Sensor
 from drivers.sim.rigs import Progress, SimulatedRig
-from drivers.sim.sensor import Sensor
-from drivers.sim.subjects import LIGHT
-from imaging import store
+from drivers.sim.scene.subjects import LIGHT
 from imaging.exposure import Exposure
-from imaging.exr import write_exr
+from imaging.files import store
+from imaging.files.exr import write_exr
 from imaging.pose import Pose
-from imaging.records import ShotRecord
-from imaging.session import Session
+from imaging.session.records import ShotRecord
+from imaging.session.session import Session
 
 
 def pose_of(motion: npt.NDArray[np.float64]) -> Pose:

@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from drivers.compiling import compiled
 from drivers.errors import CameraProtocol, CameraRefused
 from imaging.cfa import Cfa
+from imaging.compute.jit import compiled
 
 Bytes = npt.NDArray[np.uint8]
 Image = npt.NDArray[np.uint16]

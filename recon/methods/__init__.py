@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from recon.appearance import Appearance
-from recon.dataset import Dataset
-from recon.method import Method
+from recon.data.dataset import Dataset
+from recon.data.light import Light
 from recon.methods import hdr_gs, nh_3dgs, vanilla
-from recon.radiance import Light
+from recon.methods.method import Method
+from recon.scene.appearance import Appearance
 
 METHODS: dict[str, Callable[[Dataset, Light], Method]] = {
     nh_3dgs.NAME: nh_3dgs.compose,

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-from recon.appearance import LuminanceChromaticity
-from recon.dataset import Dataset
-from recon.method import Method
-from recon.photographs import tone_curve
-from recon.radiance import Light
+from recon.data.dataset import Dataset
+from recon.data.light import Light
+from recon.methods.method import Method
+from recon.observe.photographs import tone_curve
+from recon.scene.appearance import LuminanceChromaticity
 
 NAME = "hdr-gs"
 APPEARANCE = LuminanceChromaticity()

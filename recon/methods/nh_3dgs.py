@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-from recon.appearance import LuminanceChromaticity
-from recon.dataset import Dataset
-from recon.method import Method
-from recon.mixed import linear_or_mixed
-from recon.radiance import Light
+from recon.data.dataset import Dataset
+from recon.data.light import Light
+from recon.methods.method import Method
+from recon.observe.mixed import linear_or_mixed
+from recon.scene.appearance import LuminanceChromaticity
 
 NAME = "nh-3dgs"
 APPEARANCE = LuminanceChromaticity()

@@ -9,20 +9,20 @@ of the colours are those of 3DGS on photographs.
 
 On photographs alone it is trained on their display values, with no idea of exposure. On RAW and EXR, and on
 photographs beside them, it sees the same mosaics through the same mu-law as NH-3DGS; only the appearance
-differs, with learning rates tuned for it (bench/appearance.py).
+differs, with learning rates tuned for it (bench/decided/appearance.py).
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from imaging.calibration import Response
-from recon.appearance import PlainHarmonics, Rate
-from recon.dataset import Dataset
-from recon.method import Method
-from recon.mixed import linear_or_mixed
-from recon.photographs import Display
-from recon.radiance import Light
+from imaging.session.calibration import Response
+from recon.data.dataset import Dataset
+from recon.data.light import Light
+from recon.methods.method import Method
+from recon.observe.mixed import linear_or_mixed
+from recon.observe.photographs import Display
+from recon.scene.appearance import PlainHarmonics, Rate
 
 NAME = "vanilla"
 APPEARANCE = PlainHarmonics()

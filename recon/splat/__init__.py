@@ -11,7 +11,7 @@ import torch
 
 from imaging.errors import ReconstructionError
 from recon.splat.camera import SplatCamera
-from recon.splat.cpu import rasterize_cpu
+from recon.splat.cpu.rasterizer import rasterize_cpu
 from recon.splat.limits import Limits
 from recon.splat.moved import DELTA, moved
 from recon.splat.reference import rasterize_reference

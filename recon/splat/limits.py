@@ -31,7 +31,7 @@ class Limits:
     """Largest error of a cut-off, relative to `luminance_reference`."""
     near: float = 0.01
     """Gaussians whose centre is nearer than this (camera z, in the unit of the means) are not drawn. In scene
-    coordinates (`recon.world`) what is looked at is about 1 away."""
+    coordinates (`recon.data.world`) what is looked at is about 1 away."""
     blur: float = 0.3
     """Variance added to every projected Gaussian, px^2 (3DGS: 0.3)."""
     tangent_margin: float = 0.3

@@ -9,20 +9,20 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from imaging.calibration import CalibrationRecord, Response
 from imaging.cfa import Cfa, mosaic
-from imaging.extreme import Extreme
-from recon.dataset import Dataset, Sensor, View
-from recon.density import DensityRules
-from recon.haste import haste
+from imaging.extreme_case import Extreme
+from imaging.session.calibration import CalibrationRecord, Response
+from recon.data.dataset import Dataset, Sensor, View
+from recon.data.light import light_of, radiance_image
+from recon.data.pixels import Progress, Shot
+from recon.data.tone import encode
 from recon.methods import METHODS
-from recon.pixels import Progress, Shot
-from recon.radiance import light_of, radiance_image
 from recon.splat import Limits, SplatCamera, rasterize
 from recon.stability.scenes import camera, cloud
-from recon.start import Start, gaussians_at
-from recon.tone import encode
-from recon.trainer import Plan, Training, train
+from recon.train.densification import DensityRules
+from recon.train.haste import haste
+from recon.train.initialisation import Start, gaussians_at
+from recon.train.trainer import Plan, Training, train
 
 Float = npt.NDArray[np.float32]
 Kind = Literal["raw", "ldr", "hdr"]

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from imaging.extreme import Extreme
-from recon import threads
-from recon.pixels import Progress
+from imaging.compute import threads
+from imaging.extreme_case import Extreme
+from recon.data.pixels import Progress
 from recon.splat import Limits, Render, SplatCamera, rasterize
 from recon.splat.moved import DELTA
+from recon.splat.torch_threads import torch_on_one_thread
 from recon.stability.scenes import Case, cases, contrast
-from recon.torch_threads import torch_on_one_thread
 
 NAMES = ("means", "quats", "scales", "opacities", "colours")
 STEPS = torch.tensor([1e-3] * 6 + [0.1] * 4 + [1e-3] * 4).double()

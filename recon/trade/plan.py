@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from recon.dataset import Dataset
-from recon.fixed import Fixed
-from recon.presets import QUALITIES
+from recon.data.dataset import Dataset
+from recon.decide.overrides import Fixed
+from recon.decide.presets import QUALITIES
 from recon.trade.front import front
 from recon.trade.records import Choice, Point
 
@@ -57,7 +57,8 @@ class Session:
             all_of_it.width or 0,
         )
         shots = min(all_of_it.exposures or self.exposures, self.exposures)
-        # Measured on the demo rig (bench/budget.py): 20,000 Gaussians cost about as much as 320 x 240 pixels.
+        # Measured on the demo rig (bench/recon/budget.py): 20,000 Gaussians cost about as much as 320 x 240
+        # pixels.
         return iterations * (0.75 * width**2 * (0.5 + 0.5 * shots / self.exposures) + 4.0 * gaussians)
 
 

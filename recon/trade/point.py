@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from imaging import store
-from recon import threads
-from recon.dataset import Dataset, load
-from recon.device import training_device
+from imaging.compute import threads
+from imaging.files import store
+from recon.data.dataset import Dataset, load
+from recon.data.pixels import Progress
 from recon.evaluate import measured
-from recon.model import SPLATS
-from recon.pixels import Progress
 from recon.reconstruct import reconstruct
-from recon.scene import open_model
+from recon.result.model import SPLATS
+from recon.result.scene import open_model
 from recon.trade.records import FOLDER, Choice, Point, Trade, key_of
-from recon.warm_up import warm_up
+from recon.train.device import training_device
+from recon.train.warm_up import warm_up
 
 
 class OutOfTime(Exception):

@@ -13,11 +13,11 @@ from pydantic import Field
 
 import imaging
 import recon
-from imaging import store
 from imaging.errors import InputError
+from imaging.files import store
 from imaging.record import Record, parse
-from recon import presets
-from recon.fixed import Fixed
+from recon.decide import presets
+from recon.decide.overrides import Fixed
 
 FOLDER, TRADE = "trade", "trade.json"
 

@@ -10,16 +10,16 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from imaging import store
 from imaging.errors import ReconstructionError, RigError
-from recon.dataset import FEWEST_FOR_HOLDOUT, Dataset
-from recon.device import device_name, training_device
-from recon.ladder import chosen_method
-from recon.pixels import Progress
-from recon.presets import QUALITIES
+from imaging.files import store
+from recon.data.dataset import FEWEST_FOR_HOLDOUT, Dataset
+from recon.data.pixels import Progress
+from recon.decide.method_choice import chosen_method
+from recon.decide.presets import QUALITIES
 from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
 from recon.trade.point import OutOfTime, measuring, train_point, work_on
 from recon.trade.records import FOLDER, TRADE, Choice, Measure, Point, Trade, code_hash, key_of, read_trade
+from recon.train.device import device_name, training_device
 
 
 def sweep(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from imaging.records import Board
+    from imaging.session.records import Board
 
 EXAMPLE = "7x5,square=150mm,marker=112.5mm,DICT_4X4_50"
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
@@ -22,7 +22,7 @@ class BoardText(str):
         from pydantic import ValidationError
 
         from imaging.errors import InputError
-        from imaging.records import Board
+        from imaging.session.records import Board
 
         fields: dict[str, object] = {}
         for part in self.split(","):

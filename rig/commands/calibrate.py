@@ -10,13 +10,13 @@ import typer
 from imaging.errors import PartialError
 from rig.commands.board import EXAMPLE, BoardText, board_text
 from rig.commands.options import JsonOption, SessionArgument
-from rig.progress import Meter
-from rig.running import Outcome, leaving_nothing, running
-from rig.words import command_line, counted, number
+from rig.terminal.outcome import Outcome, leaving_nothing, running
+from rig.terminal.progress import Meter
+from rig.terminal.text import command_line, counted, number
 
 if TYPE_CHECKING:
-    from imaging.calibration import CalibrationRecord
-    from imaging.records import Board
+    from imaging.session.calibration import CalibrationRecord
+    from imaging.session.records import Board
 
 Part = Literal["sensor", "response", "colour", "poses"]
 
@@ -62,7 +62,7 @@ def run_calibrate(
     folder = session / "calibration"
     with leaving_nothing(folder, unless=lambda path: (path / "calibration.json").is_file()):
         from calib.calibrate import calibrate as calibrate_session
-        from rig.report.calibration_page import calibration_report
+        from rig.report.pages.calibration import calibration_report
 
         try:
             record = calibrate_session(session, only=only, board=board, chart=chart, progress=meter)
@@ -77,7 +77,7 @@ def run_calibrate(
 
 def calibration_outcome(session: Path) -> Outcome:
     """What the calibration that a session has came to."""
-    from imaging.calibration import read_calibration
+    from imaging.session.calibration import read_calibration
 
     return replace(told(session, read_calibration(session)), already_there=True)
 

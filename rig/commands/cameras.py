@@ -7,8 +7,8 @@ import typer
 
 from rig.buses import bus_of
 from rig.commands.options import JsonOption
-from rig.running import Outcome, running
-from rig.words import counted
+from rig.terminal.outcome import Outcome, running
+from rig.terminal.text import counted
 
 
 def cameras(
@@ -25,7 +25,7 @@ def cameras(
     Example: rig cameras --sim demo
     """
     with running("cameras") as meter:
-        from drivers.connected import ask_all
+        from drivers.discovery import ask_all
 
         meter("looking for cameras", 0, 0)
         bus = bus_of(sim)

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imaging.session.paths import has_shots
 from rig.buses import bus_of, hands_at
 from rig.commands.options import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.commands.rehearsal import rehearse
-from rig.progress import Meter
-from rig.running import Outcome, leaving_nothing, running, shortfall
-from rig.sessions import has_shots
-from rig.words import command_line, counted
+from rig.terminal.outcome import Outcome, leaving_nothing, running, shortfall
+from rig.terminal.progress import Meter
+from rig.terminal.text import command_line, counted
 
 if TYPE_CHECKING:
-    from capture.planner import Wanted
-    from capture.rigfile import RigFile
-    from capture.source import Subject
+    from capture.bracket.planner import Wanted
+    from capture.record.source import Subject
+    from capture.rigfile.rigfile import RigFile
 
 
 def capture(
@@ -173,7 +173,7 @@ def _kind(context: typer.Context, wanted: dict[Subject, bool]) -> Subject:
 
 
 def _read(rig_file: Path | None) -> RigFile | None:
-    from capture.rigfile import read_rig_file
+    from capture.rigfile.rigfile import read_rig_file
 
     return None if rig_file is None else read_rig_file(rig_file)
 
@@ -183,7 +183,7 @@ def _wanted(bracket: Stops | None, limits: dict[str, float | None], rig: RigFile
 
     What it leaves out is that of the rig file. InputError where limits are given to no automatic bracket.
     """
-    from capture.planner import Wanted
+    from capture.bracket.planner import Wanted
     from imaging.errors import InputError
 
     usual = rig is not None and rig.tables.bracket.exposures == "auto"
@@ -217,7 +217,7 @@ def run_capture(
         from capture.connected_rig import capture_rig
         from capture.simulated import capture_simulated
         from drivers.sim.faults import ROUGH
-        from imaging.session import Session
+        from imaging.session.session import Session
 
         if rig is not None:
             bus = bus_of(sim, seed, rough=rough)

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from imaging import store
 from imaging.errors import StorageError
+from imaging.files import store
 from rig.commands.options import JsonOption, SessionArgument
-from rig.running import Outcome, running
-from rig.words import counted
+from rig.terminal.outcome import Outcome, running
+from rig.terminal.text import counted
 
 if TYPE_CHECKING:
-    from capture.check import CheckReport
+    from capture.check.check import CheckReport
 
 
 def check(
@@ -30,8 +30,8 @@ def check(
     """
     repaired = None
     with running("check") as meter:
-        from capture.check import check as check_session
-        from capture.repair import repair as repair_session
+        from capture.check.check import check as check_session
+        from capture.check.repair import repair as repair_session
 
         if repair:
             repaired = repair_session(session, progress=meter)
@@ -69,7 +69,7 @@ def _written(session: Path, report: "CheckReport", data: dict[str, Any]) -> tupl
     """The page of a session that has shots, or why there is none: a session may be read-only."""
     if not report.looks:
         return None, None
-    from rig.report.contact_sheet import check_report
+    from rig.report.pages.check import check_report
 
     try:
         page = check_report(session, report)

@@ -7,15 +7,15 @@ from typing import Annotated, Any
 
 import typer
 
+from imaging.session.paths import calibration_is_current
 from rig.commands.calibrate import calibration_outcome, run_calibrate
 from rig.commands.capture import run_capture
 from rig.commands.evaluate import headline, run_evaluate
 from rig.commands.options import JsonOption
 from rig.commands.reconstruct import MethodName, run_training
-from rig.progress import Meter
-from rig.running import Outcome, running
-from rig.sessions import calibration_is_current
-from rig.words import command_line, duration, number
+from rig.terminal.outcome import Outcome, running
+from rig.terminal.progress import Meter
+from rig.terminal.text import command_line, duration, number
 
 SIM, SEED = "demo", 0
 METHOD: MethodName = "nh-3dgs"

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.options import JsonOption
-from rig.running import Outcome, running
-from rig.tables import table
-from rig.words import counted
+from rig.terminal.outcome import Outcome, running
+from rig.terminal.tables import table
+from rig.terminal.text import counted
 
 if TYPE_CHECKING:
-    from imaging.extreme import Extreme
+    from imaging.extreme_case import Extreme
 
 PACKAGES = (
     "hdr-rig",
@@ -96,7 +96,7 @@ def _training() -> tuple[str, str, str]:
     """What `rig reconstruct` will run on."""
     import torch
 
-    from recon.device import device_name, training_device
+    from recon.train.device import device_name, training_device
 
     device = training_device()
     if device.type == "cpu" and torch.cuda.is_available():

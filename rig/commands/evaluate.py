@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-from imaging import store
+from imaging.files import store
+from imaging.session.paths import find_reconstruction
 from rig.commands.options import JsonOption, ReconstructionsArgument
-from rig.progress import Meter
-from rig.report.measures import validation
-from rig.running import Outcome, of_each, running
-from rig.sessions import find_reconstruction
-from rig.words import number
+from rig.report.sections.measures import validation
+from rig.terminal.outcome import Outcome, of_each, running
+from rig.terminal.progress import Meter
+from rig.terminal.text import number
 
 HEADLINES = (
     ("hdr_psnr_mu_aligned", "HDR PSNR (mu-law, aligned)", "dB"),
@@ -41,7 +41,7 @@ def run_evaluate(folder: Path, meter: Meter) -> Outcome:
     from recon.evaluate import evaluate as evaluate_scene
 
     metrics = evaluate_scene(folder, progress=meter)
-    from rig.report.reconstruction_page import reconstruction_report
+    from rig.report.pages.reconstruction import reconstruction_report
 
     return told(folder, metrics, reconstruction_report(folder, meter))
 

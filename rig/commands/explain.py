@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.commands.options import JsonOption
-from rig.running import Outcome, running
-from rig.tables import table
-from rig.words import command_line, counted, duration
+from rig.terminal.outcome import Outcome, running
+from rig.terminal.tables import table
+from rig.terminal.text import command_line, counted, duration
 
 if TYPE_CHECKING:
-    from imaging.calibration import CalibrationRecord
-    from imaging.records import PlanRecord, Rung
-    from recon.model import ModelRecord
-    from rig.report.calibrated import RungRow
+    from imaging.session.calibration import CalibrationRecord
+    from imaging.session.records import PlanRecord, Rung
+    from recon.result.model import ModelRecord
+    from rig.report.sections.calibrated import RungRow
 
 
 def explain(
@@ -77,13 +77,13 @@ class _Found:
 
 
 def _read(folder: Path | None, session: Path | None, *, of_session: bool) -> _Found:
-    from imaging.calibration import is_stale, read_calibration
-    from imaging.session import Session
+    from imaging.session.calibration import is_stale, read_calibration
+    from imaging.session.session import Session
 
     plans = [] if session is None else Session.open(session).plans()
     model = None
     if folder is not None:
-        from recon.model import read_model, read_own_calibration
+        from recon.result.model import read_model, read_own_calibration
 
         model = read_model(folder)
     if folder is not None and not of_session:
@@ -94,7 +94,7 @@ def _read(folder: Path | None, session: Path | None, *, of_session: bool) -> _Fo
     added = session is not None and is_stale(session, calibration)
     again = False
     if session is not None and model is not None:
-        from recon.dataset import calibration_sha256
+        from recon.data.dataset import calibration_sha256
 
         again = calibration_sha256(session) != model.calibration_sha256
     return _Found(folder, session, plans, calibration, model, added, again)
@@ -103,7 +103,7 @@ def _read(folder: Path | None, session: Path | None, *, of_session: bool) -> _Fo
 def _found(place: Path) -> tuple[Path | None, Path | None]:
     """The reconstruction and its session, as far as they are there; InputError if neither is."""
     from imaging.errors import InputError
-    from rig.sessions import find_reconstruction, session_of
+    from imaging.session.paths import find_reconstruction, session_of
 
     if (place / "session.json").is_file():
         if not (place / "calibration" / "calibration.json").is_file():
@@ -122,7 +122,7 @@ def _plan(plan: PlanRecord) -> dict[str, Any]:
 
 
 def _lines(found: _Found) -> Iterable[str]:
-    from rig.report.calibrated import rung_groups, rung_rows
+    from rig.report.sections.calibrated import rung_groups, rung_rows
 
     if found.session is not None:
         yield f"{found.session}: capture, {counted(len(found.plans), 'plan')}"

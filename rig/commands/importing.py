@@ -5,10 +5,10 @@ from typing import Annotated, Literal
 
 import typer
 
+from imaging.session.paths import has_shots
 from rig.commands.options import JsonOption
-from rig.running import Outcome, leaving_nothing, running, shortfall
-from rig.sessions import has_shots
-from rig.words import command_line, counted
+from rig.terminal.outcome import Outcome, leaving_nothing, running, shortfall
+from rig.terminal.text import command_line, counted
 
 Layout = Literal["photos", "nerfstudio", "colmap", "hdr-nerf"]
 Identity = Literal["serial", "folder", "one"]
@@ -56,7 +56,7 @@ def import_(
     Example: rig import photos/ S
     """
     with running("import") as meter, leaving_nothing(out, unless=has_shots):
-        from capture.photos import import_photos
+        from capture.imports.photos import import_photos
 
         result = import_photos(
             photos,
@@ -70,7 +70,7 @@ def import_(
             progress=meter,
         )
         if result.views:
-            from rig.report.calibration_page import calibration_report
+            from rig.report.pages.calibration import calibration_report
 
             calibration_report(out, meter)
     lines = [

@@ -7,8 +7,8 @@ import typer
 
 from rig.buses import bus_of
 from rig.commands.options import JsonOption
-from rig.running import Outcome, running
-from rig.words import command_line, counted
+from rig.terminal.outcome import Outcome, running
+from rig.terminal.text import command_line, counted
 
 
 def init(
@@ -27,11 +27,11 @@ def init(
     Example: rig init RIG.toml --sim demo
     """
     with running("init") as meter:
-        from capture.initial import rig_file_text
-        from drivers.connected import ask_all
-        from imaging import store
+        from capture.rigfile.template import rig_file_text
+        from drivers.discovery import ask_all
         from imaging.errors import InputError
-        from imaging.records import Board
+        from imaging.files import store
+        from imaging.session.records import Board
 
         if path.exists() or path.is_symlink():
             raise InputError(f"{path} is there already: name another file, or move it away.")

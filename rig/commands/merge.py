@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.commands.options import JsonOption, SessionArgument, SpaceOption
-from rig.running import Outcome, leaving_nothing, running
-from rig.words import command_line, counted
+from rig.terminal.outcome import Outcome, leaving_nothing, running
+from rig.terminal.text import command_line, counted
 
 if TYPE_CHECKING:
-    from imaging.calibration import CalibrationRecord
-    from imaging.merging import MergedView
+    from calib.exports.merge_session import MergedView
+    from imaging.session.calibration import CalibrationRecord
 
 
 def merge(
@@ -35,8 +35,8 @@ def merge(
         running("merge") as meter,
         leaving_nothing(out, unless=lambda path: any(path.rglob("*.exr"))),
     ):
+        from calib.exports.merge_session import merge_session, read_session_calibration
         from imaging.colour import SPACE_NAMES
-        from imaging.merging import merge_session, read_session_calibration
 
         calibration = read_session_calibration(session)
         found = merge_session(
@@ -73,7 +73,7 @@ def _camera_rgb(
     session: Path, calibration: "CalibrationRecord | None", found: "list[MergedView]"
 ) -> list[str]:
     """Cameras whose RAW was merged without knowing their colour."""
-    from imaging.session import Session
+    from imaging.session.session import Session
 
     opened = Session.open(session)
     return [

@@ -37,7 +37,7 @@ SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the sa
 
 def budget(text: str) -> str:
     """`90s`, `5m`, `300MB`, `100k`, `35dB` or the like, unchanged; typer.BadParameter if it is nonsense."""
-    from recon.budget import Budget
+    from recon.decide.budget import Budget
 
     try:
         Budget.parse(text)
@@ -48,7 +48,7 @@ def budget(text: str) -> str:
 
 def shutter(text: str) -> float:
     """`1/30`, `0.5` or `2s` as seconds; typer.BadParameter otherwise."""
-    from capture.shutter_time import seconds_of
+    from capture.rigfile.shutter_time import seconds_of
 
     try:
         return seconds_of(text)

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from recon.presets import QUALITIES
+from recon.decide.presets import QUALITIES
 from rig.commands.evaluate import evaluated_before, run_evaluate
 from rig.commands.options import JsonOption, SeedOption, SessionArgument
 from rig.commands.options import budget as parsed_budget
 from rig.enter import entered
-from rig.failures import Stopped
-from rig.progress import Meter, speaks
-from rig.running import Outcome, running
-from rig.words import command_line, duration
+from rig.terminal.failures import Stopped
+from rig.terminal.outcome import Outcome, running
+from rig.terminal.progress import Meter, speaks
+from rig.terminal.text import command_line, duration
 
 if TYPE_CHECKING:
-    from recon.countdown import Countdown
-    from recon.model import ModelRecord
+    from recon.decide.countdown import Countdown
+    from recon.result.model import ModelRecord
 
 MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
 Quality = Literal["draft", "standard", "best"]
@@ -121,8 +121,8 @@ def run_reconstruct(
     early_stop: bool = False,
 ) -> Outcome:
     """Train, evaluate, write the report and say what came of it."""
-    from recon.budget import Budget
-    from recon.countdown import Countdown
+    from recon.decide.budget import Budget
+    from recon.decide.countdown import Countdown
 
     asked = Budget.parse(str(budget)) if budget is not None else None
     countdown = None
@@ -175,12 +175,12 @@ def run_training(
     countdown: "Countdown | None" = None,
 ) -> Outcome:
     """Train a scene, or go on with it; a finished one is told as such."""
-    from recon.fixed import Fixed
+    from recon.decide.overrides import Fixed
 
     fixed = Fixed.of(sets or ())
-    from recon.interrupt import Interrupted
-    from recon.model import read_model
     from recon.reconstruct import reconstruct as reconstruct_session
+    from recon.result.model import read_model
+    from recon.train.interrupt import Interrupted
 
     began = datetime.now(UTC)
     try:
@@ -229,7 +229,7 @@ def _course(record: "ModelRecord") -> str:
     words += f", {'validation' if record.validation else 'held-out'} {record.held_out_db:.1f} dB"
     if record.predicted is None:
         return words
-    from recon.prediction import corrected
+    from recon.decide.prediction import corrected
 
     guess = record.predicted
     words = f"{words} (predicted {guess.db:.1f}, {guess.low:.1f} to {guess.high:.1f}"

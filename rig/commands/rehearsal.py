@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.buses import bus_of, hands_at
-from rig.progress import Meter
-from rig.running import Outcome
-from rig.words import counted, size
+from rig.terminal.outcome import Outcome
+from rig.terminal.progress import Meter
+from rig.terminal.text import counted, size
 
 if TYPE_CHECKING:
-    from capture.planner import Wanted
-    from capture.rigfile import RigFile
-    from capture.shooting import Rehearsal
-    from capture.source import Subject
+    from capture.bracket.planner import Wanted
+    from capture.record.shooting import Rehearsal
+    from capture.record.source import Subject
+    from capture.rigfile.rigfile import RigFile
 
 
 _FRAMES = {"scene": "position", "dark": "repeat", "flat": "repeat", "board": "pose"}
@@ -86,7 +86,7 @@ def rehearse(
 
 def _worth(done: Rehearsal) -> tuple[dict[str, Any], list[str]]:
     """The metered range, the worth of every exposure by camera and for the rig, and what is missed."""
-    from capture.automatic import worths
+    from capture.bracket.automatic import worths
 
     if done.metering is None:
         return {"metered": None, "unmetered": done.unmetered}, [f"Not metered: {done.unmetered}"]

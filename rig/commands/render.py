@@ -8,10 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from imaging.errors import InputError
+from imaging.session.paths import find_reconstruction, scene_around
 from rig.commands.options import JsonOption, ReconstructionsArgument, SpaceOption
-from rig.running import Outcome, leaving_nothing, of_each, running
-from rig.sessions import find_reconstruction, scene_around
-from rig.words import counted, number
+from rig.terminal.outcome import Outcome, leaving_nothing, of_each, running
+from rig.terminal.text import counted, number
 
 
 def render(
@@ -46,8 +46,8 @@ def render(
         def one(folder: Path) -> Outcome:
             target = targets[folder]
             with leaving_nothing(target, unless=lambda path: any(path.rglob("*.exr"))):
-                from recon.model import read_model
-                from recon.renders import render as render_scene
+                from recon.render import render as render_scene
+                from recon.result.model import read_model
 
                 files = render_scene(folder, target, space=space, exposure=exposure, progress=meter)
             scale = read_model(folder).exposure

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from rig.commands.options import JsonOption, SeedOption
-from rig.running import Outcome, running
-from rig.words import counted
+from rig.terminal.outcome import Outcome, running
+from rig.terminal.text import counted
 
 
 class Address(tuple[str, int]):
@@ -49,14 +49,15 @@ def simulate(
     """
     with ExitStack() as stack:
         with running("simulate") as meter:
-            from drivers.sim import ptp_profiles, rigs
-            from drivers.sim.camera import SimulatedCamera
-            from drivers.sim.ptp_responder import Responder
-            from drivers.sim.ptpip import PtpIpServer, listen
-            from drivers.sim.timeline import LiveTimeline
+            from drivers.sim import rigs
+            from drivers.sim.camera.camera import SimulatedCamera
+            from drivers.sim.ptp import profiles
+            from drivers.sim.ptp.ptpip import PtpIpServer, listen
+            from drivers.sim.ptp.responder import Responder
+            from drivers.sim.usb.timeline import LiveTimeline
             from imaging.errors import InputError
 
-            known = ptp_profiles.profile(profile)
+            known = profiles.profile(profile)
             try:
                 listening = stack.enter_context(listen(*ptpip))
             except OSError as error:

@@ -8,9 +8,9 @@ import typer
 
 from rig.commands.options import JsonOption, SeedOption, SessionArgument
 from rig.enter import entered
-from rig.progress import Meter
-from rig.running import Outcome, running
-from rig.words import counted, size
+from rig.terminal.outcome import Outcome, running
+from rig.terminal.progress import Meter
+from rig.terminal.text import counted, size
 
 if TYPE_CHECKING:
     from recon.trade import Point, Trade
@@ -42,7 +42,7 @@ def trade(
     """
     with running("trade") as meter:
         from imaging.errors import InputError
-        from recon.budget import Budget
+        from recon.decide.budget import Budget
 
         limit = Budget.parse(budget)
         if limit.unit != "s":
@@ -53,7 +53,7 @@ def trade(
 def run_trade(session: Path, meter: Meter, budget: float, workers: int, seed: int) -> Outcome:
     """Sweep, write the page and say what came of it; the page tells what there is after Ctrl-C too."""
     from recon.trade import sweep
-    from rig.report.trade_page import trade_report
+    from rig.report.pages.trade import trade_report
 
     try:
         now = time.monotonic()

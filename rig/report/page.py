@@ -7,8 +7,8 @@ from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from imaging import store
-from rig.report.topic import Tile
+from imaging.files import store
+from rig.report.charts.topic import Tile
 
 SECTIONS = {
     "trade": "Trade-offs",

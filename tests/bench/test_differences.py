@@ -1,20 +1,11 @@
 """Differences between rows of a table: what counts as one sample, against sampling itself."""
 
-import importlib
 import json
-import sys
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
-
-@pytest.fixture
-def differences(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "bench"))
-    monkeypatch.delitem(sys.modules, "differences", raising=False)
-    return importlib.import_module("differences")
+from bench.support import differences
 
 
 def rows(values, views=3):
@@ -29,7 +20,7 @@ def level(db, scenes=("demo", "gallery"), seeds=3):
     return {(scene, seed): db for scene in scenes for seed in range(seeds)}
 
 
-def test_views_of_a_scene_are_no_samples_of_their_own(differences):
+def test_views_of_a_scene_are_no_samples_of_their_own():
     """Six trainings with a hundred views each tell no more than with one view each."""
     change = {**level(0.0), ("demo", 0): 0.3, ("gallery", 1): 0.6}
     few = differences.paired(rows(change, 1), rows(level(0.0), 1), "db")
@@ -39,7 +30,7 @@ def test_views_of_a_scene_are_no_samples_of_their_own(differences):
     assert many.by_scene == pytest.approx({"demo": 0.1, "gallery": 0.2})
 
 
-def test_a_gain_that_scenes_do_not_agree_on_is_none(differences):
+def test_a_gain_that_scenes_do_not_agree_on_is_none():
     """The figures that a tuned softplus has in bench/results/methods.md, by scene."""
     ours = {("demo", 0): 41.36, ("gallery", 0): 42.87}
     theirs = {("demo", 0): 41.37, ("gallery", 0): 42.57}
@@ -51,7 +42,7 @@ def test_a_gain_that_scenes_do_not_agree_on_is_none(differences):
 
 
 @pytest.mark.parametrize("between", [0.0, 0.5])
-def test_its_error_is_that_of_repeating_everything(differences, between):
+def test_its_error_is_that_of_repeating_everything(between):
     """2000 times four scenes of three rigs, whose effect differs by scene and by rig."""
     rng = np.random.default_rng(1)
     scenes, found = [f"scene {number}" for number in range(4)], []
@@ -69,7 +60,7 @@ def test_its_error_is_that_of_repeating_everything(differences, between):
     assert 0.95 * spread < stated < 1.3 * spread
 
 
-def test_one_scene_and_one_training_say_what_they_can(differences):
+def test_one_scene_and_one_training_say_what_they_can():
     base, one = level(0.0, ("demo",)), level(0.0, ("demo",))
     one |= {("demo", 0): 0.3}
     found = differences.paired(rows(one), rows(base), "db")
@@ -80,7 +71,7 @@ def test_one_scene_and_one_training_say_what_they_can(differences):
     assert differences.units(1, 1) == "1 scene of 1 rig"
 
 
-def test_what_is_kept_beside_a_table_gives_its_figures_again(differences):
+def test_what_is_kept_beside_a_table_gives_its_figures_again():
     change = rows({("demo", 0): 0.25, ("demo", 1): 0.75, ("gallery", 0): 1.0, ("gallery", 1): 2.0})
     change[0]["views"][0]["db"] = float("nan")
     base = rows(level(0.0, seeds=2))

@@ -335,11 +335,11 @@ SETTINGS = (
 
 
 def section() -> str:
-    """The README's "What it reaches", its lines joined, without the block that bench/splat.py writes."""
+    """What the README says it reaches, its lines joined, without the block of bench/speed/splat.py."""
     text = (ROOT / "README.md").read_text()
     _, _, rest = text.partition("## What it reaches")
     own, _, _ = rest.partition("\n## ")
-    own = re.sub(r"\n[^\n]*`python bench/splat.py.*?<!-- /bench -->", "", own, flags=re.DOTALL)
+    own = re.sub(r"\n[^\n]*`python -m bench.speed.splat.*?<!-- /bench -->", "", own, flags=re.DOTALL)
     return " ".join(re.sub(r"!\[.*?\]\(.*?\)", "", own).split())
 
 

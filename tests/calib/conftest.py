@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging import store
 from imaging.exposure import Exposure
+from imaging.files import store
+from imaging.files.photo import encode_jpeg
 from imaging.mosaic import RawMosaic
-from imaging.photo import encode_jpeg
-from imaging.records import CameraRecord, SessionRecord, ShotRecord
-from imaging.session import Session
+from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
+from imaging.session.session import Session
 
 
 def silent(message: str, done: int, total: int) -> None:
@@ -58,7 +58,7 @@ def make_session(
 
     cameras: of each view, frames being counted for each; one camera when None.
     """
-    from imaging.dng import write_dng
+    from imaging.files.dng import write_dng
 
     names = list(cameras or ["cam"] * len(views))
     kind = "raw" if isinstance(views[0][0][0], RawMosaic) else "ldr"

@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib import sfm
-from calib.adjust import Free
 from calib.calibrate import _known_light, calibrate
-from calib.features import Key
-from calib.looks import Look, look
-from calib.views import scene_views
-from imaging import store
-from imaging.calibration import is_stale, read_calibration
-from imaging.colmap import pycolmap, read_points
+from calib.data.features import Key
+from calib.data.views import scene_views
+from calib.poses import sfm
+from calib.poses.bundle_adjustment import Free
+from calib.view_images import Look, look
 from imaging.errors import InputError
+from imaging.files import store
+from imaging.files.colmap import pycolmap, read_points
 from imaging.pose import Pose
-from imaging.session import Session
-from recon.truth import calibration_errors
+from imaging.session.calibration import is_stale, read_calibration
+from imaging.session.session import Session
+from recon.data.truth import calibration_errors
 
 from .conftest import silent
 
@@ -202,7 +202,7 @@ def small(own_arm: Path, looks: dict[Key, Look], monkeypatch: pytest.MonkeyPatch
             store.append_line(own_arm / "shots.jsonl", shot)
     record = read_calibration(own_arm)
     monkeypatch.setattr("calib.calibrate.look", lambda session, view, *rest: looks[view.key])
-    monkeypatch.setattr("calib.radiometry.measure", lambda *rest: _known_light(record))
+    monkeypatch.setattr("calib.light.radiometry.measure", lambda *rest: _known_light(record))
     monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
     return own_arm
 

@@ -6,23 +6,23 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calib import exposures, radiometry
-from calib.codes import patches, sample
-from calib.looks import look
+from calib.data.views import scene_views
+from calib.light import exposures, radiometry
+from calib.light.codes import patches, sample
 from calib.sensor import brackets
-from calib.views import scene_views
-from drivers.sim.sensor import Sensor
-from imaging import store
+from calib.view_images import look
+from drivers.sim.camera.sensor import Sensor
 from imaging.cfa import Cfa
 from imaging.colour import srgb_encode
 from imaging.exposure import Exposure
-from imaging.linear import decode
+from imaging.files import store
+from imaging.merge.linear_frame import decode
 from imaging.mosaic import RawMosaic
-from imaging.session import Session
+from imaging.session.session import Session
+from tests.calib.light.test_response import smooth
+from tests.calib.sensor.conftest import MODEL
 
 from .conftest import make_session, silent
-from .sensor.conftest import MODEL
-from .test_response import smooth
 
 TIMES = (1.0, 0.25, 0.0625)
 TRUE = np.array([1.0, 0.25 * 1.08, 0.0625 * 0.95])

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.recorder import record
+from capture.record.recorder import record
 from drivers.camera import CameraIdentity, Capabilities, EncodedPhoto
 from imaging.cfa import Cfa
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
+from imaging.files.photo import encode_jpeg
 from imaging.mosaic import FrameMetadata, RawMosaic
-from imaging.photo import encode_jpeg
-from imaging.records import CameraRecord, PlanRecord, SessionRecord
-from imaging.session import Session
+from imaging.session.records import CameraRecord, PlanRecord, SessionRecord
+from imaging.session.session import Session
 
 WHEN = datetime(2026, 3, 1, 12, 0, 0)
 BRACKET = (Exposure(time=1 / 8, iso=100), Exposure(time=1 / 32, iso=100), Exposure(time=1 / 128, iso=100))

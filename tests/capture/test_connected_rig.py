@@ -9,25 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from capture.bracket.planner import Wanted
 from capture.connected_rig import capture_rig, rehearse_rig
-from capture.initial import rig_file_text
-from capture.planner import Wanted
-from capture.recorder import CaptureResult
-from capture.rigfile import read_rig_file
-from capture.shooting import Rehearsal
-from drivers.connected import ask_all
+from capture.record.recorder import CaptureResult
+from capture.record.shooting import Rehearsal
+from capture.rigfile.rigfile import read_rig_file
+from capture.rigfile.template import rig_file_text
+from drivers.discovery import ask_all
 from drivers.ptp.codes import Operation
-from drivers.sim.bus import Holder, VirtualBus
+from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Fault, FaultPlan, Kind
-from drivers.sim.on_bus import BusRig
-from drivers.sim.ptp_usb import PtpDevice
+from drivers.sim.ptp.usb_device import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.u3v_device import U3vDevice
-from drivers.sim.u3v_lines import Wire
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.u3v.device import U3vDevice
+from drivers.sim.u3v.lines import Wire
+from drivers.sim.usb.bus import Holder, VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure
-from imaging.session import Session
+from imaging.session.session import Session
 
 STOPS = 'exposures = [-4, 0]\ntime = "1/60"'
 

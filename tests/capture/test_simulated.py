@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from capture.planner import Wanted
+from capture.bracket.planner import Wanted
 from capture.simulated import capture_simulated, rehearse_simulated
 from drivers.sim.faults import ROUGH
-from imaging import store
 from imaging.errors import CaptureError, InputError, StorageError
-from imaging.raw import read_raw
-from imaging.session import Session, brackets
+from imaging.files import store
+from imaging.files.raw import read_raw
+from imaging.session.session import Session, brackets
 
 
 def tree(folder: Path) -> dict[str, bytes]:

@@ -12,14 +12,14 @@ from drivers.ptp.codes import (
     Operation,
     ResponseCode,
 )
-from drivers.sim.bus import VirtualBus
-from drivers.sim.camera import SimulatedCamera
+from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import Fault, FaultPlan
-from drivers.sim.ptp_profiles import profile
-from drivers.sim.ptp_responder import Responder
-from drivers.sim.ptp_usb import PtpDevice
+from drivers.sim.ptp.profiles import profile
+from drivers.sim.ptp.responder import Responder
+from drivers.sim.ptp.usb_device import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.usb import STILL_IMAGE, find
 
 OK = ResponseCode.OK

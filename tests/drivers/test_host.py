@@ -8,9 +8,9 @@ import pytest
 
 from drivers import holders, host
 from drivers.errors import CameraClaimed
-from drivers.sim.bus import Holder
-from drivers.sim.on_bus import BusRig
+from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
+from drivers.sim.usb.bus import Holder
 from drivers.usb import RULES, STILL_IMAGE, find
 from imaging.errors import CameraError
 

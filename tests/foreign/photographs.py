@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from imaging import store
 from imaging.cfa import Cfa
-from imaging.dng import write_dng
 from imaging.exposure import Exposure
+from imaging.files import store
+from imaging.files.dng import write_dng
+from imaging.files.photo import encode_jpeg
 from imaging.mosaic import RawMosaic
-from imaging.photo import encode_jpeg
-from imaging.records import CameraRecord, SessionRecord, ShotRecord
-from imaging.session import Session
+from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
+from imaging.session.session import Session
 
 Light = npt.NDArray[np.float32]
 

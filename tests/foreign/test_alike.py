@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from calib.calibrate import calibrate
-from imaging.calibration import read_calibration
 from imaging.errors import PartialError
+from imaging.session.calibration import read_calibration
 
 from . import truth
 from .photographs import session

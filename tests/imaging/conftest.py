@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imaging import dng, dngtags
 from imaging.cfa import Cfa
-from imaging.dng import write_dng
 from imaging.exposure import Exposure
+from imaging.files import dng, dng_tags
+from imaging.files.dng import write_dng
+from imaging.files.tiff import Entry
 from imaging.mosaic import FrameMetadata, RawMosaic
-from imaging.tiff import Entry
 
 MakeRaw = Callable[..., RawMosaic]
 Write = Callable[..., Path]
@@ -63,7 +63,7 @@ def write(tmp_path: Path, make_raw: MakeRaw, monkeypatch: pytest.MonkeyPatch) ->
     plain = dng._colour
 
     def written(raw: RawMosaic | None = None, compression: str = "none", **tags: Entry | None) -> Path:
-        named = {getattr(dngtags, name): entry for name, entry in tags.items()}
+        named = {getattr(dng_tags, name): entry for name, entry in tags.items()}
 
         def changed(mosaic: RawMosaic) -> dict[int, Entry]:
             entries = {**dng._geometry(mosaic), **plain(mosaic), **named}

@@ -5,7 +5,7 @@ import pytest
 
 from imaging.cfa import Cfa
 from imaging.exposure import Exposure
-from imaging.linear import from_raw
+from imaging.merge.linear_frame import from_raw
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.sensor import Defect, Levels, Measured, SensorCalibration
 

@@ -11,15 +11,15 @@ import torch
 import recon.reconstruct as stage
 from imaging import metrics
 from imaging.colour import PRIMARIES, space_from_rec709
+from imaging.compute import threads
 from imaging.errors import InputError, ReconstructionError, RigError
-from imaging.exr import read_exr
-from recon import threads
+from imaging.files.exr import read_exr
+from recon.data.truth import true_radiance
 from recon.evaluate import evaluate, measured, render
-from recon.model import read_model
-from recon.ply import read_ply
 from recon.reconstruct import Quality, reconstruct
-from recon.scene import Opened, open_model
-from recon.truth import true_radiance
+from recon.result.model import read_model
+from recon.result.scene import Opened, open_model
+from recon.scene.ply import read_ply
 
 
 @pytest.fixture(autouse=True)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import recon.reconstruct as stage
-from imaging.exr import read_exr
-from imaging.photo import read_photo
+from imaging.files.exr import read_exr
+from imaging.files.photo import read_photo
 from recon import perceptual
 from recon.evaluate import evaluate
 from recon.perceptual import hdr_flip

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imaging.colmap import pycolmap
+from imaging.files.colmap import pycolmap
 from imaging.pose import Pose
 
 UTM = (4.5e5, 5.41e6, 300.0)

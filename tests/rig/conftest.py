@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imaging import store
-from imaging.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.exposure import Exposure
+from imaging.files import store
 from imaging.lens import Lens
 from imaging.noise import SensorNoise
 from imaging.pose import Pose
-from imaging.records import Rung
+from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
+from imaging.session.records import Rung
 
 
 def calibrated_from_truth(session: Path) -> CalibrationRecord:
     """Write SESSION/calibration as a perfect `rig calibrate` would have, from truth/."""
-    from drivers.sim.lens import unproject
+    from drivers.sim.camera.lens import unproject
     from drivers.sim.rigs import simulate
 
     truth = store.read_json(session / "truth" / "truth.json")
@@ -104,7 +104,7 @@ by as much the other way, but those in the right half of the image, which are al
 
 def _write_colmap(folder: Path, points: np.ndarray, record: CalibrationRecord) -> None:
     """A COLMAP model of the cameras, views and points; every view sees what falls into its image."""
-    from imaging.colmap import pycolmap
+    from imaging.files.colmap import pycolmap
 
     model = pycolmap.Reconstruction()
     tracks: list[list[tuple[int, int]]] = [[] for _ in points]
@@ -209,7 +209,7 @@ def rig(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     """Runs `rig ARGUMENTS` in this process: exit code, standard output, standard error without progress."""
     from rig.__main__ import main
 
-    monkeypatch.setattr("rig.progress.GRACE", math.inf)
+    monkeypatch.setattr("rig.terminal.progress.GRACE", math.inf)
 
     def run(*arguments: str) -> tuple[int, str, str]:
         capsys.readouterr()

@@ -145,7 +145,7 @@ def test_json_stays_clean_when_libraries_print(tmp_path) -> None:
     """In a process of its own: what C and Python libraries print must not reach either stream."""
     code = """
 import ctypes, os, sys, warnings
-import capture.check
+import capture.check.check
 def noisy(session, progress):
     print("python on stdout"); print("python on stderr", file=sys.stderr)
     os.write(1, b"native on 1\\n"); os.write(2, b"native on 2\\n")
@@ -153,7 +153,7 @@ def noisy(session, progress):
     warnings.warn("a library is unhappy")
     from imaging.errors import InputError
     raise InputError("S is broken: mend it.")
-capture.check.check = noisy
+capture.check.check.check = noisy
 from rig.__main__ import main
 sys.exit(main(["check", "S", "--json"]))
 """
@@ -220,6 +220,6 @@ def test_the_cameras_of_a_simulated_rig_are_listed(rig) -> None:
 
 
 def test_no_camera_is_no_error(rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivers.connected.find_cameras", lambda backend, clock: [])
+    monkeypatch.setattr("drivers.discovery.find_cameras", lambda backend, clock: [])
     code, out, _ = rig("cameras")
     assert (code, out) == (0, "No camera: rig doctor shows what is missing.\n")

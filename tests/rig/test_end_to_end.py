@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from imaging import store
+from imaging.files import store
 from rig.commands import demo
-from rig.running import Outcome
+from rig.terminal.outcome import Outcome
+from tests.rig.report.pages import Page, assert_self_contained
 
 from .conftest import Silence, calibrated_from_truth
-from .pages import Page, assert_self_contained
 
 
 def told(rig, *arguments: str) -> dict:

@@ -19,7 +19,7 @@ def test_every_public_name_resolves_and_is_documented(name: str) -> None:
 
 
 def test_names_are_those_of_their_stages() -> None:
-    from capture.check import check
+    from capture.check.check import check
     from imaging.errors import RigError
 
     assert rig.check is check

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from imaging import store
-from imaging.extreme import Extreme
+from imaging.extreme_case import Extreme
+from imaging.files import store
 from rig.stability import extremes
 
 ACCEPTED = Path(__file__).parents[2] / "bench" / "results" / "stability_accepted.json"
@@ -26,7 +26,7 @@ def test_every_extreme_is_within_its_limit(rows: list[Extreme]) -> None:
 def test_no_extreme_is_worse_than_the_accepted_one(rows: list[Extreme]) -> None:
     known = {(row["part"], row["case"], row["what"]): row for row in store.read_json(ACCEPTED)["extremes"]}
     assert {(row.part, row.case, row.what) for row in rows} == set(known), (
-        "accept: bench/stability.py --write"
+        "accept: bench/recon/stability.py --write"
     )
     assert [row for row in rows if _worse(row, known[row.part, row.case, row.what]["error"])] == []
 

@@ -15,7 +15,7 @@ from recon.splat.gpu.project import HIGH, WIDE
 PIXELS = tl.constexpr(WIDE.value * HIGH.value)
 _ROUND = tl.constexpr(12582912.0)
 """1.5 x 2^23: a float32 this large holds whole numbers only, and those in its lowest bits."""
-# 2^f = 1 + f P(f) for |f| <= 1/2, the numbers of `recon.splat.composite`.
+# 2^f = 1 + f P(f) for |f| <= 1/2, the numbers of `recon.splat.cpu.composite`.
 P0 = tl.constexpr(0.6931471228599548)
 P1 = tl.constexpr(0.24022351205348969)
 P2 = tl.constexpr(0.05550500378012657)

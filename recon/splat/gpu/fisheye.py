@@ -1,10 +1,11 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
-"""The radial function of a fisheye in the squared tangent s: the formulas of `recon.splat.fisheye`."""
+"""The radial function of a fisheye in the squared tangent s: the formulas of `recon.splat.cpu.fisheye`."""
 
 import triton
 import triton.language as tl
 
-from recon.splat import fisheye, parameters
+from recon.splat import parameters
+from recon.splat.cpu import fisheye
 
 _LENS = tl.constexpr(parameters.LENS)
 _NEAR_AXIS = tl.constexpr(fisheye.NEAR_AXIS)

@@ -1,8 +1,8 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs, allow-untyped-calls, allow-untyped-decorators
 """The gradient of `project` by the camera: rotation and translation of cam_from_world, and the lens.
 
-The formulas of `recon.splat.project_view`: a Gaussian reaches the image through its pixel mean f(lens, P),
-P = W mean + t, and through the axes A = J(lens, P) W of its ellipse.
+The formulas of `recon.splat.cpu.project_view`: a Gaussian reaches the image through its pixel mean f(lens,
+P), P = W mean + t, and through the axes A = J(lens, P) W of its ellipse.
 """
 
 import triton

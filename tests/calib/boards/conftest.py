@@ -7,12 +7,12 @@ import numpy.typing as npt
 import pytest
 
 from calib.boards.corners import Corners
-from calib.features import Key
-from drivers.sim.board import Board as SimulatedBoard
-from drivers.sim.board import board_from_rig
-from drivers.sim.lens import project
+from calib.data.features import Key
+from drivers.sim.camera.lens import project
 from drivers.sim.rigs import SimulatedRig, simulate
-from imaging.records import Board
+from drivers.sim.scene.board import Board as SimulatedBoard
+from drivers.sim.scene.board import board_from_rig
+from imaging.session.records import Board
 
 Array = npt.NDArray[np.float64]
 WIDTH, HEIGHT = 960, 720

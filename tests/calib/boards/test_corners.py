@@ -5,7 +5,7 @@ import pytest
 
 from calib.boards.corners import PRINTS, Picture, Print, find, find_all
 from imaging.errors import CalibrationError
-from imaging.records import Board
+from imaging.session.records import Board
 from tests.calib.boards.conftest import Stage
 
 

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.adjust import opencv_parameters, set_model
 from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
 from calib.boards.measure import DISAGREE, solve_group
 from calib.boards.start import begin
-from calib.features import Key
-from calib.fisheye import may_be_fisheye, nearest_terms
-from calib.known_rig import camera_of
+from calib.data.features import Key
+from calib.poses.bundle_adjustment import opencv_parameters, set_model
+from calib.poses.fisheye import may_be_fisheye, nearest_terms
+from calib.poses.known_rig import camera_of
 from imaging.lens import Lens
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of
 

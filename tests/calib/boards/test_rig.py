@@ -8,8 +8,8 @@ from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
 from calib.boards.measure import DISAGREE, places_of, solve_group
 from calib.boards.start import begin
-from calib.features import Key
-from drivers.sim.lens import project
+from calib.data.features import Key
+from drivers.sim.camera.lens import project
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of

@@ -7,7 +7,7 @@ import pytest
 
 from calib.sensor.emva import Frames, Nominal
 from calib.sensor.stack import Stack, gather
-from drivers.sim.sensor import Sensor, SensorModel
+from drivers.sim.camera.sensor import Sensor, SensorModel
 
 SIDE = 160
 MODEL = SensorModel(

@@ -8,7 +8,7 @@ import pytest
 from calib.sensor import brackets
 from calib.sensor.brackets import Blind
 from calib.sensor.linearity import straightness
-from drivers.sim.sensor import Sensor, SensorModel
+from drivers.sim.camera.sensor import Sensor, SensorModel
 
 from .conftest import MODEL
 

@@ -162,7 +162,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(nominal: Nominal) -> None
     """Of darks, over many sensors: 95 % intervals of black, gain given, of read noise and of dark current."""
     inside = []
     gain = Measured(value=0.4, sigma=1e-9, source="flats")
-    from drivers.sim.sensor import Sensor
+    from drivers.sim.camera.sensor import Sensor
 
     for seed in range(60):
         sensor = Sensor(replace(MODEL, dsnu=0.2), 64, 64, seed, "interval")

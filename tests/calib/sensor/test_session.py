@@ -9,17 +9,17 @@ import pytest
 
 from calib.calibrate import calibrate
 from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.subjects import Subject
+from drivers.sim.scene.subjects import Subject
 from drivers.sim.truth import write_truth
-from imaging import store
-from imaging.calibration import CalibrationRecord, read_calibration
-from imaging.dng import write_dng
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.linear import read_linear
+from imaging.files import store
+from imaging.files.dng import write_dng
+from imaging.merge.linear_frame import read_linear
 from imaging.mosaic import RawMosaic
-from imaging.records import SessionRecord, ShotRecord
-from imaging.session import Session
+from imaging.session.calibration import CalibrationRecord, read_calibration
+from imaging.session.records import SessionRecord, ShotRecord
+from imaging.session.session import Session
 
 FLATS = (1 / 1000, 1 / 250, 1 / 60, 1 / 30, 1 / 15, 1 / 8, 1 / 4)
 CHANGES = {"ceiling": 3600, "hot_share": 1e-3, "hot_current": 300.0, "dead_share": 5e-4, "prnu": 0.008}

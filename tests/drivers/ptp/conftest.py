@@ -7,10 +7,10 @@ import pytest
 
 from drivers.ptp.codec import Command, Data, Header, Response, parse
 from drivers.ptp.codes import Operation, ResponseCode
-from drivers.sim.bus import VirtualBus
-from drivers.sim.descriptors import Description, Endpoint, Interface
-from drivers.sim.port import Port, Setup, Stall
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.descriptors import Description, Endpoint, Interface
+from drivers.sim.usb.port import Port, Setup, Stall
+from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.usb import STILL_IMAGE, UsbPipe, find
 
 OUT, IN, INTERRUPT = 0x02, 0x81, 0x83

@@ -11,13 +11,13 @@ from drivers.ptp import find_cameras
 from drivers.ptp.codec import Command, Data, Event, Response
 from drivers.ptp.codes import CanonOperation, DataType, Operation, ResponseCode, SonyOperation, VendorId
 from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, EnumForm, ObjectInfo
-from drivers.sim.bus import VirtualBus
-from drivers.sim.camera import SimulatedCamera
-from drivers.sim.ptp_profiles import PROFILES, profile
-from drivers.sim.ptp_responder import Responder
-from drivers.sim.ptp_usb import PtpDevice
+from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.ptp.profiles import PROFILES, profile
+from drivers.sim.ptp.responder import Responder
+from drivers.sim.ptp.usb_device import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 

@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from capture.initial import rig_file_text
-from drivers.connected import Listed, ask_all
+from capture.rigfile.template import rig_file_text
+from drivers.discovery import Listed, ask_all
 from drivers.errors import CameraRefused
 from drivers.ptp import PtpCamera, find_cameras
 from drivers.ptp.codes import CanonOperation, NikonOperation, Operation, ResponseCode, SonyOperation
-from drivers.sim.bus import VirtualBus
-from drivers.sim.camera import SimulatedCamera
-from drivers.sim.ptp_operations import Handler, Reply, Request
-from drivers.sim.ptp_profiles import PROFILES, profile
-from drivers.sim.ptp_responder import Responder
-from drivers.sim.ptp_store import STORAGE
-from drivers.sim.ptp_usb import PtpDevice
+from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.ptp.operations import Handler, Reply, Request
+from drivers.sim.ptp.profiles import PROFILES, profile
+from drivers.sim.ptp.responder import Responder
+from drivers.sim.ptp.store import STORAGE
+from drivers.sim.ptp.usb_device import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic

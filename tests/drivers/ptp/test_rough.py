@@ -7,14 +7,14 @@ from dataclasses import replace
 import pytest
 
 from drivers.ptp import PtpCamera, find_cameras
-from drivers.sim.bus import VirtualBus
-from drivers.sim.camera import SimulatedCamera
+from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import ROUGH, FaultPlan, Mix
-from drivers.sim.ptp_profiles import PROFILES, profile
-from drivers.sim.ptp_responder import Responder
-from drivers.sim.ptp_usb import PtpDevice
+from drivers.sim.ptp.profiles import PROFILES, profile
+from drivers.sim.ptp.responder import Responder
+from drivers.sim.ptp.usb_device import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.virtual_clock import VirtualClock, Worker
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock, Worker
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 

@@ -9,14 +9,14 @@ import pytest
 from drivers.camera import Camera, EncodedPhoto
 from drivers.errors import CameraClaimed, CameraLost, CameraPermission, CameraRefused
 from drivers.ptp import PtpCamera, find_cameras
-from drivers.sim.bus import Holder, VirtualBus
-from drivers.sim.camera import SimulatedCamera
+from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import Fault, FaultPlan, Kind
-from drivers.sim.ptp_profiles import PROFILES, profile
-from drivers.sim.ptp_responder import Responder
-from drivers.sim.ptp_usb import PtpDevice
+from drivers.sim.ptp.profiles import PROFILES, profile
+from drivers.sim.ptp.responder import Responder
+from drivers.sim.ptp.usb_device import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.usb.bus import Holder, VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic

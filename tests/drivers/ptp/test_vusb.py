@@ -15,10 +15,10 @@ import pytest
 from drivers.ptp.codes import FormatCode, PropertyCode
 from drivers.ptp.session import Download, PtpSession
 from drivers.ptp.transport import Transport
-from drivers.sim.bus import VirtualBus
-from drivers.sim.descriptors import Description, Endpoint, Interface
-from drivers.sim.port import Port, Setup, Stall
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.descriptors import Description, Endpoint, Interface
+from drivers.sim.usb.port import Port, Setup, Stall
+from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.usb import STILL_IMAGE, find
 
 OUT, IN, EVENTS, PACKET = 0x02, 0x81, 0x83, 512

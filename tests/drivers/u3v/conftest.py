@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from drivers.sim.bus import VirtualBus
-from drivers.sim.camera import SimulatedCamera
+from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import Fault, FaultPlan
 from drivers.sim.rigs import simulate
-from drivers.sim.u3v_device import U3vDevice
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.u3v.device import U3vDevice
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.u3v import U3vCamera
 from imaging.cfa import Cfa
 

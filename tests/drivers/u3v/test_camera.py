@@ -5,8 +5,8 @@ import pytest
 
 from drivers.camera import Camera
 from drivers.errors import CameraNotFound, CameraRefused, CameraTimeout
-from drivers.sim import u3v_frames
-from drivers.sim.u3v_description import Feature
+from drivers.sim.u3v import frames
+from drivers.sim.u3v.description import Feature
 from drivers.u3v import U3vCamera, find_cameras
 from drivers.u3v.genicam import NodeMap
 from drivers.u3v.pixels import BY_NAME
@@ -210,7 +210,7 @@ def test_a_sensor_without_a_mosaic_is_refused(
 ) -> None:
     codes = {"Mono8": 0x01080001, "Mono12p": 0x010C0047, "RGB8": 0x02180014}
     offered = {name: codes[name] for name in formats}
-    monkeypatch.setattr(u3v_frames, "offered", lambda cfa, bits: offered)
+    monkeypatch.setattr(frames, "offered", lambda cfa, bits: offered)
     bench = make_bench()
     bench.device._memory.put(Feature.PIXEL_FORMAT, codes["Mono8"])
     with pytest.raises(CameraRefused) as refused:

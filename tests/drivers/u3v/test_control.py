@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
-from drivers.sim.bus import VirtualBus
-from drivers.sim.descriptors import Description, Endpoint, Interface
-from drivers.sim.port import Port, Setup, Stall
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.descriptors import Description, Endpoint, Interface
+from drivers.sim.usb.port import Port, Setup, Stall
+from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.u3v import gencp
 from drivers.u3v.control import ControlChannel
 from drivers.u3v.gencp import Code, Packet, Status

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraTimeout
-from drivers.sim.bus import VirtualBus
 from drivers.sim.faults import ROUGH, Fault, FaultPlan, Kind
-from drivers.sim.u3v_device import U3vDevice
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.u3v.device import U3vDevice
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.u3v import U3vCamera
 from imaging.errors import CameraError
 from imaging.exposure import Exposure

@@ -15,9 +15,9 @@ import pytest
 from drivers.u3v.genicam.formula import parse
 from drivers.u3v.registers import Abrm, read_xml
 from drivers.u3v.session import open_session
+from tests.drivers.u3v.genicam.test_formula import BOTH, FLOAT, WHOLE
 
 from .conftest import MakeBench
-from .test_formula import BOTH, FLOAT, WHOLE
 
 HEAD = (
     '<RegisterDescription ModelName="A" VendorName="B" ToolTip="" StandardNameSpace="None" '

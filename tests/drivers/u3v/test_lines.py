@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.exposing import expose
-from capture.recorder import record
+from capture.bracket.single_exposure import expose
+from capture.record.recorder import record
 from drivers.errors import CameraRefused, CameraTimeout
-from drivers.sim.bus import VirtualBus
-from drivers.sim.camera import SimulatedCamera
+from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import simulate
-from drivers.sim.u3v_description import Feature
-from drivers.sim.u3v_device import U3vDevice
-from drivers.sim.u3v_lines import Wire
-from drivers.sim.virtual_clock import VirtualClock
+from drivers.sim.u3v.description import Feature
+from drivers.sim.u3v.device import U3vDevice
+from drivers.sim.u3v.lines import Wire
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.u3v import U3vCamera
 from imaging.exposure import Exposure
+from imaging.files.raw import read_raw
 from imaging.mosaic import RawMosaic
-from imaging.raw import read_raw
-from imaging.records import CameraRecord, PlanRecord, SessionRecord
-from imaging.session import Session
+from imaging.session.records import CameraRecord, PlanRecord, SessionRecord
+from imaging.session.session import Session
 
 LABEL = Exposure(time=1 / 60, iso=200)
 BRACKET = [Exposure(time=time, iso=100) for time in (1 / 1000, 1 / 60, 1 / 4)]

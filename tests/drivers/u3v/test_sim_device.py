@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CameraRefused
-from drivers.sim import u3v_device
-from drivers.sim.u3v_description import Feature
-from drivers.sim.u3v_device import STREAM_IN
-from drivers.sim.u3v_memory import _SIRM
+from drivers.sim.u3v import device
+from drivers.sim.u3v.description import Feature
+from drivers.sim.u3v.device import STREAM_IN
+from drivers.sim.u3v.memory import _SIRM
 from drivers.u3v.registers import Sirm
 from drivers.u3v.session import Session, open_session
 from drivers.u3v.settings import set_exposure
@@ -65,7 +65,7 @@ def test_frames_that_nobody_read_do_not_come_later(make_bench: MakeBench, by: st
 def test_a_host_that_does_not_read_costs_frames_not_memory(
     make_bench: MakeBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(u3v_device, "BUFFER", 50_000)
+    monkeypatch.setattr(device, "BUFFER", 50_000)
     bench = make_bench()
     session = opened(bench)
     run(session, bench, seconds=0.5)

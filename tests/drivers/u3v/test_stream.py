@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CameraLost, CameraProtocol, CameraRefused, CameraTimeout
-from drivers.sim.port import Port
-from drivers.sim.u3v_device import STREAM_IN
+from drivers.sim.u3v.device import STREAM_IN
+from drivers.sim.usb.port import Port
 from drivers.u3v.chunks import join_chunks, split_chunks
 from drivers.u3v.session import Session, open_session
 from drivers.u3v.stream import IMAGE, Leader, Trailer, TransferPlan

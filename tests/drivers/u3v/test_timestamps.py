@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from drivers.errors import CameraRefused
-from drivers.sim.u3v_lines import Oscillator
-from drivers.sim.u3v_memory import Denied
+from drivers.sim.u3v.lines import Oscillator
+from drivers.sim.u3v.memory import Denied
 from drivers.u3v import camera as camera_module
 from drivers.u3v.control import ControlChannel
 from drivers.u3v.gencp import Status

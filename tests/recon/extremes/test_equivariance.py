@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-import recon.threads as threads
+import imaging.compute.threads as threads
 from recon.splat import SplatStats
 
 

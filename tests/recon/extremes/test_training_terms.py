@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import torch
 
-from recon.appearance import LuminanceChromaticity
-from recon.density import Density, DensityRules
-from recon.gaussians import Gaussians
-from recon.losses import Photometric, mu_law
-from recon.observation import LIGHT_MU
-from recon.radiance import Light
+from recon.data.light import Light
+from recon.observe.linear import LIGHT_MU
+from recon.observe.losses import Photometric, mu_law
+from recon.scene.appearance import LuminanceChromaticity
+from recon.scene.gaussians import Gaussians
 from recon.splat import SplatStats, rasterize
+from recon.train.densification import Density, DensityRules
 
 
 @pytest.mark.parametrize("loss", ["mu-law", "log over a floor"])
@@ -48,7 +48,7 @@ def test_ssim_sees_values_of_display_size(toy_dataset: Any, toy_ldr: Any, name: 
     """
     dataset = toy_dataset
     if name != "nh_3dgs":
-        dataset = importlib.import_module("recon.dataset").load(toy_ldr)
+        dataset = importlib.import_module("recon.data.dataset").load(toy_ldr)
     method = importlib.import_module(f"recon.methods.{name}").compose(dataset, Light(100.0, 2.0**-20))
     view = dataset.train[0]
     image = torch.rand(view.lens.height, view.lens.width, 3, generator=torch.Generator().manual_seed(0))

@@ -13,23 +13,25 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from bench.support import oracle
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import write_truth
-from imaging import metrics, store
+from imaging import metrics
 from imaging.cfa import Cfa
-from imaging.dng import write_dng
 from imaging.exposure import Exposure
-from imaging.exr import read_exr, write_exr
+from imaging.files import store
+from imaging.files.dng import write_dng
+from imaging.files.exr import read_exr, write_exr
 from imaging.mosaic import RawMosaic
-from imaging.records import SessionRecord, ShotRecord
-from imaging.session import Session
+from imaging.session.records import SessionRecord, ShotRecord
+from imaging.session.session import Session
 from recon import reconstruct as stage
-from recon.dataset import View
+from recon.data.dataset import View
+from recon.data.truth import true_radiance
 from recon.evaluate import evaluate
-from recon.model import SPLATS
-from recon.ply import read_ply
-from recon.scene import Opened, open_model
-from recon.truth import true_radiance
+from recon.result.model import SPLATS
+from recon.result.scene import Opened, open_model
+from recon.scene.ply import read_ply
 
 SHORT = stage.Quality(iterations=100, gaussians=1000, width=320)
 """Enough at 32x24 for light to be told to about a third of a stop."""
@@ -104,7 +106,7 @@ def shoot(rig: SimulatedRig, folder: Path) -> None:
 
 
 @pytest.fixture(scope="session")
-def studio(oracle: Any, tmp_path_factory: pytest.TempPathFactory) -> Studio:
+def studio(tmp_path_factory: pytest.TempPathFactory) -> Studio:
     return Studio(tmp_path_factory.mktemp("studio"), oracle.calibrate_from_truth)
 
 

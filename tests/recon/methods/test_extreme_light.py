@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from imaging.errors import ReconstructionError
-from imaging.exr import read_exr
-from recon.radiance import light_of, radiance_image
+from imaging.files.exr import read_exr
+from recon.data.light import light_of, radiance_image
+from recon.data.truth import true_radiance
 from recon.reconstruct import reconstruct
-from recon.truth import true_radiance
 
 from .conftest import as_exr, in_other_units
 

@@ -3,8 +3,8 @@
 import pytest
 
 from calib.calibrate import calibrate
-from imaging import store
-from recon.truth import calibration_errors
+from imaging.files import store
+from recon.data.truth import calibration_errors
 
 from .conftest import in_other_units
 

@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 
-from imaging import store
 from imaging.errors import ReconstructionError
+from imaging.files import store
 
 
 def first_views(session, folder, count):

@@ -5,7 +5,7 @@ import pytest
 
 from imaging.cfa import Cfa
 from imaging.errors import ReconstructionError
-from recon.truth import true_radiance
+from recon.data.truth import true_radiance
 
 from .conftest import as_exr, joined
 

@@ -6,11 +6,11 @@ import signal
 
 import pytest
 
-from imaging import store
+from imaging.files import store
 from recon.evaluate import evaluate
-from recon.model import CHECKPOINT, MODEL, SPLATS
-from recon.ply import read_ply
 from recon.reconstruct import reconstruct
+from recon.result.model import CHECKPOINT, MODEL, SPLATS
+from recon.scene.ply import read_ply
 
 from .conftest import joined
 

@@ -1,26 +1,15 @@
-"""The peer that bench/splat.py measures against computes what we compute."""
-
-import importlib
-import sys
-from pathlib import Path
-from types import ModuleType
+"""The peer that bench/speed/splat.py measures against computes what we compute."""
 
 import pytest
 import torch
 
+from bench.speed import peers
 from recon.splat import Limits, rasterize
 from recon.stability.workloads import view, workload
 
 
-@pytest.fixture
-def peers(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "bench"))
-    monkeypatch.delitem(sys.modules, "peers", raising=False)
-    return importlib.import_module("peers")
-
-
 @pytest.mark.parametrize("name", ["object", "room"])
-def test_peer_agrees(peers: ModuleType, name: str) -> None:
+def test_peer_agrees(name: str) -> None:
     tensors, camera = workload(name, 1500), view(name, 70, 50)
     pull = torch.randn(50, 70, 3, generator=torch.Generator().manual_seed(0))
     images, gradients = [], []

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-import recon.threads as threads
+import imaging.compute.threads as threads
 from recon.splat import Render, SplatCamera, SplatStats
-from recon.splat.buffers import Buffers
+from recon.splat.cpu.buffers import Buffers
 
 NAMES = ("means", "quats", "scales", "opacities", "colours", "background")
 

@@ -10,13 +10,13 @@ import pytest
 import torch
 
 from imaging import lens as optics
+from imaging.compute.jit import kernel
 from imaging.errors import ReconstructionError
 from imaging.lens import Lens
 from imaging.pose import Pose
-from recon import lanes
-from recon.jit import kernel
 from recon.splat import Limits, SplatCamera, rasterize
-from recon.splat.fisheye import NEAR_AXIS, radial, radial_by_terms
+from recon.splat.cpu import lanes
+from recon.splat.cpu.fisheye import NEAR_AXIS, radial, radial_by_terms
 from recon.splat.parameters import parameters
 from recon.splat.reference import _distort_fisheye
 

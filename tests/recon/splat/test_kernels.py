@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 import torch
 
-import recon.threads as threads
-from recon import lanes
-from recon.jit import cache_folder, kernel
-from recon.splat import SplatCamera, rasterize, tables, tiles
-from recon.splat.composite import cover
-from recon.threads import share, take_number
-from recon.warm_up import warm_up
+import imaging.compute.threads as threads
+from imaging.compute.jit import cache_folder, kernel
+from imaging.compute.threads import share, take_number
+from recon.splat import SplatCamera, rasterize, tables
+from recon.splat.cpu import lanes, tiles
+from recon.splat.cpu.composite import cover
+from recon.train.warm_up import warm_up
 
 
 @kernel
@@ -218,7 +218,7 @@ def test_kernels_compile_without_a_place_for_the_cache(tmp_path: Path) -> None:
     blocked.write_text("")
     code = (
         "import numpy as np\n"
-        "from recon.splat import tiles\n"
+        "from recon.splat.cpu import tiles\n"
         "print(tiles.number_slots(np.ones(3, np.int32), np.empty(4, np.int64)))"
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(blocked / "no")}

@@ -8,7 +8,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-import recon.threads as threads
+import imaging.compute.threads as threads
 from recon.splat import Limits, Render, rasterize
 from recon.splat.moved import DELTA, moved
 

@@ -1,0 +1,158 @@
+"""Board sessions for bench/calibration/poses.py: true corners with noise, or pictures and the detector."""
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bench.calibration.pose_error import degrees_of
+from calib.boards.corners import Corners, find_all
+from calib.boards.measure import Group, solve_group
+from calib.data.features import Key
+from drivers.sim.camera.lens import project
+from drivers.sim.rigs import SimulatedRig, simulate
+from drivers.sim.scene.board import Board as Shown
+from drivers.sim.scene.board import board_from_rig
+from imaging.session.records import Board
+
+Array = npt.NDArray[np.float64]
+WIDTH, HEIGHT, FRAMES, NOISE = 960, 720, 25, 0.06
+EDGE = 5.0
+"""px; no detector finds a corner nearer to the edge."""
+FEWEST = 6
+SHOWN = Shown()
+BOARD = Board(**SHOWN.description())
+
+
+def silent(message: str, done: int, total: int) -> None:
+    """Shows nothing."""
+
+
+def rig_of(seed: int) -> SimulatedRig:
+    return simulate("demo", seed, width=WIDTH, height=HEIGHT)
+
+
+def cam_from_board(rig: SimulatedRig, camera: int, frame: int) -> Array:
+    mounted = [mount.cam_from_rig for mount in rig.mounts]
+    held = board_from_rig(SHOWN, rig.seed, frame, rig.mounts[0].optics.lens, mounted)
+    return np.asarray(mounted[camera] @ np.linalg.inv(held))
+
+
+def corners(rig: SimulatedRig, frames: int) -> dict[Key, Corners]:
+    """True corners, each coordinate off by NOISE px (normal), of all views that show FEWEST of them."""
+    rng = np.random.default_rng([rig.seed, 0xB0A4D])
+    found = {}
+    for frame in range(frames):
+        for camera, mount in enumerate(rig.mounts):
+            pose = cam_from_board(rig, camera, frame)
+            local = BOARD.corners() @ pose[:3, :3].T + pose[:3, 3]
+            points = project(mount.optics.lens, local)
+            inside = (local[:, 2] > 0) & np.all((points > EDGE) & (points < (WIDTH - EDGE, HEIGHT - EDGE)), 1)
+            if inside.sum() >= FEWEST:
+                points = points + rng.normal(0, NOISE, points.shape)
+                found[mount.name, frame] = Corners(np.flatnonzero(inside), points[inside])
+    return found
+
+
+def detected(rig: SimulatedRig, frames: int) -> dict[Key, Corners]:
+    """Corners that the detector finds in pictures with noise of two codes."""
+
+    def picture(key: Key) -> npt.NDArray[np.uint8]:
+        camera = names.index(key[0])
+        light = SHOWN.render(rig.mounts[camera].optics.lens, cam_from_board(rig, camera, key[1]), samples=2)
+        noise = np.random.default_rng([rig.seed, camera, key[1]]).normal(0, 2, light.shape)
+        return np.clip(200 * light + noise, 0, 255).astype(np.uint8)
+
+    names = [mount.name for mount in rig.mounts]
+    pictures = {(name, frame): picture((name, frame)) for name in names for frame in range(frames)}
+    return find_all(BOARD, sorted(pictures), lambda key: pictures[key], silent)[0]
+
+
+def relative(rig: SimulatedRig, poses: Mapping[str, Array]) -> list[tuple[str, float, float]]:
+    """Of each camera but the reference: degrees and mm between its true and its found place."""
+    true = {mount.name: np.asarray(mount.cam_from_rig) for mount in rig.mounts}
+    reference = next(name for name, pose in poses.items() if np.allclose(pose, np.eye(4)))
+    found = []
+    for name in sorted(poses.keys() - {reference}):
+        goal = true[name] @ np.linalg.inv(true[reference])
+        here, there = (-one[:3, :3].T @ one[:3, 3] for one in (poses[name], goal))
+        turn = degrees_of(poses[name][:3, :3] @ goal[:3, :3].T)
+        found.append((name, turn, 1000 * float(np.linalg.norm(here - there))))
+    return found
+
+
+def solved(rig: SimulatedRig, seen: Mapping[Key, Corners]) -> Group:
+    return solve_group(BOARD, seen, {mount.name: (WIDTH, HEIGHT) for mount in rig.mounts}, silent)
+
+
+def trial(seed: int, rendered: bool) -> dict[str, Any]:
+    """One session: errors of the rig, in degrees, mm and stated standard errors."""
+    rig = rig_of(seed)
+    seen = detected(rig, FRAMES) if rendered else corners(rig, FRAMES)
+    began = time.perf_counter()
+    group = solved(rig, seen)
+    row: dict[str, Any] = {"views": len(seen), "corners": sum(len(own.ids) for own in seen.values())}
+    row |= {"seconds": time.perf_counter() - began}
+    assert group.solved is not None
+    assert group.doubt is not None
+    errors = relative(rig, group.solved.cam_from_rig)
+    row |= {"rotation": [turn for _, turn, _ in errors], "translation": [shift for _, _, shift in errors]}
+    row["rotation_ratios"] = [turn / group.doubt.rotation[name] for name, turn, _ in errors]
+    row["translation_ratios"] = [shift / 1000 / group.doubt.translation[name] for name, _, shift in errors]
+    return row
+
+
+def peer(seed: int) -> dict[str, Any]:
+    """OpenCV's calibrateMultiview on the same corners, each camera calibrated on its own before."""
+    rig = rig_of(seed)
+    seen = corners(rig, FRAMES)
+    names = [mount.name for mount in rig.mounts]
+    flat = BOARD.corners().astype(np.float32)
+    objects = [flat] * FRAMES
+    images, mask = [], np.zeros((len(names), FRAMES), np.uint8)
+    matrices, distortions = [], []
+    for camera, name in enumerate(names):
+        own = []
+        for frame in range(FRAMES):
+            points = np.full((len(flat), 1, 2), -1.0, np.float32)
+            if (name, frame) in seen:
+                points[seen[name, frame].ids, 0] = seen[name, frame].points - 0.5
+                mask[camera, frame] = 1
+            own.append(points)
+        images.append(own)
+        views = [seen[name, frame] for frame in range(FRAMES) if (name, frame) in seen]
+        _, matrix, distortion, _, _ = cv2.calibrateCamera(
+            [flat[view.ids] for view in views],
+            [(view.points - 0.5).astype(np.float32)[:, None] for view in views],
+            (WIDTH, HEIGHT),
+            None,
+            None,
+            flags=cv2.CALIB_FIX_K3,
+        )
+        matrices.append(matrix)
+        distortions.append(distortion)
+    began = time.perf_counter()
+    try:
+        rms, _, _, turns, shifts, *_ = cv2.calibrateMultiview(
+            objects, images, [(WIDTH, HEIGHT)] * len(names), mask, np.zeros((len(names), 1), np.uint8),
+            matrices, distortions, None, None,
+            flagsForIntrinsics=np.full(len(names), cv2.CALIB_FIX_K3, np.int32),
+            flags=cv2.CALIB_USE_INTRINSIC_GUESS,
+        )  # fmt: skip
+    except cv2.error as error:
+        return {"refused": str(error).splitlines()[-1].strip()}
+    poses = {}
+    for name, turn, shift in zip(names, turns, shifts, strict=True):
+        poses[name] = np.eye(4)
+        poses[name][:3, :3] = turn if np.shape(turn) == (3, 3) else cv2.Rodrigues(turn)[0]
+        poses[name][:3, 3] = np.ravel(shift)
+    errors = relative(rig, poses)
+    return {
+        "seconds": time.perf_counter() - began,
+        "rms": float(rms),
+        "rotation": [turn for _, turn, _ in errors],
+        "translation": [shift for _, _, shift in errors],
+    }

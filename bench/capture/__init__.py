@@ -1,0 +1,1 @@
+"""Capture, measured: bad days, killed processes, planners, disks, merging."""

@@ -1,0 +1,98 @@
+"""Which learning rates suit trainings of which length: the usual ones times several factors.
+
+    python -m bench.decided.haste [--quick] [--json] [--write] [--work FOLDER] [--ladder FOLDER]
+
+Three scenes of bench/recon/presets.py, in FOLDER of --work, and two of bench/recon/ladder.py, in that of
+--ladder, trained as `rig reconstruct --quality draft` trains them (at most 20,000 Gaussians, 320 px), with
+schedules of 25 to 1000 iterations. Finished rows are kept in --work.
+"""
+
+import argparse
+import shutil
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from bench.recon import ladder_scenes
+from bench.recon.presets import SCENES, TOYS, folder_of
+from bench.support.record import WORK, arguments, deliver, machine, words
+from bench.support.trial import Cache
+from recon.decide.overrides import Fixed
+from recon.evaluate import evaluate
+from recon.reconstruct import reconstruct
+from recon.train.haste import haste
+from recon.train.warm_up import warm_up
+
+FACTORS = {
+    25: (1, 3, 4, 6, 8, 10),
+    50: (1, 3, 4, 6, 8),
+    100: (1, 2, 2.8, 4, 5.6),
+    300: (1, 1.4, 2, 2.8, 4),
+    1000: (1, 1.4, 2),
+}
+LADDER = ("linear 0", "HDR 0")
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    cache, rows = Cache(options.work / "haste.jsonl"), []
+    folders = {scene.name: (folder_of, scene, options.work) for scene in options.scenes}
+    folders |= {one.name: (ladder_scenes.session, one, options.ladder) for one in options.kinds}
+    for name, (session, scene, work) in folders.items():
+        for iterations, factor in [(n, factor) for n, all_of in options.factors.items() for factor in all_of]:
+            key = f"{name} {iterations} {factor:g}"
+            found = cache.get(
+                key, lambda s=session, a=scene, w=work, n=iterations, f=factor: one(s(a, w), n, f)
+            )
+            rows.append({"scene": name, "iterations": iterations, "factor": factor} | found)
+    return {"machine": machine(), "rows": rows}
+
+
+def one(folder: Path, iterations: int, factor: float) -> dict[str, float]:
+    """Held-out dB, and dB to the truth, of a whole training at so many times the usual rates."""
+    warm_up(lambda message, done, total: None)
+    with mock.patch("recon.result.model.haste", return_value=factor):
+        made = reconstruct(folder, quality="draft", fixed=Fixed(iterations=iterations), name="haste")
+    metrics = evaluate(made)
+    shutil.rmtree(made)
+    db = metrics["raw_psnr"] if "raw_psnr" in metrics else metrics["ldr_psnr_oe"]
+    return {"db": round(db, 2), "truth_db": round(metrics["hdr_psnr_mu_aligned"], 2)}
+
+
+def report(result: dict[str, Any]) -> str:
+    lines = [
+        "# Learning rates by the length of a training",
+        "",
+        f"`python -m bench.decided.haste --write`, {words(result['machine'])}. Held-out pictures / "
+        "light, dB, at so "
+        "many times the usual rates, of at most 20,000 Gaussians; taken: the factor of `recon.train.haste`.",
+        "",
+        "| iterations | taken | scene | factor: pictures / light, dB |",
+        "|---|---|---|---|",
+    ]
+    rows = result["rows"]
+    for iterations in sorted({row["iterations"] for row in rows}):
+        for name in dict.fromkeys(row["scene"] for row in rows):
+            own = [row for row in rows if (row["iterations"], row["scene"]) == (iterations, name)]
+            told = [f"{row['factor']:g}: {row['db']:.2f} / {row['truth_db']:.2f}" for row in own]
+            if told:
+                lines.append(f"| {iterations} | {haste(iterations):.2f} | {name} | {', '.join(told)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--work", type=Path, default=WORK)
+    parser.add_argument(
+        "--ladder", type=Path, default=WORK, help="where the sessions of bench/recon/ladder.py are"
+    )
+    options = parser.parse_args()
+    options.scenes, options.factors = SCENES[:3], FACTORS
+    options.kinds = [one for one in ladder_scenes.scenes() if one.name in LADDER]
+    if options.quick:
+        options.scenes, options.kinds, options.factors = TOYS, [], {50: (1, 4)}
+    result = measure(options)
+    deliver(options, "haste", result, report(result))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Reconstruction, measured: methods, presets, budgets, predictions, choices, stability."""

@@ -1,0 +1,119 @@
+"""What stopping early costs and saves: standard and best as they are, and ended where little is gained.
+
+    python -m bench.recon.early_stop [--quick] [--json] [--write] [--work FOLDER]
+
+The scenes of bench/recon/presets.py, whose trainings in full are taken from its sweeps where they are there.
+dB as `rig evaluate` measures them, of the test views, by which nothing was ended; seconds of the training.
+Finished rows are kept in FOLDER.
+"""
+
+import argparse
+import shutil
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from statistics import fmean, median
+from typing import Any
+
+import numpy as np
+
+from bench.recon.presets import SCENES, TINY, TOYS, Scene, folder_of
+from bench.support.record import WORK, arguments, deliver, machine, words
+from bench.support.trial import Cache
+from recon.decide.presets import QUALITIES
+from recon.evaluate import measured
+from recon.reconstruct import reconstruct
+from recon.result.scene import open_model
+from recon.trade.point import MEASURES, measuring, train_point
+from recon.trade.records import FOLDER, TRADE, Choice, Trade, code_hash, read_trade
+from recon.trade.sweep import sweep
+
+PRESETS = ("standard", "best")
+LOSS, SHARE = 0.1, 0.5
+"""dB that stopping may cost in the mean, and the median share of the iterations that it should take."""
+
+
+def recorded(session: Path) -> Trade:
+    """The session's sweep as far as it goes; one of other code, or none, begins anew with one training."""
+    found = read_trade(session) if (session / FOLDER / TRADE).exists() else None
+    return found if found is not None and found.code == code_hash() else sweep(session, budget=0.0)
+
+
+def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[str, Any]:
+    """A scene trained by a preset in full, and with early stop."""
+    session = folder_of(scene, options.work)
+    trade = recorded(session)
+    choice = Choice(axis="preset", quality=quality)
+    own = [p for p in trade.points if p.choice.quality == quality and not p.choice.fixed.words()]
+    full = own[0] if own else train_point(session, choice, trade)
+    made = reconstruct(
+        session, method=trade.method, quality=quality, seed=trade.seed, name="early", shelf=FOLDER,
+        early_stop=True,
+    )  # fmt: skip
+    opened = open_model(made)
+    # On the views that the training was not ended by, both.
+    dataset = replace(measuring(session, trade.width), watched=opened.dataset.watched)
+    _, _, rows, _ = measured(replace(opened, dataset=dataset))
+    db = float(np.mean([next(row[key] for key in MEASURES if key in row) for row in rows]))
+    full_db = float(np.mean([full.views[row["view"]] for row in rows]))
+    found = {
+        "full_db": full_db, "full_seconds": full.seconds, "full_iterations": full.iterations,
+        "db": db, "seconds": opened.record.train_seconds, "iterations": opened.training.iteration,
+    }  # fmt: skip
+    shutil.rmtree(made)
+    return found
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    cache = Cache(options.work / "early_stop.jsonl")
+    rows = [
+        {"scene": scene.name, "preset": quality}
+        | cache.get(f"{scene.name} {quality}", partial(compared, scene, quality, options))
+        for scene in options.scenes
+        for quality in PRESETS
+    ]
+    return {"machine": machine(), "rows": rows}
+
+
+def report(result: dict[str, Any]) -> str:
+    lines = [
+        "# What stopping early costs and saves",
+        "",
+        f"`python -m bench.recon.early_stop --write`. {words(result['machine'])}. Held-out pictures as `rig "
+        "evaluate` measures them. Share: of the iterations, since seconds of another hour do not compare.",
+        "",
+        "| scene | preset | full, dB | s | iterations | stopped, dB | s | iterations | lost | share |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in result["rows"]:
+        lines.append(
+            f"| {row['scene']} | {row['preset']} | {row['full_db']:.2f} | {row['full_seconds']:.0f} "
+            f"| {row['full_iterations']} | {row['db']:.2f} | {row['seconds']:.0f} | {row['iterations']} "
+            f"| {row['full_db'] - row['db']:.2f} | {row['iterations'] / row['full_iterations']:.2f} |"
+        )
+    lines.append("")
+    for quality in PRESETS:
+        own = [row for row in result["rows"] if row["preset"] == quality]
+        lost = [row["full_db"] - row["db"] for row in own]
+        shares = [row["iterations"] / row["full_iterations"] for row in own]
+        lines.append(
+            f"{quality}: {fmean(lost):.2f} dB lost in the mean (asked: {LOSS}), {max(lost):.2f} at most; "
+            f"{median(shares):.2f} of the iterations in the median (asked: {SHARE})."
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("--work", type=Path, default=WORK)
+    options = parser.parse_args()
+    options.scenes = SCENES
+    if options.quick:
+        QUALITIES.update(TINY)
+        options.scenes, options.work = TOYS, options.work / "quick"
+    result = measure(options)
+    deliver(options, "early_stop", result, report(result))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+"""A RAW session as different programs would train on it: brackets, one exposure, merged, demosaicked."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from imaging.cfa import bilinear
+from imaging.demosaic import demosaic
+from imaging.merge.bracket import merge_bracket
+from imaging.merge.linear_frame import Bool, Float
+from recon.data.dataset import Dataset, Sensor, View
+from recon.data.light import radiance_image
+from recon.data.pixels import Shot
+
+Picture = Callable[[View], tuple[Float, Bool]]
+
+
+def brackets(dataset: Dataset) -> Dataset:
+    """As `rig reconstruct` has it: every exposure of a view is an observation of its own."""
+    return dataset
+
+
+def one_exposure(dataset: Dataset, index: int) -> Dataset:
+    """Only one exposure of each bracket, the darkest first."""
+    return _with(dataset, lambda view: replace(view, shots=view.shots[index : index + 1]))
+
+
+def merged(dataset: Dataset, picture: Picture = radiance_image) -> Dataset:
+    """Each bracket merged (at the Cramer-Rao bound) and demosaicked: linear Rec.709, as in an EXR."""
+    return _with(dataset, lambda view: _merged(view, picture))
+
+
+def bilinear_image(view: View) -> tuple[Float, Bool]:
+    """As `radiance_image`, demosaicked bilinearly."""
+    sensor = view.sensor
+    assert sensor.cfa is not None
+    found = merge_bracket([shot.linear(None, sensor.cfa) for shot in view.shots])
+    rgb, known = bilinear(np.nan_to_num(found.radiance, nan=0.0) / sensor.falloff, sensor.cfa)
+    return np.asarray(rgb @ np.linalg.inv(sensor.camera_from_rec709).T, np.float32), known.all(-1)
+
+
+def merged_mosaic(dataset: Dataset) -> Dataset:
+    """Each bracket merged, but not demosaicked."""
+    return _with(dataset, _merged_mosaic)
+
+
+def demosaicked(dataset: Dataset) -> Dataset:
+    """Every exposure on its own, demosaicked."""
+    return _with(dataset, _demosaicked)
+
+
+def _with(dataset: Dataset, change: Callable[[View], View]) -> Dataset:
+    """Training views changed; the held-out ones stay what the cameras recorded."""
+    return replace(dataset, train=tuple(change(view) for view in dataset.train))
+
+
+def _merged(view: View, picture: Picture) -> View:
+    rgb, _ = picture(view)
+    everywhere = np.ones(rgb.shape, bool)
+    shot = Shot(view.shots[0].file, 1.0, rgb, ~everywhere, ~everywhere, everywhere)
+    plain = np.ones(rgb.shape[:2], np.float32)
+    return replace(view, shots=(shot,), sensor=Sensor("hdr", None, np.eye(3), plain, view.sensor.response))
+
+
+def _merged_mosaic(view: View) -> View:
+    found = merge_bracket([shot.linear(None, view.sensor.cfa) for shot in view.shots])
+    light = np.ascontiguousarray(np.nan_to_num(found.radiance, nan=0.0), np.float32)
+    never = np.zeros(light.shape, bool)
+    return replace(
+        view, shots=(Shot(view.shots[0].file, 1.0, light, never, never, np.isfinite(found.radiance)),)
+    )
+
+
+def _demosaicked(view: View) -> View:
+    cfa = view.sensor.cfa
+    assert cfa is not None
+    shots = []
+    for shot in view.shots:
+        sigma = None if shot.noise is None else np.sqrt(shot.noise.variance(shot.pixels))
+        found = demosaic(shot.pixels, cfa, shot.valid, sigma)
+        clipped = bilinear(shot.saturated.astype(np.float32), cfa)[0] > 0
+        shots.append(
+            replace(
+                shot,
+                pixels=found.rgb,
+                saturated=clipped,
+                dark=np.zeros(clipped.shape, bool),
+                valid=found.known,
+            )
+        )
+    return replace(view, shots=tuple(shots), sensor=replace(view.sensor, cfa=None))

@@ -1,0 +1,1 @@
+"""What the benches share: options, tables, trainings, errors by scene and seed."""

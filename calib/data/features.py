@@ -1,0 +1,162 @@
+"""Features of every view and what of them two views share, written to a COLMAP database in memory."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from calib.data.matching import match
+from calib.data.previews import enlargement
+from calib.data.views import Progress
+from imaging.files.colmap import pycolmap
+
+Float = npt.NDArray[np.float32]
+Key = tuple[str, int]
+"""Camera name and frame."""
+
+PEAK_THRESHOLD = 0.002
+"""Of SIFT; the usual 0.0067 leaves too few features in 320 pixels and costs a third of a degree."""
+MOST_FEATURES = 6000
+"""In one picture; SIFT keeps the largest."""
+PIXELS_EACH = 36
+"""A small picture has at most one feature to so many of its pixels: more of them are noise."""
+FEWEST_MATCHES = 15
+PLANAR_SHARE = 0.85
+"""Of the matches of a pair that one homography explains, above which they show a plane or a turn."""
+
+
+def image_name(key: Key) -> str:
+    """Name of a view's preview, and of its image in the COLMAP model."""
+    return f"{key[0]}/{key[1]:04d}.png"
+
+
+def key_of(name: str) -> Key:
+    """The inverse of `image_name`."""
+    camera, file = name.split("/")
+    return camera, int(file.removesuffix(".png"))
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """points: float64 [K, 2], preview pixels, centres at +0.5; descriptors: float32 [K, 128], unit length."""
+
+    points: npt.NDArray[np.float64]
+    descriptors: Float
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two views that share matches: points [M, 2] of each, px, that fit an epipolar geometry.
+
+    index: uint32 [M, 2], their places among the features of each view.
+    """
+
+    one: npt.NDArray[np.float64]
+    other: npt.NDArray[np.float64]
+    index: npt.NDArray[np.uint32]
+
+    def parallax(self, size: tuple[int, int], max_error: float) -> float:
+        """How far the matches are from those of a camera that only turns: 0 for a pure rotation.
+
+        A turn moves the picture by a homography `K R K^-1`; a flat scene seen from two places by one
+        that no focal length makes a rotation. inf where no homography explains the matches. size: of
+        the pictures, px.
+        """
+        cv2.setRNGSeed(0)
+        homography, mask = cv2.findHomography(self.one, self.other, cv2.RANSAC, max_error)
+        if homography is None or float(np.mean(mask)) < PLANAR_SHARE:
+            return float("inf")
+        spreads = []
+        for focal in max(size) * np.geomspace(0.4, 5.0, 300):
+            camera = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
+            values = np.linalg.svd(np.linalg.inv(camera) @ homography @ camera, compute_uv=False)
+            spreads.append(values[0] / max(values[2], 1e-12) - 1)
+        return float(min(spreads))
+
+
+def extract(picture: Float, threads: int) -> Features:
+    """SIFT features of one picture, float32 [h, w] in 0..1."""
+    options = pycolmap.FeatureExtractionOptions()
+    options.num_threads = threads
+    options.use_gpu = False
+    options.sift.peak_threshold = PEAK_THRESHOLD
+    options.sift.max_num_features = min(MOST_FEATURES, max(picture.size // PIXELS_EACH, 500))
+    scale = enlargement(picture.shape[1])
+    if scale > 1:
+        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+    picture = np.ascontiguousarray(np.clip(picture, 0.0, 1.0), np.float32)
+    extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
+    keypoints, descriptors = extractor.extract_from_float32_array(picture)
+    points = np.array(pycolmap.keypoints_to_matrix(keypoints), np.float64).reshape(-1, 4)[:, :2]
+    vectors = np.asarray(descriptors.data).astype(np.float32).reshape(len(points), 128)
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True) + 1e-9
+    return Features(points / scale, vectors)
+
+
+def unmasked(found: Features, counts: npt.NDArray[np.bool_], width: int, height: int) -> Features:
+    """The features of a picture of `width` x `height` that a mask lets through.
+
+    counts: bool [H, W] of the photograph, of which the picture is a smaller or an equal one.
+    """
+    scale = counts.shape[1] / width, counts.shape[0] / height
+    x, y = (found.points * scale).astype(int).T
+    keep = counts[y.clip(0, counts.shape[0] - 1), x.clip(0, counts.shape[1] - 1)]
+    return found if keep.all() else Features(found.points[keep], found.descriptors[keep])
+
+
+def fill_database(
+    database: Any,
+    cameras: Mapping[str, Any],
+    features: Mapping[Key, Features],
+    max_error: float,
+    progress: Progress,
+) -> dict[tuple[Key, Key], Pair]:
+    """Write cameras, images and verified matches of all pairs of views; returns the pairs that match.
+
+    cameras: pycolmap cameras by name; their `camera_id` is set here. Every camera is a rig of its own
+    here, every image a frame; a common rig is found from their poses later. max_error: of the epipolar
+    geometry, px.
+    """
+    images: dict[Key, int] = {}
+    rigs: dict[str, int] = {}
+    for name, camera in cameras.items():
+        camera.camera_id = database.write_camera(camera)
+        rig = pycolmap.Rig()
+        rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, camera.camera_id))
+        rigs[name] = database.write_rig(rig)
+    for (name, frame), own in features.items():
+        image = pycolmap.Image()
+        image.name = image_name((name, frame))
+        image.camera_id = cameras[name].camera_id
+        index = images[name, frame] = database.write_image(image)
+        instant = pycolmap.Frame()
+        instant.rig_id = rigs[name]
+        instant.add_data_id(database.read_image(index).data_id)
+        database.write_frame(instant)
+        database.write_keypoints(index, own.points.astype(np.float32))
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = 0
+    options.ransac.max_error = max_error
+    options.detect_watermark = False
+    pairs = {}
+    every = list(combinations(features, 2))
+    for done, (a, b) in enumerate(every):
+        progress("matching", done, len(every))
+        matches = match(features[a].descriptors, features[b].descriptors)
+        if len(matches) < FEWEST_MATCHES:
+            continue
+        geometry = pycolmap.estimate_two_view_geometry(
+            cameras[a[0]], features[a].points, cameras[b[0]], features[b].points, matches, options
+        )
+        database.write_matches(images[a], images[b], matches)
+        inliers = np.asarray(geometry.inlier_matches)
+        if len(inliers) >= FEWEST_MATCHES:
+            database.write_two_view_geometry(images[a], images[b], geometry)
+            one, other = features[a].points[inliers[:, 0]], features[b].points[inliers[:, 1]]
+            pairs[a, b] = Pair(one, other, inliers)
+    progress("matching", len(every), len(every))
+    return pairs

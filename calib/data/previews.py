@@ -1,0 +1,104 @@
+"""The pictures that features are found in: radiance, log-encoded and locally normalised.
+
+SIFT on linear light finds nothing in the dark; on the logarithm of merged radiance, less its local
+mean, dim and bright parts of a scene look alike (Rana 2016, Suma 2016 recommend local operators).
+"""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from imaging.merge.bracket import Merged
+
+Float = npt.NDArray[np.float32]
+
+MAX_WIDTH = 1600
+"""Wider images are reduced to it for features."""
+MIN_WIDTH = 640
+"""Narrower ones are enlarged to it, inside the feature extractor only: SIFT's first octave is coarse."""
+LOCAL_SHARE = 0.8
+"""Of the local mean that is taken away; all of it would leave halos as the only large features."""
+FAINT = 4.0
+"""Signal-to-noise ratio of photosites below which a view is smoothed, so that noise hides no features."""
+BLUR = 1.0
+"""px, of a faint picture."""
+FLOORS = 2.0, 8.0
+"""Noise floors added before the logarithm; the more of them in a faint picture, lest its shadows be noise."""
+_HOT = 2.0
+"""A photosite that has so many times the light of all like it around shows a defect, and no scene."""
+_BINOMIAL = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 16
+
+
+def preview(merged: Merged) -> Float:
+    """The feature picture of merged radiance [H, W] (mosaic) or [H, W, 3]: float32 [h, w] in 0..1.
+
+    At most MAX_WIDTH wide; grey where the view shows nothing.
+    """
+    brightness, sigma = luminance(merged)
+    height, width = brightness.shape
+    if width > MAX_WIDTH:
+        size = (MAX_WIDTH, max(1, round(height * MAX_WIDTH / width)))
+        brightness = cv2.resize(brightness, size, interpolation=cv2.INTER_AREA)
+        sigma = cv2.resize(sigma, size, interpolation=cv2.INTER_AREA)
+    faint = is_faint(merged)
+    if faint:
+        brightness = ndimage.gaussian_filter(brightness, BLUR, mode="mirror")
+        sigma = ndimage.gaussian_filter(sigma, BLUR, mode="mirror") / (2 * np.sqrt(np.pi) * BLUR)
+    # The noise of the darkest fifth is the floor: below it there is nothing to see.
+    floor = float(np.median(sigma[sigma <= np.percentile(sigma, 20)]))
+    floor = max(floor, 1e-6 * float(np.max(brightness, initial=0.0)), 1e-30)
+    stops = np.log2(np.maximum(brightness, -floor) + FLOORS[faint] * floor)
+    flat = stops - LOCAL_SHARE * ndimage.gaussian_filter(stops, max(stops.shape[1] / 40, 1.0))
+    low, high = (float(value) for value in np.percentile(flat, (0.5, 99.5)))
+    if high - low < 1e-6:
+        return np.full(flat.shape, 0.5, np.float32)
+    return np.asarray(np.clip((flat - low) / (high - low), 0.0, 1.0), np.float32)
+
+
+def is_faint(merged: Merged) -> bool:
+    """Whether most of a view is little more than noise."""
+    if merged.sigma is None or not merged.valid.any():
+        return False
+    light, noise = (float(np.median(part[merged.valid])) for part in (merged.radiance, merged.sigma))
+    return light < FAINT * noise
+
+
+def enlargement(width: int) -> int:
+    """Whole factor by which the feature extractor sees a picture of this width enlarged."""
+    return max(1, round(MIN_WIDTH / width)) if width < MIN_WIDTH else 1
+
+
+def luminance(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Brightness and its noise, [H, W]; a mosaic is smoothed over its 2x2 tiles, so that no checker stays."""
+    known = merged.valid | merged.clipped | merged.dark
+    radiance = np.where(known, merged.radiance, 0.0).astype(np.float64)
+    if merged.sigma is None:
+        sigma = np.zeros(radiance.shape)
+    else:
+        sigma = np.where(np.isfinite(merged.sigma), merged.sigma, 0.0).astype(np.float64)
+    if radiance.ndim == 3:
+        return radiance.mean(-1), np.sqrt((sigma**2).sum(-1)) / 3
+    radiance = _without_hot(radiance, sigma)
+    smooth = ndimage.convolve(radiance, _BINOMIAL, mode="mirror")
+    return smooth, np.sqrt(ndimage.convolve(sigma**2, _BINOMIAL**2, mode="mirror"))
+
+
+def _without_hot(
+    radiance: npt.NDArray[np.float64], sigma: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """A mosaic [H, W] whose hot photosites have the median of those of their colour around them.
+
+    They stand still when the camera moves, and would be matched between all of its views.
+    """
+    around = np.zeros((5, 5), bool)
+    around[::2, ::2] = True
+    around[2, 2] = False
+    limit = _HOT * ndimage.maximum_filter(radiance, footprint=around, mode="mirror") + 5 * sigma
+    rows, columns = np.nonzero(radiance > limit)
+    padded = np.pad(radiance, 2, mode="reflect")
+    near = np.stack([padded[rows + row, columns + column] for row, column in np.argwhere(around)])
+    mended = radiance.copy()
+    if len(rows):
+        mended[rows, columns] = np.median(near, axis=0)
+    return mended

@@ -1,0 +1,69 @@
+"""What a session holds, as calibration sees it: one view per camera and frame, with its bracket."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from imaging.errors import CalibrationError, InputError
+from imaging.merge.linear_frame import LinearFrame, read_linear
+from imaging.sensor import SensorCalibration
+from imaging.session.calibration import Response
+from imaging.session.records import CameraRecord, Kind, ShotRecord
+from imaging.session.session import Session, brackets
+
+Progress = Callable[[str, int, int], None]
+"""Called with a message, the number of steps done and the number of all."""
+
+
+@dataclass(frozen=True)
+class View:
+    """One camera at one frame, and its exposures in order of their steps."""
+
+    camera: CameraRecord
+    frame: int
+    shots: tuple[ShotRecord, ...]
+    sensors: tuple[SensorCalibration, ...] = ()
+    """What was measured of the camera's sensor, by which its shots are read."""
+
+    @property
+    def name(self) -> str:
+        """`camera/frame`, as in reports and in `unregistered`."""
+        return f"{self.camera.name}/{self.frame:04d}"
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Camera name and frame."""
+        return self.camera.name, self.frame
+
+
+def scene_views(session: Session) -> list[View]:
+    """Every view of the scene, in order of camera and frame; CalibrationError if there is none."""
+    views = views_of(session, "scene")
+    if not views:
+        raise CalibrationError(
+            f"{session.folder} has no shot of a scene: capture or import images into it first."
+        )
+    return views
+
+
+def views_of(session: Session, kind: Kind) -> list[View]:
+    """Every view of a kind, in order of camera and frame; InputError if a camera's images differ in size."""
+    groups = brackets(session.shots(kind))
+    views = [View(session.camera(name), frame, tuple(group)) for (frame, name), group in groups.items()]
+    for camera in {view.camera.name for view in views}:
+        sizes = {(s.width, s.height) for v in views if v.camera.name == camera for s in v.shots}
+        if len(sizes) > 1:
+            raise InputError(
+                f"the images of camera {camera} in {session.folder} differ in size "
+                f"({', '.join(f'{w}x{h}' for w, h in sorted(sizes))}): import each size as its own camera."
+            )
+    return sorted(views, key=lambda view: (view.camera.name, view.frame))
+
+
+def read_view(
+    session: Session, view: View, scales: Mapping[str, float], response: Response
+) -> list[LinearFrame]:
+    """The exposures of a view as linear light; InputError if a file is missing or damaged."""
+    return [
+        read_linear(session.file(shot), view.camera.kind, scales[shot.file], response, view.sensors)
+        for shot in view.shots
+    ]

@@ -1,0 +1,1 @@
+"""What a calibration leaves for other programs: files of their formats, pictures, merged brackets."""

@@ -1,0 +1,167 @@
+"""The calibration in the formats of other programs, written beside calibration.json.
+
+* `transforms.json` (nerfstudio, Instant NGP): camera-to-world with OpenGL axes; pixel centres at +0.5 as
+  here. It names the pictures in previews/ (sRGB, 8 bits, of one exposure), and the lenses are those of that
+  size; `sparse_pc.ply` holds the scene points in the same world, for trainers that start from them. Which
+  lenses are fisheyes nerfstudio reads from `camera_model`, Instant NGP from `is_fisheye`.
+* `opencv/<camera>.yaml` (cv2.FileStorage): pixel centres at whole numbers, so `c` is half a pixel less. A
+  lens of the `distortion_model` fisheye is for cv2.fisheye.
+* `camchain-<rig>.yaml` (Kalibr): each camera from the one before it; pixel centres as OpenCV's.
+
+A COLMAP model has a folder of its own, colmap/.
+"""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from imaging.lens import Lens
+from imaging.session.calibration import CalibrationRecord, CameraCalibration
+from imaging.session.records import CameraRecord
+
+HALF = 0.5
+"""By which OpenCV's pixel coordinates are less than ours."""
+_POINTS = "sparse_pc.ply"
+"""As ns-process-data calls it."""
+_COLOURS = ("red", "green", "blue")
+_OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def write_exports(
+    folder: Path,
+    record: CalibrationRecord,
+    cameras: Sequence[CameraRecord],
+    pictures: Mapping[str, Lens],
+    model: Any = None,
+) -> None:
+    """Write every export that the calibration allows into `folder`.
+
+    cameras: of the session, whose `rig` says what is mounted together. pictures: the lens of each camera at
+    the size of its previews. model: the COLMAP model, whose points go with transforms.json. OSError when the
+    disk refuses.
+    """
+    known = [camera for camera in record.cameras if camera.lens is not None]
+    if record.views:
+        transforms = _transforms(record, pictures)
+        if model is not None and model.points3D:
+            (folder / _POINTS).write_bytes(_ply(model))
+            transforms = {"ply_file_path": _POINTS, **transforms}
+        text = json.dumps(transforms, indent=1, allow_nan=False)
+        (folder / "transforms.json").write_text(f"{text}\n", encoding="utf-8")
+    if known:
+        (folder / "opencv").mkdir()
+    for camera in known:
+        _write_opencv(folder / "opencv" / f"{camera.name}.yaml", camera)
+    mounted = {camera.name: camera.rig for camera in cameras if camera.rig is not None}
+    for rig in dict.fromkeys(mounted.values()):
+        chain = [c for c in known if mounted.get(c.name) == rig and c.cam_from_rig is not None]
+        if len(chain) > 1:
+            name = re.sub(r"[^A-Za-z0-9_.-]", "_", rig)
+            (folder / f"camchain-{name}.yaml").write_text(_camchain(chain), encoding="utf-8")
+
+
+def _transforms(record: CalibrationRecord, pictures: Mapping[str, Lens]) -> dict[str, Any]:
+    frames = []
+    for view in record.views:
+        lens = pictures[view.camera]
+        world_from_cam = np.linalg.inv(view.cam_from_world.matrix()) @ _OPENGL_FROM_OPENCV
+        frames.append(
+            {
+                "file_path": f"previews/{view.camera}/{view.frame:04d}.png",
+                "w": lens.width,
+                "h": lens.height,
+                "fl_x": lens.fx,
+                "fl_y": lens.fy,
+                "cx": lens.cx,
+                "cy": lens.cy,
+                **_terms(lens),
+                "camera_model": "OPENCV_FISHEYE" if lens.fisheye else "OPENCV",
+                "is_fisheye": lens.fisheye,
+                "transform_matrix": world_from_cam.tolist(),
+            }
+        )
+    # One model for all, as nerfstudio reads it; in a rig with lenses of both kinds each frame tells its own.
+    models = {frame["camera_model"] for frame in frames}
+    if len(models) == 1:
+        for frame in frames:
+            del frame["camera_model"]
+    return {"camera_model": min(models), "is_fisheye": models == {"OPENCV_FISHEYE"}, "frames": frames}
+
+
+def _ply(model: Any) -> bytes:
+    """The points of a COLMAP model with their colours as binary PLY."""
+    points = [model.points3D[number] for number in sorted(model.points3D)]
+    table = np.empty(len(points), [*((axis, "<f4") for axis in "xyz"), *((c, "u1") for c in _COLOURS)])
+    for column, axis in enumerate("xyz"):
+        table[axis] = [point.xyz[column] for point in points]
+    for column, colour in enumerate(_COLOURS):
+        table[colour] = [point.color[column] for point in points]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(points)}",
+        *(f"property float {axis}" for axis in "xyz"),
+        *(f"property uchar {colour}" for colour in _COLOURS),
+        "end_header",
+    ]
+    return "\n".join([*header, ""]).encode() + table.tobytes()
+
+
+def _write_opencv(path: Path, camera: CameraCalibration) -> None:
+    lens = camera.lens
+    assert lens is not None
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    if not storage.isOpened():
+        raise OSError(f"{path} could not be opened")
+    storage.write("image_width", lens.width)
+    storage.write("image_height", lens.height)
+    storage.write("camera_matrix", _matrix(lens))
+    storage.write("distortion_model", "fisheye" if lens.fisheye else "plumb_bob")
+    storage.write("distortion_coefficients", np.array([list(lens.terms[4:])]))
+    if camera.cam_from_rig is not None:
+        storage.write("cam_from_rig", camera.cam_from_rig.matrix())
+    storage.release()
+
+
+def _matrix(lens: Lens) -> "np.ndarray[Any, np.dtype[np.float64]]":
+    return np.array([[lens.fx, 0.0, lens.cx - HALF], [0.0, lens.fy, lens.cy - HALF], [0.0, 0.0, 1.0]])
+
+
+def _terms(lens: Lens) -> dict[str, float]:
+    """The four terms of distortion by their names."""
+    return dict(zip(lens.names[4:], lens.terms[4:], strict=True))
+
+
+def _camchain(chain: Sequence[CameraCalibration]) -> str:
+    """YAML as Kalibr writes it: https://github.com/ethz-asl/kalibr/wiki/yaml-formats."""
+    lines = []
+    before = None
+    for number, camera in enumerate(chain):
+        lens, pose = camera.lens, camera.cam_from_rig
+        assert lens is not None
+        assert pose is not None
+        here = pose.matrix()
+        lines += [f"cam{number}:", f"  # {camera.name}, serial number {camera.serial}"]
+        if before is not None:
+            lines.append("  T_cn_cnm1:")
+            lines += [f"  - {_listed(row)}" for row in (here @ np.linalg.inv(before)).tolist()]
+        lines += [
+            "  camera_model: pinhole",
+            f"  distortion_coeffs: {_listed(lens.terms[4:])}",
+            f"  distortion_model: {'equidistant' if lens.fisheye else 'radtan'}",
+            f"  intrinsics: {_listed([lens.fx, lens.fy, lens.cx - HALF, lens.cy - HALF])}",
+            f"  resolution: {[lens.width, lens.height]}",
+            f"  rostopic: /{camera.name}/image_raw",
+        ]
+        before = here
+    return "\n".join(lines) + "\n"
+
+
+def _listed(numbers: Sequence[float]) -> str:
+    """A list as YAML 1.1 reads it: a number with an exponent needs a point, or it is a string."""
+    return "[" + ", ".join(re.sub(r"^(-?\d+)e", r"\1.0e", repr(float(one))) for one in numbers) + "]"

@@ -1,0 +1,50 @@
+"""The folder that a calibration is written into: record, a picture of each view, COLMAP model, exports."""
+
+from collections.abc import Iterable
+
+from calib.data.features import Key, image_name
+from calib.data.views import Progress
+from calib.exports.formats import write_exports
+from calib.exports.pictures import Picture, PointColours
+from calib.poses.sfm import Model
+from imaging.files import store
+from imaging.files.photo import encode_png
+from imaging.session.calibration import CalibrationRecord
+from imaging.session.session import Session
+
+
+def write_calibration(
+    session: Session,
+    record: CalibrationRecord,
+    shown: Iterable[tuple[Key, Picture]],
+    model: Model | None,
+    progress: Progress,
+) -> None:
+    """Replace the session's `calibration/` as a whole; shown: what each view looks like, one at a time."""
+    with store.replacing(session.folder / "calibration") as part:
+        part.mkdir()
+        colours = None if model is None else PointColours(model.reconstruction)
+        for done, (key, picture) in enumerate(shown):
+            progress("writing the pictures", done, len(record.views) + len(record.unregistered))
+            file = part / "previews" / image_name(key)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(encode_png(picture))
+            if colours is not None:
+                colours.add(image_name(key), picture)
+        progress("writing the calibration", 0, 1)
+        if model is not None and colours is not None:
+            colours.apply()
+            (part / "colmap").mkdir()
+            try:
+                model.reconstruction.write(str(part / "colmap"))
+            except RuntimeError as error:  # which is how pycolmap tells of a full disk
+                raise OSError(str(error)) from error
+        store.write_json(part / "calibration.json", record.model_dump(mode="json"))
+        write_exports(
+            part,
+            record,
+            session.record.cameras,
+            {} if model is None else model.lenses,
+            None if model is None else model.reconstruction,
+        )
+    progress("writing the calibration", 1, 1)

@@ -1,0 +1,85 @@
+"""The pictures that other programs train on: every view in colour, display-referred, all of one exposure.
+
+They have the pixels of the pictures that features are found in, to which the lenses of the COLMAP model
+and of transforms.json belong; light that is brighter than white is clipped.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from calib.data.views import View, read_view
+from imaging.colour import srgb_encode
+from imaging.demosaic import demosaic
+from imaging.merge.bracket import merge_bracket
+from imaging.session.calibration import Response
+from imaging.session.session import Session
+
+Picture = npt.NDArray[np.uint8]
+GREY = 0.18
+"""Of white, linear: what the typical feature of a session is exposed to."""
+
+
+def exposure(brightness: Mapping[Any, npt.NDArray[np.float64]]) -> float:
+    """The factor from radiance to display light that all pictures of a session share.
+
+    brightness: natural log of the luminance around the features of each view, NaN where it is not known.
+    """
+    every = np.concatenate([np.zeros(0), *brightness.values()])
+    known = every[np.isfinite(every)]
+    return GREY / float(np.exp(np.median(known))) if len(known) else 1.0
+
+
+def picture(
+    session: Session,
+    view: View,
+    scale: Mapping[str, float],
+    response: Response,
+    camera_from_rec709: tuple[tuple[float, float, float], ...] | None,
+    size: tuple[int, int],
+    factor: float,
+) -> Picture:
+    """A view as sRGB codes, uint8 [h, w, 3]; size: (w, h); factor: its `exposure`.
+
+    RAW of a camera whose colour is not known stays camera RGB.
+    """
+    merged = merge_bracket(read_view(session, view, scale, response))
+    light = np.nan_to_num(merged.radiance)
+    if merged.cfa is not None:
+        light = demosaic(light, merged.cfa, np.asarray(np.isfinite(merged.radiance)), merged.sigma).rgb
+    light = cv2.resize(light.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    if camera_from_rec709 is not None:
+        light = light @ np.linalg.inv(np.array(camera_from_rec709)).T.astype(np.float32)
+    if merged.cfa is not None:  # channels that saturate at different light would tint the lamps
+        clipped = ndimage.binary_dilation(merged.clipped, np.ones((3, 3), bool)).astype(np.float32)
+        white = cv2.resize(clipped, size, interpolation=cv2.INTER_AREA) > 0
+        light[white] = light[white].max(axis=-1, keepdims=True)
+    return np.asarray(np.rint(255.0 * srgb_encode(factor * light)), np.uint8)
+
+
+@dataclass
+class PointColours:
+    """What the pictures show of the points of a COLMAP model: sums of codes, and how many, by point."""
+
+    model: Any
+    sums: dict[int, npt.NDArray[np.float64]] = field(default_factory=dict)
+
+    def add(self, name: str, shown: Picture) -> None:
+        """Look the model's image of this name up in its picture."""
+        height, width = shown.shape[:2]
+        image = self.model.find_image_with_name(name)
+        for seen in image.points2D if image is not None else ():
+            if seen.has_point3D():
+                x, y = np.ravel(seen.xy).astype(int)
+                code = shown[min(max(y, 0), height - 1), min(max(x, 0), width - 1)]
+                self.sums.setdefault(seen.point3D_id, np.zeros(4))[:] += (*code, 1)
+
+    def apply(self) -> None:
+        """Give every point that was seen its mean colour."""
+        for number, total in self.sums.items():
+            self.model.points3D[number].color = np.rint(total[:3] / total[3]).astype(np.uint8)

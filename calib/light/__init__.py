@@ -1,0 +1,1 @@
+"""Exposures, response and falloff: how code values become light. Poses are in `calib.poses`."""

@@ -1,0 +1,186 @@
+"""What is known about exposure and response before any pose is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib.data.views import Progress, View
+from calib.light import exposures, response
+from calib.light.codes import Patches, Samples, patches, sample
+from calib.light.track_codes import sample_tracks
+from calib.light.wrong_labels import WRONG, departures
+from imaging.dial_settings import meant
+from imaging.files.photo import read_photo
+from imaging.merge.masks import mask_of
+from imaging.merge.ratios import Linearity
+from imaging.session.calibration import Response
+from imaging.session.records import Rung, ShotRecord
+from imaging.session.session import Session
+
+SITES = 4_000
+"""Patches that the response of one camera model is measured from; more would only take time."""
+LINEAR = 0.01
+"""Departure from a straight line, relative, that still counts as linear."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """scale: k of each shot's file, s; responses: by camera name; measured: whether overlaps told any."""
+
+    scale: dict[str, float]
+    responses: dict[str, Response]
+    rungs: tuple[Rung, ...]
+    measured: bool
+
+
+def measure(session: Session, views: Sequence[View], progress: Progress) -> Light:
+    """Exposures and responses of every camera, from overlapping exposures where there are any."""
+    scale = exposures.labelled(views)
+    responses: dict[str, Response] = {}
+    rungs: list[Rung] = []
+    measured = False
+    raw = [view for view in views if view.camera.kind == "raw"]
+    if raw:
+        found = exposures.estimate(session, raw, progress)
+        scale |= found.scale
+        for name in {view.camera.name for view in raw}:
+            responses[name] = _linear(found.linearity.get(name))
+        rungs += [*found.rungs, _straight(list(found.linearity.values()))]
+        measured = found.measured
+    for view in views:
+        if view.camera.kind == "hdr":
+            responses[view.camera.name] = Response(kind="linear", evidence="EXR, taken as linear radiance")
+            scale |= {shot.file: 1.0 for shot in view.shots}
+    for members in _models(views):
+        labels = _labels(members, scale)
+        estimate, labels = _developed(session, members, labels, progress)
+        rungs += estimate.rungs
+        measured = measured or estimate.response.residual is not None
+        responses |= {view.camera.name: estimate.response for view in members}
+        for file, label in labels.items():
+            shift = estimate.shift.get(round(float(np.log(label)), 6), 0.0)
+            scale[file] = label * float(np.exp(shift))
+    return Light(scale, responses, tuple(rungs), measured)
+
+
+def _linear(line: Linearity | None) -> Response:
+    if line is None:
+        return Response(
+            kind="linear", evidence="RAW, taken as linear and not checked: no two exposures overlap"
+        )
+    return Response(
+        kind="linear",
+        evidence=f"RAW: overlapping exposures agree with a straight line to {100 * line.deviation:.2f} % "
+        "from 5 to 90 % of white",
+        residual=line.raw,
+    )
+
+
+def _straight(lines: Sequence[Linearity]) -> Rung:
+    """Why RAW got no response curve."""
+    if not lines:
+        return Rung(
+            name="response_curve", taken=False, reason="RAW is linear; no two exposures overlap to check it"
+        )
+    worst = max(line.deviation for line in lines)
+    verdict = (
+        "RAW is linear"
+        if worst <= LINEAR
+        else f"RAW is kept linear although it departs by more than {100 * LINEAR:g} %: "
+        "check black level, white level and the light"
+    )
+    return Rung(
+        name="response_curve", taken=False, gain=100 * worst, unit="% off a straight line", reason=verdict
+    )
+
+
+def _models(views: Sequence[View]) -> list[list[View]]:
+    """Views of cameras that develop their photographs, by make and model: such cameras share a response."""
+    groups: dict[tuple[str, ...], list[View]] = {}
+    for view in views:
+        camera = view.camera
+        if camera.kind == "ldr":
+            known = camera.make or camera.model
+            groups.setdefault((camera.make, camera.model) if known else (camera.name,), []).append(view)
+    return list(groups.values())
+
+
+def _labels(views: Sequence[View], scale: dict[str, float]) -> dict[str, float]:
+    """Exposure scale of each file by its label, a dial's round numbers taken for what they stand for."""
+    shots = [shot for view in views for shot in view.shots]
+    exact = meant(shot.exposure for shot in shots if shot.exposure is not None)
+    return {
+        shot.file: scale[shot.file] if shot.exposure is None else exact[shot.exposure].scale for shot in shots
+    }
+
+
+def _developed(
+    session: Session, views: Sequence[View], labels: dict[str, float], progress: Progress
+) -> tuple[response.Estimate, dict[str, float]]:
+    """The response, and the labels; those of single photographs that the others refute are put right.
+
+    From photosites in several exposures; where no view has any, from scene points that views share.
+    """
+    views = _trained_on(session, views)
+    parts = _samples(session, views, labels, progress)
+    if not parts:
+        return response.estimate(sample_tracks(session, views, labels, progress)), labels
+    estimate = response.estimate(Samples.joined([own for _, own in parts]))
+    if len(parts) < 2 or estimate.response.residual is None:
+        return estimate, labels
+    right, told, mended = dict(labels), [], []
+    for view, own in parts:
+        log_k = own.log_k.copy()
+        for column, away in enumerate(departures(own, estimate.response, estimate.shift).tolist()):
+            if abs(away) > WRONG:
+                file = view.shots[column].file
+                label = _nearest(labels[file] * float(np.exp(away)), list(labels.values()))
+                log_k[:, column], right[file] = np.log(label), label
+                told.append(f"the exposure of {file} is {label / labels[file]:.2g} times its label")
+        mended.append(replace(own, log_k=log_k))
+    if not told:
+        return estimate, labels
+    estimate = response.estimate(Samples.joined(mended))
+    rung = Rung(name="exposure_of_a_file", taken=True, reason="; ".join(told))
+    return replace(estimate, rungs=(*estimate.rungs, rung)), right
+
+
+def _nearest(scale: float, labels: Sequence[float]) -> float:
+    """The label that a scale stands for, if there is one within a tenth; else itself."""
+    nearest = min(labels, key=lambda label: abs(np.log(label / scale)))
+    return nearest if abs(np.log(nearest / scale)) < 0.1 else scale
+
+
+def _samples(
+    session: Session, views: Sequence[View], labels: dict[str, float], progress: Progress
+) -> list[tuple[View, Samples]]:
+    """Photosites of every view that has two exposures or more."""
+    usable = [
+        view
+        for view in views
+        if len({labels[shot.file] for shot in view.shots}) >= 2
+        and all(shot.exposure is not None for shot in view.shots)
+    ]
+    parts = []
+    for done, view in enumerate(usable):
+        progress("sampling the response", done, len(usable))
+        cut = [_patches(session, shot) for shot in view.shots]
+        logs = np.log([labels[shot.file] for shot in view.shots])
+        parts.append((view, sample(cut, logs, max(SITES // len(usable), 200))))
+    return parts
+
+
+def _patches(session: Session, shot: ShotRecord) -> Patches:
+    pixels = read_photo(session.file(shot)).pixels
+    return patches(pixels, mask_of(session, shot, *pixels.shape[:2]))
+
+
+def _trained_on(session: Session, views: Sequence[View]) -> list[View]:
+    """The views and shots that a data set is trained on; the rest is for testing, or for nothing."""
+    split = session.split()
+    if split is None:
+        return list(views)
+    used = set(split.train)
+    kept = [replace(view, shots=tuple(shot for shot in view.shots if shot.file in used)) for view in views]
+    return [view for view in kept if view.shots]

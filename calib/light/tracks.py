@@ -1,0 +1,121 @@
+"""How bright each scene point is in each view that sees it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from calib.data.features import Key, key_of
+from calib.light.vignetting import Tracks
+from calib.poses.sfm import Model
+from imaging.cfa import bilinear
+from imaging.lens import Lens
+from imaging.merge.bracket import Merged
+
+Array = npt.NDArray[np.float64]
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Of linear Rec.709."""
+LEAST_SNR = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Smoothed light of a view at a fraction of its pixels, and where it can be trusted.
+
+    luminance: float32 [h, w]; colour: float32 [h, w, 3], camera RGB; trusted: bool [h, w]; vivid: bool
+    [h, w], where every channel of the colour can be.
+    """
+
+    luminance: npt.NDArray[np.float32]
+    colour: npt.NDArray[np.float32]
+    trusted: npt.NDArray[np.bool_]
+    vivid: npt.NDArray[np.bool_]
+
+
+def light(merged: Merged, camera_from_rec709: Array | None) -> Light:
+    """Luminance of merged radiance; each value is a mean over some pixels, since a corner point lies on
+    an edge, where a single pixel says more about its place than about its brightness."""
+    if merged.radiance.ndim == 2:
+        assert merged.cfa is not None
+        rgb, each = bilinear(np.nan_to_num(merged.radiance), merged.cfa, merged.valid)
+        known = np.asarray(each.all(axis=-1))
+        window = 5
+    else:
+        rgb, known = np.nan_to_num(merged.radiance), np.asarray(merged.valid.all(axis=-1))
+        window = max(5, merged.radiance.shape[1] // 300)
+    weights = LUMINANCE
+    if camera_from_rec709 is not None:
+        weights = LUMINANCE @ np.linalg.inv(camera_from_rec709)
+    planes = [ndimage.uniform_filter(rgb[..., c].astype(np.float32), window) for c in range(3)]
+    colour = np.stack(planes, axis=-1)
+    luminance = (colour @ weights).astype(np.float32)
+    trusted = ndimage.minimum_filter(known, window) & (luminance > 0)
+    vivid = colour.min(axis=-1) > 0
+    if merged.sigma is not None:
+        sigma = merged.sigma if merged.sigma.ndim == 2 else merged.sigma.mean(-1)
+        noise = ndimage.uniform_filter(np.nan_to_num(sigma, posinf=1e30), window) / window
+        trusted &= luminance > LEAST_SNR * noise
+        # Red and blue have a quarter of the sites, hence twice the noise.
+        vivid &= colour.min(axis=-1) > 2 * LEAST_SNR * noise
+    return Light(luminance, colour, np.asarray(trusted), np.asarray(trusted & vivid))
+
+
+def brightness_at(view: Light, points: Array, width: int, height: int) -> Array:
+    """Natural log of luminance at points [K, 2] of a picture of `width` x `height`; NaN where not trusted."""
+    row, column = _sites(view, points, width, height)
+    value = np.where(view.trusted[row, column], view.luminance[row, column], np.nan)
+    return np.asarray(np.log(value), np.float64)
+
+
+def colour_at(view: Light, points: Array, width: int, height: int) -> Array:
+    """Natural log of camera RGB [K, 3] at points, as `brightness_at`; NaN where a channel is not trusted."""
+    row, column = _sites(view, points, width, height)
+    value = np.where(view.vivid[row, column, None], view.colour[row, column], np.nan)
+    return np.asarray(np.log(value), np.float64)
+
+
+def _sites(
+    view: Light, points: Array, width: int, height: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    rows, columns = view.luminance.shape
+    row = np.clip((points[:, 1] * rows / height).astype(np.intp), 0, rows - 1)
+    column = np.clip((points[:, 0] * columns / width).astype(np.intp), 0, columns - 1)
+    return row, column
+
+
+def tracks_of(model: Model, brightness: Mapping[Key, Array], cameras: Sequence[str]) -> Tracks:
+    """Observations of all scene points that two views or more see well, in order of points and views.
+
+    brightness: of each feature of each view, as `brightness_at` gives it; cameras: names, in the order that
+    `Tracks.camera` counts.
+    """
+    rows: list[tuple[int, int, float, float]] = []
+    towards: list[Array] = []
+    images = {index: model.reconstruction.image(index) for index in model.reconstruction.reg_image_ids()}
+    keys = {index: key_of(image.name) for index, image in images.items()}
+    centres = {index: np.asarray(image.projection_center()) for index, image in images.items()}
+    for number, point in enumerate(sorted(model.reconstruction.points3D)):
+        track = model.reconstruction.points3D[point].track
+        for element in sorted(track.elements, key=lambda one: one.image_id):
+            key = keys[element.image_id]
+            value = float(brightness[key][element.point2D_idx])
+            if np.isfinite(value):
+                x, y = np.ravel(images[element.image_id].point2D(element.point2D_idx).xy)
+                rows.append((number, cameras.index(key[0]), _radius(x, y, model.lenses[key[0]]), value))
+                towards.append(centres[element.image_id] - model.reconstruction.points3D[point].xyz)
+    table = np.array(rows, np.float64).reshape(-1, 4)
+    direction = np.array(towards, np.float64).reshape(-1, 3)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    point = table[:, 0].astype(np.int64)
+    seen = np.bincount(point, minlength=1)[point] >= 2
+    tracks = Tracks(point, table[:, 1].astype(np.int64), table[:, 2], table[:, 3], direction)
+    return tracks.part(seen)
+
+
+def _radius(x: float, y: float, lens: Lens) -> float:
+    """Distance from the centre of the image, 1 at its corner."""
+    return float(
+        np.hypot(x - lens.width / 2, y - lens.height / 2) / np.hypot(lens.width / 2, lens.height / 2)
+    )

@@ -1,0 +1,54 @@
+"""Single photographs whose exposure label is wrong, while those of the other views are right."""
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from calib.light.codes import Samples
+from imaging.merge.linear_frame import decode
+from imaging.merge.ratios import LABEL_SIGMA
+from imaging.session.calibration import Response
+
+Array = npt.NDArray[np.float64]
+
+WRONG = 0.25
+"""Departure from a label, natural log, that no shutter has: the label is another photograph's."""
+FEWEST = 60
+"""Codes that two photographs must share to be compared."""
+
+
+def departures(samples: Samples, response: Response, shift: dict[float, float]) -> Array:
+    """ln of the exposure over what label and shift say, [S], of each photograph of one view.
+
+    Most of a view's photographs are taken to be right. NaN where nothing can be told: of two photographs
+    that contradict each other, and of those that share too few codes with the others.
+    """
+    found = np.full(samples.codes.shape[1], np.nan)
+    if not len(samples.codes):
+        return found
+    moved = np.vectorize(lambda label: label + shift.get(round(float(label), 6), 0.0))(samples.log_k[0])
+    codes = samples.codes / 255.0
+    with np.errstate(divide="ignore"):
+        light = np.log(decode(np.nan_to_num(codes, nan=0.5), response).astype(np.float64))
+    light = np.where(np.isfinite(codes), light - moved[:, None], np.nan)
+    pairs, rows, goals = [], [], []
+    for first in range(len(found)):
+        for second in range(first):
+            away = light[:, first] - light[:, second]
+            away = away[np.isfinite(away)]
+            if len(away) >= FEWEST:
+                pairs.append((first, second))
+                rows.append(np.eye(len(found))[first] - np.eye(len(found))[second])
+                goals.append(float(np.median(away)))
+    if not pairs:
+        return found
+    graph = sparse.csr_array((np.ones(len(pairs)), np.array(pairs).T), (len(found), len(found)))
+    part = connected_components(graph, directed=False)[1]
+    together = part == np.bincount(part).argmax()
+    if together.sum() < 3:
+        return found
+    offset = np.linalg.lstsq(np.array(rows), np.array(goals))[0]
+    from_each = offset[together][None] - offset[together][:, None]
+    found[together] = from_each[np.argmin(np.log1p((from_each / LABEL_SIGMA) ** 2).sum(1))]
+    return found

@@ -1,0 +1,81 @@
+"""Pairs of views whose matches are not as bright in one as in the other: they only look alike.
+
+A point of a matt surface is as bright from one place as from another nearby, and two sides of a thing that
+only look alike are lit differently.
+"""
+
+from collections.abc import Collection, Mapping
+from statistics import median
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.data.features import FEWEST_MATCHES, Key, Pair
+
+Array = npt.NDArray[np.float64]
+Pairs = Mapping[tuple[Key, Key], Pair]
+
+OTHERWISE_LIT = 0.03, 0.1
+"""Median difference of natural log brightness between the two views of a pair beyond which they do not show
+the same surface, at least and at most. Of neighbours that do, it is below 0.03 in RAW brackets."""
+UNEVEN = 0.1, 0.3
+"""The same of the median absolute difference, which tells two sides apart that are as bright on the whole."""
+BESIDE = 30.0
+"""Degrees between views that see the same side."""
+FEW_LIT = 0.2
+"""Share of such pairs that may differ by more than the most without a warning."""
+USUALLY_LIT = 4.0
+"""Times the differences of the tenth of pairs that agree best, between those limits."""
+
+
+def otherwise_lit(pairs: Pairs, brightness: Mapping[Key, Array]) -> set[tuple[Key, Key]]:
+    """The pairs whose matches are not as bright in one view as in the other.
+
+    Cameras may differ in gain: what all pairs of two cameras have in common is taken off.
+    """
+    steps: dict[tuple[Key, Key], Array] = {}
+    for (one, other), pair in pairs.items():
+        if one in brightness and other in brightness:
+            step = brightness[other][pair.index[:, 1]] - brightness[one][pair.index[:, 0]]
+            step = step[np.isfinite(step)]
+            if len(step) >= FEWEST_MATCHES:
+                steps[one, other] = step
+    gains: dict[tuple[str, str], list[float]] = {}
+    for (one, other), step in steps.items():
+        gains.setdefault((one[0], other[0]), []).append(float(np.median(step)))
+    usual = {cameras: 0.0 if cameras[0] == cameras[1] else median(own) for cameras, own in gains.items()}
+    apart = {(one, other): step - usual[one[0], other[0]] for (one, other), step in steps.items()}
+    if not apart:
+        return set()
+    shift = {pair: abs(float(np.median(step))) for pair, step in apart.items()}
+    uneven = {pair: float(np.median(np.abs(step))) for pair, step in apart.items()}
+    most_shift, most_uneven = (
+        float(np.clip(USUALLY_LIT * np.percentile(list(own.values()), 10), *limits))
+        for own, limits in ((shift, OTHERWISE_LIT), (uneven, UNEVEN))
+    )
+    return {pair for pair in apart if shift[pair] > most_shift or uneven[pair] > most_uneven}
+
+
+def warning(
+    poses: Mapping[Key, Array], pairs: Pairs, brightness: Mapping[Key, Array], exact: Collection[str]
+) -> str | None:
+    """What to tell of views that look from nearly the same side and are not as bright; None where they are.
+
+    poses: cam_from_world [4, 4] of the views that are placed. exact: cameras whose brightness is known so
+    well that it differs only where things do.
+    """
+    steps = []
+    for (one, other), pair in pairs.items():
+        if one in poses and other in poses and one[0] == other[0] and one[0] in exact:
+            turn = (poses[other] @ np.linalg.inv(poses[one]))[:3, :3]
+            step = brightness[other][pair.index[:, 1]] - brightness[one][pair.index[:, 0]]
+            if np.trace(turn) > 1 + 2 * np.cos(np.radians(BESIDE)) and np.isfinite(step).any():
+                steps.append(abs(float(np.nanmedian(step))))
+    apart = sum(step > OTHERWISE_LIT[1] for step in steps)
+    if apart <= FEW_LIT * len(steps):
+        return None
+    return (
+        f"{apart} of {len(steps)} pairs of views from nearly the same side differ in brightness by more than "
+        f"{100 * OTHERWISE_LIT[1]:.0f} %: either the light changed, or sides that look alike are "
+        "taken for one another and poses are wrong"
+    )

@@ -1,0 +1,174 @@
+"""Bundle adjustment that corner points of a fraction of a pixel deserve: robust, and rid of outliers."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.poses.fisheye import nearest_terms
+from imaging.files.colmap import pycolmap
+from imaging.lens import Lens, LensModel
+
+Array = npt.NDArray[np.float64]
+
+CUT = 4.0
+"""Observations that miss by more than this many times the median are dropped."""
+
+
+@dataclass(frozen=True)
+class Free:
+    """Which terms of the lenses are adjusted, beside the focal length.
+
+    radial: whether a SIMPLE_RADIAL has its one term; else it is zero. fixed: cameras, by COLMAP's number,
+    whose lens stays as it is. placed: those whose place in the rig stays.
+    """
+
+    model: LensModel = "SIMPLE_RADIAL"
+    radial: bool = True
+    principal_point: bool = False
+    fixed: frozenset[int] = frozenset()
+    placed: frozenset[int] = frozenset()
+
+
+def adjust(reconstruction: Any, free: Free, scale: float, threads: int, *, points_only: bool = False) -> None:
+    """Adjust points, poses and lenses in place, with a Cauchy loss of `scale` px.
+
+    points_only: poses and lenses stay.
+    """
+    for number, camera in reconstruction.cameras.items():
+        if number not in free.fixed:
+            set_model(camera, free.model)
+            if not free.radial:
+                camera.params = [*camera.params[:3], 0.0]
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_focal_length = not points_only
+    options.refine_extra_params = free.radial and not points_only
+    options.refine_principal_point = free.principal_point and not points_only
+    options.refine_rig_from_world = options.refine_sensor_from_rig = not points_only
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = scale
+    solver = options.ceres.solver_options
+    solver.num_threads = threads
+    solver.max_num_iterations = 50
+    solver.function_tolerance = 1e-6
+    config = pycolmap.BundleAdjustmentConfig()
+    for image in sorted(reconstruction.reg_image_ids()):
+        config.add_image(image)
+    for number in sorted(free.fixed):
+        config.set_constant_cam_intrinsics(number)
+    for sensor in _tied(reconstruction, free.placed):
+        config.set_constant_sensor_from_rig_pose(sensor)
+    # Nothing fixes where the world begins, or its scale: the solver's damping keeps them where they are. Two
+    # cameras held in place, as is usual, are too near to each other where a view was taken twice.
+    # The class, and not `bundle_adjustment`, which prints whatever it is told.
+    pycolmap.create_default_bundle_adjuster(options, config, reconstruction).solve()
+
+
+def _tied(reconstruction: Any, placed: frozenset[int]) -> list[Any]:
+    """The sensors of rigs of several cameras whose place in the rig stays."""
+    return [
+        sensor
+        for number in sorted(reconstruction.rigs)
+        for sensor in sorted(reconstruction.rigs[number].non_ref_sensors, key=lambda sensor: sensor.id)
+        if sensor.id in placed
+    ]
+
+
+def set_model(camera: Any, model: LensModel) -> None:
+    """Give a pycolmap camera a model with more terms, or fewer, keeping what both have.
+
+    What becomes a fisheye begins as the one that is nearest to its radial terms.
+    """
+    if camera.model_name == model:
+        return
+    fx, fy, cx, cy, *terms = opencv_parameters(camera)
+    k1, k2, p1, p2 = (0.0,) * 4 if is_fisheye(camera) else terms
+    corner = float(np.hypot(max(cx, camera.width - cx) / fx, max(cy, camera.height - cy) / fy))
+    angular = terms if is_fisheye(camera) else nearest_terms(k1, k2, corner)
+    parameters = {
+        "PINHOLE": [fx, fy, cx, cy],
+        "SIMPLE_RADIAL": [(fx + fy) / 2, cx, cy, k1],
+        "RADIAL": [(fx + fy) / 2, cx, cy, k1, k2],
+        "OPENCV": [fx, fy, cx, cy, k1, k2, p1, p2],
+        "RADIAL_FISHEYE": [(fx + fy) / 2, cx, cy, *angular[:2]],
+        "OPENCV_FISHEYE": [fx, fy, cx, cy, *angular],
+    }[model]
+    camera.model = getattr(pycolmap.CameraModelId, model)
+    camera.params = parameters
+
+
+def is_fisheye(camera: Any) -> bool:
+    """Whether a pycolmap camera's terms are those of the angle from the axis."""
+    return camera.model_name in ("RADIAL_FISHEYE", "OPENCV_FISHEYE")
+
+
+def opencv_parameters(camera: Any) -> list[float]:
+    """The eight `Lens.terms` of a pycolmap camera of one of our models."""
+    own = [float(value) for value in camera.params]
+    if camera.model_name in ("OPENCV", "OPENCV_FISHEYE", "PINHOLE"):
+        return [*own, 0.0, 0.0, 0.0, 0.0][:8]
+    focal, cx, cy, *radial = own
+    return [focal, focal, cx, cy, *radial, 0.0, 0.0, 0.0][:8]
+
+
+def lens_of(camera: Any) -> Lens:
+    """The lens of a pycolmap camera of one of our models."""
+    fx, fy, cx, cy, *terms = opencv_parameters(camera)
+    lens = Lens(model=camera.model_name, width=camera.width, height=camera.height, fx=fx, fy=fy, cx=cx, cy=cy)
+    return lens.model_copy(update=dict(zip(lens.names[4:], terms, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class Misses:
+    """How far each observation lies from its point's projection, px; inf where it is behind the camera."""
+
+    image: npt.NDArray[np.int64]
+    feature: npt.NDArray[np.int64]
+    error: Array
+
+    @property
+    def typical(self) -> float:
+        """The median, at least a fiftieth of a pixel."""
+        return max(float(np.median(self.error)), 0.02) if len(self.error) else 0.02
+
+
+def misses(reconstruction: Any) -> Misses:
+    """Of every observation, in order of points and track elements."""
+    images: dict[int, list[tuple[int, Any, Any]]] = {}
+    for key in sorted(reconstruction.points3D):
+        point = reconstruction.points3D[key]
+        for element in point.track.elements:
+            images.setdefault(element.image_id, []).append((element.point2D_idx, point.xyz, None))
+    where, feature, error = [], [], []
+    for index in sorted(images):
+        image = reconstruction.image(index)
+        own = np.array([entry[0] for entry in images[index]], np.int64)
+        world = np.array([entry[1] for entry in images[index]], np.float64).reshape(-1, 3)
+        seen = np.array([np.ravel(image.point2D(int(i)).xy) for i in own]).reshape(-1, 2)
+        motion = image.cam_from_world().matrix()
+        camera = world @ motion[:, :3].T + motion[:, 3]
+        front = camera[:, 2] > 1e-9
+        projected = np.full(seen.shape, np.inf)
+        if front.any():
+            projected[front] = reconstruction.cameras[image.camera_id].img_from_cam(camera[front])
+        miss = np.full(len(own), np.inf)
+        miss[front] = np.linalg.norm(projected[front] - seen[front], axis=1)
+        where.append(np.full(len(own), index, np.int64))
+        feature.append(own)
+        error.append(np.where(np.isfinite(miss), miss, np.inf))
+    if not where:
+        return Misses(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
+    return Misses(np.concatenate(where), np.concatenate(feature), np.concatenate(error))
+
+
+def cut(reconstruction: Any, least: float) -> float:
+    """Drop observations that miss by CUT times the median, and by `least` px; returns the median."""
+    found = misses(reconstruction)
+    far = found.error > max(CUT * found.typical, least)
+    for image, feature in zip(found.image[far].tolist(), found.feature[far].tolist(), strict=True):
+        # Dropping the last but one observation of a point has dropped the point, and the other with it.
+        if reconstruction.image(image).point2D(feature).has_point3D():
+            reconstruction.delete_observation(image, feature)
+    return found.typical

@@ -1,0 +1,73 @@
+"""What is known of lenses and of the rig before the scene is looked at, put into a model of the scene."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.data.features import key_of
+from calib.poses.bundle_adjustment import set_model
+from imaging.files.colmap import pycolmap
+from imaging.lens import Lens
+from imaging.pose import Pose
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Known:
+    """lenses, at picture size, and cam_from_rig, metres, stay; by camera.
+
+    places: of cameras in their rig, metres, in axes of its own: they give the scale.
+    """
+
+    lenses: Mapping[str, Lens] = field(default_factory=dict)
+    cam_from_rig: Mapping[str, Pose] = field(default_factory=dict)
+    places: Mapping[str, Sequence[float]] = field(default_factory=dict)
+
+
+NOTHING = Known()
+
+
+def camera_of(lens: Lens) -> Any:
+    """A pycolmap camera with exactly this lens."""
+    camera = pycolmap.Camera(
+        model="OPENCV_FISHEYE" if lens.fisheye else "OPENCV",
+        width=lens.width,
+        height=lens.height,
+        params=list(lens.terms),
+    )
+    set_model(camera, lens.model)
+    camera.has_prior_focal_length = True
+    return camera
+
+
+def to_metres(reconstruction: Any, known: Known, rig: Sequence[str]) -> float | None:
+    """Scale a model by the distances between the cameras of a rig; returns the factor, None if there is none.
+
+    By the median over all pairs of cameras of all frames: each is a distance that was measured.
+    """
+    frames: dict[int, dict[str, Array]] = {}
+    for index in sorted(reconstruction.reg_image_ids()):
+        image = reconstruction.image(index)
+        name, frame = key_of(image.name)
+        if name in known.places and name in rig:
+            motion = image.cam_from_world().matrix()
+            frames.setdefault(frame, {})[name] = -motion[:, :3].T @ motion[:, 3]
+    places = {name: np.array(known.places[name]) for name in rig if name in known.places}
+    factors = []
+    for seen in frames.values():
+        names = sorted(seen)
+        for number, one in enumerate(names):
+            for other in names[number + 1 :]:
+                there = float(np.linalg.norm(places[one] - places[other]))
+                here = float(np.linalg.norm(seen[one] - seen[other]))
+                if there > 0 and here > 0:
+                    factors.append(there / here)
+    if not factors:
+        return None
+    factor = float(np.median(factors))
+    reconstruction.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
+    return factor

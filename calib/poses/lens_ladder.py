@@ -1,0 +1,136 @@
+"""Which terms a lens needs: those that make held-out scene points project better, and no others.
+
+A lens with more terms than the views can tell apart fits its own errors and bends the poses.
+"""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from calib.data.views import Progress
+from calib.poses.bundle_adjustment import Array, Free, adjust, lens_of, misses
+from calib.poses.fisheye import may_be_fisheye
+from imaging import lens as optics
+from imaging.files.colmap import pycolmap
+from imaging.session.records import ONE_OF_SEVERAL, Rung
+
+FEWEST_VIEWS = 4
+HELD_OUT = 3
+"""One scene point in so many is held out."""
+MATERIAL = 0.025
+"""Loss that a further term has to save to be taken by one standard error; less has to be `ONE_OF_SEVERAL`. An
+observation that misses as typical loses 0.7. Terms that lenses lack gain 0.021 at most on the scenes of
+bench/recon/ladder_scenes.py, where most of those that they have gain 0.08 and more; few views tell even
+that by a standard error only. A fisheye is no further term but another model."""
+MOST_POINTS = 2000
+"""Scene points that are enough to judge by: those seen in most views."""
+
+
+def climb(
+    reconstruction: Any, free: Free, scale: float, threads: int, progress: Progress
+) -> tuple[Free, tuple[Rung, ...]]:
+    """Try each term on top of those already taken; scale: the typical miss, px. Changes nothing."""
+    if free.fixed.issuperset(reconstruction.cameras):
+        return free, (Rung(name="lens_terms", taken=False, reason="a board told the lenses"),)
+    if reconstruction.num_reg_images() < FEWEST_VIEWS:
+        reason = f"fewer than {FEWEST_VIEWS} views cannot judge more than focal length and one radial term"
+        return free, (Rung(name="lens_terms", taken=False, reason=reason),)
+    sample = _judges(reconstruction)
+    trials: list[tuple[str, dict[str, Any], str]]
+    trials = [("lens_principal_point", {"principal_point": True}, "a principal point off the middle")]
+    if free.model == "RADIAL_FISHEYE":
+        what = "two more terms of the fisheye and two focal lengths"
+        trials.append(("lens_fisheye_far", {"model": "OPENCV_FISHEYE"}, what))
+    else:
+        free = replace(free, radial=False)
+        trials = [
+            ("lens_radial_1", {"radial": True}, "a radial term"),
+            *trials,
+            ("lens_radial_2", {"radial": True, "model": "RADIAL"}, "a second radial term"),
+            (
+                "lens_tangential",
+                {"radial": True, "model": "OPENCV"},
+                "tangential terms and two focal lengths",
+            ),
+        ]
+        if sees_wide(reconstruction):
+            fisheye = {"radial": True, "model": "RADIAL_FISHEYE"}
+            trials.append(("lens_fisheye", fisheye, "a fisheye of two terms instead"))
+    below = _held_out(sample, free, scale, threads)
+    rungs = []
+    for done, (name, more, what) in enumerate(trials):
+        progress("judging the lens", done, len(trials))
+        higher = replace(free, **more)
+        above = _held_out(sample, higher, scale, threads)
+        gain = below - above
+        large = gain.mean() >= MATERIAL or name == "lens_fisheye"
+        rung = Rung.judged(
+            name,
+            float(gain.mean()),
+            float(gain.std(ddof=1) / np.sqrt(len(gain))),
+            "Cauchy loss per held-out observation, over views",
+            f"{what}, common to all images of a camera",
+            errors=1.0 if large else ONE_OF_SEVERAL,
+        )
+        if rung.taken and _folds(sample, higher, scale, threads):
+            reason = f"{what} would fold a lens over within its image, where few points are seen"
+            rung = rung.model_copy(update={"taken": False, "reason": reason})
+        rungs.append(rung)
+        if rung.taken:
+            free, below = higher, above
+    progress("judging the lens", len(trials), len(trials))
+    return free, tuple(rungs)
+
+
+def sees_wide(reconstruction: Any) -> bool:
+    """Whether a fisheye is worth a trial: it is told from radial terms by what lies far from the axis.
+
+    That is what an adjustment with radial terms drops, so that it is to be judged by a model that is uncut.
+    """
+    return any(may_be_fisheye(lens_of(camera)) for camera in reconstruction.cameras.values())
+
+
+def _folds(sample: Any, free: Free, scale: float, threads: int) -> bool:
+    """Whether the terms of a fisheye turn back towards the axis before the corner of an image."""
+    fitted = pycolmap.Reconstruction(sample)
+    adjust(fitted, free, scale, threads)
+    lenses = [lens_of(camera) for camera in fitted.cameras.values()]
+    return any(lens.fisheye and math.isinf(optics.widest_angle(lens)) for lens in lenses)
+
+
+def _judges(reconstruction: Any) -> Any:
+    """A copy with only the points that are seen in most views."""
+    sample = pycolmap.Reconstruction(reconstruction)
+    lengths = {key: point.track.length() for key, point in sample.points3D.items()}
+    for key in sorted(lengths, key=lambda key: (-lengths[key], key))[MOST_POINTS:]:
+        sample.delete_point3D(key)
+    return sample
+
+
+def _held_out(sample: Any, free: Free, scale: float, threads: int) -> Array:
+    """Mean loss of each view on held-out points, [views], after adjusting to the others."""
+    keys = sorted(sample.points3D)
+    training, testing = pycolmap.Reconstruction(sample), pycolmap.Reconstruction(sample)
+    for order, key in enumerate(keys):
+        (training if order % HELD_OUT == 0 else testing).delete_point3D(key)
+    adjust(training, free, scale, threads)
+    for index, camera in training.cameras.items():
+        testing.cameras[index].model = camera.model
+        testing.cameras[index].params = camera.params
+    for index, rig in training.rigs.items():
+        for sensor in rig.non_ref_sensors:
+            testing.rigs[index].set_sensor_from_rig(sensor, rig.sensor_from_rig(sensor))
+    for index, frame in training.frames.items():
+        if frame.has_pose():
+            testing.frames[index].rig_from_world = frame.rig_from_world
+    adjust(testing, free, scale, threads, points_only=True)
+    found = misses(testing)
+    loss = np.log1p(np.minimum(found.error / scale, 1e3) ** 2)
+    views = np.array(sorted(sample.reg_image_ids()))
+    place = np.searchsorted(views, found.image)
+    count = np.bincount(place, minlength=len(views))
+    total = np.bincount(place, weights=loss, minlength=len(views))
+    # A view that sees none of the held-out points says nothing for or against a lens.
+    return np.asarray(np.divide(total, count, out=np.zeros(len(views)), where=count > 0))

@@ -1,0 +1,203 @@
+"""Where scene points lie in the views, to a few hundredths of a pixel: their patches, aligned between views.
+
+SIFT places each feature by itself, and otherwise when a surface is seen at another slant. A patch that is
+warped until it looks like the patch around the point in another view tells the place anew (Lucas and Kanade
+1981, in the inverse form of Baker and Matthews, "Lucas-Kanade 20 Years On", 2004; what it buys poses:
+Lindenberger et al., "Pixel-Perfect Structure-from-Motion", 2021).
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from calib.data.features import Key, key_of
+from calib.data.views import Progress
+
+Array = npt.NDArray[np.float64]
+Index = npt.NDArray[np.int64]
+
+RADIUS = 7
+"""Of a patch, px."""
+ITERATIONS = 12
+STILL = 0.003
+"""A step so short, px, ends the search."""
+FARTHEST = 1.5
+"""A patch that wanders farther from its feature, px, shows something else."""
+LEAST_LIKENESS = 0.8
+"""Correlation of patches that show the same."""
+_DAMPING = 1e-4
+_ACROSS = np.arange(-RADIUS, RADIUS + 1.0)
+_GRID = np.stack(np.meshgrid(_ACROSS, _ACROSS), axis=-1).reshape(-1, 2)
+_WEIGHT = np.exp(-0.5 * (_GRID**2).sum(1) / (RADIUS / 1.7) ** 2)
+_WEIGHT /= _WEIGHT.sum()
+
+
+@dataclass(frozen=True, eq=False)
+class _Sights:
+    """Observations, in order of points: image and feature, by COLMAP's numbers, point by order, int64 [N];
+    place: px [N, 2]; world: the point [N, 3]."""
+
+    image: Index
+    feature: Index
+    point: Index
+    place: Array
+    world: Array
+
+
+def align(reconstruction: Any, pictures: Mapping[Key, bytes], progress: Progress) -> None:
+    """Put the observations of a COLMAP model, whose poses are nearly right, to where their patches match.
+
+    pictures: of views, as 8-bit grey PNGs, by whose pixels the model counts; other views stay as they are, as
+    does one of each track: the one that looks from the middle of all. Those unlike it are dropped.
+    """
+    sights = _gather(reconstruction, pictures)
+    if not len(sights.image):
+        return
+    slopes, middle = _slopes(reconstruction, sights)
+    reference = _references(sights, middle)[sights.point]
+    with np.errstate(all="ignore"):
+        warps = slopes @ np.linalg.pinv(slopes[reference])
+    usable = np.isfinite(warps).all((1, 2)) & (np.abs(np.linalg.det(warps)) > 0.1)
+    images = np.unique(sights.image)
+    templates = np.zeros((int(sights.point.max()) + 1, len(_GRID)), np.float32)
+    for image in images:
+        own = np.unique(reference[sights.image[reference] == image])
+        picture = _decoded(pictures[key_of(reconstruction.image(int(image)).name)])
+        still = np.broadcast_to(np.eye(2), (len(own), 2, 2))
+        templates[sights.point[own]] = _unit(_sample(picture, still, sights.place[own]))
+    for done, image in enumerate(images):
+        progress("aligning patches", done, len(images))
+        own = np.flatnonzero((sights.image == image) & usable & (reference != np.arange(len(reference))))
+        view = reconstruction.image(int(image))
+        picture = _decoded(pictures[key_of(view.name)])
+        places, likeness = _search(picture, templates[sights.point[own]], warps[own], sights.place[own])
+        moved = np.linalg.norm(places - sights.place[own], axis=1)
+        good = (likeness > LEAST_LIKENESS) & (moved < FARTHEST)
+        for feature, place, kept in zip(sights.feature[own].tolist(), places, good.tolist(), strict=True):
+            if kept:
+                view.point2D(feature).xy = place
+            elif view.point2D(feature).has_point3D():  # a point that lost all but one went with the last
+                reconstruction.delete_observation(int(image), feature)
+    progress("aligning patches", len(images), len(images))
+
+
+def _gather(reconstruction: Any, pictures: Collection[Key]) -> _Sights:
+    rows, places, world = [], [], []
+    shown = {index for index in reconstruction.reg_image_ids()
+             if key_of(reconstruction.image(index).name) in pictures}  # fmt: skip
+    for order, number in enumerate(sorted(reconstruction.points3D)):
+        point = reconstruction.points3D[number]
+        for element in sorted(point.track.elements, key=lambda one: (one.image_id, one.point2D_idx)):
+            if element.image_id not in shown:
+                continue
+            rows.append((element.image_id, element.point2D_idx, order))
+            places.append(np.ravel(reconstruction.image(element.image_id).point2D(element.point2D_idx).xy))
+            world.append(point.xyz)
+    image, feature, point = np.array(rows, np.int64).reshape(-1, 3).T
+    point = np.unique(point, return_inverse=True)[1]
+    return _Sights(
+        image, feature, point, np.array(places).reshape(-1, 2), np.array(world, np.float64).reshape(-1, 3)
+    )
+
+
+def _slopes(reconstruction: Any, sights: _Sights) -> tuple[Array, Array]:
+    """How pixels move with a point on a plane that faces its cameras, [N, 2, 2]; and the cosine between each
+    camera's direction and the mean of all that see the point, [N]."""
+    toward = np.empty_like(sights.world)
+    motions = {}
+    for image in np.unique(sights.image):
+        motion = reconstruction.image(int(image)).cam_from_world().matrix()
+        motions[image] = motion
+        seen = sights.image == image
+        toward[seen] = -motion[:, :3].T @ motion[:, 3] - sights.world[seen]
+    distance = np.linalg.norm(toward, axis=1, keepdims=True)
+    toward /= distance
+    normal = np.zeros((int(sights.point.max()) + 1, 3))
+    np.add.at(normal, sights.point, toward)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-12
+    facing = normal[sights.point]
+    axis = np.where(np.abs(facing[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    across = np.cross(facing, axis)
+    across /= np.linalg.norm(across, axis=1, keepdims=True) + 1e-12
+    sides = (across, np.cross(facing, across))
+    slopes = np.empty((len(sights.image), 2, 2))
+    for image, motion in motions.items():
+        seen = sights.image == image
+        camera = reconstruction.cameras[reconstruction.image(int(image)).camera_id]
+        step = 1e-4 * float(np.median(distance[seen]))
+        for column, side in enumerate(sides):
+            ends = [
+                camera.img_from_cam((sights.world[seen] + way * side[seen]) @ motion[:, :3].T + motion[:, 3])
+                for way in (step, -step)
+            ]
+            slopes[seen, :, column] = (ends[0] - ends[1]) / (2 * step)
+    return slopes, (toward * facing).sum(1)
+
+
+def _references(sights: _Sights, middle: Array) -> Index:
+    """Of each point, the observation that all others are compared with."""
+    order = np.lexsort((-middle, sights.point))
+    first = np.concatenate([[True], np.diff(sights.point[order]) > 0])
+    return np.asarray(order[first], np.int64)
+
+
+def _decoded(png: bytes) -> npt.NDArray[np.float32]:
+    """A picture as coefficients of a cubic spline."""
+    picture = np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE), np.float32)
+    return np.asarray(ndimage.spline_filter(picture, 3, np.float32, "mirror"))
+
+
+def _sample(picture: npt.NDArray[np.float32], warps: Array, places: Array) -> npt.NDArray[np.float32]:
+    """Patches [N, P] around places [N, 2], px, the grid turned and stretched by warps [N, 2, 2]."""
+    at = np.einsum("nij,pj->inp", warps, _GRID) + places.T[:, :, None] - 0.5
+    return np.asarray(ndimage.map_coordinates(picture, at[::-1], np.float32, 3, "mirror", prefilter=False))
+
+
+def _unit(patches: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Patches of mean 0 and length 1, so that brightness and contrast do not matter; flat ones are 0."""
+    less = patches - (patches @ _WEIGHT.astype(np.float32))[:, None]
+    length = np.sqrt((less**2) @ _WEIGHT.astype(np.float32))
+    return np.asarray(less / (length + np.float32(0.01))[:, None])
+
+
+def _search(
+    picture: npt.NDArray[np.float32], templates: npt.NDArray[np.float32], warps: Array, places: Array
+) -> tuple[Array, Array]:
+    """Places [N, 2] in a picture where patches look like templates [N, P], and how much they do, [N]."""
+    steps = _steps(templates)
+    warps, places, likeness = warps.copy(), places.copy(), np.zeros(len(places))
+    left = np.arange(len(places))
+    for _ in range(ITERATIONS):
+        if not len(left):
+            break
+        patches = _unit(_sample(picture, warps[left], places[left]))
+        likeness[left] = (patches * templates[left]) @ _WEIGHT
+        apart = patches / np.maximum(likeness[left], 0.3)[:, None] - templates[left]
+        step = np.einsum("nap,np->na", steps[left], apart)
+        shift, bend = np.clip(step[:, :2], -1, 1), np.clip(step[:, 2:].reshape(-1, 2, 2), -0.1, 0.1)
+        # The step was found as if the template had moved: the warp takes it the other way.
+        warps[left] = warps[left] @ np.linalg.inv(np.eye(2) + bend)
+        places[left] -= np.einsum("nij,nj->ni", warps[left], shift)
+        left = left[np.linalg.norm(shift, axis=1) > STILL]
+    return places, likeness
+
+
+def _steps(templates: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Of each template, what turns differences [P] into shift and bend of the warp, [N, 6, P]."""
+    side = len(_ACROSS)
+    down, across = (slope.reshape(-1, side * side) for slope in
+                    np.gradient(templates.reshape(-1, side, side), axis=(1, 2)))  # fmt: skip
+    x, y = _GRID.T.astype(np.float32)
+    slopes = np.stack([across, down, across * x, across * y, down * x, down * y], axis=1)
+    weight = _WEIGHT.astype(np.float32)
+    slopes -= (slopes @ weight)[:, :, None]  # brightness
+    slopes -= np.einsum("nap,np->na", slopes, weight * templates)[:, :, None] * templates[:, None]  # contrast
+    normal = np.einsum("nap,nbp->nab", slopes * weight, slopes, optimize=True).astype(np.float64)
+    normal += _DAMPING * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(6)
+    normal += 1e-12 * np.eye(6)
+    return np.asarray(np.linalg.inv(normal) @ (slopes * weight).astype(np.float64), np.float32)

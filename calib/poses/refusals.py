@@ -1,0 +1,48 @@
+"""Views that no poses can be found of, and why: nothing to see in them, or all from one place."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from calib.data.features import Features, Key, Pair
+from imaging.errors import CalibrationError
+from imaging.lens import Lens
+
+FEWEST_FEATURES = 40
+"""A view with fewer cannot be placed."""
+LEAST_PARALLAX = 0.01
+"""Views that show less than this, in the median of their pairs, were taken from one place."""
+MOST_ASKED = 40
+"""Pairs of views that are asked whether they show depth."""
+
+
+def refuse_hopeless(features: Mapping[Key, Features], blank: Mapping[Key, str]) -> None:
+    """CalibrationError when fewer than two views have anything to hold on to, naming the commonest cause."""
+    if len(features) < 2:
+        raise CalibrationError(
+            "Only one view: poses need at least two, so take more views of the same scene from other places."
+        )
+    lost = {key: blank.get(key, "without texture or blurred") for key, own in features.items()
+            if key in blank or len(own.points) < FEWEST_FEATURES}  # fmt: skip
+    if len(features) - len(lost) < 2:
+        causes = list(lost.values())
+        cause = max(sorted(set(causes)), key=causes.count)
+        mend = {"black": "expose longer or light the scene", "saturated": "expose shorter"}
+        raise CalibrationError(
+            f"{len(lost)} of {len(features)} views show nothing to hold on to, {causes.count(cause)} of them "
+            f"are {cause}: {mend.get(cause, 'focus, hold still, or put texture into the scene')}."
+        )
+
+
+def refuse_turning(
+    pairs: Mapping[tuple[Key, Key], Pair], cameras: Mapping[str, Lens], max_error: float
+) -> None:
+    """CalibrationError when all views were taken from one place, of which no model can be made."""
+    every = list(pairs.items())[:: max(len(pairs) // MOST_ASKED, 1)]
+    sizes = {name: (lens.width, lens.height) for name, lens in cameras.items()}
+    shown = [pair.parallax(sizes[one[0]], max_error) for (one, _), pair in every]
+    if float(np.median(shown)) < LEAST_PARALLAX:
+        raise CalibrationError(
+            "The views match but show no depth, as if the camera had turned on the spot: move it sideways "
+            "between views."
+        )

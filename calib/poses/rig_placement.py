@@ -1,0 +1,63 @@
+"""Views whose own pictures place nothing, placed by the other cameras of their rig.
+
+Where a rig is tied together, a frame is placed as a whole: a camera that saw black, blur or a bare wall
+stands where the best known camera of that frame, and the rig between the two, say. The errors of both are
+added as if independent, though they share that of the frame: what is stated is rather too large.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from math import hypot, radians
+from statistics import median
+
+import numpy as np
+
+from calib.data.features import Key
+from calib.poses.sfm import Model, centres, pose_of
+from imaging.files.colmap import pycolmap
+from imaging.session.records import Rung
+
+MOST_NAMES = 6
+
+
+def place(model: Model, views: Collection[Key], rigs: Mapping[str, str]) -> tuple[Model, frozenset[Key]]:
+    """The model with a pose for every view that its rig places, and which views these are.
+
+    views: all there are. rigs: of each camera that is mounted, its rig's name. Such a view sees no scene
+    point, and the COLMAP model does not hold it.
+    """
+    poses, points = dict(model.poses), dict(model.points)
+    turns = {} if model.spread is None else dict(model.spread.rotation)
+    shifts = {} if model.spread is None else dict(model.spread.translation)
+    placed = []
+    for name, frame in sorted(set(views) - set(model.poses)):
+        tied = [other for other in model.cam_from_rig if name in rigs and rigs.get(other) == rigs[name]]
+        beside = [(other, frame) for other in tied if (other, frame) in model.poses]
+        if name not in tied or not beside:
+            continue
+        best = min(beside, key=lambda key: turns.get(key, 0.0))
+        across = model.cam_from_rig[name].matrix() @ np.linalg.inv(model.cam_from_rig[best[0]].matrix())
+        key = name, frame
+        poses[key] = pose_of(pycolmap.Rigid3d((across @ model.poses[best].matrix())[:3]))
+        points[key] = 0
+        placed.append(key)
+        if model.spread is not None:
+            own = [other for other in model.poses if other[0] == name]
+            one, two = centres([poses[key], poses[best]])
+            swing = float(np.linalg.norm(one - two)) * radians(turns[best])
+            turns[key] = hypot(turns[best], median(model.spread.rotation[other] for other in own))
+            shifts[key] = hypot(shifts[best], median(model.spread.translation[other] for other in own), swing)
+    if not placed:
+        return model, frozenset()
+    spread = model.spread and replace(model.spread, rotation=turns, translation=shifts)
+    rungs = (*model.rungs, _rung([f"{name}/{frame:04d}" for name, frame in placed]))
+    return replace(model, poses=poses, points=points, spread=spread, rungs=rungs), frozenset(placed)
+
+
+def _rung(names: list[str]) -> Rung:
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    reason = (
+        f"no scene point that {', '.join(names[:MOST_NAMES])}{more} shows was used: the other cameras of the "
+        "rig at that frame tell the pose, and no reconstruction looks at the picture"
+    )
+    return Rung(name="rig_placing", taken=True, reason=reason)

@@ -1,0 +1,235 @@
+"""How sure poses and lenses from a scene are, from how much its points disagree about them.
+
+To first order an estimate moves by H^-1 times the sum of what each point pulls; points drawn with random
+signs then move it as another set of points would (the wild bootstrap: Wu, "Jackknife, Bootstrap and Other
+Resampling Methods in Regression Analysis", 1986). Points that lie together in the pictures pull together:
+SIFT finds one corner at several sizes and turns, and errs alike in all of them. The middle of the image, a
+second radial and the tangential terms are free meanwhile, whatever the ladder took: that a term is too small
+to be seen makes what it trades places with no surer. How lenses are built bounds those.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg, sparse
+
+from calib.data.features import Key, key_of
+from calib.data.views import Progress
+from calib.poses.bundle_adjustment import Free, is_fisheye
+from calib.poses.jacobian import Linear, is_reference, linearise
+from imaging.lens import BROWN_TERMS, FISHEYE_TERMS
+
+Array = npt.NDArray[np.float64]
+
+DRAWS = 100
+FEWEST_POINTS = 60
+CELLS = 20
+"""Across a picture; points that are first seen in the same cell of it err together."""
+BUILT = {"fx": 0.2, "k1": 0.3, "cx": 0.01, "cy": 0.01, "k2": 0.1, "p1": 1e-3, "p2": 1e-3}
+"""Standard deviations of terms that the ladder did not take; focal length and middle in widths of the image.
+Focal length and first radial term are bounded always: a few views on a line tell them no better."""
+BUILT_FISHEYE = {"fx": 0.2, "k1": 0.3, "k2": 0.1, "k3": 0.05, "k4": 0.02, "cx": 0.01, "cy": 0.01}
+"""Of a fisheye: its terms trade places with one another where no point reaches the corners."""
+_RIDGE = 1e-9
+"""Of the diagonal: holds where the world begins, its turn and its size, which no point tells."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Standard errors.
+
+    rotation: degrees, and translation: in units of the model, of each view, about and along its worst axis;
+    lenses: by camera and term, in the pixels of the model.
+    """
+
+    rotation: dict[Key, float]
+    translation: dict[Key, float]
+    lenses: dict[str, dict[str, float]]
+
+
+def measure(reconstruction: Any, free: Free, scale: float, progress: Progress) -> Spread | None:
+    """Draw the model anew, DRAWS times; None when there are too few points. Changes nothing.
+
+    free: how the model was adjusted; what is fixed in it stays fixed. scale: of the Cauchy loss, px.
+    """
+    if reconstruction.num_points3D() < FEWEST_POINTS:
+        return None
+    progress("measuring how sure it is", 0, 1)
+    linear = linearise(reconstruction, free)
+    moves = _moves(linear, reconstruction, free, scale)
+    whole = _poses(reconstruction)
+    turns: dict[Key, list[Array]] = {key: [] for key in whole}
+    shifts: dict[Key, list[Array]] = {key: [] for key in whole}
+    for move in moves:
+        for key, pose in _aligned(_moved(reconstruction, linear, move), whole).items():
+            turns[key].append(_turned((pose @ np.linalg.inv(whole[key]))[:3, :3]))
+            shifts[key].append(_centre(pose) - _centre(whole[key]))
+    names = {
+        reconstruction.image(index).camera_id: key_of(reconstruction.image(index).name)[0]
+        for index in reconstruction.reg_image_ids()
+    }
+    lenses = {}
+    for number, name in sorted(names.items()):
+        terms = FISHEYE_TERMS if is_fisheye(reconstruction.cameras[number]) else BROWN_TERMS
+        errors = np.zeros(len(terms))
+        if number in linear.lenses:
+            errors = np.sqrt(np.mean(moves[:, linear.lenses[number] :][:, : len(terms)] ** 2, axis=0))
+            errors[1] = errors[1] if free.model in ("OPENCV", "OPENCV_FISHEYE") else errors[0]
+        lenses[name] = dict(zip(terms, errors.tolist(), strict=True))
+    progress("measuring how sure it is", 1, 1)
+    return Spread(
+        rotation={key: float(np.degrees(_widest(own))) for key, own in turns.items()},
+        translation={key: _widest(own) for key, own in shifts.items()},
+        lenses=lenses,
+    )
+
+
+def _moves(linear: Linear, reconstruction: Any, free: Free, scale: float) -> Array:
+    """Drawn changes of all parameters of the cameras, [DRAWS, P]."""
+    squares = (linear.residual**2).sum(1)
+    pull = 1 / (1 + squares / scale**2)  # of the loss: its slope is this times the residual
+    weight = pull**2  # and its curvature, averaged over directions
+    count, many = len(squares), int(linear.owner.max()) + 1
+    own = np.zeros((many, 3, 3))
+    np.add.at(own, linear.owner, weight[:, None, None] * (linear.points.mT @ linear.points))
+    inverse = _by_blocks(np.linalg.pinv(own, rcond=1e-9, hermitian=True))
+    rows = np.repeat(np.arange(2 * count), 3)
+    columns = np.repeat(3 * linear.owner, 6) + np.tile(np.arange(3), 2 * count)
+    points = sparse.csr_matrix((linear.points.ravel(), (rows, columns)), shape=(2 * count, 3 * many))
+    weighted = linear.cameras.multiply(np.repeat(weight, 2)[:, None]).tocsr()
+    shared = (weighted.T @ points).tocsr()
+    curvature = (linear.cameras.T @ weighted).toarray() - (shared @ inverse @ shared.T).toarray()
+
+    group = _groups(linear, many)
+    groups = int(group.max()) + 1
+    drawn = (pull[:, None] * linear.residual).ravel()
+    summed = sparse.csr_matrix(
+        (drawn, (np.repeat(group[linear.owner], 2), np.arange(2 * count))), shape=(groups, 2 * count)
+    )
+    left = sparse.csr_matrix(
+        (inverse @ (points.T @ drawn), (np.repeat(group, 3), np.arange(3 * many))), shape=(groups, 3 * many)
+    )
+    pulls = (summed @ linear.cameras).toarray() - (left @ shared.T).toarray()
+    pulls -= pulls.mean(0)
+    # What a fit follows, its residuals do not show.
+    spare = 2 * count - 3 * many
+    pulls *= np.sqrt(spare / max(spare - len(curvature), 0.1 * spare) * groups / max(groups - 1, 1))
+
+    variance = float((pull**2 * squares).mean() / (2 * weight.mean()))
+    columns, errors = _built(linear, reconstruction, free)
+    curvature[columns, columns] += variance / errors**2
+    prior = np.zeros((len(columns), len(curvature)))
+    prior[np.arange(len(columns)), columns] = variance / errors
+    pulls = np.concatenate([pulls, prior])
+    size = np.sqrt(np.diag(curvature))
+    size[size == 0] = 1.0
+    curvature = curvature / size / size[:, None] + _RIDGE * np.eye(len(size))
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (DRAWS, len(pulls)))
+    return np.asarray(linalg.solve(curvature, (signs @ pulls / size).T, assume_a="sym").T / size)
+
+
+def _by_blocks(matrices: npt.NDArray[Any]) -> Any:
+    """[M, 3, 3] along the diagonal of a sparse matrix [3M, 3M]."""
+    many = len(matrices)
+    return sparse.bsr_matrix((matrices, np.arange(many), np.arange(many + 1)), shape=(3 * many, 3 * many))
+
+
+def _groups(linear: Linear, many: int) -> npt.NDArray[np.int64]:
+    """Of each point, the number of the points that err with it."""
+    points, first = np.unique(linear.owner, return_index=True)
+    side = float(linear.seen[:, 0].max()) / CELLS
+    places = np.column_stack([linear.image[first], (linear.seen[first] // side).astype(np.int64)])
+    group = np.zeros(many, np.int64)
+    group[points] = np.unique(places, axis=0, return_inverse=True)[1].ravel()
+    return group
+
+
+def _built(linear: Linear, reconstruction: Any, free: Free) -> tuple[npt.NDArray[np.int64], Array]:
+    """Columns of the terms that the ladder did not take, and how far off lenses are built."""
+    taken = {"cx", "cy"} if free.principal_point else set()
+    taken |= {"RADIAL": {"k2"}, "OPENCV": {"k2", "p1", "p2"}}.get(free.model, set())
+    columns, errors = [], []
+    for number, at in linear.lenses.items():
+        width = reconstruction.cameras[number].width
+        fisheye = is_fisheye(reconstruction.cameras[number])
+        built, terms = (BUILT_FISHEYE, FISHEYE_TERMS) if fisheye else (BUILT, BROWN_TERMS)
+        for term in built.keys() - taken:
+            columns.append(at + terms.index(term))
+            errors.append(built[term] * (width if term in ("fx", "cx", "cy") else 1.0))
+    order = np.argsort(columns)
+    return np.array(columns, np.int64)[order], np.array(errors)[order]
+
+
+def _poses(reconstruction: Any) -> dict[Key, Array]:
+    """cam_from_world [4, 4] of every registered view."""
+    poses = {}
+    for index in sorted(reconstruction.reg_image_ids()):
+        image = reconstruction.image(index)
+        poses[key_of(image.name)] = _square(image.cam_from_world())
+    return poses
+
+
+def _moved(reconstruction: Any, linear: Linear, move: Array) -> dict[Key, Array]:
+    """The poses after one drawn change."""
+    poses = {}
+    for index in sorted(reconstruction.reg_image_ids()):
+        image = reconstruction.image(index)
+        rig = _square(image.frame.rig_from_world)
+        mounted = _square(image.cam_from_world()) @ np.linalg.inv(rig)
+        at = linear.frames[image.frame_id]
+        pose = mounted @ _step(move[at : at + 6]) @ rig
+        if image.camera_id in linear.sensors and not is_reference(reconstruction, image):
+            at = linear.sensors[image.camera_id]
+            pose = _step(move[at : at + 6]) @ pose
+        poses[key_of(image.name)] = pose
+    return poses
+
+
+def _step(move: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(move[:3])[0], move[3:]
+    return pose
+
+
+def _square(motion: Any) -> Array:
+    return np.vstack([motion.matrix(), [0.0, 0.0, 0.0, 1.0]])
+
+
+def _aligned(poses: Mapping[Key, Array], to: Mapping[Key, Array]) -> dict[Key, Array]:
+    """The poses in the world of others: by all turns first, since centres may lie in a plane or a line."""
+    keys = sorted(poses)
+    relative = sum((to[key][:3, :3].T @ poses[key][:3, :3] for key in keys), np.zeros((3, 3)))
+    u, _, vt = np.linalg.svd(relative)
+    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt  # new world from old
+    old = np.stack([turn @ _centre(poses[key]) for key in keys])
+    new = np.stack([_centre(to[key]) for key in keys])
+    spread = old - old.mean(0)
+    size = float((spread**2).sum())
+    scale = float((spread * (new - new.mean(0))).sum()) / size if size > 0 else 1.0
+    aligned = {}
+    for key, place in zip(keys, old, strict=True):
+        pose = np.eye(4)
+        pose[:3, :3] = poses[key][:3, :3] @ turn.T
+        pose[:3, 3] = -pose[:3, :3] @ (scale * (place - old.mean(0)) + new.mean(0))
+        aligned[key] = pose
+    return aligned
+
+
+def _centre(pose: Array) -> Array:
+    return np.asarray(-pose[:3, :3].T @ pose[:3, 3])
+
+
+def _turned(rotation: Array) -> Array:
+    """Small rotation as axis times angle, rad."""
+    skew = (rotation - rotation.T) / 2
+    return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
+
+
+def _widest(vectors: list[Array]) -> float:
+    """Root mean square along the direction in which it is the largest."""
+    stack = np.stack(vectors)
+    return float(np.sqrt(np.linalg.eigvalsh(stack.T @ stack / len(stack))[-1].clip(0.0)))

@@ -1,0 +1,114 @@
+"""What the files themselves say about a camera: noise, colour, and a first guess of the focal length."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calib.sensor.measure import Sensors
+from calib.sensor.rungs import rungs as sensor_rungs
+from imaging.colour import camera_from_rec709
+from imaging.errors import InputError
+from imaging.files.photo import read_metadata
+from imaging.files.raw import read_raw
+from imaging.lens import Lens
+from imaging.mosaic import FrameMetadata, Matrix, as_matrix
+from imaging.noise import SensorNoise
+from imaging.sensor import at_iso
+from imaging.session.records import CameraRecord, Rung, ShotRecord
+from imaging.session.session import Session
+
+FULL_FRAME_DIAGONAL = math.hypot(36.0, 24.0)
+"""mm; what a 35 mm equivalent focal length refers to."""
+GUESSED_FOCAL = 1.2
+"""Focal length guessed where no file tells it, in image widths (or heights, if larger)."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One camera as its files describe it, and what was measured of it beyond that.
+
+    noise: measured at the ISO of its shots, else from the DNG NoiseProfile; camera_from_rec709: from
+    ColorMatrix; lens: no distortion, the focal length guessed; focal_known: whether a file told it.
+    """
+
+    noise: SensorNoise | None
+    camera_from_rec709: Matrix | None
+    lens: Lens
+    focal_known: bool
+    measured: Sensors = field(default_factory=Sensors)
+
+
+def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> Sensor:
+    """Read one shot of a camera; InputError if it is missing, damaged or not of the recorded size."""
+    path = session.file(shot)
+    noise = colour = None
+    if camera.kind == "raw":
+        raw = read_raw(path)
+        metadata = raw.metadata
+        height, width = raw.pixels.shape
+        if (width, height) != (shot.width, shot.height):
+            raise InputError(
+                f"{path} has {width}x{height} pixels, its record says {shot.width}x{shot.height}: "
+                "restore the file or run `rig check --repair`."
+            )
+        if raw.noise_profile is not None:
+            noise = SensorNoise.from_profile(raw.noise_profile, float(np.mean(raw.black)), raw.white)
+        if raw.camera_from_xyz is not None:
+            colour = _colour(raw.camera_from_xyz)
+    else:
+        metadata = read_metadata(path)
+    focal = _focal(metadata, shot.width, shot.height)
+    guess = focal or GUESSED_FOCAL * max(shot.width, shot.height)
+    lens = Lens(
+        model="SIMPLE_RADIAL",
+        width=shot.width,
+        height=shot.height,
+        fx=guess,
+        fy=guess,
+        cx=shot.width / 2,
+        cy=shot.height / 2,
+    )
+    return Sensor(noise, colour, lens, focal is not None)
+
+
+def with_measured(sensor: Sensor, measured: Sensors, iso: float | None) -> Sensor:
+    """The sensor with the noise that was measured at the ISO of its shots, if any was."""
+    own = at_iso(measured.at, iso)
+    noise = None if own is None else own.noise()
+    return replace(sensor, measured=measured, noise=noise or sensor.noise)
+
+
+def rungs(sensors: Mapping[str, Sensor]) -> tuple[Rung, ...]:
+    """Where noise and colour come from; sensors: of the cameras that gave RAW, no others have any."""
+    noisy = sum(sensor.noise is not None for sensor in sensors.values())
+    coloured = sum(sensor.camera_from_rec709 is not None for sensor in sensors.values())
+    total = len(sensors)
+    if not total:
+        return ()
+    return (
+        *sensor_rungs({name: sensor.measured for name, sensor in sensors.items()}, noisy, total),
+        Rung(
+            name="camera_colour",
+            taken=coloured > 0,
+            reason=f"matrix from XYZ as the files of {coloured} of {total} cameras say; not measured"
+            if coloured
+            else "the colour of the cameras is not known: their files name no matrix; a chart would tell it",
+        ),
+    )
+
+
+def _colour(camera_from_xyz: Matrix) -> Matrix | None:
+    try:
+        return as_matrix(camera_from_rec709(camera_from_xyz))
+    except ValueError:  # a matrix that cannot be one is as good as none
+        return None
+
+
+def _focal(metadata: FrameMetadata, width: int, height: int) -> float | None:
+    """Focal length, px, from the 35 mm equivalent; the plain focal length needs the sensor's size too."""
+    equivalent = metadata.focal_length_35mm
+    if equivalent is None or not 4 < equivalent < 3000:
+        return None
+    return equivalent / FULL_FRAME_DIAGONAL * math.hypot(width, height)

@@ -1,0 +1,120 @@
+"""`--bracket auto`: a rig is metered, its bracket planned, and both are put into words and numbers."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from capture.bracket.code_tones import ASSUMED, CodeTones
+from capture.bracket.exposure_choices import common_isos, common_times, exposure_list, without_idle_isos
+from capture.bracket.metering import Metering, meter
+from capture.bracket.planner import Plan, Target, Wanted, plan_bracket
+from drivers.camera import Camera
+from imaging.exposure import Exposure
+
+
+@dataclass(frozen=True)
+class Automatic:
+    """A planned bracket, what it was planned for, and why it is as it is."""
+
+    plan: Plan
+    metering: Metering
+    reason: str
+
+
+def plan_automatically(
+    cameras: Mapping[str, Camera],
+    like: Exposure,
+    wanted: Wanted,
+    *,
+    frames: Sequence[int] = (0,),
+    move_to: Callable[[int], None] = lambda frame: None,
+) -> Automatic:
+    """Meter at the first, the middle and the last of `frames`, and plan one bracket for all cameras.
+
+    like: an exposure with the f-number to keep, since another would show another depth of field.
+    Errors are those of the meter and the planner.
+    """
+    metering, exposures = _metered(cameras, like, wanted, frames, move_to)
+    if any(isinstance(target.tones, CodeTones) for target in metering.targets):
+        useful = tuple(
+            one for one in exposures if one.iso == exposures[0].iso
+        )  # how noisy others are is unknown
+    else:
+        useful = without_idle_isos(metering.targets, exposures, wanted.snr)
+    plan = plan_bracket(metering.targets, useful, wanted)
+    return Automatic(plan, metering, _reason(plan, metering, wanted))
+
+
+def meter_rig(
+    cameras: Mapping[str, Camera],
+    like: Exposure,
+    *,
+    frames: Sequence[int] = (0,),
+    move_to: Callable[[int], None] = lambda frame: None,
+) -> Metering:
+    """What a bracket that was chosen otherwise is up against."""
+    return _metered(cameras, like, Wanted(), frames, move_to)[0]
+
+
+def _metered(
+    cameras: Mapping[str, Camera],
+    like: Exposure,
+    wanted: Wanted,
+    frames: Sequence[int],
+    move_to: Callable[[int], None],
+) -> tuple[Metering, tuple[Exposure, ...]]:
+    """Probed at the lowest ISO, where a sensor tells most at once; and the list to plan from."""
+    able = [camera.capabilities() for camera in cameras.values()]
+    exposures = exposure_list(common_times(able), common_isos(able), like.f_number, wanted)
+    lowest = [exposure for exposure in exposures if exposure.iso == exposures[0].iso]
+    positions = sorted({frames[0], frames[len(frames) // 2], frames[-1]})
+    return meter(cameras, lowest, positions=positions, move_to=move_to), exposures
+
+
+def _reason(plan: Plan, metering: Metering, wanted: Wanted) -> str:
+    """One paragraph for plans.jsonl."""
+    limits = [
+        f"{name} {value:g}{unit}"
+        for name, value, unit in (
+            ("slowest", wanted.slowest, " s"),
+            ("in all", wanted.total, " s"),
+            ("highest ISO", wanted.highest_iso, ""),
+        )
+        if value is not None
+    ]
+    widest = max(metering.targets, key=lambda target: target.stops)
+    developing = dict.fromkeys(
+        target.camera for target in metering.targets if isinstance(target.tones, CodeTones)
+    )
+    parts = [
+        f"metered with {len(metering.probes)} probes: up to {widest.stops:.1f} stops ({widest}); "
+        f"the fewest exposures for {wanted.snr:g} dB" + (f" within {', '.join(limits)}" if limits else ""),
+        *([f"of {', '.join(developing)} {ASSUMED}, at the lowest ISO"] if developing else []),
+        *(str(shortfall) for shortfall in plan.shortfalls),
+        *(f"{name} was not metered: {why.rstrip('.')}" for name, why in metering.failed.items()),
+    ]
+    return "; ".join(parts)
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What an exposure gives a camera, at the worst of its channels.
+
+    snr: dB at the dark end of what the camera sees; headroom: stops from the bright end to where the
+    exposure clips, negative if it does.
+    """
+
+    snr: float
+    headroom: float
+
+
+def worths(targets: Sequence[Target], exposure: Exposure) -> dict[str, Worth]:
+    """The worth of an exposure by camera; under "rig" that of the worst camera for each end."""
+    names = dict.fromkeys(target.camera for target in targets)
+    groups = {name: [target for target in targets if target.camera == name] for name in names}
+    return {
+        name: Worth(
+            min(target.tones.snr(target.dark, exposure) for target in group),
+            min(target.headroom(exposure) for target in group),
+        )
+        for name, group in (groups | {"rig": list(targets)}).items()
+    }

@@ -1,0 +1,113 @@
+"""The meter's view of a camera that develops its own photographs: see capture.bracket.metering."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.bracket.code_tones import BRIGHTEST, DARKEST, CodeTones
+from capture.bracket.percentile import (
+    BRIGHT_PERCENTILE,
+    BRIGHT_SHARE,
+    DARK_PERCENTILE,
+    DARK_SHARE,
+    TAKES,
+    Values,
+    cooled,
+    percentile,
+    thin,
+)
+from capture.bracket.planner import Target
+from imaging.exposure import Exposure
+
+Codes = npt.NDArray[np.float32]
+"""Of a photograph, 0..1, [H, W, 3]."""
+
+PAIRS = 20_000
+"""Codes that are compared from one probe to the next."""
+_LARGEST = np.float32(65_535)
+"""Of the whole numbers as which codes of 8 and 16 bits are kept, exactly."""
+
+
+class CodeLook:
+    """What one camera showed so far, by exposure."""
+
+    spacing = 2.0
+    """Stops between the probes: most pixels are well exposed in two of them, which tells the tone curve."""
+
+    def __init__(self) -> None:
+        self._probes: dict[Exposure, dict[tuple[int, int], npt.NDArray[np.uint16]]] = {}
+
+    def add(self, exposure: Exposure, position: int, take: int, codes: Codes) -> None:
+        """Keep a photograph, or what of a large one tells as much."""
+        kept = np.rint(thin(codes) * _LARGEST).astype(np.uint16)
+        self._probes.setdefault(exposure, {})[position, take] = kept
+
+    def clips(self, exposure: Exposure) -> bool:
+        """Whether the bright percentile of any channel is beyond the trusted codes."""
+        return bool((self._all(exposure) > BRIGHTEST).mean(axis=0).max() > BRIGHT_SHARE)
+
+    def lit(self, exposure: Exposure) -> bool:
+        """Whether the dark percentile of every channel is among the trusted codes."""
+        return bool((self._all(exposure) < DARKEST).mean(axis=0).max() <= DARK_SHARE)
+
+    def glare(self, exposure: Exposure) -> float:
+        """The share of the photographs that is beyond the trusted codes."""
+        return float((self._all(exposure) > BRIGHTEST).mean())
+
+    def targets(self, name: str) -> list[Target]:
+        """The range of each channel."""
+        ascending = sorted(self._probes, key=lambda one: one.stops)
+        shortest, longest = ascending[0], ascending[-1]
+        tones = self._tones(ascending)
+        one, other = (self._radiance(ascending, take, tones) for take in range(TAKES))
+        targets = []
+        for channel, letter in enumerate("RGB"):
+            dark = percentile(one[:, channel], other[:, channel], DARK_PERCENTILE)
+            bright = percentile(one[:, channel], other[:, channel], BRIGHT_PERCENTILE)
+            below = (self._all(longest)[:, channel] < DARKEST).mean()
+            above = (self._all(shortest)[:, channel] > BRIGHTEST).mean()
+            targets.append(
+                Target(
+                    camera=name,
+                    channel=letter,
+                    tones=tones,
+                    dark=dark,
+                    bright=max(bright, dark),
+                    no_darker=bool(below <= DARK_SHARE),
+                    no_brighter=bool(above <= BRIGHT_SHARE),
+                )
+            )
+        return targets
+
+    def _all(self, exposure: Exposure) -> Codes:
+        """Every pixel of an exposure, [N, 3]."""
+        kept = np.concatenate([codes.reshape(-1, 3) for codes in self._probes[exposure].values()])
+        return kept.astype(np.float32) / _LARGEST
+
+    def _take(self, exposure: Exposure, take: int) -> Codes:
+        """Those of one take at all positions, one below the other, [H, W, 3]."""
+        photos = self._probes[exposure]
+        kept = np.concatenate([photos[key] for key in sorted(photos) if key[1] == take])
+        return kept.astype(np.float32) / _LARGEST
+
+    def _tones(self, ascending: list[Exposure]) -> CodeTones:
+        """The tone curve, from what becomes of a pixel's code from one probe to the next."""
+        lower, upper, stops = ([np.zeros(0)] for _ in range(3))
+        for shorter, longer in pairwise(ascending):
+            one, other = self._take(shorter, 0).ravel(), self._take(longer, 0).ravel()
+            tight = np.flatnonzero((one >= DARKEST) & (other <= BRIGHTEST) & (other > one))
+            tight = tight[:: max(1, math.ceil(len(tight) / PAIRS))]
+            lower.append(one[tight].astype(np.float64))
+            upper.append(other[tight].astype(np.float64))
+            stops.append(np.full(len(tight), longer.stops - shorter.stops))
+        return CodeTones.of(np.concatenate(lower), np.concatenate(upper), np.concatenate(stops))
+
+    def _radiance(self, ascending: list[Exposure], take: int, tones: CodeTones) -> Values:
+        """Radiance [N, 3] by the brightest trusted code; a bound at either end of what was probed."""
+        found = np.full(self._take(ascending[0], take).shape, tones.brightest(ascending[0]))
+        for exposure in ascending:
+            codes = self._take(exposure, take)
+            np.copyto(found, tones.light_of(codes) / exposure.scale, where=codes <= BRIGHTEST)
+        return np.stack([cooled(found[..., channel]).ravel() for channel in range(3)], axis=-1)

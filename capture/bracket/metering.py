@@ -1,0 +1,126 @@
+"""The meter: a few widely spaced exposures tell the range of radiance that every camera sees.
+
+Each exposure is taken twice. Of a noisy picture the darkest 0.1 % are dark by bad luck as well as by
+truth; which photosites those are is therefore read from one take and what they measure from the
+other, whose noise knows nothing of that choice.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture.bracket.code_metering import CodeLook
+from capture.bracket.percentile import TAKES
+from capture.bracket.planner import Target
+from capture.bracket.raw_metering import RawLook
+from capture.bracket.single_exposure import expose
+from drivers.camera import Camera, EncodedPhoto
+from imaging.errors import CaptureError
+from imaging.exposure import Exposure
+from imaging.files.photo import decode_photo
+from imaging.mosaic import RawMosaic
+
+
+@dataclass(frozen=True)
+class Metering:
+    """What the meter found: a target for each colour channel of each camera, and how it looked.
+
+    probes: ascending. failed: why by camera, for those that gave no pictures and are not planned for.
+    """
+
+    targets: tuple[Target, ...]
+    probes: tuple[Exposure, ...]
+    failed: Mapping[str, str]
+
+
+def meter(
+    cameras: Mapping[str, Camera],
+    exposures: Sequence[Exposure],
+    *,
+    positions: Sequence[int] = (0,),
+    move_to: Callable[[int], None] = lambda frame: None,
+) -> Metering:
+    """Probe the scene from the middle of `exposures` (ascending) outwards until both its ends are found.
+
+    positions: of the rig, metered as one scene. All cameras expose together. A camera that fails or sees
+    nothing is left out and named. Memory is bounded, however large the frames. CaptureError if no camera
+    sees light, or if all see nothing but clipped light.
+    """
+    looks: dict[str, RawLook | CodeLook] = {}
+    failed: dict[str, str] = {}
+    probes: list[Exposure] = []
+
+    def probe(exposure: Exposure) -> None:
+        probes.append(exposure)
+        for position in positions:
+            move_to(position)
+            for take in range(TAKES):
+                ready = {name: camera for name, camera in cameras.items() if name not in failed}
+                taken, errors = expose(ready, exposure)
+                failed.update({name: str(error) for name, error in errors.items()})
+                for name, one in taken.items():
+                    look = looks.setdefault(name, _look(one.frame))
+                    if isinstance(look, RawLook) and isinstance(one.frame, RawMosaic):
+                        look.add(exposure, position, take, one.frame)
+                    elif isinstance(look, CodeLook) and isinstance(one.frame, EncodedPhoto):
+                        codes = decode_photo(one.frame.data, f"a photograph of {name}").pixels
+                        look.add(exposure, position, take, codes)
+                    else:
+                        failed[name] = "it delivers RAW files and photographs in turn"
+        for name in failed:
+            looks.pop(name, None)
+
+    stops = [exposure.stops for exposure in exposures]
+    first = int(np.argmin(np.abs(np.array(stops) - (stops[0] + stops[-1]) / 2)))
+    low = high = first
+    probe(exposures[first])
+    if not looks:
+        raise CaptureError(f"no camera gave a picture to meter: {'; '.join(failed.values())}")
+    spacing = min(look.spacing for look in looks.values())
+    while low > 0 and any(look.clips(exposures[low]) for look in looks.values()):
+        low = _away(stops, low, -spacing)
+        probe(exposures[low])
+    while high < len(stops) - 1 and any(not look.lit(exposures[high]) for look in looks.values()):
+        high = _away(stops, high, spacing)
+        probe(exposures[high])
+    if not looks:
+        raise CaptureError(f"no camera gave a picture to meter: {'; '.join(failed.values())}")
+    seen = [name for name in cameras if name in looks]  # in the rig's order, whoever answered first
+    targets = [target for name in seen for target in looks[name].targets(name)]
+    _must_be_seen(targets, looks, exposures[low], exposures[high])
+    for name in looks:
+        if not any(target.bright > target.dark for target in targets if target.camera == name):
+            failed[name] = f"it sees no light at {exposures[high]}"
+    targets = [target for target in targets if target.camera not in failed]
+    return Metering(tuple(targets), tuple(sorted(probes, key=lambda one: one.stops)), failed)
+
+
+def _look(frame: RawMosaic | EncodedPhoto) -> RawLook | CodeLook:
+    return RawLook() if isinstance(frame, RawMosaic) else CodeLook()
+
+
+def _away(stops: Sequence[float], index: int, by: float) -> int:
+    """The index nearest to so many stops further on, and always another than `index`."""
+    wanted = stops[index] + by
+    beyond = range(index) if by < 0 else range(index + 1, len(stops))
+    return min(beyond, key=lambda one: abs(stops[one] - wanted))
+
+
+def _must_be_seen(
+    targets: Sequence[Target],
+    looks: Mapping[str, RawLook | CodeLook],
+    shortest: Exposure,
+    longest: Exposure,
+) -> None:
+    """CaptureError where the exposures that there are show nothing at all of the scene."""
+    if all(not target.no_darker and target.bright <= target.dark for target in targets):
+        raise CaptureError(
+            f"the scene is black: no camera sees light at {longest}; "
+            "take off the lens caps, light the scene or allow longer exposures."
+        )
+    if all(look.glare(shortest) > 0.999 for look in looks.values()):
+        raise CaptureError(
+            f"the scene is too bright: every camera clips all over at {shortest}; "
+            "stop the lenses down, use a filter or allow shorter exposures."
+        )

@@ -1,0 +1,138 @@
+"""The meter's view of a camera that delivers RAW frames: see capture.bracket.metering."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.bracket.percentile import (
+    BRIGHT_PERCENTILE,
+    BRIGHT_SHARE,
+    DARK_PERCENTILE,
+    TAKES,
+    Values,
+    cooled,
+    percentile,
+    thin,
+)
+from capture.bracket.planner import Target
+from capture.bracket.tones import Tones
+from imaging.errors import CaptureError
+from imaging.exposure import Exposure
+from imaging.merge.bracket import merge_bracket
+from imaging.merge.linear_frame import from_raw
+from imaging.mosaic import RawMosaic
+
+CLEAR = 10.0
+"""Standard deviations that the dark end has in the longest probe, where the list goes that far."""
+PRESENT = 5.0
+"""Standard deviations at which light counts as seen."""
+
+Shots = dict[tuple[int, int], RawMosaic]
+"""The frames of one exposure, by position and take."""
+
+
+class RawLook:
+    """What one camera showed so far, by exposure."""
+
+    spacing = 4.0
+    """Stops between the probes: less than what a sensor of 10 bits or more shows at once."""
+
+    def __init__(self) -> None:
+        self._probes: dict[Exposure, Shots] = {}
+
+    def add(self, exposure: Exposure, position: int, take: int, frame: RawMosaic) -> None:
+        """Keep a frame, or what of a large one tells as much."""
+        thinned = replace(frame, pixels=thin(frame.pixels))
+        self._probes.setdefault(exposure, {})[position, take] = thinned
+
+    def clips(self, exposure: Exposure) -> bool:
+        """Whether the bright percentile of any channel is clipped."""
+        return any(_clipped(self._probes[exposure], channel) > BRIGHT_SHARE for channel in range(3))
+
+    def glare(self, exposure: Exposure) -> float:
+        """The share of the frames that is clipped."""
+        return float(np.mean([frame.saturated().mean() for frame in self._probes[exposure].values()]))
+
+    def lit(self, exposure: Exposure) -> bool:
+        """Whether the dark percentile of every channel stands clear of the noise."""
+        shots = self._probes[exposure]
+        slope, floor = Tones.of(next(iter(shots.values()))).profile(_exposure(shots))
+        for channel in range(3):
+            takes = [_channel(shots, take, channel) for take in range(TAKES)]
+            signal = percentile(takes[0], takes[1], DARK_PERCENTILE)
+            if signal < CLEAR * math.sqrt(floor + slope * max(signal, 0.0)):
+                return False
+        return True
+
+    def targets(self, name: str) -> list[Target]:
+        """The range of each channel, from the merged probes."""
+        ascending = [self._probes[one] for one in sorted(self._probes, key=lambda one: one.stops)]
+        shortest, longest = ascending[0], ascending[-1]
+        tones = Tones.of(next(iter(shortest.values())))
+        positions = sorted({position for position, _ in shortest})
+        frame = next(iter(shortest.values()))
+        channels = np.concatenate([_sites(frame).ravel() for _ in positions])
+        takes = []
+        for take in range(TAKES):
+            merged = [
+                merge_bracket(
+                    [from_raw(shots[position, take], _exposure(shots).scale) for shots in ascending]
+                )
+                for position in positions
+            ]
+            takes.append(np.concatenate([_cooled(one.radiance).ravel() for one in merged]))
+        slope, floor = tones.profile(_exposure(longest))
+        scale = _exposure(longest).scale
+        unseen = PRESENT * (PRESENT * slope + math.sqrt(PRESENT**2 * slope**2 + 4 * floor)) / 2 / scale
+        targets = []
+        for channel, letter in enumerate("RGB"):
+            one, other = (values[channels == channel] for values in takes)
+            dark = percentile(one, other, DARK_PERCENTILE)
+            bright = percentile(one, other, BRIGHT_PERCENTILE)
+            # Where nothing stands out of the noise, the light is below what would have.
+            seen = dark >= unseen
+            targets.append(
+                Target(
+                    camera=name,
+                    channel=letter,
+                    tones=tones,
+                    dark=dark if seen else unseen,
+                    bright=max(bright, dark if seen else unseen),
+                    no_darker=seen,
+                    no_brighter=_clipped(shortest, channel) <= BRIGHT_SHARE,
+                )
+            )
+        return targets
+
+
+def _clipped(shots: Shots, channel: int) -> float:
+    """The share of a channel that is clipped."""
+    return float(np.concatenate([f.saturated()[_sites(f) == channel] for f in shots.values()]).mean())
+
+
+def _exposure(shots: Shots) -> Exposure:
+    """What the frames say of themselves; CaptureError if they are silent."""
+    exposure = next(iter(shots.values())).metadata.exposure
+    if exposure is None:
+        raise CaptureError("the frames do not say how they were exposed: give the exposures yourself.")
+    return exposure
+
+
+def _sites(frame: RawMosaic) -> npt.NDArray[np.uint8]:
+    return frame.cfa.channels(*frame.pixels.shape)
+
+
+def _channel(shots: Shots, take: int, channel: int) -> Values:
+    """Signal of one channel in one take at all positions."""
+    frames = [shots[key] for key in sorted(shots) if key[1] == take]
+    return np.concatenate([frame.signal()[_sites(frame) == channel] for frame in frames]).astype(np.float64)
+
+
+def _cooled(image: npt.NDArray[np.floating]) -> Values:
+    """A mosaic [H, W] without hot photosites, by the neighbours of the same site."""
+    result = image.astype(np.float64)
+    for row, column in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        result[row::2, column::2] = cooled(result[row::2, column::2])
+    return result

@@ -1,0 +1,102 @@
+"""One bracket step of the whole rig: every camera is set, armed, triggered and emptied together."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TypeVar
+
+from capture.bracket.deviation import deviates
+from drivers.camera import Camera, EncodedPhoto
+from imaging.errors import CameraError
+from imaging.exposure import Exposure
+from imaging.mosaic import RawMosaic
+
+RETRIES = 2
+"""Further attempts after a camera error; one bad cable must not hold the rig up for ever."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A frame that a camera delivered.
+
+    set_to: what the camera read back when it was set. opened: monotonic time of its trigger, seconds.
+    """
+
+    frame: RawMosaic | EncodedPhoto
+    set_to: Exposure
+    opened: float
+    retries: int
+
+    @property
+    def reported(self) -> Exposure:
+        """What the file says of itself; what the camera read back only where the file is silent."""
+        return self.frame.metadata.exposure or self.set_to
+
+
+def made_ready(camera: Camera, requested: Exposure) -> Exposure:
+    """Set a camera and arm it; what it read back."""
+    set_to = camera.set_exposure(requested)
+    if deviates(set_to, requested):  # a camera that was still busy drops the setting
+        set_to = camera.set_exposure(requested)
+    camera.arm()
+    return set_to
+
+
+def expose(
+    cameras: Mapping[str, Camera], requested: Exposure
+) -> tuple[dict[str, Taken], dict[str, CameraError]]:
+    """Expose all `cameras` at `requested`: the frames by camera, and the errors of those without one.
+
+    All cameras are set and armed before the first is triggered, all are triggered before the first
+    is emptied. When one fails all are exposed again, RETRIES times, since one may be what triggers another;
+    frames that are there already stay. A frame is accepted when its *own* metadata agree with the request,
+    since cameras do hand out the frame before; one that does not is taken again once, then kept with what
+    it reports.
+    """
+    taken: dict[str, Taken] = {}
+    suspect: dict[str, Taken] = {}
+    errors: dict[str, CameraError] = {}
+    waiting = set(cameras)
+    for attempt in range(RETRIES + 1):
+        frames, errors = _expose_once(cameras, requested, attempt)
+        for name in (name for name in frames if name in waiting):
+            new = frames[name]
+            if deviates(new.reported, requested) and name not in suspect:
+                suspect[name] = new
+            else:
+                taken[name] = new
+        waiting -= set(taken)
+        if not waiting:
+            break
+    kept = {name: suspect[name] for name in cameras if name in waiting and name in suspect}
+    lacking = waiting - set(kept)
+    return taken | kept, {name: error for name, error in errors.items() if name in lacking}
+
+
+def _expose_once(
+    cameras: Mapping[str, Camera], requested: Exposure, attempt: int
+) -> tuple[dict[str, Taken], dict[str, CameraError]]:
+    """The phases one after the other; a camera that fails in one is left out of the next."""
+    errors: dict[str, CameraError] = {}
+
+    ready = _each(cameras, cameras, lambda camera: made_ready(camera, requested), errors)
+    opened = _each(cameras, ready, lambda camera: camera.trigger(), errors)
+    frames = _each(cameras, opened, lambda camera: camera.collect(), errors)
+    return {name: Taken(frames[name], ready[name], opened[name], attempt) for name in frames}, errors
+
+
+def _each(
+    cameras: Mapping[str, Camera],
+    names: Iterable[str],
+    act: Callable[[Camera], T],
+    errors: dict[str, CameraError],
+) -> dict[str, T]:
+    """`act` on every named camera."""
+    results: dict[str, T] = {}
+    for name in names:
+        try:
+            results[name] = act(cameras[name])
+        except CameraError as error:
+            errors[name] = error
+    return results

@@ -1,0 +1,76 @@
+"""What a camera can tell apart: how noisy a signal is, and where it clips, at any ISO.
+
+A signal is linear, black 0 and white 1: `signal = radiance * exposure.scale`.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.errors import CaptureError
+from imaging.exposure import Exposure
+from imaging.merge.bracket import MARGIN
+from imaging.mosaic import RawMosaic
+from imaging.noise import SensorNoise
+
+Values = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tones:
+    """The noise of a linear sensor, from which follows what an exposure is good for.
+
+    noise: at ISO 100, DN; span: DN from black to white. A higher ISO multiplies signal and read noise
+    alike and leaves the rounding to whole DN, so that it helps only where rounding matters.
+    """
+
+    noise: SensorNoise
+    span: float
+
+    @classmethod
+    def of(cls, frame: RawMosaic) -> "Tones":
+        """From the noise profile of a frame; CaptureError if it has none."""
+        if frame.noise_profile is None:
+            raise CaptureError(
+                f"the frames of camera {frame.metadata.serial} do not say how noisy they are, so that no "
+                "bracket can be planned: give the exposures yourself, as --bracket -4,0,4."
+            )
+        black = float(np.mean(frame.black))
+        noise = SensorNoise.from_profile(frame.noise_profile, black, frame.white)
+        shot_at = frame.metadata.exposure
+        gain = noise.gain / (1.0 if shot_at is None else shot_at.iso_gain)
+        return cls(noise.model_copy(update={"gain": gain}), frame.white - black)
+
+    def profile(self, exposure: Exposure) -> tuple[float, float]:
+        """(S, O): variance of the signal is `S * signal + O`."""
+        gained = self.noise.model_copy(update={"gain": self.noise.gain * exposure.iso_gain})
+        return gained.profile(0.0, self.span)
+
+    def snrs(self, radiances: Values, exposure: Exposure) -> Values:
+        """Signal to noise in dB, 20 log10, of positive radiances [n]. Clipping is not looked at."""
+        slope, floor = self.profile(exposure)
+        signal = radiances * exposure.scale
+        return np.asarray(20.0 * np.log10(signal / np.sqrt(slope * signal + floor)))
+
+    def snr(self, radiance: float, exposure: Exposure) -> float:
+        """The same of one radiance; -inf without light."""
+        return float(self.snrs(np.array(radiance), exposure)) if radiance > 0 else -math.inf
+
+    def darkest(self, snr: float, exposure: Exposure) -> float:
+        """The radiance at which an exposure reaches `snr` dB: the root of `s^2 = r^2 (S s + O)`."""
+        slope, floor = self.profile(exposure)
+        ratio = math.pow(10.0, snr / 10.0)
+        signal = (ratio * slope + math.sqrt((ratio * slope) ** 2 + 4.0 * ratio * floor)) / 2.0
+        return signal / exposure.scale
+
+    def brightest(self, exposure: Exposure) -> float:
+        """The radiance whose signal stays MARGIN standard deviations below white.
+
+        It is what the merge demands of a sample: the root of `(1 - s)^2 = m^2 (S s + O)` below 1.
+        """
+        slope, floor = self.profile(exposure)
+        half = 1.0 + MARGIN**2 * slope / 2.0
+        signal = half - math.sqrt(half**2 - 1.0 + MARGIN**2 * floor)
+        return signal / exposure.scale

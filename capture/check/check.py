@@ -1,0 +1,241 @@
+"""`rig check`: proof of what a session holds, and a sentence for each thing that is wrong with it."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+from capture.bracket.deviation import deviates, stops_apart
+from capture.check.examine import Read, examine_all
+from capture.check.findings import CheckReport, Exposed, Problem, ProblemKind, StepSkew
+from capture.check.masks import mask_problems
+from capture.check.repair import RepairReport, repair
+from capture.check.shot_index import read_index, stray_files
+from capture.check.warnings import warnings
+from capture.pictures.read import Picture
+from capture.record.recorder import Progress, leftovers, slots
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.session.records import PlanRecord, ShotRecord
+from imaging.session.session import Session
+
+__all__ = ["CheckReport", "Exposed", "Problem", "RepairReport", "check", "repair"]
+
+SKEW_TOLERANCE = 0.02
+"""Seconds between two shutters of one bracket step: a person who walks moves 3 cm, a pixel or more.
+What holds where no plan says another."""
+
+_MENDS = {"captured": "take it again with rig capture --resume", "imported": "import the photographs again"}
+
+
+def check(session: str | Path, progress: Progress = lambda message, done, total: None) -> CheckReport:
+    """Read every file of a session and hold it against its record, the plans and the rest of its bracket.
+
+    Nothing is changed, not even the record of a shot whose exposure is found to be another than its label:
+    a calibration names the index that it was made from, and estimates exposures for itself.
+
+    progress: called with the file being read, files read, files to read. InputError if the folder
+    is no session; whatever is wrong inside of it is a problem of the report.
+    """
+    session = Path(session)
+    opened = Session.open(session)
+    again = _MENDS["imported" if opened.record.origin == "import" else "captured"]
+    shots, damaged = read_index(opened)
+    problems = [Problem(kind="index", file="shots.jsonl", message=sentence) for sentence in damaged]
+    try:
+        plans = opened.plans()
+    except InputError as error:
+        plans = []
+        problems.append(Problem(kind="index", file="plans.jsonl", message=str(error)))
+    else:
+        problems.extend(_strangers(opened, plans, shots))
+    started = count()
+    read, failed = examine_all(
+        opened, shots, lambda shot: progress(f"reading {shot.file}", next(started), len(shots))
+    )
+    progress("read", len(shots), len(shots))
+    pictures: list[tuple[ShotRecord, Read]] = []
+    for shot in shots:
+        if shot.file in failed:
+            kind, what = failed[shot.file]
+            problems.append(_problem(kind, shot, f"{what}: {again}, or drop it with rig check --repair."))
+            continue
+        found = list(_against_record(shot, read[shot.file]))
+        if not any(problem.kind == "altered" for problem in found):
+            pictures.append((shot, read[shot.file]))
+        problems.extend(found)
+    problems.extend(_missing(plans, shots, again))
+    problems.extend(mask_problems(opened, shots, again))
+    problems.extend(_duplicates(shots))
+    problems.extend(_unrecorded(opened, shots))
+    together = {plan.plan: plan.tolerance for plan in plans if plan.tolerance is not None}
+    problems.extend(_skewed(shots, together))
+    looks = [own.look for _, own in pictures]
+    return CheckReport(
+        session=str(session),
+        planned=sum(len(slots(plan)) for plan in plans),
+        shots=len(shots),
+        sound=len(pictures),
+        exposures=tuple(_exposed(pictures)),
+        problems=tuple(problems),
+        warnings=(*warnings(looks, opened.record.cameras), *_taken_again(shots, together)),
+        looks=tuple(looks),
+        skews=tuple(_skews(shots)),
+        thumbnails={shot.file: own.thumbnail for shot, own in pictures},
+    )
+
+
+def _problem(kind: ProblemKind, shot: ShotRecord, message: str) -> Problem:
+    return Problem(
+        kind=kind, file=shot.file, camera=shot.camera, frame=shot.frame, step=shot.step, message=message
+    )
+
+
+def _against_record(shot: ShotRecord, read: Read) -> Iterator[Problem]:
+    """What a readable file and its record disagree about, and the record with the request."""
+    picture = read.picture
+    if read.sha256 != shot.sha256:
+        yield _problem(
+            "altered",
+            shot,
+            f"{shot.file} is not the file that was recorded (its SHA-256 differs): restore it from a copy, "
+            "or move it away and take it again.",
+        )
+    if (picture.width, picture.height) != (shot.width, shot.height):
+        yield _problem(
+            "size",
+            shot,
+            f"{shot.file} has {picture.width}x{picture.height} pixels and its record says "
+            f"{shot.width}x{shot.height}: restore the file from a copy.",
+        )
+    requested, reported = shot.requested, picture.metadata.exposure or shot.reported
+    if requested is not None and reported is not None and deviates(reported, requested):
+        yield _problem(
+            "exposure",
+            shot,
+            f"{shot.file} was exposed at {reported} where {requested} was asked for "
+            f"({stops_apart(reported, requested):+.2f} stops): set the camera to manual and take it again.",
+        )
+
+
+def _strangers(
+    session: Session, plans: Sequence[PlanRecord], shots: Sequence[ShotRecord]
+) -> Iterator[Problem]:
+    """Records of cameras or shots that the session does not know."""
+    cameras = {camera.name for camera in session.record.cameras}
+    planned = {(plan.plan, *slot) for plan in plans for slot in slots(plan)}
+    for shot in shots:
+        if shot.camera not in cameras:
+            yield _problem(
+                "index",
+                shot,
+                f"{shot.file} is of {shot.camera!r}, no camera of the session: correct its record.",
+            )
+        elif shot.identity not in planned:
+            yield _problem(
+                "index", shot, f"{shot.file} is a shot of no plan: correct its record in shots.jsonl."
+            )
+
+
+def _missing(plans: Sequence[PlanRecord], shots: Sequence[ShotRecord], again: str) -> Iterator[Problem]:
+    there = {shot.identity for shot in shots}
+    for plan in plans:
+        for slot in slots(plan):
+            if (plan.plan, *slot) not in there:
+                message = f"The shot of {slot} is missing: {again}."
+                yield Problem(
+                    kind="missing", camera=slot.camera, frame=slot.frame, step=slot.step, message=message
+                )
+
+
+def _duplicates(shots: Sequence[ShotRecord]) -> Iterator[Problem]:
+    """Files that two shots share, by name or by content."""
+    by_file: dict[str, ShotRecord] = {}
+    by_content: dict[str, ShotRecord] = {}
+    for shot in shots:
+        if shot.file in by_file:
+            yield _problem(
+                "duplicate", shot, f"{shot.file} stands for two shots: rig check --repair keeps one."
+            )
+        elif shot.sha256 in by_content:
+            first = by_content[shot.sha256].file
+            yield _problem(
+                "duplicate", shot, f"{shot.file} is the same file as {first}: move the wrong one away."
+            )
+        by_file.setdefault(shot.file, shot)
+        by_content.setdefault(shot.sha256, shot)
+
+
+def _unrecorded(session: Session, shots: list[ShotRecord]) -> Iterator[Problem]:
+    for file in stray_files(session, shots):
+        message = f"{file} has no record: add it with rig check --repair, or move it away."
+        yield Problem(kind="stray", file=file, message=message)
+    for part in leftovers(session):
+        file = part.relative_to(session.folder).as_posix()
+        message = f"{file} was left half-written by a run that was killed: delete it."
+        yield Problem(kind="leftover", file=file, message=message)
+
+
+def _skewed(shots: Iterable[ShotRecord], together: Mapping[str, float]) -> Iterator[Problem]:
+    """together: seconds that are no skew, of the plans that say it."""
+    for shot in shots:
+        bound = together.get(shot.plan, SKEW_TOLERANCE)
+        if shot.skew is not None and shot.skew > bound and not shot.retries:
+            yield _problem(
+                "skew",
+                shot,
+                f"{shot.file} was exposed {shot.skew * 1000:.3g} ms after the first camera of its step, and "
+                f"{bound * 1000:.3g} ms are allowed: use a hardware trigger where the scene moves.",
+            )
+
+
+def _taken_again(shots: Iterable[ShotRecord], together: Mapping[str, float]) -> Iterator[Problem]:
+    """Shots that came late because they had to be repeated, which no trigger would have helped."""
+    for _, own in _steps(shots):
+        for shot in own if len(own) > 1 else ():
+            if shot.retries and (shot.skew or 0.0) > together.get(shot.plan, SKEW_TOLERANCE):
+                yield _problem(
+                    "skew",
+                    shot,
+                    f"{shot.file} had to be taken again, {1000 * (shot.skew or 0.0):.0f} ms after the first "
+                    "camera of its step: take the frame again if the scene moves.",
+                )
+
+
+def _steps(shots: Iterable[ShotRecord]) -> Iterator[tuple[tuple[str, int, int], list[ShotRecord]]]:
+    """The shots of each bracket step of the rig, frames in order."""
+    steps: dict[tuple[str, int, int], list[ShotRecord]] = {}
+    for shot in shots:
+        steps.setdefault((shot.plan, shot.frame, shot.step), []).append(shot)
+    yield from sorted(steps.items())
+
+
+def _skews(shots: Iterable[ShotRecord]) -> Iterator[StepSkew]:
+    """The spread of the shutters of each step that says it."""
+    for (plan, frame, step), own in _steps(shot for shot in shots if shot.skew is not None):
+        skew = max(shot.skew or 0.0 for shot in own)
+        yield StepSkew(kind=own[0].kind, plan=plan, frame=frame, step=step, skew=skew)
+
+
+def _exposed(pictures: Sequence[tuple[ShotRecord, Read]]) -> Iterator[Exposed]:
+    """Clipping by camera and exposure; brightest first."""
+    groups: dict[tuple[str, Exposure | None], list[tuple[ShotRecord, Picture]]] = {}
+    for shot, read in pictures:
+        groups.setdefault((shot.camera, shot.requested or shot.reported), []).append((shot, read.picture))
+
+    def order(key: tuple[str, Exposure | None]) -> tuple[str, float]:
+        return key[0], -(key[1].stops if key[1] is not None else 0.0)
+
+    for camera, exposure in sorted(groups, key=order):
+        members = groups[camera, exposure]
+        red, green, blue = np.mean([picture.clipped for _, picture in members], axis=0).tolist()
+        skews = [shot.skew for shot, _ in members if shot.skew is not None]
+        yield Exposed(
+            camera=camera,
+            exposure=exposure,
+            shots=len(members),
+            clipped=(red, green, blue),
+            black=float(np.mean([picture.black for _, picture in members])),
+            max_skew=max(skews, default=None),
+        )

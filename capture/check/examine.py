@@ -1,0 +1,257 @@
+"""One bracket after the other is read and compared within itself; what is kept of it is small."""
+
+import os
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from capture.check import developed_ratios, focus, motion
+from capture.check.exposure_estimates import Estimate, estimates, meant, raw_edges
+from capture.check.findings import ProblemKind, ShotLook
+from capture.pictures.read import Examined, Picture, examine
+from capture.pictures.reduced import Seen
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.files import store
+from imaging.merge.linear_frame import Bool
+from imaging.merge.masks import mask_of
+from imaging.session.records import ShotRecord
+from imaging.session.session import Session
+
+ELSEWHERE = 0.3
+"""Share that moved between two exposures beyond which they do not show the same, and tell no ratio."""
+MOST_THREADS = 4
+MOST_CURVED = 8
+"""Brackets from which the curve of a camera is found, evenly chosen."""
+COMPARED = frozenset(("scene", "board"))
+"""Kinds of shots in which something can be in focus, and stand still."""
+
+Shots = Sequence[ShotRecord]
+
+
+@dataclass(frozen=True)
+class Read:
+    """A file that could be read, and what it shows."""
+
+    picture: Picture
+    sha256: str
+    look: ShotLook
+    thumbnail: bytes
+
+
+class _Comparable(NamedTuple):
+    """A shot that can be compared with the rest of its bracket."""
+
+    shot: ShotRecord
+    picture: Picture
+    seen: Seen
+
+
+Failure = tuple[ProblemKind, str]
+"""What is wrong with a file, and a clause that says so."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Undecided:
+    """A bracket that a camera developed: its exposures can be told when the curve of the camera is."""
+
+    camera: str
+    files: list[str]
+    labels: list[Exposure]
+    codes: developed_ratios.Codes
+
+
+@dataclass(frozen=True, eq=False)
+class _Bracket:
+    """The shots of one bracket, by file."""
+
+    read: dict[str, Read]
+    failed: dict[str, Failure]
+    undecided: _Undecided | None
+
+
+def examine_all(
+    session: Session, shots: Shots, started: Callable[[ShotRecord], None]
+) -> tuple[dict[str, Read], dict[str, Failure]]:
+    """Every shot by file; `started` is called before each is read, by one thread at a time."""
+    groups: dict[tuple[str, str, int, str], list[ShotRecord]] = {}
+    for shot in {shot.file: shot for shot in shots}.values():
+        groups.setdefault((shot.kind, shot.plan, shot.frame, shot.camera), []).append(shot)
+    lock = threading.Lock()
+
+    def one(group: Shots) -> _Bracket:
+        return _examine(session, group, lock, started)
+
+    pool = ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1))
+    try:
+        brackets = list(pool.map(one, groups.values()))
+    finally:
+        pool.shutdown(cancel_futures=True)
+    read = {file: own for bracket in brackets for file, own in bracket.read.items()}
+    failed = {file: own for bracket in brackets for file, own in bracket.failed.items()}
+    for file, estimate in _developed(brackets):
+        read[file] = replace(read[file], look=_with(read[file].look, estimate))
+    return read, failed
+
+
+def _examine(
+    session: Session, group: Shots, lock: threading.Lock, started: Callable[[ShotRecord], None]
+) -> _Bracket:
+    examined: list[tuple[ShotRecord, Examined]] = []
+    digests: dict[str, str] = {}
+    failed: dict[str, Failure] = {}
+    for shot in sorted(group, key=lambda shot: shot.step):
+        with lock:
+            started(shot)
+        found = _read(session, shot)
+        if isinstance(found, Examined):
+            examined.append((shot, found))
+            digests[shot.file] = store.sha256(session.file(shot))
+        else:
+            failed[shot.file] = found
+    looks = {shot.file: _look(shot, one.picture) for shot, one in examined}
+    undecided = None
+    if group[0].kind in COMPARED:
+        same = [
+            _Comparable(shot, one.picture, one.seen)
+            for shot, one in examined
+            if one.seen is not None and digests[shot.file] == shot.sha256
+        ]
+        looks |= _compared(same, looks)
+        undecided = _estimated(same, looks)
+    read = {
+        shot.file: Read(one.picture, digests[shot.file], looks[shot.file], one.thumbnail)
+        for shot, one in examined
+    }
+    return _Bracket(read, failed, undecided)
+
+
+def _read(session: Session, shot: ShotRecord) -> Examined | Failure:
+    try:
+        path = session.file(shot)
+    except InputError:
+        return "index", f"shots.jsonl names {shot.file!r}, which leads out of the session"
+    if not path.is_file():
+        return "absent", f"{shot.file} is not there"
+    try:
+        return examine(path, _counts(session, shot))
+    except InputError as error:
+        return "torn", f"{shot.file} cannot be read to its end ({str(error).split(': ')[0]})"
+
+
+def _counts(session: Session, shot: ShotRecord) -> Bool | None:
+    """What the mask of a shot lets through; None without one, or with one that cannot be read."""
+    try:
+        return mask_of(session, shot, shot.height, shot.width)
+    except InputError:
+        return None
+
+
+def _look(shot: ShotRecord, picture: Picture) -> ShotLook:
+    return ShotLook(
+        kind=shot.kind,
+        picture=picture.kind,
+        file=shot.file,
+        camera=shot.camera,
+        frame=shot.frame,
+        step=shot.step,
+        requested=shot.requested,
+        reported=picture.metadata.exposure or shot.reported,
+        clipped=picture.clipped,
+        black=picture.black,
+        lit=picture.lit,
+    )
+
+
+def label(look: ShotLook) -> Exposure | None:
+    """What the shot claims: reported by its file, else requested."""
+    return look.reported or look.requested
+
+
+def _compared(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> dict[str, ShotLook]:
+    """Focus and motion of the shots of one bracket."""
+    details = {shot.file: focus.detail(seen) for shot, _, seen in shots}
+    found = {}
+    for file, detail in details.items():
+        others = [other for name, other in details.items() if name != file]
+        found[file] = looks[file].model_copy(
+            update={
+                "sharpness": focus.sharpness(detail),
+                "relative_sharpness": focus.against(detail, others),
+            }
+        )
+    for longer, shorter in pairwise(_longest_first(shots, looks)):
+        shot = shorter.shot
+        if longer.picture.kind != shorter.picture.kind:
+            continue
+        moved = motion.compare(longer.seen, shorter.seen)
+        if moved is not None:
+            seen = {"shift": moved.shift, "shift_error": moved.error, "moved": moved.moved}
+            found[shot.file] = found[shot.file].model_copy(update=seen)
+    return found
+
+
+def _longest_first(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> list[_Comparable]:
+    """By label; where labels lack, by brightness."""
+    labels = [label(looks[one.shot.file]) for one in shots]
+    if all(labels):
+        scale = {one.shot.file: own.scale for one, own in zip(shots, labels, strict=True) if own}
+    else:
+        scale = {one.shot.file: float(one.seen.green.mean()) for one in shots}
+    return sorted(shots, key=lambda one: -scale[one.shot.file])
+
+
+def _estimated(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> _Undecided | None:
+    """Estimates of a RAW bracket go into `looks`; of a developed one the codes are kept for later."""
+    known = [(one, own) for one in shots if (own := label(looks[one.shot.file])) is not None]
+    if len(known) < 2 or len({one.picture.kind for one, _ in known}) > 1:
+        return None
+    if len({(one.picture.width, one.picture.height) for one, _ in known}) > 1:
+        return None
+    if any((looks[one.shot.file].moved or 0.0) > ELSEWHERE for one, _ in known):
+        return None
+    files, exposures = [one.shot.file for one, _ in known], [own for _, own in known]
+    frames = [one.seen.linear for one, _ in known if one.seen.linear is not None]
+    if len(frames) == len(known):
+        edges = raw_edges(frames, np.log([own.scale for own in exposures]))
+        for file, estimate in zip(files, estimates(exposures, edges), strict=True):
+            looks[file] = _with(looks[file], estimate)
+        return None
+    patches = [one.seen.patches for one, _ in known if one.seen.patches is not None]
+    if len(patches) < len(known):
+        return None
+    return _Undecided(
+        shots[0].shot.camera, files, exposures, developed_ratios.codes_of(patches, meant(exposures))
+    )
+
+
+def _developed(brackets: Sequence[_Bracket]) -> Iterable[tuple[str, Estimate | None]]:
+    """Estimates of the shots that cameras developed: the curve of a camera is that of all its brackets."""
+    by_camera: dict[str, list[_Undecided]] = {}
+    for bracket in brackets:
+        if bracket.undecided is not None:
+            by_camera.setdefault(bracket.undecided.camera, []).append(bracket.undecided)
+    for own in by_camera.values():
+        curves = developed_ratios.curves([one.codes for one in own[:: -(-len(own) // MOST_CURVED)]])
+        if curves is None:
+            continue
+        for one in own:
+            found = estimates(one.labels, developed_ratios.edges(one.codes, curves))
+            yield from zip(one.files, found, strict=True)
+
+
+def _with(look: ShotLook, estimate: Estimate | None) -> ShotLook:
+    if estimate is None:
+        return look
+    return look.model_copy(
+        update={
+            "estimated": estimate.exposure,
+            "off": estimate.over_meant,
+            "estimate_error": estimate.error,
+        }
+    )

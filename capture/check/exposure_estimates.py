@@ -1,0 +1,94 @@
+"""What the exposures of a bracket really were, from what their pictures say of the same view.
+
+An estimate is relative: the common scale of a bracket is that of its labels, of which one that is far off
+the others counts less. It is made only where pictures overlap enough to better the label.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from imaging import dial_settings
+from imaging.exposure import Exposure
+from imaging.merge.linear_frame import LinearFrame
+from imaging.merge.ratios import Ratio, overlap, ratio, solve
+
+Array = npt.NDArray[np.float64]
+
+TRUSTED = 0.02
+"""Standard error, relative, above which an estimate is no better than a label, and none is made."""
+NEIGHBOURS = 2
+"""How far apart in the bracket two exposures may be that are compared: further ones share little."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One exposure of a bracket. stops: of the estimate over the label, and over what the label stands for.
+
+    error: standard error in stops, of the exposure against the others of its bracket.
+    """
+
+    exposure: Exposure
+    over_label: float
+    over_meant: float
+    error: float
+
+
+def raw_edges(frames: Sequence[LinearFrame], labels: Array) -> dict[tuple[int, int], Ratio]:
+    """Exposure ratios between the frames [longer, shorter] of a bracket, linear as the sensor saw them."""
+    order = np.argsort(labels, kind="stable").tolist()
+    found = {}
+    for (i, shorter), (j, longer) in combinations(enumerate(order), 2):
+        if j - i <= NEIGHBOURS and frames[longer].signal.shape == frames[shorter].signal.shape:
+            edge = ratio([overlap(frames[longer], frames[shorter])])
+            if edge is not None:
+                found[longer, shorter] = edge
+    return found
+
+
+def estimates(exposures: Sequence[Exposure], edges: Mapping[tuple[int, int], Ratio]) -> list[Estimate | None]:
+    """The exposures of a bracket from their labels and the ratios between them, as logarithms."""
+    if not edges:
+        return [None] * len(exposures)
+    found: list[Estimate | None] = [None] * len(exposures)
+    for group in _linked(len(exposures), edges):
+        place = {step: index for index, step in enumerate(group)}
+        own = {(place[a], place[b]): edge for (a, b), edge in edges.items() if a in place}
+        for step, estimate in zip(group, _solved([exposures[step] for step in group], own), strict=True):
+            found[step] = estimate
+    return found
+
+
+def _linked(count: int, edges: Mapping[tuple[int, int], Ratio]) -> list[list[int]]:
+    """Exposures that ratios tie together, two or more."""
+    rows, columns = zip(*edges, strict=True)
+    number, group = connected_components(coo_array((np.ones(len(rows)), (rows, columns)), (count, count)))
+    groups = [np.flatnonzero(group == index).tolist() for index in range(number)]
+    return [own for own in groups if len(own) > 1]
+
+
+def _solved(exposures: Sequence[Exposure], edges: Mapping[tuple[int, int], Ratio]) -> list[Estimate | None]:
+    labels = np.log([exposure.scale for exposure in exposures])
+    # A shutter's round name may be meant as it is, or for a power of two: whichever explains the pictures.
+    trials = [(base, *solve(base, edges)) for base in (labels, meant(exposures))]
+    base, scales, errors = min(trials, key=lambda one: float(np.minimum(np.abs(one[1] - one[0]), 0.3).sum()))
+    found: list[Estimate | None] = []
+    for exposure, label, intended, scale, error in zip(
+        exposures, labels.tolist(), base.tolist(), scales.tolist(), errors.tolist(), strict=True
+    ):
+        estimated = exposure.with_time(exposure.time * math.exp(scale - label))
+        stops = [value / math.log(2) for value in (scale - label, scale - intended, error)]
+        found.append(Estimate(estimated, *stops) if error <= TRUSTED else None)
+    return found
+
+
+def meant(exposures: Sequence[Exposure]) -> Array:
+    """ln of the exposures with the powers of two that round names of times and f-numbers stand for."""
+    exact = dial_settings.meant(exposures)
+    return np.log([exact[exposure].scale for exposure in exposures])

@@ -1,0 +1,147 @@
+"""`rig check --repair`: the index of a session rebuilt from the files that are there."""
+
+import json
+import re
+from glob import escape
+from pathlib import Path
+
+from capture.check.findings import Model
+from capture.check.shot_index import read_index, stray_files
+from capture.pictures.read import read_picture
+from capture.record.recorder import Progress
+from capture.record.shot_files import Slot, mask_file, shot_file
+from imaging.errors import InputError
+from imaging.files import store
+from imaging.merge.masks import read_mask
+from imaging.session.lock import sole_writer
+from imaging.session.records import ShotRecord
+from imaging.session.session import Session
+
+
+class RepairReport(Model):
+    """What `repair` did. dropped, added: files; left: a sentence for each file that is still no shot.
+
+    backup: the index as it was before; None if nothing had to be changed.
+    """
+
+    session: str
+    dropped: tuple[str, ...]
+    added: tuple[str, ...]
+    left: tuple[str, ...]
+    backup: str | None
+
+
+def repair(session: Path, progress: Progress = lambda message, done, total: None) -> RepairReport:
+    """Drop the records whose file is not there, add the whole files that have no record.
+
+    No file is deleted or changed but shots.jsonl, whose old state is kept beside it. InputError if
+    the folder is no session or another rig writes to it; StorageError when the disk refuses.
+    """
+    opened = Session.open(session)
+    with sole_writer(session):
+        shots, damaged = read_index(opened)
+        kept = _one_a_file([shot for shot in shots if _is_there(opened, shot)])
+        strays = stray_files(opened, kept)
+        added: list[ShotRecord] = []
+        left: list[str] = []
+        for number, file in enumerate(strays):
+            progress(f"reading {file}", number, len(strays))
+            try:
+                added.append(_shot_of(opened, file, [*kept, *added]))
+            except InputError as error:
+                left.append(str(error))
+        progress("read", len(strays), len(strays))
+        dropped = [shot.file for shot in shots if shot not in kept]
+        backup = _rewrite(session, [*kept, *added]) if dropped or damaged or added else None
+    return RepairReport(
+        session=str(session),
+        dropped=(*damaged, *dropped),
+        added=tuple(shot.file for shot in added),
+        left=tuple(left),
+        backup=backup,
+    )
+
+
+def _is_there(session: Session, shot: ShotRecord) -> bool:
+    try:
+        return session.file(shot).is_file()
+    except InputError:
+        return False
+
+
+def _one_a_file(shots: list[ShotRecord]) -> list[ShotRecord]:
+    """Of records that share a file the one that it is named for, else the first."""
+    owner: dict[str, ShotRecord] = {}
+    for shot in shots:
+        named_for = Slot(shot.camera, shot.frame, shot.step)
+        if shot.file not in owner or shot.file == shot_file(named_for, Path(shot.file).suffix.lstrip(".")):
+            owner[shot.file] = shot
+    return list(owner.values())
+
+
+def _shot_of(session: Session, file: str, known: list[ShotRecord]) -> ShotRecord:
+    """The record of a file by its name, the plans and its own metadata; InputError if it is no shot."""
+    place = re.fullmatch(r"raw/(\d{4,9})/(.+)_(\d{1,9})\.\w+", file)
+    if place is None:
+        raise InputError(f"{file} is not named raw/FRAME/CAMERA_STEP: rename it, or move it away.")
+    frame, name, step = int(place[1]), place[2], int(place[3])
+    camera = session.camera(name)
+    plan = next(
+        (
+            plan
+            for plan in reversed(session.plans())
+            if name in plan.cameras and frame in plan.frames and step < len(plan.bracket)
+        ),
+        None,
+    )
+    if plan is None:
+        raise InputError(f"{file} is in no plan of the session: move it away.")
+    if (plan.plan, name, frame, step) in {shot.identity for shot in known}:
+        raise InputError(f"{file} stands for a shot that has another file already: move one of them away.")
+    path = store.inside(session.folder, file)
+    picture = read_picture(path)
+    if picture.kind != camera.kind:
+        raise InputError(f"{file} is {picture.kind}, and the camera {name} is {camera.kind}: move it away.")
+    planned, imported = plan.bracket[step], session.record.origin == "import"
+    mask = _mask_of(session, Slot(name, frame, step), picture.height, picture.width)
+    return ShotRecord(
+        kind=plan.kind,
+        plan=plan.plan,
+        camera=name,
+        frame=frame,
+        step=step,
+        file=file,
+        sha256=store.sha256(path),
+        requested=None if imported else planned,
+        reported=picture.metadata.exposure or (planned if imported else None),
+        width=picture.width,
+        height=picture.height,
+        captured_at=picture.metadata.captured_at,
+        mask=mask,
+        mask_sha256=None if mask is None else store.sha256(session.folder / mask),
+    )
+
+
+def _mask_of(session: Session, slot: Slot, height: int, width: int) -> str | None:
+    """The mask that an import laid down for a shot; InputError if it is damaged."""
+    found = sorted(session.folder.glob(f"{escape(mask_file(slot, ''))}.*"))
+    if not found:
+        return None
+    file = found[0].relative_to(session.folder).as_posix()
+    read_mask(store.inside(session.folder, file), height, width)
+    return file
+
+
+def _rewrite(session: Path, shots: list[ShotRecord]) -> str | None:
+    """Replace the index as a whole; the name of the copy of the old one."""
+    index = session / "shots.jsonl"
+    backup = None
+    if index.exists():
+        number = 1
+        while (session / f"shots.jsonl.{number}.bak").exists():
+            number += 1
+        backup = f"shots.jsonl.{number}.bak"
+        store.write_bytes(session / backup, index.read_bytes())
+    lines = [json.dumps(shot.model_dump(mode="json", exclude_none=True), allow_nan=False) for shot in shots]
+    store.write_bytes(index, "".join(f"{line}\n" for line in lines).encode())
+    return backup

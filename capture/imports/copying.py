@@ -1,0 +1,149 @@
+"""Photographs copied into a session byte for byte, so that a killed import can be completed."""
+
+import hashlib
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from capture.imports.originals import Original, Progress, shown
+from capture.record.new_session import begin, is_vacant
+from capture.record.shot_files import Slot, mask_file, shot_file
+from imaging.errors import InputError, StorageError
+from imaging.files import store
+from imaging.merge.masks import read_mask
+from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord
+from imaging.session.session import Session
+
+ORIGIN = "import"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an original goes: its shot, the plan that this belongs to, and the mask that comes with it."""
+
+    original: Original
+    slot: Slot
+    plan: str
+    mask: Path | None = None
+
+
+def begin_or_continue(
+    out: Path,
+    cameras: tuple[CameraRecord, ...],
+    plans: Sequence[PlanRecord],
+    places: Sequence[Place],
+    last: str,
+) -> tuple[Session, bool]:
+    """A new session, or the one that a killed import of the same photographs left; and whether it is new.
+
+    last: the file, relative to the session, that the import writes last; without it there is more to do.
+    InputError for a folder that holds anything else, or all of this import.
+    """
+    if not is_vacant(out):
+        session = Session.open(out) if (out / "session.json").exists() else None
+        if session is None or not _is_part(session, cameras, plans, places):
+            raise InputError(f"{out} is not empty, and holds no part of this import: name a new folder.")
+        if not _is_unfinished(session, places, last):
+            raise InputError(f"{out} holds this import already, complete: name a new folder to import again.")
+        return session, False
+    record = SessionRecord(name=out.resolve().name, created=datetime.now(UTC), origin=ORIGIN, cameras=cameras)
+    return begin(out, record), True
+
+
+def append_plans(session: Session, plans: Sequence[PlanRecord]) -> None:
+    """Add the plans that are not there yet."""
+    known = {plan.plan for plan in session.plans()}
+    for plan in plans:
+        if plan.plan not in known:
+            session.append_plan(plan)
+
+
+def _is_part(
+    session: Session,
+    cameras: tuple[CameraRecord, ...],
+    plans: Sequence[PlanRecord],
+    places: Sequence[Place],
+) -> bool:
+    """Whether all that the session holds belongs to this import."""
+    sources = _sources(places)
+    shots = {shot.identity: shot.source for shot in session.shots()}
+    wanted = {plan.plan: (plan.bracket, plan.frames, plan.cameras) for plan in plans}
+    there = {plan.plan: (plan.bracket, plan.frames, plan.cameras) for plan in session.plans()}
+    return (
+        session.record.origin == ORIGIN
+        and session.record.cameras == cameras
+        and there.items() <= wanted.items()
+        and shots.items() <= sources.items()
+    )
+
+
+def _is_unfinished(session: Session, places: Sequence[Place], last: str) -> bool:
+    """Whether there is more to do of an import that the session is a part of."""
+    return len(session.shots()) < len(_sources(places)) or not (session.folder / last).exists()
+
+
+def _sources(places: Sequence[Place]) -> dict[Any, str]:
+    """Where each shot comes from, by its identity."""
+    return {(p.plan, *p.slot): shown(p.original.path) for p in places if p.original.picture is not None}
+
+
+def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> list[str]:
+    """Copy what is not there yet, camera by camera; a sentence for each file that vanished meanwhile."""
+    have = {shot.identity for shot in session.shots() if session.file(shot).is_file()}
+    usable = [place for place in places if place.original.picture is not None]
+    unread: list[str] = []
+    for number, place in enumerate(usable):
+        progress(f"copying {shown(place.original.path.name)}", number, len(usable))
+        if (place.plan, *place.slot) not in have:
+            try:
+                data = place.original.path.read_bytes()
+            except OSError as error:
+                reason = (error.strerror or str(error)).lower()
+                unread.append(f"{shown(place.original.path)} could not be read ({reason})")
+                continue
+            _copy(session, place, data)
+    progress("copied", len(usable), len(usable))
+    return unread
+
+
+def _copy(session: Session, place: Place, data: bytes) -> None:
+    """Files first, line second, as the recorder does. InputError for a mask that does not fit."""
+    original, slot = place.original, place.slot
+    assert original.picture is not None
+    file = shot_file(slot, original.path.suffix.lower().lstrip("."))
+    mask = mask_sha256 = None
+    if place.mask is not None:
+        read_mask(place.mask, original.picture.height, original.picture.width)
+        mask = mask_file(slot, place.mask.suffix.lower())
+        cover = place.mask.read_bytes()
+        mask_sha256 = hashlib.sha256(cover).hexdigest()
+        store.write_bytes(session.folder / mask, cover)
+    store.write_bytes(session.folder / file, data)
+    session.append_shot(
+        ShotRecord(
+            kind="scene",
+            plan=place.plan,
+            camera=slot.camera,
+            frame=slot.frame,
+            step=slot.step,
+            file=file,
+            sha256=hashlib.sha256(data).hexdigest(),
+            reported=original.exposure,
+            width=original.picture.width,
+            height=original.picture.height,
+            captured_at=original.picture.metadata.captured_at,
+            source=shown(original.path),
+            mask=mask,
+            mask_sha256=mask_sha256,
+        )
+    )
+
+
+def take_back(out: Path) -> None:
+    """Remove an import that failed: the folder was vacant before, and the originals are untouched."""
+    with suppress(StorageError):  # the failure that led here is the one to tell
+        for entry in out.iterdir():
+            store.discard(entry)

@@ -1,0 +1,115 @@
+"""Which frame each bracket is: as a layout tells it, or by the clocks of the cameras."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from capture.imports.clock_matching import Together, match_frames
+from capture.imports.grouping import Bracket, Series, split_into_brackets
+from capture.imports.layouts.given import Given, GivenPhoto
+from capture.imports.originals import Original
+from imaging.session.records import CameraRecord
+
+
+@dataclass(frozen=True)
+class Numbered:
+    """The brackets of one camera by frame, rising; and why they are as they are."""
+
+    camera: CameraRecord
+    brackets: dict[int, Bracket]
+    why: str
+
+
+def frames_in_time(
+    series: Sequence[Series], count: int | None, together: Together | None
+) -> tuple[list[Numbered], list[str]]:
+    """Brackets of `count` photographs, or as guessed; those of one instant share a frame.
+
+    Cameras that were fired together become a rig. Returned with a sentence for each guess.
+    """
+    split = [split_into_brackets(one, count) for one in series]
+    matched = match_frames([one.camera for one in series], [own for own, _ in split], together)
+    numbered = [
+        Numbered(
+            one.camera if rig is None else one.camera.model_copy(update={"rig": f"rig{rig}"}),
+            dict(zip(frames, brackets, strict=True)),
+            why,
+        )
+        for one, (brackets, why), frames, rig in zip(series, split, matched.frames, matched.rigs, strict=True)
+    ]
+    return numbered, [*(one.why for one in numbered), *matched.why]
+
+
+def frames_of_layout(
+    series: Sequence[Series], given: Given, count: int | None, together: Together | None
+) -> tuple[list[Numbered], list[str]]:
+    """Brackets and frames as a layout has them, where it tells any and `count` says nothing else.
+
+    Photographs of one frame, where the layout numbers frames; else photographs in a row that have one
+    pose and differ in exposure; else each for itself, since each has a pose of its own.
+    """
+    if together is not None or not any(
+        photo.cam_from_world or photo.frame is not None for photo in given.photos
+    ):
+        return frames_in_time(series, count, together)
+    told = {photo.path: photo for photo in given.photos}
+    numbered: list[Numbered] = []
+    for one in series:
+        # Frames that the layout does not number come after all others: nothing says that two cameras
+        # were there at one moment.
+        first = 1 + max((frame for own in numbered for frame in own.brackets), default=-1)
+        brackets: dict[int, Bracket] = {}
+        if count is not None:
+            others, why = split_into_brackets(one, count)
+        else:
+            brackets = _numbered_by_layout(one, told)
+            rest = [photo for photo in one.originals if told[photo.path].frame is None]
+            others, why = _by_pose(rest, told), ""
+        start = max([first, *(frame + 1 for frame in brackets)])
+        brackets |= dict(enumerate(others, start=start))
+        rig = given.rigs.get(told[one.originals[0].path].camera)
+        camera = one.camera if rig is None else one.camera.model_copy(update={"rig": rig[0]})
+        numbered.append(Numbered(camera, brackets, why or _told(camera.name, brackets, given.teller)))
+    return numbered, [one.why for one in numbered]
+
+
+def _numbered_by_layout(series: Series, told: Mapping[Path, GivenPhoto]) -> dict[int, Bracket]:
+    brackets: dict[int, Bracket] = {}
+    for original in series.originals:
+        frame = told[original.path].frame
+        if frame is not None:
+            brackets.setdefault(frame, []).append(original)
+    return dict(sorted(brackets.items()))
+
+
+def _told(name: str, brackets: Mapping[int, Bracket], source: str) -> str:
+    sizes = sorted({len(bracket) for bracket in brackets.values()})
+    how = " or ".join(str(size) for size in sizes)
+    what = (
+        f"each of {len(brackets)} photos is a frame of its own"
+        if sizes == [1]
+        else f"{len(brackets)} frames of {how} exposures"
+    )
+    return f"{name}: {what}, as {source} has them; --bracket N groups every N photos."
+
+
+def _by_pose(originals: Sequence[Original], told: Mapping[Path, GivenPhoto]) -> list[Bracket]:
+    brackets: list[Bracket] = []
+    for original in originals:
+        if brackets and _same_place(brackets[-1], original, told):
+            brackets[-1].append(original)
+        else:
+            brackets.append([original])
+    return brackets
+
+
+def _same_place(bracket: Bracket, original: Original, told: Mapping[Path, GivenPhoto]) -> bool:
+    """Whether a photograph has the pose of a bracket and an exposure that is not in it yet."""
+    before, after = told[bracket[0].path].cam_from_world, told[original.path].cam_from_world
+    exposures = [one.exposure for one in (*bracket, original)]
+    if before is None or after is None or None in exposures or exposures[-1] in exposures[:-1]:
+        return False
+    one, other = before.matrix(), after.matrix()
+    return bool(np.abs(one - other).max() <= 1e-9 * max(1.0, float(np.abs(one).max())))

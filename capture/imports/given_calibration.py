@@ -1,0 +1,225 @@
+"""The lenses, poses and points that a layout brings, written as the calibration of the session."""
+
+import math
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from capture.imports.copying import Place
+from capture.imports.layouts.colmap import read_model
+from capture.imports.layouts.given import Given, GivenPhoto
+from capture.imports.originals import Original, shown
+from imaging.errors import InputError
+from imaging.files import store
+from imaging.files.colmap import pycolmap
+from imaging.files.exr import read_exr
+from imaging.lens import Lens
+from imaging.pose import Pose
+from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
+from imaging.session.records import CameraRecord, Rung, ShotRecord
+from imaging.session.session import Session
+
+FILE = "calibration/calibration.json"
+
+SAME_SHAPE = 0.01
+"""By so much may the aspect ratio of a picture differ from that of its lens: sizes are rounded."""
+
+Key = tuple[str, int]
+"""Camera name and frame."""
+
+
+def has_poses(given: Given | None) -> bool:
+    """Whether a layout tells where any photograph was taken from."""
+    return given is not None and any(photo.cam_from_world is not None for photo in given.photos)
+
+
+def check_sizes(given: Given, originals: Sequence[Original]) -> None:
+    """InputError for the first photograph whose shape is not that of its lens."""
+    told = {photo.path: photo for photo in given.photos}
+    for original in originals:
+        lens = told[original.path].lens
+        if original.picture is None or lens is None:
+            continue
+        width, height = original.picture.width, original.picture.height
+        if abs(math.log(width / height * lens.height / lens.width)) > SAME_SHAPE:
+            raise InputError(
+                f"{shown(original.path)} has {width}x{height} pixels but {given.source} says "
+                f"{lens.width}x{lens.height}: correct one of them, or use --layout photos."
+            )
+
+
+def write_given(session: Session, given: Given, places: Sequence[Place]) -> CalibrationRecord:
+    """Write `calibration/` with what the layout tells; `rig calibrate --only response` adds the rest.
+
+    One pose a view: that of the first of its photographs that has one. The COLMAP model that is
+    written has the layout's points, where it has some, and each view as one image.
+    """
+    told = {photo.path: photo for photo in given.photos}
+    shots = {shot.identity: shot for shot in session.shots()}
+    taken = [
+        (place, shots[place.plan, *place.slot]) for place in places if (place.plan, *place.slot) in shots
+    ]
+    posed: dict[Key, GivenPhoto] = {}
+    for place, _ in taken:
+        photo = told[place.original.path]
+        if photo.cam_from_world is not None:
+            posed.setdefault((place.slot.camera, place.slot.frame), photo)
+    lenses = _lenses(taken, told)
+    names = {
+        place.original.path: _name((shot.camera, shot.frame))
+        for place, shot in taken
+        if (shot.camera, shot.frame) in posed
+    }
+    model = _with_points(given, names) or _model_of(posed, lenses, given)
+    seen = {image.name: image.num_points3D for image in model.images.values()}
+    views = tuple(
+        ViewCalibration(
+            camera=camera,
+            frame=frame,
+            cam_from_world=photo.cam_from_world,
+            points=seen.get(_name((camera, frame)), 0),
+        )
+        for (camera, frame), photo in sorted(posed.items())
+        if photo.cam_from_world is not None
+    )
+    every = {(shot.camera, shot.frame) for _, shot in taken}
+    record = CalibrationRecord(
+        created=datetime.now(UTC),
+        versions={name: version(name) for name in ("hdr-rig", "pycolmap", "numpy")},
+        shots_sha256=store.sha256(session.folder / "shots.jsonl"),
+        cameras=tuple(
+            CameraCalibration(
+                name=camera.name,
+                serial=camera.serial,
+                lens=lenses.get(camera.name),
+                cam_from_rig=_in_rig(camera, given, posed),
+                response=_response(camera),
+            )
+            for camera in session.record.cameras
+        ),
+        views=views,
+        unregistered=tuple(f"{camera}/{frame:04d}" for camera, frame in sorted(every - posed.keys())),
+        points=int(model.num_points3D()),
+        reprojection_px=float(model.compute_mean_reprojection_error()) if any(seen.values()) else None,
+        exposure_scale={shot.file: _scale(session, shot) for _, shot in taken},
+        rungs=(Rung(name="poses", taken=True, reason=f"given by {given.teller}, not measured"),),
+    )
+    with store.replacing(session.folder / "calibration") as part:
+        part.mkdir()
+        (part / "colmap").mkdir()
+        try:
+            model.write(str(part / "colmap"))
+        except RuntimeError as error:  # which is how pycolmap tells of a full disk
+            raise OSError(str(error)) from error
+        store.write_json(part / "calibration.json", record.model_dump(mode="json"))
+    return record
+
+
+def write_truth(session: Session, given: Given, places: Sequence[Place]) -> list[str]:
+    """Copy the true light of the layout to `truth/`, if every view that has a pose has some; else a note.
+
+    Any view may be held out later, and then its true light is asked for.
+    """
+    told = {photo.path: photo for photo in given.photos}
+    views: dict[Key, tuple[int, int]] = {}
+    for place in places:
+        picture = place.original.picture
+        if picture is not None and told[place.original.path].cam_from_world is not None:
+            views[place.slot.camera, place.slot.frame] = (picture.width, picture.height)
+    lit = [key for key in views if key[1] in given.truth]
+    if not given.truth:
+        return []
+    if len(lit) < len(views):
+        return [
+            f"The true light of {len(lit)} of {len(views)} views is left aside, since rig evaluate may ask "
+            "for that of any view."
+        ]
+    for (_, frame), (width, height) in views.items():
+        light = read_exr(given.truth[frame]).rgb()
+        if light.shape[1] < width or light.shape[0] < height:
+            return [f"The true light is left aside: {given.truth[frame]} is smaller than its photographs."]
+    for camera, frame in views:
+        file = session.folder / "truth" / f"{frame:04d}" / f"{camera}.exr"
+        store.write_bytes(file, given.truth[frame].read_bytes())
+    # Of lenses, exposures and noise this truth knows nothing: lists that an evaluation finds empty.
+    truth = {"schema_version": 1, "frames": [], "cameras": {}, "exposures": [], "response": None}
+    store.write_json(session.folder / "truth" / "truth.json", truth)
+    return [f"The true light of {len(views)} views is kept in truth/, for rig evaluate alone."]
+
+
+def _lenses(taken: Sequence[tuple[Place, ShotRecord]], told: Mapping[Path, GivenPhoto]) -> dict[str, Lens]:
+    """The lens of each camera at the size of its photographs."""
+    lenses: dict[str, Lens] = {}
+    for place, shot in taken:
+        lens = told[place.original.path].lens
+        if lens is not None and shot.camera not in lenses:
+            same = (lens.width, lens.height) == (shot.width, shot.height)
+            lenses[shot.camera] = lens if same else lens.resized(shot.width, shot.height)
+    return lenses
+
+
+def _in_rig(camera: CameraRecord, given: Given, posed: Mapping[Key, GivenPhoto]) -> Pose | None:
+    for (name, _), photo in posed.items():
+        if name == camera.name and camera.rig is not None:
+            return given.rigs[photo.camera][1]
+    return None
+
+
+def _response(camera: CameraRecord) -> Response:
+    if camera.kind == "ldr":
+        return Response(kind="srgb", evidence="taken as sRGB; rig calibrate --only response measures it")
+    what = "RAW" if camera.kind == "raw" else "EXR"
+    return Response(kind="linear", evidence=f"{what}, taken as linear and not checked")
+
+
+def _scale(session: Session, shot: ShotRecord) -> float:
+    """As a calibration has it: linear EXR is radiance, and what tells no exposure counts as 1 s."""
+    known = shot.exposure is not None and session.camera(shot.camera).kind != "hdr"
+    return shot.exposure.scale if known and shot.exposure is not None else 1.0
+
+
+def _name(key: Key) -> str:
+    return f"{key[0]}/{key[1]:04d}.png"
+
+
+def _with_points(given: Given, names: Mapping[Path, str]) -> Any | None:
+    """The layout's own COLMAP model, its images named as views; None if it has no model.
+
+    names: of the view that each photograph belongs to. One image a view stays.
+    """
+    if given.model is None or given.images is None:
+        return None
+    model = read_model(given.model)
+    free = set(names.values())
+    for _, image in sorted(model.images.items()):
+        name = names.get(given.images / image.name)
+        if name in free:
+            free.remove(name)
+            image.name = name
+        elif image.has_pose:  # with what other cameras of a rig saw at that moment
+            model.deregister_frame(image.frame_id)
+    return model
+
+
+def _model_of(posed: Mapping[Key, GivenPhoto], lenses: Mapping[str, Lens], given: Given) -> Any:
+    """A COLMAP model of the poses; its points, if the layout has any, are seen by no image."""
+    model = pycolmap.Reconstruction()
+    ids = {name: index for index, name in enumerate(sorted({camera for camera, _ in posed}), start=1)}
+    for name, index in ids.items():
+        lens = lenses[name]
+        model_name = "OPENCV_FISHEYE" if lens.fisheye else "OPENCV"
+        camera = pycolmap.Camera.create_from_model_name(index, model_name, lens.fx, lens.width, lens.height)
+        camera.params = list(lens.terms)
+        model.add_camera_with_trivial_rig(camera)
+    for index, (key, photo) in enumerate(sorted(posed.items()), start=1):
+        assert photo.cam_from_world is not None
+        w, x, y, z = photo.cam_from_world.quaternion
+        image = pycolmap.Image()
+        image.name, image.image_id, image.camera_id = _name(key), index, ids[key[0]]
+        motion = pycolmap.Rigid3d(pycolmap.Rotation3d([x, y, z, w]), list(photo.cam_from_world.translation))
+        model.add_image_with_trivial_frame(image, motion)
+    for point in [] if given.points is None else given.points:
+        model.add_point3D(point, pycolmap.Track())
+    return model

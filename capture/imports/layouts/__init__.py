@@ -1,0 +1,35 @@
+"""Folders that other programs left: photographs with lenses, poses and exposures beside them.
+
+`detect` says by the files in a folder which program that was, `read_layout` reads what they tell. A
+layout only names photographs and says things about them; reading and sorting them is the import's.
+"""
+
+from pathlib import Path
+from typing import get_args
+
+from capture.imports.layouts import colmap, hdr_nerf, nerfstudio
+from capture.imports.layouts.given import Given, LayoutName
+from imaging.errors import InputError
+
+
+def detect(folder: Path) -> LayoutName:
+    """The layout of a folder; 'photos' for one that holds photographs and nothing known beside them."""
+    if hdr_nerf.is_one(folder):
+        return "hdr-nerf"
+    if colmap.model_folder(folder) is not None:
+        return "colmap"
+    return "nerfstudio" if nerfstudio.is_one(folder) else "photos"
+
+
+def read_layout(folder: Path, name: LayoutName) -> Given | None:
+    """What the layout tells; None for plain photographs.
+
+    InputError that names the file and the place in it when it is damaged, contradicts itself or leads
+    out of `folder`.
+    """
+    if name == "photos":
+        return None
+    readers = {"nerfstudio": nerfstudio.read, "colmap": colmap.read, "hdr-nerf": hdr_nerf.read}
+    if name not in readers:
+        raise InputError(f"{name!r} is no layout: give one of {', '.join(get_args(LayoutName))}.")
+    return readers[name](folder)

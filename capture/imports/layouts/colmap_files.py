@@ -1,0 +1,100 @@
+"""Whether the binary files of a COLMAP model are whole.
+
+pycolmap reads a file that is cut off for ever, or invents what is missing; so the files are walked
+through first. Their layout: https://colmap.github.io/format.html.
+"""
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from imaging.errors import InputError
+from imaging.files.colmap import pycolmap
+
+_POSE = 7 * 8
+"""Bytes of a quaternion and a translation."""
+
+
+class _Walk:
+    """A place in a file, moved on by what is read. IndexError, struct.error past the end."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.at = 0
+
+    def read(self, shape: str) -> Any:
+        """The first of the little-endian values of a struct format."""
+        own = struct.Struct("<" + shape)
+        value = own.unpack_from(self.data, self.at)[0]
+        self.at += own.size
+        return value
+
+    def skip(self, count: int) -> None:
+        """Pass over bytes that are there."""
+        self.at += count
+        if self.at > len(self.data):
+            raise IndexError
+
+
+def check_whole(place: Path) -> None:
+    """InputError that names the first binary file of a model that is cut off, or too long."""
+    for name, record in _RECORDS.items():
+        path = place / name
+        if not path.is_file():
+            continue
+        try:
+            walk = _Walk(path.read_bytes())
+            for _ in range(walk.read("Q")):
+                record(walk)
+            whole = walk.at == len(walk.data)
+        except OSError as error:
+            raise InputError(f"{path} cannot be read: correct its permissions.") from error
+        except (IndexError, ValueError, RuntimeError, TypeError, struct.error):
+            whole = False
+        if not whole:
+            raise InputError(f"{path} is damaged or cut off: copy it again.")
+
+
+def _camera(walk: _Walk) -> None:
+    walk.skip(4)
+    model = pycolmap.CameraModelId(walk.read("i"))
+    walk.skip(16 + 8 * len(pycolmap.Camera.create_from_model_id(1, model, 1.0, 1, 1).params))
+
+
+def _image(walk: _Walk) -> None:
+    walk.skip(4 + _POSE + 4)
+    end = walk.data.index(b"\0", walk.at)
+    walk.data[walk.at : end].decode()  # pycolmap reads a name that is no UTF-8, and cannot hand it over
+    walk.at = end + 1
+    walk.skip(24 * walk.read("Q"))
+
+
+def _point(walk: _Walk) -> None:
+    walk.skip(8 + 24 + 3 + 8)
+    walk.skip(8 * walk.read("Q"))
+
+
+def _rig(walk: _Walk) -> None:
+    walk.skip(4)
+    sensors = walk.read("I")
+    if sensors:
+        walk.skip(8)
+    for _ in range(1, sensors):
+        walk.skip(8)
+        if walk.read("B"):
+            walk.skip(_POSE)
+
+
+def _frame(walk: _Walk) -> None:
+    walk.skip(8 + _POSE)
+    walk.skip(16 * walk.read("I"))
+
+
+_RECORDS: dict[str, Callable[[_Walk], None]] = {
+    "cameras.bin": _camera,
+    "images.bin": _image,
+    "points3D.bin": _point,
+    "rigs.bin": _rig,
+    "frames.bin": _frame,
+}

@@ -1,0 +1,253 @@
+"""nerfstudio's `transforms.json`, and the `transforms_train.json` of Blender scenes that it grew from.
+
+A frame names a photograph and a camera-to-world matrix with OpenGL's camera axes (x right, y up, z
+back); the lens stands in the frame or at the top, in pixels with the first centre at +0.5, as COLMAP
+writes it: https://docs.nerf.studio/quickstart/data_conventions.html.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture.imports.layouts.given import (
+    OPENCV_FROM_OPENGL,
+    Array,
+    Given,
+    GivenPhoto,
+    inverse,
+    lens_of,
+    pose_of,
+)
+from capture.imports.layouts.ply_points import read_ply_points
+from capture.imports.originals import natural, shown
+from capture.pictures.read import read_picture
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.files import store
+from imaging.lens import Lens
+from imaging.pose import Pose
+
+FILES = ("transforms.json", "transforms_train.json", "transforms_val.json", "transforms_test.json")
+
+KNOWN_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+"""Camera models whose distortion is that of k1, k2, p1 and p2, or none."""
+FISHEYE = "OPENCV_FISHEYE"
+"""The camera model whose distortion is that of k1, k2, k3 and k4, of the angle from the axis."""
+
+MOST_POINTS = 100_000
+"""Scene points that are kept, evenly over their file."""
+
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr")
+"""Tried in order for a file_path without a suffix, as Blender scenes have it."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One element of `frames`, with the top of its file, and words to name it by."""
+
+    values: dict[str, Any]
+    top: dict[str, Any]
+    where: str
+
+    def number(self, key: str) -> float | None:
+        """A number of the frame, else of the top; None where neither has it; InputError if it is none."""
+        value = self.values.get(key, self.top.get(key))
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
+            raise InputError(f"{self.where} has a {key} that is no finite number: correct it.")
+        return float(value)
+
+    @property
+    def file_path(self) -> str:
+        """What `file_path` says; InputError if it says nothing."""
+        path = self.values.get("file_path")
+        if not isinstance(path, str) or not path:
+            raise InputError(f"{self.where} has no file_path: correct it or take the frame out.")
+        return path
+
+    def cam_from_world(self) -> Pose:
+        """`transform_matrix` as a pose; InputError if it is no rigid motion."""
+        try:
+            matrix = np.array(self.values.get("transform_matrix"), np.float64)
+        except (ValueError, TypeError, OverflowError):
+            matrix = np.zeros(0)
+        if matrix.shape == (3, 4):
+            matrix = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
+        if matrix.shape != (4, 4):
+            raise InputError(f"{self.where} has no transform_matrix of 4x4 numbers: correct it.")
+        return pose_of(OPENCV_FROM_OPENGL @ inverse(matrix, self.where), self.where)
+
+    def _camera_model(self) -> Any:
+        """`camera_model`, or what `is_fisheye` says in its place, as Instant NGP writes it."""
+        model, fisheye = (self.values.get(key, self.top.get(key)) for key in ("camera_model", "is_fisheye"))
+        if fisheye not in (None, True, False) or (fisheye and model not in (None, FISHEYE)):
+            raise InputError(
+                f"{self.where} has is_fisheye {fisheye!r:.40} and camera_model {model!r:.40}: take one out."
+            )
+        return FISHEYE if fisheye else "OPENCV" if model is None else model
+
+    def lens(self, photo: Path) -> Lens | None:
+        """The lens of the frame; None if rig has no such model. `photo` tells the size if no key does."""
+        model = self._camera_model()
+        fisheye = model == FISHEYE
+        names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
+        others = [key for key in ("p1", "p2", "k3", "k4", "k5", "k6") if key not in names]
+        if (not fisheye and model not in KNOWN_MODELS) or any(self.number(key) for key in others):
+            return None
+        width, height = self.number("w"), self.number("h")
+        if width is None or height is None:
+            picture = read_picture(photo)
+            width, height = picture.width, picture.height
+        if not (0 < width < 1e6 and 0 < height < 1e6):
+            raise InputError(f"{self.where} has a size of {width:g}x{height:g} pixels: correct w and h.")
+        fx, fy = self.number("fl_x"), self.number("fl_y")
+        if not fisheye:  # of which the angle says nothing without its terms
+            fx = fx or _focal(self.number("camera_angle_x"), width)
+            fy = fy or _focal(self.number("camera_angle_y"), height)
+        fx, fy = fx or fy, fy or fx
+        if fx is None or fy is None:
+            keys = "fl_x" if fisheye else "fl_x or camera_angle_x"
+            raise InputError(f"{self.where} has no focal length: write {keys}.")
+        centre = {
+            key: half if value is None else value
+            for key, value, half in (
+                ("cx", self.number("cx"), width / 2),
+                ("cy", self.number("cy"), height / 2),
+            )
+        }
+        terms = {key: self.number(key) or 0.0 for key in names}
+        return lens_of(
+            "OPENCV_FISHEYE" if fisheye else "OPENCV" if any(terms.values()) else "PINHOLE",
+            (int(width), int(height)),
+            {"fx": fx, "fy": fy, **centre, **terms},
+            self.where,
+        )
+
+    def exposure(self) -> Exposure | None:
+        """What `exposure_time`, in seconds, says; no other key has an agreed meaning."""
+        time = self.number("exposure_time")
+        if time is not None and not 0 < time < 1e6:
+            raise InputError(f"{self.where} has an exposure_time of {time:g} s: correct it.")
+        return None if time is None else Exposure(time=time)
+
+
+def is_one(folder: Path) -> bool:
+    """Whether a folder holds one of the files."""
+    return any((folder / name).is_file() for name in FILES)
+
+
+def entries(path: Path) -> list[Entry]:
+    """The frames of a file; InputError if it is not JSON with a list of them."""
+    value = store.read_json(path)
+    frames = value.get("frames") if isinstance(value, dict) else None
+    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
+        raise InputError(f"{path} has no list of frames: use --layout photos, or export it again.")
+    return [Entry(frame, value, f"frame {number} of {path}") for number, frame in enumerate(frames)]
+
+
+def files_in(folder: Path) -> list[Path]:
+    """The files of the layout that a folder has: `transforms.json`, else those of its splits."""
+    there = [folder / name for name in FILES if (folder / name).is_file()]
+    if not there:
+        raise InputError(f"{folder} has no transforms.json: use --layout photos.")
+    return there[:1] if there[0].name == FILES[0] else there
+
+
+def read(folder: Path) -> Given:
+    """The photographs that the frames name, in natural order; others in the folder are not imported.
+
+    A photograph that is named and not there is told as missing. InputError for a frame that cannot be
+    read, one that leads out of the folder, and two that name one photograph.
+    """
+    sources = files_in(folder)
+    lenses: dict[Lens | None, str] = {}
+    photos: dict[Path, GivenPhoto] = {}
+    missing = []
+    for entry in (entry for source in sources for entry in entries(source)):
+        path = _photo(folder, entry.file_path)
+        if path in photos:
+            raise InputError(f"{entry.where} names {shown(path)} a second time: take one of both out.")
+        if not path.is_file():
+            missing.append(f"{shown(path)} is named in {entry.where} but is not there")
+            continue
+        lens = entry.lens(path)
+        camera = lenses.setdefault(lens, str(len(lenses)))
+        pose = entry.cam_from_world()
+        photos[path] = GivenPhoto(
+            path, camera, lens, pose if lens else None, entry.exposure(), mask=_mask(folder, entry)
+        )
+    return Given(
+        "nerfstudio",
+        sources[0],
+        tuple(sorted(photos.values(), key=lambda photo: natural(photo.path))),
+        points=_scene_points(folder, sources[0]),
+        missing=tuple(missing),
+        notes=tuple(_notes(sources, photos.values(), lenses)),
+    )
+
+
+def _notes(
+    sources: list[Path], photos: Iterable[GivenPhoto], lenses: dict[Lens | None, str]
+) -> Iterable[str]:
+    if None in lenses:
+        count = sum(photo.lens is None for photo in photos)
+        yield (
+            f"{count} photos come without lens and pose, since rig has no lens of their camera_model: "
+            "undistort the images first if the poses matter."
+        )
+    if len(sources) > 1:
+        names = ", ".join(source.name for source in sources)
+        yield f"The photos of {names} are one set: rig holds out views of its own choice."
+
+
+def _scene_points(folder: Path, source: Path) -> Array | None:
+    """The points in the PLY file that `ply_file_path` names, in the world of the poses."""
+    name = store.read_json(source).get("ply_file_path")
+    if name is None:
+        return None
+    if not isinstance(name, str):
+        raise InputError(f"{source} has a ply_file_path that is no name: correct it or take it out.")
+    points = read_ply_points(store.inside(folder, name))
+    points = points[np.isfinite(points).all(axis=1)]
+    # Laser scanners write millions; training starts from some ten thousand.
+    return points[:: 1 + len(points) // MOST_POINTS]
+
+
+def _photo(folder: Path, name: str) -> Path:
+    """The file that a `file_path` means, with the suffix that it left out."""
+    path = store.inside(folder, name)
+    for suffix in () if path.suffix else _SUFFIXES:
+        with_suffix = path.with_name(path.name + suffix)
+        if with_suffix.is_file():
+            return with_suffix
+    return path
+
+
+def _mask(folder: Path, entry: Entry) -> Path | None:
+    """The file that a `mask_path` means; InputError if it is not there."""
+    name = entry.values.get("mask_path")
+    if name is None:
+        return None
+    path = store.inside(folder, name) if isinstance(name, str) and name else None
+    if path is None or not path.is_file():
+        raise InputError(
+            f"{entry.where} has a mask_path {name!r} that is no file: correct it or take it out."
+        )
+    return path
+
+
+def _focal(angle: float | None, pixels: float) -> float | None:
+    """Focal length, px, of a field of view in radians across so many pixels."""
+    return pixels / 2 / math.tan(angle / 2) if angle is not None and 0 < angle < math.pi else None
+
+
+def _is_finite(value: int | float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond floats
+        return False

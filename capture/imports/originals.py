@@ -1,0 +1,220 @@
+"""The photographs of a folder, as somebody left them: found, read to their end, put in order."""
+
+import os
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture.imports.exposure_list import NAME as EXPOSURE_LIST
+from capture.imports.exposure_list import read_exposure_list
+from capture.pictures.read import Kind, Picture, kind_of, read_picture
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+
+FOREIGN = dict.fromkeys(
+    (".heic", ".heif", ".hif", ".avif"), "convert HEIC to JPEG or TIFF, or set the camera to JPEG"
+) | dict.fromkeys((".mp4", ".mov"), "extract photographs from a video first, as ffmpeg does")
+"""What to do about pictures of kinds that are not read, by their suffix."""
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Original:
+    """One file that promises to be a photograph.
+
+    picture is None and `error` a sentence where the file does not keep the promise; it still takes
+    its place in the series, so that the brackets after it are not shifted by one.
+    """
+
+    path: Path
+    kind: Kind
+    picture: Picture | None
+    exposure: Exposure | None = None
+    error: str | None = None
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a folder holds. originals: in order. notes: what was left aside or assumed, a sentence each."""
+
+    originals: tuple[Original, ...]
+    notes: tuple[str, ...]
+
+
+def survey(
+    folder: Path,
+    progress: Progress,
+    *,
+    named: Mapping[Path, Exposure | None] | None = None,
+    exposures: Path | None = None,
+) -> Survey:
+    """Read every photograph of a folder and its subfolders; hidden files and folders are passed over.
+
+    named: these photographs and no others, in this order, and the exposure that a layout tells.
+    exposures: a list that speaks for all of them. InputError when that list cannot be read.
+    """
+    paths, others = _found(folder)
+    beside: list[Path] = []
+    if named is None:
+        paths, beside = _without_developed(paths)
+    else:
+        others, paths = [], list(named)
+    notes: list[str] = []
+    listed = {path: told for path, told in (named or {}).items() if told is not None}
+    listed |= _listed(folder, others, notes) if exposures is None else _given(folder, exposures, paths, notes)
+    others = [path for path in others if exposures is None or path.resolve() != exposures.resolve()]
+    if others:
+        names = ", ".join(shown(path.relative_to(folder)) for path in others[:3])
+        more = "" if len(others) <= 3 else " and others"
+        told = f"{_files(len(others))} left aside as no picture that rig reads: {names}{more}."
+        foreign = sorted({path.suffix.lower() for path in others} & FOREIGN.keys())
+        notes.append(told.rstrip(".") + f"; {FOREIGN[foreign[0]]}." if foreign else told)
+    if beside:
+        notes.append(f"{_files(len(beside))} left aside because a RAW file of the same name is there.")
+    originals: list[Original] = []
+    for number, path in enumerate(paths):
+        progress(f"reading {shown(path.name)}", number, len(paths))
+        originals.append(_read(path, listed.get(path)))
+    progress("read", len(paths), len(paths))
+    notes += [*_unknown(originals, listed), *_transparent(originals), *_profiles(originals)]
+    return Survey(tuple(originals), tuple(notes))
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """The picture files of a folder and its subfolders, in natural order."""
+    return _found(folder)[0]
+
+
+def natural(path: Path) -> list[tuple[str | int, ...]]:
+    """A key that sorts IMG_9 before IMG_10, folder by folder."""
+    return [
+        tuple(int(piece) if piece.isdecimal() else piece for piece in re.split(r"(\d+)", part.casefold()))
+        for part in path.parts
+    ]
+
+
+def shown(path: Path | str) -> str:
+    """A path as text that can be printed and stored, whatever bytes its name is made of."""
+    return os.fsencode(path).decode("utf-8", "backslashreplace")
+
+
+def _files(count: int) -> str:
+    return "1 file is" if count == 1 else f"{count} files are"
+
+
+def _found(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Pictures and other files, each in natural order; folders that are links are not followed."""
+    pictures: list[Path] = []
+    others: list[Path] = []
+    for place, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in files:
+            path = Path(place) / name
+            if not name.startswith(".") and path.is_file():
+                (pictures if kind_of(path) else others).append(path)
+
+    def order(path: Path) -> tuple[object, ...]:
+        relative = path.relative_to(folder)
+        return natural(relative.parent), natural(Path(relative.name)), str(relative)
+
+    return sorted(pictures, key=order), sorted(others, key=order)
+
+
+def _without_developed(paths: list[Path]) -> tuple[list[Path], list[Path]]:
+    """RAW+JPEG pairs are one exposure: the RAW counts."""
+    raws = {(path.parent, path.stem.casefold()) for path in paths if kind_of(path) == "raw"}
+    beside = [p for p in paths if kind_of(p) == "ldr" and (p.parent, p.stem.casefold()) in raws]
+    aside = set(beside)
+    return [path for path in paths if path not in aside], beside
+
+
+def _unknown(originals: list[Original], listed: Mapping[Path, Exposure]) -> list[str]:
+    """A sentence for ISO and f-number each, where some of the exposures lack it, or all of the files' own."""
+    exposed = [original for original in originals if original.exposure is not None]
+    notes = []
+    for name, field, counts in (("ISO", "iso", "ISO 100"), ("f-number", "f_number", "f/1")):
+        without = [original for original in exposed if getattr(original.exposure, field) is None]
+        mixed = len(without) < len(exposed)
+        if not without or not (mixed or any(original.path not in listed for original in without)):
+            continue
+        count = (
+            f"1 photo tells no {name}, which counts"
+            if len(without) == 1
+            else (f"{len(without)} photos tell no {name}, which counts")
+        )
+        rest = "although others tell theirs" if mixed else "and has to be the same in all"
+        notes.append(f"{count} as {counts}, {rest}; --exposures FILE gives it.")
+    return notes
+
+
+def _transparent(originals: list[Original]) -> list[str]:
+    glassy = [one for one in originals if one.picture is not None and one.picture.transparent > 0]
+    if not glassy:
+        return []
+    count = "1 photo is" if len(glassy) == 1 else f"{len(glassy)} photos are"
+    return [
+        f"{count} transparent in part, and taken as standing before black; --masks FOLDER, with copies of "
+        "them, ignores what is transparent instead."
+    ]
+
+
+def _profiles(originals: list[Original]) -> list[str]:
+    names = [one.picture.profile for one in originals if one.picture is not None and one.picture.profile]
+    return [
+        f"{names.count(name)} of {len(originals)} photos are in {name}, as their files say; "
+        "rig reads them converted to sRGB."
+        for name in dict.fromkeys(names)
+    ]
+
+
+def _listed(folder: Path, others: list[Path], notes: list[str]) -> dict[Path, Exposure]:
+    """Exposures from the lists among `others`, which are taken out of it."""
+    exposures: dict[Path, Exposure] = {}
+    for path in [path for path in others if path.name.casefold() == EXPOSURE_LIST]:
+        try:
+            listed = read_exposure_list(path)
+        except InputError as error:
+            notes.append(f"An exposure list is left aside: {str(error).rstrip('.')}.")
+            continue
+        others.remove(path)
+        exposures |= {path.parent / name: exposure for name, exposure in listed.items()}
+        name = shown(path.relative_to(folder))
+        notes.append(
+            f"The exposures of {len(listed)} photos are those of {name}, not of their EXIF; "
+            "--exposures FILE gives others."
+        )
+    return exposures
+
+
+def _given(folder: Path, source: Path, paths: list[Path], notes: list[str]) -> dict[Path, Exposure]:
+    """Exposures from the list that was asked for, by a photograph's path in the folder, else by its name."""
+    listed = read_exposure_list(source)
+    exposures: dict[Path, Exposure] = {}
+    for name, exposure in listed.items():
+        relative = Path(name)
+        exact = [path for path in paths if path == folder / relative]
+        same = exact or [path for path in paths if path.name == relative.name]
+        if len(same) > 1:
+            raise InputError(
+                f"{source} names {shown(name)}, which is the name of {len(same)} photos: "
+                f"write its path from {folder}."
+            )
+        exposures |= dict.fromkeys(same, exposure)
+    if not exposures:
+        raise InputError(f"{source} names none of the photos in {folder}: correct the names in it.")
+    notes.append(f"The exposures of {len(exposures)} of {len(paths)} photos are those of {shown(source)}.")
+    return exposures
+
+
+def _read(path: Path, listed: Exposure | None) -> Original:
+    kind = kind_of(path)
+    assert kind is not None
+    try:
+        picture = read_picture(path)
+    except InputError as error:
+        reason = str(error).rstrip(".")
+        named = path.name in reason
+        return Original(path, kind, None, error=shown(reason if named else f"{path}: {reason}"))
+    return Original(path, kind, picture, exposure=listed or picture.metadata.exposure)

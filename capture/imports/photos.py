@@ -1,0 +1,211 @@
+"""`rig import`: a session made of photographs that exist, copied byte for byte."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from capture.bracket.deviation import deviates
+from capture.imports.clock_matching import Together
+from capture.imports.copying import ORIGIN, Place, append_plans, begin_or_continue, copy_all, take_back
+from capture.imports.frames import Numbered, frames_in_time, frames_of_layout
+from capture.imports.given_calibration import FILE as CALIBRATION
+from capture.imports.given_calibration import check_sizes, has_poses, write_given, write_truth
+from capture.imports.given_split import write_split
+from capture.imports.grouping import Identity, sort_into_cameras
+from capture.imports.layouts import detect, read_layout
+from capture.imports.layouts.given import Given, LayoutName
+from capture.imports.masks import masks_asked, told_masks
+from capture.imports.originals import FOREIGN, Original, Progress, survey
+from capture.record.new_session import folder_made
+from capture.record.shot_files import Slot
+from imaging.errors import InputError, PartialError
+from imaging.exposure import Exposure
+from imaging.session.lock import sole_writer
+from imaging.session.records import PlanRecord
+
+
+@dataclass(frozen=True)
+class ImportResult:
+    """What an import came to. guesses: a sentence each; missing: a sentence for each file left out.
+
+    views: those that came with a pose.
+    """
+
+    session: Path
+    layout: LayoutName
+    cameras: int
+    frames: int
+    shots: int
+    views: int
+    guesses: tuple[str, ...]
+    missing: tuple[str, ...] = ()
+
+    def require_complete(self) -> None:
+        """PartialError that lists what is missing, if anything is."""
+        if self.missing:
+            raise PartialError(
+                f"{self.session}: {len(self.missing)} of {self.shots + len(self.missing)} photos are missing "
+                f"({'; '.join(self.missing)}): mend those files and import again into a new folder."
+            )
+
+
+def import_photos(
+    folder: str | Path,
+    out: str | Path,
+    *,
+    layout: LayoutName | None = None,
+    cameras: Identity | None = None,
+    bracket: int | None = None,
+    together: Together | None = None,
+    exposures: str | Path | None = None,
+    masks: str | Path | None = None,
+    progress: Progress = lambda message, done, total: None,
+) -> ImportResult:
+    """Make a session at `out` of the photographs in `folder` and its subfolders; these stay untouched.
+
+    layout: what else the folder holds; by the files in it when None. Lenses, poses and scene points of a
+    layout become the session's calibration. cameras: what tells cameras apart. bracket: so many
+    consecutive photographs of a camera are one bracket. together: what makes brackets of several cameras
+    one frame. exposures: a list of them (`exposure_list`). Each is guessed when None. masks: a folder of
+    them, named as the photographs; those that a layout names when None. An import that was killed is
+    completed by the same call.
+
+    Errors: InputError when `folder` holds nothing usable, its layout is damaged, or `out` is not empty or
+    inside `folder`; StorageError when the disk refuses; both leave nothing behind. Files that cannot be
+    read are listed in the result.
+    """
+    folder, out = Path(folder), Path(out)
+    exposures = None if exposures is None else Path(exposures)
+    masks = None if masks is None else Path(masks)
+    _check_folders(folder, out, bracket)
+    name = layout or detect(folder)
+    given = read_layout(folder, name)
+    named = None if given is None else {photo.path: photo.exposure for photo in given.photos}
+    found = survey(folder, progress, named=named, exposures=exposures)
+    lost = () if given is None else given.missing
+    if not any(original.picture for original in found.originals):
+        raise _nothing_usable(folder, found.originals, lost)
+    notes = [*found.notes]
+    if given is not None:
+        check_sizes(given, found.originals)
+        notes = [_told_layout(given, layout), *given.notes, *notes]
+    labels = None if given is None else {photo.path: photo.camera for photo in given.photos}
+    sorted_series, guesses = sort_into_cameras(folder, found.originals, cameras, labels)
+    numbered, why = (
+        frames_in_time(sorted_series, bracket, together)
+        if given is None
+        else frames_of_layout(sorted_series, given, bracket, together)
+    )
+    guesses += why
+    covers = {} if given is None else {photo.path: photo.mask for photo in given.photos if photo.mask}
+    paths = [original.path for original in found.originals]
+    if masks is not None:
+        covers, told = masks_asked(paths, folder, masks)
+        notes.append(told)
+    elif covers:
+        notes.append(told_masks(covers, len(paths)))
+    places: list[Place] = []
+    plans: list[PlanRecord] = []
+    for one in numbered:
+        new_plans = _plans(one)
+        plans.extend(new_plans)
+        places.extend(_places(one, new_plans, covers))
+    records = tuple(one.camera for one in numbered)
+    last = CALIBRATION if has_poses(given) else "session.json"
+    with folder_made(out), sole_writer(out):
+        session, begun_here = begin_or_continue(out, records, plans, places, last)
+        try:
+            append_plans(session, plans)
+            if given is not None:
+                notes += write_split(session, given, places)
+                notes += write_truth(session, given, places)
+            unread = copy_all(session, places, progress)
+            given_views = 0
+            if given is not None and has_poses(given):
+                progress("writing the calibration", 0, 1)
+                given_views = len(write_given(session, given, places).views)
+                progress("writing the calibration", 1, 1)
+        except BaseException as error:
+            if begun_here and not isinstance(error, KeyboardInterrupt):
+                take_back(out)
+            raise
+    unreadable = [original.error for original in found.originals if original.error is not None]
+    return ImportResult(
+        session=out,
+        layout=name,
+        cameras=len(records),
+        frames=len({place.slot.frame for place in places}),
+        shots=len([place for place in places if place.original.picture]) - len(unread),
+        views=given_views,
+        guesses=(*notes, *guesses),
+        missing=(*lost, *unreadable, *unread),
+    )
+
+
+def _told_layout(given: Given, asked: LayoutName | None) -> str:
+    what = f"Lenses and poses are those of {given.teller}" if has_poses(given) else "There are no poses"
+    told = "as given" if asked is not None else "--layout photos takes the photographs alone"
+    return f"{what}, the folder being read in the layout of {given.layout}; {told}."
+
+
+def _check_folders(folder: Path, out: Path, bracket: int | None) -> None:
+    if not folder.is_dir():
+        raise InputError(f"{folder} is not a folder: name the folder that holds the photographs.")
+    if (folder / "session.json").is_file():
+        raise InputError(
+            f"{folder} is a session, with renders and previews of its own: name the folder of the "
+            f"photographs themselves, such as {folder / 'raw'}."
+        )
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{out} lies inside {folder}: name a folder outside of the photographs.")
+    if bracket is not None and bracket < 1:
+        raise InputError(f"a bracket of {bracket} photos is none: give 1 or more.")
+
+
+def _nothing_usable(folder: Path, originals: Sequence[Original], lost: Sequence[str]) -> InputError:
+    if lost:
+        return InputError(f"{lost[0]}, and no other photograph is: copy the photographs to {folder}.")
+    if not originals:
+        found = {path.suffix.lower() for path in folder.rglob("*")} & FOREIGN.keys()
+        fix = FOREIGN[min(found)] if found else "name a folder of photographs"
+        return InputError(f"{folder} holds no RAW, JPEG, PNG, TIFF, EXR or HDR file: {fix}.")
+    names = "; ".join(str(original.error) for original in originals[:3])
+    more = f"; and {len(originals) - 3} more" if len(originals) > 3 else ""
+    return InputError(f"{folder} holds no photograph that can be read ({names}{more}): copy them again.")
+
+
+def _plans(one: Numbered) -> list[PlanRecord]:
+    """One plan for each length of bracket."""
+    plans = []
+    for size in sorted({len(bracket) for bracket in one.brackets.values()}):
+        mine = {frame: bracket for frame, bracket in one.brackets.items() if len(bracket) == size}
+        plans.append(
+            PlanRecord(
+                plan=f"{ORIGIN}-{one.camera.name}-{size}",
+                kind="scene",
+                created=datetime.now(UTC),
+                bracket=tuple(_agreed([bracket[step] for bracket in mine.values()]) for step in range(size)),
+                frames=tuple(mine),
+                cameras=(one.camera.name,),
+                reason=one.why,
+            )
+        )
+    return plans
+
+
+def _agreed(originals: Sequence[Original]) -> Exposure | None:
+    """The exposure that all of them have; None where they differ or one is unknown."""
+    readable = [original.exposure for original in originals if original.picture is not None]
+    first = readable[0] if readable else None
+    same = first is not None and all(one is not None and not deviates(one, first) for one in readable)
+    return first if same else None
+
+
+def _places(one: Numbered, plans: Sequence[PlanRecord], masks: Mapping[Path, Path]) -> list[Place]:
+    plan_of = {frame: plan.plan for plan in plans for frame in plan.frames}
+    return [
+        Place(original, Slot(one.camera.name, frame, step), plan_of[frame], masks.get(original.path))
+        for frame, bracket in one.brackets.items()
+        for step, original in enumerate(bracket)
+    ]

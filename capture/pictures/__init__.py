@@ -1,0 +1,1 @@
+"""One picture file as capture looks at it: read whole, reduced, or as a thumbnail."""

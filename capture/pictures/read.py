@@ -1,0 +1,142 @@
+"""One picture file read whole: what kind it is, its size, its metadata, its clipped and black shares."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.pictures import reduced, thumbnails
+from imaging.colour import srgb_encode
+from imaging.errors import InputError
+from imaging.files.photo import Photo, is_photo, read_metadata, read_photo
+from imaging.files.radiance_hdr import SUFFIX as RADIANCE
+from imaging.files.radiance_hdr import read_light
+from imaging.files.raw import is_raw, read_raw
+from imaging.merge.linear_frame import Bool, LinearFrame, from_raw
+from imaging.merge.masks import without
+from imaging.mosaic import FrameMetadata, RawMosaic
+
+Kind = Literal["raw", "ldr", "hdr"]
+
+SMALLEST = 16
+"""Pixels on a side below which a picture shows nothing that could be compared."""
+LIT = 0.02
+"""Of white, linear: a photosite above it saw light, or is hot."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture file that could be read to its end.
+
+    clipped: share of the samples of red, green and blue that are at the top of the range, 0..1;
+    of a mosaic each photosite counts for its own colour. black: share of all samples at or below
+    the black level. lit: share of all samples clearly above it, by LIT of white. transparent: share of the
+    pixels that alpha says to be so, in part or wholly. profile: name of another space than sRGB.
+    """
+
+    kind: Kind
+    width: int
+    height: int
+    metadata: FrameMetadata
+    clipped: tuple[float, float, float]
+    black: float
+    lit: float
+    transparent: float = 0.0
+    profile: str = ""
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A picture, what of it is compared with others (None: it is too small), and a thumbnail as JPEG."""
+
+    picture: Picture
+    seen: reduced.Seen | None
+    thumbnail: bytes
+
+
+def kind_of(path: Path) -> Kind | None:
+    """What the suffix promises; None: not a picture that rig reads."""
+    if path.suffix.lower() in (".exr", RADIANCE):
+        return "hdr"
+    if is_raw(path):
+        return "raw"
+    return "ldr" if is_photo(path) else None
+
+
+def read_picture(path: Path) -> Picture:
+    """Read a whole file; InputError if it is no picture, or is torn."""
+    return _shares(path, _content(path))
+
+
+def examine(path: Path, counts: Bool | None = None) -> Examined:
+    """Read a whole file, for what it shows; InputError if it is no picture, or is torn.
+
+    counts: bool [H, W], which pixels a mask lets through, the others being left out where the picture is
+    compared; None, or of another size than the picture: all.
+    """
+    content = _content(path)
+    if isinstance(content, RawMosaic):
+        frame = from_raw(content, 1.0)
+        picture = _of_mosaic(content, frame)
+        masked = without(frame, _fitting(counts, picture))
+        seen = reduced.of_raw(masked, content.cfa) if _large(picture) else None
+        return Examined(picture, seen, thumbnails.of_raw(frame, content))
+    picture = _shares(path, content)
+    if isinstance(content, Photo):
+        seen = reduced.of_photo(content.pixels, _fitting(counts, picture)) if _large(picture) else None
+        return Examined(picture, seen, thumbnails.of_photo(content.pixels))
+    seen = reduced.of_light(content, _fitting(counts, picture)) if _large(picture) else None
+    return Examined(picture, seen, thumbnails.of_light(content))
+
+
+def _fitting(counts: Bool | None, picture: Picture) -> Bool | None:
+    return None if counts is None or counts.shape != (picture.height, picture.width) else counts
+
+
+def _large(picture: Picture) -> bool:
+    return min(picture.width, picture.height) >= SMALLEST
+
+
+def _content(path: Path) -> RawMosaic | Photo | npt.NDArray[np.float32]:
+    kind = kind_of(path)
+    if kind == "raw":
+        return read_raw(path)
+    if kind == "ldr":
+        return read_photo(path)
+    if kind == "hdr":
+        return read_light(path)
+    raise InputError(f"{path} is not a picture that rig reads: give RAW, JPEG, PNG, TIFF, EXR or HDR.")
+
+
+def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) -> Picture:
+    if isinstance(content, RawMosaic):
+        return _of_mosaic(content, from_raw(content, 1.0))
+    if isinstance(content, Photo):
+        height, width = content.pixels.shape[:2]
+        shares = _photo_shares(content.pixels)
+        glass, profile = content.transparent, content.profile
+        return Picture("ldr", width, height, content.metadata, *shares, transparent=glass, profile=profile)
+    height, width = content.shape[:2]
+    black = float(np.mean(content <= 0))
+    return Picture("hdr", width, height, read_metadata(path), (0.0, 0.0, 0.0), black, 1.0 - black)
+
+
+def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> Picture:
+    height, width = mosaic.pixels.shape
+    saturated, signal = frame.saturated, frame.signal
+    clipped, sites = [0, 0, 0], [0, 0, 0]
+    for (row, column), channel in np.ndenumerate(mosaic.cfa.pattern):
+        own = saturated[row::2, column::2]
+        clipped[int(channel)] += int(np.count_nonzero(own))
+        sites[int(channel)] += own.size
+    red, green, blue = (count / max(every, 1) for count, every in zip(clipped, sites, strict=True))
+    black, lit = np.count_nonzero(signal <= 0) / signal.size, np.count_nonzero(signal > LIT) / signal.size
+    return Picture("raw", width, height, mosaic.metadata, (red, green, blue), black, lit)
+
+
+def _photo_shares(pixels: npt.NDArray[np.float32]) -> tuple[tuple[float, float, float], float, float]:
+    red, green, blue = (np.count_nonzero(pixels[..., c] >= 1.0) / pixels[..., c].size for c in range(3))
+    lit = np.count_nonzero(pixels > float(srgb_encode(np.array(LIT)))) / pixels.size
+    return (red, green, blue), np.count_nonzero(pixels <= 0.0) / pixels.size, lit

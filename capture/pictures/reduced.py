@@ -1,0 +1,157 @@
+"""What is kept of a picture while its bracket is examined: little, so that 24 megapixels fit."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from imaging.cfa import Cfa
+from imaging.colour import srgb_decode
+from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
+
+Float = npt.NDArray[np.float32]
+Bool = npt.NDArray[np.bool_]
+
+ENOUGH = 1 << 21
+"""Samples of a picture from which exposure ratios are taken; of larger ones blocks are averaged."""
+TYPICAL = SensorSignalNoise(slope=1.5e-4, floor=2e-6)
+"""Noise of a RAW file that states none: that of a sensor with a well of 7,000 electrons."""
+CODE_SIGMA = 1.5 / 255
+"""Noise of a developed code."""
+TOP_CODE = 254 / 255
+WIDEST = 400
+"""Patches in a row of a developed photograph, at most."""
+_LIGHT = np.asarray(srgb_decode(np.linspace(0.0, 1.0, 65_536)), np.float32)
+"""Light by code: those of 8 and of 16 bits all lie on this grid."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """Green of a developed photograph in square patches: mean, least, largest code 0..255, float32 [h, w].
+
+    The mean is NaN where a patch holds a pixel that a mask hides.
+    """
+
+    mean: Float
+    low: Float
+    high: Float
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A picture for examination.
+
+    green: float32 [H/2, W/2], green light of each 2x2 pixels, 1 is white; clipped: whether any of them is,
+    or is hidden by a mask, so that they tell nothing. noise: of `green`. linear: the same light as the
+    sensor saw it, for exposure ratios, or None where a camera developed it; patches: then its codes.
+    """
+
+    green: Float
+    clipped: Bool
+    noise: SensorSignalNoise
+    linear: LinearFrame | None
+    patches: Patches | None
+
+
+def of_raw(frame: LinearFrame, cfa: Cfa) -> Seen:
+    """A RAW frame; the two greens of each tile are one sample. What is not valid in it tells nothing."""
+    noise = frame.noise if isinstance(frame.noise, SensorSignalNoise) else TYPICAL
+    height, width = (side // 2 * 2 for side in frame.signal.shape)
+    sites = [site for site, channel in np.ndenumerate(cfa.pattern) if channel == 1]
+    green = [frame.signal[row:height:2, column:width:2] for row, column in sites]
+    useless = frame.saturated | ~frame.valid
+    clipped = [useless[row:height:2, column:width:2] for row, column in sites]
+    return Seen(
+        np.asarray((green[0] + green[1]) / 2, np.float32),
+        clipped[0] | clipped[1],
+        SensorSignalNoise(noise.slope / 2, noise.floor / 2),
+        _reduced(frame, cfa),
+        None,
+    )
+
+
+def of_photo(pixels: Float, counts: Bool | None = None) -> Seen:
+    """A developed photograph [H, W, 3], 0..1, taken for sRGB until its curve is known.
+
+    counts: bool [H, W], which pixels a mask lets through; None: all.
+    """
+    codes = np.ascontiguousarray(pixels[..., 1])
+    green = _halved(_LIGHT[np.rint(65_535 * np.clip(codes, 0.0, 1.0)).astype(np.uint16)])
+    # Under a square root, which sRGB nearly is, equal noise of the codes is noise like that of photons.
+    slope = (2 * CODE_SIGMA) ** 2 / 4
+    height, width = green.shape
+    clipped = np.zeros((height, width), bool)
+    for row, column in product((0, 1), repeat=2):
+        clipped |= codes[row : 2 * height : 2, column : 2 * width : 2] >= TOP_CODE
+    clipped |= _hidden(counts, green)
+    return Seen(green, clipped, SensorSignalNoise(slope, slope / 255), None, _patches(codes, counts))
+
+
+def of_light(light: Float, counts: Bool | None = None) -> Seen:
+    """Linear light [H, W, 3], which is merged already: brought to where 1 is its brightest percentile.
+
+    counts: as of `of_photo`.
+    """
+    finite = np.nan_to_num(light[..., 1], nan=0.0, posinf=0.0, neginf=0.0)
+    shown = finite if counts is None or not counts.any() else finite[counts]
+    top = max(float(np.percentile(shown, 99.0)), 1e-30)
+    green = _halved(np.asarray(finite / top, np.float32))
+    return Seen(green, (green >= 1.0) | _hidden(counts, green), SensorSignalNoise(1e-6, 1e-10), None, None)
+
+
+def _halved(image: Float) -> Float:
+    """Mean of each 2x2 samples; an odd last row or column is left out."""
+    height, width = image.shape[0] // 2, image.shape[1] // 2
+    return np.asarray(
+        cv2.resize(image[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
+    )
+
+
+def _hidden(counts: Bool | None, green: Float) -> Bool:
+    """Which samples have a pixel that a mask hides, of the shape of `green`."""
+    if counts is None:
+        return np.zeros(green.shape, bool)
+    return _halved(counts.astype(np.float32)) < 1.0
+
+
+def _patches(codes: Float, counts: Bool | None) -> Patches:
+    size = max(3, codes.shape[1] // WIDEST)
+    height, width = codes.shape[0] // size, codes.shape[1] // size
+    cut = 255 * codes[: height * size, : width * size]
+    square, middle = np.ones((size, size), np.uint8), np.s_[size // 2 :: size, size // 2 :: size]
+    mean = np.asarray(cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+    if counts is not None:
+        whole = cv2.erode(counts[: height * size, : width * size].astype(np.uint8), square)[middle]
+        mean[whole == 0] = np.nan
+    return Patches(
+        mean,
+        np.asarray(cv2.erode(cut, square)[middle], np.float32),
+        np.asarray(cv2.dilate(cut, square)[middle], np.float32),
+    )
+
+
+def _reduced(frame: LinearFrame, cfa: Cfa) -> LinearFrame:
+    """A large mosaic as RGB [h, w, 3] of block means; a block is saturated if any of its sites is.
+
+    It is valid if all are.
+    """
+    height, width = frame.signal.shape
+    if height * width <= ENOUGH:
+        return frame
+    side = int(np.ceil(np.sqrt(3 * height * width / (4 * ENOUGH))))
+    high, wide = height // (2 * side), width // (2 * side)
+    signal = np.zeros((high, wide, 3), np.float32)
+    saturated, valid = np.zeros((high, wide, 3), bool), np.ones((high, wide, 3), bool)
+    for (row, column), channel in np.ndenumerate(cfa.pattern):
+        cut = np.s_[row : 2 * side * high : 2, column : 2 * side * wide : 2]
+        share = 0.5 if channel == 1 else 1.0
+        signal[..., channel] += share * frame.signal[cut].reshape(high, side, wide, side).mean((1, 3))
+        saturated[..., channel] |= frame.saturated[cut].reshape(high, side, wide, side).any((1, 3))
+        valid[..., channel] &= frame.valid[cut].reshape(high, side, wide, side).all((1, 3))
+    noise = frame.noise
+    if isinstance(noise, SensorSignalNoise):
+        noise = SensorSignalNoise(noise.slope / side**2, noise.floor / side**2)
+    none = np.zeros(signal.shape, bool)
+    return LinearFrame(signal, frame.k, saturated, none, valid, None, noise, ceiling=1.0)

@@ -1,0 +1,169 @@
+"""From what is asked for to a line of plans.jsonl: the scene, darks, flats or the board."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from math import isfinite
+
+from capture.bracket.automatic import Automatic, meter_rig, plan_automatically
+from capture.bracket.levels import STILL, around, ladder, middle_of, singles
+from capture.bracket.metering import Metering
+from capture.bracket.planner import Wanted
+from capture.record.source import Request, Source, Stops, Subject
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.session.records import PlanRecord
+
+NAMES: dict[Subject, str] = {"scene": "scene", "dark": "darks", "flat": "flats", "board": "board"}
+REPEATS: dict[Subject, int] = {"dark": 16, "flat": 16, "board": 20}
+"""Frames where no number is asked for. The mean of 16 darks has a quarter of their read noise; 8 pairs of
+flats measure the variance of every level; a board is shown in all corners and at all tilts in 20 poses."""
+
+
+def plan_for(
+    source: Source, request: Request, plans: Sequence[PlanRecord]
+) -> tuple[PlanRecord, Automatic | None]:
+    """The plan that is to follow `plans` in a session, and how its bracket was planned, if it was.
+
+    Exposures are metered where nothing else tells them. InputError and CaptureError say what cannot be.
+    """
+    frames = _frames(source, request, plans)
+    bracket: tuple[Exposure, ...] | Stops | Wanted | None = request.bracket
+    if bracket is None and request.kind == "scene":
+        bracket = source.bracket
+    automatic: Automatic | None = None
+    if isinstance(bracket, Wanted):
+        source.hands.show(request.kind)
+        automatic = plan_automatically(
+            source.cameras,
+            like(source),
+            bracket,
+            frames=metered_at(source, request.kind, frames),
+            move_to=source.hands.move_to,
+        )
+        exposures, reason = automatic.plan.exposures, automatic.reason
+    elif bracket is not None:
+        exposures = _given(source, request.kind, bracket, frames)
+        reason = (
+            f"the bracket of {source.called}"
+            if request.bracket is None
+            else "stops given on the command line"
+        )
+    elif request.kind == "dark":
+        exposures, reason = _darks(source, plans, frames)
+    elif request.kind == "flat":
+        targets = _metered(source, "flat", frames).targets
+        exposures = ladder(targets, singles(source.cameras, source.f_number))
+        full = max(target.bright for target in targets) * exposures[-1].scale
+        reason = f"metered: levels down from {full:.0%} of white, where the camera that sees most light is"
+    else:
+        metering = _metered(source, "board", frames)
+        exposures = (middle_of(metering.targets, singles(source.cameras, source.f_number, STILL)),)
+        reason = "metered: the middle of what the cameras see, no slower than a hand is still"
+    plan = PlanRecord(
+        plan=_name(request.kind, plans),
+        kind=request.kind,
+        created=datetime.now(UTC),
+        bracket=exposures,
+        frames=frames,
+        cameras=tuple(source.cameras),
+        reason=reason,
+        asked=asked_for(bracket),
+        board=source.board if request.kind == "board" else None,
+        tolerance=source.tolerance if isfinite(source.tolerance) else None,
+    )
+    return plan, automatic
+
+
+def asked_for(bracket: tuple[Exposure, ...] | Stops | Wanted | None) -> str | None:
+    """A bracket in the words in which it was asked for; None where it was not."""
+    if isinstance(bracket, Wanted):
+        limits = [f"{name} {value:g}" for name, value in asdict(bracket).items() if value is not None]
+        return ", ".join(["auto", *limits]).replace("_", " ")
+    stops = [one for one in bracket or () if isinstance(one, int | float)]
+    return f"stops {', '.join(f'{stop:g}' for stop in stops)}" if stops else None
+
+
+def like(source: Source) -> Exposure:
+    """What the meter takes the f-number from."""
+    return source.middle or Exposure(time=1.0, f_number=source.f_number)
+
+
+def metered_at(source: Source, kind: Subject, frames: Sequence[int]) -> Sequence[int]:
+    """Where the meter looks: a person is not asked to move things to and fro for it."""
+    return frames if kind == "scene" and source.positions is not None else frames[:1]
+
+
+def _metered(source: Source, kind: Subject, frames: Sequence[int]) -> Metering:
+    source.hands.show(kind)
+    return meter_rig(
+        source.cameras,
+        like(source),
+        frames=metered_at(source, kind, frames),
+        move_to=source.hands.move_to,
+    )
+
+
+def _given(
+    source: Source, kind: Subject, bracket: tuple[Exposure, ...] | Stops, frames: Sequence[int]
+) -> tuple[Exposure, ...]:
+    """Exposures as they are, or stops around the middle one, which is metered where nobody gives it."""
+    exposures = tuple(one for one in bracket if isinstance(one, Exposure))
+    if exposures:
+        return exposures
+    stops = [one for one in bracket if not isinstance(one, Exposure)]
+    middle = source.middle
+    if middle is None:
+        if kind == "dark":
+            raise InputError(
+                f"{source.called} does not say which exposure stops count from, and in the dark it cannot be "
+                'metered: add time = "1/60" to its [bracket].'
+            )
+        metering = _metered(source, kind, frames)
+        middle = middle_of(metering.targets, singles(source.cameras, source.f_number))
+    return around(middle, stops, source.cameras)
+
+
+def _darks(
+    source: Source, plans: Sequence[PlanRecord], frames: Sequence[int]
+) -> tuple[tuple[Exposure, ...], str]:
+    """All exposures of the scene; before there is one, those that it will have, if they are known."""
+    scene = [exposure for plan in plans if plan.kind == "scene" for exposure in plan.bracket if exposure]
+    if scene:
+        return tuple(dict.fromkeys(scene)), "the exposures of the scene"
+    if isinstance(source.bracket, Wanted) or (source.middle is None and not _is_exact(source.bracket)):
+        raise InputError(
+            "the darks need the exposures of the scene, which is not shot yet: "
+            "shoot the scene first, or give exposures as --bracket -4,0,4."
+        )
+    return _given(source, "dark", source.bracket, frames), f"the bracket of {source.called}"
+
+
+def _is_exact(bracket: tuple[Exposure, ...] | Stops) -> bool:
+    return any(isinstance(one, Exposure) for one in bracket)
+
+
+def _frames(source: Source, request: Request, plans: Sequence[PlanRecord]) -> tuple[int, ...]:
+    """Numbers that no earlier plan has, since a frame's folder holds one shot of a camera and a step.
+
+    A rig whose frames are positions keeps the numbers of these for the scene.
+    """
+    free = 1 + max((frame for plan in plans for frame in plan.frames), default=-1)
+    if request.kind != "scene":
+        first = max(free, source.positions or 0)
+        count = REPEATS[request.kind] if request.frames is None else request.frames
+        return tuple(range(first, first + count))
+    count = source.frames if request.frames is None else request.frames
+    if source.positions is None:
+        return tuple(range(free, free + count))
+    if not 1 <= count <= source.positions:
+        raise InputError(
+            f"{source.called} has {source.positions} positions, not {count}: choose 1 to {source.positions}."
+        )
+    return tuple(range(count))
+
+
+def _name(kind: Subject, plans: Sequence[PlanRecord]) -> str:
+    """`darks`, then `darks-2`."""
+    taken = len([plan for plan in plans if plan.kind == kind])
+    return NAMES[kind] if not taken else f"{NAMES[kind]}-{taken + 1}"

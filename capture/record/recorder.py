@@ -1,0 +1,303 @@
+"""Cameras driven through a plan, every shot written while the next is taken.
+
+The order on the disk is what makes a capture safe to kill: the file is written whole, then its line
+is appended to shots.jsonl. A line therefore always has its file; a file without a line is a shot
+that was not finished, and it is taken again.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from capture.bracket.deviation import deviates, stops_apart
+from capture.bracket.single_exposure import RETRIES
+from capture.record.camera_worker import GivenUp
+from capture.record.exposure_step import PATIENCE, Round, Standing, Written
+from capture.record.memory_budget import Budget
+from capture.record.shot_files import Slot, save_frame
+from capture.record.workers import Crew
+from drivers.camera import Camera
+from drivers.clock import THIS_MACHINE, Clock
+from imaging.errors import CameraError, CaptureError, PartialError, RigError, StorageError
+from imaging.exposure import Exposure
+from imaging.files import store
+from imaging.files.dng import Compression
+from imaging.session.records import CameraRecord, PlanRecord, ShotRecord
+from imaging.session.session import Session
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class CaptureResult:
+    """What a capture came to.
+
+    session: its folder. planned: shots of the plan. taken: by this run. kept: by earlier runs.
+    missing: a sentence for each shot that is not there. problems: for each shot that is there,
+    but not as it was asked for.
+    """
+
+    session: Path
+    planned: int
+    taken: int
+    kept: int
+    missing: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+
+    def require_complete(self) -> None:
+        """PartialError that lists what is missing, if anything is."""
+        if self.missing:
+            raise PartialError(
+                f"{self.session}: {len(self.missing)} of {self.planned} shots are missing "
+                f"({'; '.join(self.missing)}): repeat the command with --resume to take them."
+            )
+
+
+def slots(plan: PlanRecord) -> list[Slot]:
+    """Every shot of a plan in the order of shooting: all cameras expose the same step together."""
+    return [
+        Slot(camera, frame, step)
+        for frame in plan.frames
+        for step in range(len(plan.bracket))
+        for camera in plan.cameras
+    ]
+
+
+def finished(session: Session, plan: PlanRecord) -> dict[Slot, ShotRecord]:
+    """The shots of a plan that are recorded and whose file is there."""
+    return {
+        Slot(shot.camera, shot.frame, shot.step): shot
+        for shot in session.shots()
+        if shot.plan == plan.plan and session.file(shot).is_file()
+    }
+
+
+def record(
+    session: Session,
+    plan: PlanRecord,
+    cameras: Mapping[str, Camera],
+    *,
+    clock: Clock = THIS_MACHINE,
+    move_to: Callable[[int], None] = lambda frame: None,
+    compression: Compression = "none",
+    progress: Progress = lambda message, done, total: None,
+    tolerance: float = math.inf,
+    leader: str | None = None,
+) -> CaptureResult:
+    """Take the shots of `plan` that are not finished; those that are stay as they are.
+
+    cameras: by the names of the plan. clock: the one that their drivers were given. move_to: brings rig
+    or scene to a frame, before its first shot. progress: called with the file of each shot once it is
+    finished, shots done, shots planned. tolerance: seconds between the shutters of a step beyond which the
+    result's problems say so. leader: the camera whose exposure triggers all others by a wire, if one does;
+    it exposes along whenever one of them is to, and a frame of its own that is there already stays.
+
+    A thread a camera: all that are to expose a step wait for one another before they are triggered, and
+    none for another's download. What a frame lacks is taken again at its end, RETRIES times, then left
+    out; what is missing is in the result, also when the disk refuses after the first shot: another call
+    goes on from there. StorageError when it refuses before. CaptureError if a camera is not the one that
+    the session knows by its name.
+    """
+    names = plan.cameras if leader is None else dict.fromkeys([*plan.cameras, leader])
+    taking_part = {name: cameras[name] for name in names}
+    for name, camera in taking_part.items():
+        _must_be(camera, session.camera(name))
+    for leftover in leftovers(session):
+        store.discard(leftover)
+    run = Run(session, plan, clock, progress, tolerance, leader)
+    save = partial(save_frame, session, compression)
+    progress("shooting", run.kept, len(run.planned))
+    if len(run.done) < len(run.planned):
+        budget = Budget(clock)
+        with clock.worker("recorder"), Crew(taking_part, clock, save, run.standing, budget) as crew:
+            for frame in run.frames():
+                move_to(frame)
+                run.take(frame, crew)
+            return run.result()
+    return run.result()
+
+
+def _must_be(camera: Camera, known: CameraRecord) -> None:
+    """Cables get swapped: names stand for serial numbers. A camera that does not answer fails later."""
+    with suppress(CameraError):
+        serial = camera.identify().serial
+        if serial != known.serial:
+            raise CaptureError(
+                f"the camera in the place of {known.name} has the serial number {serial!r}, "
+                f"not {known.serial!r}: "
+                "connect the one that began the session, or begin a new one."
+            )
+
+
+def _known(requested: Exposure | None) -> Exposure:
+    if requested is None:
+        raise ValueError("a plan to be shot names every exposure")
+    return requested
+
+
+class Run:
+    """What one call of `record` has come to. kept: shots that were there before."""
+
+    def __init__(
+        self,
+        session: Session,
+        plan: PlanRecord,
+        clock: Clock,
+        progress: Progress,
+        tolerance: float,
+        leader: str | None,
+    ) -> None:
+        self._session, self._plan, self._clock = session, plan, clock
+        self._progress, self._tolerance, self._leader = progress, tolerance, leader
+        self.planned = slots(plan)
+        self.done = finished(session, plan)
+        self.kept = len([slot for slot in self.planned if slot in self.done])
+        self.standing = Standing()
+        self._missing: dict[Slot, str] = {}
+        self._problems: list[str] = []
+        self._apart: dict[int, list[tuple[float, Slot]]] = {}
+
+    def frames(self) -> Iterator[int]:
+        """Frames of which shots are missing, as long as the disk takes them."""
+        for frame in self._plan.frames:
+            if self.standing.halted is None and any(
+                slot.frame == frame and slot not in self.done for slot in self.planned
+            ):
+                yield frame
+
+    def take(self, frame: int, crew: Crew) -> None:
+        """Shoot what a frame lacks, step by step; then once more what failed, and once more.
+
+        A frame is accepted when its *own* metadata agree with the request, since cameras do hand out the
+        frame before; one that does not is taken again once, then kept with what it reports.
+        """
+        pending: dict[int, list[str]] = {}
+        for slot in self.planned:
+            if slot.frame == frame and slot not in self.done:
+                pending.setdefault(slot.step, []).append(slot.camera)
+        together = {step for step, names in pending.items() if len(names) == len(self._plan.cameras)}
+        first: dict[int, float] = {}
+        suspects: dict[Slot, Written] = {}
+        for _ in range(RETRIES + 1):
+            failed: dict[int, list[str]] = {}
+            for one in crew.shoot(self._rounds(frame, pending)):
+                if one.opened and one.step in together:
+                    first.setdefault(one.step, min(one.opened.values()))
+                for name in one.cameras:
+                    slot, outcome = Slot(name, frame, one.step), one.outcomes[name]
+                    if isinstance(outcome, Written):
+                        if slot in suspects or not deviates(outcome.reported, one.requested):
+                            self._book(slot, outcome, first.get(one.step), crew)
+                            continue
+                        suspects[slot] = outcome
+                        one.failed(name)
+                    else:
+                        self._failed(slot, outcome)
+                    failed.setdefault(one.step, []).append(name)
+            pending = failed
+        for slot in [Slot(name, frame, step) for step, names in pending.items() for name in names]:
+            if slot in suspects:
+                self._book(slot, suspects[slot], first.get(slot.step), crew)
+
+    def result(self) -> CaptureResult:
+        """StorageError if the disk refused before there was any shot in the session."""
+        refused = self.standing.halted
+        if refused is not None and not self._session.shots():
+            raise refused
+        reasons = {slot: self._missing.get(slot) for slot in self.planned if slot not in self.done}
+        for slot, reason in reasons.items():
+            if reason in (None, str(refused)):
+                # The file that the disk refused may be that of another camera.
+                reasons[slot] = f"the capture stopped: {refused}"
+        return CaptureResult(
+            session=self._session.folder,
+            planned=len(self.planned),
+            taken=len(self.done) - self.kept,
+            kept=self.kept,
+            missing=tuple(f"{slot}: {(reason or '').rstrip('.')}" for slot, reason in reasons.items()),
+            problems=(*self._problems, *self._skews()),
+        )
+
+    def _rounds(self, frame: int, pending: Mapping[int, list[str]]) -> list[Round]:
+        rounds, before = [], 0.0
+        for step, names in pending.items():
+            requested = _known(self._plan.bracket[step])
+            # The exposure before may be followed by a dark frame as long as itself.
+            patience = PATIENCE + 2 * before
+            # The leader exposes alone where it alone is missing: nobody else is armed then.
+            leader = self._leader if names != [self._leader] else None
+            rounds.append(
+                Round(
+                    self._clock,
+                    self.standing,
+                    frame,
+                    step,
+                    requested,
+                    names,
+                    patience=patience,
+                    leader=leader,
+                )
+            )
+            before = requested.time
+        return rounds
+
+    def _failed(self, slot: Slot, error: RigError) -> None:
+        if not (isinstance(error, GivenUp) and slot in self._missing):
+            self._missing[slot] = str(error)
+
+    def _book(self, slot: Slot, written: Written, first: float | None, crew: Crew) -> None:
+        """The line of a shot whose file is whole; first: when the first shutter of its step opened."""
+        requested = _known(self._plan.bracket[slot.step])
+        shot = ShotRecord(
+            kind=self._plan.kind,
+            plan=self._plan.plan,
+            camera=slot.camera,
+            frame=slot.frame,
+            step=slot.step,
+            file=written.file,
+            sha256=written.sha256,
+            requested=requested,
+            reported=written.reported,
+            width=written.width,
+            height=written.height,
+            captured_at=written.captured_at,
+            skew=None if first is None else max(0.0, written.opened - first),
+            retries=written.retries,
+        )
+        try:
+            self._session.append_shot(shot)
+        except StorageError as error:
+            crew.halt(error)
+            self._failed(slot, error)
+            return
+        self.done[slot] = shot
+        if deviates(written.reported, requested):
+            self._problems.append(_deviation(slot, requested, written.reported))
+        if shot.skew is not None and shot.skew > self._tolerance and not shot.retries:
+            self._apart.setdefault(slot.step, []).append((shot.skew, slot))
+        self._progress(shot.file, len(self.done), len(self.planned))
+
+    def _skews(self) -> Iterator[str]:
+        """A sentence for each step whose shutters opened too far apart; a shot taken again is always late."""
+        for step, late in sorted(self._apart.items()):
+            worst, slot = max(late)
+            frames = len({one.frame for _, one in late})
+            yield (
+                f"step {step}: in {frames} of {len(self._plan.frames)} frames the shutters opened more than "
+                f"{1000 * self._tolerance:.3g} ms apart, up to {1000 * worst:.3g} ms ({slot.camera}, frame "
+                f"{slot.frame}): keep the scene still, or trigger the cameras by a hardware line"
+            )
+
+
+def _deviation(slot: Slot, requested: Exposure, reported: Exposure) -> str:
+    apart = stops_apart(reported, requested)
+    return f"{slot}: the camera reports {reported} where {requested} was asked for ({apart:+.2f} stops)"
+
+
+def leftovers(session: Session) -> list[Path]:
+    """What a killed capture left half-written: beside the records and in the folders of the frames."""
+    frames = [folder for folder in (session.folder / "raw").glob("*/") if not folder.is_symlink()]
+    return [part for folder in [session.folder, *sorted(frames)] for part in store.leftovers(folder)]

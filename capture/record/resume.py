@@ -1,0 +1,104 @@
+"""A session is completed by the cameras that began it, and with the plan that it has."""
+
+from collections.abc import Callable, Sequence
+
+from capture.bracket.levels import around
+from capture.bracket.planner import Wanted
+from capture.record.plan import asked_for
+from capture.record.source import Request, Source
+from imaging.errors import InputError
+from imaging.session.records import CameraRecord, PlanRecord, SessionRecord
+from imaging.session.session import Session
+
+
+def must_be_the_same(session: Session, wanted: SessionRecord) -> None:
+    """InputError that says in what the cameras of a session are others than these."""
+    there = session.record
+    by_name = there.origin == wanted.origin or (_is_rig_file(there.origin) and _is_rig_file(wanted.origin))
+    if not by_name:
+        raise InputError(
+            f"{session.folder} was captured from {there.origin}, not {wanted.origin}: "
+            "resume it with the same rig, or name a new folder."
+        )
+    if there.seed != wanted.seed:
+        raise InputError(
+            f"{session.folder} was captured with seed {there.seed}, not {wanted.seed}: "
+            "resume it with the same seed, or name a new folder."
+        )
+    if not _is_rig_file(there.origin):
+        if there.cameras != wanted.cameras:
+            raise InputError(
+                f"{session.folder} was captured with other cameras than {wanted.origin} has now: "
+                "resume it with the version of rig that began it, or name a new folder."
+            )
+        return
+    known, given = ({one.name: _told(one) for one in record.cameras} for record in (there, wanted))
+    for name in {**known, **given}:
+        had, has = (cameras.get(name, f"no camera {name}") for cameras in (known, given))
+        if had != has:
+            raise InputError(
+                f"{session.folder} was captured with {had}, and {wanted.origin} now has {has}: "
+                "resume it with the rig file that began it, or name a new folder."
+            )
+
+
+def _is_rig_file(origin: str) -> bool:
+    """A file may be called otherwise the next time; its cameras are what counts."""
+    return origin != "import" and not origin.startswith("sim:")
+
+
+def _told(camera: CameraRecord) -> str:
+    """All that has to be the same again."""
+    rig = "no rig" if camera.rig is None else f"rig {camera.rig}"
+    return f"{camera.name} as {camera.serial} ({camera.kind}, {rig})"
+
+
+def continued(
+    session: Session,
+    source: Source,
+    request: Request,
+    plans: Sequence[PlanRecord],
+    say: Callable[[str], None],
+) -> PlanRecord | None:
+    """The last plan of that kind, None if there is none; InputError where the request contradicts it."""
+    known = next((plan for plan in reversed(plans) if plan.kind == request.kind), None)
+    if known is None:
+        return None
+    within = source.positions is None or known.kind != "scene" or max(known.frames) < source.positions
+    if not (within and set(known.cameras) <= set(source.cameras) and all(known.bracket)):
+        raise InputError(
+            f"{session.folder / 'plans.jsonl'} plans shots that the rig cannot take: restore the file."
+        )
+    if request.frames is not None and request.frames != len(known.frames):
+        raise InputError(
+            f"{session.folder} was planned with {len(known.frames)} frames, not {request.frames}: "
+            "resume it with the same number, or name a new folder."
+        )
+    _must_be_the_bracket(session, source, request, known)
+    usual = asked_for(source.bracket) if request.kind == "scene" and request.bracket is None else None
+    if usual is not None and usual != known.asked:
+        say(
+            f"{session.folder} goes on as it was planned, with {_bracket(known)}; "
+            f"{source.called} says {usual}."
+        )
+    return known
+
+
+def _must_be_the_bracket(session: Session, source: Source, request: Request, known: PlanRecord) -> None:
+    """InputError if a bracket is asked for that is not the one of the plan."""
+    asked = request.bracket
+    if asked is None or asked_for(asked) == known.asked:
+        return
+    middle = source.middle
+    if middle and not isinstance(asked, Wanted) and around(middle, asked, source.cameras) == known.bracket:
+        return
+    raise InputError(
+        f"{session.folder} was planned with the bracket {_bracket(known)}: "
+        f"leave --bracket out to resume it, or name a new folder for {asked_for(asked)}."
+    )
+
+
+def _bracket(plan: PlanRecord) -> str:
+    """`auto, snr 20 (1/60 s, 1/4 s)`."""
+    steps = ", ".join(str(exposure) for exposure in plan.bracket)
+    return f"{plan.asked} ({steps})" if plan.asked else steps

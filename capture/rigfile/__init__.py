@@ -1,0 +1,1 @@
+"""`RIG.toml`: which cameras make a rig and how it is shot."""

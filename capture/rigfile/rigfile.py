@@ -1,0 +1,293 @@
+"""`RIG.toml`: which cameras make the rig, and how it is shot where the command line does not say.
+
+Every error names the line that it is about.
+"""
+
+import difflib
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from capture.bracket.planner import Wanted
+from capture.check.check import SKEW_TOLERANCE
+from capture.rigfile.shutter_time import seconds_of
+from capture.rigfile.toml_lines import Path as KeyPath
+from capture.rigfile.toml_lines import key_lines, line_of
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.session.records import Board, Name
+
+
+def _time(value: Any) -> float:
+    try:
+        return seconds_of(value if isinstance(value, str) else f"{_number(value):.17f}")
+    except (ValueError, OverflowError):
+        raise ValueError('a shutter time as "1/30", or in seconds') from None
+
+
+def _pause(value: Any) -> float | Literal["key"]:
+    if value == "key":
+        return "key"
+    try:
+        seconds = _number(value)
+    except ValueError:
+        seconds = -1.0
+    if not 0 <= seconds <= 86_400:
+        raise ValueError('"key", or seconds from 0 to 86400')
+    return seconds
+
+
+def _stops(value: Any) -> tuple[float, ...] | Literal["auto"]:
+    if value == "auto":
+        return "auto"
+    try:
+        stops = tuple(_number(one) for one in value) if isinstance(value, list) else ()
+    except ValueError:
+        stops = ()
+    if not stops or not all(abs(one) <= 30 for one in stops):
+        raise ValueError('"auto", or stops around the middle exposure as [-4, -2, 0, 2, 4]')
+    if len(set(stops)) < len(stops):
+        raise ValueError("made of stops that all differ")
+    return tuple(sorted(stops))
+
+
+def _place(value: Any) -> tuple[float, ...]:
+    try:
+        place = tuple(_number(one) for one in value) if isinstance(value, list) else ()
+    except ValueError:
+        place = ()
+    if len(place) != 3:
+        raise ValueError("three numbers, metres, as [0.2, 0.0, 0.0]")
+    return place
+
+
+def _number(value: Any) -> float:
+    """ValueError for all but finite numbers, true and false included."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError
+    return float(value)
+
+
+Seconds = Annotated[float, BeforeValidator(_time)]
+Text = Annotated[str, Field(strict=True, min_length=1)]
+Positive = Annotated[float, Field(strict=True, gt=0)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class CameraTable(_Table):
+    """A camera: `serial` is its identity, `name` its place in file names.
+
+    rig: cameras that name the same rig keep their places to each other; None: it stands alone. position: in
+    the rig, m, in any axes; with those of two cameras the scene has a scale.
+    """
+
+    name: Annotated[Name, Field(strict=True)]
+    serial: Text
+    rig: Text | None = None
+    position: Annotated[tuple[float, float, float], BeforeValidator(_place)] | None = None
+
+
+class BracketTable(_Table):
+    """The bracket of the scene: planned, or stops around a middle exposure.
+
+    time: of the middle exposure, metered if not given; f_number: of all exposures; iso: of stops. The rest
+    is what a planned bracket has to reach and may not exceed.
+    """
+
+    exposures: Annotated[tuple[float, ...] | Literal["auto"], BeforeValidator(_stops)] = "auto"
+    time: Seconds | None = None
+    f_number: Positive | None = None
+    iso: Positive | None = None
+    snr: Annotated[float, Field(strict=True, ge=0, le=60)] = Wanted.snr
+    slowest: Seconds | None = None
+    total: Seconds | None = None
+    highest_iso: Positive | None = None
+
+    @property
+    def wanted(self) -> Wanted:
+        """What the planner is to reach."""
+        return Wanted(self.snr, self.slowest, self.total, self.highest_iso)
+
+    def middle(self, lowest_iso: float | None) -> Exposure | None:
+        """The middle exposure, if the file gives its time."""
+        if self.time is None:
+            return None
+        iso = lowest_iso if self.iso is None else self.iso
+        return Exposure(time=self.time, f_number=self.f_number, iso=iso)
+
+
+class TriggerTable(_Table):
+    """How the cameras are made to expose together.
+
+    hardware: all but the leader expose on a rising edge of their input `line`; the leader is triggered by
+    software and shows on its line `output` (`line` if not given) that it exposes. Without a leader the
+    edges come from elsewhere. tolerance: s between the shutters of one step.
+    """
+
+    mode: Literal["software", "hardware"] = "software"
+    leader: Text | None = None
+    line: Text | None = None
+    output: Text | None = None
+    tolerance: Positive = SKEW_TOLERANCE
+
+
+class RigTables(_Table):
+    """The whole file. pause: before every frame but the first, for Enter or so many seconds."""
+
+    frames: Annotated[int, Field(strict=True, ge=1, le=9999)] = 1
+    pause: Annotated[float | Literal["key"], BeforeValidator(_pause)] = "key"
+    bracket: BracketTable = BracketTable()
+    trigger: TriggerTable = TriggerTable()
+    board: Board | None = None
+    camera: Annotated[tuple[CameraTable, ...], Field(min_length=1)]
+
+
+@dataclass(frozen=True)
+class RigFile:
+    """A rig file that is sound in itself, and where in it everything stands."""
+
+    path: Path
+    tables: RigTables
+    lines: Mapping[KeyPath, int]
+
+    def at(self, *keys: str | int) -> str:
+        """`RIG.toml, line 12`: where a key stands, or the table around it."""
+        return f"{self.path}, line {line_of(self.lines, keys)}"
+
+
+def read_rig_file(path: str | Path) -> RigFile:
+    """Read and validate a rig file; InputError of one sentence with the line that is at fault."""
+    path = Path(path)
+    text = _text(path)
+    try:
+        value = tomllib.loads(text)
+        lines = key_lines(text)
+    except RecursionError:
+        raise InputError(f"{path} is nested too deeply: write it anew with rig init.") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(_syntax(path, text, str(error))) from None
+    try:
+        tables = RigTables.model_validate(value)
+    except ValidationError as error:
+        # A key that is misspelt is also missing: its own error comes first. A table that is wrong is not
+        # counted, and the cameras may seem too few.
+        first = min(
+            error.errors(),
+            key=lambda one: (
+                one["type"] != "extra_forbidden",
+                one["type"] == "too_short",
+                line_of(lines, one["loc"]),
+            ),
+        )
+        raise InputError(_told(path, first, lines)) from None
+    rig = RigFile(path, tables, lines)
+    _must_be_one_rig(rig)
+    return rig
+
+
+def _text(path: Path) -> str:
+    """The text of a file, without the mark that some editors put before it."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path} is not there: write it with `rig init {path}`.") from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder: name the file that rig init wrote.") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path} cannot be read ({reason.lower()}): correct the path.") from None
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{path}, line {line}: this is not UTF-8 text; save the file as UTF-8.") from None
+
+
+def _syntax(path: Path, text: str, message: str) -> str:
+    """What is no TOML, with the line that `tomllib` names in its message."""
+    found = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message, re.DOTALL)
+    what, line = (found[1], found[2]) if found else (message, None)
+    number = int(line) if line else text.rstrip().count("\n") + 1
+    return f"{path}, line {number}: this is no TOML ({what[:1].lower()}{what[1:]}); correct the line."
+
+
+def _told(path: Path, error: ErrorDetails, lines: Mapping[KeyPath, int]) -> str:
+    """One sentence for the first thing that is wrong."""
+    keys, kind = error["loc"], error["type"]
+    where = f"{path}, line {line_of(lines, keys)}"
+    key = str(keys[-1])
+    if kind == "extra_forbidden":
+        known = _known(keys[:-1])
+        near = difflib.get_close_matches(key, known, 1)
+        mend = f"did you mean {near[0]}?" if near else f"the keys here are {', '.join(known)}."
+        return f"{where}: there is no key {key!r}; {mend}"
+    if keys == ("camera",) and kind in ("missing", "too_short"):
+        return f"{path} names no camera: add a [[camera]] with name and serial, or write it with rig init."
+    if kind == "missing":
+        return f"{where}: the {keys[0]} has no {key}; add it."
+    if keys == ("board",) and kind == "value_error":
+        return f"{where}: {error['msg'].removeprefix('Value error, ')}."
+    limits = error.get("ctx", {})
+    words = {
+        "string_type": "text in quotes",
+        "string_too_short": "text that is not empty",
+        "float_type": "a number",
+        "int_type": "a whole number",
+        "tuple_type": "written with two brackets, as [[camera]]",
+        "model_type": f"a table, as [{key}]",
+        "greater_than": f"above {limits.get('gt')}",
+        "greater_than_equal": f"{limits.get('ge')} or more",
+        "less_than_equal": f"{limits.get('le')} or less",
+        "literal_error": str(limits.get("expected")).replace("'", '"'),
+    }
+    what = words.get(kind, error["msg"].removeprefix("Value error, ").removeprefix("a name is "))
+    return f"{where}: {key} has to be {what}."
+
+
+def _known(table: KeyPath) -> list[str]:
+    """The keys that a table may have."""
+    model: type[BaseModel] = RigTables
+    for name in (name for name in table if isinstance(name, str)):
+        kind = model.model_fields[name].annotation
+        model = next(one for one in (kind, *get_args(kind)) if isinstance(one, type))
+    return list(model.model_fields)
+
+
+def _must_be_one_rig(rig: RigFile) -> None:
+    """InputError where cameras cannot be told apart, or the trigger is not that of these cameras."""
+    cameras, trigger = rig.tables.camera, rig.tables.trigger
+    for key in ("name", "serial"):
+        _must_differ(rig, key, [getattr(camera, key) for camera in cameras])
+    if trigger.leader is not None and trigger.leader not in {camera.name for camera in cameras}:
+        raise InputError(
+            f"{rig.at('trigger', 'leader')}: there is no camera {trigger.leader!r}; "
+            f"the cameras are {', '.join(camera.name for camera in cameras)}."
+        )
+    if trigger.mode == "hardware" and trigger.line is None:
+        raise InputError(
+            f"{rig.at('trigger', 'mode')}: a hardware trigger comes in on a line; "
+            'add line, as line = "Line0".'
+        )
+
+
+def _must_differ(rig: RigFile, key: str, values: Iterable[str]) -> None:
+    first: dict[str, int] = {}
+    for index, value in enumerate(values):
+        folded = value.casefold() if key == "name" else value  # some disks do not tell A from a
+        if folded in first:
+            before = line_of(rig.lines, ("camera", first[folded], key))
+            raise InputError(
+                f"{rig.at('camera', index, key)}: line {before} has the {key} {value!r} already; "
+                f"give every camera its own."
+            )
+        first[folded] = index

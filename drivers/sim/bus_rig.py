@@ -1,0 +1,42 @@
+"""A simulated rig on a virtual USB bus, driven by the very drivers that drive hardware."""
+
+from collections.abc import Sequence
+
+from drivers.camera import Camera
+from drivers.ptp import find_cameras
+from drivers.sim.faults import Fault, FaultPlan, Mix
+from drivers.sim.ptp.profiles import profile
+from drivers.sim.ptp.responder import Responder
+from drivers.sim.ptp.usb_device import PtpDevice
+from drivers.sim.rigs import SimulatedRig
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
+
+
+class BusRig:
+    """The cameras of a rig as PTP devices: `backend` and `clock` are what drivers are given.
+
+    bandwidth: of the bus, see there.
+    faults: what goes wrong, and when; mix: what goes wrong at random, by the rig's seed; `plan.log` lists
+    what did.
+    """
+
+    def __init__(
+        self,
+        rig: SimulatedRig,
+        faults: Sequence[Fault] = (),
+        mix: Mix | None = None,
+        model: str = "generic",
+        bandwidth: float | None = None,
+    ) -> None:
+        self.clock = VirtualClock()
+        self.backend = VirtualBus(self.clock, bandwidth)
+        self.plan = FaultPlan(self.clock, faults, mix, rig.seed)
+        for device in rig.devices:
+            self.backend.plug(PtpDevice(Responder(device, profile(model), self.clock, self.plan)))
+        self._serials = [device.body.serial for device in rig.devices]
+
+    def cameras(self) -> list[Camera]:
+        """Every camera through its driver, in the order of the rig's records."""
+        found = {camera.identify().serial: camera for camera in find_cameras(self.backend, self.clock)}
+        return [found[serial] for serial in self._serials]

@@ -1,0 +1,208 @@
+"""Canon EOS's way: remote mode, records that have to be asked for, a release in two halves.
+
+Records after libgphoto2's ptp-pack.c: u32 length, u32 type, fields; an empty record of type 0 ends them.
+"""
+
+import struct
+
+from drivers.ptp.codec import pack_array
+from drivers.ptp.codes import (
+    CanonEvent,
+    CanonOperation,
+    CanonProperty,
+    DataType,
+    PropertyCode,
+    ResponseCode,
+)
+from drivers.sim.ptp.operations import Handler, Phase, Reply, Request
+from drivers.sim.ptp.shooting import Announcement, News
+from drivers.sim.ptp.standard import Manner, always
+from drivers.sim.ptp.store import STORAGE
+
+MEMORY_HANDLE = 0x91910000
+GET_STORAGE_IDS, GET_STORAGE_INFO, GET_OBJECT, DELETE_OBJECT = 0x9101, 0x9102, 0x9104, 0x9105
+GET_DEVICE_INFO_EX, REQUEST_PROPERTY = 0x9108, 0x9127
+"""Operations of Canon's own that gphoto2 uses besides those of `codes`."""
+CARD, HOST = 2, 4
+_FULL_PRESS = 2
+_U16_LIST = 3
+_RAW = (1, 0x10, 6, 0, 4)
+"""ImageFormat: one file, and its 16-byte record: kind RAW, size 0, compression 4."""
+_END = struct.pack("<II", 8, 0)
+
+
+def _is_full_press(request: Request) -> bool:
+    return bool(request.parameter(0) & _FULL_PRESS)
+
+
+class Canon(Manner):
+    """What a camera in remote mode does."""
+
+    memory_handle = MEMORY_HANDLE
+    polled = True
+    _records: list[bytes]
+    _destination = CARD
+    _host_room = 0
+    """Bytes that the host says it has room for."""
+
+    def operations(self) -> dict[int, Handler]:
+        """Canon's own; the standard's InitiateCapture is not there."""
+        done = Handler(lambda request: Reply())
+        return {
+            CanonOperation.SET_REMOTE_MODE: done,
+            CanonOperation.SET_EVENT_MODE: Handler(self._event_mode),
+            CanonOperation.KEEP_DEVICE_ON: done,
+            CanonOperation.GET_EVENT: Handler(self._get_event, Phase.TO_HOST),
+            CanonOperation.SET_DEVICE_PROP_VALUE_EX: Handler(self._set, Phase.TO_CAMERA),
+            CanonOperation.PC_HDD_CAPACITY: Handler(self._room),
+            CanonOperation.REMOTE_RELEASE: Handler(self._release, shoots=always),
+            CanonOperation.REMOTE_RELEASE_ON: Handler(self._release_on, shoots=_is_full_press),
+            CanonOperation.REMOTE_RELEASE_OFF: done,
+            CanonOperation.GET_PARTIAL_OBJECT: Handler(self._partial, Phase.TO_HOST),
+            CanonOperation.TRANSFER_COMPLETE: Handler(self._complete),
+            GET_STORAGE_IDS: Handler(self._storage_ids, Phase.TO_HOST),
+            GET_OBJECT: Handler(self._object, Phase.TO_HOST),
+            DELETE_OBJECT: Handler(self._delete),
+            GET_DEVICE_INFO_EX: Handler(self._device_info_ex, Phase.TO_HOST),
+            REQUEST_PROPERTY: Handler(self._request_property),
+        }
+
+    def device_properties(self) -> tuple[int, ...]:
+        """Those that the standard's operations read; the rest comes in records."""
+        return (PropertyCode.BATTERY_LEVEL,)
+
+    def begin(self) -> None:
+        """No records before event mode."""
+        super().begin()
+        self._records = []
+
+    def announce(self, one: Announcement) -> None:
+        """A record of the object; that the capture is complete is not told."""
+        info = self.shooting.store.object_info(one.handle)
+        if one.news is not News.OBJECT_ADDED or info is None:
+            return
+        self._count_shots()
+        name = info.filename.encode("ascii") + b"\0"
+        if one.handle == MEMORY_HANDLE:
+            fields = struct.pack("<IIIII", one.handle, info.format, 0, info.size, 0)
+            self._record(CanonEvent.REQUEST_OBJECT_TRANSFER, fields + name)
+        else:
+            fields = struct.pack(
+                "<IIIIIIII", one.handle, STORAGE, info.format, 0, 0, info.size, info.parent, one.handle
+            )
+            self._record(CanonEvent.OBJECT_ADDED_EX, fields + name)
+
+    def changed(self, code: int) -> None:
+        """A record of the value."""
+        dial = self.shooting.dials.get(code)
+        if dial is not None:
+            self._value(code, self.shooting.shown(dial))
+
+    def _record(self, kind: int, fields: bytes) -> None:
+        fields += bytes(-len(fields) % 4)
+        self._records.append(struct.pack("<II", 8 + len(fields), kind) + fields)
+
+    def _value(self, code: int, *values: int) -> None:
+        self._record(CanonEvent.PROP_VALUE_CHANGED, struct.pack(f"<{1 + len(values)}I", code, *values))
+
+    def _list(self, code: int, values: tuple[int, ...]) -> None:
+        fields = struct.pack(f"<{3 + len(values)}I", code, _U16_LIST, len(values), *values)
+        self._record(CanonEvent.AVAILABLE_LIST_CHANGED, fields)
+
+    def _event_mode(self, request: Request) -> Reply:
+        """From here on records are kept; the first ones tell all values."""
+        self._records = []
+        for code, dial in self.shooting.dials.items():
+            self._value(code, self.shooting.shown(dial))
+            self._list(code, dial.numbers())
+        self._count_shots()
+        self._value(CanonProperty.CAPTURE_DESTINATION, self._destination)
+        self._list(CanonProperty.CAPTURE_DESTINATION, (CARD, HOST))
+        self._value(CanonProperty.IMAGE_FORMAT, *_RAW)
+        return Reply()
+
+    def _get_event(self, request: Request) -> Reply:
+        records, self._records = self._records, []
+        return Reply(data=b"".join(records) + _END)
+
+    def _set(self, request: Request) -> Reply:
+        """Data: u32 length of all, u32 property, the value."""
+        if len(request.data) < 12:
+            return Reply(ResponseCode.INVALID_PARAMETER)
+        _, code, value = struct.unpack_from("<III", request.data)
+        if code == CanonProperty.CAPTURE_DESTINATION and value in (CARD, HOST):
+            self._destination = value
+            self._value(code, value)
+            self._count_shots()
+            return Reply()
+        dial = self.shooting.dials.get(code)
+        if dial is None:
+            return Reply(ResponseCode.DEVICE_PROP_NOT_SUPPORTED)
+        if self.shooting.shooting:
+            return Reply(ResponseCode.DEVICE_BUSY)
+        if not self.shooting.turn(dial, value & 0xFFFF):
+            return Reply(ResponseCode.INVALID_DEVICE_PROP_VALUE)
+        self.changed(code)
+        return Reply()
+
+    def _room(self, request: Request) -> Reply:
+        self._host_room = request.parameter(0) * request.parameter(1)
+        self._count_shots()
+        return Reply()
+
+    def _count_shots(self) -> None:
+        """Tell how many pictures there is room for; hosts wait for that before they shoot to themselves."""
+        store = self.shooting.store
+        self._value(
+            CanonProperty.AVAILABLE_SHOTS, store.pictures(self._host_room if self._to_host else store.free)
+        )
+
+    @property
+    def _to_host(self) -> bool:
+        return self._destination == HOST
+
+    def _release_on(self, request: Request) -> Reply:
+        return self._release(request) if _is_full_press(request) else Reply(parameters=(0,))
+
+    def _release(self, request: Request) -> Reply:
+        if self._to_host and not self._host_room:
+            return Reply(ResponseCode.STORE_FULL)
+        if self.shooting.store.data(MEMORY_HANDLE) is not None:
+            return Reply(ResponseCode.DEVICE_BUSY)
+        memory = MEMORY_HANDLE if self._to_host else None
+        return Reply(self.shooting.shoot(request.transaction, request.faults, memory), (0,))
+
+    def _object(self, request: Request) -> Reply:
+        data = self.shooting.store.data(request.parameter(0))
+        return Reply(ResponseCode.INVALID_OBJECT_HANDLE) if data is None else Reply(data=data)
+
+    def _partial(self, request: Request) -> Reply:
+        handle, at, most = (request.parameter(index) for index in range(3))
+        data = self.shooting.store.data(handle)
+        if data is None:
+            return Reply(ResponseCode.INVALID_OBJECT_HANDLE)
+        return Reply(data=data[at : at + most])
+
+    def _complete(self, request: Request) -> Reply:
+        """The host has all of an object; one in memory goes, and the next shot may come."""
+        if request.parameter(0) == MEMORY_HANDLE:
+            self.shooting.store.delete(MEMORY_HANDLE)
+        return Reply()
+
+    def _delete(self, request: Request) -> Reply:
+        deleted = self.shooting.store.delete(request.parameter(0))
+        return Reply(ResponseCode.OK if deleted else ResponseCode.INVALID_OBJECT_HANDLE)
+
+    def _storage_ids(self, request: Request) -> Reply:
+        return Reply(data=pack_array(DataType.UINT32, (STORAGE,)))
+
+    def _device_info_ex(self, request: Request) -> Reply:
+        events = pack_array(DataType.UINT32, tuple(CanonEvent))
+        own = (CanonProperty.AVAILABLE_SHOTS, CanonProperty.CAPTURE_DESTINATION, CanonProperty.IMAGE_FORMAT)
+        codes = (*self.shooting.dials, *own)
+        lists = events + pack_array(DataType.UINT32, codes) + pack_array(DataType.UINT32, ())
+        return Reply(data=struct.pack("<I", 4 + len(lists)) + lists)
+
+    def _request_property(self, request: Request) -> Reply:
+        self.changed(request.parameter(0))
+        return Reply()

@@ -1,0 +1,67 @@
+"""One operation of a PTP responder: what it is asked, what it replies, and which way its data go."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from drivers.ptp.codes import (
+    CanonOperation,
+    NikonOperation,
+    Operation,
+    ResponseCode,
+    SonyOperation,
+)
+from drivers.sim.faults import Fault
+from drivers.sim.ptp.profiles import Style
+
+
+class Phase(Enum):
+    """Which way the data of an operation go."""
+
+    NONE = "none"
+    TO_HOST = "to host"
+    TO_CAMERA = "to camera"
+
+
+@dataclass(frozen=True)
+class Request:
+    """An operation with all that came for it. faults: what goes wrong with it."""
+
+    operation: int
+    transaction: int
+    parameters: tuple[int, ...] = ()
+    data: bytes = b""
+    faults: tuple[Fault, ...] = ()
+
+    def parameter(self, index: int) -> int:
+        """A parameter, 0 if it was left out."""
+        return self.parameters[index] if index < len(self.parameters) else 0
+
+
+@dataclass(frozen=True)
+class Reply:
+    """A response, and the data before it; `data` is None if there is no data phase."""
+
+    code: int = ResponseCode.OK
+    parameters: tuple[int, ...] = ()
+    data: bytes | None = None
+
+
+@dataclass(frozen=True)
+class Handler:
+    """How a responder does an operation, and whether it releases the shutter when it is asked like that."""
+
+    act: Callable[[Request], Reply]
+    phase: Phase = Phase.NONE
+    shoots: Callable[[Request], bool] = lambda request: False
+
+
+_MAKERS = {Style.CANON: CanonOperation, Style.NIKON: NikonOperation, Style.SONY: SonyOperation}
+
+
+def operation_name(code: int, style: Style) -> str:
+    """The name by which fault scripts call an operation: that of its enumeration, or its number."""
+    for known in (Operation, _MAKERS.get(style)):
+        if known is not None and code in known.__members__.values():
+            return known(code).name
+    return f"0x{code:04X}"

@@ -1,0 +1,122 @@
+"""The cameras that a PTP responder can pass for, as data.
+
+Names, vendor numbers and lists are those of real bodies, as libgphoto2 and its dumps of cameras have
+them; what is behind is always the simulated sensor. Verified against: gphoto2 over PTP/IP; no hardware.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from drivers.ptp.codes import FormatCode, NikonEvent, SonyEvent, VendorId
+from drivers.sim.ptp import dials as dials
+from drivers.sim.ptp.dials import Dial
+from imaging.errors import InputError
+
+
+class Style(Enum):
+    """Whose way of shooting from a computer."""
+
+    STANDARD = "standard"
+    CANON = "canon"
+    NIKON = "nikon"
+    SONY = "sony"
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A model of camera.
+
+    vendor, product: of the USB descriptor; extension: DeviceInfo's vendor id; raw_format: of its RAW objects;
+    prefix: of file names; raw_setting: what CompressionSetting is when it shoots RAW; write: seconds from the
+    end of an exposure until the file is on the card.
+    """
+
+    name: str
+    style: Style
+    maker: str
+    model: str
+    vendor: int
+    product: int
+    extension: int
+    extension_version: int
+    extension_text: str
+    dials: tuple[Dial, ...]
+    events: tuple[int, ...] = ()
+    raw_format: int = FormatCode.DNG
+    prefix: str = "IMG_"
+    folder: str = "100HDRIG"
+    raw_setting: int = 4
+    write: float = 0.15
+
+
+PROFILES = {
+    profile.name: profile
+    for profile in (
+        Profile(
+            "generic",
+            Style.STANDARD,
+            "hdr-rig",
+            "Simulated PTP",
+            0x1209,
+            0x0001,
+            0xFFFFFFFF,
+            0,
+            "",
+            (dials.EXPOSURE_TIME, dials.F_NUMBER, dials.EXPOSURE_INDEX),
+        ),
+        Profile(
+            "canon-eos-6d",
+            Style.CANON,
+            "Canon Inc.",
+            "Canon EOS 6D",
+            0x04A9,
+            0x3250,
+            VendorId.CANON,
+            100,
+            "",
+            (dials.CANON_TIME, dials.CANON_F_NUMBER, dials.CANON_ISO),
+            raw_format=FormatCode.VENDOR_RAW_2,
+            folder="100CANON",
+        ),
+        Profile(
+            "nikon-z6",
+            Style.NIKON,
+            "Nikon Corporation",
+            "Z 6",
+            0x04B0,
+            0x0443,
+            VendorId.NIKON,
+            110,
+            "Microsoft.com/DeviceServices: 1.0",
+            (dials.NIKON_TIME, dials.EXPOSURE_TIME, dials.F_NUMBER, dials.EXPOSURE_INDEX, dials.NIKON_ISO),
+            events=tuple(NikonEvent),
+            raw_format=FormatCode.UNDEFINED,
+            prefix="DSC_",
+            folder="100NCZ_6",
+        ),
+        Profile(
+            "sony-a7m4",
+            Style.SONY,
+            "Sony Corporation",
+            "ILCE-7M4",
+            0x054C,
+            0x0DA7,
+            VendorId.SONY,
+            100,
+            "Sony PTP Extensions",
+            (dials.SONY_TIME, dials.F_NUMBER, dials.SONY_ISO),
+            events=tuple(SonyEvent),
+            raw_format=FormatCode.VENDOR_RAW_1,
+            prefix="DSC0",
+            folder="100MSDCF",
+            raw_setting=0x10,
+        ),
+    )
+}
+
+
+def profile(name: str) -> Profile:
+    """A profile by name; InputError for a name that is none, listing those that are."""
+    if name not in PROFILES:
+        raise InputError(f"there is no profile {name!r}: choose one of {', '.join(PROFILES)}.")
+    return PROFILES[name]

@@ -1,0 +1,105 @@
+"""The properties of a simulated PTP camera: its dials, and the few others that drivers look at."""
+
+from dataclasses import replace
+
+from drivers.errors import CameraProtocol
+from drivers.ptp.codec import Reader, Value
+from drivers.ptp.codes import (
+    DataType,
+    NikonProperty,
+    PropertyCode,
+    ResponseCode,
+    SonyProperty,
+)
+from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
+from drivers.sim.ptp.profiles import Profile, Style
+from drivers.sim.ptp.shooting import Shooting
+
+_MANUAL = 1
+_STARTED = "20260101T120000"
+"""What its clock shows, for ever: a simulation's files are dated by where the rig stands."""
+_BIASES = tuple(round(1000 * third / 3) for third in range(-9, 10))
+
+
+def _fixed(code: int, kind: DataType, value: Value, *values: Value) -> DevicePropDesc:
+    """A property; writable if it may have several values."""
+    return DevicePropDesc(code, kind, len(values) > 1, value, value, EnumForm(values) if values else None)
+
+
+def _others(profile: Profile, focal_length_mm: float) -> tuple[DevicePropDesc, ...]:
+    """What every profile has besides its dials, and what its maker adds."""
+    jpeg_and_raw = (0, 1, 2, profile.raw_setting)
+    standard = (
+        DevicePropDesc(PropertyCode.BATTERY_LEVEL, DataType.UINT8, False, 100, 100, RangeForm(0, 100, 1)),
+        _fixed(PropertyCode.COMPRESSION_SETTING, DataType.UINT8, profile.raw_setting, *jpeg_and_raw),
+        _fixed(PropertyCode.WHITE_BALANCE, DataType.UINT16, 4, 2, 4, 6),
+        _fixed(PropertyCode.FOCAL_LENGTH, DataType.UINT32, round(100 * focal_length_mm)),
+        _fixed(PropertyCode.FOCUS_MODE, DataType.UINT16, _MANUAL, _MANUAL),
+        _fixed(PropertyCode.EXPOSURE_PROGRAM_MODE, DataType.UINT16, _MANUAL, _MANUAL),
+        _fixed(PropertyCode.EXPOSURE_BIAS, DataType.INT16, 0, *_BIASES),
+        _fixed(PropertyCode.STILL_CAPTURE_MODE, DataType.UINT16, 1, 1, 2),
+        DevicePropDesc(PropertyCode.DATE_TIME, DataType.STRING, True, _STARTED, _STARTED),
+    )
+    if profile.style is Style.NIKON:
+        return (*standard, _fixed(NikonProperty.RECORDING_MEDIA, DataType.UINT8, 0, 0, 1))
+    if profile.style is Style.SONY:
+        return (
+            *standard,
+            _fixed(SonyProperty.SAVE_DESTINATION, DataType.UINT16, 1, 1, 16, 17),
+            DevicePropDesc(
+                SonyProperty.OBJECT_IN_MEMORY, DataType.UINT16, False, 0, 0, RangeForm(0, 0xFFFF, 1)
+            ),
+        )
+    return standard
+
+
+class Properties:
+    """The properties of one camera by code."""
+
+    def __init__(self, shooting: Shooting) -> None:
+        self._shooting = shooting
+        optics = shooting.camera.body.optics
+        focal_length = optics.sensor_width_mm * optics.lens.fx / optics.lens.width
+        self._others = {one.code: one for one in _others(shooting.profile, focal_length)}
+
+    def codes(self) -> tuple[int, ...]:
+        """All, ascending."""
+        return tuple(sorted({*self._shooting.dials, *self._others}))
+
+    def description(self, code: int) -> DevicePropDesc | None:
+        """A property; None if there is none."""
+        dial = self._shooting.dials.get(code)
+        if dial is None:
+            return self._others.get(code)
+        shown = self._shooting.shown(dial)
+        return DevicePropDesc(code, dial.data_type, True, shown, shown, EnumForm(dial.numbers()))
+
+    def put(self, code: int, value: Value) -> None:
+        """What the camera itself makes of a property that it shows."""
+        self._others[code] = replace(self._others[code], current=value)
+
+    def set(self, code: int, data: bytes) -> ResponseCode:
+        """Set a property to the bytes of a value, as the host may; refused while a shot is under way."""
+        told = self.description(code)
+        if told is None:
+            return ResponseCode.DEVICE_PROP_NOT_SUPPORTED
+        if not told.writable:
+            return ResponseCode.ACCESS_DENIED
+        try:
+            reader = Reader(data)
+            value = reader.value(told.data_type)
+        except CameraProtocol:
+            return ResponseCode.INVALID_DEVICE_PROP_FORMAT
+        if reader.left:
+            return ResponseCode.INVALID_DEVICE_PROP_FORMAT
+        if isinstance(told.form, EnumForm) and value not in told.form.values:
+            return ResponseCode.INVALID_DEVICE_PROP_VALUE
+        if self._shooting.shooting:
+            return ResponseCode.DEVICE_BUSY
+        dial = self._shooting.dials.get(code)
+        if dial is None:
+            self.put(code, value)
+        else:
+            assert isinstance(value, int)
+            self._shooting.turn(dial, value)
+        return ResponseCode.OK

@@ -1,0 +1,228 @@
+"""A PTP/IP server in front of a responder, so that other people's programs can shoot with a simulated camera.
+
+CIPA DC-005: two connections a client, one for operations and one for events; every packet is
+u32 length, u32 type, fields, all little-endian.
+"""
+
+import socket
+import struct
+import threading
+from contextlib import suppress
+from enum import IntEnum
+from typing import Self
+
+from drivers.ptp.codec import Event
+from drivers.sim.ptp.operations import Request
+from drivers.sim.ptp.responder import Responder
+
+PORT = 15740
+"""Where clients look if they are not told otherwise."""
+_VERSION = 0x00010000
+_MOST = 1 << 20
+"""Bytes of the largest packet that is taken, and of the data packets that are sent."""
+_MOST_AT_FIRST, _PATIENCE = 1 << 10, 10.0
+"""Bytes of the first packet of a connection, and seconds that it may take: nobody is known by then."""
+_DATA_TO_CAMERA = 2
+_HEAD = 4
+"""Bytes of the transaction in front of data."""
+
+
+class _Type(IntEnum):
+    INIT_COMMAND_REQUEST = 1
+    INIT_COMMAND_ACK = 2
+    INIT_EVENT_REQUEST = 3
+    INIT_EVENT_ACK = 4
+    OPERATION_REQUEST = 6
+    RESPONSE = 7
+    EVENT = 8
+    START_DATA = 9
+    DATA = 10
+    END_DATA = 12
+    PING = 13
+    PONG = 14
+
+
+class _Refused(Exception):
+    """What came is no PTP/IP; the connection is closed."""
+
+
+class _Connection:
+    """Packets on a socket."""
+
+    def __init__(self, link: socket.socket) -> None:
+        self._link = link
+        self._sending = threading.Lock()
+
+    def send(self, kind: _Type, payload: bytes) -> None:
+        with self._sending:
+            self._link.sendall(struct.pack("<II", 8 + len(payload), kind) + payload)
+
+    def receive(self, most: int = _MOST) -> tuple[int, bytes]:
+        """Type and payload of a packet of at most that many bytes. _Refused, also at its end."""
+        length, kind = struct.unpack("<II", self._exactly(8))
+        if not 8 <= length <= most:
+            raise _Refused
+        return kind, self._exactly(length - 8)
+
+    def _exactly(self, size: int) -> bytes:
+        data = bytearray()
+        while len(data) < size:
+            part = self._link.recv(size - len(data))
+            if not part:
+                raise _Refused
+            data += part
+        return bytes(data)
+
+
+def listen(host: str = "127.0.0.1", port: int = PORT) -> socket.socket:
+    """The socket of a server, on loopback unless told otherwise; port 0 takes a free one. OSError."""
+    return socket.create_server((host, port))
+
+
+class PtpIpServer:
+    """Serves one camera until it is closed, to one client at a time: a new one takes over."""
+
+    def __init__(self, responder: Responder, listening: socket.socket) -> None:
+        """listening: of `listen`; it is closed with the server."""
+        self._responder = responder
+        self._listening = listening
+        self.host, self.port = listening.getsockname()[:2]
+        self._links: set[socket.socket] = set()
+        self._served: set[socket.socket] = set()
+        """Those of the client whose session it is."""
+        self._threads: list[threading.Thread] = []
+        self._lock = threading.Lock()
+        self._session = 0
+        self._accepting = threading.Thread(target=self._accept, name="ptpip", daemon=True)
+        self._accepting.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Hang up on everybody."""
+        with self._lock:
+            links, self._links = self._links, set()
+        # shutdown, not close alone: it wakes the threads that wait on the sockets.
+        for link in (self._listening, *links):
+            _hang_up(link)
+        for thread in (self._accepting, *self._threads):
+            thread.join()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                link, _ = self._listening.accept()
+            except OSError:
+                return
+            link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            with self._lock:
+                self._links.add(link)
+                self._threads = [thread for thread in self._threads if thread.is_alive()]
+                thread = threading.Thread(target=self._serve, args=(link,), name="ptpip client", daemon=True)
+                self._threads.append(thread)
+            thread.start()
+
+    def _serve(self, link: socket.socket) -> None:
+        connection = _Connection(link)
+        try:
+            link.settimeout(_PATIENCE)
+            kind, payload = connection.receive(_MOST_AT_FIRST)
+            link.settimeout(None)
+            if kind == _Type.INIT_COMMAND_REQUEST:
+                self._commands(connection, link)
+            elif kind == _Type.INIT_EVENT_REQUEST:
+                self._events(connection, link, payload)
+        except (_Refused, OSError):
+            pass  # The client went away or speaks something else: there is nobody to tell.
+        finally:
+            with self._lock:
+                self._links.discard(link)
+                self._served.discard(link)
+            _hang_up(link)
+
+    def _commands(self, connection: _Connection, link: socket.socket) -> None:
+        with self._responder.timeline.lock:
+            # A new client takes over: the one before must neither go on in its session nor hear its events.
+            self._session += 1
+            session = self._session
+            self._responder.reset()
+            self._responder.listener = None
+            with self._lock:
+                before, self._served = self._served, {link}
+        for one in before:
+            with suppress(OSError):  # it has gone by itself
+                one.shutdown(socket.SHUT_RDWR)
+        name = f"{self._responder.profile.model}\0".encode("utf-16-le")
+        ack = struct.pack("<I", session) + bytes(16) + name + struct.pack("<I", _VERSION)
+        connection.send(_Type.INIT_COMMAND_ACK, ack)
+        while True:
+            kind, payload = connection.receive()
+            if kind == _Type.END_DATA and len(payload) <= _HEAD:
+                continue  # of data that had no bytes, and was complete without it
+            if kind != _Type.OPERATION_REQUEST or len(payload) < 10:
+                raise _Refused
+            phase, operation, transaction = struct.unpack_from("<IHI", payload)
+            count = min(5, (len(payload) - 10) // 4)
+            parameters = struct.unpack_from(f"<{count}I", payload, 10)
+            data = self._data_from(connection) if phase == _DATA_TO_CAMERA else b""
+            with self._responder.timeline.lock:
+                if session != self._session:
+                    raise _Refused
+                reply = self._responder.handle(Request(operation, transaction, parameters, data))
+            if reply.data is not None:
+                self._data_to(connection, transaction, reply.data)
+            fields = struct.pack(f"<HI{len(reply.parameters)}I", reply.code, transaction, *reply.parameters)
+            connection.send(_Type.RESPONSE, fields)
+
+    def _data_from(self, connection: _Connection) -> bytes:
+        kind, payload = connection.receive()
+        if kind != _Type.START_DATA or len(payload) < _HEAD + 8:
+            raise _Refused
+        if not any(payload[_HEAD : _HEAD + 8]):
+            return b""  # libgphoto2 ends data of length 0 here, others with an EndData
+        data = bytearray()
+        while True:
+            kind, payload = connection.receive()
+            if kind not in (_Type.DATA, _Type.END_DATA) or len(payload) < _HEAD or len(data) > _MOST:
+                raise _Refused
+            data += payload[_HEAD:]
+            if kind == _Type.END_DATA:
+                return bytes(data)
+
+    def _data_to(self, connection: _Connection, transaction: int, data: bytes) -> None:
+        head = struct.pack("<I", transaction)
+        connection.send(_Type.START_DATA, head + struct.pack("<Q", len(data)))
+        last = max(0, len(data) - 1) // _MOST * _MOST
+        for at in range(0, last, _MOST):
+            connection.send(_Type.DATA, head + data[at : at + _MOST])
+        connection.send(_Type.END_DATA, head + data[last:])
+
+    def _events(self, connection: _Connection, link: socket.socket, payload: bytes) -> None:
+        def tell(event: Event) -> None:
+            parameters = (*event.parameters, 0, 0, 0)[:3]
+            fields = struct.pack("<HI3I", event.code, event.transaction, *parameters)
+            with suppress(OSError):  # The client has gone; its commands end as well.
+                connection.send(_Type.EVENT, fields)
+
+        with self._responder.timeline.lock:
+            if len(payload) < 4 or struct.unpack_from("<I", payload)[0] != self._session:
+                raise _Refused
+            self._responder.listener = tell
+            with self._lock:
+                self._served.add(link)
+        connection.send(_Type.INIT_EVENT_ACK, b"")
+        while True:
+            kind, _ = connection.receive()
+            if kind == _Type.PING:
+                connection.send(_Type.PONG, b"")
+
+
+def _hang_up(link: socket.socket) -> None:
+    with suppress(OSError):  # It was not connected, or is no longer.
+        link.shutdown(socket.SHUT_RDWR)
+    with suppress(OSError):  # Another thread closes it too.
+        link.close()

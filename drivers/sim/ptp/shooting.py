@@ -1,0 +1,117 @@
+"""What a simulated PTP camera does when it shoots: dials, an exposure that takes its time, a file."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from drivers.camera import EncodedPhoto
+from drivers.ptp.codes import FormatCode, ResponseCode
+from drivers.sim.camera import shutter
+from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.faults import Fault, Kind
+from drivers.sim.ptp.dials import Dial
+from drivers.sim.ptp.profiles import Profile
+from drivers.sim.ptp.store import Photograph, Store
+from drivers.sim.usb.timeline import Timeline
+from imaging.exposure import Exposure
+from imaging.files.dng import encode_dng
+
+
+class News(Enum):
+    """What a camera has to tell after a shot."""
+
+    OBJECT_ADDED = "object added"
+    CAPTURE_COMPLETE = "capture complete"
+
+
+@dataclass(frozen=True)
+class Announcement:
+    """News of a shot: the handle of its object, and the transaction that asked for it."""
+
+    news: News
+    handle: int
+    transaction: int
+
+
+class Shooting:
+    """The camera behind a responder. All methods are called with the timeline's lock held."""
+
+    def __init__(
+        self,
+        camera: SimulatedCamera,
+        profile: Profile,
+        timeline: Timeline,
+        announce: Callable[[Announcement], None],
+    ) -> None:
+        self.camera, self.profile, self.timeline = camera, profile, timeline
+        self.store = Store(profile.folder, profile.prefix)
+        self.exposure = camera.set_exposure(Exposure(time=1 / 60))
+        self.shooting = False
+        """Whether a shot is under way, from the release until its file is stored."""
+        self.shots = 0
+        """How many there were."""
+        able = camera.capabilities()
+        labels = {"time": able.times, "f_number": able.f_numbers, "iso": able.isos}
+        self.dials = {dial.code: dial.offering(labels[dial.setting]) for dial in profile.dials}
+        self._announce = announce
+
+    def shown(self, dial: Dial) -> int:
+        """What a dial's property holds now."""
+        return dial.number(getattr(self.exposure, dial.setting))
+
+    def turn(self, dial: Dial, number: int) -> bool:
+        """Turn a dial; whether it has that position."""
+        label = dial.label(number)
+        if label is None:
+            return False
+        self.exposure = self.exposure.model_copy(update={dial.setting: label})
+        return True
+
+    def shoot(
+        self, transaction: int, faults: Sequence[Fault], memory_handle: int | None = None
+    ) -> ResponseCode:
+        """Release the shutter; the file is announced once it is stored. memory_handle: see `Store.add`."""
+        told = {fault.kind: fault for fault in faults}
+        if Kind.STORE_FULL in told:
+            self.store.full = True
+        if self.shooting:
+            return ResponseCode.DEVICE_BUSY
+        if self.store.free == 0 and memory_handle is None:
+            return ResponseCode.STORE_FULL
+        off = told.get(Kind.EXPOSURE_OFF)
+        wanted = self.exposure.with_time(self.exposure.time * (1.0 + (off.share if off else 0.0)))
+        label = self.camera.set_exposure(wanted)
+        self.camera.arm()
+        self.camera.trigger()
+        self.shooting = True
+        slow = told.get(Kind.SLOW_CARD)
+        write = self.profile.write + (slow.seconds if slow else 0.0)
+        lasting = shutter.applied(label).time + write
+        self.timeline.call_later(lasting, lambda: self._store(transaction, told, memory_handle))
+        return ResponseCode.OK
+
+    def _store(self, transaction: int, told: dict[Kind, Fault], memory_handle: int | None) -> None:
+        handle = self.store.add(photograph(self.camera.collect(), self.profile), memory_handle)
+        self.shooting = False
+        self.shots += 1
+        news = [Announcement(one, handle, transaction) for one in News]
+        if Kind.REORDERED_EVENTS in told:
+            news.reverse()
+        if lost := told.get(Kind.LOST_EVENT):
+            news = news[max(1, lost.count) :]
+        late = told.get(Kind.LATE_EVENT)
+        for one in news:
+            if late is None:
+                self._announce(one)
+            else:
+                self.timeline.call_later(late.seconds, lambda one=one: self._announce(one))  # type: ignore[misc]
+
+
+def photograph(frame: Any, profile: Profile) -> Photograph:
+    """The file of a frame: a DNG of a mosaic, the JPEG of a photograph that the camera developed."""
+    taken = frame.metadata.captured_at
+    if isinstance(frame, EncodedPhoto):
+        return Photograph(frame.data, FormatCode.EXIF_JPEG, ".JPG", frame.width, frame.height, taken)
+    height, width = frame.pixels.shape
+    return Photograph(encode_dng(frame), profile.raw_format, ".DNG", width, height, taken)

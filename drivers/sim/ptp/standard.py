@@ -1,0 +1,60 @@
+"""How a camera lets a computer shoot: the standard's way, which the makers' ways build upon."""
+
+from collections.abc import Callable
+
+from drivers.ptp.codec import Event
+from drivers.ptp.codes import EventCode, Operation
+from drivers.sim.ptp.operations import Handler, Reply, Request
+from drivers.sim.ptp.properties import Properties
+from drivers.sim.ptp.shooting import Announcement, News, Shooting
+
+
+def always(request: Request) -> bool:
+    """Of operations that release the shutter however they are asked."""
+    return True
+
+
+class Manner:
+    """InitiateCapture, and events on the interrupt endpoint."""
+
+    memory_handle: int | None = None
+    """The object in working memory, where a shot may stay until the host has fetched it."""
+    polled = False
+    """Whether events wait until the host asks for them, so that none is lost."""
+
+    def __init__(self, shooting: Shooting, properties: Properties, tell: Callable[[Event], None]) -> None:
+        self.shooting, self.properties, self.tell = shooting, properties, tell
+
+    def operations(self) -> dict[int, Handler]:
+        """What it adds to the operations that every responder has."""
+        return {Operation.INITIATE_CAPTURE: Handler(self._capture, shoots=always)}
+
+    def device_properties(self) -> tuple[int, ...]:
+        """The properties that DeviceInfo names."""
+        return self.properties.codes()
+
+    def begin(self) -> None:
+        """A session was opened; what the one before left in memory is gone."""
+        if self.memory_handle is not None:
+            self.shooting.store.delete(self.memory_handle)
+
+    def announce(self, one: Announcement) -> None:
+        """Tell the host about a shot."""
+        if one.news is News.OBJECT_ADDED:
+            self.tell(Event(EventCode.OBJECT_ADDED, one.transaction, (one.handle,)))
+        else:
+            self.tell(Event(EventCode.CAPTURE_COMPLETE, one.transaction))
+
+    def changed(self, code: int) -> None:
+        """The host set a property; what follows from that is told: other dials of the same setting."""
+        dials = self.shooting.dials
+        turned = dials.get(code)
+        for other in dials.values():
+            if turned is not None and other.code != code and other.setting == turned.setting:
+                self.tell(Event(EventCode.DEVICE_PROP_CHANGED, 0, (other.code,)))
+
+    def fetched(self, handle: int) -> None:
+        """The host has read the last byte of an object."""
+
+    def _capture(self, request: Request) -> Reply:
+        return Reply(self.shooting.shoot(request.transaction, request.faults))

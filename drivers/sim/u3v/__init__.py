@@ -1,0 +1,1 @@
+"""Simulated machine vision cameras: registers, GenICam description, acquisition and the stream."""

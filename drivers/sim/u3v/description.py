@@ -1,0 +1,238 @@
+"""The GenICam XML of the simulated machine vision camera, and where its registers are.
+
+Other people's parsers take it: the package `genicam` and Aravis.
+"""
+
+import io
+import zipfile
+from collections.abc import Mapping
+from enum import IntEnum
+
+from drivers.sim.u3v import xml as xml
+from drivers.u3v.registers import Abrm
+
+CHUNK_EXPOSURE, CHUNK_IMAGE = 0x1001, 0x1000
+LINES = 3
+"""Line0 is an input; Line1 and Line2 can be either."""
+SETS = 8
+"""Sets of the sequencer."""
+THROUGHPUT = (1_000_000, 400_000_000)
+"""Bytes per second that the link can be limited to; also the step."""
+
+
+class Feature(IntEnum):
+    """Addresses of the feature registers: 4 bytes each, times and black levels 8."""
+
+    WIDTH = 0x10000
+    HEIGHT = 0x10008
+    OFFSET_X = 0x10010
+    OFFSET_Y = 0x10018
+    SENSOR_WIDTH = 0x10020
+    SENSOR_HEIGHT = 0x10028
+    PIXEL_FORMAT = 0x10030
+    DYNAMIC_RANGE_MAX = 0x10038
+    ACQUISITION_MODE = 0x10040
+    ACQUISITION_START = 0x10048
+    ACQUISITION_STOP = 0x10050
+    FRAME_COUNT = 0x10058
+    BURST_COUNT = 0x10060
+    TRIGGER_SELECTOR = 0x10068
+    TRIGGER_CONTROL = 0x10070
+    """One for each trigger: bit 0 is the mode, bits 4 to 7 are the source, bit 8 is 1 for falling edges."""
+    TRIGGER_SOFTWARE = 0x10080
+    EXPOSURE_TIME = 0x10088
+    GAIN = 0x10090
+    """Thousandths of the linear gain."""
+    BLACK_SELECTOR = 0x10098
+    BLACK_LEVEL = 0x100A0
+    """For all, red, green, blue."""
+    CHUNK_MODE = 0x100C0
+    CHUNK_SELECTOR = 0x100C8
+    CHUNK_ENABLE = 0x100D0
+    THROUGHPUT_MODE = 0x100D8
+    THROUGHPUT_LIMIT = 0x100E0
+    SEQUENCER_MODE = 0x100E8
+    SEQUENCER_CONFIGURATION = 0x100F0
+    SET_SELECTOR = 0x100F8
+    SET_SAVE = 0x10100
+    SET_START = 0x10108
+    SET_NEXT = 0x10110
+    PATH_SELECTOR = 0x10118
+    SEQUENCER_SOURCE = 0x10120
+    LINE_SELECTOR = 0x10128
+    LINE_CONTROL = 0x10130
+    """One for each line: bit 0 is 1 for an output, bit 4 is 1 where that shows exposures."""
+
+
+READ_ONLY = (Feature.SENSOR_WIDTH, Feature.SENSOR_HEIGHT, Feature.DYNAMIC_RANGE_MAX)
+_CATEGORIES = {
+    "DeviceControl": (
+        *("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber"),
+        *("TimestampLatch", "TimestampLatchValue"),
+    ),
+    "ImageFormatControl": (
+        *("SensorWidth", "SensorHeight", "Width", "Height", "OffsetX", "OffsetY"),
+        *("PixelFormat", "PixelDynamicRangeMax"),
+    ),
+    "AcquisitionControl": (
+        *("AcquisitionMode", "AcquisitionStart", "AcquisitionStop", "AcquisitionFrameCount"),
+        *("AcquisitionBurstFrameCount", "AcquisitionResultingFrameRate", "ExposureMode", "ExposureTime"),
+        *("TriggerSelector", "TriggerMode", "TriggerSource", "TriggerActivation", "TriggerSoftware"),
+    ),
+    "DigitalIOControl": ("LineSelector", "LineMode", "LineSource"),
+    "AnalogControl": ("Gain", "BlackLevelSelector", "BlackLevel"),
+    "ChunkDataControl": ("ChunkModeActive", "ChunkSelector", "ChunkEnable", "ChunkExposureTime"),
+    "SequencerControl": (
+        *("SequencerMode", "SequencerConfigurationMode", "SequencerSetSelector", "SequencerSetSave"),
+        *("SequencerSetStart", "SequencerSetNext", "SequencerPathSelector", "SequencerTriggerSource"),
+    ),
+    "TransportLayerControl": (
+        *("PayloadSize", "DeviceLinkThroughputLimitMode", "DeviceLinkThroughputLimit"),
+    ),
+}
+
+
+def describe(
+    model: str, size: tuple[int, int], formats: Mapping[str, int], times: tuple[float, float], iso: float
+) -> str:
+    """The XML. size: width, height; formats: codes by name; times: us; iso: the largest."""
+    width, height = size
+    on = {"Off": 0, "On": 1}
+    lines = {f"Line{number}": number for number in range(LINES)}
+    sources = {"Software": 0} | {name: 1 + number for name, number in lines.items()}
+    parts = [
+        xml.category("Root", _CATEGORIES),
+        *(xml.category(name, features) for name, features in _CATEGORIES.items()),
+        xml.text("DeviceVendorName", 0x004),
+        xml.text("DeviceModelName", 0x044),
+        xml.text("DeviceSerialNumber", 0x144),
+        xml.command("TimestampLatch", Abrm.LATCH),
+        '<Integer Name="TimestampLatchValue"><pValue>TimestampLatchValueReg</pValue><Min>0</Min>'
+        f"<Max>{(1 << 63) - 1}</Max></Integer>",
+        xml.register("IntReg", "TimestampLatchValueReg", Abrm.TIMESTAMP, length=8, access="RO"),
+        xml.integer("SensorWidth", Feature.SENSOR_WIDTH, 1, width, access="RO"),
+        xml.integer("SensorHeight", Feature.SENSOR_HEIGHT, 1, height, access="RO"),
+        xml.integer("Width", Feature.WIDTH, 1, "WidthMost"),
+        xml.integer("Height", Feature.HEIGHT, 1, "HeightMost"),
+        xml.integer("OffsetX", Feature.OFFSET_X, 0, "OffsetXMost"),
+        xml.integer("OffsetY", Feature.OFFSET_Y, 0, "OffsetYMost"),
+        xml.knife("WidthMost", {"ALL": "SensorWidth", "OFFSET": "OffsetXReg"}, "ALL - OFFSET"),
+        xml.knife("HeightMost", {"ALL": "SensorHeight", "OFFSET": "OffsetYReg"}, "ALL - OFFSET"),
+        xml.knife("OffsetXMost", {"ALL": "SensorWidth", "SIZE": "WidthReg"}, "ALL - SIZE"),
+        xml.knife("OffsetYMost", {"ALL": "SensorHeight", "SIZE": "HeightReg"}, "ALL - SIZE"),
+        xml.enumeration("PixelFormat", Feature.PIXEL_FORMAT, formats),
+        xml.integer("PixelDynamicRangeMax", Feature.DYNAMIC_RANGE_MAX, 0, 0xFFFF, access="RO"),
+        xml.enumeration(
+            "AcquisitionMode",
+            Feature.ACQUISITION_MODE,
+            {"Continuous": 0, "SingleFrame": 1, "MultiFrame": 2},
+        ),
+        xml.command("AcquisitionStart", Feature.ACQUISITION_START),
+        xml.command("AcquisitionStop", Feature.ACQUISITION_STOP),
+        xml.integer("AcquisitionFrameCount", Feature.FRAME_COUNT, 1, 65535),
+        xml.integer("AcquisitionBurstFrameCount", Feature.BURST_COUNT, 1, 255),
+        '<Float Name="AcquisitionResultingFrameRate"><pValue>FrameRateFormula</pValue><Unit>Hz</Unit></Float>'
+        '<SwissKnife Name="FrameRateFormula"><pVariable Name="TIME">ExposureTimeReg</pVariable>'
+        "<Formula>1000000 / (TIME + 1000)</Formula></SwissKnife>",
+        '<Enumeration Name="ExposureMode"><EnumEntry Name="Timed"><Value>1</Value></EnumEntry>'
+        "<Value>1</Value></Enumeration>",
+        f'<Float Name="ExposureTime"><pValue>ExposureTimeReg</pValue><Min>{times[0]!r}</Min>'
+        f"<Max>{times[1]!r}</Max><Unit>us</Unit></Float>",
+        xml.register("FloatReg", "ExposureTimeReg", Feature.EXPOSURE_TIME, length=8),
+        xml.enumeration("TriggerSelector", Feature.TRIGGER_SELECTOR, {"FrameStart": 0, "FrameBurstStart": 1}),
+        xml.enumeration("TriggerMode", None, on),
+        xml.enumeration("TriggerSource", None, sources, locked="TriggerModeReg"),
+        # Masked, so that no reader of other registers than ours is led out of them.
+        xml.knife("TriggerIndex", {"CHOSEN": "TriggerSelectorReg"}, "CHOSEN & 1"),
+        xml.knife("LineIndex", {"CHOSEN": "LineSelectorReg"}, "CHOSEN & 3"),
+        xml.knife("BlackLevelIndex", {"CHOSEN": "BlackLevelSelectorReg"}, "CHOSEN & 3"),
+        xml.enumeration("TriggerActivation", None, {"RisingEdge": 0, "FallingEdge": 1}),
+        xml.selected(
+            "TriggerControl",
+            Feature.TRIGGER_CONTROL,
+            "TriggerIndex",
+            {"TriggerModeReg": (0, 0), "TriggerSourceReg": (4, 7), "TriggerActivationReg": (8, 8)},
+        ),
+        xml.command("TriggerSoftware", Feature.TRIGGER_SOFTWARE),
+        xml.enumeration("LineSelector", Feature.LINE_SELECTOR, lines),
+        '<Enumeration Name="LineMode"><EnumEntry Name="Input"><Value>0</Value></EnumEntry>'
+        '<EnumEntry Name="Output"><pIsAvailable>LineSelectorReg</pIsAvailable><Value>1</Value></EnumEntry>'
+        "<pValue>LineModeReg</pValue></Enumeration>",
+        '<Enumeration Name="LineSource"><pIsAvailable>LineModeReg</pIsAvailable>'
+        '<EnumEntry Name="Off"><Value>0</Value></EnumEntry>'
+        '<EnumEntry Name="ExposureActive"><Value>1</Value></EnumEntry>'
+        "<pValue>LineSourceReg</pValue></Enumeration>",
+        xml.selected(
+            "LineControl",
+            Feature.LINE_CONTROL,
+            "LineIndex",
+            {"LineModeReg": (0, 0), "LineSourceReg": (4, 4)},
+        ),
+        '<Float Name="Gain"><pValue>GainConverter</pValue><Unit>dB</Unit></Float>'
+        '<Converter Name="GainConverter"><FormulaTo>1000 * (10 ** (FROM / 20))</FormulaTo>'
+        "<FormulaFrom>20 * LG(TO / 1000)</FormulaFrom><pValue>GainRaw</pValue>"
+        "<Slope>Increasing</Slope></Converter>",
+        xml.integer("GainRaw", Feature.GAIN, 1000, round(10 * iso)),
+        xml.enumeration(
+            "BlackLevelSelector", Feature.BLACK_SELECTOR, {"All": 0, "Red": 1, "Green": 2, "Blue": 3}
+        ),
+        '<Float Name="BlackLevel"><pValue>BlackLevelReg</pValue></Float>',
+        xml.register(
+            "FloatReg",
+            "BlackLevelReg",
+            Feature.BLACK_LEVEL,
+            length=8,
+            access="RO",
+            index=("BlackLevelIndex", 8),
+        ),
+        xml.boolean("ChunkModeActive", Feature.CHUNK_MODE),
+        xml.enumeration("ChunkSelector", Feature.CHUNK_SELECTOR, {"ExposureTime": 1}),
+        xml.boolean("ChunkEnable", Feature.CHUNK_ENABLE),
+        '<Float Name="ChunkExposureTime"><pValue>ChunkExposureTimeReg</pValue><Unit>us</Unit></Float>',
+        xml.register("FloatReg", "ChunkExposureTimeReg", 0, length=8, access="RO", port="ChunkExposurePort"),
+        xml.enumeration("SequencerMode", Feature.SEQUENCER_MODE, on),
+        xml.enumeration("SequencerConfigurationMode", Feature.SEQUENCER_CONFIGURATION, on),
+        xml.integer("SequencerSetSelector", Feature.SET_SELECTOR, 0, SETS - 1),
+        xml.command("SequencerSetSave", Feature.SET_SAVE),
+        xml.integer("SequencerSetStart", Feature.SET_START, 0, SETS - 1),
+        xml.integer("SequencerSetNext", Feature.SET_NEXT, 0, SETS - 1),
+        xml.integer("SequencerPathSelector", Feature.PATH_SELECTOR, 0, 0),
+        xml.enumeration("SequencerTriggerSource", Feature.SEQUENCER_SOURCE, {"Off": 0, "FrameEnd": 1}),
+        '<Integer Name="PayloadSize"><pValue>PayloadFormula</pValue><Unit>B</Unit></Integer>',
+        xml.knife(
+            "PayloadFormula",
+            {"W": "WidthReg", "H": "HeightReg", "F": "PixelFormatReg", "C": "ChunkModeActiveReg"},
+            "(W * H * ((F >> 16) & 255) + 7) / 8 + ((C = 1) ? 24 : 0)",
+        ),
+        xml.enumeration("DeviceLinkThroughputLimitMode", Feature.THROUGHPUT_MODE, on),
+        xml.integer(
+            "DeviceLinkThroughputLimit",
+            Feature.THROUGHPUT_LIMIT,
+            *THROUGHPUT,
+            step=THROUGHPUT[0],
+            available="DeviceLinkThroughputLimitModeReg",
+        ),
+        '<Port Name="Device"/>',
+        f'<Port Name="ChunkExposurePort"><ChunkID>{CHUNK_EXPOSURE:08x}</ChunkID></Port>',
+    ]
+    guid = "9a1a52ac-6c3e-4a2f-8d0e-5a1b0c2d3e4f"
+    return (
+        '<?xml version="1.0" encoding="utf-8"?>\n'
+        f'<RegisterDescription ModelName="{model.replace(" ", "_")}" VendorName="hdr_rig" '
+        'ToolTip="Simulated USB3 Vision camera" StandardNameSpace="USB" SchemaMajorVersion="1" '
+        'SchemaMinorVersion="1" SchemaSubMinorVersion="0" MajorVersion="1" MinorVersion="0" '
+        f'SubMinorVersion="0" ProductGuid="{guid}" VersionGuid="{guid}" '
+        'xmlns="http://www.genicam.org/GenApi/Version_1_1" '
+        'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:schemaLocation='
+        '"http://www.genicam.org/GenApi/Version_1_1 http://www.genicam.org/GenApi/GenApiSchema_Version_1_1.xsd">\n'
+        + "\n".join(parts)
+        + "\n</RegisterDescription>\n"
+    )
+
+
+def zipped(text: str) -> bytes:
+    """As the manifest offers it; the same bytes each time."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(zipfile.ZipInfo("simulated.xml", (2026, 1, 1, 0, 0, 0)), text, zipfile.ZIP_DEFLATED)
+    return buffer.getvalue()

@@ -1,0 +1,297 @@
+"""A simulated USB3 Vision camera on the virtual bus: control packets, the stream, and their faults.
+
+Operations of its fault plan: "ReadMem" and "WriteMem" for control packets, "Frame" for frames.
+"""
+
+import struct
+
+from drivers.errors import CameraProtocol
+from drivers.sim.camera import shutter
+from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.faults import Fault, FaultPlan, Kind
+from drivers.sim.seeds import generator
+from drivers.sim.u3v import frames
+from drivers.sim.u3v.acquisition import Acquisition
+from drivers.sim.u3v.description import SETS, THROUGHPUT, Feature, describe
+from drivers.sim.u3v.lines import Oscillator, Wire
+from drivers.sim.u3v.memory import LARGEST_PACKET, Denied, DeviceMemory
+from drivers.sim.u3v.register_checks import Checks
+from drivers.sim.usb.descriptors import SUPER_SPEED, Description, Endpoint, Interface
+from drivers.sim.usb.port import Port, Setup, Stall
+from drivers.sim.usb.timeline import Action, Timeline
+from drivers.u3v import gencp
+from drivers.u3v.gencp import Code, Packet, Status
+from drivers.u3v.registers import Abrm, Sirm
+from drivers.u3v.stream import Trailer
+from drivers.usb import U3V_CONTROL, U3V_STREAM
+from imaging.mosaic import RawMosaic
+
+CONTROL_OUT, CONTROL_IN, STREAM_IN = 0x01, 0x81, 0x82
+PACKET = 1024
+BUFFER = 64 << 20
+"""Bytes that may wait for the host; a camera drops frames that do not fit into its memory."""
+_WAY = 40e-6
+"""Seconds that a control packet is late at least, beyond the bus's own time; on average again as much."""
+VENDOR, PRODUCT = 0x1209, 0x0453
+_ABOUT = struct.pack("<BBBII", 20, 0x24, 1, 0x00010000, 0x00010000) + bytes((4, 1, 2, 0, 0, 0, 3, 0, 8))
+"""The class-specific descriptor: versions of GenCP and USB3 Vision, and which string says what."""
+_OF_CONTROL = frozenset(
+    {
+        Kind.BUSY,
+        Kind.STALL,
+        Kind.TIMEOUT,
+        Kind.WRONG_TRANSACTION,
+        Kind.TRUNCATED,
+        Kind.CORRUPT_LENGTH,
+        Kind.UNPLUG,
+    }
+)
+_OF_FRAMES = frozenset({Kind.STALL, Kind.TIMEOUT, Kind.NO_TRAILER, Kind.DROPPED_PAYLOAD, Kind.UNPLUG})
+
+
+class U3vDevice:
+    """Plug it into a `VirtualBus`. What the host has set is lost when it is unplugged, as on real ones."""
+
+    def __init__(self, camera: SimulatedCamera, timeline: Timeline, plan: FaultPlan | None = None) -> None:
+        """A camera of kind "raw"."""
+        self._camera, self._timeline = camera, timeline
+        self._plan = plan or FaultPlan(timeline)
+        self._identity = camera.identify()
+        self._port: Port | None = None
+        self._received = b""
+        self._busy_until, self._busy_times, self._block = 0.0, 0, 0
+        seed, self.serial = camera.body.seed, self._identity.serial
+        self.oscillator = Oscillator.of(seed, self.serial)
+        self.wires: dict[int, Wire] = {}
+        """What is soldered to its lines, by number."""
+        self.opened: list[float] = []
+        """When each exposure began, on the timeline: what measured times are held against."""
+        self._lateness = generator(seed, "control channel", self.serial)
+        self._acquisition: Acquisition | None = None
+        self._memory = self._start_anew()
+
+    @property
+    def description(self) -> Description:
+        """SuperSpeed; the serial number is that of the camera."""
+        pipes = (Endpoint(CONTROL_OUT, "bulk", PACKET), Endpoint(CONTROL_IN, "bulk", PACKET))
+        control = (U3V_CONTROL.number, U3V_CONTROL.subclass, U3V_CONTROL.protocol)
+        stream = (U3V_STREAM.number, U3V_STREAM.subclass, U3V_STREAM.protocol)
+        told = self._identity
+        return Description(
+            VENDOR,
+            PRODUCT,
+            (told.make, told.model, told.serial, f"{VENDOR:04x}{told.serial}"),
+            (
+                Interface(0, control, pipes, extra=_ABOUT),
+                Interface(1, stream, (Endpoint(STREAM_IN, "bulk", PACKET),)),
+            ),
+            code=(0xEF, 0x02, 0x01),
+            speed=SUPER_SPEED,
+        )
+
+    def line(self, number: int, rising: bool = True) -> None:
+        """An edge on a line."""
+        with self._timeline.lock:
+            if self._acquisition is not None:
+                self._acquisition.edge(number, rising)
+
+    def on_attach(self, port: Port) -> None:
+        """Power comes on: everything is as at first."""
+        if self._acquisition is not None:
+            self._acquisition.stop()
+        self._port, self._received = port, b""
+        self._busy_until, self._busy_times = 0.0, 0
+        self._memory = self._start_anew()
+        self._acquisition = Acquisition(
+            self._camera, self._memory, self._timeline, self._deliver, self._shutter_moved
+        )
+        self._refresh()
+
+    def on_reset(self) -> None:
+        """Packets under way are forgotten."""
+        self._received = b""
+        if self._acquisition is not None:
+            self._acquisition.stop()
+
+    def on_clear_halt(self, endpoint: int) -> None:
+        """What halted it is over, and what waited behind it is lost."""
+        self._received = b""
+        if endpoint & 0x80:
+            self._live().queue(endpoint).clear()
+
+    def on_control(self, setup: Setup, data: bytes) -> bytes:
+        """There are no class requests. Stall."""
+        raise Stall
+
+    def on_bulk_out(self, endpoint: int, packet: bytes) -> None:
+        """Part of a command; what is none halts the pipe."""
+        self._received += packet
+        if len(packet) == PACKET and len(self._received) < LARGEST_PACKET:
+            return
+        data, self._received = self._received, b""
+        self._later(lambda: self._receive(data))
+
+    def _later(self, act: Action) -> None:
+        """Do it a little later, as the way along the bus takes, unless it is unplugged by then."""
+        port = self._live()
+        late = _WAY + float(self._lateness.exponential(_WAY))
+        self._timeline.call_later(late, lambda: act() if port is self._port and not port.gone else None)
+
+    def _receive(self, data: bytes) -> None:
+        try:
+            self._do(Packet.parse(data))
+        except CameraProtocol:
+            self._live().halt(CONTROL_IN)
+
+    def _shutter_moved(self, is_open: bool) -> None:
+        if is_open:
+            self.opened.append(self._timeline.now())
+        for number, wire in self.wires.items():
+            if self._memory.get(Feature.LINE_CONTROL, number) & 0x11 == 0x11:
+                wire.edge(is_open, self)
+
+    def _live(self) -> Port:
+        assert self._port is not None
+        return self._port
+
+    def _do(self, command: Packet) -> None:
+        faults = {fault.kind: fault for fault in self._faults(command.code)}
+        if Kind.STALL in faults:
+            self._live().halt(CONTROL_IN)
+            return
+        if Kind.TIMEOUT in faults:
+            return
+        if busy := faults.get(Kind.BUSY):
+            self._busy_until = self._timeline.now() + busy.seconds
+            self._busy_times = busy.count
+        if self._is_busy():
+            self._busy_times = max(0, self._busy_times - 1)
+            answer = Packet(Status.BUSY, command.code + 1, command.request_id)
+        else:
+            answer = self._answer(command)
+        if Kind.WRONG_TRANSACTION in faults:
+            answer = Packet(answer.word, answer.code, (answer.request_id + 1) & 0xFFFF, answer.payload)
+        data = answer.pack()
+        if truncated := faults.get(Kind.TRUNCATED):
+            data = data[: truncated.count]
+        if corrupt := faults.get(Kind.CORRUPT_LENGTH):
+            size = (len(answer.payload) + corrupt.count) & 0xFFFF
+            data = data[:8] + size.to_bytes(2, "little") + data[10:]
+        if unplug := faults.get(Kind.UNPLUG):
+            self._live().unplug_at(max(unplug.count, 1), unplug.seconds)
+        self._later(lambda: self._live().send(CONTROL_IN, data))
+
+    def _faults(self, code: int) -> tuple[Fault, ...]:
+        name = {int(Code.READ): "ReadMem", int(Code.WRITE): "WriteMem"}.get(code)
+        if name is None or self._is_busy():
+            return ()
+        return self._plan.strike(self._identity.serial, name, _OF_CONTROL)
+
+    def _is_busy(self) -> bool:
+        return self._busy_times > 0 or self._timeline.now() < self._busy_until
+
+    def _answer(self, command: Packet) -> Packet:
+        try:
+            if command.code == Code.READ:
+                address, size = gencp.parse_read_payload(command.payload)
+                if size > LARGEST_PACKET - gencp.HEADER_SIZE:
+                    raise Denied(Status.BAD_PARAMETER)
+                data = self._memory.read(address, size)
+                return Packet(Status.SUCCESS, Code.READ_ACK, command.request_id, data)
+            if command.code == Code.WRITE:
+                address, data = gencp.parse_write_payload(command.payload)
+                self._checks.check(self._memory, address, data)
+                self._memory.write(address, data)
+                self._refresh()
+                if not self._memory.stream(Sirm.CONTROL) & 1:
+                    # Frames that nobody has read are of the stream that ends.
+                    self._live().queue(STREAM_IN).clear()
+                if address == Abrm.LATCH:
+                    self._memory.latch(self.oscillator.nanoseconds(self._timeline.now()))
+                if self._acquisition is not None:
+                    self._acquisition.written(address)
+                written = gencp.number_payload(len(data))
+                return Packet(Status.SUCCESS, Code.WRITE_ACK, command.request_id, written)
+        except Denied as denied:
+            return Packet(denied.status, command.code + 1, command.request_id)
+        return Packet(Status.NOT_IMPLEMENTED, command.code + 1 & 0xFFFF, command.request_id)
+
+    def _deliver(self, mosaic: RawMosaic, time: float, opened: float) -> None:
+        """Send a frame, in the transfers that the host has set up."""
+        port, memory = self._live(), self._memory
+        self._block += 1
+        strikes = self._plan.strike(self._identity.serial, "Frame", _OF_FRAMES)
+        faults = {fault.kind: fault for fault in strikes}
+        if not memory.stream(Sirm.CONTROL) & 1 or Kind.TIMEOUT in faults:
+            return
+        if len(port.queue(STREAM_IN)) > BUFFER:
+            return  # The host does not keep up: it sees a gap in the numbers of the frames.
+        if Kind.STALL in faults:
+            port.halt(STREAM_IN)
+            return
+        stamp = self.oscillator.nanoseconds(opened)
+        leader, payload = frames.frame(
+            memory, mosaic, self._camera.body.sensor.bit_depth, self._block, time, stamp
+        )
+        if unplug := faults.get(Kind.UNPLUG):
+            port.unplug_at(max(unplug.count, 1), unplug.seconds)
+        port.send(STREAM_IN, leader.pack())
+        whole = len(payload)
+        if dropped := faults.get(Kind.DROPPED_PAYLOAD):
+            payload = payload[: max(whole - dropped.count, 0)]
+        self._send_payload(port, payload)
+        if Kind.NO_TRAILER not in faults:
+            port.send(STREAM_IN, Trailer(self._block, 0, whole, leader.height).pack())
+
+    def _send_payload(self, port: Port, payload: bytes) -> None:
+        memory = self._memory
+        size, count = memory.stream(Sirm.TRANSFER_SIZE), memory.stream(Sirm.TRANSFER_COUNT)
+        needed = -(-len(payload) // size) if size else 0
+        sizes = [size] * min(count, needed)
+        sizes += [memory.stream(Sirm.LAST_TRANSFER), memory.stream(Sirm.LAST_TRANSFER_2)]
+        start = 0
+        for size in sizes:
+            part = payload[start : start + size]
+            start += size
+            if part and len(part) == size:
+                port.send_open(STREAM_IN, part)
+            elif part:
+                port.send(STREAM_IN, part)
+
+    def _refresh(self) -> None:
+        body = self._camera.body
+        frames.refresh(self._memory, body.cfa, body.sensor.black, body.sensor.bit_depth)
+
+    def _start_anew(self) -> DeviceMemory:
+        """Memory as it is when power comes on."""
+        told, body, lens = self._identity, self._camera.body, self._camera.body.optics.lens
+        formats = frames.offered(body.cfa, body.sensor.bit_depth)
+        times = [1e6 * time for time in shutter.APPLIED_TIME.values()]
+        xml = describe(
+            told.model, (lens.width, lens.height), formats, (min(times), max(times)), max(shutter.ISOS)
+        )
+        self._checks = Checks(
+            frozenset(formats.values()), (min(times), max(times)), (1000, 10 * max(shutter.ISOS))
+        )
+        names = {
+            Abrm.MANUFACTURER: told.make,
+            Abrm.MODEL: told.model,
+            Abrm.DEVICE_VERSION: "1",
+            Abrm.SERIAL: told.serial,
+        }
+        memory = DeviceMemory(names, xml)
+        for feature, value in {
+            Feature.WIDTH: lens.width,
+            Feature.HEIGHT: lens.height,
+            Feature.SENSOR_WIDTH: lens.width,
+            Feature.SENSOR_HEIGHT: lens.height,
+            Feature.PIXEL_FORMAT: next(iter(formats.values())),
+            Feature.FRAME_COUNT: 1,
+            Feature.BURST_COUNT: 1,
+            Feature.CHUNK_SELECTOR: 1,
+            Feature.LINE_SELECTOR: 1,
+            Feature.THROUGHPUT_LIMIT: THROUGHPUT[1],
+            Feature.SET_NEXT: SETS - 1,
+        }.items():
+            memory.put(feature, value)
+        return memory

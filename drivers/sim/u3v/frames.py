@@ -1,0 +1,70 @@
+"""A mosaic as the simulated machine vision camera sends it: pixel formats, windows, chunks, black levels."""
+
+import struct
+from collections.abc import Mapping
+
+import numpy as np
+
+from drivers.sim.u3v.description import CHUNK_EXPOSURE, CHUNK_IMAGE, Feature
+from drivers.sim.u3v.memory import DeviceMemory
+from drivers.sim.u3v.pixels import pack
+from drivers.u3v.chunks import join_chunks
+from drivers.u3v.pixels import BY_CODE, FORMATS, PixelFormat
+from drivers.u3v.stream import CHUNKS, IMAGE, Leader
+from imaging.cfa import Cfa
+from imaging.mosaic import RawMosaic
+
+CHUNK_BYTES = 24
+"""What chunks add to a payload: a tag of 8 bytes each, and the exposure time."""
+
+
+def offered(cfa: Cfa, bits: int) -> Mapping[str, int]:
+    """The pixel formats of a sensor, codes by name: 16 bits only where 12 are too few."""
+    most = 16 if bits > 12 else bits
+    return {
+        one.name: one.code
+        for one in FORMATS
+        if one.cfa is cfa and one.bits <= most and (one.bits < 16 or bits > 12)
+    }
+
+
+def shift(pixels: PixelFormat, bits: int) -> int:
+    """By how many bits values are shortened to fit a format."""
+    return max(bits - pixels.bits, 0)
+
+
+def refresh(memory: DeviceMemory, cfa: Cfa, black: tuple[float, float, float, float], bits: int) -> None:
+    """Set the registers that follow from others: frame size, largest value, black levels."""
+    pixels = BY_CODE[memory.get(Feature.PIXEL_FORMAT)]
+    size = pixels.row_bytes(memory.get(Feature.WIDTH) * memory.get(Feature.HEIGHT))
+    memory.require(size + (CHUNK_BYTES if memory.get(Feature.CHUNK_MODE) else 0))
+    lost = shift(pixels, bits)
+    memory.put(Feature.DYNAMIC_RANGE_MAX, ((1 << bits) - 1) >> lost)
+    sites = np.array(black) / (1 << lost)
+    channels = cfa.pattern.reshape(-1)
+    levels = [sites.mean(), *(sites[channels == channel].mean() for channel in range(3))]
+    for index, level in enumerate(levels):
+        memory.put_float(Feature.BLACK_LEVEL, float(level), index)
+
+
+def frame(
+    memory: DeviceMemory, mosaic: RawMosaic, bits: int, block: int, time: float, stamp: int
+) -> tuple[Leader, bytes]:
+    """Leader and payload as the registers say. time: applied, s; stamp: of the device's clock, ns."""
+    left, top = memory.get(Feature.OFFSET_X), memory.get(Feature.OFFSET_Y)
+    width, height = memory.get(Feature.WIDTH), memory.get(Feature.HEIGHT)
+    window = mosaic.cropped(top, left, height, width)
+    told = BY_CODE[memory.get(Feature.PIXEL_FORMAT)]
+    # The format of a frame names the phase of its own first pixel.
+    pixels = next(
+        one for one in FORMATS if (one.cfa, one.bits, one.packing) == (window.cfa, told.bits, told.packing)
+    )
+    data = pack((window.pixels >> shift(pixels, bits)).astype(np.uint16), pixels)
+    kind = IMAGE
+    if memory.get(Feature.CHUNK_MODE):
+        kind |= CHUNKS
+        parts = [(CHUNK_IMAGE, data)]
+        if memory.get(Feature.CHUNK_ENABLE):
+            parts.append((CHUNK_EXPOSURE, struct.pack("<d", 1e6 * time)))
+        data = join_chunks(parts)
+    return Leader(block, kind, stamp, pixels.code, width, height, left, top), data

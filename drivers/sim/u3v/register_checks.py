@@ -1,0 +1,72 @@
+"""What the simulated machine vision camera takes in its registers: what its description says, and no more."""
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from drivers.sim.u3v.description import LINES, SETS, THROUGHPUT, Feature
+from drivers.sim.u3v.memory import Denied, DeviceMemory, width
+from drivers.u3v.gencp import Status
+
+Range = tuple[float, float]
+_ANY: Range = (0, 0xFFFFFFFF)
+_SWITCH: Range = (0, 1)
+_RANGES: Mapping[Feature, Range] = {
+    Feature.ACQUISITION_MODE: (0, 2),
+    Feature.FRAME_COUNT: (1, 65535),
+    Feature.BURST_COUNT: (1, 255),
+    Feature.TRIGGER_SELECTOR: _SWITCH,
+    Feature.BLACK_SELECTOR: (0, 3),
+    Feature.CHUNK_MODE: _SWITCH,
+    Feature.CHUNK_SELECTOR: (1, 1),
+    Feature.CHUNK_ENABLE: _SWITCH,
+    Feature.THROUGHPUT_MODE: _SWITCH,
+    Feature.THROUGHPUT_LIMIT: THROUGHPUT,
+    Feature.SEQUENCER_MODE: _SWITCH,
+    Feature.SEQUENCER_CONFIGURATION: _SWITCH,
+    Feature.SET_SELECTOR: (0, SETS - 1),
+    Feature.SET_START: (0, SETS - 1),
+    Feature.SET_NEXT: (0, SETS - 1),
+    Feature.PATH_SELECTOR: (0, 0),
+    Feature.SEQUENCER_SOURCE: _SWITCH,
+    Feature.LINE_SELECTOR: (0, LINES - 1),
+}
+_ROOM = {
+    Feature.WIDTH: (1, Feature.SENSOR_WIDTH, Feature.OFFSET_X),
+    Feature.HEIGHT: (1, Feature.SENSOR_HEIGHT, Feature.OFFSET_Y),
+    Feature.OFFSET_X: (0, Feature.SENSOR_WIDTH, Feature.WIDTH),
+    Feature.OFFSET_Y: (0, Feature.SENSOR_HEIGHT, Feature.HEIGHT),
+}
+"""The least value, and the registers whose difference is the largest."""
+
+
+@dataclass(frozen=True)
+class Checks:
+    """What differs from camera to camera. formats: codes; times: us; gains: thousandths, linear."""
+
+    formats: frozenset[int]
+    times: Range
+    gains: Range
+
+    def check(self, memory: DeviceMemory, address: int, data: bytes) -> None:
+        """Denied unless the host may write that to a register."""
+        if address not in tuple(Feature) or len(data) != width(address):
+            return  # the memory itself refuses what is no register
+        register = Feature(address)
+        value: float = int.from_bytes(data, "little")
+        if register is Feature.PIXEL_FORMAT:
+            fits = value in self.formats
+        else:
+            if register is Feature.EXPOSURE_TIME:
+                (value,) = struct.unpack("<d", data)
+            low, high = self._range(memory, register)
+            fits = low <= value <= high
+        if not fits:
+            raise Denied(Status.BAD_PARAMETER)
+
+    def _range(self, memory: DeviceMemory, register: Feature) -> Range:
+        if register in _ROOM:
+            least, whole, other = _ROOM[register]
+            return least, memory.get(whole) - memory.get(other)
+        own = {Feature.EXPOSURE_TIME: self.times, Feature.GAIN: self.gains}
+        return own.get(register) or _RANGES.get(register, _ANY)

@@ -1,0 +1,1 @@
+"""What the machine gives: compiled kernels, threads and memory. Nothing here knows of cameras or scenes."""

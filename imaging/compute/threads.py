@@ -1,0 +1,138 @@
+"""Running one kernel on all cores, robust on a busy machine.
+
+A job is cut into numbered tasks; every thread takes the next number from a shared counter until none is
+left, so an uneven or slow core costs little. The calling thread works too, and a helper that the system
+has not woken by the time the tasks are gone is not waited for: OpenMP, which Numba's own `prange` uses,
+waits for every thread at the end of each loop, and may not be followed by a fork.
+"""
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.extending import intrinsic
+
+from imaging.compute.jit import Kernel
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def take_number(typing_context: Any, counter: Any) -> Any:
+    """In kernels: add 1 to counter[0] (int64), atomically, and return its old value."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        return builder.atomic_rmw("add", pointer, ir.Constant(ir.IntType(64), 1), "monotonic")
+
+    return types.int64(counter), generate
+
+
+class _Job:
+    """A kernel with its arguments, open to helpers until the caller closes it."""
+
+    def __init__(self, kernel: Kernel, arguments: tuple[Any, ...]) -> None:
+        self._kernel, self._arguments = kernel, arguments
+        self._change = threading.Condition()
+        self._active, self._open = 0, True
+        self._error: BaseException | None = None
+
+    def help(self) -> None:
+        with self._change:
+            if not self._open:
+                return
+            self._active += 1
+        try:
+            self._kernel(*self._arguments)
+        except BaseException as error:
+            self._error = error
+        with self._change:
+            self._active -= 1
+            self._change.notify()
+
+    def close(self) -> None:
+        """Wait for the helpers that have begun; an error of theirs is raised here."""
+        with self._change:
+            self._open = False
+            while self._active:
+                self._change.wait()
+        if self._error is not None:
+            raise self._error
+
+
+_jobs: "SimpleQueue[_Job]" = SimpleQueue()
+_helpers = 0
+
+
+def _cores() -> int:
+    """Cores that this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+_threads = _cores()
+
+
+def _help_forever(jobs: "SimpleQueue[_Job]") -> None:
+    while True:
+        jobs.get().help()
+
+
+def _forget_helpers() -> None:
+    """In a forked child there are none."""
+    global _jobs, _helpers
+    _jobs, _helpers = SimpleQueue(), 0
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_helpers)
+
+
+def thread_count() -> int:
+    """Threads that `share` uses; at first the cores this process may run on."""
+    return _threads
+
+
+def set_threads(count: int) -> None:
+    """Use `count` threads (at least 1). No result depends on it."""
+    global _threads
+    _threads = max(1, count)
+
+
+def share(kernel: Kernel, work: float, *arguments: Any) -> None:
+    """Call `kernel(counter, *arguments)` on all threads, counter being an int64 array [1] that holds 0.
+
+    The kernel takes task numbers with `take_number(counter)` and returns when they are beyond its last
+    task. work: a rough estimate of the cost in microseconds; a small job is not worth waking a thread.
+    """
+    global _helpers
+    counter = np.zeros(1, np.int64)
+    if work < 100.0 or _threads == 1:
+        kernel(counter, *arguments)
+        return
+    while _helpers < _threads - 1:
+        threading.Thread(target=_help_forever, args=(_jobs,), daemon=True, name="rig-kernel").start()
+        _helpers += 1
+    job = _Job(kernel, (counter, *arguments))
+    for _ in range(_threads - 1):
+        _jobs.put(job)
+    try:
+        kernel(counter, *arguments)
+    finally:
+        job.close()
+
+
+def share_pieces(count: int, stride: int, work: Callable[[int, int], None]) -> None:
+    """Call `work(first, last)` on pieces of `stride` that cover 0..count, on all threads.
+
+    For work that leaves Python's lock for milliseconds at a time; it needs no counter in the kernel.
+    """
+    pieces = [(first, min(first + stride, count)) for first in range(0, count, stride)]
+    with ThreadPoolExecutor(max_workers=min(_threads, max(len(pieces), 1))) as pool:
+        for _ in pool.map(lambda piece: work(*piece), pieces):
+            pass

@@ -1,0 +1,102 @@
+"""The colour of a DNG: one matrix from XYZ to camera RGB under D65, of the up to three that it holds.
+
+Adobe DNG specification 1.7, "Mapping Camera Color Space to CIE XYZ Space".
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.files.dng_tags import (
+    ANALOG_BALANCE,
+    CALIBRATION_1,
+    CALIBRATION_2,
+    CALIBRATION_3,
+    CAMERA_SIGNATURE,
+    ILLUMINANT_1,
+    ILLUMINANT_2,
+    ILLUMINANT_3,
+    MATRIX_1,
+    MATRIX_2,
+    MATRIX_3,
+    PROFILE_SIGNATURE,
+)
+from imaging.files.tiff import Directory, integers, numbers
+from imaging.mosaic import Matrix, as_matrix
+
+_TEMPERATURES = {
+    1: 5500.0,  # daylight
+    2: 4150.0,  # fluorescent
+    3: 2850.0,  # tungsten
+    4: 5500.0,  # flash
+    9: 5500.0,  # fine weather
+    10: 6500.0,  # cloudy
+    11: 7500.0,  # shade
+    12: 6400.0,  # fluorescent: daylight, day white, cool white, white, warm white
+    13: 5050.0,
+    14: 4150.0,
+    15: 3525.0,
+    16: 2925.0,
+    17: 2850.0,  # standard illuminants A, B, C, D55, D65, D75, D50
+    18: 5500.0,
+    19: 6500.0,
+    20: 5500.0,
+    21: 6500.0,
+    22: 7500.0,
+    23: 5000.0,
+    24: 3200.0,  # ISO studio tungsten
+}
+"""Correlated colour temperature, K, of EXIF's light sources, as Adobe's DNG SDK has them."""
+
+DAYLIGHT = 6500.0
+"""K, of D65."""
+
+Array = npt.NDArray[np.float64]
+
+
+def camera_from_xyz(tags: Directory) -> Matrix | None:
+    """AnalogBalance x CameraCalibration x ColorMatrix under D65; None if the file has no ColorMatrix.
+
+    Between two illuminants both factors are interpolated by the reciprocal of the colour temperature;
+    beyond them those of the nearest count. The first matrix stands alone where no illuminant is known.
+    """
+    calibrated = tags.get(CAMERA_SIGNATURE, "") == tags.get(PROFILE_SIGNATURE, "")
+    found: dict[float, tuple[Array, Array]] = {}
+    alone: tuple[Array, Array] | None = None
+    for matrix_tag, calibration_tag, illuminant_tag in (
+        (MATRIX_1, CALIBRATION_1, ILLUMINANT_1),
+        (MATRIX_2, CALIBRATION_2, ILLUMINANT_2),
+        (MATRIX_3, CALIBRATION_3, ILLUMINANT_3),
+    ):
+        matrix = _matrix(tags, matrix_tag)
+        if matrix is None:
+            continue
+        own = _matrix(tags, calibration_tag) if calibrated else None
+        pair = matrix, np.eye(3) if own is None else own
+        alone = alone or pair
+        temperature = _TEMPERATURES.get(next(iter(integers(tags, illuminant_tag)), 0))
+        if temperature is not None:
+            found.setdefault(1.0 / temperature, pair)
+    if alone is None:
+        return None
+    colour, calibration = _between(found) if found else alone
+    balance = numbers(tags, ANALOG_BALANCE)
+    gains = balance if len(balance) == 3 and all(balance) else (1.0, 1.0, 1.0)
+    return as_matrix(np.diag(gains) @ calibration @ colour)
+
+
+def _between(found: dict[float, tuple[Array, Array]]) -> tuple[Array, Array]:
+    """The pair of matrices at D65, interpolated in the reciprocal temperatures that are the keys."""
+    places = sorted(found)
+    weights = [
+        np.interp(1.0 / DAYLIGHT, places, [float(other == place) for other in places]) for place in places
+    ]
+    first, second = (
+        sum(weight * found[place][part] for weight, place in zip(weights, places, strict=True))
+        for part in (0, 1)
+    )
+    return np.asarray(first), np.asarray(second)
+
+
+def _matrix(tags: Directory, tag: int) -> Array | None:
+    values = numbers(tags, tag)
+    return np.reshape(values, (3, 3)) if len(values) == 9 and any(values) else None

@@ -1,0 +1,271 @@
+"""OpenEXR files: linear light in float, with what is needed to know which light."""
+
+import errno
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import OpenEXR
+
+from imaging.colour import PRIMARIES, rec709_from_rgb
+from imaging.compute import memory
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.files import store
+from imaging.files.silence import quiet
+
+Attribute = str | float | tuple[float, ...]
+
+_STRUCTURE = {
+    "channels",
+    "compression",
+    "dataWindow",
+    "displayWindow",
+    "lineOrder",
+    "pixelAspectRatio",
+    "screenWindowCenter",
+    "screenWindowWidth",
+    "type",
+    "tiles",
+    "version",
+    "name",
+    "chunkCount",
+}
+_MOST_BEYOND = 1 << 12
+"""Pixels by which a tile may be larger than the window that it is of."""
+_MAGIC = b"\x76\x2f\x31\x01"
+
+
+@dataclass(frozen=True)
+class ExrImage:
+    """Channels, each float32 [H, W], by name, and the attributes that are text or numbers."""
+
+    channels: dict[str, npt.NDArray[np.float32]]
+    attributes: dict[str, Attribute] = field(default_factory=dict)
+
+    def rgb(self) -> npt.NDArray[np.float32]:
+        """Linear Rec.709, float32 [H, W, 3]: R, G, B, or Y three times; InputError if the file has neither.
+
+        Other primaries that the file names are converted; a file that names none has those of Rec.709.
+        """
+        names = "RGB" if all(name in self.channels for name in "RGB") else "YYY"
+        if not all(name in self.channels for name in names):
+            found = ", ".join(sorted(self.channels))
+            raise InputError(f"the EXR has channels {found}, but neither R, G, B nor Y: export it as RGB.")
+        light = np.stack([self.channels[name] for name in names], axis=-1)
+        matrix = self._rec709_from_own() if names == "RGB" else None
+        return light if matrix is None else (light @ matrix.T).astype(np.float32)
+
+    def _rec709_from_own(self) -> npt.NDArray[np.float64] | None:
+        told = self.attributes.get("chromaticities")
+        if not isinstance(told, tuple) or len(told) != 8:
+            return None
+        if np.allclose(told, np.ravel(PRIMARIES["rec709"]), atol=1e-3):
+            return None
+        try:
+            return rec709_from_rgb(list(zip(told[::2], told[1::2], strict=True)))
+        except ValueError:  # nonsense is as good as nothing
+            return None
+
+    @property
+    def exposure(self) -> Exposure | None:
+        """From `expTime`, `aperture` and `isoSpeed`; None if the file names no time."""
+        time, f_number, iso = (self._positive(name) for name in ("expTime", "aperture", "isoSpeed"))
+        return None if time is None else Exposure(time=time, f_number=f_number, iso=iso)
+
+    def _positive(self, name: str) -> float | None:
+        value = self.attributes.get(name)
+        return value if isinstance(value, float) and 0 < value < float("inf") else None
+
+
+def write_exr(
+    path: str | Path,
+    channels: npt.NDArray[Any] | Mapping[str, npt.NDArray[Any]],
+    *,
+    half: bool = False,
+    chromaticities: str | None = "rec709",
+    exposure: Exposure | None = None,
+    attributes: Mapping[str, str | float] | None = None,
+) -> None:
+    """Write linear light, ZIP compressed, whole or not at all; StorageError when the disk refuses.
+
+    `channels`: [H, W, 3] as R, G, B; [H, W] as Y; or arrays [H, W] by name. Stored as float32, or
+    as float16 with `half`. NaN and infinities are kept; a finite value too large for the type is
+    an InputError. `chromaticities` names an entry of `colour.PRIMARIES`, whose white is written as
+    `adoptedNeutral` too, or None: the primaries are not known. `attributes` are written under their
+    names (`rig:...` for our own, or OpenEXR's, as `whiteLuminance`); numbers become float32, as do
+    those of `exposure`. ValueError for other shapes or names.
+    """
+    path = Path(path)
+    planes = {name: _stored(path, name, plane, half) for name, plane in _planes(channels).items()}
+    if len({plane.shape for plane in planes.values()}) != 1:
+        raise ValueError("the channels of an EXR have one shape")
+    header: dict[str, Any] = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+    }
+    if chromaticities is not None:
+        header["chromaticities"] = tuple(part for point in PRIMARIES[chromaticities] for part in point)
+        header["adoptedNeutral"] = PRIMARIES[chromaticities][3]
+    if exposure is not None:
+        told = {"expTime": exposure.time, "aperture": exposure.f_number, "isoSpeed": exposure.iso}
+        header |= {name: float(value) for name, value in told.items() if value is not None}
+    for name, value in (attributes or {}).items():
+        if name in _STRUCTURE:
+            raise ValueError(f"{name!r} belongs to the structure of an EXR")
+        header[name] = value if isinstance(value, str) else float(value)
+    image = OpenEXR.File(header, planes)
+    with store.replacing(path) as part:
+        try:
+            with quiet():
+                image.write(str(part))
+        except RuntimeError as error:  # so the library tells of a full disk, in its last sentence
+            raise OSError(errno.EIO, str(error).rstrip(".").rpartition(". ")[2]) from error
+
+
+def read_exr(path: str | Path) -> ExrImage:
+    """The first part of an EXR file; InputError if it is none, is damaged, deep or subsampled.
+
+    The pixels are those of the display window; what the data window leaves out of it is 0.
+    """
+    path = Path(path)
+    _check_size(path)
+    header, pixels = _part(path)
+    data, display = (_window(header, name) for name in ("dataWindow", "displayWindow"))
+    shape = tuple((data[1] - data[0] + 1).tolist())
+    if not pixels or any(plane.dtype == object or plane.shape != shape for plane in pixels.values()):
+        raise _deep(path)
+    try:
+        channels = {name: _on_display(plane, data, display) for name, plane in pixels.items()}
+    except (ValueError, MemoryError) as error:  # a damaged window that no image fits
+        raise _damaged(path) from error
+    return ExrImage(channels, _attributes(header))
+
+
+def _check_size(path: Path) -> None:
+    """InputError, before any pixel is read, if those of the file do not fit the memory.
+
+    The library reads every part, of which the first is wanted.
+    """
+    headers = _headers(path)
+    for header in headers:
+        if header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile):
+            raise _deep(path)
+    samples = 0
+    for header, name in (*((header, "dataWindow") for header in headers), (headers[0], "displayWindow")):
+        window, channels = _window(header, name), len(header["channels"])
+        height, width = (int(side) for side in window[1] - window[0] + 1)
+        memory.check_picture(str(path), width, height, channels)
+        samples += width * height * channels
+        tile = header.get("tiles")
+        if tile is not None:  # each is decoded whole, however much of it lies beyond the window
+            if tile.xSize > width + _MOST_BEYOND or tile.ySize > height + _MOST_BEYOND:
+                raise _damaged(path)
+            samples += tile.xSize * tile.ySize * channels
+    memory.check(f"{path} has {samples} samples in all", memory.PER_SAMPLE * samples)
+
+
+def _window(header: Mapping[str, Any], name: str) -> npt.NDArray[np.int64]:
+    """[[top, left], [bottom, right]], inclusive."""
+    return np.array(header[name], np.int64)[:, ::-1]
+
+
+def _on_display(
+    plane: npt.NDArray[Any], data: npt.NDArray[np.int64], display: npt.NDArray[np.int64]
+) -> npt.NDArray[np.float32]:
+    """A plane of the data window on the display window, both [[top, left], [bottom, right]] inclusive."""
+    if np.array_equal(data, display):
+        return plane.astype(np.float32)
+    canvas = np.zeros(display[1] - display[0] + 1, np.float32)
+    first, last = np.maximum(data[0], display[0]), np.minimum(data[1], display[1])
+    target = tuple(
+        slice(a, max(a, b)) for a, b in zip(first - display[0], last - display[0] + 1, strict=True)
+    )
+    source = tuple(slice(a, max(a, b)) for a, b in zip(first - data[0], last - data[0] + 1, strict=True))
+    canvas[target] = plane[source]
+    return canvas
+
+
+def read_exr_header(path: Path) -> ExrImage:
+    """The attributes alone, without channels; InputError if it is no EXR file."""
+    return ExrImage({}, _attributes(_headers(path)[0]))
+
+
+def _headers(path: Path) -> list[dict[str, Any]]:
+    """The header of every part."""
+    with _opened(path, header_only=True) as exr:
+        return [dict(part.header) for part in exr.parts]
+
+
+def _part(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    """Header and pixels of the first part, copied out before the library empties them."""
+    with _opened(path, header_only=False) as exr:
+        pixels = {name: np.array(channel.pixels) for name, channel in exr.parts[0].channels.items()}
+        return dict(exr.parts[0].header), pixels
+
+
+@contextmanager
+def _opened(path: Path, header_only: bool) -> Iterator[Any]:
+    """The library's file, of one part or more; InputError for whatever it complains of in the block."""
+    if not path.is_file():
+        raise InputError(f"{path} is not a file: name an EXR file.")
+    try:
+        with path.open("rb") as file:
+            if file.read(4) != _MAGIC:
+                raise InputError(f"{path} is not an EXR file: name one.")
+        with quiet(), OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as exr:
+            if not exr.parts:  # the library only prints why
+                raise _damaged(path)
+            yield exr
+    except (RuntimeError, ValueError, TypeError, OSError, MemoryError) as error:
+        raise _damaged(path) from error
+
+
+def _deep(path: Path) -> InputError:
+    return InputError(f"{path} is deep or subsampled, which rig does not read: export it flat, as RGB.")
+
+
+def _damaged(path: Path) -> InputError:
+    return InputError(f"{path} is damaged or cut off: write or copy it again.")
+
+
+def _attributes(header: Mapping[str, Any]) -> dict[str, Attribute]:
+    kept = {name: _attribute(value) for name, value in header.items() if name not in _STRUCTURE}
+    return {name: value for name, value in kept.items() if value is not None}
+
+
+def _attribute(value: Any) -> Attribute | None:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool | int | float | np.number):
+        return float(value)
+    if isinstance(value, np.ndarray) and value.ndim == 1:  # so the library gives short vectors
+        value = tuple(value.tolist())
+    if isinstance(value, tuple) and all(isinstance(part, int | float | np.number) for part in value):
+        return tuple(float(part) for part in value)
+    return None
+
+
+def _planes(channels: npt.NDArray[Any] | Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
+    if isinstance(channels, Mapping):
+        return dict(channels)
+    if channels.ndim == 3 and channels.shape[2] == 3:
+        return {name: channels[..., index] for index, name in enumerate("RGB")}
+    return {"Y": channels}
+
+
+def _stored(path: Path, name: str, plane: npt.NDArray[Any], half: bool) -> npt.NDArray[Any]:
+    """A plane in the type that is written; the library takes strided arrays for contiguous ones."""
+    if plane.ndim != 2 or plane.size == 0:
+        raise ValueError(f"channel {name} is [H, W], not {plane.shape}")
+    kind = np.float16 if half else np.float32
+    with np.errstate(over="ignore"):
+        stored = np.ascontiguousarray(plane, dtype=kind)
+    if np.any(np.isinf(stored) & np.isfinite(plane)):
+        mend = "write it as float" if half else "scale it down"
+        raise InputError(f"{path}: channel {name} exceeds {np.finfo(kind).max:g}, the largest value: {mend}.")
+    return stored

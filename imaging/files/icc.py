@@ -1,0 +1,181 @@
+"""Photographs in other colour spaces than sRGB: the profile that a file names, and the way to sRGB.
+
+A photograph in Display P3 or Adobe RGB becomes what the same photograph is in sRGB, by littleCMS and
+relative colorimetry, so that every later stage sees one space. Profiles: ICC.1:2022; what a PNG says
+without one: its specification, 11.3.2 and 12.13; Adobe RGB by EXIF: DCF 2.0, option file R03.
+"""
+
+import struct
+import zlib
+from dataclasses import dataclass
+from functools import lru_cache
+from io import BytesIO
+
+import imagecodecs
+import numpy as np
+import numpy.typing as npt
+from PIL import ImageCms
+
+from imaging.colour import srgb_encode
+from imaging.files.exif import is_adobe_rgb
+from imaging.files.jpeg_png import JPEG_MAGIC, PNG_MAGIC, jpeg_segments, jpeg_shell, png_chunks
+from imaging.files.tiff import TiffError, TiffReader
+
+Float = npt.NDArray[np.float32]
+
+LARGEST = 1 << 22
+"""Bytes of a profile beyond which it is damage."""
+SAME = 1.5 / 255
+"""Code values by which a space may differ from sRGB and count as it."""
+EXACT = 2e-3
+"""Of linear light: by so much may primaries and curves miss a profile that they stand for."""
+
+_WHITE, _REC709 = [0.3127, 0.3290], [0.64, 0.33, 0.30, 0.60, 0.15, 0.06]
+_ICC_TAG, _APP2 = 34675, 0xE2
+_PNG_COLOUR = (b"iCCP", b"sRGB", b"gAMA", b"cHRM")
+_NOTHING = (b"", "")
+_SRGB_GAMMA = 0.45455
+"""Told beside the sRGB chunk, for readers that do not know that."""
+_ROWS, _TOP = 64, 65535
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """A way to sRGB. name: as the profile says. curves: float32 [3, 65536], light of every code of 16 bits,
+    and matrix [3, 3], to linear Rec.709; None where the profile is not made of these. icc: the profile.
+    """
+
+    name: str
+    icc: bytes
+    curves: Float | None
+    matrix: Float | None
+
+    def apply(self, pixels: Float) -> None:
+        """Turn code values [H, W, 3], 0..1, into those of sRGB, in place; what is beyond them is clipped."""
+        for top in range(0, len(pixels), _ROWS):
+            own = pixels[top : top + _ROWS]
+            if self.curves is None or self.matrix is None:
+                own[:] = np.clip(np.nan_to_num(_through(own, self.icc, _srgb())), 0.0, 1.0)
+                continue
+            place = np.rint(own * _TOP).astype(np.uint16)
+            light = np.stack([self.curves[c][place[..., c]] for c in range(3)], axis=-1) @ self.matrix.T
+            own[:] = _encoding()[np.rint(light.clip(0.0, 1.0) * _TOP).astype(np.uint16)]
+
+
+def profile_of(data: bytes) -> Profile | None:
+    """That of a JPEG, PNG or TIFF file; None where it is sRGB, says nothing or is damaged."""
+    icc, name = _embedded(data)
+    return None if len(icc) > LARGEST else _profile(icc, name)
+
+
+@lru_cache(maxsize=16)
+def _profile(icc: bytes, name: str) -> Profile | None:
+    if icc[16:20] != b"RGB ":
+        return None
+    try:
+        grid = np.linspace(0.0, 1.0, 9, dtype=np.float32)
+        cube = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 1, 3)
+        if np.abs(np.clip(_through(cube, icc, _srgb()), 0, 1) - cube).max() < SAME:
+            return None
+        linear = bytes(imagecodecs.cms_profile("rgb", whitepoint=_WHITE, primaries=_REC709, gamma=1.0))
+        ramp = np.linspace(0.0, 1.0, _TOP + 1, dtype=np.float32)
+        single = [
+            _through(ramp[:, None, None] * np.eye(3, dtype=np.float32)[c], icc, linear)[:, 0]
+            for c in range(3)
+        ]
+        matrix = np.stack([column[-1] for column in single], axis=1)
+        with np.errstate(all="ignore"):  # a channel without light has no curve
+            curves = np.stack([column @ column[-1] / (column[-1] @ column[-1]) for column in single])
+        seen = np.stack([curves[c][np.rint(cube[:, 0, c] * _TOP).astype(int)] for c in range(3)], axis=-1)
+        exact = np.abs(seen @ matrix.T - _through(cube, icc, linear)[:, 0]).max() < EXACT
+    except (imagecodecs.CmsError, ValueError, FloatingPointError):
+        return None
+    parts = (curves.astype(np.float32), matrix.astype(np.float32)) if exact else (None, None)
+    return Profile(name or _name(icc), icc, *parts)
+
+
+@lru_cache(maxsize=1)
+def _encoding() -> Float:
+    """sRGB codes of light in steps of 16 bits, which are to within 1e-4 of it: far faster than powers."""
+    return np.asarray(srgb_encode(np.linspace(0.0, 1.0, _TOP + 1)), np.float32)
+
+
+@lru_cache(maxsize=1)
+def _srgb() -> bytes:
+    return bytes(imagecodecs.cms_profile("srgb"))
+
+
+def _through(codes: Float, icc: bytes, to: bytes) -> Float:
+    return np.asarray(
+        imagecodecs.cms_transform(
+            np.ascontiguousarray(codes, np.float32),
+            icc,
+            to,
+            colorspace="rgb",
+            outcolorspace="rgb",
+            outdtype="float32",
+            intent=imagecodecs.CMS.INTENT.RELATIVE_COLORIMETRIC,
+        ),
+        np.float32,
+    )
+
+
+def _name(icc: bytes) -> str:
+    try:
+        told = ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(BytesIO(icc)))
+    except (ImageCms.PyCMSError, OSError, ValueError):
+        told = ""
+    name = " ".join("".join(c if c.isprintable() else " " for c in told).split())[:60]
+    return name or "a space without a name"
+
+
+def _embedded(data: bytes) -> tuple[bytes, str]:
+    """The profile in a file; or one made of what the file says in its place, and its name.
+
+    Empty where the space is sRGB or nothing is said.
+    """
+    try:
+        if data.startswith(JPEG_MAGIC):
+            return _of_jpeg(data)
+        if data.startswith(PNG_MAGIC):
+            return _of_png(data)
+        reader = TiffReader(BytesIO(data))
+        value = reader.directory(reader.first)[0].get(_ICC_TAG)
+    except (TiffError, zlib.error, struct.error, imagecodecs.CmsError, ValueError):
+        return _NOTHING
+    return (value, "") if isinstance(value, bytes) else _NOTHING
+
+
+def _of_jpeg(data: bytes) -> tuple[bytes, str]:
+    """The chunks of APP2 in their order; else what EXIF says of Adobe RGB."""
+    file, prefix = BytesIO(data), b"ICC_PROFILE\0"
+    bodies = [body for body in jpeg_segments(file, _APP2) if body.startswith(prefix) and len(body) > 14]
+    if bodies:
+        return b"".join(body[14:] for body in sorted(bodies, key=lambda body: body[12])), ""
+    if not is_adobe_rgb(jpeg_shell(file).exif):
+        return _NOTHING
+    primaries = [0.64, 0.33, 0.21, 0.71, 0.15, 0.06]
+    return _made([*_WHITE, *primaries], 563 / 256), "Adobe RGB (1998), as EXIF has it"
+
+
+def _of_png(data: bytes) -> tuple[bytes, str]:
+    file = BytesIO(data)
+    chunks = {kind: file.read(length) for kind, length in png_chunks(file) if kind in _PNG_COLOUR}
+    if b"iCCP" in chunks:
+        packed = chunks[b"iCCP"].partition(b"\0")[2][1:]
+        return zlib.decompressobj().decompress(packed, LARGEST + 1), ""
+    if b"sRGB" in chunks or b"gAMA" not in chunks:
+        return _NOTHING
+    gamma = struct.unpack(">I", chunks[b"gAMA"])[0] / 100_000
+    points = [*_WHITE, *_REC709]
+    if b"cHRM" in chunks:
+        points = [value / 100_000 for value in struct.unpack(">8I", chunks[b"cHRM"])]
+    near = np.abs(np.subtract(points, [*_WHITE, *_REC709])).max() < 2e-3
+    if not 0.2 < gamma <= 2 or (near and abs(gamma - _SRGB_GAMMA) < 1e-3):
+        return _NOTHING
+    return _made(points, 1 / gamma), "the space of their gAMA and cHRM chunks"
+
+
+def _made(points: list[float], gamma: float) -> bytes:
+    """A profile of white, red, green and blue, CIE xy, and a power for a curve."""
+    return bytes(imagecodecs.cms_profile("rgb", whitepoint=points[:2], primaries=points[2:], gamma=gamma))

@@ -1,0 +1,235 @@
+"""Display-referred photographs: JPEG, PNG and TIFF of 8 or 16 bits, and their EXIF."""
+
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import imagecodecs
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from imaging.colour import srgb_decode, srgb_encode
+from imaging.compute.memory import check_picture
+from imaging.errors import InputError
+from imaging.files.exif import decode_exif, encode_exif, read_exif
+from imaging.files.icc import profile_of
+from imaging.files.jpeg_png import (
+    JPEG_MAGIC,
+    PNG_MAGIC,
+    Shell,
+    jpeg_is_whole,
+    jpeg_shell,
+    png_is_whole,
+    png_shell,
+)
+from imaging.files.silence import quiet
+from imaging.files.tiff import TiffError, TiffReader
+from imaging.files.tiff_image import UnfitError, decode_tiff
+from imaging.mosaic import FrameMetadata
+
+SUFFIXES = frozenset((".jpg", ".jpeg", ".png", ".tif", ".tiff"))
+
+_ROWS = 64
+"""Rows that are computed with at a time: copies of a large picture would fill the memory."""
+_MOST_DEFLATED = 1032
+"""Bytes that deflate can make of one."""
+
+_TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+
+
+@dataclass(frozen=True)
+class Photo:
+    """pixels: float32 [H, W, 3], code values divided by the largest, 0..1; bit_depth: 8 or 16.
+
+    The pixel grid is as stored: the orientation of the metadata is not applied. transparent: share of the
+    pixels, 0..1, that alpha says to be so in part or wholly; they stand before black. profile: name of the
+    colour space that the file is in, and the pixels were; "": sRGB, or not told.
+    """
+
+    pixels: npt.NDArray[np.float32]
+    bit_depth: int
+    metadata: FrameMetadata = field(default_factory=FrameMetadata)
+    transparent: float = 0.0
+    profile: str = ""
+
+
+def is_photo(path: Path) -> bool:
+    """Whether the suffix is one of JPEG, PNG or TIFF."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def read_photo(path: str | Path) -> Photo:
+    """The first image of a JPEG, PNG or TIFF file, told by its content.
+
+    Grey becomes three equal channels. A photograph in another colour space (`imaging.files.icc`) becomes what
+    it is in sRGB. What alpha makes transparent is mixed with black, in linear light as the PNG specification
+    (12.16) has it; the sRGB curve decodes it, whatever the camera's. InputError if the file is none of these,
+    is damaged, has other than 8 or 16 bits or takes more memory than there is.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    return decode_photo(data, str(path))
+
+
+def decode_photo(data: bytes, name: str) -> Photo:
+    """The same of bytes in memory; `name` is what errors call them."""
+    codes = decode_codes(data, name)
+    largest = np.float32(np.iinfo(codes.dtype).max)
+    pixels = _three_channels(codes).astype(np.float32)
+    pixels /= largest
+    profile = profile_of(data) if codes.shape[2] >= 3 else None
+    if profile is not None:
+        profile.apply(pixels)
+    transparent = _onto_black(pixels, codes[..., -1]) if codes.shape[2] in (2, 4) else 0.0
+    metadata = _metadata(BytesIO(data)) or FrameMetadata()
+    return Photo(
+        pixels, 8 * codes.dtype.itemsize, metadata, transparent, "" if profile is None else profile.name
+    )
+
+
+def decode_codes(data: bytes, name: str, fix: str = "copy it again from the camera") -> npt.NDArray[Any]:
+    """Code values of a JPEG, PNG or TIFF file, uint8 or uint16 [H, W, C]; errors as `read_photo`.
+
+    C: 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha. fix: what to do about damage.
+    """
+    if not data:
+        raise InputError(f"{name} is empty: {fix}.")
+    decode = _decoder(data)
+    if decode is None:
+        raise InputError(f"{name} is not a JPEG, PNG or TIFF file: convert it to one of them.")
+    try:
+        codes = np.asarray(decode(data, name))
+        if codes.ndim == 2:
+            codes = codes[..., None]
+        if codes.ndim != 3 or codes.size == 0:
+            raise ValueError("no image")
+        return codes
+    except InputError:
+        raise
+    except UnfitError as error:
+        raise InputError(f"{name} {error}.") from error
+    except Exception as error:  # the decoders raise whatever damaged bytes make them trip over
+        raise InputError(f"{name} is damaged or cut off: {fix}.") from error
+
+
+def read_metadata(path: Path) -> FrameMetadata:
+    """What any supported file (photograph, RAW, EXR, HDR) says about camera and exposure, without its pixels.
+
+    InputError if there is no such file or it is of no kind that rig reads.
+    """
+    from imaging.files import (  # they load LibRaw and OpenEXR, which a photograph does not need
+        exr,
+        radiance_hdr,
+        raw,
+    )
+
+    if raw.is_raw(path):
+        return raw.read_raw_metadata(path)
+    if path.suffix.lower() == ".exr":
+        return FrameMetadata(exposure=exr.read_exr_header(path).exposure)
+    if path.suffix.lower() == radiance_hdr.SUFFIX:
+        return FrameMetadata()
+    try:
+        with path.open("rb") as file:
+            metadata = _metadata(file)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    if metadata is None:
+        raise InputError(f"{path} is no photograph, RAW or EXR file: convert it to one of them.")
+    return metadata
+
+
+def encode_jpeg(
+    pixels: npt.NDArray[np.uint8], quality: int = 95, metadata: FrameMetadata | None = None
+) -> bytes:
+    """JPEG bytes of uint8 [H, W, 3] or [H, W], colour not subsampled, with EXIF if there is metadata."""
+    if pixels.dtype != np.uint8:
+        raise ValueError(f"a JPEG has uint8 pixels, not {pixels.dtype}")
+    extra = {} if metadata is None else {"exif": encode_exif(metadata)}
+    buffer = BytesIO()
+    image = Image.fromarray(np.ascontiguousarray(pixels))
+    image.save(buffer, "JPEG", quality=quality, subsampling=0, **extra)
+    return buffer.getvalue()
+
+
+def encode_png(pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> bytes:
+    """PNG bytes of uint8 or uint16 [H, W] or [H, W, 3], red first."""
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"a PNG has uint8 or uint16 pixels, not {pixels.dtype}")
+    return bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels)))
+
+
+def _unreadable(path: Path, error: OSError) -> InputError:
+    reason = (error.strerror or str(error)).lower()
+    return InputError(f"{path} cannot be read ({reason}): correct the path or its permissions.")
+
+
+def _decoder(data: bytes) -> Any:
+    if data.startswith(JPEG_MAGIC):
+        return _jpeg
+    if data.startswith(PNG_MAGIC):
+        return _png
+    return decode_tiff if data.startswith(_TIFF_MAGICS) else None
+
+
+def _onto_black(pixels: npt.NDArray[np.float32], alpha: npt.NDArray[Any]) -> float:
+    """Mix codes [H, W, 3] with black, in place, where alpha [H, W] says; the share of pixels so mixed."""
+    top, mixed = np.float32(np.iinfo(alpha.dtype).max), 0
+    for rows in range(0, len(pixels), _ROWS):
+        own, cover = pixels[rows : rows + _ROWS], alpha[rows : rows + _ROWS]
+        glassy = cover < top
+        if glassy.any():
+            own[glassy] = srgb_encode(
+                srgb_decode(own[glassy]) * (cover[glassy, None].astype(np.float32) / top)
+            )
+            mixed += int(np.count_nonzero(glassy))
+    return mixed / alpha.size
+
+
+def _three_channels(codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """[H, W, 3] of [H, W, C], without alpha."""
+    return codes[..., :3] if codes.shape[2] >= 3 else codes[..., :1].repeat(3, axis=2)
+
+
+def _jpeg(data: bytes, name: str) -> npt.NDArray[Any]:
+    shell = jpeg_shell(BytesIO(data))
+    if not jpeg_is_whole(data):
+        raise ValueError("cut off")
+    check_picture(name, shell.width, shell.height)
+    with quiet():
+        codes = np.asarray(imagecodecs.jpeg8_decode(data))
+    if codes.dtype != np.uint8 or (codes.ndim == 3 and codes.shape[2] not in (1, 3)):
+        raise UnfitError("is a JPEG of other than 8-bit grey or RGB: convert it to 8-bit RGB")
+    return codes
+
+
+def _png(data: bytes, name: str) -> npt.NDArray[Any]:
+    shell = png_shell(BytesIO(data))
+    if not png_is_whole(BytesIO(data)) or shell.width * shell.height > 8 * _MOST_DEFLATED * len(data):
+        raise ValueError("cut off")
+    check_picture(name, shell.width, shell.height, 4)
+    with quiet():
+        return np.asarray(imagecodecs.png_decode(data))
+
+
+def _metadata(file: BinaryIO) -> FrameMetadata | None:
+    """EXIF of an open JPEG, PNG or TIFF, empty if it has none or damaged; None if it is no such file."""
+    head = file.read(12)
+    shell: Shell
+    if head.startswith(JPEG_MAGIC):
+        shell = jpeg_shell(file)
+    elif head.startswith(PNG_MAGIC):
+        shell = png_shell(file)
+    elif head.startswith(_TIFF_MAGICS):
+        try:
+            return read_exif(TiffReader(file))
+        except TiffError:
+            return FrameMetadata()
+    else:
+        return None
+    return decode_exif(shell.exif) if shell.exif else FrameMetadata()

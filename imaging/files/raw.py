@@ -1,0 +1,191 @@
+"""RAW files of any make, read as a Bayer mosaic.
+
+LibRaw (rawpy) decodes the pixels. What a DNG says in its tags is read from the tags themselves,
+because LibRaw rounds black levels and keeps neither ColorMatrix1 nor NoiseProfile.
+"""
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import exifread
+import numpy as np
+import rawpy
+
+from imaging.cfa import Cfa
+from imaging.compute.memory import check_picture
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.files import dng_colour, dng_tags
+from imaging.files.exif import from_names, read_exif
+from imaging.files.silence import quiet
+from imaging.files.tiff import Directory, TiffError, TiffReader
+from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
+
+_MAKERS = (
+    "3fr arw cr2 cr3 crw dcr dng erf fff iiq kdc mef mos mrw nef nrw orf pef raf raw rw2 rwl sr2 srf srw x3f"
+)
+SUFFIXES = frozenset(f".{name}" for name in _MAKERS.split())
+
+# without a handler, Python would print the library's complaints about damaged files
+logging.getLogger("exifread").addHandler(logging.NullHandler())
+
+
+def is_raw(path: Path) -> bool:
+    """Whether the suffix is one of a RAW file."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def read_raw(path: str | Path) -> RawMosaic:
+    """The mosaic of a RAW file, cut to its active area; InputError if it is none or is damaged.
+
+    Orientation is not applied. Black, white, colour and noise are those that the file states: real
+    clipping may lie below its white level. Gain maps and other opcodes of a DNG are not applied.
+    """
+    path = Path(path)
+    tags, metadata = _read_tags(path)
+    try:
+        with quiet(), rawpy.imread(str(path)) as raw:
+            mosaic = _with_tags(_decoded(path, raw, tags), tags, raw.sizes)
+            metadata = metadata or _spoken(path, raw)
+    except InputError:
+        raise
+    except Exception as error:  # rawpy raises whatever damaged bytes make it trip over
+        raise _undecodable(path, tags) from error
+    return _checked(path, replace(mosaic, metadata=metadata))
+
+
+def read_raw_metadata(path: Path) -> FrameMetadata:
+    """What a RAW file says about camera and exposure, its pixels left alone; InputError as `read_raw`."""
+    tags, metadata = _read_tags(path)
+    if metadata is not None:
+        return metadata
+    try:
+        with quiet(), rawpy.imread(str(path)) as raw:
+            return _spoken(path, raw)
+    except Exception as error:
+        raise _undecodable(path, tags) from error
+
+
+def _undecodable(path: Path, tags: Directory | None) -> InputError:
+    compression = None if tags is None else dng_tags.foreign_compression(tags)
+    if compression is not None:
+        return InputError(
+            f"{path} holds its mosaic as {compression}, which LibRaw does not decode: convert it to an "
+            "uncompressed or losslessly compressed DNG, as Adobe DNG Converter does."
+        )
+    return InputError(f"{path} cannot be decoded as RAW: copy it again from the camera.")
+
+
+def _read_tags(path: Path) -> tuple[Directory | None, FrameMetadata | None]:
+    """The tags of a DNG and the EXIF of a TIFF-shaped file, None where it is none.
+
+    InputError if the file cannot be read or is cut off.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(4)
+            if not head:
+                raise InputError(f"{path} is empty: copy it again from the camera.")
+            if head not in (b"II*\0", b"MM\0*"):
+                if path.suffix.lower() == ".dng":
+                    raise InputError(f"{path} is not a DNG file: name a RAW file of a camera.")
+                return None, None
+            reader = TiffReader(file)
+            directories = reader.directories()
+            dng_tags.check_extents(directories, reader)
+            return dng_tags.image_tags(directories), read_exif(reader)
+    except IsADirectoryError as error:
+        raise InputError(f"{path} is a folder: name a RAW file in it.") from error
+    except FileNotFoundError as error:
+        raise InputError(f"{path} does not exist: correct the path.") from error
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise InputError(f"{path} cannot be read ({reason}): check the disk and its permissions.") from error
+    except TiffError as error:
+        raise InputError(f"{path} is damaged or cut off: copy it again from the camera.") from error
+
+
+def _decoded(path: Path, raw: rawpy.RawPy, tags: Directory | None) -> RawMosaic:
+    """Pixels, phase, levels and colour as LibRaw sees them."""
+    check_picture(str(path), raw.sizes.raw_width, raw.sizes.raw_height, channels=2)
+    not_bayer = InputError(f"{path} is not a Bayer mosaic, which is all that rig reads: develop it to TIFF.")
+    if raw.raw_type != rawpy.RawType.Flat or not (tags is None or dng_tags.is_bayer(tags)):
+        raise not_bayer
+    try:
+        pixels, pattern = raw.raw_image_visible, raw.raw_pattern
+    except NotImplementedError:  # rawpy's answer to filters it does not know
+        raise not_bayer from None
+    if tags is not None and raw.raw_image.shape != dng_tags.size(tags):
+        raise _undecodable(path, tags)
+    if pattern is None or pattern.shape != (2, 2) or pixels.ndim != 2 or pixels.dtype != np.uint16:
+        raise not_bayer
+    letters = raw.color_desc.decode("ascii", "replace")
+    try:
+        cfa = Cfa("".join(letters[site] for site in pattern.reshape(-1)))
+    except (ValueError, IndexError):
+        raise not_bayer from None
+    levels = raw.black_level_per_channel
+    black = [float(levels[site]) for site in pattern.reshape(-1)]
+    balance = [1 / gain if gain > 0 else 0.0 for gain in raw.camera_whitebalance[:3]]
+    matrix = raw.rgb_xyz_matrix[:3]
+    return RawMosaic(
+        np.array(pixels),
+        cfa,
+        (black[0], black[1], black[2], black[3]),
+        int(raw.white_level),
+        neutral=dng_tags.as_neutral(balance),
+        camera_from_xyz=as_matrix(matrix) if np.any(matrix) else None,
+    )
+
+
+def _with_tags(mosaic: RawMosaic, tags: Directory | None, sizes: rawpy.ImageSizes) -> RawMosaic:
+    """The mosaic with what the tags of a DNG say better than LibRaw.
+
+    LibRaw's visible area is the active area, begun one row or column later where that makes its
+    corner even; `sizes` says where.
+    """
+    if tags is None:
+        return mosaic
+    told = dng_tags.black(tags, sizes.top_margin, sizes.left_margin, *mosaic.pixels.shape)
+    black, offset = told or (mosaic.black, None)
+    return replace(
+        mosaic,
+        black=black,
+        black_offset=offset,
+        white=dng_tags.white(tags) or mosaic.white,
+        neutral=dng_tags.neutral(tags) or mosaic.neutral,
+        camera_from_xyz=dng_colour.camera_from_xyz(tags) or mosaic.camera_from_xyz,
+        noise_profile=dng_tags.noise_profile(tags),
+    )
+
+
+def _checked(path: Path, mosaic: RawMosaic) -> RawMosaic:
+    if not all(0 <= level < mosaic.white <= 65535 for level in mosaic.black):
+        raise InputError(f"{path} has a black level above its white level: copy it again from the camera.")
+    if mosaic.pixels.size == 0:
+        raise InputError(f"{path} holds no pixels: copy it again from the camera.")
+    return mosaic
+
+
+def _spoken(path: Path, raw: rawpy.RawPy) -> FrameMetadata:
+    """Metadata of containers that are no TIFF (CR3, RAF, ORF, RW2): ExifRead's, else LibRaw's."""
+    try:
+        with path.open("rb") as file:
+            tags = exifread.process_file(file, details=False)
+        found = from_names({name: getattr(tag, "values", ()) for name, tag in tags.items()})
+    except Exception:  # the parser raises whatever unknown bytes make it trip over
+        found = FrameMetadata()
+    other = raw.other
+    told = None
+    if other.shutter_speed > 0:
+        told = Exposure(
+            time=other.shutter_speed,
+            f_number=other.aperture if other.aperture > 0 else None,
+            iso=other.iso_speed if other.iso_speed > 0 else None,
+        )
+    return replace(
+        found,
+        exposure=found.exposure or told,
+        focal_length_mm=found.focal_length_mm or other.focal_length or None,
+    )

@@ -1,0 +1,105 @@
+"""Whether the camera moved between the exposures of a bracket: the shift of each against the next."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from imaging.cfa import Cfa
+from imaging.merge.linear_frame import LinearFrame
+
+Array = npt.NDArray[np.float64]
+
+SHAKEN = 0.5
+"""Shift between two exposures, px, from which a merge is warned of."""
+FEWEST = 0.02
+"""Share of the pixels that have to be well exposed in both."""
+SURE = 0.1
+"""Height of the peak, of 1, below which two pictures have too little in common to tell a shift."""
+SPECK = 5
+"""Places in a row, along both axes, that make a hole of what is not valid."""
+FADE = 12
+"""Places, from a hole on, over which a picture comes to count."""
+FAINT, FULL = 0.01, 0.9
+"""Signals between which a picture tells of the scene: in the shorter exposure, in the longer."""
+
+
+@dataclass(frozen=True)
+class Shift:
+    """How far, px, the picture of a longer exposure lies from that of the next shorter; +x right, +y down.
+
+    k: of the two exposures.
+    """
+
+    x: float
+    y: float
+    k: tuple[float, float]
+
+    @property
+    def size(self) -> float:
+        """Its length, px."""
+        return float(np.hypot(self.x, self.y))
+
+
+def shifts(frames: Sequence[LinearFrame]) -> list[Shift]:
+    """Shifts between exposures that are neighbours in k; pairs that share too little are left out.
+
+    Phase correlation (Kuglin and Hines 1975) of the logarithms of both, each cut off at what the other
+    can see, so that what is saturated in one looks alike in both. What is not valid in either tells nothing.
+    """
+    ordered = sorted(frames, key=lambda frame: frame.k)
+    found = [_shift(short, long) for short, long in pairwise(ordered)]
+    return [shift for shift in found if shift is not None]
+
+
+def _shift(short: LinearFrame, long: LinearFrame) -> Shift | None:
+    import cv2  # it takes a while to load
+
+    low, high = FAINT / short.k, FULL / long.k
+    if not low < high:
+        return None
+    fade = _fade(short, long)
+    pictures = [np.clip(_grey(frame), low, high) for frame in (short, long)]
+    if any(np.mean((picture > low) & (picture < high) & (fade > 0)) < FEWEST for picture in pictures):
+        return None
+    logs = [np.log(picture) for picture in pictures]
+    if not fade.all():
+        logs = [fade * (log - log[fade > 0].mean()) for log in logs]
+    window = cv2.createHanningWindow(logs[0].shape[::-1], cv2.CV_64F)
+    (x, y), peak = cv2.phaseCorrelate(logs[0], logs[1], window)
+    if peak < SURE:
+        return None
+    pixels = 2.0 if short.cfa is not None else 1.0
+    return Shift(pixels * x, pixels * y, (short.k, long.k))
+
+
+def _fade(short: LinearFrame, long: LinearFrame) -> Array:
+    """Weights 0..1 that fall to 0 where a hole in either picture begins, and at whatever is in it.
+
+    The border of a mask stands still, and would outweigh what moves beside it. Single photosites are no hole.
+    """
+    unknown = _pixels((short.valid & long.valid).astype(np.float64), short.cfa) < 1.0
+    holes = ndimage.binary_opening(unknown, np.ones((SPECK, SPECK), bool))
+    if not holes.any():
+        return np.ones(holes.shape)
+    away = np.minimum(ndimage.distance_transform_edt(~holes) / FADE, 1.0)
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * away))
+
+
+def _grey(frame: LinearFrame) -> Array:
+    """Mean rate of the channels of a pixel, or of the 2x2 tiles of a mosaic."""
+    rate = np.where(frame.valid, frame.signal, 0.0).astype(np.float64) / frame.k
+    return _pixels(rate, frame.cfa)
+
+
+def _pixels(values: Array, cfa: Cfa | None) -> Array:
+    """Means over the channels of a pixel, or over the 2x2 tiles of a mosaic."""
+    if values.ndim == 3:
+        return np.asarray(values.mean(-1))
+    if cfa is None:
+        return values
+    height, width = (side - side % 2 for side in values.shape)
+    return np.asarray(values[:height, :width].reshape(height // 2, 2, width // 2, 2).mean((1, 3)))

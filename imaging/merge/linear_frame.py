@@ -1,0 +1,185 @@
+"""One shot of any kind as linear light: signal, exposure scale, masks and noise, ready to be merged."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.cfa import Cfa
+from imaging.colour import srgb_decode
+from imaging.files.photo import read_photo
+from imaging.files.radiance_hdr import read_light
+from imaging.files.raw import read_raw
+from imaging.mosaic import RawMosaic
+from imaging.sensor import Levels, SensorCalibration, at_iso
+from imaging.session.calibration import Response
+
+Float = npt.NDArray[np.float32]
+Bool = npt.NDArray[np.bool_]
+
+SATURATED_CODE = 254 / 255
+DARK_CODE = 1 / 255
+_TABLE = 65_536
+"""Entries of the tables that stand in for curves: one for each code of 16 bits."""
+CODE_NOISE = 1 / 255
+"""Standard deviation assumed of a developed code value: sensor noise, compression and rounding together."""
+
+
+class Noise(Protocol):
+    """How noisy a linear signal is."""
+
+    def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+        """Variance of the signal where its mean is `mean`; same shape, or broadcast to it; positive."""
+        ...
+
+
+@dataclass(frozen=True)
+class SensorSignalNoise:
+    """Shot and read noise of a signal in 0..1, as a DNG NoiseProfile: `slope * mean + floor`."""
+
+    slope: float
+    floor: float
+
+    def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+        """Variance at a mean signal; a negative mean counts as black."""
+        return np.asarray(self.slope * np.maximum(mean, 0.0) + self.floor)
+
+
+class CodeSignalNoise:
+    """Noise of light decoded from code values: `CODE_NOISE` times the slope of the decoding curve."""
+
+    def __init__(self, response: Response) -> None:
+        codes = np.linspace(0.0, 1.0, 256)
+        light = decode(np.repeat(codes[:, None], 3, axis=1), response).astype(np.float64).T
+        variance = np.maximum(CODE_NOISE * np.gradient(light, codes, axis=1), 1e-9) ** 2
+        # Looked up by the square root of the light, in which every curve is told evenly enough.
+        self._top = np.sqrt(np.maximum(light[:, -1], 1e-30)).astype(np.float32)
+        places = np.linspace(0.0, 1.0, _TABLE)
+        self._tables = [
+            np.interp((places * top) ** 2, own, spread).astype(np.float32)
+            for top, own, spread in zip(self._top, light, variance, strict=True)
+        ]
+
+    def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+        """Variance at a mean signal [..., 3]."""
+        root = np.sqrt(np.maximum(mean, 0.0)) / self._top * (_TABLE - 1)
+        place = np.clip(np.rint(root), 0, _TABLE - 1).astype(np.intp)
+        return np.stack([self._tables[c][place[..., c]] for c in range(3)], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFrame:
+    """One exposure, linear: `signal = radiance * k` where nothing is clipped.
+
+    signal: float32 [H, W] (mosaic, black 0 and white 1, noise below black negative) or [H, W, 3].
+    k: exposure scale, s. saturated: bool, same shape: the scene is at least this bright.
+    dark: bool, the scene is at most this bright (code values at their lower end). valid: bool, False
+    where the file holds no number. cfa: phase of the mosaic. noise: None if not known. ceiling: the
+    signal at which the sensor saturates, where that is one number.
+    """
+
+    signal: Float
+    k: float
+    saturated: Bool
+    dark: Bool
+    valid: Bool
+    cfa: Cfa | None = None
+    noise: Noise | None = None
+    ceiling: float | None = None
+
+
+def read_linear(
+    path: Path,
+    kind: Literal["raw", "ldr", "hdr"],
+    k: float,
+    response: Response,
+    sensors: Sequence[SensorCalibration] = (),
+) -> LinearFrame:
+    """A file of a session as linear light; InputError if it is missing or damaged.
+
+    kind: of the camera (`CameraRecord.kind`); response: of its calibration, which only code values
+    (`ldr`) need; sensors: of its calibration, for RAW. Light (`hdr`) is taken as it is.
+    """
+    if kind == "raw":
+        return from_raw(read_raw(path), k, sensors)
+    if kind == "ldr":
+        return from_codes(read_photo(path).pixels, k, response)
+    return from_light(read_light(path), k)
+
+
+def from_raw(raw: RawMosaic, k: float, sensors: Sequence[SensorCalibration] = ()) -> LinearFrame:
+    """The black-subtracted mosaic, by the levels that were measured at its ISO, else by those of the file.
+
+    The signal is 1 at the file's white level, wherever the sensor really ends: `saturated` and `ceiling`
+    tell. A response that was found bent is straightened. Without a measurement the noise is that of the
+    file's NoiseProfile, if it has one.
+    """
+    iso = raw.metadata.exposure.iso if raw.metadata.exposure else None
+    measured = at_iso(sensors, iso)
+    levels = Levels() if measured is None else measured.levels()
+    if levels.black is not None:
+        raw = replace(raw, black=levels.black)
+    signal, black = levels.straight(raw.signal()), float(np.mean(raw.black))
+    top = raw.white if levels.white is None else min(levels.white, raw.white)
+    noise = SensorSignalNoise(*raw.noise_profile) if raw.noise_profile else None
+    if levels.noise is not None:
+        noise = SensorSignalNoise(*levels.noise.profile(black, raw.white))
+    return LinearFrame(
+        signal,
+        k,
+        saturated=raw.pixels >= top,
+        dark=np.zeros(signal.shape, bool),
+        valid=levels.valid(*signal.shape),
+        cfa=raw.cfa,
+        noise=noise,
+        ceiling=float(levels.straight(np.array((top - black) / (raw.white - black), np.float32))),
+    )
+
+
+def from_codes(codes: npt.NDArray[np.floating], k: float, response: Response) -> LinearFrame:
+    """Code values [H, W, 3] in 0..1 decoded by a response; codes that it was not measured at are clipped.
+
+    A code at either end of the scale, or beyond the measured part of the curve, only bounds the light.
+    """
+    low, high = response.valid if response.kind == "curve" else (0.0, 1.0)
+    # The codes of 8 and of 16 bits all lie on this grid, so that a look-up is exact, and many times faster.
+    grid = np.linspace(0.0, 1.0, _TABLE)
+    table = decode(np.repeat(grid[:, None], 3, axis=1), response)
+    place = np.rint(np.clip(codes, 0.0, 1.0) * (_TABLE - 1)).astype(np.intp)
+    return LinearFrame(
+        signal=np.stack([table[:, c][place[..., c]] for c in range(3)], axis=-1),
+        k=k,
+        saturated=codes >= min(SATURATED_CODE, high),
+        dark=codes <= max(DARK_CODE, low),
+        valid=np.ones(codes.shape, bool),
+        noise=CodeSignalNoise(response),
+    )
+
+
+def from_light(light: npt.NDArray[np.floating], k: float) -> LinearFrame:
+    """Linear light [H, W, 3]; NaN and infinities are marked as no number."""
+    valid = np.isfinite(light)
+    none = np.zeros(light.shape, bool)
+    return LinearFrame(np.where(valid, light, 0).astype(np.float32), k, none, none, valid)
+
+
+def decode(codes: npt.NDArray[np.floating], response: Response) -> Float:
+    """Code values [..., 3] in 0..1 to linear light times exposure scale, float32 [..., 3].
+
+    A measured curve holds ln E + ln k at its codes. Below the lowest of them the light falls in
+    proportion to the code, since a code of 0 has no logarithm; above the highest it stays.
+    """
+    if response.kind == "linear":
+        return np.asarray(codes, np.float32)
+    if response.kind == "srgb":
+        return np.asarray(srgb_decode(codes), np.float32)
+    nodes = np.asarray(response.codes, np.float64)
+    light = np.empty(codes.shape, np.float32)
+    for channel, curve in enumerate(response.log_exposure):
+        code = codes[..., channel]
+        toe = np.clip(code / nodes[0], 0.0, 1.0) if nodes[0] > 0 else 1.0
+        light[..., channel] = np.exp(np.interp(code, nodes, curve)) * toe
+    return light

@@ -1,0 +1,15 @@
+"""What lens and sensitivity do to the light of a camera, to be divided out again."""
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.session.calibration import CameraCalibration
+
+
+def falloff(camera: CameraCalibration, height: int, width: int) -> npt.NDArray[np.float32]:
+    """Vignetting times gain at every pixel, float32 [height, width]."""
+    a, b, c = camera.vignetting
+    y = (np.arange(height) + 0.5 - height / 2)[:, None]
+    x = (np.arange(width) + 0.5 - width / 2)[None]
+    square = (x**2 + y**2) / ((height / 2) ** 2 + (width / 2) ** 2)
+    return np.asarray(camera.gain * (1 + a * square + b * square**2 + c * square**3), np.float32).clip(1e-3)

@@ -1,0 +1,49 @@
+"""Finding one's way in a session folder without loading a stage."""
+
+from pathlib import Path
+
+from imaging.errors import InputError
+from imaging.files import store
+
+
+def has_shots(session: Path) -> bool:
+    """Whether a session holds anything worth keeping: one whole shot or more."""
+    shots = session / "shots.jsonl"
+    return shots.is_file() and shots.stat().st_size > 0
+
+
+def session_of(reconstruction: Path) -> Path | None:
+    """The session that a reconstruction folder is in; None for one that was moved out of it."""
+    folder = reconstruction.resolve().parent.parent
+    return folder if (folder / "session.json").is_file() else None
+
+
+def find_reconstruction(path: Path) -> Path:
+    """A reconstruction folder, given itself or its session (then the newest); InputError if there is none."""
+    if not path.is_dir():
+        raise InputError(f"{path} is not a folder: name SESSION/reconstructions/NAME, or its session.")
+    if (path / "model.json").is_file():
+        return path
+    found = [model.parent for model in path.glob("reconstructions/[!.]*/model.json")]
+    if not found:
+        raise InputError(f"{path} has no finished reconstruction: run `rig reconstruct` first.")
+    return max(found, key=lambda folder: ((folder / "model.json").stat().st_mtime_ns, folder.name))
+
+
+def scene_around(path: Path) -> Path | None:
+    """The reconstruction that a path is, or is in; None if it is in none."""
+    place = path.resolve()
+    return next((one for one in (place, *place.parents) if (one / "model.json").is_file()), None)
+
+
+def calibration_is_current(session: Path) -> bool:
+    """Whether a session has a calibration with poses, made from the shots that it has now."""
+    path, shots = session / "calibration" / "calibration.json", session / "shots.jsonl"
+    if not path.is_file() or not shots.is_file():
+        return False
+    record = store.read_json(path)
+    return (
+        isinstance(record, dict)
+        and bool(record.get("views"))
+        and record.get("shots_sha256") == store.sha256(shots)
+    )

@@ -1,0 +1,93 @@
+"""A session folder: opened, read and appended to."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from imaging.errors import InputError
+from imaging.files import store
+from imaging.record import parse
+from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord
+
+SESSION = "session.json"
+SPLIT = "split.json"
+
+
+class Session:
+    """A session on disk. Holds no state but its identity; every read sees what is there now."""
+
+    def __init__(self, folder: Path, record: SessionRecord) -> None:
+        self.folder = folder
+        self.record = record
+
+    @classmethod
+    def create(cls, folder: Path, record: SessionRecord) -> "Session":
+        """Begin a session in a new or empty folder; InputError if one is already there."""
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise InputError(f"{folder} is not empty: name a new folder, or --resume the session in it.")
+        store.make_folder(folder)
+        store.write_json(folder / SESSION, record.model_dump(mode="json"))
+        return cls(folder, record)
+
+    @classmethod
+    def open(cls, folder: str | Path) -> "Session":
+        """Open an existing session; InputError that says what is wrong if it is none."""
+        folder = Path(folder)
+        if not folder.is_dir():
+            raise InputError(
+                f"{folder} is not a folder: name a session made by `rig capture` or `rig import`."
+            )
+        path = folder / SESSION
+        if not path.exists():
+            raise InputError(
+                f"{folder} has no session.json: name a session made by `rig capture` or `rig import`."
+            )
+        return cls(folder, parse(SessionRecord, store.read_json(path), path))
+
+    def plans(self) -> list[PlanRecord]:
+        """Every plan, in order; of two with one name the later counts."""
+        path = self.folder / "plans.jsonl"
+        plans = [parse(PlanRecord, value, path) for value in store.read_lines(path)]
+        return list({plan.plan: plan for plan in plans}.values())
+
+    def shots(self, kind: str | None = None) -> list[ShotRecord]:
+        """Every shot (of a kind); of two records of the same shot the later counts."""
+        path = self.folder / "shots.jsonl"
+        shots = [parse(ShotRecord, value, path) for value in store.read_lines(path)]
+        unique = {shot.identity: shot for shot in shots}
+        return [shot for shot in unique.values() if kind is None or shot.kind == kind]
+
+    def split(self) -> SplitRecord | None:
+        """What the data set trains and tests on; None: it does not say."""
+        path = self.folder / SPLIT
+        return parse(SplitRecord, store.read_json(path), path) if path.exists() else None
+
+    def append_plan(self, plan: PlanRecord) -> None:
+        """Record what a run is about to shoot."""
+        store.append_line(self.folder / "plans.jsonl", plan.model_dump(mode="json"))
+
+    def append_shot(self, shot: ShotRecord) -> None:
+        """Record a shot whose file is already whole on the disk."""
+        store.append_line(self.folder / "shots.jsonl", shot.model_dump(mode="json", exclude_none=True))
+
+    def file(self, shot: ShotRecord) -> Path:
+        """Where a shot's file is; InputError if the record leads out of the session."""
+        return store.inside(self.folder, shot.file)
+
+    def mask(self, shot: ShotRecord) -> Path | None:
+        """Where a shot's mask is; None: it has none. InputError if the record leads out of the session."""
+        return None if shot.mask is None else store.inside(self.folder, shot.mask)
+
+    def camera(self, name: str) -> CameraRecord:
+        """The camera of that name; InputError if the session has none."""
+        for camera in self.record.cameras:
+            if camera.name == name:
+                return camera
+        raise InputError(f"{self.folder} has no camera {name!r}: correct shots.jsonl or session.json.")
+
+
+def brackets(shots: Iterable[ShotRecord]) -> dict[tuple[int, str], list[ShotRecord]]:
+    """Shots grouped by (frame, camera), each group in order of its steps, groups in order."""
+    groups: dict[tuple[int, str], list[ShotRecord]] = {}
+    for shot in sorted(shots, key=lambda s: (s.frame, s.camera, s.step)):
+        groups.setdefault((shot.frame, shot.camera), []).append(shot)
+    return groups

@@ -1,0 +1,1 @@
+"""What training looks at: views, pixels, the light of brackets, the truth where there is one."""

@@ -1,0 +1,333 @@
+"""A calibrated session as training sees it: views, each with its lens, its sensor and its shots."""
+
+import hashlib
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.cfa import Cfa
+from imaging.errors import InputError, ReconstructionError
+from imaging.files import store
+from imaging.files.colmap import SparsePoints, read_points, read_tracks
+from imaging.lens import Lens
+from imaging.session.calibration import CalibrationRecord, Response, ViewCalibration, read_calibration
+from imaging.session.falloff import falloff
+from imaging.session.records import CameraRecord, ShotRecord, SplitRecord
+from imaging.session.session import SPLIT, Session, brackets
+from recon.data.pixels import Progress, Shot, read_shot
+from recon.data.world import SAME, WorldTransform
+from recon.splat import SplatCamera
+
+Float = npt.NDArray[np.float32]
+
+COLMAP = "calibration/colmap"
+EVERY = 8
+"""One view in eight is held out."""
+FEWEST_FOR_HOLDOUT = 4
+"""Below this many views none is held out: what is left could not be trained on."""
+MOST_VALIDATION = 4
+"""Views at most that a training may be ended by: each is rendered again and again."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What a camera does to radiance, before any shot's exposure.
+
+    kind: raw (mosaic or camera RGB, linear), ldr (code values), hdr (linear Rec.709).
+    camera_from_rec709: float64 [3, 3]. falloff: float32 [H, W], vignetting times the camera's gain.
+    """
+
+    kind: Literal["raw", "ldr", "hdr"]
+    cfa: Cfa | None
+    camera_from_rec709: npt.NDArray[np.float64]
+    falloff: Float
+    response: Response
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One camera at one frame: its bracket, and where it stood, in scene coordinates (`recon.data.world`)."""
+
+    camera: str
+    frame: int
+    lens: SplatCamera
+    sensor: Sensor
+    shots: tuple[Shot, ...]
+
+    @property
+    def name(self) -> str:
+        """`frame/camera`, as in the folders of previews and renders."""
+        return f"{self.frame:04d}/{self.camera}"
+
+    @cached_property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """Where any of the shots tells anything, bool [H, W]: not behind a mask."""
+        valid = np.logical_or.reduce([shot.valid for shot in self.shots])
+        return np.asarray(valid if valid.ndim == 2 else valid.all(-1))
+
+    @cached_property
+    def centre(self) -> npt.NDArray[np.float64]:
+        """The camera's centre in the scene, float64 [3]."""
+        motion = self.lens.cam_from_world
+        return np.asarray(-motion[:3, :3].T @ motion[:3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """All that training may look at: the training views; and the held-out ones, which nothing is fitted to.
+
+    kind: of all cameras; mixed: they differ. A training that held-out views may end looks at some of them,
+    its validation views; what an evaluation reports is of the others, its test views.
+    """
+
+    session: Path
+    kind: Literal["raw", "ldr", "hdr", "mixed"]
+    train: tuple[View, ...]
+    held_out: tuple[View, ...]
+    calibration: CalibrationRecord
+    calibration_sha256: str
+    """Of calibration.json, and of split.json where there is one."""
+    watched: frozenset[str] = frozenset()
+    """Names of the validation views."""
+    world: WorldTransform = SAME
+    """Where the scene, with its views, lies in the world of the calibration."""
+
+    @property
+    def validation(self) -> tuple[View, ...]:
+        """The held-out views that may end the training; none unless it is to be ended by any."""
+        return tuple(view for view in self.held_out if view.name in self.watched)
+
+    @property
+    def test(self) -> tuple[View, ...]:
+        """The held-out views that nothing was chosen by; none where the only one is for validation."""
+        return tuple(view for view in self.held_out if view.name not in self.watched)
+
+    @property
+    def reported(self) -> tuple[View, ...]:
+        """The held-out views that an evaluation is of: the test views, else those for validation."""
+        return self.test or self.validation
+
+    def with_validation(self) -> "Dataset":
+        """The same for a training that is ended by how good held-out views are.
+
+        Half of the held-out views, evenly spread, at least one and at most four, are for that alone.
+        """
+        count = max(1, min(MOST_VALIDATION, len(self.held_out) // 2))
+        places = {(2 * turn + 1) * len(self.held_out) // (2 * count) for turn in range(count)}
+        watched = (view.name for place, view in enumerate(self.held_out) if place in places)
+        return replace(self, watched=frozenset(watched))
+
+    @property
+    def views(self) -> tuple[View, ...]:
+        """Every view, in order of frame and camera."""
+        return tuple(sorted(self.train + self.held_out, key=lambda view: (view.frame, view.camera)))
+
+    def points(self) -> SparsePoints:
+        """The points of the calibration, in the scene; InputError if they cannot be read."""
+        points = read_points(self.session / COLMAP)
+        return replace(points, xyz=self.world.from_world(points.xyz))
+
+    def tracks(self) -> tuple[npt.NDArray[np.float64], dict[str, npt.NDArray[np.int64]]]:
+        """The same points [P, 3], and which of them the image of each name saw, as `read_tracks` has them."""
+        xyz, tracks = read_tracks(self.session / COLMAP)
+        return self.world.from_world(xyz), tracks
+
+    def trained_at(self, k: float) -> bool:
+        """Whether an exposure scale is one that training saw, to a sixth of a stop."""
+        return any(abs(math.log2(k / shot.k)) < 1 / 6 for view in self.train for shot in view.shots)
+
+    @cached_property
+    def extent(self) -> float:
+        """1.1 times the largest distance of a training camera from their mean (3DGS); at least tiny."""
+        centres = np.array([view.centre for view in self.train])
+        return float(max(1.1 * np.linalg.norm(centres - centres.mean(0), axis=1).max(), 1e-6))
+
+
+def held_out(names: list[tuple[int, str]], every: int = EVERY) -> set[tuple[int, str]]:
+    """Which of the views, given as (frame, camera), are held out: one in `every`, spread over the rig.
+
+    The views are cut, in order of frame and camera, into as many equal runs as views are held out.
+    Of each run the one is taken whose camera was taken least often so far, of these the one nearest
+    the middle of the run: so the frames are covered evenly and the cameras take turns, where plain
+    counting by eight would take the same camera of a rig of four every time.
+    """
+    if len(names) < FEWEST_FOR_HOLDOUT:
+        return set()
+    ordered = sorted(names)
+    count = math.ceil(len(ordered) / every)
+    bounds = [round(index * len(ordered) / count) for index in range(count + 1)]
+    chosen: list[tuple[int, str]] = []
+    for start, end in pairwise(bounds):
+        taken = [camera for _, camera in chosen]
+        middle = (start + end - 1) / 2
+        best = min(range(start, end), key=lambda i: (taken.count(ordered[i][1]), abs(i - middle), i))
+        chosen.append(ordered[best])
+    return set(chosen)
+
+
+def load(session: Path, *, max_width: int | None = None, progress: Progress | None = None) -> Dataset:
+    """Read every view that its own picture placed; images wider than `max_width` are scaled down.
+
+    A session whose data set says what it tests on (split.json) holds out just that.
+    Photographs and EXR are averaged over areas in linear light; mosaics of at least twice the width
+    are demosaicked and averaged, narrower ones are kept as they are. ReconstructionError when no
+    view is registered; InputError for missing or damaged files.
+    """
+    opened = Session.open(session)
+    calibration = read_calibration(session)
+    split = opened.split()
+    # What was not recognised is black, blurred or bare; such a picture would be taken at its word.
+    placed = {(view.frame, view.camera) for view in calibration.views if not view.by_rig}
+    groups = {key: group for key, group in brackets(_used(opened, split)).items() if key in placed}
+    if not groups:
+        tried = len(calibration.unregistered)
+        why = (
+            f"`rig calibrate` found none for its {tried} images: take images that overlap by two thirds"
+            if tried
+            else "it was calibrated without: run `rig calibrate` in full, on two views or more of one scene"
+        )
+        raise ReconstructionError(f"{session} has no view with a pose, since {why}.")
+    out = held_out(sorted(groups)) if split is None else _tested(session, groups, split)
+    poses = {(view.frame, view.camera): view.cam_from_world.matrix() for view in calibration.views}
+    world = WorldTransform.of({f"{key[1]}/{key[0]:04d}.png": poses[key] for key in groups}, session / COLMAP)
+    return read_views(
+        opened,
+        calibration,
+        calibration_sha256(session),
+        groups,
+        out,
+        world,
+        max_width=max_width,
+        progress=progress,
+    )
+
+
+def calibration_sha256(session: Path) -> str:
+    """Of calibration.json, and of split.json where there is one: what places and parts the views."""
+    digest = hashlib.sha256((session / "calibration" / "calibration.json").read_bytes())
+    if (session / SPLIT).exists():
+        digest.update((session / SPLIT).read_bytes())
+    return digest.hexdigest()
+
+
+def read_views(
+    session: Session,
+    calibration: CalibrationRecord,
+    calibration_sha256: str,
+    groups: Mapping[tuple[int, str], Sequence[ShotRecord]],
+    out: Collection[tuple[int, str]],
+    world: WorldTransform,
+    *,
+    max_width: int | None,
+    progress: Progress | None,
+) -> Dataset:
+    """The shots of each (frame, camera) as a data set, `out` of them held out; all have a pose.
+
+    world: where the scene lies, whose views they are.
+    """
+    poses = {(view.frame, view.camera): view for view in calibration.views}
+    kinds = {session.camera(camera).kind for _, camera in groups}
+    views = []
+    for done, (key, group) in enumerate(sorted(groups.items())):
+        if progress:
+            progress("reading images", done, len(groups))
+        view = _view(session, calibration, poses[key], session.camera(key[1]), group, max_width)
+        views.append(replace(view, lens=world.camera(view.lens)))
+    return Dataset(
+        session=session.folder,
+        kind=kinds.pop() if len(kinds) == 1 else "mixed",
+        train=tuple(view for view in views if (view.frame, view.camera) not in out),
+        held_out=tuple(view for view in views if (view.frame, view.camera) in out),
+        calibration=calibration,
+        calibration_sha256=calibration_sha256,
+        world=world,
+    )
+
+
+def photographs_sha256(shots: Iterable[ShotRecord]) -> str:
+    """Of the names and hashes of shots and their masks, in order of name."""
+    lines = sorted(f"{shot.file} {shot.sha256} {shot.mask_sha256}\n" for shot in shots)
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def lens_of_pixels(lens: Lens, kind: Literal["raw", "ldr", "hdr"], width: int, height: int) -> Lens:
+    """The lens of a file for what `read_shot` made of it, width x height pixels."""
+    if kind == "raw":  # an odd side loses its last row or column, which moves nothing
+        even = {"width": lens.width - lens.width % 2, "height": lens.height - lens.height % 2}
+        lens = lens.model_copy(update=even)
+    return lens.resized(width, height)
+
+
+def _used(session: Session, split: SplitRecord | None) -> list[ShotRecord]:
+    """The shots that training or testing looks at."""
+    shots = session.shots("scene")
+    used = None if split is None else {*split.train, *split.test}
+    return shots if used is None else [shot for shot in shots if shot.file in used]
+
+
+def _tested(
+    session: Path, groups: dict[tuple[int, str], list[ShotRecord]], split: SplitRecord
+) -> set[tuple[int, str]]:
+    """The views whose shots are for testing; what is left has to suffice for training."""
+    train, test = (
+        {key for key, group in groups.items() if any(shot.file in files for shot in group)}
+        for files in (set(split.train), set(split.test))
+    )
+    if both := sorted(train & test):
+        frame, camera = both[0]
+        raise InputError(
+            f"{session / SPLIT} trains and tests on camera {camera} at frame {frame}: leave it in one."
+        )
+    if not train:
+        raise ReconstructionError(
+            f"{session / SPLIT} leaves no view with a pose to train on: correct or delete it."
+        )
+    return test
+
+
+def _view(
+    session: Session,
+    calibration: CalibrationRecord,
+    pose: ViewCalibration,
+    record: CameraRecord,
+    group: Sequence[ShotRecord],
+    max_width: int | None,
+) -> View:
+    camera = calibration.camera(record.name)
+    if camera.lens is None:
+        raise ReconstructionError(f"Camera {record.name} has no lens in calibration.json: calibrate again.")
+    shots, cfa = [], None
+    for shot in group:
+        scale = calibration.exposure_scale.get(shot.file)
+        if scale is None:
+            scale = shot.exposure.scale if shot.exposure else 1.0
+        path, sensors = session.file(shot), camera.sensors
+        mask = None if shot.mask is None else store.inside(session.folder, shot.mask)
+        read, cfa = read_shot(path, shot.file, record.kind, scale, camera.response, max_width, sensors, mask)
+        shots.append(read)
+    height, width = shots[0].pixels.shape[:2]
+    if any(shot.pixels.shape != shots[0].pixels.shape for shot in shots):
+        raise ReconstructionError(
+            f"The shots of camera {record.name} at frame {pose.frame} differ in size: delete the odd one out."
+        )
+    lens = lens_of_pixels(camera.lens, record.kind, width, height)
+    return View(
+        camera=record.name,
+        frame=pose.frame,
+        lens=SplatCamera.of(lens, pose.cam_from_world),
+        sensor=Sensor(
+            kind=record.kind,
+            cfa=cfa,
+            camera_from_rec709=np.array(camera.camera_from_rec709 or np.eye(3), np.float64),
+            falloff=falloff(camera, height, width),
+            response=camera.response,
+        ),
+        shots=tuple(sorted(shots, key=lambda shot: shot.k)),
+    )

@@ -1,0 +1,61 @@
+"""A first look at the scene's light: the bracket of a view as one linear Rec.709 image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from imaging.cfa import bilinear
+from imaging.demosaic import demosaic
+from imaging.merge.bracket import merge_bracket
+from imaging.merge.linear_frame import Bool, Float
+from recon.data.dataset import Dataset, View
+
+
+@dataclass(frozen=True)
+class Light:
+    """The two scalars that tie a model to the light of its scene, stored with it.
+
+    normaliser: radiance that counts as 1 in scene units. reference: the dimmest radiance that
+    matters, in scene units; None for display values, which end where a display does.
+    """
+
+    normaliser: float
+    reference: float | None
+
+
+_STEP = {"raw": 1 / 4095, "ldr": 1 / 255, "hdr": 0.0}
+
+
+def radiance_image(view: View) -> tuple[Float, Bool]:
+    """Linear radiance [H, W, 3] and where it is trusted [H, W]: the merged bracket, demosaicked.
+
+    Where all shots are saturated the shortest gives a lower bound, which is returned but not trusted.
+    It serves to start the Gaussians and to set the scene's scale; training compares with the shots.
+    """
+    sensor = view.sensor
+    response = sensor.response if sensor.kind == "ldr" else None
+    merged = merge_bracket([shot.linear(response, sensor.cfa) for shot in view.shots])
+    light = np.nan_to_num(merged.radiance, nan=0.0, posinf=0.0, neginf=0.0)
+    if sensor.cfa is not None:
+        sigma = None if merged.sigma is None else merged.sigma / sensor.falloff
+        rgb = demosaic(light / sensor.falloff, sensor.cfa, sigma=sigma).rgb
+        trusted = bilinear(light, sensor.cfa, merged.valid)[1]
+    else:
+        rgb, trusted = light / sensor.falloff[..., None], merged.valid
+    rgb = rgb @ np.linalg.inv(sensor.camera_from_rec709).T
+    return np.asarray(rgb, np.float32), np.asarray(trusted.all(-1))
+
+
+def light_of(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Light:
+    """The two scalars of a scene, from the radiance images of its training views.
+
+    normaliser: the 99.99th percentile of the largest channel, so that a hot pixel does not set it; 1
+    for a scene without any light. reference: one code value (of 12 bits for linear input, of 8 for
+    photographs) of the longest exposures, the least that they can tell from black, but not less
+    than 2^-20 of the normaliser, which is what it is for EXR, whose numbers have no steps.
+    """
+    brightest = np.concatenate([rgb.max(-1).reshape(-1) for rgb, _ in images])
+    top = float(np.percentile(brightest, 99.99)) if brightest.size else 0.0
+    normaliser = top if np.isfinite(top) and top > 0 else 1.0
+    steps = [_STEP[view.sensor.kind] / max(shot.k for shot in view.shots) for view in dataset.train]
+    return Light(normaliser, float(np.clip(np.median(steps) / normaliser, 2.0**-20, 1.0)))

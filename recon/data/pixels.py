@@ -1,0 +1,166 @@
+"""The pixels of one shot: a file of any kind read as numbers between 0 and 1, scaled down if asked."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from imaging.cfa import Cfa
+from imaging.demosaic import demosaic
+from imaging.files.photo import read_photo
+from imaging.files.radiance_hdr import read_light
+from imaging.files.raw import read_raw
+from imaging.merge.linear_frame import (
+    Bool,
+    Float,
+    LinearFrame,
+    Noise,
+    decode,
+    from_codes,
+    from_light,
+    from_raw,
+)
+from imaging.merge.masks import read_mask
+from imaging.sensor import SensorCalibration
+from imaging.session.calibration import Response
+from recon.data.tone import encode
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One exposure.
+
+    k: exposure scale, s. pixels: float32 [H, W] (mosaic) or [H, W, 3]: linear signal with white at 1
+    (RAW; noise below black stays negative), code values 0..1 (LDR), or linear light (HDR).
+    saturated: bool, same shape: the scene is at least this bright. dark: bool, the scene is at most
+    this bright (LDR only). valid: bool, same shape; False where the file holds no number.
+    noise: of the linear signal; None if not known. ceiling: the signal at which the sensor saturates (RAW
+    only), as it was measured, else that of the file's white level.
+    """
+
+    file: str
+    k: float
+    pixels: Float
+    saturated: Bool
+    dark: Bool
+    valid: Bool
+    noise: Noise | None = None
+    ceiling: float | None = None
+
+    @property
+    def top(self) -> float:
+        """Where the signal ends: the ceiling of RAW, the last code of a photograph."""
+        return 1.0 if self.ceiling is None else self.ceiling
+
+    def linear(self, response: Response | None, cfa: Cfa | None) -> LinearFrame:
+        """The shot as linear light, codes decoded by `response` (None: they are linear already)."""
+        signal = self.pixels if response is None else decode(self.pixels, response)
+        return LinearFrame(
+            signal, self.k, self.saturated, self.dark, self.valid, cfa, self.noise, self.ceiling
+        )
+
+
+def read_shot(
+    path: Path,
+    name: str,
+    kind: Literal["raw", "ldr", "hdr"],
+    k: float,
+    response: Response,
+    max_width: int | None,
+    sensors: Sequence[SensorCalibration] = (),
+    mask: Path | None = None,
+) -> tuple[Shot, Cfa | None]:
+    """One file as a Shot, and the phase of its mosaic if it is one; sensors: of the calibration, for RAW.
+
+    mask: a picture (`imaging.merge.masks`) whose black pixels are not valid in the shot.
+    """
+    shot, cfa, size = _read(path, name, kind, k, response, max_width, sensors)
+    if mask is None:
+        return shot, cfa
+    counts = read_mask(mask, *size)
+    height, width = shot.pixels.shape[:2]
+    if kind == "raw":
+        counts = _even(counts)
+    if counts.shape != (height, width):
+        # A pixel of the smaller image counts if all that it is made of does.
+        counts = area_mean(counts, (width, height)) > 0.999
+    return replace(shot, valid=shot.valid & (counts if shot.pixels.ndim == 2 else counts[..., None])), cfa
+
+
+def _read(
+    path: Path,
+    name: str,
+    kind: Literal["raw", "ldr", "hdr"],
+    k: float,
+    response: Response,
+    max_width: int | None,
+    sensors: Sequence[SensorCalibration],
+) -> tuple[Shot, Cfa | None, tuple[int, int]]:
+    """The shot, the phase of its mosaic, and height and width of the file."""
+    if kind == "raw":
+        raw = from_raw(read_raw(path), k, sensors)
+        shot, cfa = _mosaic(raw, name, max_width)
+        return shot, cfa, (raw.signal.shape[0], raw.signal.shape[1])
+    if kind == "ldr":
+        codes = np.ascontiguousarray(read_photo(path).pixels, np.float32)
+        frame = from_codes(codes, k, response)
+        size = _smaller(codes, max_width)
+        whole = codes.shape[0], codes.shape[1]
+        if size is None:
+            return Shot(name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise), None, whole
+        saturated, dark = (area_mean(mask, size) > 0.5 for mask in (frame.saturated, frame.dark))
+        codes = encode(area_mean(frame.signal, size), response)
+        return Shot(name, k, codes, saturated, dark, np.ones(codes.shape, bool), frame.noise), None, whole
+    frame = from_light(read_light(path), k)
+    light, valid = frame.signal, frame.valid
+    whole = light.shape[0], light.shape[1]
+    size = _smaller(light, max_width)
+    if size is not None:
+        weight = area_mean(valid, size)
+        light, valid = np.asarray(area_mean(light, size) / weight.clip(1e-6), np.float32), weight > 0.5
+    never = np.zeros(light.shape, bool)
+    return Shot(name, k, np.ascontiguousarray(light, np.float32), never, never, valid), None, whole
+
+
+def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot, Cfa | None]:
+    signal, saturated, valid = _even(frame.signal), _even(frame.saturated), _even(frame.valid)
+    width = signal.shape[1]
+    assert frame.cfa is not None
+    # From half the width on, every pixel of the smaller image has sites of all colours under it, and
+    # the mosaic has nothing left to say; above that, scaling a mosaic would blur it for little.
+    size = _smaller(signal, max_width) if max_width and width >= 2 * max_width else None
+    cfa = None if size else frame.cfa
+    if size:
+        sigma = None if frame.noise is None else np.sqrt(frame.noise.variance(signal))
+        signal = area_mean(demosaic(signal, frame.cfa, valid, sigma).rgb, size)
+        # A defect glows into no neighbour: the sites around it stand in for it.
+        saturated = np.repeat((area_mean(saturated & valid, size) > 0)[..., None], 3, axis=2)
+        valid = np.ones(signal.shape, bool)
+    never = np.zeros(signal.shape, bool)
+    saturated, valid = np.ascontiguousarray(saturated), np.ascontiguousarray(valid)
+    signal = np.ascontiguousarray(signal)
+    return Shot(name, frame.k, signal, saturated, never, valid, frame.noise, frame.ceiling), cfa
+
+
+def _even(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """A mosaic, or what goes with it, without the last row or column that completes no tile."""
+    height, width = image.shape
+    return image[: height - height % 2, : width - width % 2]
+
+
+def _smaller(image: npt.NDArray[np.generic], max_width: int | None) -> tuple[int, int] | None:
+    height, width = image.shape[:2]
+    if max_width is None or width <= max_width:
+        return None
+    return max_width, max(round(height * max_width / width), 1)
+
+
+def area_mean(image: npt.NDArray[np.generic], size: tuple[int, int]) -> Float:
+    """An image [H, W, ...] averaged over areas, `size` being the width and height that it is to have."""
+    return np.asarray(cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float32)

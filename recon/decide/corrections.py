@@ -1,0 +1,174 @@
+"""Which corrections a training may make: by what the calibration knows, else by the evidence of a trial."""
+
+from collections.abc import Sequence
+from typing import get_args
+
+import numpy as np
+
+from imaging.session.calibration import CalibrationRecord, Response
+from imaging.session.records import ONE_OF_SEVERAL, Rung
+from recon.data.dataset import Dataset, View, load
+from recon.data.geometry import inside, project
+from recon.data.pixels import Progress
+from recon.decide.held_out_evidence import held_out_db
+from recon.decide.settings import Settings
+from recon.decide.trials import Trials, no_trial, room
+from recon.methods import vanilla
+from recon.observe.refinement import Refined, Refinement
+from recon.train.ranks import Ranks
+from recon.train.trainer import Training
+
+ALL: tuple[Refined, ...] = get_args(Refined)
+KNOWN_PX = 0.3
+"""Poses that are surer than this, in pixels of the training images, leave next to nothing to gain, and no
+trial can tell it (bench/recon/refine.py)."""
+KNOWN_PERCENT = 1.0
+"""And exposures that are surer than this."""
+TRIAL_WIDTH = 320
+TRIAL_GAUSSIANS = 10_000
+TRIAL_LOOKS = 20
+"""At each view of a trial, at least; the corrections need so many to arrive."""
+TRIAL_SHARE = 0.2
+"""Of the training's own iterations, at least."""
+UNIT = "dB of the residuals of views held out of a trial"
+
+
+def refinement_for(dataset: Dataset, settings: Settings, ranks: Ranks, progress: Progress) -> Refinement:
+    """What a training with these settings corrects: as asked, else as decided; the same on all ranks."""
+    asked = settings.fixed.refine
+    if asked is not None:
+        rungs = [
+            _rung(name, name in asked, "asked for" if name in asked else "not asked for") for name in ALL
+        ]
+    elif ranks.first:
+        rungs = decided(dataset, settings, progress)
+    else:
+        rungs = [_rung(name, False, "as the first process decided") for name in ALL]
+    taken = [name for name, rung in zip(ALL, rungs, strict=True) if ranks.told(float(rung.taken))]
+    return Refinement.of(dataset, taken, tuple(rungs))
+
+
+def decided(dataset: Dataset, settings: Settings, progress: Progress) -> list[Rung]:
+    """A rung for each correction, in order: by what is known, else by a trial, else not taken."""
+    known = {name: _known(name, dataset, settings.method) for name in ALL}
+    unknown = [name for name in ALL if known[name] is None]
+    if unknown and (why_not := no_trial(dataset, settings)):
+        known |= {name: _rung(name, False, why_not) for name in unknown}
+    elif unknown:
+        small = dataset
+        if settings.max_width > TRIAL_WIDTH:
+            small = load(dataset.session, max_width=TRIAL_WIDTH, progress=progress)
+        known |= tried(small, unknown, settings, progress)
+    return [rung for rung in known.values() if rung is not None]
+
+
+def tried(
+    dataset: Dataset, names: Sequence[Refined], settings: Settings, progress: Progress
+) -> dict[Refined, Rung]:
+    """A short training without corrections and one with each of `names`, judged on views that none saw."""
+    most = min(TRIAL_GAUSSIANS, room(dataset))
+    trials = Trials.of(dataset, settings, most // 2, progress)
+    part, judged = trials.part, trials.judged
+    looks = round(TRIAL_SHARE * settings.iterations * settings.batch)
+    iterations = max(TRIAL_LOOKS * len(part.train), looks)
+
+    def ended(chosen: Sequence[Refined], message: str) -> Training:
+        return trials.trained(iterations, most, message, refine=chosen)
+
+    plain = ended((), "a trial without corrections")
+    rungs: dict[Refined, Rung] = {}
+    for name in names:
+        freed = ended((name,), f"a trial with corrected {name}")
+        gains = [
+            held_out_db(freed, view, [name], part.extent) - held_out_db(plain, view, [name], part.extent)
+            for view in judged
+        ]
+        rungs[name] = Rung.judged(
+            f"refine {name}",
+            float(np.mean(gains)),
+            float(np.std(gains, ddof=1) / np.sqrt(len(gains))),
+            UNIT,
+            f"two trainings of {iterations} iterations, judged on {len(judged)} views held out of both",
+            errors=ONE_OF_SEVERAL,
+        )
+    return rungs
+
+
+def _known(name: Refined, dataset: Dataset, method: str) -> Rung | None:
+    """The rung, where it is decided without a trial."""
+    calibration = dataset.calibration
+    if name == "poses":
+        px = pose_error_px(dataset)
+        if px is not None and px < KNOWN_PX:
+            return _rung(
+                name, False, f"the calibration's poses are sure to {px:.2f} px of the training images"
+            )
+        return None
+    if dataset.kind == "ldr" and method == vanilla.NAME:
+        return _rung(name, False, "display values are taken as they are, without any idea of exposure")
+    if name == "exposures":
+        percent = _exposure_error_percent(calibration, dataset.train)
+        if percent is not None and percent < KNOWN_PERCENT:
+            return _rung(name, False, f"overlapping exposures tell their ratios to {percent:.2g} %")
+        return None
+    measured = next((rung for rung in calibration.rungs if rung.name == "vignetting" and rung.gain), None)
+    if measured is not None:
+        found = "a falloff" if measured.taken else "no falloff"
+        return _rung(name, False, f"the calibration found {found} on scene points that several views share")
+    return None
+
+
+def pose_error_px(dataset: Dataset) -> float | None:
+    """Median over the training views of what the errors of their poses come to, px; None: not known.
+
+    Standard errors of rotation and of place are added, the one at the view's focal length, the other at its
+    median depth.
+    """
+    errors = {(view.frame, view.camera): view.error for view in dataset.calibration.views}
+    model = dataset.points()
+    found = []
+    for view in dataset.train:
+        error = errors.get((view.frame, view.camera))
+        if error is None or not len(model.xyz):
+            return None
+        pixels, depth = project(view.lens, model.xyz)
+        shown = inside(view.lens, pixels, depth)
+        away = dataset.world.unit * (float(np.median(depth[shown])) if shown.any() else dataset.extent)
+        found.append(view.lens.fx * (np.radians(error.rotation) + error.translation / away))
+    return float(np.median(found))
+
+
+def _exposure_error_percent(calibration: CalibrationRecord, views: Sequence[View]) -> float | None:
+    """How sure the ratios of exposures are; None where no overlaps told them."""
+    rungs = {rung.name: rung for rung in calibration.rungs}
+    ratios, per_shot = rungs.get("exposure_ratios"), rungs.get("exposure_per_shot")
+    labels = rungs.get("exposure_labels")
+    judged = labels is not None and labels.gain is not None
+    developed = [view.sensor.response for view in views if view.sensor.kind == "ldr"]
+    told = [_curve_error(response, judged) for response in dict.fromkeys(developed)]
+    percents = [100 * error for error in told if error is not None]
+    if len(percents) < len(told):
+        return None
+    if len(developed) < len(views):
+        if ratios is None or not ratios.taken or ratios.standard_error is None or per_shot is None:
+            return None
+        scatter = 0.0 if per_shot.taken else per_shot.gain or 0.0
+        percents.append(max(ratios.standard_error, scatter))
+    return float(max(percents))
+
+
+def _curve_error(response: Response, judged: bool) -> float | None:
+    """How far exposures told by a curve may be off, natural log; None: it was not measured.
+
+    The curve's own error where its exposures were judged apart from their labels; elsewhere what its
+    exposures disagree by, most of which is noise.
+    """
+    if not judged or not response.sigma:
+        return response.residual
+    codes = np.asarray(response.codes)
+    valid = (codes >= response.valid[0]) & (codes <= response.valid[1])
+    return float(np.median(np.asarray(response.sigma)[:, valid])) if valid.any() else response.residual
+
+
+def _rung(name: Refined, taken: bool, reason: str) -> Rung:
+    return Rung(name=f"refine {name}", taken=taken, reason=reason)

@@ -1,0 +1,129 @@
+"""How well a training predicts a view that it did not see, whose own pose and exposures are not sure either.
+
+They are fitted on one half of the picture, with the Gaussians as they are, and the other half is judged. The
+halves are squares that alternate as on a chessboard.
+"""
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from recon.data.dataset import View
+from recon.observe.refinement import Refined, camera_delta
+from recon.splat.moved import moved
+from recon.splat.torch_threads import torch_on_one_thread
+from recon.train.trainer import Training
+
+SQUARE = 8
+"""Pixels."""
+STEPS = 40
+POSE_RATES = (2e-3, 1e-4)
+EXPOSURE_RATES = (5e-2, 5e-4)
+"""At the first and the last step. Adam's steps are about as long: exposures half a stop off arrive."""
+ROUGHLY = 2 / 255
+"""Noise of photographs, JPEG's included, in code values of 1, and of light through the mu-law."""
+
+
+def held_out_db(training: Training, view: View, unsure: Collection[Refined], extent: float) -> float:
+    """How small the residuals of the half that is judged are, dB; more is better.
+
+    unsure: which of the view's own pose and exposures are fitted first. Residuals are in standard deviations
+    of the noise, r: of RAW in those of the sensor where they are known, others, code values or light through
+    the mu-law as training compares them, in so much as `ROUGHLY` says. Each counts by -10 log10(1 + r^2), as
+    if errors were of a Cauchy distribution: a short training is wrong by a hundred deviations at the edges of
+    lamps, whose squares would drown all others.
+    """
+    with torch_on_one_thread():
+        pose, logs = _fitted(training, view, unsure, extent)
+    with torch_on_one_thread(), torch.no_grad():
+        image = _image(training, view, pose, extent)
+        judged = _half(view, 1)
+        if view.sensor.kind == "raw" and all(shot.noise is not None for shot in view.shots):
+            return _whitened(training, image, view, logs, judged)
+        prediction, target = training.method.observation.compare(image, view, 1.0, logs.exp())
+        squares = ((prediction - target) / ROUGHLY).square()[..., _on_planes(judged, target)]
+        return -10 / float(np.log(10)) * float(squares.log1p().mean(dtype=torch.float64))
+
+
+def fitted_view(training: Training, view: View, unsure: Collection[Refined], extent: float) -> View:
+    """A view as a training would have it: what of its own pose and exposures is `unsure`, fitted to it."""
+    if not unsure:
+        return view
+    with torch_on_one_thread():
+        pose, logs = _fitted(training, view, unsure, extent)
+    shots = tuple(
+        replace(shot, k=shot.k * float(np.exp(log)))
+        for shot, log in zip(view.shots, logs.tolist(), strict=True)
+    )
+    return replace(view, lens=moved(view.lens, camera_delta(pose, extent))[0], shots=shots)
+
+
+def _fitted(
+    training: Training, view: View, unsure: Collection[Refined], extent: float
+) -> tuple[Tensor, Tensor]:
+    """The view's correction of its pose [6], as `Refinement` has it, and of ln k of its shots [shots]."""
+    device = training.gaussians.parameters["means"].device
+    pose, logs = torch.zeros(6, device=device), torch.zeros(len(view.shots), device=device)
+    rates = {"poses": (pose, POSE_RATES), "exposures": (logs, EXPOSURE_RATES)}
+    groups = [
+        {"params": [value.requires_grad_(True)], "lr": first, "rates": (first, last)}
+        for name, (value, (first, last)) in rates.items()
+        if name in unsure
+    ]
+    if not groups:
+        return pose, logs
+    optimizer = torch.optim.Adam(groups)
+    for step in range(STEPS):
+        for group in optimizer.param_groups:
+            first, last = group["rates"]
+            group["lr"] = first * (last / first) ** (step / STEPS)
+        optimizer.zero_grad(set_to_none=True)
+        image = _image(training, view, pose, extent)
+        prediction, target = training.method.observation.compare(image, view, 1.0, logs.exp())
+        seen = _on_planes(_half(view, 0), target)
+        (prediction - target)[..., seen].abs().mean().backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+    return pose.detach(), logs.detach()
+
+
+def _image(training: Training, view: View, pose: Tensor, extent: float) -> Tensor:
+    """What the view's camera sees where it is corrected to be, behind its corrected vignetting."""
+    scene = {name: value.detach() for name, value in training.gaussians.parameters.items()}
+    degree = training.method.schedule.degree(1.0)
+    image = training.renderer()(
+        replace(training.gaussians, parameters=scene), view.lens, degree=degree,
+        camera_delta=camera_delta(pose, extent),
+    ).image  # fmt: skip
+    refinement = training.refinement
+    return image if refinement is None else refinement.shaded(image, view, 1.0).to(image.dtype)
+
+
+def _whitened(training: Training, image: Tensor, view: View, logs: Tensor, judged: Tensor) -> float:
+    """Mean over photosites of -10 log10(1 + r^2), r being residuals in standard deviations of the noise."""
+    own = judged.cpu().numpy()
+    total, count = 0.0, 0
+    for shot, log in zip(view.shots, logs.tolist(), strict=True):
+        assert shot.noise is not None
+        signal = training.method.observation.predict(image, view, shot.k * float(np.exp(log)))
+        residual = signal.cpu().numpy() - shot.pixels
+        residual = np.where(shot.saturated, np.minimum(residual, 0.0), residual)
+        squares = residual**2 / shot.noise.variance(np.maximum(shot.pixels, 0.0))
+        kept = shot.valid & (own if squares.ndim == 2 else own[..., None])
+        total -= 10 / np.log(10) * float(np.log1p(squares[kept]).sum(dtype=np.float64))
+        count += int(kept.sum())
+    return total / max(count, 1)
+
+
+def _half(view: View, which: int) -> Tensor:
+    """Bool [H, W]: the one half (0) or the other (1) of a view's pixels."""
+    rows = torch.arange(view.lens.height)[:, None] // SQUARE
+    return (rows + torch.arange(view.lens.width)[None] // SQUARE) % 2 == which
+
+
+def _on_planes(half: Tensor, planes: Tensor) -> Tensor:
+    """The same on planes [P, h, w], of which those of a mosaic have half the size."""
+    step = half.shape[0] // planes.shape[-2]
+    return half[::step, ::step].to(planes.device)

@@ -1,0 +1,89 @@
+"""Which method a session asks for, and what of a model it requires: decided before training, in seconds."""
+
+import numpy as np
+
+from imaging.session.records import Rung
+from recon.data.dataset import Dataset
+from recon.methods import hdr_gs, nh_3dgs, vanilla
+from recon.observe.photographs import Curves
+from recon.observe.tone_grid import EXACT
+
+STOP_APART = 0.99
+"""Stops between exposures from which a bracket counts as one (a little less than one, for rounding)."""
+
+
+def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
+    """The method for `auto`, and the reasons.
+
+    Linear input is modelled as it is. Photographs get a tone curve when their exposures differ, since
+    only then the curve can be told from the light; otherwise display values are all there is.
+    """
+    if dataset.kind != "ldr":
+        if any(view.sensor.kind == "ldr" for view in dataset.views):
+            reason = "only some cameras give linear light: the photographs of the others are tied to it"
+            return nh_3dgs.NAME, (_rung("tone curve", True, reason),)
+        kind = {"raw": "RAW mosaics", "hdr": "linear EXR", "mixed": "RAW mosaics and EXR"}[dataset.kind]
+        return nh_3dgs.NAME, (_rung("linear light", True, f"{kind} are linear: no tone curve is needed"),)
+    stops = np.log2([shot.k for view in dataset.train for shot in view.shots])
+    apart = float(stops.max() - stops.min())
+    several = any(len(view.shots) > 1 for view in dataset.train)
+    measured = all(view.sensor.response.residual is not None for view in dataset.train)
+    if (several or measured) and apart >= STOP_APART:
+        reason = f"exposures of {'a view' if several else 'the views'} lie up to {apart:.1f} stops apart"
+        if not several:
+            reason += ", and calibration measured the response on points that views share"
+        return hdr_gs.NAME, (_rung("tone curve", True, reason),)
+    reason = (
+        f"exposures span {apart:.1f} stops, no view has a bracket and the response was not measured: curve "
+        "and light cannot be told apart"
+        if not several
+        else f"exposures span only {apart:.1f} stops: curve and light cannot be told apart"
+    )
+    return vanilla.NAME, (_rung("tone curve", False, reason),)
+
+
+def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
+    """What else of the image formation is modelled, and why; all from the calibration, without a trial.
+
+    Whether training corrects the calibration is told by `recon.decide.corrections`, how many Gaussians there
+    are and whether their colours depend on the direction by `recon.decide.size`.
+    """
+    clipped = float(np.mean([shot.saturated.mean() for view in dataset.train for shot in view.shots]))
+    shares = [shot.saturated.mean() for view in dataset.train for shot in view.shots[:1]]
+    cameras = [camera for camera in dataset.calibration.cameras if camera.lens is not None]
+    distorted = [c.name for c in cameras if c.lens and (c.lens.fisheye or any(c.lens.terms[4:]))]
+    shaded = [c.name for c in cameras if any(c.vignetting)]
+    gains = [c.gain for c in cameras]
+    span = float(np.log2(max(gains) / min(gains))) if gains else 0.0
+    linear = method != vanilla.NAME or dataset.kind != "ldr"
+    photographed = linear and any(view.sensor.kind == "ldr" for view in dataset.views)
+    return (
+        *((_grid(Curves.of(dataset)),) if photographed else ()),
+        _rung(
+            "one-sided saturation",
+            clipped > 0,
+            f"{100 * clipped:.2f} % of all samples are clipped, {100 * float(np.mean(shares)):.2f} % of the "
+            "shortest exposures",
+        ),
+        _rung("distortion", bool(distorted), f"{len(distorted)} of {len(cameras)} lenses are distorted"),
+        _rung(
+            "vignetting",
+            linear and bool(shaded),
+            f"{len(shaded)} of {len(cameras)} cameras have a calibrated falloff",
+        ),
+        _rung("camera gains", linear and span > 0, f"cameras differ by up to {span:.3f} stops"),
+    )
+
+
+def _grid(curves: Curves) -> Rung:
+    """How many nodes the tone curve has."""
+    used, count = len(curves.nodes), 3 * len(curves.responses)
+    reason = f"all {used:,} nodes, since the curve was not measured and may bend anywhere"
+    if curves.measured:
+        code = f"{255 * EXACT:g} of a code value"
+        reason = f"{used:,} of {curves.finest:,} nodes hold the calibrated curve to {code}"
+    return Rung(name="tone grid", taken=used == curves.finest, reason=reason, parameters=used * count)
+
+
+def _rung(name: str, taken: bool, reason: str) -> Rung:
+    return Rung(name=name, taken=taken, reason=reason)

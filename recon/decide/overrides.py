@@ -1,0 +1,99 @@
+"""What of a training is fixed by hand, in place of what its preset and its method would take."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Self, TypeVar
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from imaging.errors import InputError
+from imaging.record import Record
+
+if TYPE_CHECKING:
+    from recon.data.dataset import Dataset, View
+    from recon.methods.method import Method
+
+T = TypeVar("T")
+
+_WHAT = "(poses|exposures|vignetting)"
+_REFINE = rf"^(none|{_WHAT}(\+{_WHAT})*)$"
+
+
+class Fixed(Record):
+    """Settings by name; None: as the preset and the method have it. The fields are the keys of `--set`."""
+
+    iterations: int | None = Field(default=None, ge=1, le=10_000_000)
+    gaussians: int | None = Field(default=None, ge=16, le=100_000_000)
+    """At most so many."""
+    width: int | None = Field(default=None, ge=16, le=100_000)
+    """Wider images are scaled down to it, px."""
+    degree: int | None = Field(default=None, ge=0, le=2)
+    """Of the harmonics that make colours depend on the direction."""
+    ssim: float | None = Field(default=None, ge=0, le=1)
+    """Weight of SSIM in the loss; the rest is L1."""
+    growth: float | None = Field(default=None, ge=0, le=0.95)
+    """Share of the Gaussians that training does not begin with but grows."""
+    views: int | None = Field(default=None, ge=1)
+    """Training views that are looked at, evenly chosen."""
+    exposures: int | None = Field(default=None, ge=1)
+    """Shots of each training view's bracket that are looked at, evenly chosen."""
+    refine: str | None = Field(default=None, pattern=_REFINE)
+    """What training corrects in the calibration, joined by +, or none."""
+
+    @classmethod
+    def of(cls, words: Sequence[str]) -> Self:
+        """From `KEY=VALUE`, such as `iterations=500`; InputError if a key or a value is not possible."""
+        pairs = [word.partition("=") for word in words]
+        for word, (key, _, value) in zip(words, pairs, strict=True):
+            if key not in cls.model_fields or not value:
+                raise InputError(
+                    f"--set {word} sets nothing: write KEY=VALUE with one of {', '.join(cls.model_fields)}."
+                )
+        keys = [key for key, _, _ in pairs]
+        if twice := {key for key in keys if keys.count(key) > 1}:
+            raise InputError(f"--set names {min(twice)} twice: name it once.")
+        try:
+            return cls.model_validate({key: value for key, _, value in pairs})
+        except ValidationError as error:
+            first = error.errors()[0]
+            raise InputError(
+                f"--set {first['loc'][0]}={first['input']} cannot be used: {first['msg'].lower()}."
+            ) from error
+
+    def words(self) -> list[str]:
+        """What `of` was given."""
+        fixed = self.model_dump(exclude_none=True)
+        return [
+            f"{key}={value if isinstance(value, str) else format(value, '.10g')}"
+            for key, value in fixed.items()
+        ]
+
+    def seen(self, dataset: "Dataset") -> "Dataset":
+        """What training looks at of a data set; held-out views stay as they are."""
+        train = dataset.train if self.views is None else _evenly(dataset.train, self.views)
+        if self.exposures is not None:
+            train = tuple(_with_exposures(view, self.exposures) for view in train)
+        return replace(dataset, train=train)
+
+    def composed(self, method: "Method") -> "Method":
+        """A method with the loss and the harmonics that are fixed."""
+        if self.ssim is not None:
+            method = replace(method, loss=replace(method.loss, ssim_weight=self.ssim))
+        if self.degree is not None:
+            schedule = replace(method.schedule, degrees=method.schedule.degrees[: self.degree])
+            method = replace(method, schedule=schedule)
+        return method
+
+
+def _with_exposures(view: "View", count: int) -> "View":
+    return replace(view, shots=_evenly(view.shots, count))
+
+
+def _evenly(items: tuple[T, ...], count: int) -> tuple[T, ...]:
+    """`count` of them from the first to the last; the middle one if it is one."""
+    if count >= len(items):
+        return items
+    if count == 1:
+        return (items[len(items) // 2],)
+    return tuple(items[place] for place in np.rint(np.linspace(0, len(items) - 1, count)).astype(int))

@@ -1,0 +1,112 @@
+"""What held-out quality a training will reach, predicted from a training in miniature.
+
+Quality over the length n of a whole schedule goes as q(n) = end - rise / (1 + (n / half)^power): slowly
+while Gaussians look for their places, fastest around `half` iterations, and last by a power law, as learning
+curves do (Hestness et al., arXiv 1712.00409). The miniature says where this scene's curve is; the curves of
+other scenes how it goes on.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.record import Record
+
+
+class Prediction(Record):
+    """Held-out quality predicted before training, dB: most likely, and an interval for 95 of 100 scenes."""
+
+    db: float
+    low: float
+    high: float
+    iterations: int
+    """Of the training that it is about, each of one view."""
+    tried: int
+    """Iterations of the miniature that it comes from."""
+    tried_db: float
+
+
+Array = npt.NDArray[np.float64]
+
+NOISE = 0.3
+"""dB that a training may lie beside its scene's curve."""
+SURE = 1.96
+"""Standard deviations to either side of a forecast: 95 % of a normal distribution."""
+
+SCENES = (
+    (2.45, 3.45, 0.29), (3.10, 2.63, -0.08), (3.07, 2.18, -0.25), (2.89, 2.62, -0.20), (2.83, 3.06, -0.21),
+    (2.98, 2.80, -0.00), (2.92, 2.64, 0.09), (2.53, 3.27, 0.19), (2.98, 2.41, -0.17), (2.39, 3.42, 0.34),
+    (2.23, 3.02, 0.46), (2.73, 3.74, 0.13), (2.12, 3.62, 0.43), (2.79, 3.74, 0.09), (2.15, 3.13, 0.46),
+    (0.62, 2.99, 0.68), (2.66, 3.55, 0.18), (2.13, 3.70, 0.51), (2.21, 3.59, 0.33), (2.76, 3.68, 0.14),
+    (2.78, 3.69, 0.10), (2.93, 2.99, -0.43), (2.45, 3.72, 0.27), (2.76, 3.73, 0.13), (2.72, 3.94, 0.64),
+    (2.70, 3.68, -0.10), (2.41, 3.34, -0.25), (3.26, 0.69, -0.24), (2.44, 3.04, 0.31), (1.18, 2.81, 0.85),
+)  # fmt: skip
+"""Log rise (dB), log half (iterations) and log power of the scenes of bench/recon/learning_curves.py."""
+
+
+def lacking(curves: Array, iterations: float) -> Array:
+    """dB [C] that schedules of so many iterations lie below the end of the curves [C, 3]."""
+    rise, half, power = np.exp(curves.T)
+    below: Array = rise / (1 + (iterations / half) ** power)
+    return below
+
+
+def gains(tried: int, iterations: int, scenes: npt.ArrayLike = SCENES) -> Array:
+    """dB [S] that a schedule of `iterations` gains over one of `tried`, by the curve of each scene [S, 3]."""
+    curves = np.asarray(scenes)
+    return lacking(curves, tried) - lacking(curves, iterations)
+
+
+ENOUGH = 0.08
+"""dB that a longer training gains in the mean over scenes, and that early stop does without
+(bench/recon/early_stop.py)."""
+
+
+def enough(iterations: int) -> int:
+    """The shortest schedule over which one of `iterations` gains less than `ENOUGH` on the mean of scenes."""
+    short, long = 0, iterations
+    while long - short > 1:
+        middle = (short + long) // 2
+        short, long = (short, middle) if gains(middle, iterations).mean() < ENOUGH else (middle, long)
+    return long
+
+
+SLOWER, FASTER = 0.5, 1.5
+"""Iterations within a time, over those that fit at the speed of the start: other work may come, or go."""
+
+
+def predicted(
+    db: float, tried: int, iterations: int, scenes: npt.ArrayLike = SCENES, *, timed: bool = False
+) -> Prediction:
+    """The end of a training of `iterations`, with an interval that holds in 95 of 100.
+
+    db: held-out, at the end of a schedule of `tried` iterations. scenes: curves [S, 3] as `SCENES` has them.
+    timed: the training is within a time, so that it may come to fewer iterations, or more.
+    """
+    told, half = _expected(db, tried, iterations, scenes)
+    low, high = told - half, told + half
+    if timed:
+        slow, fast = (
+            _expected(db, tried, max(round(factor * iterations), 1), scenes) for factor in (SLOWER, FASTER)
+        )
+        low, high = min(low, slow[0] - slow[1]), max(high, fast[0] + fast[1])
+    return Prediction(
+        db=round(told, 2),
+        low=round(low, 2),
+        high=round(high, 2),
+        iterations=iterations,
+        tried=tried,
+        tried_db=db,
+    )
+
+
+def corrected(guess: Prediction, iterations: int) -> Prediction | None:
+    """What the miniature says of a training of another length; None if that is about as planned."""
+    if SLOWER * guess.iterations <= iterations <= FASTER * guess.iterations:
+        return None
+    return predicted(guess.tried_db, guess.tried, iterations)
+
+
+def _expected(db: float, tried: int, iterations: int, scenes: npt.ArrayLike) -> tuple[float, float]:
+    """dB, and half the width of its interval."""
+    more = gains(tried, iterations, scenes)
+    return db + float(more.mean()), SURE * float(np.sqrt(more.var(ddof=1) + 2 * NOISE**2))

@@ -1,0 +1,119 @@
+"""A training in miniature before the true one: how fast this machine is, how good the scene gets at once."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from recon.data.dataset import Dataset
+from recon.data.pixels import Progress
+from recon.train.haste import haste
+from recon.train.ranks import Ranks
+from recon.train.trainer import Plan, Training, train
+
+FEWEST = 50
+"""Iterations that a training within a time has: one that has no room for them is not begun."""
+WARM_UP, TRIAL = 2, 3
+SHARE = 0.08
+"""Of a time and of a schedule, what the miniature may take."""
+SHORTEST = 25
+"""Iterations of a miniature. Where the time has no room for them, there is none, and nothing is predicted."""
+GROWTH = 1.25
+"""How much longer an iteration takes on the mean of a training than with the Gaussians it starts with."""
+WITH_TRIALS = 2.1
+"""Time of a training with its trials, over what its first iterations predict of it without: 1.1 and 0.6 of
+two scenes of which only the number of Gaussians is tried, which makes what follows shorter; 1.7 and 2.1 of
+two whose poses, exposures and falloff are all in doubt."""
+RESERVE = 0.92
+"""Share of the time that is planned with: the rest is for measuring, checkpoints and a busier machine."""
+
+_ALONE = Ranks()
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What the miniature told.
+
+    iterations: of its schedule. pace: seconds an iteration. db: held-out quality at its end; None without
+    held-out views, and where there was no time for a miniature.
+    """
+
+    iterations: int
+    pace: float
+    db: float | None
+
+    def iterations_within(self, seconds: float) -> int:
+        """Iterations that fit into `seconds`. The result depends on the machine."""
+        return max(int(RESERVE * seconds / self.pace), 0)
+
+    def seconds_for(self, iterations: int) -> float:
+        """The time to give for so many iterations."""
+        return iterations * self.pace / RESERVE
+
+
+def probe(
+    begin: Callable[[], Training],
+    dataset: Dataset,
+    plan: Plan,
+    seconds: float | None,
+    *,
+    ranks: Ranks = _ALONE,
+    progress: Progress | None = None,
+    clock: Callable[[], float] = time.monotonic,
+) -> Probe:
+    """Train to the end of a schedule of some dozen iterations, and throw it away.
+
+    It grows to as many Gaussians and switches on as many harmonics as the one that is planned, so its mean
+    pace is that of the true one. `begin` makes a new training; `seconds` is the time that there is in all,
+    None where time is no matter. If that is too short for it, a few iterations have to do.
+    """
+
+    if progress:
+        progress("probing the scene", 0, 1)
+    count = max(SHORTEST, int(SHARE * plan.iterations))
+    if seconds is not None:
+        pace = _pace_at_once(begin, dataset, plan, ranks, clock)
+        count = int(min(SHARE * seconds / pace, count))
+        if count < SHORTEST:
+            return Probe(TRIAL, pace * GROWTH, None)
+    training = begin()
+    short = replace(plan, iterations=count, batch=1, log_every=count, measure=True, haste=haste(count))
+    taken = _seconds(training, dataset, short, count, clock)
+    pace = max(taken - training.measuring, 1e-9) / count
+    return Probe(count, ranks.told(pace), ranks.told(training.curve[-1].db) if training.curve else None)
+
+
+def has_time_for_trials(
+    begin: Callable[[], Training],
+    dataset: Dataset,
+    plan: Plan,
+    seconds: float,
+    *,
+    ranks: Ranks = _ALONE,
+    clock: Callable[[], float] = time.monotonic,
+) -> bool:
+    """Whether the whole schedule fits into `seconds` after the trials that tell what is to be trained.
+
+    The same on all ranks; the result depends on the machine. Arguments as those of `probe`.
+    """
+    pace = _pace_at_once(begin, dataset, plan, ranks, clock)
+    return WITH_TRIALS * GROWTH * pace * plan.iterations <= RESERVE * seconds
+
+
+def _pace_at_once(
+    begin: Callable[[], Training], dataset: Dataset, plan: Plan, ranks: Ranks, clock: Callable[[], float]
+) -> float:
+    """Seconds an iteration with as many Gaussians as a training starts with, by a few; on all ranks."""
+    # Late in an endless schedule: all harmonics on, no adaptation due.
+    warm, endless = begin(), Plan(1_000_000, plan.density, plan.seed, log_every=1_000_000)
+    warm.iteration = 700_000
+    _seconds(warm, dataset, endless, warm.iteration + WARM_UP, clock)
+    taken = _seconds(warm, dataset, endless, warm.iteration + TRIAL, clock)
+    return max(ranks.told(taken / TRIAL), 1e-9)
+
+
+def _seconds(
+    training: Training, dataset: Dataset, plan: Plan, until: int, clock: Callable[[], float]
+) -> float:
+    began = clock()
+    train(training, dataset, plan, log=lambda line: None, save=lambda: None, until=until, clock=clock)
+    return clock() - began

@@ -1,0 +1,70 @@
+"""What decides a training besides the session."""
+
+from typing import Literal
+
+from imaging.record import Record
+from recon.data.dataset import Dataset
+from recon.data.light import Light
+from recon.decide.budget import Budget, Unit
+from recon.decide.overrides import Fixed
+from recon.methods import METHODS
+from recon.methods.method import Method
+from recon.train.densification import DensityRules
+from recon.train.haste import haste
+from recon.train.trainer import Plan
+
+
+class Settings(Record):
+    """What decides a training besides the session: the same settings and seed give the same bytes."""
+
+    method: Literal["nh-3dgs", "hdr-gs", "vanilla"]
+    quality: Literal["draft", "standard", "best"]
+    seed: int
+    iterations: int
+    """As planned at the start; a budget in seconds was turned into this number from the speed found then."""
+    max_gaussians: int
+    """As many at most as were asked for, or, of a training that was begun, as the scene was given."""
+    max_width: int
+    batch: int = 1
+    """Views a step; as many as processes trained together."""
+    budget: float | None = None
+    """What was asked for, in `budget_unit`; None: the preset."""
+    budget_unit: Unit = "s"
+    early_stop: bool = False
+    """Whether to train no longer than is worth it."""
+    fixed: Fixed = Fixed()
+    """What was set by hand."""
+    degree: int | None = None
+    """Of the harmonics, as the scene was given it; None: as `fixed` or the method has it."""
+
+    @property
+    def watches(self) -> bool:
+        """Whether held-out views may end the training."""
+        return self.early_stop or (self.budget is not None and self.budget_unit == "dB")
+
+    def words(self) -> dict[str, str]:
+        """What a person asked for, by name."""
+        return {
+            "method": self.method,
+            "quality": self.quality,
+            "seed": str(self.seed),
+            "budget": "none" if self.budget is None else str(Budget(self.budget, self.budget_unit)),
+            "early stop": "on" if self.early_stop else "off",
+            "settings": " ".join(self.fixed.words()) or "none set",
+        }
+
+    def composed(self, dataset: Dataset, light: Light) -> Method:
+        """The method with what was fixed and decided."""
+        fixed = self.fixed if self.degree is None else self.fixed.model_copy(update={"degree": self.degree})
+        return fixed.composed(METHODS[self.method](dataset, light))
+
+    def plan(self) -> Plan:
+        """The whole training."""
+        return Plan(
+            self.iterations,
+            DensityRules(self.max_gaussians),
+            self.seed,
+            self.batch,
+            measure=True,
+            haste=haste(self.iterations * self.batch),
+        )

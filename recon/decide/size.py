@@ -1,0 +1,263 @@
+"""Colours of which degree a scene is given, and how many Gaussians.
+
+The degree is told by what scene points look like from all sides (`recon.decide.view_dependence`). The preset
+names the most Gaussians; from there trials halve the count for as long as the views that judge them lose
+little.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from imaging.merge.linear_frame import Bool, Float
+from imaging.session.records import Rung
+from recon.data.dataset import Dataset
+from recon.data.pixels import Progress
+from recon.decide.held_out_evidence import fitted_view
+from recon.decide.presets import START_SHARE
+from recon.decide.settings import Settings
+from recon.decide.trials import SAMPLES, Trials, no_trial, room
+from recon.decide.view_dependence import FEWEST_POINTS, FEWEST_VIEWS, Gains, gains, looks
+from recon.observe.refinement import Refinement
+from recon.scene.harmonics import DEGREE
+from recon.scene.ply import most_gaussians
+from recon.train.initialisation import Start
+from recon.train.ranks import Ranks
+
+COUNT, COLOUR = "number of Gaussians", "direction-dependent colour"
+TRIAL_SHARE = 0.1
+"""Of the training's iterations, what a trial takes."""
+LOSS = 0.25
+"""dB that fewer Gaussians may lose in a trial: on the demo and the gallery, 160 px wide, those that are
+chosen by it lose 0.08 and 0.14 dB of the light in a whole training (bench/recon/count.py)."""
+MATERIAL = 0.45
+"""dB that a higher degree has to gain for sure, by one standard error. Scenes without any gloss seem to gain
+0.05 to 0.41 of RAW and, as photographs of 96 px, 0.40 to 0.63 with errors of 0.14 to 0.35; the gallery gains
+0.59 to 0.92, a scene of much gloss more than 2. On the demo degree 0 costs 0.12 dB of the picture, on the
+gallery degree 1 costs 0.04 (bench/decided/ablation.py)."""
+UNTOLD = 0
+"""The degree where too few views see the same points to tell. Of four and of eight views of the demo and
+the gallery it has 0.1 to 0.4 dB more of the light than degree 2, even where surfaces shine
+(bench/decided/few_views.py)."""
+MOST_HALVINGS = 5
+PLAIN = 14
+"""Numbers of a Gaussian whose colour is the same from everywhere: place, size, turn, opacity, colour."""
+FEWEST = 50
+"""Gaussians that a trial is made with."""
+UNIT = "dB of the pictures of views held out of a trial"
+COLOUR_UNIT = "dB of the luminance of scene points, each look predicted from all others"
+_ALONE = Ranks()
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Size:
+    """What was decided. gaussians: at most; degree: of the harmonics."""
+
+    gaussians: int
+    degree: int
+    rungs: tuple[Rung, ...]
+
+
+def degree_for(
+    dataset: Dataset, settings: Settings, images: list[tuple[Float, Bool]], ranks: Ranks
+) -> tuple[int, Rung]:
+    """The degree of the harmonics, and why: as asked, else by the evidence; the same on all ranks.
+
+    images: radiance images of the training views. The rung's parameters are those of one Gaussian.
+    """
+    found, asked = None, settings.fixed.degree
+    if asked is not None:
+        degree, reason = asked, "as asked for"
+    else:
+        found = gains(looks(dataset, images))
+        if found is None:
+            degree = UNTOLD
+            reason = (
+                f"since fewer than {FEWEST_POINTS} scene points are seen by {FEWEST_VIEWS} training views, "
+                "so that nothing shows that more is needed"
+            )
+        else:
+            degree = lowest(found)
+            told = " and ".join(
+                f"{more} {found.db[more]:.2f} +- {found.error[0, more]:.2f}" for more in range(1, DEGREE + 1)
+            )
+            reason = (
+                f"the lowest above which none surely gains {MATERIAL:g} dB: over 0 at {found.points} scene "
+                f"points gain {told}"
+            )
+    degree = int(ranks.told(degree))
+    # Of colours that stay the same everywhere, what the better of the others would gain is told.
+    best = degree or (0 if found is None else int(found.db.argmax()) or 1)
+    rung = Rung(
+        name=COLOUR,
+        taken=degree > 0,
+        gain=None if found is None else float(found.db[best]),
+        standard_error=None if found is None else float(found.error[0, best]),
+        unit="" if found is None else COLOUR_UNIT,
+        reason=f"harmonics of degree {degree}, {reason}",
+        parameters=3 * ((degree + 1) ** 2 - 1),
+    )
+    return degree, rung
+
+
+def lowest(found: Gains) -> int:
+    """The lowest degree above which none gains as much as is material, less its standard error."""
+    for low in range(DEGREE):
+        more = found.db[low + 1 :] - found.db[low]
+        if not (more - found.error[low, low + 1 :] > MATERIAL).any():
+            return low
+    return DEGREE
+
+
+def size_for(
+    dataset: Dataset,
+    settings: Settings,
+    colour: tuple[int, Rung],
+    refined: Refinement,
+    points: Start,
+    ranks: Ranks,
+    progress: Progress,
+    device: torch.device,
+) -> Size:
+    """The size of a training with these settings; as asked, else as decided; the same on all ranks.
+
+    colour: as `degree_for` has it. points: what a training of `most_for` Gaussians would start from.
+    """
+    degree, why = colour
+    if not ranks.first:  # only the first one writes why
+        return Size(int(ranks.told(0)), degree, ())
+    number, gaussians = decided(dataset, settings, degree, refined, points, progress, device)
+    gaussians = int(ranks.told(gaussians))
+    why = why.model_copy(update={"parameters": (why.parameters or 0) * gaussians})
+    return Size(gaussians, degree, (number, why))
+
+
+def most_for(dataset: Dataset, settings: Settings, degree: int) -> int:
+    """The most Gaussians that the scene may be given: as asked for, else of the preset, if it has room."""
+    if settings.budget is not None and settings.budget_unit == "bytes":
+        return min(settings.max_gaussians, most_gaussians(settings.budget, degree))
+    return settings.max_gaussians if _asked(settings) else min(settings.max_gaussians, room(dataset))
+
+
+def _asked(settings: Settings) -> bool:
+    return settings.fixed.gaussians is not None or settings.budget_unit in ("Gaussians", "bytes")
+
+
+def decided(
+    dataset: Dataset,
+    settings: Settings,
+    degree: int,
+    refined: Refinement,
+    points: Start,
+    progress: Progress,
+    device: torch.device,
+) -> tuple[Rung, int]:
+    """The number of Gaussians, and why: as asked, else by trials, else by the samples there are."""
+    why_not = no_trial(dataset, settings)
+    most = most_for(dataset, settings, degree)
+    if not why_not and not _asked(settings):
+        trials = Trials.of(dataset, settings, points, progress)
+        return Ladder(trials, refined, most, degree, device).climbed()
+    reason = f"at most {most:,}, {why_not}"
+    if _asked(settings):
+        reason = f"at most {most:,}, as asked for"
+    elif most < settings.max_gaussians:
+        reason += f"; one for every {SAMPLES} samples of the training views, which can tell no more apart"
+    taken = most < settings.max_gaussians
+    return Rung(name=COUNT, taken=taken, reason=reason, parameters=PLAIN * most), most
+
+
+@dataclass
+class Ladder:
+    """Trials of one session, each trained once. heard: dB of each view, by count."""
+
+    trials: Trials
+    refined: Refinement
+    most: int
+    degree: int
+    device: torch.device
+    heard: dict[int, Array] = field(default_factory=dict)
+
+    def climbed(self) -> tuple[Rung, int]:
+        """The fewest Gaussians that lose little, and why."""
+        counts = [self.most]
+        means = [float(self.db(self.most).mean())]
+        while len(counts) <= MOST_HALVINGS and counts[-1] // 2 >= FEWEST and max(means) - means[-1] < LOSS:
+            counts.append(counts[-1] // 2)
+            means.append(float(self.db(counts[-1]).mean()))
+        count = fewest(counts, means)
+        near = min(counts, key=lambda tried: abs(np.log(tried / count)))
+        gain, error = _paired(self.db(near), self.db(self.most))
+        told = ", ".join(f"{mean:.2f} dB with {c:,}" for c, mean in zip(counts, means, strict=True))
+        number = Rung(
+            name=COUNT,
+            taken=count < self.most,
+            gain=gain,
+            standard_error=error,
+            unit=UNIT,
+            reason=f"{count:,} of at most {self.most:,}, the fewest that lose less than {LOSS:g} dB in "
+            f"trainings of {self.iterations} iterations: {told}",
+            parameters=PLAIN * count,
+        )
+        return number, count
+
+    @property
+    def iterations(self) -> int:
+        """Of a trial."""
+        settings = self.trials.settings
+        return max(1, round(TRIAL_SHARE * settings.iterations * settings.batch))
+
+    def db(self, count: int) -> Array:
+        """Quality of every view that judges, [views], of a training with so many Gaussians."""
+        if count not in self.heard:
+            trials = self.trials
+            training = trials.trained(
+                self.iterations,
+                count,
+                f"a trial with {count:,} Gaussians",
+                refine=tuple(self.refined.parameters),
+                degree=self.degree,
+                points=fewer(trials.points, int(START_SHARE * count), trials.settings.seed),
+                device=self.device,
+            )
+            unsure, extent = tuple(self.refined.parameters), trials.part.extent
+            views = [fitted_view(training, view, unsure, extent) for view in trials.judged]
+            told = [training.held_out_db((view,), 1.0, _ALONE) for view in views]
+            self.heard[count] = np.array(told)
+        return self.heard[count]
+
+
+def fewest(counts: list[int], means: list[float]) -> int:
+    """Where dB over the logarithm of the count, falling counts, come to `LOSS` below the best."""
+    line = max(means) - LOSS
+    last = max(place for place, mean in enumerate(means) if mean >= line)
+    if last == len(counts) - 1:
+        return counts[last]
+    share = (means[last] - line) / (means[last] - means[last + 1])
+    return int(counts[last] * (counts[last + 1] / counts[last]) ** share)
+
+
+def fewer(points: Start, count: int, seed: int) -> Start:
+    """`count` of the points as `start_points` would have it: SfM points as far as they go, then others."""
+    if count >= len(points.xyz):
+        return points
+    rng = np.random.Generator(np.random.PCG64([seed, count]))
+    sparse = min(points.sparse, count)
+    rows = np.concatenate(
+        [
+            np.sort(rng.choice(points.sparse, sparse, replace=False)),
+            points.sparse
+            + np.sort(rng.choice(len(points.xyz) - points.sparse, count - sparse, replace=False)),
+        ]
+    )
+    return replace(points, xyz=points.xyz[rows], rgb=points.rgb[rows], sparse=sparse)
+
+
+def _paired(ours: Array, theirs: Array) -> tuple[float, float]:
+    """Mean difference over views, and its standard error."""
+    difference = ours - theirs
+    return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))

@@ -1,0 +1,123 @@
+"""Short trainings on a part of the training views, judged on the others: the evidence for what is chosen.
+
+The session's own held-out views are never looked at.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from recon.data.dataset import Dataset, View, held_out
+from recon.data.light import Light, light_of, radiance_image
+from recon.data.pixels import Progress
+from recon.decide.overrides import Fixed
+from recon.decide.settings import Settings
+from recon.methods import METHODS
+from recon.observe.refinement import Refined, Refinement
+from recon.train.densification import DensityRules
+from recon.train.haste import haste
+from recon.train.initialisation import Start, gaussians_at, start_points
+from recon.train.trainer import Plan, Training, train
+
+FEWEST_VIEWS = 4
+"""Held out of a trial; with fewer there is no telling a gain from luck."""
+HELD_OUT = 4
+"""One training view in so many is held out of a trial; those of the session are left for the end."""
+SAMPLES = 2
+"""Samples of the training views, over all colours of a pixel, for a Gaussian: with fewer it learns noise."""
+
+_CPU = torch.device("cpu")
+
+
+def no_trial(dataset: Dataset, settings: Settings) -> str:
+    """Why no trial is made; empty if one is."""
+    if settings.fixed.model_copy(update={"refine": None}) != Fixed():
+        return "not tried, since settings were fixed by hand"
+    if settings.budget is not None and settings.budget_unit == "s":
+        return "not tried, since a trial would take its time from the budget"
+    if settings.quality == "draft":
+        return "not tried, since a draft is no longer than a trial"
+    if len(_out(dataset)) < FEWEST_VIEWS:
+        count = len(dataset.train)
+        return f"not tried, since {count} training views are too few to hold {FEWEST_VIEWS} of them out"
+    return ""
+
+
+def room(dataset: Dataset) -> int:
+    """The most Gaussians that the training views can tell apart.
+
+    A pixel of a mosaic is one sample, any other one three; a bracket is one look at the same.
+    """
+    samples = sum(
+        view.lens.width * view.lens.height * (1 if view.shots[0].pixels.ndim == 2 else 3)
+        for view in dataset.train
+    )
+    return max(1, samples // SAMPLES)
+
+
+def _out(dataset: Dataset) -> set[tuple[int, str]]:
+    return held_out([(view.frame, view.camera) for view in dataset.train], HELD_OUT)
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What trials of one session have in common.
+
+    part: the data set whose held-out views are those that judge a trial, all of them from the training
+    views. points: where trials start, SfM points first.
+    """
+
+    part: Dataset
+    light: Light
+    points: Start
+    settings: Settings
+    progress: Progress
+
+    @classmethod
+    def of(cls, dataset: Dataset, settings: Settings, points: int | Start, progress: Progress) -> "Trials":
+        """Trials of a data set's training views, from at most so many points, or from these."""
+        out = _out(dataset)
+        trained = tuple(view for view in dataset.train if (view.frame, view.camera) not in out)
+        judged = tuple(view for view in dataset.train if (view.frame, view.camera) in out)
+        part = replace(dataset, train=trained, held_out=judged)
+        images = [radiance_image(view) for view in trained]
+        if isinstance(points, int):
+            rng = np.random.Generator(np.random.PCG64([settings.seed, 0x7121A1]))
+            points = start_points(part, images, points, rng, progress)
+        return cls(part, light_of(part, images), points, settings, progress)
+
+    def trained(
+        self,
+        iterations: int,
+        gaussians: int,
+        message: str,
+        *,
+        refine: Sequence[Refined] = (),
+        degree: int | None = None,
+        points: Start | None = None,
+        device: torch.device = _CPU,
+    ) -> Training:
+        """A training to the end of a short schedule, of at most so many Gaussians.
+
+        degree: of the harmonics; None: the method's own. points: to start from; None: all.
+        """
+        method = METHODS[self.settings.method](self.part, self.light)
+        if degree is not None:
+            method = Fixed(degree=degree).composed(method)
+        start = gaussians_at(points or self.points, method.appearance, method.observation.units)
+        refinement = Refinement.of(self.part, refine) if refine else None
+        training = Training.begin(method, self.light, start, self.part.extent, device, refinement)
+        plan = Plan(iterations, DensityRules(gaussians), self.settings.seed, haste=haste(iterations))
+
+        def told(_: str, done: int, total: int) -> None:
+            self.progress(message, done, total)
+
+        train(training, self.part, plan, log=lambda line: None, save=lambda: None, progress=told)
+        return training
+
+    @property
+    def judged(self) -> tuple[View, ...]:
+        """The views that judge."""
+        return self.part.held_out

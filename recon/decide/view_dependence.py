@@ -1,0 +1,119 @@
+"""How much better the light of scene points is predicted when it may depend on the direction of the look.
+
+Every scene point that many training views saw is looked at as often. The luminance of each look is predicted
+from all the others: by their mean, and by harmonics of the direction fitted to them. No training is needed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from scipy.ndimage import map_coordinates
+
+from imaging.merge.linear_frame import Bool, Float
+from recon.data.dataset import Dataset
+from recon.data.geometry import project
+from recon.scene.harmonics import DEGREE, basis
+
+Array = npt.NDArray[np.float64]
+
+FEWEST_VIEWS = 8
+"""That have to see a point: with fewer, harmonics have next to nothing to be fitted to."""
+FEWEST_POINTS = 50
+MOST_POINTS = 2000
+"""Those that most views saw; more of them tell no more."""
+RIDGE = 0.1
+"""Variance of a look over that of a coefficient: how far the coefficients are trusted to be off zero."""
+NOISE, SHIFT = 0.01, 0.3
+"""What makes looks differ without any gloss: a part of the light, and a place that is off by so many px."""
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Of V views at P points: log luminance [V, P], NaN where none; unit directions from the camera to the
+    point [V, P, 3]; by how much log luminance changes from a pixel to the next [V, P]."""
+
+    light: Array
+    towards: Array
+    slope: Array
+
+
+@dataclass(frozen=True)
+class Gains:
+    """By how many dB degrees 1 and 2 predict better than degree 0: the means, and errors of the steps.
+
+    db[d]: of degree d over 0, so db[0] is 0. error[low, high]: standard error of db[high] - db[low].
+    """
+
+    points: int
+    db: Array
+    error: Array
+
+
+def looks(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Looks:
+    """Every training view at every scene point that calibration saw in it; `images`: radiance images."""
+    xyz, tracks = dataset.tracks()
+    shape = len(dataset.train), len(xyz)
+    light, slope = np.full(shape, np.nan), np.full(shape, np.nan)
+    towards = np.zeros((*shape, 3))
+    for row, (view, (rgb, trusted)) in enumerate(zip(dataset.train, images, strict=True)):
+        seen = tracks.get(f"{view.camera}/{view.frame:04d}.png")
+        if seen is None:
+            continue
+        pixels, depth = project(view.lens, xyz[seen])
+        bright = rgb @ np.array(_LUMINANCE)
+        usable = trusted & view.seen & np.isfinite(bright) & (bright > 0)
+        log = np.log(np.where(usable, bright, np.nan))
+        x, y = pixels.T - 0.5
+        near = [
+            map_coordinates(log, [y + dy, x + dx], order=1, cval=np.nan)
+            for dx, dy in ((0, 0), (0.5, 0), (-0.5, 0), (0, 0.5), (0, -0.5))
+        ]
+        good = (depth > 0) & np.isfinite(near).all(0)
+        light[row, seen[good]] = near[0][good]
+        slope[row, seen[good]] = np.hypot(near[1] - near[2], near[3] - near[4])[good]
+        offset = xyz[seen] - view.centre
+        towards[row, seen] = offset / np.linalg.norm(offset, axis=1, keepdims=True).clip(1e-12)
+    return Looks(light, towards, slope)
+
+
+def gains(found: Looks) -> Gains | None:
+    """What each degree gains; None if fewer than 50 points are seen by 8 views or more.
+
+    Points count by how little noise and a misplaced look would change them; errors are over points.
+    """
+    views = np.isfinite(found.light).sum(0)
+    chosen = np.argsort(-views, kind="stable")[:MOST_POINTS]
+    chosen = chosen[views[chosen] >= FEWEST_VIEWS]
+    if len(chosen) < FEWEST_POINTS:
+        return None
+    light, towards = found.light[:, chosen].T, found.towards[:, chosen].transpose(1, 0, 2)
+    slope = np.nanmedian(found.slope[:, chosen], axis=0)
+    weight = 1 / (NOISE**2 + (SHIFT * slope) ** 2)
+    missed = weight * np.stack([_missed(light, towards, degree) for degree in range(DEGREE + 1)])
+    total = missed.sum(1).clip(1e-30)
+    db = 10 * np.log10(total[0] / total)
+    share = 10 / np.log(10) * missed / total[:, None]
+    error = np.linalg.norm(share[:, None] - share[None], axis=-1)
+    return Gains(len(chosen), db, error)
+
+
+def _missed(light: Array, towards: Array, degree: int) -> Array:
+    """Mean square [P] of what looks [P, V] differ from what all others of their point predict.
+
+    Ridge regression, its constant free; a look is left out in closed form: residual over one minus leverage.
+    """
+    there = np.isfinite(light)
+    count = there.sum(1, keepdims=True)
+    values = basis(torch.from_numpy(towards.reshape(-1, 3)), degree).numpy()[:, 1:]
+    terms = np.where(there[..., None], values.reshape(*light.shape, -1), 0.0)
+    terms = np.where(there[..., None], terms - terms.sum(1, keepdims=True) / count[..., None], 0.0)
+    centred = np.where(there, light - np.nansum(light, axis=1, keepdims=True) / count, 0.0)
+    inner = np.einsum("pvk,pvl->pkl", terms, terms) + RIDGE * np.eye(terms.shape[-1])
+    solved = np.linalg.solve(inner, terms.transpose(0, 2, 1))
+    told = np.einsum("pvk,pk->pv", terms, np.einsum("pkv,pv->pk", solved, centred))
+    leverage = np.einsum("pvk,pkv->pv", terms, solved) + 1 / count
+    left = np.where(there, (centred - told) / np.maximum(1 - leverage, 1e-9), 0.0)
+    return np.asarray((left**2).sum(1) / count[:, 0])

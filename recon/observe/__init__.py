@@ -1,0 +1,1 @@
+"""From rendered light to what a camera recorded: tone curves, losses, and corrections of the calibration."""

@@ -1,0 +1,221 @@
+"""What a camera makes of radiance: from a rendered image to what its shots should show, and the target.
+
+An observation model turns a rendered image (linear Rec.709, in scene units: radiance divided by the
+model's normaliser) and a view into two stacks of planes, prediction and target, in which the loss
+compares them. Shots of a bracket are so many observations of one render.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import conv2d
+
+from imaging.cfa import Cfa
+from recon.data.dataset import View
+from recon.observe.losses import exposed_mu_law, mu_law
+from recon.scene.appearance import Rate
+
+MIDDLE_GREY = 0.18
+SIGNAL_MU = 500.0
+"""Of the signal of a sensor. With the 5000 of the papers the noise of its darkest tones weighs more: 0.24 dB
+less, and 0.39 less in RAW (bench/decided/ablation.py)."""
+LIGHT_MU = 5000.0
+"""Of light, which has no noise floor that is known and reaches far above its white: EXR."""
+
+
+class Observation(Protocol):
+    """The part of a model that knows about cameras."""
+
+    @property
+    def shared(self) -> dict[str, Tensor]:
+        """Parameters of the model that belong to no Gaussian, such as a tone curve."""
+        ...
+
+    @property
+    def rates(self) -> dict[str, Rate]:
+        """Learning rate of every shared parameter."""
+        ...
+
+    def to(self, device: torch.device) -> None:
+        """Move the shared parameters to a device."""
+        ...
+
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Prediction and target, [P, h, w] each, from an image [H, W, 3]; progress is 0..1.
+
+        factors [shots]: on the exposure scale of each shot; differentiable in them too.
+        """
+        ...
+
+    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+        """What a shot of exposure scale `k` would hold, unclipped: like `Shot.pixels`."""
+        ...
+
+    def radiance(self, image: Tensor) -> Tensor:
+        """The rendered image as linear radiance, in the units of the calibration."""
+        ...
+
+    def units(self, radiance: Tensor) -> Tensor:
+        """Radiance [N, 3] as a rendered image would hold it: the inverse of `radiance`."""
+        ...
+
+    def penalty(self) -> Tensor | float:
+        """What the model itself adds to the loss."""
+        ...
+
+
+def split(image: Tensor) -> Tensor:
+    """The 2x2 sites of an image [H, W, ...], H and W even: [4, H/2, W/2, ...], in reading order."""
+    height, width = image.shape[:2]
+    tiles = image.reshape(height // 2, 2, width // 2, 2, *image.shape[2:])
+    return tiles.movedim(1, 0).movedim(3, 1).reshape(4, height // 2, width // 2, *image.shape[2:])
+
+
+def join(planes: Tensor) -> Tensor:
+    """The inverse of `split`: [4, h, w, ...] -> [2 h, 2 w, ...]."""
+    _, height, width = planes.shape[:3]
+    tiles = planes.reshape(2, 2, height, width, *planes.shape[3:])
+    return tiles.movedim((2, 0, 3, 1), (0, 1, 2, 3)).reshape(2 * height, 2 * width, *planes.shape[3:])
+
+
+def through_filter(image: Tensor, matrix: Tensor, cfa: Cfa | None) -> Tensor:
+    """Linear Rec.709 [H, W, 3] behind the colour filters: planes [4, H/2, W/2], or [3, H, W] without CFA.
+
+    `matrix` is camera_from_rec709 [3, 3]. Each plane of a mosaic is one site of the 2x2 tile, so the
+    two greens stay apart; only the channel that the site lets through is computed.
+    """
+    if cfa is None:
+        return conv2d(image.movedim(2, 0)[None], matrix[:, :, None, None])[0]
+    # A convolution in steps of one tile: kernel p sees nothing but site p of the tile.
+    kernels = matrix.new_zeros(4, 3, 2, 2)
+    for site, channel in enumerate(cfa.pattern.reshape(-1)):
+        kernels[site, :, site // 2, site % 2] = matrix[int(channel)]
+    return conv2d(image.movedim(2, 0)[None], kernels, stride=2)[0]
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """What of a view does not change, for J shots of P planes.
+
+    falloff [P, h, w]; scales [J, 1, 1, 1]; target, ceiling and valid [J, P, h, w]: the ceiling is the
+    target where that is saturated, else infinite; valid is None where every sample is.
+    """
+
+    matrix: Tensor
+    falloff: Tensor
+    scales: Tensor
+    target: Tensor
+    ceiling: Tensor
+    valid: Tensor | None
+    mu: float
+
+    def to(self, device: torch.device) -> "_Prepared":
+        """The same on a device."""
+        names = ("matrix", "falloff", "scales", "target", "ceiling")
+        moved = {name: getattr(self, name).to(device) for name in names}
+        valid = None if self.valid is None else self.valid.to(device)
+        return _Prepared(**moved, valid=valid, mu=self.mu)
+
+
+def _white(light: np.ndarray) -> float:
+    """What counts as white in an EXR, whose numbers may be of any unit: where its median is middle grey."""
+    lit = light[light > 0]
+    return float(np.median(lit)) / MIDDLE_GREY if lit.size else 1.0
+
+
+@dataclass
+class LinearLight:
+    """RAW mosaics, camera RGB and linear EXR, every exposure compared in its own mu-law.
+
+    A shot of scale k should show `x = falloff (M L)_channel k`, mosaicked by the camera's own CFA.
+    Saturated photosites are one-sided. SSIM works on the four half-resolution planes of a mosaic, not
+    on the mosaic, whose checkerboard would dominate every window (NH-3DGS, arXiv 2511.12895).
+    """
+
+    normaliser: float
+    space: Literal["exposure", "scene"] = "exposure"
+    _prepared: dict[str, _Prepared] = field(default_factory=dict, repr=False)
+
+    @property
+    def shared(self) -> dict[str, Tensor]:
+        """None."""
+        return {}
+
+    @property
+    def rates(self) -> dict[str, Rate]:
+        """None."""
+        return {}
+
+    def to(self, device: torch.device) -> None:
+        """Nothing to move: views follow the first image that they are compared with."""
+
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """All shots of the bracket, darkest first: [shots * 4, H/2, W/2], or [shots * 3, H, W]."""
+        known = self._prepared.get(view.name)
+        if known is None:
+            known = self._prepared[view.name] = self._prepare(view).to(image.device)
+        light = through_filter(image, known.matrix, view.sensor.cfa) * known.falloff
+        scales = known.scales if factors is None else known.scales * factors[:, None, None, None]
+        prediction = exposed_mu_law(light, scales, known.ceiling, known.mu)
+        if known.valid is not None:
+            prediction = torch.where(known.valid, prediction, known.target)
+        return prediction.flatten(0, 1), known.target.flatten(0, 1)
+
+    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+        """The signal x: [H, W] for a mosaic, [H, W, 3] without CFA."""
+        sensor = view.sensor
+        matrix = torch.as_tensor(sensor.camera_from_rec709, dtype=image.dtype, device=image.device)
+        planes = through_filter(image, matrix, sensor.cfa)
+        falloff = torch.as_tensor(sensor.falloff, dtype=image.dtype, device=image.device)
+        scale = self.normaliser * k
+        if sensor.cfa is None:
+            return planes.movedim(0, 2) * falloff[..., None] * scale
+        return join(planes) * falloff * scale
+
+    def radiance(self, image: Tensor) -> Tensor:
+        """The image times the normaliser."""
+        return image * self.normaliser
+
+    def units(self, radiance: Tensor) -> Tensor:
+        """Radiance over the normaliser."""
+        return radiance / self.normaliser
+
+    def penalty(self) -> float:
+        """Nothing."""
+        return 0.0
+
+    def _prepare(self, view: View) -> _Prepared:
+        sensor = view.sensor
+        mosaicked = sensor.cfa is not None
+
+        def planes(array: np.ndarray) -> Tensor:
+            tensor = torch.from_numpy(np.ascontiguousarray(array))
+            return split(tensor) if mosaicked else tensor.movedim(2, 0)
+
+        falloff = torch.from_numpy(sensor.falloff)
+        scales = [self.normaliser * shot.k for shot in view.shots]
+        if self.space == "scene":  # every shot is divided by its own scale again: one mu-law for them all
+            units = scales
+        else:
+            units = [_white(shot.pixels[shot.valid]) if sensor.kind == "hdr" else 1.0 for shot in view.shots]
+        mu = LIGHT_MU if self.space == "scene" or sensor.kind == "hdr" else SIGNAL_MU
+        pairs = list(zip(view.shots, scales, units, strict=True))
+        target = torch.stack([mu_law(planes(shot.pixels) / unit, mu) for shot, _, unit in pairs])
+        saturated = torch.stack([planes(shot.saturated) for shot in view.shots])
+        valid = torch.stack([planes(shot.valid) for shot in view.shots])
+        return _Prepared(
+            matrix=torch.from_numpy(sensor.camera_from_rec709.astype(np.float32)),
+            falloff=split(falloff) if mosaicked else falloff[None],
+            scales=torch.tensor([scale / unit for _, scale, unit in pairs])[:, None, None, None],
+            target=target,
+            ceiling=torch.where(saturated, target, torch.inf),
+            valid=None if bool(valid.all()) else valid,
+            mu=mu,
+        )

@@ -1,0 +1,70 @@
+"""Observation model of a rig of which some cameras give linear light and others photographs."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from recon.data.dataset import Dataset, View
+from recon.data.light import Light
+from recon.observe.linear import LinearLight, Observation
+from recon.observe.photographs import ToneCurve, tone_curve
+from recon.scene.appearance import Rate
+
+
+@dataclass
+class Mixed:
+    """Every view by its own camera: linear light as it is, photographs through the tone curve.
+
+    Both read a rendered image in the same units. What ties the two gauges together is the calibration,
+    whose gain of a camera is measured on the points that it shares with the others.
+    """
+
+    linear: LinearLight
+    photographs: ToneCurve
+
+    @property
+    def shared(self) -> dict[str, Tensor]:
+        """The tone curves."""
+        return self.photographs.shared
+
+    @property
+    def rates(self) -> dict[str, Rate]:
+        """Those of the curves."""
+        return self.photographs.rates
+
+    def to(self, device: torch.device) -> None:
+        """Move the curves."""
+        self.photographs.to(device)
+
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """As the view's own kind has it."""
+        return self._of(view).compare(image, view, progress, factors)
+
+    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+        """As the view's own kind has it."""
+        return self._of(view).predict(image, view, k)
+
+    def radiance(self, image: Tensor) -> Tensor:
+        """The image times the normaliser."""
+        return self.linear.radiance(image)
+
+    def units(self, radiance: Tensor) -> Tensor:
+        """The inverse of `radiance`."""
+        return self.linear.units(radiance)
+
+    def penalty(self) -> Tensor | float:
+        """That of the curves."""
+        return self.photographs.penalty()
+
+    def _of(self, view: View) -> Observation:
+        return self.photographs if view.sensor.kind == "ldr" else self.linear
+
+
+def linear_or_mixed(dataset: Dataset, light: Light) -> Observation:
+    """LinearLight, unless some of the session's cameras give photographs."""
+    linear = LinearLight(light.normaliser)
+    photographs = any(view.sensor.kind == "ldr" for view in dataset.views)
+    return Mixed(linear, tone_curve(dataset, light)) if photographs else linear

@@ -1,0 +1,305 @@
+"""Observation models for photographs: through a learned tone curve, or as they are."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from imaging.merge.linear_frame import decode
+from imaging.session.calibration import Response
+from recon.data.dataset import Dataset, View
+from recon.data.light import Light
+from recon.data.tone import encode
+from recon.observe.tone_grid import (
+    Grid,
+    apply_curve,
+    curve_values,
+    middle_of,
+    needed,
+    remap_rate,
+    roughness,
+    sampled,
+)
+from recon.scene.appearance import Rate
+
+KNOWN_RESIDUAL = 0.01
+"""A calibrated curve whose held-out disagreement, natural log, is below this counts as known."""
+
+LAST_CODE = 1.5 / 255
+"""A code that is nearer than this to an end of the scale bounds the light and does not tell it."""
+
+TYPICAL_SLOPE, LEAST_SLOPE = 0.1, 0.02
+"""Codes, of 1, a natural log of light: of a pixel of weight 1, and the least that one is weighted by."""
+
+
+@dataclass(frozen=True)
+class _Codes:
+    """Planes [shots * 3, H, W] of a view's photographs, and between what they tell predictions apart.
+
+    A code at the upper end of the scale is a lower bound only: nothing above it is told apart from it. One at
+    the lower end is an upper bound. ceiling and floor are the code there, infinite elsewhere; both are it
+    where a shot is not valid. Codes within the scale are compared wherever the calibration ends: it is of the
+    photographs it had, and a lamp beyond them would be free to be of any brightness.
+    """
+
+    target: Tensor
+    floor: Tensor
+    ceiling: Tensor
+
+    def to(self, device: torch.device) -> "_Codes":
+        """The same on a device."""
+        return _Codes(self.target.to(device), self.floor.to(device), self.ceiling.to(device))
+
+
+def _codes(view: View) -> _Codes:
+    def planes(name: str) -> Tensor:
+        stack = np.concatenate([getattr(shot, name).transpose(2, 0, 1) for shot in view.shots])
+        return torch.from_numpy(np.ascontiguousarray(stack))
+
+    target, ignored = planes("pixels"), ~planes("valid")
+    dark = planes("dark") & (target <= LAST_CODE)
+    saturated = planes("saturated") & (target >= 1 - LAST_CODE)
+    floor = torch.where(dark | ignored, target, -torch.inf)
+    return _Codes(target, floor, torch.where(saturated | ignored, target, torch.inf))
+
+
+@dataclass
+class ToneCurve:
+    """Code values through one monotone curve a channel: `C = g(r (ln (E + eps) + ln k - m))`.
+
+    HDRGS (Wu et al., arXiv 2408.06543). theta [R, 3, M - 1]: the curves of R different responses.
+    `of_camera` says which a camera has. The curve is fixed for the first `fixed` of the training,
+    or for all of it when the response is known. Scale gauge: m is that of the calibration's response,
+    so radiance stays in the units of the calibration as far as the curve does not drift along x.
+
+    balance: errors of codes count `(0.1 / s) ** balance` times, s being how many codes the shots of a pixel
+    change in the mean when its light grows by a natural log. With 0 an error counts by the code, and the
+    shoulder of the curve hides lamps and their edges; with 1 by the ratio of light, wherever on the curve.
+    """
+
+    normaliser: float
+    nodes: Tensor
+    theta: Tensor
+    of_camera: dict[str, int]
+    rate: float
+    middle: float
+    epsilon: float
+    fixed: float = 0.2
+    smoothness: float = 1e-2
+    balance: float = 0.5
+    curve_rate: Rate = Rate(2e-2, 5e-6)
+    _known: dict[str, tuple[_Codes, Tensor]] = field(default_factory=dict, repr=False)
+    _progress: float = field(default=0.0, repr=False)
+
+    def __post_init__(self) -> None:
+        # Weights are those of the curve at the start, also when a training goes on from a later one.
+        self._start = curve_values(self.theta.detach().cpu()).double().numpy()
+        self._slopes = self.rate * np.gradient(self._start, self.nodes.cpu().double().numpy(), axis=-1)
+
+    @property
+    def learned(self) -> bool:
+        """Whether the curve is trained at all."""
+        return self.fixed < 1.0
+
+    @property
+    def shared(self) -> dict[str, Tensor]:
+        """The curves."""
+        return {"theta": self.theta}
+
+    @property
+    def rates(self) -> dict[str, Rate]:
+        """That of the curves."""
+        return {"theta": self.curve_rate}
+
+    def to(self, device: torch.device) -> None:
+        """Move the curves and their nodes."""
+        self.theta, self.nodes = self.theta.to(device), self.nodes.to(device)
+
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Predicted and photographed codes of all shots, the errors balanced, [shots * 3, H, W]."""
+        self._progress = progress
+        known = self._known.get(view.name)
+        if known is None:
+            codes = _codes(view)
+            known = codes.to(image.device), self._weight(view, codes).to(image.device)
+            self._known[view.name] = known
+        codes, weight = known
+        scales = [shot.k for shot in view.shots]
+        prediction = self._expose(image, view, scales, factors, leaky=True).flatten(0, 1)
+        prediction = prediction.clamp(codes.floor, codes.ceiling)
+        return torch.lerp(codes.target, prediction, weight), codes.target
+
+    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+        """Codes of a shot of exposure scale `k`, within 0..1, [H, W, 3]."""
+        return self._expose(image, view, [k], None, leaky=False)[0].movedim(0, 2)
+
+    def radiance(self, image: Tensor) -> Tensor:
+        """The image times the normaliser."""
+        return image * self.normaliser
+
+    def units(self, radiance: Tensor) -> Tensor:
+        """The inverse of `radiance`."""
+        return radiance / self.normaliser
+
+    def penalty(self) -> Tensor | float:
+        """Roughness of the curves, while they are trained."""
+        if not self._training():
+            return 0.0
+        return self.smoothness * roughness(curve_values(self.theta), self.nodes)
+
+    def curves(self) -> Tensor:
+        """Code values at the nodes, [R, 3, M], without gradient."""
+        return curve_values(self.theta.detach().cpu())
+
+    def codes_of(self, log_exposure: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Codes [M, 3] of the first response at ln(E k) [M]."""
+        x = self.rate * (log_exposure - self.middle)
+        nodes, curves = self.nodes.double().numpy(), self.curves()[0].double().numpy()
+        return np.stack([np.interp(x, nodes, curve) for curve in curves], -1)
+
+    def _weight(self, view: View, codes: _Codes) -> Tensor:
+        """What errors count, [shots * 3, H, W]: the same for all shots of a pixel."""
+        shape = len(view.shots), 3, *codes.target.shape[1:]
+        target = codes.target.reshape(shape).numpy()
+        bound = (codes.floor.isfinite() | codes.ceiling.isfinite()).reshape(shape).numpy()
+        response = self.of_camera[view.camera]
+        slope = np.empty_like(target)
+        for channel in range(3):
+            curve, slopes = self._start[response, channel], self._slopes[response, channel]
+            slope[:, channel] = np.interp(target[:, channel], curve, slopes)
+        told = np.where(bound, 0, slope).mean(0).clip(LEAST_SLOPE)
+        weight = (TYPICAL_SLOPE / told) ** np.float32(self.balance)
+        return torch.from_numpy(weight).to(codes.target).repeat(len(target), 1, 1)
+
+    def _training(self) -> bool:
+        return self.learned and self._progress >= self.fixed
+
+    def _expose(
+        self, image: Tensor, view: View, scales: Sequence[float], factors: Tensor | None, *, leaky: bool
+    ) -> Tensor:
+        falloff = torch.from_numpy(view.sensor.falloff).to(image)
+        light = torch.log(image * falloff[..., None] + self.epsilon)
+        # In float64, where the normaliser and the scales cancel: another unit of light changes no bit.
+        offset = image.new_tensor(np.log(self.normaliser * np.array(scales)) - self.middle)
+        if factors is not None:
+            offset = offset + factors.log()
+        x = self.rate * (light.movedim(2, 0)[None] + offset[:, None, None, None])
+        theta = self.theta[self.of_camera[view.camera]]
+        values = curve_values(theta if self._training() else theta.detach()).to(image)
+        nodes = self.nodes.to(image.dtype)
+        channels = [apply_curve(x[:, channel], values[channel], nodes, leaky=leaky) for channel in range(3)]
+        return torch.stack(channels, 1)
+
+
+@dataclass(frozen=True)
+class Curves:
+    """The tone curves that the photographs of a session start from, and the grid that they need.
+
+    responses: the distinct ones; of_camera: which a camera has. rate, middle: x as `ToneCurve` has it.
+    nodes [M]: of the grid, out of `finest`. measured: whether they are of a calibration, which training
+    only touches up; known: whether it leaves them as they are.
+    """
+
+    responses: tuple[Response, ...]
+    of_camera: dict[str, int]
+    rate: float
+    middle: float
+    nodes: npt.NDArray[np.float64]
+    finest: int
+    measured: bool
+    known: bool
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> "Curves":
+        """From the responses of the calibration: where they were measured, with the nodes that hold them."""
+        photographed = [view for view in dataset.views if view.sensor.kind == "ldr"]
+        responses = {view.camera: view.sensor.response for view in photographed}
+        distinct = tuple(dict.fromkeys(responses.values()))
+        scales = [shot.k for view in dataset.train if view.sensor.kind == "ldr" for shot in view.shots]
+        rate = remap_rate(scales)
+        middle = float(np.mean([middle_of(response) for response in distinct]))
+        residuals = [0.0 if one.kind == "linear" else one.residual for one in distinct]
+        measured = None not in residuals
+        known = all(residual is not None and residual < KNOWN_RESIDUAL for residual in residuals)
+        nodes = finest = Grid().nodes()
+        if measured:
+            curves = [curve_values(sampled(one, finest, rate, middle)).double().numpy() for one in distinct]
+            nodes = finest[needed(finest, np.stack(curves))]
+        of_camera = {camera: distinct.index(response) for camera, response in responses.items()}
+        return cls(distinct, of_camera, rate, middle, nodes, len(finest), measured, known)
+
+
+def tone_curve(dataset: Dataset, light: Light) -> ToneCurve:
+    """The tone curve of the photographs of a session; it starts from the response of the calibration.
+
+    HDRGS starts from a sigmoid; a measured (or sRGB) curve is nearer, and the colours that training
+    starts from come through the same curve, so the two agree from the first iteration.
+    """
+    own = Curves.of(dataset)
+    return ToneCurve(
+        normaliser=light.normaliser,
+        nodes=torch.from_numpy(own.nodes.astype(np.float32)),
+        theta=torch.stack([sampled(one, own.nodes, own.rate, own.middle) for one in own.responses]),
+        of_camera=own.of_camera,
+        rate=own.rate,
+        middle=own.middle,
+        epsilon=0.01 * (light.reference or 2.0**-20),
+        fixed=1.0 if own.known else 0.2,
+    )
+
+
+@dataclass
+class Display:
+    """Code values as they are, as 3DGS has them, without any idea of exposure.
+
+    `k` is the exposure scale at which the display values are read as light, when radiance is asked for.
+    """
+
+    response: Response
+    k: float
+    _known: dict[str, _Codes] = field(default_factory=dict, repr=False)
+
+    @property
+    def shared(self) -> dict[str, Tensor]:
+        """None."""
+        return {}
+
+    @property
+    def rates(self) -> dict[str, Rate]:
+        """None."""
+        return {}
+
+    def to(self, device: torch.device) -> None:
+        """Nothing to move."""
+
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """The image, once for every shot whatever its exposure, beside the photographs: [shots * 3, H, W]."""
+        codes = self._known.get(view.name)
+        if codes is None:
+            codes = self._known[view.name] = _codes(view).to(image.device)
+        prediction = image.movedim(2, 0)[None].expand(len(view.shots), 3, -1, -1).flatten(0, 1)
+        return prediction.clamp(codes.floor, codes.ceiling), codes.target
+
+    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+        """The image itself, within 0..1, whatever the exposure."""
+        return image.clamp(0.0, 1.0)
+
+    def radiance(self, image: Tensor) -> Tensor:
+        """The image through the inverse response, over `k`."""
+        codes = image.detach().clamp(0, 1).cpu().numpy()
+        return torch.from_numpy(decode(codes, self.response) / np.float32(self.k))
+
+    def units(self, radiance: Tensor) -> Tensor:
+        """Radiance [N, 3] as codes at `k`."""
+        return torch.from_numpy(encode(radiance.cpu().numpy() * self.k, self.response))
+
+    def penalty(self) -> float:
+        """Nothing."""
+        return 0.0

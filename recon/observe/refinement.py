@@ -1,0 +1,232 @@
+"""What training may correct in the calibration: poses, exposures and vignetting, a little each.
+
+Parameters beside the Gaussians, all zero at first. They move after the scene has taken shape; before that
+they would follow its gaps. What no picture can tell is taken out of them after every step: a motion or a
+scale of all cameras together, and one factor on all exposures.
+"""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from imaging.session.records import Rung
+from recon.data.dataset import Dataset, View
+from recon.scene.appearance import Rate
+from recon.scene.checkpoint import Checkpoint
+from recon.splat import SplatCamera
+from recon.splat.moved import DELTA, moved
+
+Refined = Literal["poses", "exposures", "vignetting"]
+
+BEGIN = 0.2
+"""Share of the training after which the corrections are let go."""
+RATES: dict[Refined, Rate] = {
+    "poses": Rate(2e-3, 2e-5),
+    "exposures": Rate(2e-2, 2e-4),
+    "vignetting": Rate(2e-1, 1e-4),
+}
+"""A view is looked at once an epoch, and Adam divides by how large its gradient is on the average: each
+look moves a pose by the rate times the square root of the number of views."""
+
+
+@dataclass(eq=False)
+class Refinement:
+    """The corrections of one training; `parameters` holds those that are trained, float32.
+
+    poses [V, 6]: motion of each training view in camera axes, after `cam_from_world`: translation in units of
+    the scene's extent, then rotation vector, radians. exposures [S]: natural log of a factor on the scale of
+    each training shot. vignetting [C, 3]: of each camera, `1 + a r^2 + b r^4 + c r^6` times the calibrated
+    falloff, r = 1 at the corner.
+    """
+
+    dataset: Dataset
+    parameters: dict[Refined, Tensor]
+    rungs: tuple[Rung, ...] = ()
+    """Why these are corrected, and others not."""
+    _views: dict[str, int] = field(init=False, repr=False)
+    _shots: dict[str, int] = field(init=False, repr=False)
+    _cameras: dict[str, int] = field(init=False, repr=False)
+    _gauges: dict[Refined, Tensor] = field(init=False, repr=False, default_factory=dict)
+    _powers: dict[tuple[int, int], Tensor] = field(init=False, repr=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Number views, shots and cameras, and find what of the poses no picture tells."""
+        self._views = {view.name: row for row, view in enumerate(self.dataset.train)}
+        files = [shot.file for view in self.dataset.train for shot in view.shots]
+        self._shots = {file: row for row, file in enumerate(files)}
+        cameras = dict.fromkeys(view.camera for view in self.dataset.train)
+        self._cameras = {camera: row for row, camera in enumerate(cameras)}
+        gauges: dict[Refined, Callable[[Dataset], npt.NDArray[np.float64]]]
+        gauges = {"poses": _pose_gauge, "exposures": _exposure_gauge}
+        for name in gauges.keys() & self.parameters.keys():
+            self._gauges[name] = torch.from_numpy(gauges[name](self.dataset).astype(np.float32))
+
+    @classmethod
+    def of(cls, dataset: Dataset, names: Collection[Refined], rungs: tuple[Rung, ...] = ()) -> "Refinement":
+        """Nothing corrected yet; `names` say what may be."""
+        shapes: dict[Refined, tuple[int, ...]] = {
+            "poses": (len(dataset.train), 6),
+            "exposures": (sum(len(view.shots) for view in dataset.train),),
+            "vignetting": (len({view.camera for view in dataset.train}), 3),
+        }
+        return cls(dataset, {name: torch.zeros(shapes[name]) for name in shapes if name in names}, rungs)
+
+    @classmethod
+    def stored(cls, dataset: Dataset, checkpoint: Checkpoint) -> "Refinement":
+        """As it was in the training that a checkpoint was taken of, on the same data set."""
+        found = checkpoint.part("refinement")
+        rungs = tuple(Rung.model_validate(rung) for rung in checkpoint.facts.get("refinement", []))
+        names: tuple[Refined, ...] = get_args(Refined)
+        return cls(dataset, {name: found[name] for name in names if name in found}, rungs)
+
+    def to(self, device: torch.device) -> None:
+        """Move the parameters."""
+        self.parameters = {name: value.to(device) for name, value in self.parameters.items()}
+        self._gauges = {name: value.to(device) for name, value in self._gauges.items()}
+
+    def motion(self, view: View, progress: float) -> Tensor | None:
+        """How far the camera of a training view is moved, [14], as `rasterize` wants it; None: not at all."""
+        if progress < BEGIN or "poses" not in self.parameters:
+            return None
+        return camera_delta(self.parameters["poses"][self._views[view.name]], self.dataset.extent)
+
+    def factors(self, view: View, progress: float) -> Tensor | None:
+        """Factors on the exposure scales of a training view's shots, [shots]; None: all are 1."""
+        if progress < BEGIN or "exposures" not in self.parameters:
+            return None
+        rows = [self._shots[shot.file] for shot in view.shots]
+        return self.parameters["exposures"][rows].exp()
+
+    def shaded(self, image: Tensor, view: View, progress: float) -> Tensor:
+        """An image [H, W, 3] behind the corrected part of the vignetting."""
+        row = self._cameras.get(view.camera)
+        if progress < BEGIN or "vignetting" not in self.parameters or row is None:
+            return image
+        size = image.shape[0], image.shape[1]
+        if size not in self._powers:
+            self._powers[size] = torch.from_numpy(_powers(*size)).to(image)
+        return image * (1 + self._powers[size] @ self.parameters["vignetting"][row])[..., None]
+
+    @torch.no_grad()
+    def settle(self) -> None:
+        """Take out of the corrections what is one gauge or another of the same scene."""
+        for name, gauge in self._gauges.items():
+            values = self.parameters[name].view(-1)
+            values -= gauge @ (gauge.mT @ values)
+
+    def corrected(self, whole: Dataset | None = None) -> Dataset:
+        """The data set with everything corrected; the held-out views get their camera's vignetting alone.
+
+        whole: the same session with other views held out; those that were trained on are corrected.
+        """
+        dataset = whole or self.dataset
+        return replace(
+            dataset,
+            train=tuple(self._of(view) for view in dataset.train),
+            held_out=tuple(self._of(view) for view in dataset.held_out),
+        )
+
+    def _of(self, view: View) -> View:
+        lens, shots, sensor = view.lens, view.shots, view.sensor
+        if view.name in self._views:
+            delta, factors = self.motion(view, 1.0), self.factors(view, 1.0)
+            if delta is not None:
+                lens = moved(lens, delta.detach())[0]
+            if factors is not None:
+                pairs = zip(shots, factors.detach().double().tolist(), strict=True)
+                shots = tuple(replace(shot, k=shot.k * factor) for shot, factor in pairs)
+        if "vignetting" in self.parameters:
+            plain = torch.from_numpy(sensor.falloff)[..., None]
+            shaded = self.shaded(plain, view, 1.0).detach().numpy()[..., 0]
+            sensor = replace(sensor, falloff=shaded.clip(1e-3))
+        return replace(view, lens=lens, shots=shots, sensor=sensor)
+
+    def told(self) -> tuple[Rung, ...]:
+        """The rungs, those that were taken with how far it went in the middle (median)."""
+        own = {name: value.detach().cpu().double() for name, value in self.parameters.items()}
+        amounts: dict[str, str] = {}
+        if "poses" in own:
+            turn, way = (
+                float(own["poses"][:, part].norm(dim=1).median()) for part in (slice(3, 6), slice(3))
+            )
+            amounts["refine poses"] = (
+                f"moved by {np.degrees(turn):.2g} degrees and {100 * way:.2g} % of the extent"
+            )
+        if "exposures" in own:
+            amounts["refine exposures"] = f"by {float(own['exposures'].abs().median()) / np.log(2):.2g} stops"
+        if "vignetting" in own:
+            corner = float(own["vignetting"].sum(dim=1).abs().median())
+            amounts["refine vignetting"] = f"by {100 * corner:.2g} % in the corners"
+        return tuple(
+            rung.model_copy(update={"reason": f"{rung.reason}; {amounts[rung.name]}"})
+            if rung.name in amounts
+            else rung
+            for rung in self.rungs
+        )
+
+    def facts(self) -> dict[str, object]:
+        """For people and other programs: what was corrected by how much, by view, file and camera."""
+        found: dict[str, object] = {"schema_version": 1}
+        own = {name: value.detach().cpu().double() for name, value in self.parameters.items()}
+        if "poses" in own:
+            turns, ways = (own["poses"][:, part].norm(dim=1) for part in (slice(3, 6), slice(3)))
+            found["poses"] = {
+                name: {
+                    "rotation_deg": float(np.degrees(float(turns[row]))),
+                    "translation_relative": float(ways[row]),
+                }
+                for name, row in self._views.items()
+            }
+        if "exposures" in own:
+            stops = own["exposures"] / np.log(2)
+            found["exposures_stops"] = {file: float(stops[row]) for file, row in self._shots.items()}
+        if "vignetting" in own:
+            found["vignetting"] = {
+                name: own["vignetting"][row].tolist() for name, row in self._cameras.items()
+            }
+        return found
+
+
+def camera_delta(pose: Tensor, extent: float) -> Tensor:
+    """A correction of a pose [6], in the units of `Refinement`, as the `camera_delta` of `rasterize`."""
+    units = pose.new_tensor([extent] * 3 + [1.0] * 3)
+    return torch.cat([pose * units, pose.new_zeros(DELTA - 6)])
+
+
+def _pose_gauge(dataset: Dataset) -> npt.NDArray[np.float64]:
+    """Orthonormal corrections of all poses that change no picture, to first order, [6 V, 7 or fewer].
+
+    They are a shift, a turn and a scale of the whole world, about the mean of the cameras.
+    """
+    lenses: list[SplatCamera] = [view.lens for view in dataset.train]
+    middle = np.mean([view.centre for view in dataset.train], axis=0)
+    rows = []
+    for lens, view in zip(lenses, dataset.train, strict=True):
+        turn = lens.cam_from_world[:3, :3]
+        off = turn @ (middle - view.centre)
+        cross = np.array([[0, -off[2], off[1]], [off[2], 0, -off[0]], [-off[1], off[0], 0]])
+        shift = np.concatenate([turn, cross @ turn, off[:, None]], axis=1) / dataset.extent
+        rows.append(
+            np.concatenate([shift, np.concatenate([np.zeros((3, 3)), turn, np.zeros((3, 1))], axis=1)])
+        )
+    basis, sizes, _ = np.linalg.svd(np.concatenate(rows), full_matrices=False)
+    return np.asarray(basis[:, sizes > 1e-6 * sizes.max()])
+
+
+def _exposure_gauge(dataset: Dataset) -> npt.NDArray[np.float64]:
+    """The correction of ln k that is one factor on all exposures, of length 1, [S, 1]."""
+    count = sum(len(view.shots) for view in dataset.train)
+    return np.full((count, 1), count**-0.5)
+
+
+def _powers(height: int, width: int) -> npt.NDArray[np.float32]:
+    """r^2, r^4 and r^6 of every pixel, [H, W, 3], as `imaging.session.falloff` has them."""
+    y = (np.arange(height) + 0.5 - height / 2)[:, None]
+    x = (np.arange(width) + 0.5 - width / 2)[None]
+    square = (x**2 + y**2) / ((height / 2) ** 2 + (width / 2) ** 2)
+    return np.stack([square, square**2, square**3], -1).astype(np.float32)

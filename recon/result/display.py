@@ -1,0 +1,43 @@
+"""Linear light as a display shows it."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from imaging.colour import srgb_encode
+from recon.data.dataset import View
+from recon.splat import SplatCamera
+from recon.train.trainer import Training
+
+MIDDLE_GREY = 0.18
+MOST_VIEWS = 8
+"""As many views tell the exposure of a scene."""
+
+
+def display_scale(images: Iterable[npt.NDArray[Any]]) -> float:
+    """The factor that brings the median of positive light to middle grey; 1 without any light."""
+    lit = np.concatenate([image.reshape(-1) for image in images])
+    lit = lit[lit > 0]
+    return float(MIDDLE_GREY / np.median(lit)) if lit.size else 1.0
+
+
+def displayed(image: npt.NDArray[Any], scale: float) -> npt.NDArray[np.uint8]:
+    """Linear light times a scale, clipped, as sRGB of 8 bits."""
+    return np.asarray(np.round(255 * srgb_encode(np.clip(image * scale, 0, 1))), np.uint8)
+
+
+def exposure_of(training: Training, views: Sequence[View]) -> float:
+    """`display_scale` of a scene in training, from renders of some of the views, evenly chosen."""
+    chosen = sorted({round(place) for place in np.linspace(0, len(views) - 1, MOST_VIEWS)})
+    return display_scale(_radiance(training, views[place].lens) for place in chosen)
+
+
+def _radiance(training: Training, camera: SplatCamera) -> npt.NDArray[np.float32]:
+    """Linear Rec.709 radiance [H, W, 3]."""
+    with torch.no_grad():
+        degree = training.method.schedule.degree(1.0)
+        image = training.renderer()(training.gaussians, camera, degree=degree).image
+        return np.asarray(training.method.observation.radiance(image).cpu().numpy())

@@ -1,0 +1,164 @@
+"""`model.json`: what was trained, from what, with which choices, and all that its pictures need."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from imaging.errors import ReconstructionError
+from imaging.files import store
+from imaging.lens import Lens
+from imaging.pose import Pose
+from imaging.record import Record, parse
+from imaging.session.calibration import CalibrationRecord, Response
+from imaging.session.records import Name, Rung
+from recon.data.world import Vector, WorldTransform
+from recon.decide.prediction import Prediction
+from recon.decide.settings import Settings
+from recon.splat import SplatCamera
+
+MODEL = "model.json"
+CALIBRATION = "calibration.json"
+"""The calibration as the scene was trained on it, whatever becomes of the session's."""
+CHECKPOINT = "checkpoint.safetensors"
+SPLATS = "splats.ply"
+"""As viewers show it."""
+RADIANCE = "radiance.ply"
+"""In linear light."""
+LOG = "train.jsonl"
+REFINEMENT = "refinement.json"
+
+
+Use = Literal["training", "validation", "test"]
+
+
+class SceneShot(Record):
+    """One photograph of a view."""
+
+    file: str
+    """Relative to the session."""
+    k: float = Field(gt=0)
+    """Exposure scale, s, as training corrected it: camera signal = radiance x k."""
+
+
+class SceneView(Record):
+    """A camera at a frame, as the scene has it."""
+
+    camera: Name
+    frame: int = Field(ge=0)
+    use: Use
+    """validation: held out, and the training could be ended by it; figures are of the test views."""
+    lens: Lens
+    """Of the images that training looked at, px."""
+    cam_from_world: Pose
+    """As training corrected it."""
+    shots: tuple[SceneShot, ...]
+    """Those that were looked at, darkest first."""
+
+    @property
+    def name(self) -> str:
+        """`frame/camera`, as in the folders of previews and renders."""
+        return f"{self.frame:04d}/{self.camera}"
+
+    @property
+    def splat_camera(self) -> SplatCamera:
+        """What draws it; `dataclasses.replace` makes a camera of another pose or lens of it."""
+        return SplatCamera.of(self.lens, self.cam_from_world)
+
+
+class DisplayValues(Record):
+    """How a scene of display values is read as light: the inverse of the response, over `k`."""
+
+    response: Response
+    k: float = Field(gt=0)
+
+
+class ModelRecord(Record):
+    """`model.json`, written when the training is done.
+
+    It renders without the session: views, lenses, poses and the scale of the light are in it.
+    """
+
+    schema_version: Literal[1] = 1
+    created: datetime
+    versions: dict[str, str]
+    settings: Settings
+    session: str
+    """Name of the session that it was trained on."""
+    photographs_sha256: str
+    """Of the names and hashes of the shots of all views (`dataset.photographs_sha256`)."""
+    calibration_sha256: str
+    """Of the session's calibration.json (and split.json) as it was trained on."""
+    normaliser: float
+    """Linear radiance, in the units of the calibration, that is 1 in scene units."""
+    reference: float | None
+    """The dimmest radiance that matters, in scene units."""
+    display: DisplayValues | None = None
+    """None: scene units times `normaliser` are linear radiance."""
+    radiance: str
+    """What the radiance is relative to: the gauge."""
+    world: WorldTransform
+    """Where the scene lies in the world of the calibration: `views` are in the world, the checkpoint
+    is in the scene's coordinates."""
+    offset: Vector
+    """World coordinates are those of the PLY files plus this: zeros, where float32 holds them as they are."""
+    exposure: float = Field(gt=0)
+    """Factor on linear radiance that shows the median of its views as middle grey, 0.18."""
+    display_db: float | None
+    """PSNR of splats.ply as a viewer draws it, against the light as a display shows it; None of a scene that
+    was trained on display values, which are in splats.ply as they are."""
+    degree: int = Field(ge=0, le=2)
+    """Of the harmonics."""
+    views: tuple[SceneView, ...]
+    """In order of frame and camera."""
+    gaussians: int
+    train_seconds: float
+    device: str
+    """The GPU's name, or how many threads of the CPU."""
+    loss: float | None
+    """The last that was logged; None if it was interrupted before there was any."""
+    rungs: tuple[Rung, ...]
+    iterations: int | None = None
+    """Iterations done."""
+    course: tuple[tuple[int, float], ...] = ()
+    """The schedule as it came: straight lines through (iteration, position), which is up to
+    `settings.iterations`. The same settings with this course give the same bytes on any machine."""
+    ending: Literal["schedule", "early stop", "goal", "interrupted"] = "schedule"
+    """Why it ended: as planned, since quality stood still, since it was reached, or since the user said so
+    (the checkpoint can then be gone on with)."""
+    held_out_db: float | None = None
+    """The end of the live curve, of the validation views if there are any; None where no view is held out."""
+    measuring_seconds: float = 0.0
+    """What the live curve took, beside `train_seconds`."""
+    predicted: Prediction | None = None
+    """What was predicted of `held_out_db`."""
+
+    @property
+    def training_views(self) -> tuple[str, ...]:
+        """Names of the views that were trained on."""
+        return tuple(view.name for view in self.views if view.use == "training")
+
+    @property
+    def held_out(self) -> tuple[str, ...]:
+        """Names of the views that it was not trained on, for validation and for testing."""
+        return tuple(view.name for view in self.views if view.use != "training")
+
+    @property
+    def validation(self) -> tuple[str, ...]:
+        """Names of those of the held-out views that could end the training."""
+        return tuple(view.name for view in self.views if view.use == "validation")
+
+
+def read_model(folder: Path) -> ModelRecord:
+    """The model.json of a finished reconstruction; ReconstructionError if there is none."""
+    path = folder / MODEL
+    if not path.is_file():
+        raise ReconstructionError(f"{folder} holds no finished reconstruction: run `rig reconstruct` first.")
+    return parse(ModelRecord, store.read_json(path), path)
+
+
+def read_own_calibration(folder: Path) -> CalibrationRecord:
+    """The calibration that a scene was trained on; InputError if its copy is missing or damaged."""
+    path = folder / CALIBRATION
+    return parse(CalibrationRecord, store.read_json(path), path)

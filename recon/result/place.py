@@ -1,0 +1,51 @@
+"""Where a training is kept, so that no scene is lost by training another."""
+
+from pathlib import Path
+
+from imaging.errors import InputError
+from imaging.record import parse
+from recon.decide.budget import Budget
+from recon.decide.settings import Settings
+from recon.result.model import CHECKPOINT, MODEL
+from recon.scene.checkpoint import Checkpoint, read_checkpoint
+
+
+def default_name(method: str, quality: str, budget: Budget | None) -> str:
+    """What a scene is called that nobody gave a name: `nh-3dgs-standard`, or `nh-3dgs-standard-300s`."""
+    return f"{method}-{quality}" if budget is None else f"{method}-{quality}-{budget}"
+
+
+def place_for(
+    folder: Path, wanted: Settings, calibration_sha256: str, replace: bool
+) -> tuple[Path, Checkpoint | None]:
+    """The folder to train in, and the training of just these settings to go on with, if it is there.
+
+    It is another one than `folder`, beside it, where what `folder` holds is to be replaced in the end.
+    InputError where that holds other settings and is not to be replaced.
+    """
+    taken = (folder / CHECKPOINT).is_file() or (folder / MODEL).is_file()
+    place = folder.with_name(f".{folder.name}.new") if taken and replace else folder
+    path = place / CHECKPOINT
+    found = read_checkpoint(path) if path.is_file() else None
+    if found is not None and (found.facts["asked"], found.facts["calibration_sha256"]) == (
+        wanted.model_dump(mode="json"),
+        calibration_sha256,
+    ):
+        return place, found
+    if taken and not replace:
+        raise InputError(
+            f"{folder} is there already, {_told(path, found, wanted)}: give this training another --name, or "
+            "--replace that one."
+        )
+    return place, None
+
+
+def _told(path: Path, found: Checkpoint | None, wanted: Settings) -> str:
+    """How a training differs from what is wanted, in words."""
+    if found is None:
+        return "without the checkpoint that would tell its settings"
+    there, asked = parse(Settings, found.facts["asked"], path).words(), wanted.words()
+    other = [f"{key} {value}" for key, value in there.items() if value != asked[key]]
+    if other:
+        return f"trained with {', '.join(other)}"
+    return "trained on an earlier calibration, or with another rig"

@@ -1,0 +1,149 @@
+"""What a training leaves behind: the scene, and what is to be said of it."""
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from scipy.spatial.transform import Rotation
+
+from imaging.files import store
+from imaging.pose import Pose
+from imaging.session.records import Rung
+from imaging.session.session import Session
+from recon.data.dataset import Dataset, View, photographs_sha256
+from recon.data.pixels import Progress
+from recon.decide.prediction import ENOUGH, Prediction, enough
+from recon.decide.presets import QUALITIES
+from recon.decide.settings import Settings
+from recon.observe.photographs import Display
+from recon.observe.refinement import Refinement
+from recon.result.display import exposure_of
+from recon.result.model import (
+    CALIBRATION,
+    MODEL,
+    REFINEMENT,
+    DisplayValues,
+    ModelRecord,
+    SceneShot,
+    SceneView,
+    Use,
+)
+from recon.result.splat_files import offset_of, write_splats
+from recon.train.device import device_name
+from recon.train.trainer import Training
+
+
+def write_scene(
+    folder: Path,
+    dataset: Dataset,
+    training: Training,
+    settings: Settings,
+    loss: float | None,
+    ladder: tuple[Rung, ...],
+    predicted: Prediction | None,
+    progress: Progress,
+) -> None:
+    """The PLY files, refinement.json of what was corrected, calibration.json as it was, and last model.json:
+    all is there then.
+    """
+    light = training.light
+    device = training.gaussians.parameters["means"].device
+    ldr = dataset.kind == "ldr"
+    gauge = "the calibration's response" if ldr else "camera signal = radiance x exposure scale"
+    corrected = as_corrected(dataset, training.refinement)
+    exposure, degree = exposure_of(training, corrected.views), training.method.schedule.degree(1.0)
+    display_db = write_splats(folder, corrected, training, exposure, gauge, progress)
+    if training.refinement is not None and training.refinement.parameters:
+        store.write_json(folder / REFINEMENT, training.refinement.facts())
+    why = () if training.refinement is None else training.refinement.told()
+    course = training.course
+    assert course is not None
+    interrupted = training.iteration < course.total
+    store.write_json(folder / CALIBRATION, dataset.calibration.model_dump(mode="json"))
+    session, observation = Session.open(dataset.session), training.method.observation
+    files = {shot.file for view in dataset.views for shot in view.shots}
+    record = ModelRecord(
+        created=datetime.now(UTC),
+        versions={name: version(name) for name in ("hdr-rig", "torch", "numpy", "numba")},
+        settings=settings,
+        session=session.record.name,
+        photographs_sha256=photographs_sha256(shot for shot in session.shots() if shot.file in files),
+        calibration_sha256=dataset.calibration_sha256,
+        normaliser=light.normaliser,
+        reference=light.reference,
+        display=DisplayValues(response=observation.response, k=observation.k)
+        if isinstance(observation, Display)
+        else None,
+        radiance=f"relative to {gauge}",
+        world=dataset.world,
+        offset=offset_of(dataset),
+        exposure=exposure,
+        display_db=display_db,
+        degree=degree,
+        views=scene_views(corrected),
+        gaussians=len(training.gaussians),
+        train_seconds=round(training.seconds, 3),
+        measuring_seconds=round(training.measuring, 3),
+        device=device_name(device),
+        loss=loss,
+        iterations=training.iteration,
+        course=course.turns,
+        ending="interrupted" if interrupted else training.ending or "schedule",
+        held_out_db=training.curve[-1].db if training.curve else None,
+        predicted=predicted,
+        rungs=(*ladder, *why, *_early_stop(training, settings)),
+    )
+    store.write_json(folder / MODEL, record.model_dump(mode="json"))
+
+
+def as_corrected(dataset: Dataset, refinement: Refinement | None) -> Dataset:
+    """The data set with what training corrected of its views."""
+    if refinement is None:
+        return dataset
+    own = {name: value.detach().cpu() for name, value in refinement.parameters.items()}
+    return replace(refinement, parameters=own).corrected()
+
+
+def scene_views(dataset: Dataset) -> tuple[SceneView, ...]:
+    """The views of a scene and what each served for."""
+    uses: tuple[tuple[Use, tuple[View, ...]], ...] = (
+        ("training", dataset.train),
+        ("validation", dataset.validation),
+        ("test", dataset.test),
+    )
+    views = (_scene_view(view, dataset, use) for use, views in uses for view in views)
+    return tuple(sorted(views, key=lambda view: (view.frame, view.camera)))
+
+
+def _scene_view(view: View, dataset: Dataset, use: Use) -> SceneView:
+    lens, camera = dataset.calibration.camera(view.camera).lens, dataset.world.camera_in_world(view.lens)
+    assert lens is not None
+    turn = Rotation.from_matrix(camera.cam_from_world[:3, :3])
+    w, x, y, z = turn.as_quat(canonical=True, scalar_first=True).tolist()
+    a, b, c = camera.cam_from_world[:3, 3].tolist()
+    sizes = {"width": camera.width, "height": camera.height}
+    return SceneView(
+        camera=view.camera,
+        frame=view.frame,
+        use=use,
+        lens=lens.model_copy(update=sizes | dict(zip(lens.names, camera.lens, strict=True))),
+        cam_from_world=Pose(quaternion=(w, x, y, z), translation=(a, b, c)),
+        shots=tuple(SceneShot(file=shot.file, k=shot.k) for shot in view.shots),
+    )
+
+
+def _early_stop(training: Training, settings: Settings) -> tuple[Rung, ...]:
+    """Whether the training was made shorter, before it or on the way; nothing where nobody looked."""
+    if not settings.early_stop:
+        return ()
+    cut, turns = training.ending == "early stop", training.course.turns if training.course else ()
+    asked = settings.fixed.iterations or QUALITIES[settings.quality].iterations
+    worth = enough(asked)
+    reason = f"at most {worth} of {asked} iterations, as scenes before gained less than {ENOUGH:g} dB by more"
+    if cut:
+        reason += (
+            f"; the held-out quality hardly rose any more after {turns[-2][0]}, so the learning "
+            f"rates came to their end in {turns[-1][0] - turns[-2][0]} more"
+        )
+    return (Rung(name="early stop", taken=cut or worth < asked, reason=reason),)

@@ -1,0 +1,184 @@
+"""A trained scene opened again: rendered anywhere, or measured beside the photographs of its session."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from imaging.errors import ReconstructionError
+from imaging.session.records import ShotRecord
+from imaging.session.session import SESSION, Session
+from recon.data.dataset import Dataset, View, photographs_sha256, read_views
+from recon.data.pixels import Progress
+from recon.methods import APPEARANCES
+from recon.observe.photographs import Display
+from recon.observe.refinement import Refinement
+from recon.result.model import CHECKPOINT, ModelRecord, SceneView, read_model, read_own_calibration
+from recon.scene.checkpoint import Checkpoint, read_checkpoint
+from recon.scene.gaussians import Gaussians, Renderer, limits_for
+from recon.splat import SplatCamera
+from recon.train.trainer import Training
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A trained scene: its record, its Gaussians, and how they are drawn.
+
+    A camera is a `recon.splat.SplatCamera`: that of a view (`scene.view("0000/cam0").splat_camera`), the
+    same with other numbers (`dataclasses.replace`), or a new one. Poses are in the world of the calibration.
+    """
+
+    folder: Path
+    record: ModelRecord
+    gaussians: Gaussians
+    renderer: Renderer
+
+    @property
+    def views(self) -> tuple[SceneView, ...]:
+        """The cameras at their frames, in order of frame and camera."""
+        return self.record.views
+
+    @property
+    def exposure(self) -> float:
+        """Factor on `radiance` that shows the median of the views as middle grey, 0.18."""
+        return self.record.exposure
+
+    def view(self, name: str) -> SceneView:
+        """The view of that name, `frame/camera`; ReconstructionError if there is none."""
+        for view in self.views:
+            if view.name == name:
+                return view
+        raise ReconstructionError(f"{self.folder} has no view {name!r}: name one as {self.views[0].name}.")
+
+    def render(self, camera: SplatCamera) -> torch.Tensor:
+        """What a camera sees, in scene units, without gradient: float32 [H, W, 3]."""
+        return self.drawn(self.record.world.camera(camera))
+
+    def drawn(self, camera: SplatCamera) -> torch.Tensor:
+        """The same of a camera whose pose is in scene coordinates, as those of `Dataset.views`."""
+        with torch.no_grad():
+            return self.renderer(self.gaussians, camera, degree=self.record.degree).image
+
+    def radiance(self, camera: SplatCamera) -> npt.NDArray[np.float32]:
+        """What a camera sees as linear Rec.709 radiance, float32 [H, W, 3].
+
+        A camera signal is this times the exposure scale of a shot (`imaging.Exposure.scale`, s), before
+        vignetting and the camera's colour filters; 1 is the white of the camera.
+        """
+        image, display = self.render(camera), self.record.display
+        if display is not None:
+            image = Display(display.response, display.k).radiance(image)
+        else:
+            image = image * self.record.normaliser
+        return np.ascontiguousarray(image.numpy(), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A scene with the photographs of its session, and the training that it came from.
+
+    The views of the data set are as training corrected them.
+    """
+
+    scene: Scene
+    dataset: Dataset
+    training: Training
+
+    @property
+    def folder(self) -> Path:
+        """The scene's."""
+        return self.scene.folder
+
+    @property
+    def record(self) -> ModelRecord:
+        """The scene's."""
+        return self.scene.record
+
+    def render(self, camera: SplatCamera) -> torch.Tensor:
+        """What a camera of `dataset` sees, in scene units, without gradient: float32 [H, W, 3]."""
+        return self.scene.drawn(camera)
+
+    def radiance(self, view: View) -> npt.NDArray[np.float32]:
+        """Linear Rec.709 radiance of a view of `dataset`, float32 [H, W, 3]."""
+        return self.scene.radiance(self.scene.view(view.name).splat_camera)
+
+    def view(self, name: str) -> View:
+        """The view of that name, `frame/camera`; ReconstructionError if there is none."""
+        found = self.scene.view(name).name
+        return next(view for view in self.dataset.views if view.name == found)
+
+
+def open_scene(folder: str | Path) -> Scene:
+    """Open a finished reconstruction, wherever its folder is; ReconstructionError if it is none."""
+    folder = Path(folder)
+    record = read_model(folder)
+    return _scene(folder, record, read_checkpoint(folder / CHECKPOINT))
+
+
+def _scene(folder: Path, record: ModelRecord, checkpoint: Checkpoint) -> Scene:
+    renderer = Renderer(APPEARANCES[record.settings.method], limits_for(record.reference))
+    return Scene(folder, record, Gaussians(checkpoint.part("gaussians")), renderer)
+
+
+def open_model(folder: Path, progress: Progress | None = None) -> Opened:
+    """Open a finished reconstruction with the photographs of its session, SESSION/reconstructions/NAME.
+
+    They are read by the calibration that it was trained on, which it holds itself. ReconstructionError if the
+    folder is no reconstruction or in no session, or if the photographs are not those it was trained on.
+    """
+    record = read_model(folder)
+    dataset = _dataset(folder, record, progress)
+    checkpoint = read_checkpoint(folder / CHECKPOINT)
+    method = record.settings.composed(dataset, Training.light_in(checkpoint))
+    refinement = Refinement.stored(dataset, checkpoint)
+    training = Training.restore(method, checkpoint, dataset.extent, refinement=refinement)
+    return Opened(_scene(folder, record, checkpoint), refinement.corrected(), training)
+
+
+def _dataset(folder: Path, record: ModelRecord, progress: Progress | None) -> Dataset:
+    """The photographs of the scene's views, in the scene's parts."""
+    place = folder.resolve().parent.parent
+    if not (place / SESSION).is_file():
+        raise ReconstructionError(
+            f"{folder} is not in its session, whose photographs it is measured by: put it back as "
+            f"SESSION/reconstructions/{folder.resolve().name}; `rig render` works without."
+        )
+    session = Session.open(place)
+    shots = {shot.file: shot for shot in session.shots("scene")}
+    wanted = [shot.file for view in record.views for shot in view.shots]
+    kept = [shots[file] for file in wanted if file in shots]
+    _require_photographs(folder, session, kept, len(wanted), record)
+    groups = {(view.frame, view.camera): [shots[shot.file] for shot in view.shots] for view in record.views}
+    held_out = {(view.frame, view.camera) for view in record.views if view.use != "training"}
+    calibration = read_own_calibration(folder)
+    dataset = read_views(
+        session,
+        calibration,
+        record.calibration_sha256,
+        groups,
+        held_out,
+        record.world,
+        max_width=record.settings.max_width,
+        progress=progress,
+    )
+    return replace(dataset, watched=frozenset(record.validation))
+
+
+def _require_photographs(
+    folder: Path, session: Session, shots: Sequence[ShotRecord], wanted: int, record: ModelRecord
+) -> None:
+    """ReconstructionError unless a session has the very photographs that a scene was trained on."""
+    if len(shots) < wanted or photographs_sha256(shots) != record.photographs_sha256:
+        raise ReconstructionError(
+            f"{session.folder} does not have the photographs that {folder} was trained on, those of session "
+            f"{record.session}, so it cannot be measured: reconstruct again; `rig render` works without them."
+        )
+    for shot in shots:
+        if not session.file(shot).is_file():
+            raise ReconstructionError(
+                f"{session.file(shot)} is missing, and {folder} is measured by the photographs of its "
+                "session: restore them; `rig render` works without."
+            )

@@ -1,0 +1,59 @@
+"""The PLY files of a scene: one that viewers show as it should look, and one of its linear light."""
+
+from pathlib import Path
+
+import torch
+
+from imaging.files import store
+from recon.data.dataset import Dataset
+from recon.data.pixels import Progress
+from recon.data.world import Vector
+from recon.observe.photographs import Display
+from recon.result.display_colours import display_colours, steps_after
+from recon.result.model import RADIANCE, SPLATS
+from recon.scene.ply import plain_harmonics, write_ply
+from recon.train.trainer import Training
+
+
+def offset_of(dataset: Dataset) -> Vector:
+    """What the coordinates in the files leave out of those of the world."""
+    return dataset.world.offset(max(max(view.lens.fx, view.lens.fy) for view in dataset.views))
+
+
+def write_splats(
+    folder: Path, dataset: Dataset, training: Training, exposure: float, gauge: str, progress: Progress
+) -> float | None:
+    """splats.ply, of display values, and radiance.ply, of linear Rec.709 radiance in scene units.
+
+    exposure: factor on radiance in the units of the calibration, `gauge`, before it is encoded. Returns the
+    PSNR of splats.ply (`DisplayColours.db`); None of a scene that was trained on display values, which has
+    that file alone, with just the coefficients that were trained.
+    """
+    method, light = training.method, training.light
+    degree, offset = method.schedule.degree(1.0), offset_of(dataset)
+    gaussians = training.gaussians.to(torch.device("cpu"))
+    place = ["offset {!r} {!r} {!r}: add it to x y z".format(*offset)] if any(offset) else []
+    harmonics = plain_harmonics(gaussians, method.appearance, degree)
+    if isinstance(method.observation, Display):
+        note = "display values, the codes of the photographs"
+        write_ply(folder / SPLATS, gaussians, harmonics, [note, *place], dataset.world, offset)
+        store.discard(folder / RADIANCE)
+        return None
+    note = f"linear Rec.709 radiance over {light.normaliser:.6g} ({gauge}); not clipped, not tone-mapped"
+    write_ply(folder / RADIANCE, gaussians, harmonics, [note, *place], dataset.world, offset)
+    shown = display_colours(
+        training.gaussians,
+        training.renderer(),
+        degree,
+        exposure * light.normaliser,
+        steps_after(training.iteration),
+        fitted=[view.lens for view in dataset.train],
+        judged=[view.lens for view in dataset.held_out],
+        progress=progress,
+    )
+    note = (
+        f"display values: sRGB of linear Rec.709 radiance x {exposure:.6g} ({gauge}), clipped at 1; "
+        f"drawn by a viewer {shown.db:.1f} dB from that; linear light is in {RADIANCE}"
+    )
+    write_ply(folder / SPLATS, gaussians, shown.harmonics, [note, *place], dataset.world, offset)
+    return shown.db

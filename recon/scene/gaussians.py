@@ -1,0 +1,113 @@
+"""The Gaussians of a scene: their parameters, and the picture that a camera takes of them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from recon.scene.appearance import Appearance, Parameters, Rate
+from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
+from recon.splat.moved import moved
+
+GEOMETRY = ("means", "log_scales", "quats", "opacity_logits")
+
+
+@dataclass(frozen=True)
+class GeometryRates:
+    """Learning rates of where the Gaussians are; that of the means is in units of the scene's extent."""
+
+    means: Rate = Rate(1e-3, 5e-5)
+    log_scales: Rate = Rate(4e-2, 5e-3)
+    quats: Rate = Rate(1e-2, 1e-3)
+    opacity_logits: Rate = Rate(1e-1, 2e-2)
+
+    def all(self, extent: float) -> dict[str, Rate]:
+        """The rate of every geometric parameter, in scene coordinates."""
+        return {
+            "means": Rate(self.means.start * extent, self.means.end * extent),
+            "log_scales": self.log_scales,
+            "quats": self.quats,
+            "opacity_logits": self.opacity_logits,
+        }
+
+
+@dataclass
+class Gaussians:
+    """N Gaussians, by the name of their parameters, float32, the first dimension N.
+
+    means [N, 3] in scene coordinates; log_scales [N, 3] natural log of their unit; quats [N, 4] wxyz, any
+    length; opacity_logits [N]; and what the appearance owns.
+    """
+
+    parameters: Parameters
+
+    def __len__(self) -> int:
+        return len(self.parameters["means"])
+
+    def to(self, device: torch.device) -> "Gaussians":
+        """The same on a device; itself, if it is there already."""
+        return Gaussians({name: value.to(device) for name, value in self.parameters.items()})
+
+    def opacities(self) -> Tensor:
+        """Opacities in 0..1, [N]."""
+        return torch.sigmoid(self.parameters["opacity_logits"])
+
+    def scales(self) -> Tensor:
+        """Standard deviations along the own axes, in the unit of the means, [N, 3]."""
+        return self.parameters["log_scales"].exp()
+
+    def rows(self, index: Tensor) -> Parameters:
+        """A copy of some of the Gaussians: `index` int64 [M] or bool [N]."""
+        return {name: value.detach()[index].clone() for name, value in self.parameters.items()}
+
+
+@dataclass(frozen=True)
+class Renderer:
+    """How Gaussians become an image: the appearance, and the cut-offs of the rasteriser."""
+
+    appearance: Appearance
+    limits: Limits
+
+    def __call__(
+        self,
+        gaussians: Gaussians,
+        camera: SplatCamera,
+        *,
+        degree: int,
+        stats: SplatStats | None = None,
+        camera_delta: Tensor | None = None,
+    ) -> Render:
+        """Linear Rec.709 radiance in scene units, before black; differentiable in every parameter.
+
+        camera_delta [14]: how far the camera is moved, as `rasterize` has it; differentiable too.
+        """
+        parameters = gaussians.parameters
+        place = camera if camera_delta is None else moved(camera, camera_delta.detach())[0]
+        motion = place.cam_from_world
+        centre = torch.from_numpy((-motion[:3, :3].T @ motion[:3, 3]).astype(np.float32))
+        with torch.no_grad():
+            away = parameters["means"] - centre.to(parameters["means"])
+            directions = away / away.norm(dim=1, keepdim=True).clamp_min(1e-12)
+        return rasterize(
+            parameters["means"],
+            parameters["quats"],
+            gaussians.scales(),
+            gaussians.opacities(),
+            self.appearance.colours(parameters, directions, degree),
+            camera,
+            None,
+            self.limits,
+            stats,
+            camera_delta,
+        )
+
+
+TAU = 0.03
+"""A cut-off may change a pixel by this share of the dimmest radiance that matters: of a Gaussian's rim
+that is one photo-electron or less, and a third fewer pixels to blend than at a thousandth."""
+
+
+def limits_for(reference: float | None) -> Limits:
+    """The cut-offs for a scene whose dimmest radiance that matters is `reference`, in scene units."""
+    return replace(Limits(), luminance_reference=reference, tau=TAU)

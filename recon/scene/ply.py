@@ -1,0 +1,127 @@
+"""PLY files in the layout of 3DGS, which viewers read."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from imaging.errors import ReconstructionError
+from imaging.files import store
+from recon.data.world import SAME, Vector, WorldTransform
+from recon.scene.appearance import Appearance, PlainHarmonics
+from recon.scene.gaussians import Gaussians
+from recon.scene.harmonics import basis, sphere
+
+Table = dict[str, npt.NDArray[np.float32]]
+
+
+def properties(degree: int) -> tuple[str, ...]:
+    """Names of a Gaussian's numbers, little-endian float32 each, with harmonics of a degree.
+
+    Colour towards direction d: max(0, 0.5 + SH(d)), the harmonics as in 3DGS; f_rest holds all of red, then
+    green, then blue, and viewers tell the degree by how many there are. opacity is a logit, scales are
+    natural logarithms, rot is wxyz. What colours are, display values or light, the
+    comments say. The normals of the first 3DGS files, all zero, are left out, as gsplat and PlayCanvas do.
+    """
+    return (
+        *("x", "y", "z"),
+        *(f"f_dc_{channel}" for channel in range(3)),
+        *(f"f_rest_{index}" for index in range(3 * ((degree + 1) ** 2 - 1))),
+        "opacity",
+        *(f"scale_{axis}" for axis in range(3)),
+        *(f"rot_{part}" for part in range(4)),
+    )
+
+
+def plain_harmonics(gaussians: Gaussians, appearance: Appearance, degree: int) -> npt.NDArray[np.float64]:
+    """The appearance as the plain series of 3DGS: float64 [N, (degree + 1)^2, 3], see `properties`.
+
+    Of `PlainHarmonics` its own coefficients; of the others, of linear radiance in scene units, those that are
+    nearest.
+    """
+    parameters = gaussians.parameters
+    if isinstance(appearance, PlainHarmonics):
+        own = [parameters[name].detach().double().numpy() for name in ("sh_dc", "sh_rest")]
+        return np.concatenate(own, axis=1)[:, : (degree + 1) ** 2]
+
+    def colours(towards: torch.Tensor) -> npt.NDArray[np.float64]:
+        return appearance.colours(parameters, towards, degree).detach().double().numpy()
+
+    return fitted_harmonics(colours, len(gaussians), degree)
+
+
+def fitted_harmonics(
+    colours: Callable[[torch.Tensor], npt.NDArray[np.float64]], count: int, degree: int
+) -> npt.NDArray[np.float64]:
+    """The series of 3DGS that is nearest to the colours of `count` Gaussians: [count, (degree + 1)^2, 3].
+
+    `colours` [count, 3] are asked for towards directions [count, 3] (camera to Gaussian), all the same; least
+    squares over directions spread evenly over the sphere.
+    """
+    directions = torch.from_numpy(sphere().astype(np.float32))
+    inverse = np.linalg.pinv(basis(directions, degree).double().numpy())
+    total = np.zeros((count, len(inverse), 3))
+    for column, direction in enumerate(directions):
+        total += inverse[:, column][None, :, None] * (colours(direction.expand(count, 3)) - 0.5)[:, None]
+    return total
+
+
+def write_ply(
+    path: Path,
+    gaussians: Gaussians,
+    harmonics: npt.NDArray[np.floating],
+    comments: Sequence[str],
+    world: WorldTransform = SAME,
+    offset: Vector = (0.0, 0.0, 0.0),
+) -> None:
+    """Write the Gaussians with the colours of `plain_harmonics`, each of `comments` on a line of its own.
+
+    Coordinates are those of the world less `offset`.
+    """
+    count = len(gaussians)
+    parameters = {name: value.detach().numpy() for name, value in gaussians.parameters.items()}
+    quats = parameters["quats"] / np.linalg.norm(parameters["quats"], axis=1, keepdims=True).clip(1e-12)
+    columns = [
+        world.to_world(parameters["means"]) - offset,
+        harmonics[:, 0],
+        harmonics[:, 1:].transpose(0, 2, 1).reshape(count, -1),
+        parameters["opacity_logits"][:, None],
+        parameters["log_scales"].astype(np.float64) + np.log(world.unit),
+        quats,
+    ]
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {comment}" for comment in comments)]
+    names = properties(math.isqrt(harmonics.shape[1]) - 1)
+    header += [f"element vertex {count}", *(f"property float {name}" for name in names), "end_header"]
+    body = np.concatenate(columns, axis=1).astype("<f4").tobytes()
+    store.write_bytes(path, ("\n".join(header) + "\n").encode("ascii") + body)
+
+
+def most_gaussians(size: float, degree: int) -> int:
+    """How many Gaussians of a degree fit into a file of `size` bytes, its header taken at 2000 bytes."""
+    return max(0, int((size - 2000) // (4 * len(properties(degree)))))
+
+
+def read_ply(path: Path) -> Table:
+    """Every property of a binary little-endian PLY of float vertices, by name: float32 [N] each."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ReconstructionError(f"{path} cannot be read: reconstruct again.") from error
+    head, found, body = data.partition(b"end_header\n")
+    lines = head.decode("ascii", "replace").split("\n")
+    counts = [line.split()[-1] for line in lines if line.startswith("element vertex ")]
+    names = [line.split()[-1] for line in lines if line.startswith("property float ")]
+    if (
+        not found
+        or "format binary_little_endian 1.0" not in lines
+        or len(counts) != 1
+        or not counts[0].isdigit()
+    ):
+        raise ReconstructionError(f"{path} is not a PLY file of Gaussians: reconstruct again.")
+    if len(body) != int(counts[0]) * len(names) * 4:
+        raise ReconstructionError(f"{path} is cut short: reconstruct again.")
+    values = np.frombuffer(body, "<f4").reshape(-1, len(names))
+    return {name: values[:, column].astype(np.float32) for column, name in enumerate(names)}

@@ -1,0 +1,280 @@
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+"""From a Gaussian in the world to an ellipse in the image: the forward half of EWA splatting.
+
+Computed in float64, eight Gaussians at a time: positions in pixels and the covariances of needles need
+more digits than float32 has. The functions here work on lanes; `k` is the vector of `parameters`.
+`fisheye` is None for a Brown lens: then the compiler leaves the other lens out, and else this one.
+"""
+
+import math
+
+import numpy as np
+
+from imaging.compute.jit import inlined, kernel
+from imaging.compute.threads import take_number
+from recon.splat.cpu.fisheye import radial as fisheye_radial
+from recon.splat.cpu.lanes import (
+    WIDTH_64,
+    above,
+    at_least,
+    both,
+    ceiling,
+    choose,
+    floor,
+    load,
+    maximum,
+    minimum,
+    minus,
+    root,
+    splat,
+    split_exponent,
+    store,
+)
+from recon.splat.cpu.tiles import TASK
+from recon.splat.limits import ALPHA_FLOOR, COLOUR_MOST, QUAT_LEAST
+from recon.splat.parameters import BOUNDS, FOLD, LENS, LIMITS
+from recon.splat.tables import DRAWN, PAINT
+
+INPUTS = 14
+"""Numbers of a Gaussian: mean 3, quaternion 4, scale 3, opacity, colour 3."""
+_OUTPUTS = 14
+_LOG = 2.0 / math.log(2.0)
+
+
+@inlined
+def read_eight(means, quats, scales, opacities, colours, ids, values):
+    """Gaussians ids int64 [8] as float64 [INPUTS * 8], number by number, so that lanes can load them."""
+    for j in range(WIDTH_64):
+        i = ids[j]
+        for a in range(3):
+            values[a * 8 + j] = means[i, a]
+            values[(7 + a) * 8 + j] = scales[i, a]
+            values[(11 + a) * 8 + j] = colours[i, a]
+        for a in range(4):
+            values[(3 + a) * 8 + j] = quats[i, a]
+        values[80 + j] = opacities[i]
+
+
+@inlined
+def to_camera(x, y, z, k):
+    """World to camera coordinates."""
+    return (
+        k[0] * x + k[1] * y + k[2] * z + k[9],
+        k[3] * x + k[4] * y + k[5] * z + k[10],
+        k[6] * x + k[7] * y + k[8] * z + k[11],
+    )
+
+
+@inlined
+def distort(u, v, k, fisheye):
+    """Distorted tangents and their derivatives: x, y, dx/du, dx/dv = dy/du, dy/dv."""
+    uu, vv, uv = u * u, v * v, u * v
+    r2 = uu + vv
+    if fisheye is not None:
+        radial, slope, _ = fisheye_radial(r2, k)
+        return u * radial, v * radial, radial + slope * uu, slope * uv, radial + slope * vv
+    k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
+    radial = 1.0 + r2 * (k1 + r2 * k2)
+    slope = 2.0 * k1 + (4.0 * k2) * r2
+    x = u * radial + (2.0 * p1) * uv + p2 * (r2 + 2.0 * uu)
+    y = v * radial + p1 * (r2 + 2.0 * vv) + (2.0 * p2) * uv
+    xu = radial + slope * uu + (2.0 * p1) * v + (6.0 * p2) * u
+    yv = radial + slope * vv + (6.0 * p1) * v + (2.0 * p2) * u
+    xv = slope * uv + (2.0 * p1) * u + (2.0 * p2) * v
+    return x, y, xu, xv, yv
+
+
+@inlined
+def rotation(w, x, y, z):
+    """Rotation matrix, row-major, of a quaternion of any length."""
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    xx, yy, zz = s * x * x, s * y * y, s * z * z
+    xy, xz, yz = s * x * y, s * x * z, s * y * z
+    wx, wy, wz = s * w * x, s * w * y, s * w * z
+    return (
+        (1.0 - yy) - zz,
+        xy - wz,
+        xz + wy,
+        xy + wz,
+        (1.0 - xx) - zz,
+        yz - wx,
+        xz - wy,
+        yz + wx,
+        (1.0 - xx) - yy,
+    )
+
+
+@inlined
+def screen_axes(x, y, z, k, fisheye):
+    """A = J W [2, 3]: how a small world offset moves the projection, at a camera point, px per unit.
+
+    Also the tangents u, v, the clamped ones, 1 / z, and the derivative E of the lens at the clamped ones.
+    """
+    inverse = 1.0 / z
+    u, v = x * inverse, y * inverse
+    uc = minimum(maximum(u, k[BOUNDS]), k[BOUNDS + 1])
+    vc = minimum(maximum(v, k[BOUNDS + 2]), k[BOUNDS + 3])
+    _, _, xu, xv, yv = distort(uc, vc, k, fisheye)
+    fx, fy = k[LENS], k[LENS + 1]
+    e00, e01, e10, e11 = fx * xu, fx * xv, fy * xv, fy * yv
+    j00, j01, j02 = inverse * e00, inverse * e01, minus(inverse * (e00 * uc + e01 * vc))
+    j10, j11, j12 = inverse * e10, inverse * e11, minus(inverse * (e10 * uc + e11 * vc))
+    axes = (
+        j00 * k[0] + j01 * k[3] + j02 * k[6],
+        j00 * k[1] + j01 * k[4] + j02 * k[7],
+        j00 * k[2] + j01 * k[5] + j02 * k[8],
+        j10 * k[0] + j11 * k[3] + j12 * k[6],
+        j10 * k[1] + j11 * k[4] + j12 * k[7],
+        j10 * k[2] + j11 * k[5] + j12 * k[8],
+    )
+    return axes, (u, v, uc, vc, inverse), (e00, e01, e10, e11)
+
+
+@inlined
+def root_covariance(axes, r, sx, sy, sz):
+    """M = A R S [2, 3], whose M M^T is the projected covariance before blur."""
+    a0, a1, a2, b0, b1, b2 = axes
+    return (
+        (a0 * r[0] + a1 * r[3] + a2 * r[6]) * sx,
+        (a0 * r[1] + a1 * r[4] + a2 * r[7]) * sy,
+        (a0 * r[2] + a1 * r[5] + a2 * r[8]) * sz,
+        (b0 * r[0] + b1 * r[3] + b2 * r[6]) * sx,
+        (b0 * r[1] + b1 * r[4] + b2 * r[7]) * sy,
+        (b0 * r[2] + b1 * r[5] + b2 * r[8]) * sz,
+    )
+
+
+@inlined
+def covariance(m, blur):
+    """Entries a, b, c of M M^T + blur I and its determinant, without cancellation (Cauchy-Binet)."""
+    m0, m1, m2, n0, n1, n2 = m
+    a = m0 * m0 + m1 * m1 + m2 * m2
+    b = m0 * n0 + m1 * n1 + m2 * n2
+    c = n0 * n0 + n1 * n1 + n2 * n2
+    p, q, s = m0 * n1 - m1 * n0, m0 * n2 - m2 * n0, m1 * n2 - m2 * n1
+    determinant = p * p + q * q + s * s + blur * (a + c) + blur * blur
+    return a + blur, b, c + blur, determinant
+
+
+@inlined
+def _log2(x):
+    """log2 to 1e-12, by the series of artanh, for positive normal numbers."""
+    m, e = split_exponent(x)
+    z = (m - 1.0) / (m + 1.0)
+    s = z * z
+    series = 1.0 / 9 + s * (1.0 / 11 + s * (1.0 / 13))
+    return e + _LOG * z * (1.0 + s * (1.0 / 3 + s * (1.0 / 5 + s * (1.0 / 7 + s * series))))
+
+
+@inlined
+def _sound(values):
+    """Mask: all numbers finite, scales positive, opacity not negative, quaternion with a direction, colours
+    in range."""
+    nothing = splat(0.0)
+    for a in range(INPUTS):
+        nothing = nothing + load(values, a * 8) * 0.0
+    smallest = minimum(minimum(load(values, 56), load(values, 64)), load(values, 72))
+    turned = splat(0.0)
+    for a in range(3, 7):
+        q = load(values, a * 8)
+        turned = maximum(turned, maximum(q, minus(q)))
+    brightest = splat(0.0)
+    for a in range(11, 14):
+        c = load(values, a * 8)
+        brightest = maximum(brightest, maximum(c, minus(c)))
+    shaped = both(above(smallest, 0.0), at_least(turned, QUAT_LEAST))
+    shaped = both(shaped, at_least(COLOUR_MOST, brightest))
+    # Zero times a number that is not finite is NaN, which is not at least zero.
+    return both(both(at_least(nothing, 0.0), at_least(load(values, 80), 0.0)), shaped)
+
+
+@inlined
+def _opacity_and_reach(values, k):
+    """Clamped opacity, and log2 of how far above its floor it is."""
+    brightest = maximum(maximum(load(values, 88), load(values, 96)), load(values, 104))
+    ceiling_ = choose(above(brightest, 0.0), k[LIMITS + 4] / brightest, k[LIMITS + 3])
+    lowest = maximum(minimum(ceiling_, k[LIMITS + 3]), ALPHA_FLOOR)
+    o = minimum(load(values, 80), k[LIMITS + 2])
+    seen = at_least(o, lowest)
+    return seen, o, maximum(_log2(choose(seen, o / lowest, splat(1.0))), 0.0)
+
+
+@inlined
+def _project_eight(values, k, fisheye, out):
+    """Fill out float64 [_OUTPUTS * 8] with, eight at a time: state, camera z, three-sigma radius, the five
+    numbers of Projected.shape, the reach, the opacity, the four of Projected.box.
+    """
+    sound = _sound(values)
+    x, y, z = to_camera(load(values, 0), load(values, 8), load(values, 16), k)
+    axes, tangents, _ = screen_axes(x, y, z, k, fisheye)
+    u, v = tangents[0], tangents[1]
+    ahead = both(at_least(z, k[LIMITS]), above(k[BOUNDS + 4], u * u + v * v))
+    r = rotation(load(values, 24), load(values, 32), load(values, 40), load(values, 48))
+    m = root_covariance(axes, r, load(values, 56), load(values, 64), load(values, 72))
+    a, b, c, determinant = covariance(m, k[LIMITS + 1])
+    sane = both(at_least(k[LIMITS + 5], maximum(a, c)), above(math.inf, determinant))
+    seen, o, reach = _opacity_and_reach(values, k)
+
+    # q = (m11 dx)^2 + (m21 dx + m22 dy)^2 with the factor FOLD^2; the ellipse is q <= reach.
+    deviation, across = root(a), root(reach)
+    m11 = FOLD / deviation
+    m22 = FOLD * root(a / determinant)
+    m21 = minus(m22 * b / a)
+    dx, dy, _, _, _ = distort(u, v, k, fisheye)
+    px, py = k[LENS] * dx + k[LENS + 2], k[LENS + 1] * dy + k[LENS + 3]
+    rx, ry = across * deviation * (1.0 / FOLD), across * root(c) * (1.0 / FOLD)
+    first_x = ceiling(maximum(px - rx - 0.5, 0.0))
+    last_x = floor(minimum(px + rx - 0.5, k[LIMITS + 6] - 1.0))
+    first_y = ceiling(maximum(py - ry - 0.5, 0.0))
+    last_y = floor(minimum(py + ry - 0.5, k[LIMITS + 7] - 1.0))
+    seen = both(seen, both(at_least(last_x, first_x), at_least(last_y, first_y)))
+    half = 0.5 * (a - c)
+    radius = 3.0 * root(0.5 * (a + c) + root(half * half + b * b))
+
+    state = choose(sane, choose(seen, splat(1.0), 0.0), splat(2.0))
+    state = choose(sound, choose(ahead, state, 0.0), splat(2.0))
+    store(out, 0, state)
+    store(out, 8, z)
+    store(out, 16, radius)
+    store(out, 24, px)
+    store(out, 32, py)
+    store(out, 40, m11)
+    store(out, 48, m21)
+    store(out, 56, m22)
+    store(out, 64, reach)
+    store(out, 72, o)
+    store(out, 80, first_x)
+    store(out, 88, last_x)
+    store(out, 96, first_y)
+    store(out, 104, last_y)
+
+
+@kernel
+def project(counter, means, quats, scales, opacities, colours, k, fisheye, out):
+    """Project N Gaussians; float32 inputs as in `rasterize`, out: Projected; fisheye: None or True."""
+    n = len(means)
+    ids = np.empty(8, np.int64)
+    values, found = np.empty(INPUTS * 8), np.empty(_OUTPUTS * 8)
+    task = take_number(counter)
+    while task * TASK < n:
+        stop = min((task + 1) * TASK, n)
+        for first in range(task * TASK, stop, 8):
+            for j in range(8):
+                ids[j] = min(first + j, stop - 1)
+            read_eight(means, quats, scales, opacities, colours, ids, values)
+            _project_eight(values, k, fisheye, found)
+            for j in range(min(8, stop - first)):
+                i = first + j
+                state = np.uint8(found[j])
+                out.state[i] = state
+                if state == DRAWN:
+                    out.depth[i] = found[8 + j]
+                    out.radius[i] = found[16 + j]
+                    for a in range(5):
+                        out.shape[i, a] = found[24 + 8 * a + j]
+                    out.paint[i, PAINT], out.paint[i, PAINT + 1] = -found[64 + j], found[72 + j]
+                    for a in range(3):
+                        out.paint[i, PAINT + 2 + a] = colours[i, a]
+                    for a in range(4):
+                        out.box[i, a] = int(found[80 + 8 * a + j])
+        task = take_number(counter)

@@ -1,0 +1,209 @@
+"""The rasteriser on the CPU: the Numba kernels in order, as one differentiable torch operation."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from imaging.compute.threads import share, thread_count
+from recon.splat.camera import SplatCamera
+from recon.splat.cpu import tiles
+from recon.splat.cpu.buffers import Lease
+from recon.splat.cpu.composite import CHUNK, PIXELS, composite
+from recon.splat.cpu.composite_backward import SLOT, composite_backward
+from recon.splat.cpu.project import project
+from recon.splat.cpu.project_backward import project_backward
+from recon.splat.limits import Limits
+from recon.splat.moved import VIEW
+from recon.splat.parameters import parameters
+from recon.splat.render import Render, SplatStats
+from recon.splat.tables import BAD, Array, Entries, Lists, Projected
+
+_T_LEAST = 1e-30
+"""Smallest stopping transmittance in float32: below it products would lose digits to denormals."""
+
+
+@dataclass
+class _Call:
+    """What a render needs besides its tensors, and what it finds out."""
+
+    camera: SplatCamera
+    limits: Limits
+    stats: SplatStats | None
+    keep: bool
+    culled: int = 0
+    visible: int = 0
+    pairs: int = 0
+
+
+def rasterize_cpu(
+    means: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    opacities: torch.Tensor,
+    colours: torch.Tensor,
+    camera: SplatCamera,
+    background: torch.Tensor | None,
+    limits: Limits,
+    stats: SplatStats | None,
+    view: torch.Tensor | None = None,
+) -> Render:
+    """As `rasterize`, for float32 tensors on the CPU. ValueError for more than 2^28 Gaussians.
+
+    view: the camera's numbers where they are to be differentiated (see `recon.splat.moved`).
+    """
+    if len(means) >= tiles.MAX_GAUSSIANS:
+        raise ValueError(f"{len(means)} Gaussians are more than {tiles.MAX_GAUSSIANS - 1}")
+    back = torch.zeros(3) if background is None else background
+    tensors = (means, quats, scales, opacities, colours, back)
+    sought = tensors if view is None else (*tensors, view)
+    keep = torch.is_grad_enabled() and any(tensor.requires_grad for tensor in sought)
+    call = _Call(camera, limits, stats, keep)
+    image, left = _Rasterize.apply(*tensors, view, call)  # type: ignore[no-untyped-call]
+    return Render(image, 1 - left, call.culled, call.visible, call.pairs)
+
+
+def _numpy(tensor: torch.Tensor) -> Array:
+    """The tensor's memory as a contiguous array."""
+    array: Array = tensor.detach().contiguous().numpy()
+    return array
+
+
+class _Rasterize(torch.autograd.Function):
+    """means, quats, scales, opacities, colours, background, view -> image [H, W, 3], transmittance [H, W].
+
+    The view is the camera's again, as a tensor, so that it gets its gradient.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, *arguments: Any) -> tuple[torch.Tensor, torch.Tensor]:
+        *tensors, _, call = arguments
+        arrays = [_numpy(tensor) for tensor in tensors]
+        tables = _Tables(Lease(), arrays, call)
+        image, left = tables.blend(arrays[5])
+        if call.keep:
+            ctx.save_for_backward(*tensors, left)
+            ctx.tables = tables
+            ctx.set_materialize_grads(False)
+        return image, left
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
+        *tensors, left = ctx.saved_tensors
+        image, light = gradients
+        grad_image = np.zeros((*left.shape, 3), np.float32) if image is None else _numpy(image)
+        grad_left = np.zeros(left.shape, np.float32) if light is None else _numpy(light)
+        arrays = [_numpy(tensor) for tensor in tensors]
+        found, view = ctx.tables.gradients(arrays, grad_image, grad_left, ctx.needs_input_grad[6])
+        back = None
+        if ctx.needs_input_grad[5]:
+            sums = np.einsum("hw,hwc->c", left.numpy(), grad_image, dtype=np.float64)
+            back = torch.from_numpy(sums.astype(np.float32))
+        return (*found, back, view, None)
+
+
+class _Tables:
+    """All tables of one render, from projection to the end of its backward pass."""
+
+    def __init__(self, lease: Lease, arrays: list[Array], call: _Call) -> None:
+        """Project all Gaussians and list them by tile."""
+        self.lease, self.call = lease, call
+        get = lease.buffers.array
+        n, width, height = len(arrays[0]), call.camera.width, call.camera.height
+        across, down = -(-width // tiles.TILE), -(-height // tiles.TILE)
+        self.parameters = parameters(call.camera, call.limits)
+        self.fisheye = True if call.camera.fisheye else None
+        shape = get("shape", (n, 8), np.float64)
+        self.projected = Projected(
+            shape=shape,
+            paint=shape.view(np.float32),
+            box=get("box", (n, 4), np.int32),
+            depth=get("depth", n, np.float32),
+            radius=get("radius", n, np.float32),
+            state=get("state", n, np.uint8),
+        )
+        share(project, 0.1 * n, *arrays[:5], self.parameters, self.fisheye, self.projected)
+        state = self.projected.state
+        order = tiles.depth_order(self.projected.depth.view(np.uint32), state)
+        start = get("start", n + 1, np.int64)
+        room = tiles.capacities(self.projected.box, state, start)
+        self.entries = Entries(
+            start=start,
+            number=get("number", n, np.int32),
+            slot=get("slot", n + 1, np.int64),
+            tile=get("tile", room, np.int32),
+            bits=get("bits", room, np.uint8),
+        )
+        share(tiles.emit, 0.1 * n, self.projected, across, self.entries)
+        size = tiles.number_slots(self.entries.number, self.entries.slot)
+        tile_start = get("tile_start", across * down + 1, np.int64)
+        cursor = get("cursor", (thread_count(), across * down), np.int64)
+        share(tiles.count_entries, 0.005 * size, order, self.entries, cursor)
+        tiles.place_parts(cursor, tile_start)
+        chunks = -(-np.diff(tile_start) // CHUNK)
+        self.lists = Lists(
+            across=across,
+            start=tile_start,
+            id=get("id", size, np.uint32),
+            slot=get("list_slot", size, np.int32),
+            chunk_start=np.cumsum(chunks) - chunks,
+        )
+        share(tiles.scatter, 0.01 * size, order, self.entries, cursor, self.lists)
+        self.kept = get("kept", int(chunks.sum()) * PIXELS if call.keep else 0, np.float32)
+        self.chunks = get("chunks", across * down, np.int32)
+        self.t_min = np.float32(max(call.limits.t_min, _T_LEAST))
+        call.culled = int(np.count_nonzero(state == BAD))
+        call.visible = int(np.count_nonzero(self.entries.number))
+
+    def blend(self, background: Array) -> tuple[torch.Tensor, torch.Tensor]:
+        """The image [H, W, 3] and what is left of the light behind it [H, W]."""
+        width, height = self.call.camera.width, self.call.camera.height
+        pairs = self.lease.buffers.array("pairs", len(self.chunks), np.int64)
+        image, left = torch.empty(height, width, 3), torch.empty(height, width)
+        share(
+            composite, self._work(), self.lists, self.projected, background, self.t_min,
+            self.kept, image.numpy(), left.numpy(), pairs, self.chunks,
+        )  # fmt: skip
+        self.call.pairs = int(pairs.sum())
+        return image, left
+
+    def gradients(
+        self, arrays: list[Array], image: Array, left: Array, moving: bool
+    ) -> tuple[list[torch.Tensor], torch.Tensor | None]:
+        """d loss / d (means, quats, scales, opacities, colours) from d loss / d (image, left).
+
+        And d loss / d view, if the camera is `moving`.
+        """
+        get = self.lease.buffers.array
+        n = len(arrays[0])
+        slots = get("slots", len(self.lists.id) * SLOT, np.float32)
+        found = [torch.empty(array.shape) for array in arrays[:5]]
+        screen, weight = get("screen", (n, 2), np.float32), get("weight", n, np.float32)
+        view = np.empty((-(-n // tiles.TASK), VIEW)) if moving else None
+        share(
+            composite_backward, self._work(), self.lists, self.projected, arrays[5], self.t_min,
+            self.kept, self.chunks, image, left, slots,
+        )  # fmt: skip
+        share(
+            project_backward, 0.1 * n, *arrays[:5], self.parameters, self.fisheye, self.projected,
+            self.entries, self.lists.across, slots, *(gradient.numpy() for gradient in found),
+            screen, weight, view,
+        )  # fmt: skip
+        if self.call.stats is not None:
+            _count(self.call.stats, self.call.camera, self.projected.radius, screen, weight)
+        return found, None if view is None else torch.from_numpy(view.sum(axis=0))
+
+    def _work(self) -> float:
+        """Microseconds that compositing will take, roughly."""
+        return 0.05 * len(self.lists.id) + 0.003 * self.call.camera.width * self.call.camera.height
+
+
+def _count(stats: SplatStats, camera: SplatCamera, radius: Array, screen: Array, weight: Array) -> None:
+    """Add one render to the statistics."""
+    touched = weight > 0
+    stats.seen += touched
+    stats.gradient += np.hypot(screen[:, 0] * (camera.width / 2), screen[:, 1] * (camera.height / 2))
+    # What was not drawn has no radius: its place in the table holds whatever was there before.
+    np.maximum(stats.radius, np.where(touched, radius, 0), out=stats.radius)
+    np.maximum(stats.weight, weight, out=stats.weight)

@@ -1,0 +1,146 @@
+"""How the number of Gaussians follows the scene: growth where it is wrong, pruning where nothing shows.
+
+Growth is by rank, not by threshold: at each adaptation the Gaussians with the largest mean screen
+gradient are split, as many as a plan allows that ends at the cap. A threshold (3DGS: 2e-4) assumes a
+loss of a certain size; a rank does not, and the cap is met exactly.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from recon.scene.gaussians import Gaussians
+from recon.splat import SplatStats
+
+
+@dataclass(frozen=True)
+class DensityRules:
+    """Constants of growth and pruning; fractions are of the whole training.
+
+    cap: most Gaussians. opacity: a Gaussian as dim as the reference, or dimmer, is pruned below this
+    opacity; a brighter one at proportionally less, since a faint veil of a lamp still outshines a
+    shadow (luminance-aware, as the alpha floor of the rasteriser).
+    """
+
+    cap: int
+    begin: float = 0.05
+    end: float = 0.6
+    every: float = 0.025
+    opacity: float = 0.01
+    shrink: float = 1.6
+    growth: float = 0.25
+    """At one adaptation at most this share of the Gaussians is split."""
+
+
+@dataclass(frozen=True)
+class Density:
+    """The rules applied to a scene whose `reference` is the radiance that opacities are judged by."""
+
+    rules: DensityRules
+    reference: float | None
+
+    def due(self, position: float, total: int, step: float = 1) -> bool:
+        """Whether an adaptation lies on the last `step` of the way to this position on a schedule of `total`.
+
+        With a step of 1 positions are iterations, counted from 1.
+        """
+        period = max(1, round(self.rules.every * total))
+        passed = position // period
+        first, last = self.rules.begin * total, self.rules.end * total
+        return first <= passed * period <= last and passed > (position - step) // period
+
+    def adapt(
+        self,
+        gaussians: Gaussians,
+        luminance: Tensor,
+        stats: SplatStats,
+        progress: float,
+        generator: torch.Generator,
+    ) -> "Change":
+        """Which Gaussians go, and which new ones come: decided, not yet done.
+
+        luminance [N] in scene units; stats of the iterations since the last time. The split ones are
+        replaced by two, drawn from the Gaussian itself along its axes, smaller by `shrink`, each of the
+        opacity that lets as much light through as the one did, 1 - sqrt(1 - o).
+        """
+        count = len(gaussians)
+        keep = ~self._invisible(gaussians, luminance)
+        score = np.where(keep.cpu().numpy(), stats.mean_gradient(), 0.0)
+        room = self._planned(progress, int(keep.sum())) - int(keep.sum())
+        wanted = max(0, min(room, math.ceil(self.rules.growth * count), int((score > 0).sum())))
+        chosen = np.sort(np.argsort(-score, kind="stable")[:wanted])
+        split = torch.from_numpy(chosen).to(keep.device)
+        keep[split] = False
+        children = [self._child(gaussians, split, generator) for _ in range(2)] if wanted else []
+        new = (
+            {name: torch.cat([child[name] for child in children]) for name in gaussians.parameters}
+            if children
+            else {}
+        )
+        return Change(keep, new)
+
+    def _planned(self, progress: float, now: int) -> int:
+        """How many Gaussians there may be at this moment: a straight line to the cap."""
+        span = max(self.rules.end - self.rules.begin, 1e-9)
+        left = max(self.rules.end - progress, 0.0) / max(self.rules.every, 1e-9)
+        step = (self.rules.cap - now) / max(left, 1.0) if span > 0 else 0.0
+        return min(self.rules.cap, now + max(0, math.ceil(step)))
+
+    def _invisible(self, gaussians: Gaussians, luminance: Tensor) -> Tensor:
+        opacity = gaussians.opacities().detach()
+        share = (
+            1.0 if self.reference is None else (self.reference / luminance.clamp_min(1e-30)).clamp_max(1.0)
+        )
+        threshold = self.rules.opacity * share
+        broken = torch.zeros_like(opacity, dtype=torch.bool)
+        for value in gaussians.parameters.values():
+            broken |= ~torch.isfinite(value.detach()).reshape(len(value), -1).all(1)
+        return (opacity < threshold) | broken
+
+    def _child(self, gaussians: Gaussians, split: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
+        child = gaussians.rows(split)
+        scales = child["log_scales"].exp()
+        offset = torch.randn(len(split), 3, generator=generator).to(scales.device) * scales
+        child["means"] = child["means"] + rotate(child["quats"], offset)
+        child["log_scales"] = child["log_scales"] - math.log(self.rules.shrink)
+        through = torch.sigmoid(-child["opacity_logits"]).sqrt()
+        child["opacity_logits"] = torch.logit((1 - through).clamp(1e-6, 1 - 1e-6))
+        return child
+
+
+@dataclass(frozen=True)
+class Change:
+    """keep: bool [N], the Gaussians that stay; new: rows of every parameter that join behind them."""
+
+    keep: Tensor
+    new: dict[str, Tensor]
+
+    def apply(self, gaussians: Gaussians, optimizer: torch.optim.Optimizer) -> None:
+        """Do it, in place: the optimizer's memory follows the Gaussians, new ones begin without any."""
+        for group in optimizer.param_groups:
+            name = group["name"]
+            if name not in gaussians.parameters:
+                continue
+            old = gaussians.parameters[name]
+            rows = self.new.get(name, old.detach()[:0])
+            fresh = torch.cat([old.detach()[self.keep], rows]).requires_grad_(True)
+            state = optimizer.state.pop(old, None)
+            if state:
+                empty = torch.zeros_like(rows)
+                for key in ("exp_avg", "exp_avg_sq"):
+                    state[key] = torch.cat([state[key][self.keep], empty])
+                optimizer.state[fresh] = state
+            group["params"] = [fresh]
+            gaussians.parameters[name] = fresh
+
+
+def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
+    """Vectors [N, 3] turned by quaternions [N, 4] wxyz of any length."""
+    unit = quats / quats.norm(dim=1, keepdim=True).clamp_min(1e-12)
+    real, imaginary = unit[:, :1], unit[:, 1:]
+    twice = 2 * torch.linalg.cross(imaginary, vectors)
+    turned: Tensor = vectors + real * twice + torch.linalg.cross(imaginary, twice)
+    return turned

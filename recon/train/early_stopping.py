@@ -1,0 +1,135 @@
+"""When a training is made shorter than planned, and why: quality stands still, is reached, or time runs out.
+
+Each is a `recon.train.trainer.Steer`. Stopping in the middle of a schedule would leave the scene at high
+learning rates, so the end is always a cool-down: the rest of the schedule in a few iterations.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from recon.train.densification import DensityRules
+from recon.train.trainer import Training
+
+COOL_DOWN = 0.2
+"""Share of what is left of a schedule that a cool-down takes: near its end rates are low already."""
+
+
+def cooling(training: Training) -> int | None:
+    """Iterations of a cool-down from here; None if what is left is no longer than one."""
+    course = training.course
+    assert course is not None
+    left = max(1, round(COOL_DOWN * (1 - course.progress(training.iteration)) * course.planned))
+    return left if left < course.total - training.iteration else None
+
+
+@dataclass(frozen=True)
+class EarlyStop:
+    """Cool down when the rest of the schedule would bring little.
+
+    The gain is the slope of a straight line through the last `moments` points of the live curve, in dB per
+    planned training, not per second: so the same seed stops at the same iteration on any machine.
+    """
+
+    least: float = 0.3
+    """dB that the rest has to promise at the present slope. The cool-down brings most of it anyway, but where
+    no more is planned than is worth it (recon.decide.prediction) stopping at 1 cost a tenth of a dB, and
+    more."""
+    moments: int = 5
+    begin: float = 0.3
+    """Share of the schedule before which nothing is judged."""
+
+    def __call__(self, training: Training) -> int | None:
+        """At a moment of the curve only."""
+        course, curve = training.course, training.curve
+        if course is None or training.ending or len(curve) < self.moments:
+            return None
+        if curve[-1].iteration != training.iteration or course.progress(training.iteration) < self.begin:
+            return None
+        promised = self.slope(training) * (1 - course.progress(training.iteration))
+        left = cooling(training) if promised < self.least else None
+        if left is not None:
+            training.ending = "early stop"
+        return left
+
+    def slope(self, training: Training) -> float:
+        """dB per planned training, over the last moments."""
+        assert training.course is not None
+        last = training.curve[-self.moments :]
+        places = [training.course.progress(moment.iteration) for moment in last]
+        return float(np.polyfit(places, [moment.db for moment in last], 1)[0])
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Cool down when the held-out views are as good as was asked for."""
+
+    db: float
+
+    def __call__(self, training: Training) -> int | None:
+        """At a moment of the curve only."""
+        curve = training.curve
+        if training.ending or not curve or curve[-1].iteration != training.iteration:
+            return None
+        left = cooling(training) if curve[-1].db >= self.db else None
+        if left is not None:
+            training.ending = "goal"
+        return left
+
+
+@dataclass
+class Deadline:
+    """Fit what is left of the schedule into what is left of the time, again and again.
+
+    The speed of the last iterations tells when the training would end. If that is late, or early although
+    the schedule has been shortened for time, the rest is fitted anew. What comes of it depends on the
+    machine; `training.course` holds it.
+    """
+
+    seconds: float
+    longest: int
+    """Iterations of the whole schedule if there is time enough."""
+    cap: int
+    """Gaussians at the end."""
+    aim: float = 0.97
+    early: float = 0.955
+    late: float = 0.99
+    every: float = 0.02
+    patience: float = 0.3
+    """Of the time that is left, by how much the end may be misjudged: the first iterations are slow, and what
+    is shortened for them would not be the training that was asked for."""
+    _since: tuple[int, float] | None = field(default=None, repr=False)
+
+    def __call__(self, training: Training) -> int | None:
+        """Now and then: every fiftieth part of the time, and at each iteration when it is nearly over."""
+        spent, course = training.seconds + training.measuring, training.course
+        assert course is not None
+        if self._since is None:
+            self._since = (training.iteration, spent)
+            return None
+        made, taken = training.iteration - self._since[0], spent - self._since[1]
+        left = course.total - training.iteration
+        if taken < self.every * self.seconds and spent < self.late * self.seconds:
+            return None
+        self._since = (training.iteration, spent)
+        pace = max(taken / made, 1e-9) * self._growth(training)
+        end = spent + left * pace
+        latest = self.late * self.seconds + self.patience * max(self.seconds - spent, 0.0)
+        if self.early * self.seconds <= end <= latest:
+            return None
+        fitting = max(1, math.floor((self.aim * self.seconds - spent) / pace))
+        if end > latest:
+            return min(fitting, left)
+        if training.ending:
+            return None
+        most = round((1 - course.progress(training.iteration)) * self.longest)
+        return min(fitting, most) if min(fitting, most) > left else None
+
+    def _growth(self, training: Training) -> float:
+        """How much slower the rest will be, since there will be more Gaussians: half the cost is theirs."""
+        assert training.course is not None
+        now, progress = len(training.gaussians), training.course.progress(training.iteration)
+        growing = max(DensityRules(self.cap).end - progress, 0) / max(1 - progress, 1e-9)
+        mean = self.cap - 0.5 * growing * (self.cap - now)
+        return max((self.cap + mean) / (self.cap + now), 1.0)

@@ -1,0 +1,140 @@
+"""Where training starts from: points on the surfaces, and Gaussians of the right size and colour there."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from scipy.spatial import cKDTree
+
+from imaging.errors import ReconstructionError
+from imaging.merge.linear_frame import Bool, Float
+from recon.data.dataset import Dataset
+from recon.data.geometry import lift, project
+from recon.data.pixels import Progress
+from recon.scene.appearance import Appearance
+from recon.scene.gaussians import Gaussians
+from recon.train.plane_sweep import sample, sweep
+
+Array = npt.NDArray[np.float64]
+
+FEWEST_POINTS = 8
+
+
+@dataclass(frozen=True)
+class Start:
+    """Points that training may start from: SfM points first, swept ones behind. Colours are radiance.
+
+    left_out: views whose depths were not swept for want of time.
+    """
+
+    xyz: Array
+    rgb: Array
+    sparse: int
+    left_out: int = 0
+
+
+def start_points(
+    dataset: Dataset,
+    images: list[tuple[Float, Bool]],
+    count: int,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+    over: Callable[[], bool] | None = None,
+) -> Start:
+    """At most `count` coloured points: SfM points (as many as fit), then points of the plane sweep.
+
+    `images` are the radiance images of the training views. Poses that came without any points get
+    theirs from a first sweep over all depths. over: asked before each view is swept; those that are due when
+    it says yes are left out. ReconstructionError when there are fewer than 8 points, or fewer are seen, since
+    then nothing says where the scene is.
+    """
+    model = dataset.points()
+    # Points that came with somebody else's poses, but without the images that saw them, are believed.
+    good = np.isfinite(model.xyz).all(1) & ((model.views >= 2) | ~model.views.any())
+    if good.any():
+        good &= model.error <= max(2.0, 3 * float(np.median(model.error[good])))
+    sparse = model.xyz[good] if len(model.xyz) else _points_of_poses(dataset, images, progress)
+    if len(sparse) < FEWEST_POINTS:
+        raise ReconstructionError(
+            f"{dataset.session} has {len(sparse)} scene points in calibration/colmap, too few to start from: "
+            "take images that overlap more and show more texture, and calibrate again."
+        )
+    if len(sparse) > count:
+        sparse = sparse[np.sort(rng.choice(len(sparse), size=count, replace=False))]
+    skipped: list[int] = []
+    maps = sweep(
+        dataset.train, [rgb for rgb, _ in images], sparse, progress=progress, over=over, skipped=skipped
+    )
+    dense = sample(maps, max(count - len(sparse), 0), rng)
+    xyz = np.concatenate([sparse, dense])
+    rgb, seen = colours_at(dataset, images, xyz)
+    if seen.sum() < FEWEST_POINTS:
+        raise ReconstructionError(
+            f"{dataset.session} shows {int(seen.sum())} of its {len(xyz)} scene points where its images hold "
+            "numbers and no mask hides them, too few to start from: look at the images and the masks."
+        )
+    return Start(xyz[seen], rgb[seen], int(seen[: len(sparse)].sum()), len(skipped))
+
+
+def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress | None) -> Array:
+    """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
+    points = [np.zeros((0, 3))]
+    for found in sweep(dataset.train, [rgb for rgb, _ in images], None, progress=progress):
+        # Beyond the middle of the image's depths by so much, a match tells a direction and no place.
+        near = found.trusted & (found.depth < 20 * np.median(found.depth))
+        points.append(lift(found.view.lens, found.centres[near], found.depth[near]))
+    return np.concatenate(points)
+
+
+def colours_at(
+    dataset: Dataset, images: list[tuple[Float, Bool]], xyz: Array
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Median radiance [P, 3] of points over the training views that see their place, and who was seen.
+
+    The median forgives the views in which something else stands before the point.
+    """
+    samples = np.full((len(images), len(xyz), 3), np.nan)
+    for row, (view, (rgb, _)) in enumerate(zip(dataset.train, images, strict=True)):
+        pixels, depth = project(view.lens, xyz)
+        x, y = np.floor(pixels[:, 0]), np.floor(pixels[:, 1])
+        inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < view.lens.width) & (y < view.lens.height)
+        at = y[inside].astype(int), x[inside].astype(int)
+        samples[row, inside] = np.where(view.seen[at][:, None], rgb[at], np.nan)
+    seen = np.isfinite(samples).all(-1).any(0)
+    median = np.zeros((len(xyz), 3))
+    median[seen] = np.nanmedian(samples[:, seen], axis=0)
+    return np.maximum(median, 0.0), seen
+
+
+def gaussians_at(
+    start: Start,
+    appearance: Appearance,
+    units: Callable[[torch.Tensor], torch.Tensor],
+    *,
+    opacity: float = 0.7,
+    size: float = 0.6,
+) -> Gaussians:
+    """Round Gaussians at the points, as large as the distance to their neighbours.
+
+    `units` turns radiance into what a rendered image holds (`Observation.units`).
+    Standard deviation: `size` times the root mean squared distance to the three nearest (3DGS takes
+    the distance itself), not more than four times the median, so that a stray point is no fog.
+    """
+    distances = cKDTree(start.xyz).query(start.xyz, k=min(4, len(start.xyz)))[0][:, 1:]
+    spacing = np.sqrt((distances**2).mean(1))
+    middle = float(np.median(spacing[spacing > 0])) if (spacing > 0).any() else 1.0
+    spacing = spacing.clip(middle / 16, middle * 4) * size
+    count = len(start.xyz)
+    quats = torch.zeros(count, 4)
+    quats[:, 0] = 1
+    return Gaussians(
+        {
+            "means": torch.from_numpy(start.xyz.astype(np.float32)),
+            "log_scales": torch.from_numpy(np.log(spacing).astype(np.float32))[:, None].repeat(1, 3),
+            "quats": quats,
+            "opacity_logits": torch.full((count,), float(np.log(opacity / (1 - opacity)))),
+            **appearance.start(units(torch.from_numpy(start.rgb.astype(np.float32)))),
+        }
+    )

@@ -1,0 +1,247 @@
+"""Depth for every pixel of a training view, by sweeping planes through its neighbours' images.
+
+A sparse model leaves walls and shadows without points, and Gaussians reach such places slowly. A
+coarse plane sweep (Collins 1996) over inverse depth, scored by zero-mean normalised correlation of
+log-radiance patches in the neighbouring views, gives a point for most pixels in seconds. It needs no
+new observations: only training views are looked at.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from imaging.compute.threads import thread_count
+from recon.data.dataset import View
+from recon.data.geometry import inside, lift, project, project_camera, rays
+from recon.data.pixels import Progress
+
+Float = npt.NDArray[np.float32]
+Bool = npt.NDArray[np.bool_]
+
+PLANES = 56
+NEIGHBOURS = 4
+PATCH = 7
+"""Pixels of the coarse image."""
+GOLDEN = 0.6180339887498949
+TRUSTED_SCORE = 0.6
+MOST_PARALLAX = 1.5
+"""Coarse pixels between two planes in a neighbouring view, where no points tell the range of depths."""
+AGREEMENT = 0.03
+"""Relative difference of depth at which two views still confirm each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """Depth along the axis [h, w] at the coarse pixel centres; trusted [h, w] where views agree."""
+
+    view: View
+    depth: Float
+    trusted: Bool
+    centres: npt.NDArray[np.float64]
+
+
+def sweep(
+    views: tuple[View, ...],
+    images: list[Float],
+    points: npt.NDArray[np.float64] | None,
+    *,
+    width: int = 160,
+    progress: Progress | None = None,
+    over: Callable[[], bool] | None = None,
+    skipped: list[int] | None = None,
+) -> list[DepthMap]:
+    """Depth maps of `views`, from their radiance `images` [H, W, 3] and sparse `points` [P, 3].
+
+    The range of depths of each view comes from the points in front of it, widened by a quarter
+    in inverse depth; views that see fewer than 8 of them get no map. Without points (None) the range
+    goes from infinity to as near as the planes can tell apart, seen from the neighbours. over: asked before
+    each view; when it says yes, the views that are left get no map and their indices go into `skipped`.
+    Views are taken in an order that soon has some of everywhere.
+    """
+    logs = [_log_image(image, view, width) for image, view in zip(images, views, strict=True)]
+
+    def one(index: int) -> tuple[Float, Float] | None:
+        if over is not None and over():
+            if skipped is not None:
+                skipped.append(index)
+            return None
+        near = _neighbours(index, views)
+        bounds = _reach(views[index], near, views, width) if points is None else _bounds(views[index], points)
+        return _sweep_one(index, near, views, logs, bounds) if bounds and near else None
+
+    raw: list[tuple[Float, Float] | None] = [None] * len(views)
+    order = sorted(range(len(views)), key=lambda index: index * GOLDEN % 1)
+    with ThreadPoolExecutor(thread_count()) as pool:
+        for done, (index, found) in enumerate(zip(order, pool.map(one, order), strict=True)):
+            if progress:
+                progress("sweeping depth", done, len(views))
+            raw[index] = found
+    maps = []
+    for index, view in enumerate(views):
+        found = raw[index]
+        if found is None:
+            continue
+        depth, score = found
+        centres = _coarse_centres(view, depth.shape[1], depth.shape[0])
+        trusted = (score > TRUSTED_SCORE) & _confirmed(index, depth, centres, views, raw)
+        size = depth.shape[1], depth.shape[0]
+        trusted &= cv2.resize(view.seen.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+        maps.append(DepthMap(view, _fill(depth, trusted), trusted, centres))
+    return maps
+
+
+def _log_image(image: Float, view: View, width: int) -> Float:
+    size = (min(width, view.lens.width), max(1, round(view.lens.height * min(1, width / view.lens.width))))
+    small = cv2.resize(image.mean(-1), size, interpolation=cv2.INTER_AREA)
+    # Noise of the shadows would be the only texture left without a floor; a thousandth of the view's
+    # bright end keeps ten stops of structure.
+    floor = max(float(np.percentile(small, 99)) / 1000, 1e-12)
+    return np.asarray(np.log(np.maximum(small, 0) + floor), np.float32)
+
+
+def _coarse_centres(view: View, width: int, height: int) -> npt.NDArray[np.float64]:
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    return np.stack([x * view.lens.width / width, y * view.lens.height / height], -1)
+
+
+def _bounds(view: View, points: npt.NDArray[np.float64]) -> tuple[float, float] | None:
+    pixels, depth = project(view.lens, points)
+    shown = inside(view.lens, pixels, depth) & (depth > 1e-6)
+    if shown.sum() < 8:
+        return None
+    far, near = np.percentile(1 / depth[shown], [1, 99])
+    return float(far * 0.75), float(near * 1.25)
+
+
+def _reach(view: View, near: list[int], views: tuple[View, ...], width: int) -> tuple[float, float] | None:
+    if not near:
+        return None
+    baseline = float(np.median([np.linalg.norm(views[other].centre - view.centre) for other in near]))
+    focal = view.lens.fx * min(1.0, width / view.lens.width)
+    return 0.0, (PLANES - 1) * MOST_PARALLAX / (focal * baseline)
+
+
+def _neighbours(index: int, views: tuple[View, ...]) -> list[int]:
+    """The views nearest to this one that look the same way and do not stand in the same place."""
+    own = views[index]
+    others = []
+    for other, view in enumerate(views):
+        distance = float(np.linalg.norm(view.centre - own.centre))
+        facing = float(own.lens.cam_from_world[2, :3] @ view.lens.cam_from_world[2, :3])
+        if other != index and distance > 1e-9 and facing > 0.5:
+            others.append((distance, other))
+    return [other for _, other in sorted(others)[:NEIGHBOURS]]
+
+
+def _sweep_one(
+    index: int, near: list[int], views: tuple[View, ...], logs: list[Float], bounds: tuple[float, float]
+) -> tuple[Float, Float]:
+    own, image = views[index].lens, logs[index]
+    height, width = image.shape
+    direction = rays(own, _coarse_centres(views[index], width, height))
+    mean, deviation = _moments(image)
+    planes = np.linspace(*bounds, PLANES)
+    # The better half of the neighbours, two of four at most, so that one that is covered there has no vote.
+    first = np.full((PLANES, height, width), -1.0, np.float32)
+    second = first.copy() if len(near) > 2 else first
+    for other in near:
+        lens, target = views[other].lens, logs[other]
+        relative = lens.cam_from_world @ np.linalg.inv(own.cam_from_world)
+        turned = direction @ relative[:3, :3].T
+        scale = np.array([target.shape[1] / lens.width, target.shape[0] / lens.height])
+        for plane, inverse in enumerate(planes):
+            pixels, depth = project_camera(lens, turned + inverse * relative[:3, 3])
+            at = (pixels * scale - 0.5).astype(np.float32)
+            seen = cv2.remap(
+                target, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
+            other_mean, other_deviation = _moments(seen)
+            cross = cv2.blur(image * seen, (PATCH, PATCH)) - mean * other_mean
+            score = (cross + 1e-4) / (deviation * other_deviation + 1e-4)
+            score = np.where(inside(lens, pixels, depth), score, np.float32(-1.0))
+            if second is not first:
+                np.maximum(second[plane], np.minimum(first[plane], score), out=second[plane])
+            np.maximum(first[plane], score, out=first[plane])
+    volume = np.float32(0.5) * (first + second)
+    best = volume.argmax(0)
+    return _subplane(volume, best, planes), np.take_along_axis(volume, best[None], 0)[0]
+
+
+def _subplane(volume: Float, best: npt.NDArray[np.intp], planes: npt.NDArray[np.float64]) -> Float:
+    """Depth at the top of the parabola through the best plane and its two neighbours."""
+    inner = best.clip(1, len(planes) - 2)
+    left, middle, right = (np.take_along_axis(volume, (inner + step)[None], 0)[0] for step in (-1, 0, 1))
+    bend = left - 2 * middle + right
+    offset = np.where(bend < -1e-6, 0.5 * (left - right) / np.minimum(bend, -1e-6), 0.0).clip(-1, 1)
+    offset = np.where(inner == best, offset, best - inner)
+    inverse = planes[0] + (inner + offset) * (planes[1] - planes[0])
+    return np.asarray(1 / np.maximum(inverse, 1e-9), np.float32)
+
+
+def _moments(image: Float) -> tuple[Float, Float]:
+    mean = cv2.blur(image, (PATCH, PATCH))
+    square = cv2.blur(image * image, (PATCH, PATCH))
+    return mean, np.sqrt(np.maximum(square - mean * mean, 0))
+
+
+def _confirmed(
+    index: int,
+    depth: Float,
+    centres: npt.NDArray[np.float64],
+    views: tuple[View, ...],
+    raw: list[tuple[Float, Float] | None],
+) -> Bool:
+    """Where at least one other view puts a surface at the same place."""
+    place = lift(views[index].lens, centres, depth)
+    found = np.zeros(depth.shape, bool)
+    for other in _neighbours(index, views):
+        theirs = raw[other]
+        if theirs is None:
+            continue
+        lens = views[other].lens
+        pixels, at = project(lens, place)
+        height, width = theirs[0].shape
+        x = np.floor(pixels[..., 0] * width / lens.width).astype(int)
+        y = np.floor(pixels[..., 1] * height / lens.height).astype(int)
+        there = (x >= 0) & (y >= 0) & (x < width) & (y < height) & (at > 0)
+        seen = theirs[0][y.clip(0, height - 1), x.clip(0, width - 1)]
+        found |= there & (np.abs(seen - at) < AGREEMENT * np.maximum(at, 1e-12))
+    return found
+
+
+def _fill(depth: Float, trusted: Bool) -> Float:
+    """Depth with the untrusted pixels taken from the trusted ones around them, smoothly, coarse to fine."""
+    if not trusted.any():
+        return depth
+    weight = trusted.astype(np.float32)
+    value = np.where(trusted, 1 / depth, 0).astype(np.float32)
+    filled, known = value, weight
+    sigma = 1.0
+    while (known < 1e-3).any() and sigma < 2 * max(depth.shape):
+        blurred = cv2.GaussianBlur(value, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+        amount = cv2.GaussianBlur(weight, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+        new = (known < 1e-3) & (amount > 1e-3)
+        filled = np.where(new, blurred / np.maximum(amount, 1e-12), filled)
+        known = np.where(new, 1.0, known)
+        sigma *= 2
+    filled = np.where(known > 0, filled, np.median(1 / depth[trusted]))
+    return np.asarray(1 / np.maximum(filled, 1e-9), np.float32)
+
+
+def sample(maps: list[DepthMap], count: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    """`count` scene points, drawn evenly over the pixels of all maps, each jittered within its pixel."""
+    sizes = [depth_map.depth.size for depth_map in maps]
+    if not sizes or count <= 0:
+        return np.zeros((0, 3))
+    chosen = np.sort(rng.choice(sum(sizes), size=min(count, sum(sizes)), replace=False))
+    points, start = [], 0
+    for depth_map, size in zip(maps, sizes, strict=True):
+        own = chosen[(chosen >= start) & (chosen < start + size)] - start
+        start += size
+        centres = depth_map.centres.reshape(-1, 2)[own]
+        points.append(lift(depth_map.view.lens, centres, depth_map.depth.reshape(-1)[own]))
+    return np.concatenate(points)

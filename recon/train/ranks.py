@@ -1,0 +1,106 @@
+"""Training by several processes that `torchrun` started: one model, its views shared out.
+
+Every rank (torch.distributed's word for a process) holds all Gaussians and the whole session, renders
+its share of the views of an iteration, and adds its gradients to those of the others. From equal sums
+all take equal steps, so their Gaussians stay equal, density control included; only rank 0 writes.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+import torch.distributed as distributed
+from torch import Tensor
+
+from imaging.compute import threads
+from imaging.errors import ReconstructionError
+
+
+@dataclass(frozen=True)
+class Ranks:
+    """Which of how many processes this is; alone, everything here does nothing.
+
+    Each method is a collective: all ranks call it, in the same order, with tensors of the same shapes.
+    """
+
+    number: int = 0
+    count: int = 1
+
+    @property
+    def first(self) -> bool:
+        """Whether this is the one that writes files and speaks."""
+        return self.number == 0
+
+    def add(self, tensors: Sequence[Tensor]) -> None:
+        """Replace each tensor by its sum over the ranks, in place: the same bits on every rank."""
+        if self.count == 1 or not tensors:
+            return
+        flat = torch.cat([tensor.reshape(-1) for tensor in tensors])
+        distributed.all_reduce(flat)
+        parts = torch.split(flat, [tensor.numel() for tensor in tensors])
+        for tensor, part in zip(tensors, parts, strict=True):
+            tensor.copy_(part.view_as(tensor))
+
+    def add_array(self, array: npt.NDArray[Any]) -> None:
+        """`add` for a numpy array."""
+        self._reduce(array, distributed.ReduceOp.SUM)
+
+    def raise_array(self, array: npt.NDArray[Any]) -> None:
+        """Replace each number by the largest of all ranks, in place."""
+        self._reduce(array, distributed.ReduceOp.MAX)
+
+    def totals(self, *numbers: float) -> list[float]:
+        """Sums over the ranks."""
+        if self.count == 1:
+            return list(numbers)
+        together = np.array(numbers, np.float64)
+        self.add_array(together)
+        return [float(number) for number in together]
+
+    def told(self, value: float) -> float:
+        """What rank 0 says."""
+        return self.totals(value if self.first else 0.0)[0]
+
+    def _reduce(self, array: npt.NDArray[Any], operation: Any) -> None:
+        if self.count == 1:
+            return
+        tensor = torch.from_numpy(array).to(_device())
+        distributed.all_reduce(tensor, operation)
+        array[...] = tensor.cpu().numpy()
+
+
+def _device() -> str:
+    """Where collectives want their tensors."""
+    return "cuda" if distributed.get_backend() == "nccl" else "cpu"
+
+
+@contextmanager
+def joined() -> Iterator[Ranks]:
+    """The ranks that `torchrun` started together (NCCL on GPUs, else Gloo); alone without it.
+
+    Ranks of one machine share its cores. ReconstructionError if they cannot find each other.
+    """
+    count = int(os.environ.get("WORLD_SIZE", "1"))
+    if count <= 1:
+        yield Ranks()
+        return
+    before = threads.thread_count()
+    threads.set_threads(before // int(os.environ.get("LOCAL_WORLD_SIZE", "1")))
+    if torch.cuda.is_available():
+        torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")))
+    try:
+        distributed.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+    except (ValueError, RuntimeError) as error:
+        raise ReconstructionError(
+            f"The {count} processes of this training did not find each other: start them with torchrun."
+        ) from error
+    try:
+        yield Ranks(distributed.get_rank(), distributed.get_world_size())
+    finally:
+        distributed.destroy_process_group()
+        threads.set_threads(before)

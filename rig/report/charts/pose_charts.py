@@ -1,0 +1,130 @@
+"""Poses: the rig and its views in space, how sure each view is, how well it fits, and the least sure ones."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from imaging.files.colmap import SparsePoints
+from imaging.session.calibration import CalibrationRecord, ViewCalibration
+from rig.report.charts.board_view import board_figures
+from rig.report.charts.chart import COLOURS, Series, chart
+from rig.report.charts.residuals import Residuals
+from rig.report.charts.rig_view import MOST_VIEWS, turntable
+from rig.report.charts.topic import NOT_DETERMINED, Figure, Table, Topic
+from rig.report.charts.topview import top_view
+from rig.terminal.text import number
+
+WORST = 10
+"""Views in the table of the least sure."""
+
+
+def pose_topic(record: CalibrationRecord, points: SparsePoints | None, residuals: Residuals) -> Topic:
+    """What is known of where cameras and boards were; an empty topic if nothing is."""
+    boards = tuple(board_figures(record))
+    if not record.views:
+        return Topic("Poses", figures=boards)
+    return Topic(
+        "Poses",
+        figures=(*_figures(record, points, residuals), *boards),
+        tables=(_least_sure(record, residuals),),
+    )
+
+
+def _figures(
+    record: CalibrationRecord, points: SparsePoints | None, residuals: Residuals
+) -> Iterable[Figure]:
+    poses = {(view.frame, view.camera): view.cam_from_world.matrix() for view in record.views}
+    cloud = points.xyz if points is not None else np.zeros((0, 3))
+    few = f" {MOST_VIEWS} of {len(poses)} views at most are drawn." if len(poses) > MOST_VIEWS else ""
+    yield Figure(
+        "Rig and scene",
+        "Each pyramid is a view, open towards what it sees"
+        + (
+            "; the cameras of a frame are joined. "
+            if len({frame for frame, _ in poses}) < len(poses)
+            else ". "
+        )
+        + f"Turn it with the row of buttons, or with the arrow keys.{few}",
+        turntable(
+            poses,
+            {camera.name: camera.lens for camera in record.cameras if camera.lens is not None},
+            cloud,
+            metric=record.unit == "m",
+        ),
+        wide=True,
+    )
+    turns = {(v.camera, v.frame): v.error.rotation for v in record.views if v.error is not None}
+    if turns:
+        yield Figure(
+            "How sure the poses are",
+            "Standard error of each view's rotation about its worst axis, by frame.",
+            chart(
+                "Standard error of rotation",
+                _by_camera(turns),
+                "frame",
+                "standard error, °",
+                y_zero=True,
+                x_whole=True,
+            ),
+        )
+    if residuals.views:
+        yield Figure(
+            "How well the views fit",
+            "Root mean square of how far scene points land from where a view saw them, by frame.",
+            chart(
+                "Residuals by view",
+                _by_camera(residuals.views),
+                "frame",
+                "rms residual, px",
+                y_zero=True,
+                x_whole=True,
+            ),
+        )
+    yield Figure(
+        "From above",
+        "Cameras open towards where they look; dots are scene points.",
+        top_view(poses, cloud, "Cameras and scene points seen from above"),
+    )
+
+
+def _by_camera(values: Mapping[tuple[str, int], float]) -> list[Series]:
+    """One cloud a camera; so many that colours tell nothing are one."""
+    names = sorted({camera for camera, _ in values})
+    groups = [[name] for name in names] if len(names) <= COLOURS else [names]
+    return [
+        Series(
+            group[0] if len(groups) > 1 else "",
+            [float(frame) for camera, frame in values if camera in group],
+            [value for (camera, _), value in values.items() if camera in group],
+            dots=True,
+        )
+        for group in groups
+    ]
+
+
+def _least_sure(record: CalibrationRecord, residuals: Residuals) -> Table:
+    known = any(view.error is not None for view in record.views)
+    unit, scale = ("mm", 1000.0) if record.unit == "m" else ("relative", 1.0)
+
+    def doubt(view: ViewCalibration) -> tuple[float, float]:
+        error = float("inf") if view.error is None else view.error.rotation
+        return (-error, float(view.points)) if known else (float(view.points), 0.0)
+
+    worst = sorted(record.views, key=doubt)[:WORST]
+    return Table(
+        "The least sure views" if known else "The views with the fewest scene points",
+        "Standard errors about and along the worst axis."
+        if known
+        else "Standard errors of the poses are not determined.",
+        ("View", "#Rotation, °", f"#Place, {unit}", "#Scene points", "#Residual, rms px"),
+        tuple(
+            (
+                f"{view.camera}/{view.frame:04d}",
+                NOT_DETERMINED if view.error is None else f"± {number(view.error.rotation, 2)}",
+                NOT_DETERMINED if view.error is None else f"± {number(scale * view.error.translation, 2)}",
+                f"{view.points:,}",
+                number(residuals.views.get((view.camera, view.frame)), 2),
+            )
+            for view in worst
+        ),
+    )

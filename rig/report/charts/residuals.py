@@ -1,0 +1,84 @@
+"""How far every scene point lands from where it was seen, from the COLMAP model of a calibration."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.files.colmap import pycolmap
+
+Array = npt.NDArray[np.float64]
+
+MOST_OBSERVATIONS = 200_000
+"""Of larger models an even choice of each image's observations is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraResiduals:
+    """One camera's. size: width and height of its pictures, px; seen, miss: float64 [N, 2], px, where points
+    were seen, and seen less projected."""
+
+    size: tuple[int, int]
+    seen: Array
+    miss: Array
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the lengths, px."""
+        return float(np.sqrt((self.miss**2).sum(1).mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """By camera; views: camera and frame -> root mean square of the lengths, px."""
+
+    cameras: dict[str, CameraResiduals]
+    views: dict[tuple[str, int], float]
+
+
+def read_residuals(folder: Path) -> Residuals:
+    """Of the images called `<camera>/<frame>.png` of the model in `folder`; of none if there is no model."""
+    try:
+        model = pycolmap.Reconstruction(str(folder))
+    except (ValueError, RuntimeError, OSError):
+        return Residuals({}, {})
+    total = model.compute_num_observations()
+    step = max(1, -(-total // MOST_OBSERVATIONS))
+    sizes: dict[str, tuple[int, int]] = {}
+    seen: dict[str, list[Array]] = {}
+    miss: dict[str, list[Array]] = {}
+    views = {}
+    for image in model.images.values():
+        key = _key(image.name)
+        if key is None or not image.has_pose:
+            continue
+        points = [point for point in image.points2D if point.has_point3D()][::step]
+        if not points:
+            continue
+        places = np.array([point.xy for point in points], np.float64)
+        xyz = np.array([model.points3D[point.point3D_id].xyz for point in points], np.float64)
+        pose = image.cam_from_world().matrix()
+        camera = model.cameras[image.camera_id]
+        apart = places - np.asarray(camera.img_from_cam(xyz @ pose[:, :3].T + pose[:, 3]), np.float64)
+        good = np.isfinite(apart).all(1)
+        if not good.any():
+            continue
+        sizes[key[0]] = (camera.width, camera.height)
+        seen.setdefault(key[0], []).append(places[good])
+        miss.setdefault(key[0], []).append(apart[good])
+        views[key] = float(np.sqrt((apart[good] ** 2).sum(1).mean()))
+    return Residuals(
+        {
+            name: CameraResiduals(sizes[name], np.concatenate(seen[name]), np.concatenate(miss[name]))
+            for name in sorted(sizes)
+        },
+        dict(sorted(views.items())),
+    )
+
+
+def _key(name: str) -> tuple[str, int] | None:
+    """Camera and frame of an image's name; None for a name that is not one of ours."""
+    camera, _, file = name.rpartition("/")
+    frame = file.removesuffix(".png")
+    return (camera, int(frame)) if camera and frame.isascii() and frame.isdigit() else None

@@ -1,0 +1,158 @@
+"""The rig and the scene as a turntable: drawn from all around, turned by the page's style sheet alone.
+
+The page runs no script, so that it may be opened anywhere. Radio buttons choose which drawing is shown;
+the arrow keys turn them.
+"""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+from markupsafe import Markup, escape
+
+from imaging.lens import Lens
+from rig.report.charts.chart import COLOURS, nice_step
+from rig.report.charts.topview import ground
+
+Array = npt.NDArray[np.float64]
+Key = tuple[int, str]
+
+STEPS, FIRST = 12, 1
+"""Directions that the rig is drawn from (the style sheet shows as many), and the one that is shown first."""
+ELEVATION = math.radians(28)
+WIDTH, HEIGHT, MARGIN = 1000, 460, 30
+MOST_POINTS, MOST_VIEWS = 1000, 240
+NO_BOARDS: Mapping[int, Array] = {}
+MOST_LABELLED = 60
+"""Views up to which each says its name when it is pointed at."""
+
+
+def turntable(
+    poses: Mapping[Key, Array],
+    lenses: Mapping[str, Lens],
+    points: Array,
+    *,
+    metric: bool,
+    boards: Mapping[int, Array] = NO_BOARDS,
+    group: str = "turn",
+) -> Markup:
+    """Cameras as frusta by colour, joined where they belong to one frame; scene points as dots.
+
+    poses: (frame, camera) -> cam_from_world [4, 4]. points: float64 [P, 3]. metric: lengths are metres.
+    boards: the corners of a board at each frame, in order around it, world, float64 [4, 3]. group: of the
+    buttons, another for each turntable of a page.
+    """
+    axes = ground(list(poses.values()))
+    axes = np.stack([*axes, np.cross(axes[0], axes[1])])  # right, away, up
+    step = max(1, -(-len(poses) // MOST_VIEWS))
+    shown = dict(sorted(poses.items())[::step])
+    centres = np.array([-pose[:3, :3].T @ pose[:3, 3] for pose in shown.values()]) @ axes.T
+    cloud = points[np.isfinite(points).all(1)] @ axes.T if len(points) else np.zeros((0, 3))
+    shapes = {frame: corners @ axes.T for frame, corners in boards.items()}
+    solid = np.concatenate([centres, *shapes.values()])
+    low, high = solid.min(0), solid.max(0)
+    if len(cloud):
+        # A few stray points would shrink everything else.
+        low = np.minimum(low, np.percentile(cloud, 3, axis=0))
+        high = np.maximum(high, np.percentile(cloud, 97, axis=0))
+        cloud = cloud[((cloud >= low) & (cloud <= high)).all(1)]
+        cloud = cloud[:: max(1, -(-len(cloud) // MOST_POINTS))]
+    views = [_flat(turn) for turn in range(STEPS)]
+    spots = [np.concatenate([solid, cloud]) @ view.T for view in views]
+    reach = np.maximum(np.max([np.ptp(own, axis=0) for own in spots], axis=0), 1e-9)
+    factor = min((WIDTH - 2 * MARGIN) / reach[0], (HEIGHT - 2 * MARGIN) / reach[1])
+    names = sorted({camera for _, camera in poses})
+    # Many small frusta tell more than many that cover each other.
+    depth = 36.0 * min(1.0, math.sqrt(40 / len(shown))) / factor
+    frusta = [(key, _frustum(pose, lenses.get(key[1]), depth) @ axes.T) for key, pose in shown.items()]
+    joined = _joined(list(shown), centres)
+    drawings = []
+    for turn in range(STEPS):
+        flat = factor * views[turn] * ((1.0,), (-1.0,))
+
+        middle = (spots[turn].min(0) + spots[turn].max(0)) / 2 * factor * (1.0, -1.0)
+
+        def place(spots: Array, flat: Array = flat, middle: Array = middle) -> Array:
+            return np.asarray(spots @ flat.T - middle + (WIDTH / 2, HEIGHT / 2))
+
+        parts = [
+            f'<svg class="chart" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
+            f'aria-label="Rig and scene, turned by {round(360 * turn / STEPS)} degrees">',
+            '<path class="cloud" d="' + "".join(f"M{x:.0f} {y:.0f}h0" for x, y in place(cloud)) + '"/>',
+        ]
+        for frame, corners in shapes.items():
+            path = "L".join(f"{x:.1f} {y:.1f}" for x, y in place(corners))
+            parts.append(f'<g><title>board, frame {frame}</title><path class="board" d="M{path}Z"/></g>')
+        for line in joined:
+            path = "L".join(f"{x:.1f} {y:.1f}" for x, y in place(line))
+            parts.append(f'<path class="bar-of" d="M{path}"/>')
+        for (frame, camera), corners in frusta:
+            title = f"<title>{escape(camera)}, frame {frame}</title>" if len(shown) <= MOST_LABELLED else ""
+            parts.append(_drawn(place(corners), names.index(camera) % COLOURS, title))
+        first = min(frame for frame, _ in shown)
+        if 1 < len(names) <= 12:
+            for (frame, camera), corners in frusta:
+                if frame == first:
+                    x, y = place(corners[:1])[0]
+                    colour = names.index(camera) % COLOURS
+                    parts.append(
+                        f'<text class="name s{colour}" x="{x + 6:.0f}" y="{y - 6:.0f}">'
+                        f"{escape(camera)}</text>"
+                    )
+        parts.append(_scale(factor, metric))
+        drawings.append("".join(parts) + "</svg>")
+    inputs = "".join(
+        f'<input type="radio" name="{group}" aria-label="Turned by {round(360 * turn / STEPS)} degrees"'
+        f"{' checked' if turn == FIRST else ''}>"
+        for turn in range(STEPS)
+    )
+    keys = "".join(
+        f'<li><span class="key s{i % COLOURS}"></span>{escape(name)}</li>' for i, name in enumerate(names)
+    )
+    legend = f'<ul class="legend">{keys}</ul>' if len(names) <= COLOURS else ""
+    return Markup(f'<div class="turn">{inputs}{"".join(drawings)}</div>{legend}')
+
+
+def _flat(turn: int) -> Array:
+    """Axes of the drawing, to the right and up the page, in (right, away, up), float64 [2, 3]."""
+    angle = 2 * math.pi * turn / STEPS
+    right, back = (math.cos(angle), math.sin(angle), 0.0), (-math.sin(angle), math.cos(angle), 0.0)
+    upward = math.sin(ELEVATION) * np.array(back) + np.array([0.0, 0.0, math.cos(ELEVATION)])
+    return np.stack([np.array(right), upward])
+
+
+def _frustum(pose: Array, lens: Lens | None, depth: float) -> Array:
+    """Eye and the four corners of the image `depth` away, world, float64 [5, 3]."""
+    wide, high = (lens.width / 2 / lens.fx, lens.height / 2 / lens.fy) if lens else (0.5, 0.375)
+    shrink = min(1.0, 0.8 / max(wide, high))  # a fisheye would cover the page
+    corners = np.array([[-wide, -high, 1], [wide, -high, 1], [wide, high, 1], [-wide, high, 1]])
+    rays = np.concatenate([np.zeros((1, 3)), corners * (1, 1, 1) * depth * shrink])
+    return np.asarray((rays - pose[:3, 3]) @ pose[:3, :3])
+
+
+def _joined(keys: list[Key], centres: Array) -> list[Array]:
+    """The cameras of each frame in order, where a frame has several."""
+    frames: dict[int, list[int]] = {}
+    for index, (frame, _) in enumerate(keys):
+        frames.setdefault(frame, []).append(index)
+    return [centres[own] for own in frames.values() if len(own) > 1]
+
+
+def _drawn(spots: Array, colour: int, title: str) -> str:
+    (x, y), *corners = spots.tolist()
+    around = "L".join(f"{u:.1f} {v:.1f}" for u, v in corners)
+    edges = "".join(f"M{x:.1f} {y:.1f}L{u:.1f} {v:.1f}" for u, v in corners)
+    return f'<g>{title}<path class="camera s{colour}" d="M{around}Z{edges}"/></g>'
+
+
+def _scale(factor: float, metric: bool) -> str:
+    if not metric:
+        return f'<text x="{MARGIN}" y="{HEIGHT - 8}">lengths are relative</text>'
+    length = nice_step(60 / factor)
+    end = MARGIN + length * factor
+    text = f"{length:g} m" if length >= 1 else f"{100 * length:g} cm"
+    return (
+        f'<path class="ruler" d="M{MARGIN} {HEIGHT - 24}v6H{end:.1f}v-6"/>'
+        f'<text x="{MARGIN}" y="{HEIGHT - 4}">{text}</text>'
+    )

@@ -1,0 +1,217 @@
+"""Sensors: photon transfer, linearity, and every level with its error (terms of EMVA 1288)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.sensor import Measured, SensorCalibration
+from imaging.session.calibration import CalibrationRecord
+from rig.report.charts.chart import Series, chart
+from rig.report.charts.topic import NOT_DETERMINED, Figure, Table, Topic, plus_minus
+
+Array = npt.NDArray[np.float64]
+
+MOST_SENSORS = 6
+"""Sensors whose photon transfer is drawn; more would hide each other."""
+DIMMEST = 0.1
+"""DN at which drawings begin; what is darker is drawn there."""
+QUANTISATION = 1.0 / 12.0
+"""DN^2 of rounding to whole numbers."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """A sensor with the name of its camera, and the ISO where a camera has several."""
+
+    name: str
+    sensor: SensorCalibration
+
+
+def sensor_topic(record: CalibrationRecord) -> Topic:
+    """What was measured of the sensors; an empty topic if nothing was."""
+    sensors = [
+        Named(
+            camera.name
+            + (f" at ISO {sensor.iso:g}" if len(camera.sensors) > 1 and sensor.iso is not None else ""),
+            sensor,
+        )
+        for camera in record.cameras
+        for sensor in camera.sensors
+    ]
+    if not sensors:
+        return Topic("Sensors")
+    return Topic("Sensors", figures=tuple(_figures(sensors)), tables=tuple(_tables(sensors)))
+
+
+def _figures(sensors: Sequence[Named]) -> Iterable[Figure]:
+    lines = [own for own in sensors if own.sensor.gain is not None][:MOST_SENSORS]
+    if lines:
+        series = []
+        for index, own in enumerate(lines):
+            points = [(max(x, DIMMEST), y) for x, y in own.sensor.transfer if y > 0]
+            series.append(_line(own, index))
+            series += [
+                Series("", [x for x, _ in points], [y for _, y in points], dots=True, colour=index)
+            ] * bool(points)
+        measured = any(own.sensor.transfer for own in lines)
+        more = len(sensors) - len(lines)
+        yield Figure(
+            "Photon transfer",
+            "Variance in time against the mean signal. The slope is the gain, the level on the left the read "
+            "noise. "
+            + (
+                "Dots: measured, one a stack of frames and colour (darks on the left edge). Lines: fitted."
+                if measured
+                else "Fitted lines; brackets of a scene leave no points to draw, darks and flats do."
+            )
+            + " The band holds the truth at 95 %."
+            + (f" {more} more in the table." if more > 0 else ""),
+            chart(
+                "Photon transfer",
+                series,
+                "signal above black, DN",
+                "variance, DN²",
+                x_scale="log",
+                y_scale="log",
+            ),
+        )
+    seen = [own for own in lines if own.sensor.transfer]
+    if seen:
+        yield Figure(
+            "Photon transfer: off the line",
+            "The same dots, relative to the fitted line. They scatter about zero where the model holds; "
+            "a trend is a bend, a rise on the left noise that is not read noise.",
+            chart(
+                "Photon transfer, off the line",
+                [_off(own, lines.index(own)) for own in seen],
+                "signal above black, DN",
+                "variance off the line, %",
+                x_scale="log",
+                level=(0.0, ""),
+            ),
+        )
+    bends = [own for own in sensors if own.sensor.nonlinearity is not None]
+    if bends:
+        yield _linearity(max(bends, key=lambda own: abs(_value(own.sensor.nonlinearity))))
+
+
+def _value(told: Measured | None) -> float:
+    return 0.0 if told is None else told.value
+
+
+def _fitted(sensor: SensorCalibration, signal: Array) -> Array:
+    """`K signal + (K read)^2 + 1/12`, DN^2."""
+    dark = _value(sensor.gain) ** 2 * (_value(sensor.read_noise) ** 2 + _value(sensor.row_noise) ** 2)
+    rounding = QUANTISATION if sensor.read_noise is not None else 0.0
+    return np.asarray(_value(sensor.gain) * signal + dark + rounding)
+
+
+def _off(own: Named, colour: int) -> Series:
+    """How far the measured variances are off the fitted ones, %."""
+    signal, variance = np.array(own.sensor.transfer).T
+    off = 100 * (variance / np.maximum(_fitted(own.sensor, signal), 1e-9) - 1)
+    return Series(own.name, np.maximum(signal, DIMMEST).tolist(), off.tolist(), dots=True, colour=colour)
+
+
+def _line(own: Named, colour: int) -> Series:
+    """The fitted line, with the band that errors of gain and read noise leave."""
+    sensor = own.sensor
+    gain, read, row = (_value(one) for one in (sensor.gain, sensor.read_noise, sensor.row_noise))
+    gain_error, read_error = (0.0 if one is None else one.sigma for one in (sensor.gain, sensor.read_noise))
+    black = float(np.mean([level.value for level in sensor.black])) if sensor.black else 0.0
+    lit = [x for x, _ in sensor.transfer if x > 0]
+    end = max(sensor.ceiling.value - black if sensor.ceiling else 0.0, max(lit, default=0.0), 100.0)
+    signal = np.geomspace(DIMMEST, end, 60)
+    variance = _fitted(sensor, signal)
+    slope = signal + 2 * gain * (read**2 + row**2)
+    error = np.hypot(slope * gain_error, 2 * gain**2 * read * read_error)
+    return Series(own.name, signal.tolist(), variance.tolist(), colour=colour, margin=(1.96 * error).tolist())
+
+
+def _linearity(own: Named) -> Figure:
+    bend = own.sensor.nonlinearity
+    assert bend is not None
+    light = np.linspace(0.0, 1.0, 41)
+    return Figure(
+        "Linearity",
+        f"How far the signal of {own.name}, the least straight, departs from a straight line; the band holds "
+        "the truth at 95 %. "
+        + ("It counts as linear." if own.sensor.linear else "It counts as bent, and is straightened."),
+        chart(
+            "Linearity deviation",
+            [
+                Series(
+                    "",
+                    (100 * light).tolist(),
+                    (-100 * bend.value * light).tolist(),
+                    margin=(196 * bend.sigma * light).tolist(),
+                )
+            ],
+            "light, % of what white takes",
+            "signal off the line, %",
+            y_zero=True,
+        ),
+    )
+
+
+def _tables(sensors: Sequence[Named]) -> Iterable[Table]:
+    yield Table(
+        "Noise",
+        "Value ± standard error.",
+        ("Camera", "#ISO", "#Gain K, DN/e⁻", "#Read noise, e⁻", "#Row noise, e⁻", "#PRNU, %", "#DSNU, e⁻",
+         "#Dark current, e⁻/s", "From"),
+        tuple(
+            (
+                own.name,
+                "unknown" if own.sensor.iso is None else f"{own.sensor.iso:g}",
+                _told(own.sensor.gain),
+                _told(own.sensor.read_noise),
+                _told(own.sensor.row_noise),
+                _told(own.sensor.prnu, 100.0),
+                _told(own.sensor.dsnu),
+                _told(own.sensor.dark_current),
+                _sources(own.sensor),
+            )
+            for own in sensors
+        ),
+    )  # fmt: skip
+    yield Table(
+        "Levels",
+        "Black of the four sites of the 2 × 2 tile of colours, and where photosites saturate.",
+        ("Camera", "#Black (0, 0), DN", "#(0, 1)", "#(1, 0)", "#(1, 1)", "#Ceiling, DN",
+         "#Full well, e⁻", "#Missing at white, %", "Defects"),
+        tuple(
+            (
+                own.name,
+                *(
+                    (plus_minus(level.value, level.sigma) for level in own.sensor.black)
+                    if own.sensor.black
+                    else (NOT_DETERMINED, "", "", "")
+                ),
+                _told(own.sensor.ceiling),
+                _told(own.sensor.full_well),
+                _told(own.sensor.nonlinearity, 100.0),
+                _defects(own.sensor),
+            )
+            for own in sensors
+        ),
+    )  # fmt: skip
+
+
+def _told(value: Measured | None, scale: float = 1.0) -> str:
+    return NOT_DETERMINED if value is None else plus_minus(scale * value.value, scale * value.sigma)
+
+
+def _sources(sensor: SensorCalibration) -> str:
+    values = (sensor.gain, sensor.read_noise, sensor.prnu, sensor.dsnu, sensor.dark_current)
+    return ", ".join(dict.fromkeys(one.source for one in values if one is not None)) or "nothing"
+
+
+def _defects(sensor: SensorCalibration) -> str:
+    if sensor.defects is None:
+        return "not looked for"
+    kinds = [defect.kind for defect in sensor.defects]
+    told = [f"{kinds.count(kind)} {kind}" for kind in ("hot", "dead", "noisy") if kind in kinds]
+    return ", ".join(told) or "none"

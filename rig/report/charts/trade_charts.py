@@ -1,0 +1,78 @@
+"""Trade-offs drawn: quality over what it costs, the front, and where the presets lie."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+from recon.trade import Point, Trade, front
+from rig.report.charts.chart import Series, chart
+from rig.report.charts.topic import Figure
+
+Value = Callable[[Point], float]
+
+MEASURES = {
+    "raw_psnr": "PSNR of held-out RAW files, dB",
+    "ldr_psnr_oe": "PSNR of held-out photographs, dB",
+    "hdr_psnr_mu": "µ-law PSNR of held-out light, dB",
+}
+PRESETS = {"draft": 1, "standard": 2, "best": 3}
+"""The colour of each preset's dot; those of all other trainings share one."""
+
+
+def costs(trade: Trade) -> list[tuple[str, str, Value]]:
+    """What a point may cost: heading, axis and value."""
+    alone = all(point.at_once == 1 for point in trade.points)
+    time: tuple[str, str, Value] = (
+        ("time", "training time, s", lambda point: point.seconds)
+        if alone
+        else ("processor time", "processor time of all threads, s", lambda point: point.processor_seconds)
+    )
+    return [
+        time,
+        ("Gaussians", "Gaussians", lambda point: float(point.gaussians)),
+        ("size", "size of splats.ply, MB", lambda point: point.size_bytes / 1e6),
+    ]
+
+
+def figures(trade: Trade) -> Iterable[Figure]:
+    """Quality over each cost, as the method sees it, and against the truth where that is known."""
+    yield from _over(trade, trade.points, MEASURES[trade.measure], "Quality", lambda point: point.db)
+    known = [point for point in trade.points if point.truth_db is not None]
+    axis = "µ-law PSNR to the true light, dB"
+    yield from _over(trade, known, axis, "Truth", lambda point: point.truth_db or 0.0)
+
+
+def _over(trade: Trade, points: Sequence[Point], axis: str, heading: str, value: Value) -> Iterable[Figure]:
+    if len(points) < 2:
+        # A dot alone is no curve: the table says all there is.
+        return
+    for name, label, cost in costs(trade):
+        best = front(points, cost, value)
+        named = [
+            Series(preset, [cost(p) for p in own], [value(p) for p in own], dots=True, colour=colour)
+            for preset, colour in PRESETS.items()
+            if (own := [p for p in points if is_preset(p, preset)])
+        ]
+        others = [p for p in points if not any(is_preset(p, preset) for preset in PRESETS)]
+        series = [
+            Series(
+                "front: nothing is better for less",
+                [cost(p) for p in best],
+                [value(p) for p in best],
+                colour=4,
+            ),
+            Series("a training", [cost(p) for p in others], [value(p) for p in others], dots=True, colour=0),
+            *named,
+        ]
+        yield Figure(
+            f"{heading} against {name}",
+            f"Each dot is a training; higher and further left is better. {_count(best)} on the front.",
+            chart(f"{heading} against {name}", series, label, axis, x_scale="log"),
+        )
+
+
+def is_preset(point: Point, name: str) -> bool:
+    """Whether it is a preset as it is."""
+    return point.choice.quality == name and not point.choice.fixed.words()
+
+
+def _count(points: Sequence[Point]) -> str:
+    return "One lies" if len(points) == 1 else f"{len(points)} lie"

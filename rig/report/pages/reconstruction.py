@@ -1,0 +1,44 @@
+"""report.html of a reconstruction: pictures, quality, and all that led to it."""
+
+from importlib.metadata import version
+from pathlib import Path
+
+from imaging.files import store
+from imaging.session.session import Session
+from recon.result.scene import open_model
+from rig.report.page import Page, now, write_page
+from rig.report.sections.calibrated import calibrated, is_stale
+from rig.report.sections.captured import captured
+from rig.report.sections.comparisons import pictures
+from rig.report.sections.provenance import provenance
+from rig.report.sections.quality import quality, tiles
+from rig.terminal.progress import Progress, unreported
+
+
+def reconstruction_report(folder: str | Path, progress: Progress = unreported) -> Path:
+    """Write report.html into a reconstruction that was evaluated: all, from the capture to the quality."""
+    folder = Path(folder)
+    metrics = store.read_json(folder / "metrics.json")
+    opened = open_model(folder)
+    session, record = Session.open(opened.dataset.session), opened.dataset.calibration
+    section = quality(folder, opened.record, metrics)
+    page = Page(
+        kind="Reconstruction report",
+        title=session.record.name,
+        lead=section.lead + ".",
+        version=version("hdr-rig"),
+        made=now(),
+        tiles=tiles(opened.record, metrics),
+        sections={
+            "pictures": pictures(opened, float(metrics.get("alignment_scale", 1.0)), progress),
+            "quality": section,
+            "captured": captured(session, record, progress),
+            "calibrated": calibrated(session, record, is_stale(session, record)),
+            "provenance": provenance(
+                session, record, opened.record, version("hdr-rig"), folder.resolve().name
+            ),
+        },
+    )
+    path = folder / "report.html"
+    write_page(path, page)
+    return path

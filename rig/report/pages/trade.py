@@ -1,0 +1,183 @@
+"""SESSION/trade/report.html: quality against what it costs, what each setting buys, and every command."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from imaging.session.calibration import read_calibration
+from imaging.session.session import Session
+from recon.decide.presets import QUALITIES, START_SHARE
+from recon.observe.losses import Photometric
+from recon.trade import Point, Trade, front, read_trade
+from recon.trade.records import FOLDER
+from rig.report.charts.topic import Figure, Table, Tile, plus_minus
+from rig.report.charts.trade_charts import PRESETS, costs, figures, is_preset
+from rig.report.page import Page, now, write_page
+from rig.report.sections.provenance import provenance
+from rig.terminal.text import counted, duration, number, size
+
+AXES = {
+    "iterations": "iterations",
+    "gaussians": "Gaussians",
+    "width": "image width, px",
+    "degree": "SH degree",
+    "ssim": "weight of SSIM in the loss",
+    "growth": "share of Gaussians that is grown",
+    "views": "training views",
+    "exposures": "exposures of a view",
+    "refine": "corrections",
+}
+
+
+@dataclass(frozen=True)
+class TradeOff:
+    """Everything the section shows."""
+
+    lead: str
+    caution: str
+    figures: tuple[Figure, ...]
+    tables: tuple[Table, ...]
+    failed: tuple[tuple[str, str], ...]
+
+
+def trade_report(session: str | Path) -> Path:
+    """Write the page of a session's trade-off; returns its path. InputError if there is none."""
+    session = Path(session)
+    opened, trade = Session.open(session), read_trade(session)
+    page = Page(
+        kind="Trade-off report",
+        title=opened.record.name,
+        lead=f"{counted(len(trade.points), 'training')} with method {trade.method} on {trade.device}.",
+        version=version("hdr-rig"),
+        made=now(),
+        tiles=tuple(_tiles(trade)),
+        sections={
+            "trade": trade_off(trade),
+            "provenance": provenance(opened, read_calibration(session), None, version("hdr-rig")),
+        },
+    )
+    path = session / FOLDER / "report.html"
+    write_page(path, page)
+    return path
+
+
+def trade_off(trade: Trade) -> TradeOff:
+    """A trade-off as the page shows it."""
+    several = max((point.at_once for point in trade.points), default=1)
+    return TradeOff(
+        lead="All scenes are measured on the same held-out views at the same size, whatever they were "
+        "trained at. A dot is a training of its own: a moment of a longer one would look worse than it is, "
+        "since its learning rates are still high.",
+        caution=f"Up to {several} trainings shared the machine, so their seconds tell nothing of one that "
+        "has it alone: processor time is drawn instead."
+        if several > 1
+        else "",
+        figures=tuple(figures(trade)),
+        tables=tuple(_tables(trade)),
+        failed=tuple(trade.failed.items()),
+    )
+
+
+def _tiles(trade: Trade) -> Iterable[Tile]:
+    for name in PRESETS:
+        for point in trade.points:
+            if is_preset(point, name):
+                yield Tile(f"{point.db:.2f}", "dB", f"{name}, in {duration(point.seconds)}")
+
+
+def _tables(trade: Trade) -> Iterable[Table]:
+    standard = next((point for point in trade.points if is_preset(point, "standard")), None)
+    if standard is not None:
+        yield Table(
+            "What each setting buys",
+            "One thing changed of the preset standard; the error is that of the mean over held-out views, "
+            "paired. A difference within twice its error may be chance. The time of standard has its trials "
+            "in it, whose outcome the others are given.",
+            ("Changed", "#To", "#From", "#Gain, dB", "#Time", "#Size"),
+            tuple(_changes(trade, standard)),
+        )
+    yield Table(
+        "Every training",
+        "Each command makes the same scene again, to the byte on the same machine.",
+        (
+            "#dB",
+            "#dB to the truth",
+            "#Time",
+            "#Processor time",
+            "#Gaussians",
+            "#Size",
+            "On the front of",
+            "Command",
+        ),
+        tuple(_points(trade)),
+    )
+
+
+def settings(point: Point) -> dict[str, float | str | None]:
+    """What a training was made with, by hand or as its scene decided; None: as the method has it."""
+    fixed, preset = point.choice.fixed, QUALITIES[point.choice.quality]
+    own = {key: getattr(fixed, key) for key in AXES}
+    return own | {
+        "iterations": fixed.iterations or preset.iterations,
+        "gaussians": fixed.gaussians or point.gaussians,
+        "width": point.width,
+        "degree": point.degree,
+        "refine": point.refine or "none",
+    }
+
+
+def _changes(trade: Trade, standard: Point) -> Iterable[tuple[str, ...]]:
+    """Rows of the trainings that differ from the standard one in a single setting."""
+    usual = settings(standard)
+    for axis, name in AXES.items():
+        for point in trade.points:
+            own = settings(point)
+            if [key for key in AXES if own[key] != usual[key]] != [axis]:
+                continue
+            gains = np.array([point.views[view] - standard.views[view] for view in standard.views])
+            error = float(gains.std(ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else None
+            yield (
+                name,
+                _said(axis, own[axis]),
+                _said(axis, usual[axis]),
+                f"{gains.mean():+.2f}" if error is None else plus_minus(float(gains.mean()), error),
+                _times(point.seconds, standard.seconds),
+                _times(point.size_bytes, standard.size_bytes),
+            )
+
+
+USUAL = {
+    "ssim": f"{Photometric().ssim_weight:g}",
+    "growth": f"{1 - START_SHARE:g}",
+    "views": "all",
+    "exposures": "all",
+}
+"""What a setting is where nobody sets it."""
+
+
+def _said(axis: str, value: float | str | None) -> str:
+    if value is None:
+        return USUAL[axis]
+    return value if isinstance(value, str) else f"{value:,.10g}"
+
+
+def _times(value: float, usual: float) -> str:
+    return f"× {number(value / usual, 2)}"
+
+
+def _points(trade: Trade) -> Iterable[tuple[str, ...]]:
+    fronts = {name: front(trade.points, cost, lambda p: p.db) for name, _, cost in costs(trade)}
+    for point in sorted(trade.points, key=lambda one: one.seconds):
+        yield (
+            f"{point.db:.2f}",
+            "n/a" if point.truth_db is None else f"{point.truth_db:.2f}",
+            duration(point.seconds),
+            duration(point.processor_seconds),
+            f"{point.gaussians:,}",
+            size(point.size_bytes),
+            ", ".join(name for name, own in fronts.items() if point in own),
+            point.command,
+        )

@@ -1,0 +1,1 @@
+"""The sections of the pages, each a record that its template shows."""

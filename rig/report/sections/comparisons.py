@@ -1,0 +1,166 @@
+"""The section of pictures: held-out views at several exposures, beside the truth or the photograph."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.colour import srgb_encode
+from imaging.demosaic import demosaic
+from imaging.merge.linear_frame import decode
+from recon.data.dataset import View
+from recon.data.pixels import Shot
+from recon.data.truth import has_truth, true_radiance
+from recon.result.scene import Opened
+from rig.report.charts.pictures import (
+    MAP_STOPS,
+    Bytes,
+    colour_bar,
+    developed,
+    error_map,
+    fitted,
+    jpeg_uri,
+    png_uri,
+    three_exposures,
+)
+from rig.report.sections.shots import compressed
+from rig.terminal.progress import Progress
+
+MOST_VIEWS = 6
+WIDTH = 480
+"""Pixels that a picture is at most wide in the page."""
+
+Float = npt.NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture, and what it shows."""
+
+    uri: str
+    caption: str
+    alt: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One view: columns of pictures, what is compared above each other."""
+
+    title: str
+    columns: tuple[tuple[Picture, ...], ...]
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Everything the section shows."""
+
+    lead: str
+    views: tuple[Comparison, ...]
+    bar: str
+    bar_stops: str
+    reference: str
+
+
+def pictures(opened: Opened, scale: float, progress: Progress) -> Pictures | None:
+    """Draw held-out views (training views if none is held out, and says so); None without any view.
+
+    scale: the one factor that the evaluation aligned all renders with.
+    """
+    held_out = opened.dataset.reported
+    views = (held_out or opened.dataset.train)[:MOST_VIEWS]
+    if not views:
+        return None
+    known = has_truth(opened.dataset.session)
+    kind = "Held-out views, which the training never saw" if held_out else "Training views: none was held out"
+    against = "the simulator's true light" if known else "the photographs themselves"
+    truths = [true_radiance(opened.dataset.session, view) for view in views] if known else []
+    stops = three_exposures(np.stack(truths)) if known else (0.0, 0.0, 0.0)
+    compared = []
+    for done, view in enumerate(views):
+        progress("drawing held-out views", done, len(views))
+        if known:
+            columns = _against_truth(truths[done], opened.radiance(view) * np.float32(scale), stops)
+        else:
+            columns = _against_shots(opened, view)
+        compared.append(Comparison(f"Camera {view.camera}, frame {view.frame}", tuple(columns)))
+    return Pictures(
+        lead=f"{kind}, beside {against}. Both are developed alike.",
+        views=tuple(compared),
+        bar=colour_bar(),
+        bar_stops=f"{MAP_STOPS:g}",
+        reference="truth" if known else "photograph",
+    )
+
+
+def _against_truth(truth: Float, render: Float, stops: Sequence[float]) -> Iterable[tuple[Picture, ...]]:
+    middle = stops[1]
+    for step in stops:
+        name = _relative(step - middle)
+        yield (
+            _photo(developed(truth, step), f"Truth, {name}"),
+            _photo(developed(render, step), f"Render, {name}"),
+        )
+    yield (
+        _photo(compressed(truth), "Truth, compressed"),
+        _map(error_map(render, truth), "Error of the render"),
+    )
+
+
+def _against_shots(opened: Opened, view: View) -> Iterable[tuple[Picture, ...]]:
+    """The photographs of a view beside what the model says they should be: at most three of a bracket."""
+    image = opened.render(view.lens)
+    count = len(view.shots)
+    middle = view.shots[count // 2]
+    errors = []
+    for shot in [view.shots[index] for index in sorted({0, count // 2, count - 1})]:
+        predicted = opened.training.method.observation.predict(image, view, shot.k).detach().numpy()
+        name = "" if count == 1 else f", {_relative(float(np.log2(shot.k / middle.k)))}"
+        photograph = _photo(_as_shown(shot.pixels, view), f"Photograph{name}")
+        render = _photo(_as_shown(predicted, view), f"Render{name}")
+        errors.append(_map(_shot_error(shot, predicted, view), f"Error{name}"))
+        yield from [(photograph,), (render,)] if count == 1 else [(photograph, render)]
+    # The shortest exposure tells of little but the highlights.
+    yield tuple(errors[-2:])
+
+
+def _as_shown(pixels: Float, view: View) -> Bytes:
+    """Code values as they are; linear signals demosaicked, white-balanced and developed."""
+    if view.sensor.kind == "ldr":
+        return np.asarray(np.rint(255 * np.clip(pixels, 0, 1)), np.uint8)
+    return np.asarray(np.rint(255 * srgb_encode(np.clip(_balanced(pixels, view), 0, 1))), np.uint8)
+
+
+def _balanced(pixels: Float, view: View) -> Float:
+    """A linear signal as rgb [H, W, 3] in which a neutral surface is grey."""
+    rgb = pixels if view.sensor.cfa is None else demosaic(pixels, view.sensor.cfa).rgb
+    return np.asarray(rgb / np.maximum(view.sensor.camera_from_rec709.sum(1), 1e-3))
+
+
+def _shot_error(shot: Shot, predicted: Float, view: View) -> Bytes:
+    """Error of light where the photograph tells it: neither clipped, nor dark, nor invalid."""
+    said = ~shot.saturated & ~shot.dark & shot.valid
+    known = said[..., None] if said.ndim == 2 else np.all(said, axis=-1, keepdims=True)
+    if view.sensor.kind == "ldr":
+        true = decode(np.ascontiguousarray(shot.pixels, np.float32), view.sensor.response)
+        mine = decode(np.clip(predicted, 0, 1).astype(np.float32), view.sensor.response)
+        return error_map(mine, np.where(known, true, np.nan))
+    true, mine = _balanced(shot.pixels, view), _balanced(predicted, view)
+    return error_map(mine, np.where(known, true, np.nan))
+
+
+def _relative(stops: float) -> str:
+    return (
+        "middle exposure"
+        if abs(stops) < 0.05
+        else f"{stops:+.1f} stops".replace("-", "−").replace(".0 ", " ")
+    )
+
+
+def _photo(pixels: Bytes, caption: str) -> Picture:
+    return Picture(jpeg_uri(fitted(pixels, WIDTH)), caption, caption)
+
+
+def _map(pixels: Bytes, caption: str) -> Picture:
+    return Picture(png_uri(fitted(pixels, WIDTH)), caption, f"{caption}, as a map of colours")

@@ -1,0 +1,250 @@
+"""The section "Quality": metrics in plain words, views, errors by brightness, training, files."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from markupsafe import Markup
+
+from imaging.files import store
+from recon.result.model import ModelRecord
+from rig.report.charts.chart import Series, chart
+from rig.report.charts.topic import Tile
+from rig.report.sections.calibrated import RungRow, rung_rows
+from rig.report.sections.measures import BY_KEY, MEASURES, validation
+from rig.terminal.text import counted, duration, number, size
+
+HEADLINES = {
+    "hdr_psnr_mu_aligned": "HDR PSNR (µ-law) of held-out views",
+    "stops_median": "median error of light in held-out views",
+    "raw_psnr": "PSNR against held-out RAW files",
+    "ldr_psnr_oe": "PSNR of held-out photographs",
+    "ssim": "SSIM of held-out photographs",
+    "pose_rotation_deg": "median error of camera orientation",
+}
+
+
+ENDINGS = {
+    "early stop": "before its schedule did, since held-out views hardly got better",
+    "goal": "when held-out views were as good as was asked for",
+    "interrupted": "by Ctrl-C; the same command goes on from there",
+}
+
+
+FILES = {
+    "splats.ply": "The Gaussians as viewers of 3DGS show them: display values, exposed",
+    "radiance.ply": "The same Gaussians with their linear light",
+    "model.json": "What was trained, from what, with which choices; every view's lens and pose",
+    "calibration.json": "The calibration that it was trained on",
+    "refinement.json": "What training corrected in the calibration",
+    "metrics.json": "The metrics of this page",
+    "train.jsonl": "The training's log",
+    "checkpoint.safetensors": "Every parameter, to render with and to go on from",
+}
+
+
+@dataclass(frozen=True)
+class MetricRow:
+    """One metric of the scene; `worst` is its value in the worst case, if that was measured."""
+
+    name: str
+    value: str
+    unit: str
+    worst: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class FileRow:
+    """A file beside the page; `link` is relative to it."""
+
+    name: str
+    link: str
+    size: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Everything the section shows."""
+
+    lead: str
+    note: str
+    metrics: tuple[MetricRow, ...]
+    columns: tuple[str, ...]
+    views: tuple[tuple[str, ...], ...]
+    charts: tuple[tuple[str, str, Markup], ...]
+    cost: tuple[tuple[str, str], ...]
+    rungs: tuple[RungRow, ...]
+    files: tuple[FileRow, ...] = ()
+
+
+def quality(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> Quality:
+    """Read a reconstruction's metrics and its training log for the page."""
+    rows = metrics.get("views", [])
+    keys = [m.key for m in MEASURES if any(m.key in row for row in rows)]
+    return Quality(
+        lead=f"Method {model.settings.method}, quality {model.settings.quality}: "
+        f"{counted(len(model.training_views), 'view')} to train on, "
+        f"{counted(len(model.held_out), 'view')} held out to measure with{_ended_by(model)}",
+        note=str(metrics.get("held_out_note", "")),
+        metrics=tuple(_metric_rows(metrics)),
+        columns=tuple(_column(key) for key in keys),
+        views=tuple((str(row["view"]), *(BY_KEY[key].written(row.get(key)) for key in keys)) for row in rows),
+        charts=tuple(_charts(folder, model, metrics)),
+        cost=tuple(_cost(model, metrics)),
+        rungs=rung_rows(model.rungs),
+        files=tuple(_files(folder)),
+    )
+
+
+def _files(folder: Path) -> Iterable[FileRow]:
+    """Every file of the scene but this page, hidden ones and those that are being written."""
+    for path in sorted(folder.iterdir()):
+        if path.is_file() and path.suffix not in (".html", ".part") and not path.name.startswith("."):
+            link = quote(path.name)
+            yield FileRow(path.name, link, size(path.stat().st_size), FILES.get(path.name, ""))
+
+
+def _ended_by(model: ModelRecord) -> str:
+    """How many of the held-out views were looked at before."""
+    return f", {len(model.validation)} of them to end the training by" if model.validation else ""
+
+
+def _metric_rows(metrics: Mapping[str, Any]) -> Iterable[MetricRow]:
+    for measure in MEASURES:
+        value = metrics.get(measure.key)
+        if value is not None:
+            worst = metrics.get(f"{measure.key}_max")
+            yield MetricRow(
+                measure.name + validation(metrics, measure.key),
+                measure.written(value),
+                measure.unit,
+                "" if worst is None else measure.written(worst),
+                measure.meaning,
+            )
+
+
+def _column(key: str) -> str:
+    measure = BY_KEY[key]
+    return f"{measure.name}, {measure.unit}" if measure.unit else measure.name
+
+
+def _charts(
+    folder: Path, model: ModelRecord, metrics: Mapping[str, Any]
+) -> Iterable[tuple[str, str, Markup]]:
+    decades = metrics.get("relative_error_by_decade") or []
+    if decades:
+        middle = [math.sqrt(row["low"] * row["high"]) for row in decades]
+        yield (
+            "Error by brightness",
+            "How far the light of held-out views is from the truth, for each power of ten of the true light.",
+            chart(
+                "Relative error by decade of the true light",
+                [
+                    Series(
+                        "95 % of the pixels are better",
+                        middle,
+                        [100 * row["p95"] for row in decades],
+                        colour=1,
+                    ),
+                    Series(
+                        "half of the pixels are better",
+                        middle,
+                        [100 * row["median"] for row in decades],
+                        colour=0,
+                    ),
+                ],
+                "true light, relative units",
+                "relative error, %",
+                x_scale="log",
+                y_scale="log",
+            ),
+        )
+    log = [
+        row
+        for row in store.read_lines(folder / "train.jsonl")
+        if isinstance(row, dict) and "iteration" in row
+    ]
+    if log:
+        seconds = [float(row["seconds"]) for row in log]
+        looked = [row for row in log if "held_out_db" in row]
+        if looked:
+            kind = "Validation" if model.validation else "Held-out"
+            yield (
+                "Quality while it trained",
+                f"{kind} views against their shots over training time.",
+                chart(
+                    f"{kind} quality",
+                    [
+                        Series(
+                            "",
+                            [float(row["seconds"]) for row in looked],
+                            [float(row["held_out_db"]) for row in looked],
+                            colour=1,
+                        )
+                    ],
+                    "training time, s",
+                    "PSNR, dB",
+                    x_zero=True,
+                ),
+            )
+        yield (
+            "Training",
+            "Loss over training time; each point is a mean over the last iterations.",
+            chart(
+                "Training loss",
+                [Series("", seconds, [float(row["loss"]) for row in log])],
+                "training time, s",
+                "loss",
+                x_zero=True,
+                y_scale="log" if min(float(row["loss"]) for row in log) > 0 else "linear",
+            ),
+        )
+        yield (
+            "Size of the scene",
+            "Gaussians over training time.",
+            chart(
+                "Number of Gaussians",
+                [Series("", seconds, [float(row["gaussians"]) for row in log], colour=2)],
+                "training time, s",
+                "Gaussians",
+                x_zero=True,
+                y_zero=True,
+            ),
+        )
+
+
+def _cost(model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+    yield "Training time", f"{duration(model.train_seconds)} on {model.device}"
+    yield "Iterations", f"{model.iterations or model.settings.iterations:,}"
+    if model.ending != "schedule":
+        yield "Ended", ENDINGS[model.ending]
+    if model.predicted is not None and model.held_out_db is not None:
+        guess = model.predicted
+        yield (
+            f"{'Validation' if model.validation else 'Held-out'} quality, predicted and reached",
+            f"{guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f}), {model.held_out_db:.1f} dB",
+        )
+    yield "Gaussians", f"{model.gaussians:,}"
+    if "size_bytes" in metrics:
+        yield "Size of splats.ply", size(metrics["size_bytes"])
+    if "render_fps" in metrics:
+        yield "Renders per second", number(metrics["render_fps"], 2)
+
+
+def tiles(model: ModelRecord, metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
+    """The headline numbers."""
+    measured = (
+        Tile(BY_KEY[key].written(metrics[key]), BY_KEY[key].unit, label + validation(metrics, key))
+        for key, label in HEADLINES.items()
+        if metrics.get(key) is not None
+    )
+    return (
+        *measured,
+        Tile(duration(model.train_seconds), "", "training time"),
+        Tile(f"{model.gaussians:,}", "", "Gaussians"),
+    )

@@ -1,0 +1,187 @@
+"""What the files of a session show: how much is clipped, how much is dark, and a thumbnail a view."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from imaging.cfa import Cfa
+from imaging.colour import srgb_decode
+from imaging.errors import RigError
+from imaging.files.photo import read_photo
+from imaging.files.radiance_hdr import read_light
+from imaging.files.raw import read_raw
+from imaging.session.records import ShotRecord
+from imaging.session.session import Session, brackets
+from rig.report.charts.pictures import developed, fitted, jpeg_uri, three_exposures
+from rig.terminal.progress import Progress
+
+Float = npt.NDArray[np.float32]
+Bool = npt.NDArray[np.bool_]
+
+MOST_VIEWS = 24
+"""Views that are looked at; of a larger session an even choice."""
+THUMBNAIL_WIDTH = 256
+CLIPPED, DARK = 0.996, 0.004
+"""Of the code range or RAW signal: above the first no light is told apart, below the second hardly."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """A shot's file: share of samples that are clipped, share that is dark; linear rgb at low resolution.
+
+    developed: whether the camera made a picture of it, which is then shown as it is.
+    """
+
+    clipped: float
+    dark: float
+    rgb: Float
+    valid: Bool
+    developed: bool = False
+
+
+@dataclass(frozen=True)
+class Thumbnail:
+    """A view as a picture in the page."""
+
+    uri: str
+    camera: str
+    frame: int
+
+
+@dataclass(frozen=True)
+class Looks:
+    """What was seen: shares by file, thumbnails, how many views of how many, files that cannot be read."""
+
+    shares: dict[str, tuple[float, float]]
+    thumbnails: tuple[Thumbnail, ...]
+    merged: bool
+    views: int
+    of_views: int
+    unreadable: tuple[str, ...]
+
+
+def look_at(session: Session, progress: Progress) -> Looks:
+    """Read an even choice of a session's views."""
+    groups = brackets(session.shots("scene"))
+    keys = sorted(groups)
+    step = max(1, -(-len(keys) // MOST_VIEWS))
+    # Every step-th view, shifted by one each round, so that the cameras take turns.
+    chosen = (
+        [key for index, key in enumerate(keys) if (index + index // step) % step == 0] if step > 1 else keys
+    )
+    shares: dict[str, tuple[float, float]] = {}
+    thumbnails, unreadable = [], []
+    for done, (frame, camera) in enumerate(chosen):
+        progress("looking at the pictures", done, len(chosen))
+        looks = []
+        for shot in groups[frame, camera]:
+            try:
+                look = read_look(session, shot)
+            except RigError:
+                unreadable.append(shot.file)
+                continue
+            shares[shot.file] = (look.clipped, look.dark)
+            looks.append((shot, look))
+        if looks:
+            thumbnails.append(Thumbnail(jpeg_uri(_thumbnail(looks), 80), camera, frame))
+    merged = any(len(groups[key]) > 1 for key in chosen)
+    return Looks(shares, tuple(thumbnails), merged, len(chosen), len(keys), tuple(unreadable))
+
+
+def read_look(session: Session, shot: ShotRecord) -> Look:
+    """Read one shot's file for the page."""
+    path, kind = session.file(shot), session.camera(shot.camera).kind
+    if kind == "raw":
+        raw = read_raw(path)
+        signal, clipped = raw.signal(), raw.saturated()
+        rgb, valid = _binned(signal, ~clipped, raw.cfa)
+        if raw.neutral:
+            rgb /= np.maximum(np.asarray(raw.neutral, np.float32), np.float32(1e-3))
+        return Look(float(clipped.mean()), float((signal < DARK).mean()), *_reduced(rgb, valid))
+    if kind == "hdr":
+        rgb = read_light(path)
+        return Look(0.0, 0.0, *_reduced(rgb, np.ones(rgb.shape[:2], bool)))
+    photo = read_photo(path)
+    top = 2**photo.bit_depth - 1
+    # There are far fewer codes than samples.
+    codes = np.rint(photo.pixels * np.float32(top)).astype(np.uint16)
+    levels = np.linspace(0.0, 1.0, top + 1)
+    counts = np.bincount(codes.ravel(), minlength=top + 1) / codes.size
+    linear = srgb_decode(levels).astype(np.float32)[codes]
+    reduced = _reduced(linear, codes <= CLIPPED * top)
+    return Look(
+        float(counts[levels > CLIPPED].sum()), float(counts[levels < DARK].sum()), *reduced, developed=True
+    )
+
+
+def _binned(signal: Float, valid: Bool, cfa: Cfa) -> tuple[Float, Bool]:
+    """Each 2x2 tile of a mosaic as one pixel: rgb [H/2, W/2, 3], and whether all four sites are valid."""
+    height, width = signal.shape[0] // 2 * 2, signal.shape[1] // 2 * 2
+    sites = signal[:height, :width].reshape(height // 2, 2, width // 2, 2)
+    rgb: Float = np.zeros((height // 2, width // 2, 3), np.float32)
+    for (row, column), channel in np.ndenumerate(cfa.pattern):
+        rgb[..., channel] += sites[:, row, :, column] * (0.5 if channel == 1 else 1.0)
+    tiles = valid[:height, :width].reshape(height // 2, 2, width // 2, 2)
+    return rgb, np.asarray(tiles.all((1, 3)), np.bool_)
+
+
+def _reduced(rgb: Float, valid: Bool) -> tuple[Float, Bool]:
+    """Averaged to about the width of a thumbnail; a pixel is valid if all it was made of is.
+
+    valid: [H, W], or [H, W, 3] by sample.
+    """
+    factor = max(1, min(rgb.shape[1] // THUMBNAIL_WIDTH, rgb.shape[0]))
+    height, width = rgb.shape[0] // factor, rgb.shape[1] // factor
+
+    def averaged(picture: Float) -> Float:
+        cut = picture[: height * factor, : width * factor]
+        return np.asarray(cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+
+    trusted = averaged((~valid).astype(np.float32)) == 0
+    return averaged(rgb), np.asarray(trusted.all(-1) if trusted.ndim == 3 else trusted, np.bool_)
+
+
+def _thumbnail(looks: Sequence[tuple[ShotRecord, Look]]) -> npt.NDArray[np.uint8]:
+    """A view as one picture: a single photograph as it is, else its bracket merged."""
+    if len(looks) == 1 and looks[0][1].developed:
+        return fitted(developed(looks[0][1].rgb, 0.0), THUMBNAIL_WIDTH)
+    return _merged(looks)
+
+
+def _merged(looks: Sequence[tuple[ShotRecord, Look]]) -> npt.NDArray[np.uint8]:
+    """A bracket as one picture: light summed over time where no shot is clipped, then compressed."""
+    by_size: dict[tuple[int, ...], list[tuple[float, Look]]] = defaultdict(list)
+    for shot, look in looks:
+        by_size[look.rgb.shape].append((shot.exposure.scale if shot.exposure else 1.0, look))
+    same = max(by_size.values(), key=len)
+    shortest = min(same, key=lambda pair: pair[0])
+    light = np.zeros_like(shortest[1].rgb)
+    time = np.zeros(light.shape[:2], np.float32)
+    for k, look in same:
+        weight = look.valid.astype(np.float32)
+        light += look.rgb * weight[..., None]
+        time += k * weight
+    never = time == 0
+    radiance = np.where(
+        never[..., None], shortest[1].rgb / shortest[0], light / np.where(never, 1.0, time)[..., None]
+    )
+    return fitted(compressed(np.maximum(radiance, 0.0)), THUMBNAIL_WIDTH)
+
+
+def compressed(radiance: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
+    """One picture that shows a wide range: light up to the middle as it is, highlights by their logarithm.
+
+    A gain that depends on the brightest channel alone keeps the hue of lamps and reflections.
+    """
+    light = np.maximum(radiance, 0.0) * 2.0 ** (three_exposures(radiance)[1] + 0.5)
+    level = light.max(-1, keepdims=True)
+    top = max(float(np.percentile(level, 99.8)), 1.0)
+    gain = np.log1p(level) / np.log1p(top) / np.maximum(level, 1e-9)
+    # Where the range is wide the logarithm alone would leave the middle dark.
+    lift = min(0.18 / max(float(np.median(light.mean(-1) * gain[..., 0])), 1e-9), 6.0)
+    shown = light * gain * lift
+    return developed(shown / (1.0 + shown * (1.0 - 1.0 / lift)) if lift > 1 else shown, 0.0)

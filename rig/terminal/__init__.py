@@ -1,0 +1,1 @@
+"""How a command speaks: progress, tables, failures, the person at the rig."""

@@ -1,0 +1,89 @@
+"""What a failure is called on the command line: one sentence and an exit code.
+
+Exit codes: 0 done; 1 a defect of rig; 2 the input or the usage is at fault and nothing usable came
+out; 3 done in part; 130 stopped by Ctrl-C (128 + SIGINT, as shells expect).
+"""
+
+import errno
+import os
+import tempfile
+import traceback
+from pathlib import Path
+from typing import ClassVar
+
+from typer import Abort, TyperException
+
+from imaging.errors import RigError, StorageError
+from imaging.files import store
+from rig.terminal.text import sentence
+
+STOPPED = 130
+
+_DISK = {errno.ENOSPC, errno.EROFS, errno.EDQUOT, errno.EFBIG}
+_PLACE = {
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENOENT,
+    errno.EEXIST,
+    errno.ENOTDIR,
+    errno.EISDIR,
+    errno.ENAMETOOLONG,
+    errno.ELOOP,
+    errno.ENOTEMPTY,
+    errno.EIO,
+    errno.ESTALE,
+}
+
+
+class Stopped(RigError):
+    """The user pressed Ctrl-C; the message says how to go on."""
+
+    exit_code: ClassVar[int] = STOPPED
+
+
+def explained(error: BaseException) -> tuple[str, int]:
+    """The sentence for a failure, and the exit code."""
+    if isinstance(error, RigError):
+        return sentence(error), error.exit_code
+    if isinstance(error, TyperException):
+        return _usage(error), 2
+    if isinstance(error, KeyboardInterrupt | Abort):
+        return "stopped before anything was done.", STOPPED
+    if isinstance(error, OSError):
+        told = _disk(error)
+        if told is not None:
+            return told, 2
+    if isinstance(error, MemoryError) or "allocate memory" in str(error):
+        return "There is not enough memory: use fewer or smaller images, or --quality draft.", 2
+    return _defect(error), 1
+
+
+def _usage(error: TyperException) -> str:
+    """A wrong command line, without the usage page that nobody asked for."""
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "rig"
+    message = error.format_message().replace("Value error, ", "").strip().rstrip(".")
+    return sentence(f"{command}: {message[:1].lower()}{message[1:]}; see `{command} --help`")
+
+
+def _disk(error: OSError) -> str | None:
+    """A refusal of the disk that no stage translated; None if it is not about a file."""
+    reason = (error.strerror or str(error)).lower()
+    name = error.filename if error.filename is not None else "the disk"
+    if error.errno in _DISK:
+        return sentence(store.refused(name, error))
+    if error.errno in _PLACE and error.filename is not None:
+        return sentence(f"{name} cannot be used ({reason}): correct the path or its permissions")
+    return None
+
+
+def _defect(error: BaseException) -> str:
+    """Our own fault: the traceback goes to a file, for the report to us."""
+    path = Path(tempfile.gettempdir()) / f"rig-defect-{os.getpid()}.txt"
+    text = "".join(traceback.format_exception(error))
+    try:
+        store.write_bytes(path, text.encode("utf-8", "backslashreplace"))
+        where = f"the details are in {path}"
+    except StorageError:
+        where = "run it again with RIG_DEBUG=1 for the details"
+    return sentence(f"This is a defect of rig, not of your input ({type(error).__name__}): {where}")

@@ -1,0 +1,88 @@
+"""The progress line on a terminal, drawn by rich."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID
+from rich.table import Column
+from rich.text import Text
+
+from rig.terminal.position import Position
+from rig.terminal.text import duration, plain
+
+ROOMY = 120
+"""Columns of a terminal from which on a bar leaves the message room; the count tells the same."""
+
+
+class _Words(ProgressColumn):
+    """A part of the position as text; a file name in it is never read as markup."""
+
+    def __init__(self, position: Position, part: str, column: Column, roomy: bool = True) -> None:
+        self.position, self.part, self.roomy = position, part, roomy
+        super().__init__(table_column=column)
+
+    def render(self, task: Task) -> Text:
+        """The text now."""
+        position = self.position
+        if self.part == "stage":
+            return Text(position.stage, style="bold")
+        if self.part == "message":
+            return Text(plain(position.message), overflow="ellipsis", no_wrap=True)
+        if self.part == "count":
+            return Text(position.counted(), style="cyan")
+        left = position.remaining()
+        # On a narrow terminal the message needs the room of the time that has passed.
+        past = duration(position.elapsed()) if self.roomy or not left else ""
+        ending = f"{duration(left)} left" if left else ""
+        return Text(" · ".join(part for part in (past, ending) if part), style="dim")
+
+
+class LiveMeter:
+    """One line that moves, below the lines that stay."""
+
+    def __init__(self, progress: Progress, position: Position) -> None:
+        self.progress, self.position = progress, position
+        self.task: TaskID = progress.add_task("", total=None, visible=False)
+
+    def begin(self, stage: str) -> None:
+        """Start a stage."""
+        self.position.begin(stage)
+        self.progress.update(self.task, total=None, completed=0, visible=True)
+
+    def __call__(self, message: str, done: int, total: int) -> None:
+        """Move the line."""
+        self.position.move(message, done, total)
+        self.progress.update(self.task, total=total if total > 0 else None, completed=done)
+
+    def say(self, line: str) -> None:
+        """Print a line above it that stays."""
+        self.progress.console.print(Text(plain(line)))
+
+
+@contextmanager
+def live_meter(stream: TextIO) -> Iterator[LiveMeter]:
+    """Draw on `stream` until the block ends; the moving line is then wiped."""
+    position, console = Position(time.monotonic), Console(file=stream)
+    roomy = console.width >= ROOMY
+    columns: list[ProgressColumn] = [
+        SpinnerColumn(),
+        _Words(position, "stage", Column(no_wrap=True)),
+        _Words(position, "message", Column(ratio=1, no_wrap=True, overflow="ellipsis")),
+        _Words(position, "count", Column(justify="right", no_wrap=True)),
+        _Words(position, "time", Column(no_wrap=True), roomy),
+    ]
+    if roomy:
+        columns.insert(3, BarColumn(bar_width=24))
+    progress = Progress(
+        *columns,
+        console=console,
+        transient=True,
+        expand=True,
+        redirect_stdout=False,
+        redirect_stderr=False,
+    )
+    with progress:
+        yield LiveMeter(progress, position)

@@ -1,0 +1,56 @@
+"""The person at the rig: told what to put before the cameras, and waited for."""
+
+import sys
+from collections.abc import Callable
+from typing import Literal
+
+from capture.record.source import Subject
+from drivers.clock import Clock
+
+DO: dict[Subject, str] = {
+    "dark": "Darks: cover every lens, and the viewfinders of still cameras.",
+    "flat": "Flats: have something evenly lit and white fill the picture of every camera, out of focus.",
+    "board": "Board: hold the calibration board where the cameras see it.",
+}
+NEXT: dict[Subject, str] = {
+    "scene": "Frame {frame}: move the rig, or what it looks at.",
+    "board": "Frame {frame}: hold the board elsewhere, tilted otherwise.",
+}
+
+
+class Person:
+    """Reads Enter from standard input; where that is no terminal, nobody is waited for.
+
+    say: shows a line. pause: before all frames but the first, "key" for Enter or so many seconds of `clock`.
+    Darks and flats follow each other without one.
+    """
+
+    def __init__(self, say: Callable[[str], None], pause: float | Literal["key"], clock: Clock) -> None:
+        self._say, self._pause, self._clock = say, pause, clock
+        self._kind: Subject = "scene"
+        self._frame: int | None = None
+
+    def show(self, kind: Subject) -> None:
+        """Ask for what the cameras are to see, unless they do already."""
+        if kind != self._kind:
+            self._kind = kind
+            self._wait(DO[kind])
+
+    def move_to(self, frame: int) -> None:
+        """Wait until everything stands for that frame."""
+        moved, self._frame = self._frame not in (None, frame), frame
+        if not moved or self._kind not in NEXT:
+            return
+        what = NEXT[self._kind].format(frame=frame)
+        if self._pause == "key":
+            self._wait(what)
+        elif self._pause > 0:
+            self._say(f"{what} {self._pause:g} seconds from now it is shot.")
+            self._clock.sleep(self._pause)
+
+    def _wait(self, what: str) -> None:
+        if sys.stdin is not None and sys.stdin.isatty():
+            self._say(f"{what} Then press Enter.")
+            sys.stdin.readline()
+        else:
+            self._say(what)

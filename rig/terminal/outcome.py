@@ -1,0 +1,139 @@
+"""What every command has in common while it works: the voice, the meter, Ctrl-C, a clean exit."""
+
+import json
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from imaging.errors import PartialError, RigError
+from rig.terminal.failures import Stopped
+from rig.terminal.progress import Meter, metering, speaks
+from rig.terminal.streams import libraries_silenced
+from rig.terminal.text import plain, sentence
+
+
+@dataclass
+class Outcome:
+    """What a command has to tell: `data` for --json, `lines` for people, `missing` if not all is done."""
+
+    data: dict[str, Any]
+    lines: list[str] = field(default_factory=list)
+    missing: str | None = None
+    """One sentence that lists what is missing."""
+    usable: bool = True
+    """Whether anything of use is there when something is missing."""
+    defect: bool = False
+    """Whether what is missing is our fault."""
+    already_there: bool = False
+    """Whether all of it was done before."""
+
+    @property
+    def exit_code(self) -> int:
+        """0 done, 1 a defect of ours, 3 done in part, 2 nothing usable."""
+        if self.missing is None:
+            return 0
+        return 1 if self.defect else 3 if self.usable else 2
+
+
+def shortfall(require_complete: Callable[[], None]) -> str | None:
+    """What a stage's result says is missing, or None; `require_complete` raises PartialError if so."""
+    try:
+        require_complete()
+    except PartialError as error:
+        return str(error)
+    return None
+
+
+@contextmanager
+def running(stage: str, go_on: str = "run the same command again") -> Iterator[Meter]:
+    """Work on a stage: progress on standard error, libraries silent, Ctrl-C told as `go_on`."""
+    with libraries_silenced() as voice, metering(voice) as meter:
+        meter.begin(stage)
+        try:
+            yield meter
+        except KeyboardInterrupt as error:
+            raise Stopped(f"stopped; {go_on} to go on.") from error
+
+
+def of_each(items: Sequence[Path], work: Callable[[Path], Outcome], done: str) -> Outcome:
+    """An outcome of several scenes: their data in a list `scenes`, their lines one after the other.
+
+    Where one of several fails, the others are still worked on; `done` is what it was not, in the sentence
+    that says so.
+    """
+    outcomes, failures = [], []
+    for item in items:
+        try:
+            outcomes.append(work(item))
+        except RigError as error:
+            if len(items) == 1:
+                raise
+            failures.append(str(error))
+    missing = next((outcome.missing for outcome in outcomes if outcome.missing), None)
+    if failures:
+        missing = f"{len(failures)} of {len(items)} scenes could not be {done}: {failures[0]}"
+    return Outcome(
+        {"scenes": [outcome.data for outcome in outcomes]},
+        [line for outcome in outcomes for line in outcome.lines],
+        missing,
+        usable=bool(outcomes),
+    )
+
+
+def deliver(outcome: Outcome, command: str, as_json: bool) -> int:
+    """Print the outcome on standard output and what is missing on standard error; the exit code."""
+    if not speaks():
+        return outcome.exit_code
+    if as_json:
+        print_json({"command": command, "exit_code": outcome.exit_code} | outcome.data, outcome.missing)
+    else:
+        for line in outcome.lines:
+            print(plain(line))
+    sys.stdout.flush()
+    if outcome.missing is not None:
+        print(sentence(outcome.missing), file=sys.stderr)
+    return outcome.exit_code
+
+
+def print_json(value: dict[str, Any], missing: str | None = None) -> None:
+    """One JSON object on standard output."""
+    if missing is not None:
+        value = value | {"missing": missing}
+    print(json.dumps(value, indent=1, allow_nan=False, default=str))
+
+
+@contextmanager
+def leaving_nothing(folder: Path, unless: Callable[[Path], bool]) -> Iterator[None]:
+    """If the block fails and `unless(folder)` finds nothing usable, remove what the block created.
+
+    A folder that was there before stays, and so do files that were in it.
+    """
+    before = set(folder.iterdir()) if folder.is_dir() else set()
+    new = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        yield
+    except BaseException:
+        if folder.is_dir() and not unless(folder):
+            for entry in set(folder.iterdir()) - before:
+                _remove(entry)
+            for path in new:
+                try:
+                    path.rmdir()
+                except OSError:
+                    break
+        raise
+
+
+def _remove(entry: Path) -> None:
+    try:
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry)
+        else:
+            entry.unlink()
+    except OSError:
+        # The disk that refused the write refuses this too; the first error is the one to tell.
+        pass

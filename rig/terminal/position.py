@@ -1,0 +1,60 @@
+"""Where a stage is, and how long it will go on at the pace so far."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rig.terminal.text import duration, plain
+
+Clock = Callable[[], float]
+
+
+@dataclass
+class Position:
+    """Where a stage is, and how long it will go on at the pace so far."""
+
+    clock: Clock
+    stage: str = ""
+    message: str = "starting"
+    done: int = 0
+    total: int = 0
+    began: float = 0.0
+    pace_from: tuple[float, int] = (0.0, 0)
+    moved: float = 0.0
+
+    def begin(self, stage: str) -> None:
+        """Start a stage from nothing."""
+        self.stage, self.message, self.done, self.total = stage, "starting", 0, 0
+        self.began = self.clock()
+        self.pace_from = (self.began, 0)
+
+    def move(self, message: str, done: int, total: int) -> None:
+        """Take over a report; a new length or a step back is a new part with a pace of its own."""
+        if total != self.total or done < self.done:
+            self.pace_from = (self.clock(), done)
+        self.message, self.done, self.total = message, done, total
+        self.moved = self.clock()
+
+    def elapsed(self) -> float:
+        """Seconds since the stage began."""
+        return self.clock() - self.began
+
+    def remaining(self) -> float | None:
+        """Seconds that this part will still take; None while there is nothing to tell it from.
+
+        The pace is that up to the last report: it does not fall while the next one is under way.
+        """
+        since, done = self.pace_from
+        spent, made = self.moved - since, self.done - done
+        if self.total <= 0 or made <= 0 or spent < 1.0:
+            return None
+        return max(spent / made * (self.total - self.done) - (self.clock() - self.moved), 0.0)
+
+    def counted(self) -> str:
+        """`3/24`, or nothing where the length is not known."""
+        return f"{self.done}/{self.total}" if self.total > 0 else ""
+
+    def line(self) -> str:
+        """The whole position as plain text."""
+        parts = [f"{self.stage}: {plain(self.message)}", self.counted(), duration(self.elapsed())]
+        left = self.remaining()
+        return ", ".join(part for part in parts if part) + (f", {duration(left)} left" if left else "")

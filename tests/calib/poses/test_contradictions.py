@@ -1,0 +1,137 @@
+"""Scenes that look alike from several sides: views stand where they were, or are left out by name."""
+
+from collections.abc import Mapping
+from itertools import combinations
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from calib.data.features import Features
+from calib.poses.brightness_steps import warning
+from calib.poses.contradictions import settle, unconfirmed
+from calib.poses.sfm import Model, solve
+from imaging.errors import CalibrationError
+from imaging.lens import Lens
+from tests.calib.conftest import silent
+
+Array = np.ndarray
+WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
+LENS = Lens(
+    model="SIMPLE_RADIAL", width=WIDTH, height=HEIGHT, fx=FOCAL, fy=FOCAL, cx=WIDTH / 2, cy=HEIGHT / 2
+)
+SIDES, VIEWS, POINTS = 2, 16, 250
+
+
+def camera(view: int) -> Array:
+    """cam_from_world [4, 4] of a camera on a ring about a pillar at the origin, now above it, now below."""
+    turn, tilt = np.radians(360 / VIEWS * view), np.radians(8 * (-1) ** view)
+    c, s = np.cos(turn), np.sin(turn)
+    pose = np.eye(4)
+    pose[:3, :3] = [[c, 0, -s], [0, 1, 0], [s, 0, c]]
+    c, s = np.cos(tilt), np.sin(tilt)
+    pose[:3, :3] = [[1, 0, 0], [0, c, -s], [0, s, c]] @ pose[:3, :3]
+    pose[:3, 3] = 0, 0, 4
+    return pose
+
+
+def pillar(alike: bool, lit: bool) -> tuple[dict, dict, Array]:
+    """Features and brightness of all views of a round pillar, and the true poses.
+
+    alike: its four sides have the same points. lit: by a light on one side, else from everywhere.
+    """
+    rng = np.random.default_rng(1)
+    within, height = rng.uniform(0, 360 / SIDES, POINTS), rng.uniform(-1, 1, POINTS)
+    vectors = rng.normal(size=(SIDES, POINTS, 128))
+    if alike:
+        vectors[:] = vectors[0]
+    around = np.radians((within + 360 / SIDES * np.arange(SIDES)[:, None]).ravel())
+    normal = np.stack([np.sin(around), np.zeros(len(around)), -np.cos(around)], axis=1)
+    world = normal + np.tile(height, SIDES)[:, None] * (0, 1, 0)
+    light = np.log(1.2 + normal[:, 0] * 0.8) if lit else np.zeros(len(world))
+    poses = np.stack([camera(view) for view in range(VIEWS)])
+    features, brightness = {}, {}
+    for view, pose in enumerate(poses):
+        place = world @ pose[:3, :3].T + pose[:3, 3]
+        pixels = FOCAL * place[:, :2] / place[:, 2:] + (WIDTH / 2, HEIGHT / 2)
+        facing = ((place * (normal @ pose[:3, :3].T)).sum(1) < -1.2) & (np.abs(pixels[:, 1] - 120) < 118)
+        seen = rng.permutation(np.flatnonzero(facing))
+        own = vectors.reshape(-1, 128)[seen] + 0.1 * rng.normal(size=(len(seen), 128))
+        own /= np.linalg.norm(own, axis=1, keepdims=True)
+        points = pixels[seen] + rng.normal(0, 0.2, (len(seen), 2))
+        features["cam", view] = Features(points, own.astype(np.float32))
+        brightness["cam", view] = light[seen] + rng.normal(0, 0.02, len(seen))
+    return features, brightness, poses
+
+
+def placed(features: Mapping, brightness: Mapping) -> tuple[Model, Mapping]:
+    """The model, and the pairs of views that match."""
+    with patch("calib.poses.sfm.settle", wraps=settle) as settled:
+        model = solve(features, {"cam": LENS}, [], 1, silent, focal_known={"cam"}, brightness=brightness)
+    return model, settled.call_args.args[2]
+
+
+def wrong(model: Model, poses: Array) -> list[int]:
+    """The views that do not turn against their neighbours as they do in truth."""
+    found = {frame: pose.matrix()[:3, :3] for (_, frame), pose in model.poses.items()}
+    worlds = {frame: poses[frame, :3, :3].T @ turn for frame, turn in found.items()}
+    votes = {
+        frame: sum(np.linalg.norm(own - other) < 0.05 for other in worlds.values())
+        for frame, own in worlds.items()
+    }
+    best = max(votes, key=votes.__getitem__)
+    return [frame for frame, own in worlds.items() if np.linalg.norm(own - worlds[best]) > 0.05]
+
+
+def rung(model: Model):
+    return next(rung for rung in model.rungs if rung.name == "pose_contradictions")
+
+
+def test_all_views_of_a_pillar_that_is_unique_stay_and_one_sided_light_is_warned_of():
+    """A warning where neighbours are not as bright: as of a crate whose corners are passed in steps that
+    match nothing, so that one side stands before another and no pair contradicts it."""
+    features, brightness, poses = pillar(alike=False, lit=True)
+    model, pairs = placed(features, brightness)
+    assert len(model.poses) == VIEWS
+    assert wrong(model, poses) == []
+    assert not model.contradicted
+    assert not rung(model).taken
+    assert not any(rung.name.startswith("pose_") for rung in model.rungs if rung.taken)
+    stand = {key: pose.matrix() for key, pose in model.poses.items()}
+    assert warning(stand, pairs, brightness, {"cam"}) is None
+    darker = {key: own - 0.5 * (key[1] % 2) for key, own in brightness.items()}
+    assert "differ in brightness by more than 10 %" in warning(stand, pairs, darker, {"cam"})
+    assert warning(stand, pairs, darker, set()) is None
+
+
+def test_light_tells_sides_apart_that_look_alike():
+    features, brightness, poses = pillar(alike=True, lit=True)
+    model, _ = placed(features, brightness)
+    assert wrong(model, poses) == []
+    assert len(model.poses) == VIEWS
+    assert "lit differently" in rung(model).reason
+
+
+def test_sides_that_nothing_tells_apart_are_refused():
+    features, brightness, _ = pillar(alike=True, lit=False)
+    with pytest.raises(CalibrationError, match="parts of a scene look alike: put something unique"):
+        placed(features, brightness)
+
+
+def test_poses_of_two_views_are_doubted():
+    features, brightness, _ = pillar(alike=False, lit=True)
+    pair = {key: own for key, own in features.items() if key[1] < 2}
+    model, _ = placed(pair, brightness)
+    assert len(model.poses) == 2
+    (told,) = (rung for rung in model.rungs if rung.name == "pose_unconfirmed")
+    assert told.taken
+    assert told.reason.startswith("only 2 views match, and no third confirms their poses")
+
+
+def test_poses_are_doubted_where_few_of_the_views_that_match_fit_together():
+    views = [("cam", number) for number in range(10)]
+    pairs = dict.fromkeys(combinations(views, 2))
+    assert unconfirmed(views[:4], pairs).startswith("only 4 of 10 views that match others fit together")
+    assert unconfirmed(views[:5], pairs) is None
+    assert unconfirmed(views[:2], dict.fromkeys(combinations(views[:4], 2))).startswith("only 2 of 4 views")
+    assert unconfirmed(views[:3], dict.fromkeys(combinations(views[:4], 2))) is None

@@ -1,0 +1,115 @@
+"""What a board or a ruler told stays, and gives the scene its scale."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from calib import calibrate as calibrating
+from calib.boards.measure import Measured
+from calib.calibrate import calibrate
+from imaging.files import store
+from imaging.lens import Lens
+from imaging.pose import Pose
+from imaging.session.calibration import BoardEvidence, CalibrationRecord, LensError, PoseError
+from imaging.session.records import Board
+
+Array = npt.NDArray[np.float64]
+
+
+def silent(message: str, done: int, total: int) -> None:
+    """A progress meter that shows nothing."""
+
+
+def truth_of(session: Path) -> dict[str, dict[str, object]]:
+    cameras: dict[str, dict[str, object]] = json.loads((session / "truth" / "truth.json").read_text())[
+        "cameras"
+    ]
+    return cameras
+
+
+def mounted(camera: dict[str, object]) -> Array:
+    return Pose.model_validate(camera["cam_from_rig"]).matrix()
+
+
+def centre(motion: Array) -> Array:
+    return np.asarray(-motion[:3, :3].T @ motion[:3, 3])
+
+
+def baselines(record: CalibrationRecord) -> dict[str, float]:
+    """Distances of the cameras from the first, in every frame the same."""
+    poses = {(view.camera, view.frame): view.cam_from_world.matrix() for view in record.views}
+    found: dict[str, float] = {}
+    for name in ("cam1", "cam2", "cam3"):
+        every = [
+            float(np.linalg.norm(centre(poses[name, frame]) - centre(poses["cam0", frame])))
+            for frame in range(3)
+        ]
+        found[name] = float(np.mean(every))
+        assert np.ptp(every) < 1e-9
+    return found
+
+
+def test_measured_positions_give_the_scale(own_arm: Path) -> None:
+    truth = truth_of(own_arm)
+    shutil.rmtree(own_arm / "calibration")
+    identity = store.read_json(own_arm / "session.json")
+    for camera in identity["cameras"]:
+        if camera["name"] != "cam2":  # two of them would do
+            camera["position"] = centre(mounted(truth[camera["name"]])).tolist()
+    store.write_json(own_arm / "session.json", identity)
+    record = calibrate(own_arm, progress=silent)
+    assert record.unit == "m"
+    ratios = [
+        distance / float(np.linalg.norm(centre(mounted(truth[name])) - centre(mounted(truth["cam0"]))))
+        for name, distance in baselines(record).items()
+    ]
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.005)
+    assert np.ptp(ratios) < 0.01
+
+
+def test_what_a_board_knows_well_stays_as_it_is(own_arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = truth_of(own_arm)
+    small = LensError(fx=0.01, fy=0.01, cx=0.01, cy=0.01, k1=0, k2=0, p1=0, p2=0, projection=((0.01,),))
+    poses = {name: Pose.model_validate(camera["cam_from_rig"]) for name, camera in truth.items()}
+    board = Measured(
+        lenses={name: Lens.model_validate(camera["lens"]) for name, camera in truth.items()},
+        lens_errors=dict.fromkeys(truth, small),
+        cam_from_rig=poses,
+        rig_errors=dict.fromkeys(truth, PoseError(rotation=0.02, translation=1e-4)),
+        evidence=BoardEvidence(
+            board=Board(columns=7, rows=5, square=0.1, marker=0.08),
+            printed="",
+            frames=9,
+            views=9,
+            corners=99,
+            rms_px=0.1,
+        ),
+        rungs=(),
+        sure_lenses=frozenset(truth),
+        sure_rig=True,
+    )
+    monkeypatch.setattr(calibrating, "measure_board", lambda *args: board)
+    record = calibrate(own_arm, progress=silent)
+    assert record.unit == "m"
+    assert record.board == board.evidence
+    reference = record.camera("cam0")
+    for camera in record.cameras:
+        assert camera.lens == board.lenses[camera.name]
+        assert camera.lens_error == small
+        assert camera.cam_from_rig is not None
+        assert reference.cam_from_rig is not None
+        relative = camera.cam_from_rig.matrix() @ np.linalg.inv(reference.cam_from_rig.matrix())
+        true = mounted(truth[camera.name]) @ np.linalg.inv(mounted(truth["cam0"]))
+        np.testing.assert_allclose(relative, true, atol=1e-9)
+    for view in record.views:
+        assert view.error is not None
+        assert 0.02 < view.error.rotation < 0.1  # the rig's own error is part of it
+    reasons = {rung.name: rung.reason for rung in record.rungs}
+    assert "a board told" in reasons["rig_constraint"]
+    assert "a board told" in reasons["lens_terms"]
+    assert record.reprojection_px is not None
+    assert record.reprojection_px < 0.3

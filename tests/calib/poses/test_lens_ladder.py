@@ -1,0 +1,66 @@
+"""Terms of a lens against lenses that are known."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.poses import lens_ladder
+from calib.poses.bundle_adjustment import Free
+from imaging.files.colmap import pycolmap
+
+NOISE = 0.3
+"""px, of a standard deviation."""
+
+
+def views(seed: int, radial: float, frames: int = 6) -> Any:
+    """A scene seen by one camera with one radial term, each of 300 points in at most four views."""
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 1, frames
+    options.num_points3D, options.num_points2D_without_point3D, options.track_length = 300, 0, 4
+    options.camera_width, options.camera_height = 640, 480
+    options.camera_params = [640.0, 320.0, 240.0, radial]
+    pycolmap.set_random_seed(seed)
+    model = pycolmap.synthesize_dataset(options)
+    rng = np.random.default_rng(seed)
+    for index in sorted(model.reg_image_ids()):
+        for point in model.image(index).points2D:
+            point.xy = np.ravel(point.xy) + rng.normal(0, NOISE, 2)
+    return model
+
+
+def terms(seed: int, radial: float, frames: int = 6) -> list[str]:
+    """Those that are taken."""
+    _, rungs = lens_ladder.climb(views(seed, radial, frames), Free(), NOISE, 1, lambda *_: None)
+    return [rung.name for rung in rungs if rung.taken]
+
+
+@pytest.fixture(scope="module")
+def taken():
+    return [terms(seed, -0.5) for seed in range(20)]
+
+
+def test_the_term_that_a_lens_has_is_taken(taken):
+    assert all("lens_radial_1" in names for names in taken)
+
+
+def test_terms_that_it_has_not_are_left_out(taken):
+    """One in sixty trials may be taken by chance; by one standard error each, three are."""
+    assert sum(len(names) - 1 for names in taken) <= 1
+
+
+def test_four_views_are_enough_for_a_lens_that_is_bent():
+    """They tell much by hardly more than a standard error: by two, half of these would stay straight."""
+    assert sum("lens_radial_1" in terms(seed, -0.2, frames=4) for seed in range(10)) >= 8
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_straight_lens_stays_straight(seed):
+    assert terms(seed, 0.0) == []
+
+
+def test_three_views_judge_nothing():
+    free, (rung,) = lens_ladder.climb(views(0, -0.5, frames=3), Free(), NOISE, 1, lambda *_: None)
+    assert free == Free()
+    assert not rung.taken
+    assert "fewer than 4 views" in rung.reason

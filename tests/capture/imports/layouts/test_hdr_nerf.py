@@ -1,0 +1,349 @@
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from capture.imports.layouts import hdr_nerf
+from capture.imports.photos import import_photos
+from imaging.errors import InputError, PartialError
+from imaging.files.colmap import pycolmap, read_points
+from imaging.files.exr import read_exr, write_exr
+from imaging.files.photo import encode_png
+from imaging.session.calibration import read_calibration
+from imaging.session.session import Session, brackets
+from recon.data.dataset import load
+from recon.data.truth import has_truth, true_radiance
+
+TIMES = (0.125, 0.5, 2.0, 8.0, 32.0)
+CENTRES = [(4, 0.5, 1), (3, 2, 1.5), (1, 3.5, 0.5), (-2, 3, 1)]
+POINTS = np.random.default_rng(2).uniform(-0.5, 0.5, (20, 3))
+
+
+def png(seed: int, size=(48, 64)) -> bytes:
+    return encode_png(np.random.default_rng(seed).integers(0, 256, (*size, 3), dtype=np.uint8))
+
+
+def axes(centre) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Right, up and back, in the world, of a camera that looks at the origin; z is up."""
+    back = np.array(centre, float) / np.linalg.norm(centre)
+    right = np.cross([0, 0, 1.0], back)
+    right /= np.linalg.norm(right)
+    return right, np.cross(back, right), back
+
+
+def expected_pixels(centre, focal=70.0, middle=(32.0, 24.0)) -> np.ndarray:
+    """By the definition of a pinhole, with no matrix that a convention could hide in."""
+    right, up, back = axes(centre)
+    away = POINTS - centre
+    depth = -(away @ back)
+    return np.stack([middle[0] + focal * (away @ right) / depth, middle[1] - focal * (away @ up) / depth], 1)
+
+
+def rendered(folder: Path, lit: bool = True) -> Path:
+    """As the authors' loader of rendered scenes reads it."""
+    angle = 2 * np.arctan(32 / 70.0)
+    number = 0
+    for split, centres in (("train", CENTRES[:2]), ("test", CENTRES[2:])):
+        frames, times = [], {}
+        for n, centre in enumerate(centres):
+            right, up, back = axes(centre)
+            motion = np.eye(4)
+            motion[:3] = np.stack([right, up, back, centre], axis=1)
+            name = f"./{split}/{n:03d}"
+            frames.append({"file_path": name, "transform_matrix": motion.tolist()})
+            for step, time in enumerate(TIMES):
+                path = folder / f"{name}_{step}.png"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(png(10 * number + step))
+                times[f"{name}_{step}.png"] = time
+            if lit:
+                write_exr(folder / f"{split}_hdr" / f"hdr_{n:03d}.exr", light(number))
+            number += 1
+        (folder / f"transforms_{split}.json").write_text(
+            json.dumps({"camera_angle_x": angle, "frames": frames})
+        )
+        (folder / f"exposure_{split}.json").write_text(json.dumps(times))
+    return folder
+
+
+def light(number: int, size=(48, 64)) -> np.ndarray:
+    return np.full((*size, 3), 1.0 + number, np.float32)
+
+
+def table() -> np.ndarray:
+    rows = []
+    for centre in CENTRES:
+        right, up, back = axes(centre)
+        pose = np.stack([-up, right, back, centre, (96, 128, 140.0)], axis=1)  # twice the size of the photos
+        rows += [[*pose.ravel(), 1.0, 9.0, time] for time in TIMES]
+    return np.array(rows)
+
+
+def photographed(folder: Path, rows=None) -> Path:
+    """As the authors' loader of photographed scenes reads it."""
+    for view in range(len(CENTRES)):
+        for step in range(len(TIMES)):
+            path = folder / "input_images" / f"{view:03d}_{step}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(png(10 * view + step))
+    np.save(folder / "poses_bounds_exps.npy", table() if rows is None else rows)
+    return folder
+
+
+def handed_on(folder: Path, lit=(0, 1, 2, 3)) -> Path:
+    """As HDR-GS reads it: a COLMAP model of the second exposure of every view."""
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_frames_per_rig, options.num_points3D = 1, 4, 30
+    options.camera_width, options.camera_height = 64, 48
+    options.camera_model_id = pycolmap.CameraModelId.PINHOLE
+    options.camera_params = [70.0, 70.0, 32.0, 24.0]
+    pycolmap.set_random_seed(5)
+    model = pycolmap.synthesize_dataset(options)
+    for view, image in enumerate(model.images.values()):
+        image.name = f"{view}_1.png"
+        for step in range(5):
+            path = folder / "images" / f"{view}_{step}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(png(10 * view + step))
+        if view in lit:
+            write_exr(folder / "exr" / f"{view}.exr", light(view))
+    (folder / "sparse" / "0").mkdir(parents=True)
+    model.write(str(folder / "sparse" / "0"))
+    return folder
+
+
+def imported(folder: Path, **options):
+    result = import_photos(folder, folder.parent / "s", **options)
+    session = Session.open(folder.parent / "s")
+    return result, session, read_calibration(session.folder)
+
+
+@pytest.mark.parametrize("form", [rendered, photographed])
+def test_views_are_brackets_of_one_camera_that_see_what_their_axes_say(tmp_path, form, seen_at):
+    result, session, record = imported(form(tmp_path / "h"))
+    assert (result.layout, result.cameras, result.frames, result.views) == ("hdr-nerf", 1, 4, 4)
+    (camera,) = session.record.cameras
+    for (frame, _), group in brackets(session.shots()).items():
+        assert [shot.reported.time for shot in group] == list(TIMES)
+        assert len({Path(shot.source).stem.rsplit("_", 1)[0] for shot in group}) == 1
+        pixels = seen_at(record, camera.name, frame, POINTS)
+        np.testing.assert_allclose(pixels, expected_pixels(CENTRES[frame]), atol=1e-6)
+    assert {shot.file: shot.reported.time for shot in session.shots()} == record.exposure_scale
+
+
+def test_a_scene_handed_on_with_a_model_has_its_points_and_every_exposure_a_pose(tmp_path):
+    folder = handed_on(tmp_path / "h")
+    result, session, record = imported(folder)
+    assert (result.layout, result.frames, result.views, result.shots) == ("hdr-nerf", 4, 4, 20)
+    assert any(
+        "taken to be 0.125, 0.5, 2, 8, 32 s" in guess and "--exposures" in guess for guess in result.guesses
+    )
+    model = pycolmap.Reconstruction(str(folder / "sparse" / "0"))
+    for shot in session.shots():
+        name = Path(shot.source).stem.split("_")[0]
+        (view,) = (v for v in record.views if v.frame == shot.frame)
+        expected = model.find_image_with_name(f"{name}_1.png").cam_from_world().matrix()
+        np.testing.assert_allclose(view.cam_from_world.matrix()[:3], expected, atol=1e-12)
+        assert shot.reported.time == TIMES[shot.step]
+    assert (read_points(session.folder / "calibration" / "colmap").views == 4).all()
+
+
+@pytest.mark.parametrize(
+    ("form", "tested"), [(rendered, ("test",)), (photographed, ("001", "003")), (handed_on, ("1", "3"))]
+)
+def test_what_the_data_set_tests_on_is_what_training_does_not_see(tmp_path, form, tested):
+    result, session, _ = imported(form(tmp_path / "h"))
+    assert any("2 views are for training and 2 for testing" in guess for guess in result.guesses)
+    assert any("4 photographs are for neither" in guess for guess in result.guesses)
+    dataset = load(session.folder)
+    sources = {shot.file: Path(shot.source) for shot in session.shots()}
+    for view in dataset.views:
+        test = view in dataset.held_out
+        assert [shot.k for shot in view.shots] == list(TIMES if test else TIMES[::2])
+        for shot in view.shots:
+            path = sources[shot.file]
+            own = path.parent.name if form is rendered else path.stem.split("_")[0]
+            assert (own in tested) == test
+    assert len(dataset.held_out) == len(dataset.train) == 2
+    assert [dataset.trained_at(time) for time in TIMES] == [True, False, True, False, True]
+
+
+def test_views_take_turns_in_the_order_of_names_as_text(tmp_path):
+    """As in the loader of HDR-GS, which sorts `10_0` before `1_0`."""
+    folder = handed_on(tmp_path / "h")
+    for old, new in (("3", "10"), ("2", "3"), ("1", "2"), ("0", "1")):
+        for path in sorted((folder / "images").glob(f"{old}_?.png")):
+            path.rename(path.with_name(path.name.replace(f"{old}_", f"{new}_", 1)))
+        (folder / "exr" / f"{old}.exr").rename(folder / "exr" / f"{new}.exr")
+    model = pycolmap.Reconstruction(str(folder / "sparse" / "0"))
+    for image in model.images.values():
+        image.name = {
+            "0_1.png": "1_1.png",
+            "1_1.png": "2_1.png",
+            "2_1.png": "3_1.png",
+            "3_1.png": "10_1.png",
+        }[image.name]
+    model.write(str(folder / "sparse" / "0"))
+    given = hdr_nerf.read(folder)
+    assert {photo.path.stem.split("_")[0] for photo in given.photos if photo.use == "test"} == {"1", "3"}
+
+
+def test_a_layout_without_test_views_has_no_split(tmp_path):
+    folder = rendered(tmp_path / "h")
+    (folder / "transforms_test.json").unlink()
+    _, session, _ = imported(folder)
+    assert session.split() is None
+
+
+@pytest.mark.parametrize("form", [rendered, handed_on])
+def test_true_light_is_where_an_evaluation_looks_for_it(tmp_path, form):
+    folder = form(tmp_path / "h")
+    _, session, _ = imported(folder)
+    assert has_truth(session.folder)
+    shots = {shot.frame: shot for shot in session.shots()}
+    dataset = load(session.folder)
+    assert len(dataset.views) == 4
+    for view in dataset.views:
+        name = Path(shots[view.frame].source).stem.split("_")[0]
+        number = int(name) if form is handed_on else view.frame
+        np.testing.assert_array_equal(true_radiance(session.folder, view), light(number))
+
+
+def test_true_light_is_that_of_the_views_at_the_width_they_are_trained_at(tmp_path):
+    """40 px, as a preset has them, of 64: the whole picture and not a corner of it."""
+    _, session, _ = imported(rendered(tmp_path / "h"))
+    ramp = np.arange(48 * 64 * 3, dtype=np.float32).reshape(48, 64, 3)
+    for view in load(session.folder, max_width=40).views:
+        write_exr(session.folder / "truth" / f"{view.frame:04d}" / f"{view.camera}.exr", ramp)
+        assert (view.lens.width, view.lens.height) == (40, 30)
+        whole = cv2.resize(ramp, (40, 30), interpolation=cv2.INTER_AREA)
+        np.testing.assert_allclose(true_radiance(session.folder, view), whole, rtol=1e-6)
+
+
+def test_true_light_that_some_views_lack_is_left_aside_and_said(tmp_path):
+    result, session, _ = imported(handed_on(tmp_path / "h", lit=(0, 1, 3)))
+    assert not has_truth(session.folder)
+    assert any("true light of 3 of 4 views is left aside" in guess for guess in result.guesses)
+    shutil.rmtree(session.folder)
+    folder = handed_on(tmp_path / "k")
+    write_exr(folder / "exr" / "2.exr", light(2, (24, 32)))
+    result, session, _ = imported(folder)
+    assert any("2.exr is smaller than its photographs" in guess for guess in result.guesses)
+    assert not (session.folder / "truth").exists()
+
+
+def test_another_list_of_exposures_wins(tmp_path):
+    folder = handed_on(tmp_path / "h")
+    rows = [f"{view}_{step}.png, 1/{2 ** (9 - step)}, 4" for view in range(4) for step in range(5)]
+    (tmp_path / "times.csv").write_text("\n".join(rows))
+    _, session, _ = imported(folder, exposures=tmp_path / "times.csv")
+    for shot in session.shots():
+        assert (shot.reported.time, shot.reported.f_number) == (1 / 2 ** (9 - shot.step), 4)
+
+
+def test_an_import_that_was_killed_between_any_two_steps_is_completed(tmp_path):
+    folder = handed_on(tmp_path / "h")
+    import_photos(folder, tmp_path / "whole")
+
+    def files(root: Path):
+        return {
+            p.relative_to(root).as_posix(): p.read_bytes()
+            for p in sorted(root.rglob("*"))
+            if p.is_file() and p.suffix not in (".json", ".jsonl")
+        }
+
+    for stop_at in (3, 20, 21):
+        steps = 0
+
+        def stop(message, done, total, last=stop_at):
+            nonlocal steps
+            steps += message.startswith(("copying", "writing the calibration"))
+            if steps == last:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            import_photos(folder, tmp_path / "s", progress=stop)
+        assert not (tmp_path / "s" / "calibration").exists()
+        result = import_photos(folder, tmp_path / "s")
+        assert (result.shots, result.views) == (20, 4)
+        assert files(tmp_path / "s") == files(tmp_path / "whole")
+        with pytest.raises(InputError, match="holds this import already, complete"):
+            import_photos(folder, tmp_path / "s")
+        shutil.rmtree(tmp_path / "s")
+
+
+def rows_with(**cells) -> np.ndarray:
+    rows = table()
+    for column, value in cells.items():
+        rows[7, int(column[1:])] = value
+    return rows
+
+
+BAD_ROWS = {
+    "one row short": (table()[1:], "has 19 rows for 20 photos"),
+    "seventeen columns": (table()[:, :17], r"shape \[20, 17\]"),
+    "no rows": (table()[:0], r"shape \[0, 18\]"),
+    "text": (np.array([["a"] * 18] * 20), "cannot be read as an array of numbers"),
+    "objects": (np.array([[None] * 18] * 20), "cannot be read as an array of numbers"),
+    "complex": (table() + 1j, "cannot be read as an array of numbers"),
+    "no exposure": (rows_with(c17=0.0), "row 7 of .* has an exposure of 0.0 s"),
+    "NaN exposure": (rows_with(c17=np.nan), "row 7 of .* has an exposure of nan s"),
+    "another size": (rows_with(c4=97.0), "more than one size"),
+    "NaN focal length": (rows_with(c14=np.nan), "more than one size"),
+    "NaN pose": (rows_with(c0=np.nan), "row 7 of .* finite numbers"),
+    "no rotation": (rows_with(c0=3.0), "row 7 of .* scales, shears or mirrors"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_ROWS)
+def test_an_array_that_cannot_be_is_refused(tmp_path, name):
+    rows, sentence = BAD_ROWS[name]
+    with pytest.raises(InputError, match=sentence):
+        imported(photographed(tmp_path / "h", rows))
+    assert {path.name for path in tmp_path.iterdir()} == {"h"}
+
+
+def test_names_and_files_that_contradict_each_other_are_refused_or_told(tmp_path):
+    folder = photographed(tmp_path / "a")
+    (folder / "input_images" / "cover.png").write_bytes(png(1))
+    with pytest.raises(InputError, match=r"cover\.png is not named VIEW_INDEX"):
+        imported(folder)
+    folder = rendered(tmp_path / "b")
+    (folder / "exposure_test.json").write_text(json.dumps({"./test/000_0.png": "soon"}))
+    with pytest.raises(InputError, match="has an exposure of soon s"):
+        imported(folder)
+    (folder / "exposure_test.json").write_text(json.dumps({"../test/000_0.png": 1}))
+    with pytest.raises(InputError, match=r"frame 0 of .* has no exposure time"):
+        imported(folder)
+    folder = rendered(tmp_path / "c")
+    (folder / "test" / "001_3.png").unlink()
+    result, session, _ = imported(folder)
+    with pytest.raises(PartialError, match=r"001_3\.png is named in frame 1 of .*transforms_test\.json"):
+        result.require_complete()
+    assert [len(group) for group in brackets(session.shots()).values()] == [5, 5, 5, 4]
+
+
+@given(data=st.binary(max_size=200) | st.binary(max_size=120).map(lambda tail: b"\x93NUMPY\x01\x00" + tail))
+@settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+def test_any_bytes_in_place_of_the_array_are_refused(tmp_path_factory, data):
+    folder = tmp_path_factory.mktemp("any")
+    (folder / "input_images").mkdir()
+    (folder / "input_images" / "0_0.png").write_bytes(b"")
+    (folder / "poses_bounds_exps.npy").write_bytes(data)
+    with pytest.raises(InputError, match=r"cannot be read as an array of numbers|has the shape"):
+        hdr_nerf.read(folder)
+
+
+def test_the_true_light_comes_byte_for_byte_and_the_originals_stay(tmp_path):
+    folder = handed_on(tmp_path / "h")
+    before = {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in folder.rglob("*") if p.is_file()}
+    _, session, _ = imported(folder)
+    assert {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in folder.rglob("*") if p.is_file()} == before
+    kept = {path.read_bytes() for path in (session.folder / "truth").rglob("*.exr")}
+    assert kept == {path.read_bytes() for path in (folder / "exr").iterdir()}
+    assert all(read_exr(path).rgb().min() > 0 for path in (session.folder / "truth").rglob("*.exr"))

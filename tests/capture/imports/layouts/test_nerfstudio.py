@@ -1,0 +1,330 @@
+import json
+import math
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from capture.imports.layouts import nerfstudio
+from capture.imports.layouts.ply_points import read_ply_points
+from capture.imports.photos import import_photos
+from imaging.errors import InputError, PartialError
+from imaging.files.colmap import pycolmap, read_points
+from imaging.files.photo import encode_png
+from imaging.session.calibration import read_calibration
+from imaging.session.session import Session
+from recon.data.dataset import load
+from recon.data.light import radiance_image
+from recon.train.initialisation import start_points
+
+LENS = {"fl_x": 70.0, "fl_y": 72.0, "cx": 33.0, "cy": 22.5, "w": 64, "h": 48}
+TERMS = {"k1": -0.1, "k2": 0.03, "p1": 0.004, "p2": -0.003}
+PNG = encode_png(np.random.default_rng(1).integers(0, 256, (48, 64, 3), dtype=np.uint8))
+
+
+def looking_at(centre, target=(0.0, 0.0, 0.0)) -> np.ndarray:
+    """world_from_cam in OpenGL's axes of a camera that looks at a target; z is up."""
+    back = np.asarray(centre, float) - target
+    back /= np.linalg.norm(back)
+    right = np.cross([0, 0, 1.0], back)
+    right /= np.linalg.norm(right)
+    motion = np.eye(4)
+    motion[:3] = np.stack([right, np.cross(back, right), back, centre], axis=1)
+    return motion
+
+
+CENTRES = [(4, 0.5, 1), (3, 2, 1.5), (1, 3.5, 0.5), (-2, 3, 1)]
+
+
+def frames(**extra):
+    return [
+        {"file_path": f"images/{n}.png", "transform_matrix": looking_at(centre).tolist()} | extra
+        for n, centre in enumerate(CENTRES)
+    ]
+
+
+def scene(folder: Path, value, photos=4) -> Path:
+    (folder / "images").mkdir(parents=True, exist_ok=True)
+    for n in range(photos):
+        (folder / "images" / f"{n}.png").write_bytes(PNG)
+    (folder / "transforms.json").write_text(value if isinstance(value, str) else json.dumps(value))
+    return folder
+
+
+def imported(folder: Path, **options):
+    result = import_photos(folder, folder.parent / "s", **options)
+    session = Session.open(folder.parent / "s")
+    return result, session, {Path(s.source).name: (s.camera, s.frame) for s in session.shots()}
+
+
+def test_a_point_is_seen_where_opengl_axes_and_centres_at_a_half_put_it(tmp_path, seen_at):
+    result, session, at = imported(scene(tmp_path / "n", LENS | TERMS | {"frames": frames()}))
+    assert (result.layout, result.views, result.cameras, result.frames) == ("nerfstudio", 4, 1, 4)
+    record = read_calibration(session.folder)
+    xyz = np.random.default_rng(2).uniform(-0.5, 0.5, (20, 3))
+    for n, centre in enumerate(CENTRES):
+        own = (xyz - centre) @ looking_at(centre)[:3, :3]
+        camera = pycolmap.Camera.create_from_model_name(1, "OPENCV", 70.0, 64, 48)
+        camera.params = [70.0, 72.0, 33.0, 22.5, *TERMS.values()]
+        expected = np.array([camera.img_from_cam([x, -y, -z]) for x, y, z in own])
+        assert (own[:, 2] < 0).all()
+        np.testing.assert_allclose(seen_at(record, *at[f"{n}.png"], xyz), expected, atol=1e-6)
+    # What the camera looks at is in the middle; what is above it is above it.
+    middle, above = seen_at(record, *at["0.png"], np.array([[0, 0, 0], [0, 0, 0.2]], float))
+    np.testing.assert_allclose(middle, [33.0, 22.5], atol=1e-6)
+    assert above[1] < middle[1]
+
+
+def test_the_lens_may_stand_in_the_frames_and_each_other_lens_is_a_camera(tmp_path):
+    some = frames(**LENS)
+    some[2] |= {"fl_x": 90.0}
+    result, session, at = imported(scene(tmp_path / "n", {"frames": some}))
+    record = read_calibration(session.folder)
+    focal = {name: record.camera(camera).lens.fx for name, (camera, _) in at.items()}
+    assert focal == {"0.png": 70.0, "1.png": 70.0, "2.png": 90.0, "3.png": 70.0}
+    assert result.cameras == 2
+    # Nothing says that two cameras were there at one moment.
+    assert sorted(frame for _, frame in at.values()) == [0, 1, 2, 3]
+
+
+def test_a_blender_scene_has_a_field_of_view_and_names_without_a_suffix(tmp_path):
+    folder = scene(tmp_path / "n", "{}")
+    (folder / "transforms.json").unlink()
+    for split, part in (("train", frames()[:3]), ("test", frames()[3:])):
+        value = {"camera_angle_x": 0.8, "frames": [f | {"file_path": f["file_path"][:-4]} for f in part]}
+        (folder / f"transforms_{split}.json").write_text(json.dumps(value))
+    result, session, _ = imported(folder)
+    lens = read_calibration(session.folder).cameras[0].lens
+    assert lens.fx == lens.fy == pytest.approx(32 / math.tan(0.4))
+    assert (lens.model, lens.cx, lens.cy, result.views) == ("PINHOLE", 32, 24, 4)
+    assert any("transforms_train.json, transforms_test.json are one set" in g for g in result.guesses)
+
+
+def test_photos_that_no_frame_names_are_not_imported_and_absent_ones_are_told(tmp_path):
+    result, _, at = imported(scene(tmp_path / "n", LENS | {"frames": frames()[1:]}))
+    assert sorted(at) == ["1.png", "2.png", "3.png"]
+    shutil.rmtree(tmp_path / "s")
+    result, _, at = imported(scene(tmp_path / "m", LENS | {"frames": frames()}, photos=3))
+    assert sorted(at) == ["0.png", "1.png", "2.png"]
+    with pytest.raises(PartialError, match=r"3\.png is named in frame 3 of .*transforms\.json but is not"):
+        result.require_complete()
+    shutil.rmtree(tmp_path / "s")
+    with pytest.raises(InputError, match=r"0\.png is named .* and no other photograph is"):
+        imported(scene(tmp_path / "k", LENS | {"frames": frames()}, photos=0))
+    assert not (tmp_path / "s").exists()
+
+
+def test_exposures_of_one_place_are_one_bracket(tmp_path):
+    some = frames()
+    some[1] |= {"transform_matrix": some[0]["transform_matrix"]}
+    for n, frame in enumerate(some):
+        frame["exposure_time"] = 1 / (10 * (n + 1))
+    result, session, at = imported(scene(tmp_path / "n", LENS | {"frames": some}))
+    assert [at[f"{n}.png"][1] for n in range(4)] == [0, 0, 1, 2]
+    assert [s.reported.time for s in session.shots()] == [1 / 10, 1 / 20, 1 / 30, 1 / 40]
+    assert result.views == 3
+
+
+def test_a_fisheye_sees_what_colmaps_sees(tmp_path, seen_at):
+    terms = {"k1": 0.05, "k2": -0.02, "k3": 0.004, "k4": -0.001}
+    top = LENS | terms | {"camera_model": "OPENCV_FISHEYE", "frames": frames()}
+    result, session, at = imported(scene(tmp_path / "n", top))
+    assert (result.views, result.cameras) == (4, 1)
+    record = read_calibration(session.folder)
+    assert record.cameras[0].lens.terms == (70.0, 72.0, 33.0, 22.5, *terms.values())
+    camera = pycolmap.Camera.create_from_model_name(1, "OPENCV_FISHEYE", 70.0, 64, 48)
+    camera.params = [70.0, 72.0, 33.0, 22.5, *terms.values()]
+    xyz = np.random.default_rng(2).uniform(-0.5, 0.5, (20, 3))
+    own = (xyz - CENTRES[1]) @ looking_at(CENTRES[1])[:3, :3]
+    expected = np.array([camera.img_from_cam([x, -y, -z]) for x, y, z in own])
+    np.testing.assert_allclose(seen_at(record, *at["1.png"], xyz), expected, atol=1e-6)
+    model = pycolmap.Reconstruction(str(session.folder / "calibration" / "colmap"))
+    assert {camera.model_name for camera in model.cameras.values()} == {"OPENCV_FISHEYE"}
+
+
+@pytest.mark.parametrize("terms", [{"k1": 0.02, "k2": -0.01}, {"k1": 0.02, "k2": -0.01, "k3": 0.003}])
+def test_the_flag_of_instant_ngp_makes_a_fisheye(tmp_path, seen_at, terms):
+    # as its colmap2nerf.py writes COLMAP's fisheyes: Brown terms of 0, and no camera_model
+    flag = {"is_fisheye": True, "p1": 0, "p2": 0, "k3": 0, "k4": 0, "camera_angle_x": 0.8}
+    _, session, at = imported(scene(tmp_path / "n", LENS | flag | terms | {"frames": frames()}))
+    record = read_calibration(session.folder)
+    assert record.cameras[0].lens.fisheye
+    xyz = np.random.default_rng(2).uniform(-2.5, 2.5, (20, 3))
+    own = (xyz - CENTRES[0]) @ looking_at(CENTRES[0])[:3, :3] * [1, -1, -1]
+    xyz, own = xyz[own[:, 2] > 0.5], own[own[:, 2] > 0.5]
+    matrix = np.array([[70.0, 0, 33.0], [0, 72.0, 22.5], [0, 0, 1]])
+    k = np.array([terms.get(f"k{n}", 0.0) for n in range(1, 5)])
+    expected, _ = cv2.fisheye.projectPoints(own[:, None], np.zeros(3), np.zeros(3), matrix, k)
+    np.testing.assert_allclose(seen_at(record, *at["0.png"], xyz), expected.reshape(-1, 2), atol=1e-6)
+
+
+@pytest.mark.parametrize("extra", [{"is_fisheye": True, "camera_model": "OPENCV"}, {"is_fisheye": "yes"}])
+def test_a_flag_that_contradicts_the_model_is_refused(tmp_path, extra):
+    with pytest.raises(InputError, match=r"frame 0 of .* has is_fisheye .*: take one out\."):
+        imported(scene(tmp_path / "n", LENS | extra | {"frames": frames()}))
+
+
+def test_a_fisheye_needs_its_focal_length(tmp_path):
+    angle = {key: value for key, value in LENS.items() if not key.startswith("fl")} | {"camera_angle_x": 2.0}
+    with pytest.raises(InputError, match="has no focal length: write fl_x"):
+        imported(scene(tmp_path / "n", angle | {"camera_model": "OPENCV_FISHEYE", "frames": frames()}))
+
+
+def test_another_camera_model_comes_without_poses_and_says_so(tmp_path):
+    result, session, _ = imported(
+        scene(tmp_path / "n", LENS | {"camera_model": "EQUIRECTANGULAR", "frames": frames()})
+    )
+    assert (result.shots, result.views) == (4, 0)
+    assert any("4 photos come without lens and pose" in guess for guess in result.guesses)
+    assert not (session.folder / "calibration").exists()
+
+
+def changed(**values):
+    some = frames()
+    some[1] |= values
+    return LENS | {"frames": some}
+
+
+def turned(change) -> list:
+    motion = looking_at(CENTRES[1])
+    return (motion @ np.array(change, float)).tolist()
+
+
+BAD = {
+    "not JSON": ("{", "cannot be read as JSON"),
+    "a list": ([1, 2], "has no list of frames"),
+    "frames of text": ({"frames": ["a"]}, "has no list of frames"),
+    "deep": ("[" * 100_000, "cannot be read as JSON"),
+    "no pose": (changed(transform_matrix=None), "frame 1 of .* has no transform_matrix"),
+    "three rows": (changed(transform_matrix=np.eye(3).tolist()), "has no transform_matrix"),
+    "ragged": (changed(transform_matrix=[[1, 0], [1]]), "has no transform_matrix"),
+    "NaN": (changed(transform_matrix=turned(np.diag([1, 1, np.nan, 1]))), "frame 1 .* finite numbers"),
+    "all zero": (changed(transform_matrix=np.zeros((4, 4)).tolist()), "frame 1 .* finite numbers"),
+    "mirrored": (changed(transform_matrix=turned(np.diag([-1, 1, 1, 1]))), "scales, shears or mirrors"),
+    "scaled": (changed(transform_matrix=turned(np.diag([2, 2, 2, 1]))), "scales, shears or mirrors"),
+    "too far": (changed(transform_matrix=turned(np.eye(4) + 1e12 * np.eye(4, k=3))), "no camera can have"),
+    "huge": (changed(transform_matrix=[[10**400] * 4] * 4), "has no transform_matrix"),
+    "no name": (changed(file_path=""), "frame 1 of .* has no file_path"),
+    "outside": (changed(file_path="../secret.png"), "leads out of"),
+    "absolute": (changed(file_path="/etc/passwd"), "leads out of"),
+    "twice": (changed(file_path="images/0.png"), "a second time"),
+    "a word": (changed(fl_x="70"), "fl_x that is no finite number"),
+    "no focal length": ({"w": 64, "h": 48, "frames": frames()}, "no focal length"),
+    "negative focal length": (changed(fl_x=-70.0), "lens that cannot be"),
+    "endless focal length": (changed(fl_x=1e300), "lens that cannot be"),
+    "infinite": (changed(cx=float("inf")), "cx that is no finite number"),
+    "huge whole number": (changed(cx=10**400), "cx that is no finite number"),
+    "no size": (changed(w=0), "size of 0x48"),
+    "wrong size": (changed(w=48, h=64), "has 64x48 pixels but .* says 48x64"),
+    "no time": (changed(exposure_time=0), "exposure_time of 0 s"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_is_refused_in_one_sentence_and_leaves_nothing(tmp_path, name):
+    value, sentence = BAD[name]
+    with pytest.raises(InputError, match=sentence) as caught:
+        imported(scene(tmp_path / "n", value))
+    assert "\n" not in str(caught.value)
+    assert {path.name for path in tmp_path.iterdir()} == {"n"}
+
+
+@given(
+    turns=st.lists(st.floats(-10, 10), min_size=3, max_size=3),
+    centre=st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3),
+    digits=st.integers(5, 17),
+)
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_any_rigid_motion_comes_back_however_it_was_rounded(turns, centre, digits):
+    motion = np.eye(4)
+    motion[:3, :3] = Rotation.from_rotvec(turns).as_matrix()
+    motion[:3, 3] = centre
+    rounded = [[float(f"{value:.{digits}g}") for value in row] for row in motion]
+    entry = nerfstudio.Entry({"transform_matrix": rounded}, {}, "here")
+    found = np.linalg.inv(entry.cam_from_world().matrix()) @ np.diag([1, -1, -1, 1])
+    scale = max(1.0, *map(abs, centre))
+    np.testing.assert_allclose(found[:3, :3], motion[:3, :3], atol=10.0 ** (1 - digits) + 1e-12)
+    np.testing.assert_allclose(found[:3, 3], centre, atol=scale * (10.0 ** (1 - digits) + 1e-12) * 10)
+
+
+# Anything that JSON can say, and a little that it cannot.
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
+    max_leaves=8,
+)
+KEYS = [
+    "file_path",
+    "is_fisheye",
+    "transform_matrix",
+    "camera_model",
+    "exposure_time",
+    "camera_angle_x",
+    *LENS,
+    *TERMS,
+]
+
+
+@given(top=st.dictionaries(st.sampled_from(KEYS), JSON), frame=st.dictionaries(st.sampled_from(KEYS), JSON))
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+def test_any_value_of_any_key_is_read_or_refused(tmp_path_factory, top, frame):
+    folder = tmp_path_factory.mktemp("any")
+    whole = LENS | {"frames": frames()[:1]}
+    changed_top = whole | top | {"frames": [whole["frames"][0] | frame]}
+    try:
+        found = nerfstudio.read(scene(folder, changed_top, photos=1))
+    except InputError as error:
+        sentence = str(error)
+    else:
+        sentence = "; ".join(found.missing)
+        assert len(found.photos) + len(found.missing) == 1
+    assert len(sentence) < 1000
+
+
+def ply(xyz, form="ascii", colour="uint8") -> bytes:
+    names = "".join(
+        f"property {kind} {name}\n"
+        for kind, name in [("float", "x"), ("double", "y"), ("float", "z"), (colour, "red")]
+    )
+    head = f"ply\nformat {form} 1.0\ncomment c\nelement vertex {len(xyz)}\n{names}end_header\n".encode()
+    if form == "ascii":
+        return head + "".join(f"{x!r} {y!r} {z!r} 7\n" for x, y, z in xyz.tolist()).encode()
+    fields = [("x", "<f4"), ("y", "<f8"), ("z", "<f4"), ("red", "u1")]
+    return head + np.array([(*row, 7) for row in xyz.tolist()], fields).tobytes()
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_scene_points_come_along_and_training_may_start_from_them(tmp_path, form):
+    folder = scene(tmp_path / "n", LENS | {"ply_file_path": "sparse_pc.ply", "frames": frames()})
+    xyz = np.random.default_rng(0).uniform(-1, 1, (50, 3)).astype(np.float32).astype(np.float64)
+    (folder / "sparse_pc.ply").write_bytes(ply(xyz, form))
+    _, session, _ = imported(folder)
+    points = read_points(session.folder / "calibration" / "colmap")
+    np.testing.assert_array_equal(sorted(points.xyz.tolist()), sorted(xyz.tolist()))
+    assert not points.views.any()
+    record = read_calibration(session.folder)
+    assert (record.points, record.reprojection_px) == (50, None)
+    dataset = load(session.folder)
+    images = [radiance_image(view) for view in dataset.train]
+    start = start_points(dataset, images, 50, np.random.Generator(np.random.PCG64(0)))
+    assert start.sparse == 50
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_a_point_file_cut_off_anywhere_is_refused(tmp_path, form):
+    data = ply(np.ones((3, 3)), form)
+    path = tmp_path / "p.ply"
+    for end in range(len(data) - 2):
+        path.write_bytes(data[:end])
+        with pytest.raises(InputError, match="is no PLY file of points, or it is cut off"):
+            read_ply_points(path)
+    path.write_bytes(data.replace(b"vertex 3", b"vertex 3000000000"))
+    with pytest.raises(InputError, match="cut off"):
+        read_ply_points(path)
+    with pytest.raises(InputError, match="leads out of"):
+        imported(scene(tmp_path / "n", LENS | {"ply_file_path": "../p.ply", "frames": frames()}))

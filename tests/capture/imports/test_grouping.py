@@ -1,0 +1,70 @@
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from capture.imports.grouping import Series, split_into_brackets
+from capture.imports.originals import Original
+from capture.pictures.read import Picture
+from imaging.exposure import Exposure
+from imaging.mosaic import FrameMetadata
+from imaging.session.records import CameraRecord
+
+CAMERA = CameraRecord(name="c", serial="1", kind="ldr")
+NOON = datetime(2026, 5, 1, 12, 0, 0)
+
+
+def photo(number: int, stops: float | None, seconds: float) -> Original:
+    """stops None: a file that could not be read."""
+    path = Path(f"{number}.jpg")
+    if stops is None:
+        return Original(path, "ldr", None, error="bad")
+    metadata = FrameMetadata(captured_at=NOON + timedelta(seconds=seconds))
+    picture = Picture("ldr", 8, 6, metadata, (0.0, 0.0, 0.0), 0.0, 1.0)
+    return Original(path, "ldr", picture, Exposure(time=2.0**stops / 60, f_number=4))
+
+
+# Half stops apart at least, in any order.
+PATTERNS = st.lists(st.integers(-8, 8), min_size=3, max_size=9, unique=True).map(
+    lambda p: [0.5 * n for n in p]
+)
+
+
+@given(
+    pattern=PATTERNS,
+    brackets=st.integers(2, 6),
+    rounding=st.lists(st.floats(-0.07, 0.07), min_size=54, max_size=54),
+    unread=st.sets(st.integers(0, 53), max_size=2),
+    gap=st.floats(0, 25),
+)
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_a_bracket_that_repeats_is_found_whatever_its_order_and_whatever_cannot_be_read(
+    pattern, brackets, rounding, unread, gap
+):
+    size = len(pattern)
+    unread = {number for number in unread if number >= size}  # one bracket at least is whole
+    steps = [step + noise for step, noise in zip(pattern * brackets, rounding, strict=False)]
+    if min(abs(a - b) for i, a in enumerate(steps[:size]) for b in steps[:i]) < 0.5:
+        steps = pattern * brackets
+    photos = [photo(n, None if n in unread else s, gap * n) for n, s in enumerate(steps)]
+    found, why = split_into_brackets(Series(CAMERA, tuple(photos)), None)
+    assert [len(bracket) for bracket in found] == [size] * brackets
+    assert [one for bracket in found for one in bracket] == photos
+    assert f"{brackets} brackets of {size}" in why
+
+
+@given(stops=st.lists(st.floats(-0.24, 0.24), min_size=1, max_size=40), gap=st.floats(0, 100))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_exposures_within_half_a_stop_are_never_a_bracket(stops, gap):
+    photos = [photo(n, s, gap * n) for n, s in enumerate(stops)]
+    found, _ = split_into_brackets(Series(CAMERA, tuple(photos)), None)
+    assert [len(bracket) for bracket in found] == [1] * len(stops)
+
+
+@given(count=st.integers(1, 30), size=st.integers(1, 12))
+def test_a_given_bracket_keeps_every_photo_in_order(count, size):
+    photos = [photo(n, 0.0, n) for n in range(count)]
+    found, _ = split_into_brackets(Series(CAMERA, tuple(photos)), size)
+    assert [one for bracket in found for one in bracket] == photos
+    assert all(len(bracket) == size for bracket in found[:-1])

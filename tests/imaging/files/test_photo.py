@@ -1,0 +1,416 @@
+"""Photographs of every kind that cameras and converters write, and damaged ones."""
+
+import json
+import shutil
+import subprocess
+import warnings
+from datetime import datetime, timedelta, timezone
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from imaging.colour import srgb_decode, srgb_encode
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.files.exif import encode_exif
+from imaging.files.photo import encode_jpeg, encode_png, is_photo, read_metadata, read_photo
+from imaging.mosaic import FrameMetadata
+
+RNG = np.random.default_rng(7)
+RGB8 = RNG.integers(0, 256, (21, 30, 3), dtype=np.uint8)
+RGB16 = RNG.integers(0, 65536, (21, 30, 3), dtype=np.uint16)
+
+
+def codes(path: Path, data: bytes) -> np.ndarray:
+    """What is read of a file with this content, as whole code values again."""
+    path.write_bytes(data)
+    seen = read_photo(path)
+    assert seen.pixels.dtype == np.float32
+    assert seen.pixels.ndim == 3
+    assert seen.pixels.min() >= 0
+    assert seen.pixels.max() <= 1
+    largest = {8: 255, 16: 65535}[seen.bit_depth]
+    return np.round(seen.pixels.astype(np.float64) * largest).astype(
+        {8: np.uint8, 16: np.uint16}[seen.bit_depth]
+    )
+
+
+def tiff(pixels: np.ndarray, **options: object) -> bytes:
+    buffer = BytesIO()
+    tifffile.imwrite(buffer, pixels, **options)
+    return buffer.getvalue()
+
+
+def pillow(image: Image.Image, kind: str, **options: object) -> bytes:
+    buffer = BytesIO()
+    image.save(buffer, kind, **options)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("pixels", [RGB8, RGB16, RGB8[..., 0], RGB16[..., 0], RGB16[::-1, ::2]])
+def test_png_is_exact(tmp_path: Path, pixels: np.ndarray) -> None:
+    seen = codes(tmp_path / "a.png", encode_png(pixels))
+    expected = pixels if pixels.ndim == 3 else pixels[..., None].repeat(3, axis=2)
+    assert seen.dtype == pixels.dtype
+    assert np.array_equal(seen, expected)
+
+
+def test_red_comes_first(tmp_path: Path) -> None:
+    red = np.zeros((16, 16, 3), np.uint8)
+    red[..., 0] = 200
+    assert np.array_equal(codes(tmp_path / "a.png", pillow(Image.fromarray(red), "PNG")), red)
+    assert np.array_equal(codes(tmp_path / "a.tif", pillow(Image.fromarray(red), "TIFF")), red)
+    assert np.array_equal(np.asarray(Image.open(BytesIO(encode_png(red)))), red)
+    near = codes(tmp_path / "a.jpg", encode_jpeg(red)).astype(int)
+    assert np.abs(near - red).max() <= 3
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"photometric": "rgb", "compression": "deflate", "predictor": True},
+        {"photometric": "rgb", "compression": "lzw", "tile": (16, 16)},
+        {"photometric": "rgb", "planarconfig": "separate"},
+        {"photometric": "rgb", "byteorder": ">"},
+        {"photometric": "rgb", "bigtiff": True},
+        {"photometric": "rgb", "rowsperstrip": 4},
+    ],
+    ids=["plain", "deflate", "tiled", "planes", "big-endian", "bigtiff", "strips"],
+)
+@pytest.mark.parametrize("pixels", [RGB8, RGB16], ids=["8", "16"])
+def test_tiff_is_exact(tmp_path: Path, pixels: np.ndarray, options: dict[str, object]) -> None:
+    if options.get("planarconfig") == "separate":
+        data = tiff(np.moveaxis(pixels, -1, 0), **options)
+    else:
+        data = tiff(pixels, **{"photometric": "rgb", **options})
+    assert np.array_equal(codes(tmp_path / "a.tif", data), pixels)
+
+
+def test_tiff_grey_and_inverted(tmp_path: Path) -> None:
+    grey = RGB16[..., 0]
+    three = grey[..., None].repeat(3, axis=2)
+    assert np.array_equal(codes(tmp_path / "a.tif", tiff(grey, photometric="minisblack")), three)
+    assert np.array_equal(codes(tmp_path / "a.tif", tiff(65535 - grey, photometric="miniswhite")), three)
+
+
+def test_the_first_page_is_read(tmp_path: Path) -> None:
+    buffer = BytesIO()
+    with tifffile.TiffWriter(buffer) as file:
+        for page in (RGB16, RGB16 // 2):
+            file.write(page, photometric="rgb")
+    assert np.array_equal(codes(tmp_path / "a.tif", buffer.getvalue()), RGB16)
+    stack = pillow(Image.fromarray(RGB8), "TIFF", save_all=True, append_images=[Image.fromarray(RGB8 // 2)])
+    assert np.array_equal(codes(tmp_path / "a.tif", stack), RGB8)
+
+
+@pytest.mark.parametrize("pixels", [RGB8, RGB16])
+def test_what_is_transparent_stands_before_black(tmp_path: Path, pixels: np.ndarray) -> None:
+    top = np.iinfo(pixels.dtype).max
+    alpha = np.full(pixels.shape[:2], top, pixels.dtype)
+    alpha[3:9], alpha[9:12] = 0, top // 3
+    both = np.dstack([pixels, alpha])
+    # alpha is a share of light (PNG specification, 12.16)
+    light = srgb_decode(pixels / top) * (alpha / top)[..., None]
+    expected = np.where(alpha[..., None] == top, pixels / top, srgb_encode(light))
+    grey = both[..., [0, 3]]
+    for data, colours in (
+        (encode_png(both), expected),
+        (tiff(both, photometric="rgb", extrasamples=["unassalpha"]), expected),
+        (tiff(grey, photometric="minisblack", extrasamples=["unassalpha"]), expected[..., :1]),
+    ):
+        (tmp_path / "a").write_bytes(data)
+        seen = read_photo(tmp_path / "a")
+        assert np.abs(seen.pixels - colours).max() < 1e-6
+        assert seen.transparent == pytest.approx(9 / 21)
+    # colours that are multiplied by alpha already, to within their rounding
+    times = np.dstack([np.rint(pixels * (alpha / top)[..., None]).astype(pixels.dtype), alpha])
+    (tmp_path / "a").write_bytes(tiff(times, photometric="rgb", extrasamples=["assocalpha"]))
+    assert np.abs(read_photo(tmp_path / "a").pixels - expected).max() < 3 / top
+
+
+def test_what_is_not_transparent_is_as_without_alpha(tmp_path: Path) -> None:
+    opaque = np.dstack([RGB8, np.full(RGB8.shape[:2], 255, np.uint8)])
+    (tmp_path / "a.png").write_bytes(encode_png(opaque))
+    assert np.array_equal(codes(tmp_path / "a.png", encode_png(opaque)), RGB8)
+    assert read_photo(tmp_path / "a.png").transparent == 0
+    # a fourth sample that is not said to be alpha
+    unknown = tiff(np.dstack([RGB8, RGB8[..., 0]]), photometric="rgb", extrasamples=["unspecified"])
+    assert np.array_equal(codes(tmp_path / "a.tif", unknown), RGB8)
+    grey = Image.fromarray(RGB8).convert("LA")
+    assert np.array_equal(
+        codes(tmp_path / "a.png", pillow(grey, "PNG"))[..., 0], np.asarray(grey.convert("L"))
+    )
+
+
+def test_palettes(tmp_path: Path) -> None:
+    palette = Image.fromarray(RGB8).quantize(16)
+    assert np.array_equal(
+        codes(tmp_path / "a.png", pillow(palette, "PNG")), np.asarray(palette.convert("RGB"))
+    )
+
+
+@pytest.mark.parametrize("compression", [None, "tiff_lzw", "tiff_adobe_deflate", "jpeg"])
+def test_luma_and_chroma_of_a_tiff_become_colour(tmp_path: Path, compression: str | None) -> None:
+    rows, columns = np.mgrid[0:24, 0:40]
+    smooth = np.dstack([200 - columns, 60 + rows, 30 + columns + rows]).astype(np.uint8)
+    image = Image.fromarray(smooth).convert("YCbCr")
+    options = {"quality": 100} if compression == "jpeg" else {}
+    seen = codes(tmp_path / "a.tif", pillow(image, "TIFF", compression=compression, **options)).astype(int)
+    # as Pillow converts it, both with their rounding
+    assert np.abs(seen - np.asarray(image.convert("RGB")).astype(int)).max() <= (
+        1 if compression != "jpeg" else 4
+    )
+    assert np.abs(seen - smooth).max() <= 4
+
+
+def test_subsampled_chroma_without_jpeg_is_refused(tmp_path: Path) -> None:
+    data = pillow(Image.fromarray(RGB8).convert("YCbCr"), "TIFF")
+    whole = bytes.fromhex("120203000200000001000100")  # YCbCrSubSampling, SHORT[2]
+    assert data.count(whole) == 1
+    (tmp_path / "a.tif").write_bytes(data.replace(whole, whole[:8] + bytes.fromhex("02000200")))
+    with pytest.raises(InputError, match="is a TIFF of subsampled YCbCr without JPEG: convert it to RGB"):
+        read_photo(tmp_path / "a.tif")
+
+
+def test_jpeg_is_near_and_as_pillow_decodes_it(tmp_path: Path) -> None:
+    rows, columns = np.mgrid[0:48, 0:64]
+    smooth = np.stack([rows * 5, columns * 4, 255 - rows - columns], axis=-1).astype(np.uint8)
+    for data in (
+        encode_jpeg(smooth),
+        pillow(Image.fromarray(smooth), "JPEG", progressive=True, quality=90),
+        pillow(Image.fromarray(smooth), "JPEG", restart_marker_blocks=2),
+    ):
+        seen = codes(tmp_path / "a.jpg", data)
+        assert np.array_equal(seen, np.asarray(Image.open(BytesIO(data))))
+        assert np.abs(seen.astype(int) - smooth).mean() < 3
+    grey = codes(tmp_path / "a.jpg", encode_jpeg(smooth[..., 0]))
+    assert np.array_equal(grey[..., 0], grey[..., 2])
+
+
+def test_colour_keeps_its_resolution(tmp_path: Path) -> None:
+    stripes = np.zeros((16, 16, 3), np.uint8)
+    stripes[:, ::2, 0] = stripes[:, 1::2, 2] = 180
+    near = codes(tmp_path / "a.jpg", encode_jpeg(stripes, 98)).astype(int)
+    assert np.abs(near - stripes).max() < 25
+    assert len(encode_jpeg(RGB8, 50)) < len(encode_jpeg(RGB8, 95))
+
+
+def test_metadata_survives_in_jpeg(tmp_path: Path, metadata: FrameMetadata) -> None:
+    path = tmp_path / "a.jpg"
+    path.write_bytes(encode_jpeg(RGB8, metadata=metadata))
+    assert read_metadata(path) == metadata
+    seen = read_photo(path)
+    assert seen.metadata == metadata
+    assert seen.pixels.shape == RGB8.shape  # orientation 6 is told and not applied
+
+
+@pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool is not installed")
+def test_exiftool_reads_our_exif(tmp_path: Path, metadata: FrameMetadata) -> None:
+    path = tmp_path / "a.jpg"
+    path.write_bytes(encode_jpeg(RGB8, metadata=metadata))
+    done = subprocess.run(
+        ["exiftool", "-j", "-n", "-validate", "-warning", "-a", "-all", str(path)],
+        capture_output=True,
+        check=True,
+        timeout=60,
+    )
+    told = json.loads(done.stdout)[0]
+    expected = {
+        "Make": "Maker",
+        "Model": "Model 1",
+        "SerialNumber": "S-1",
+        "ExposureTime": 0.000125,
+        "FNumber": 2.8,
+        "ISO": 200,
+        "FocalLength": 35,
+        "Orientation": 6,
+        "DateTimeOriginal": "2024:05:06 07:08:09",
+    }
+    assert {name: told.get(name) for name in expected} == expected
+    # the JFIF tags that exiftool misses are not ours to write
+    assert "Error" not in told
+
+
+@pytest.mark.parametrize("time", [1 / 8000, 1 / 4000, 30.0, 1e-5, 1 / 3])
+def test_exposure_times_are_exact(tmp_path: Path, time: float) -> None:
+    path = tmp_path / "a.jpg"
+    path.write_bytes(encode_jpeg(RGB8, metadata=FrameMetadata(exposure=Exposure(time=time, iso=100))))
+    assert read_metadata(path).exposure == Exposure(time=time, iso=100)
+
+
+def test_metadata_in_png_and_tiff(tmp_path: Path, metadata: FrameMetadata) -> None:
+    block = encode_exif(metadata)
+    (tmp_path / "a.png").write_bytes(pillow(Image.fromarray(RGB8), "PNG", exif=block))
+    assert read_metadata(tmp_path / "a.png") == metadata
+    (tmp_path / "a.tif").write_bytes(pillow(Image.fromarray(RGB8), "TIFF", exif=block))
+    assert read_metadata(tmp_path / "a.tif") == metadata
+    assert read_photo(tmp_path / "a.tif").metadata == metadata
+
+
+def test_a_time_zone_is_written_and_the_clock_read(tmp_path: Path) -> None:
+    zoned = datetime(2024, 5, 6, 7, 8, 9, tzinfo=timezone(timedelta(hours=-3, minutes=-30)))
+    path = tmp_path / "a.jpg"
+    path.write_bytes(encode_jpeg(RGB8, metadata=FrameMetadata(captured_at=zoned)))
+    assert read_metadata(path).captured_at == datetime(2024, 5, 6, 7, 8, 9)
+    with Image.open(path) as image:
+        assert image.getexif().get_ifd(0x8769)[36881] == "-03:30"
+
+
+def test_files_without_metadata_have_none(tmp_path: Path) -> None:
+    for name, data in (("a.jpg", encode_jpeg(RGB8)), ("a.png", encode_png(RGB8)), ("a.tif", tiff(RGB8))):
+        (tmp_path / name).write_bytes(data)
+        assert read_metadata(tmp_path / name).exposure is None
+        assert read_metadata(tmp_path / name).make == ""
+
+
+def test_the_content_counts_and_not_the_suffix(tmp_path: Path) -> None:
+    assert np.array_equal(codes(tmp_path / "a.jpg", encode_png(RGB8)), RGB8)
+
+
+def test_a_thumbnail_is_not_the_image(tmp_path: Path) -> None:
+    # an EXIF block with a JPEG in it has an end marker of its own
+    inner = encode_exif(FrameMetadata(make="M")) + encode_jpeg(RGB8[:8, :8])
+    data = pillow(Image.fromarray(RGB8), "JPEG", exif=inner)
+    assert codes(tmp_path / "a.jpg", data).shape == RGB8.shape
+    (tmp_path / "a.jpg").write_bytes(data[: len(data) // 2 + len(inner) // 2])
+    with pytest.raises(InputError, match="damaged or cut off"):
+        read_photo(tmp_path / "a.jpg")
+
+
+SOUND = {
+    "a.jpg": encode_jpeg(RGB8, metadata=FrameMetadata(make="M", exposure=Exposure(time=0.5))),
+    "b.jpg": pillow(Image.fromarray(RGB8), "JPEG", progressive=True),
+    "a.png": encode_png(RGB16),
+    "a.tif": tiff(RGB16, photometric="rgb"),
+    "b.tif": tiff(RGB16, photometric="rgb", compression="deflate", rowsperstrip=4),
+}
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_a_file_cut_off_anywhere_is_refused_in_silence(
+    tmp_path: Path, name: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    data, path = SOUND[name], tmp_path / name
+    pixels_end = len(data) - 1
+    for end in [*range(0, pixels_end, max(1, len(data) // 60)), pixels_end]:
+        path.write_bytes(data[:end])
+        with pytest.raises(InputError) as error:
+            read_photo(path)
+        text = str(error.value)
+        assert text.startswith(str(path))
+        assert text.endswith(".")
+        assert "\n" not in text
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_damaged_bytes_never_raise_anything_else(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
+    data, path = SOUND[name], tmp_path_factory.mktemp("photo") / name
+
+    @settings(max_examples=150, deadline=None, derandomize=True)
+    @given(st.lists(st.tuples(st.integers(0, len(data) - 1), st.integers(0, 255)), min_size=1, max_size=5))
+    def damage(changes: list[tuple[int, int]]) -> None:
+        damaged = bytearray(data)
+        for position, value in changes:
+            damaged[position if value % 2 else position % 400] = value
+        path.write_bytes(damaged)
+        for read in (read_photo, read_metadata):
+            try:
+                read(path)
+            except InputError:
+                continue
+
+    damage()
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "text.jpg").write_text("I am a text file")
+    (tmp_path / "zeros.png").write_bytes(bytes(500))
+    (tmp_path / "empty.tif").write_bytes(b"")
+    (tmp_path / "folder.jpg").mkdir()
+    for name, says in (
+        ("text.jpg", "not a JPEG, PNG or TIFF"),
+        ("zeros.png", "not a JPEG, PNG or TIFF"),
+        ("empty.tif", "is empty"),
+        ("folder.jpg", "is a directory"),
+        ("missing.jpg", "no such file"),
+    ):
+        with pytest.raises(InputError, match=says):
+            read_photo(tmp_path / name)
+        with pytest.raises(InputError, match=r"cannot be read|no photograph"):
+            read_metadata(tmp_path / name)
+    (tmp_path / "notes.txt").write_text("I am a text file")
+    with pytest.raises(InputError, match="no photograph"):
+        read_metadata(tmp_path / "notes.txt")
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("float.tif", tiff(RGB8.astype(np.float32), photometric="rgb")),
+        ("deep.tif", tiff(RGB8.astype(np.uint32), photometric="rgb")),
+        ("bits.tif", pillow(Image.fromarray(RGB8[..., 0] > 99), "TIFF")),
+        ("palette.tif", pillow(Image.fromarray(RGB8).quantize(16), "TIFF")),
+        ("cmyk.tif", pillow(Image.fromarray(RGB8).convert("CMYK"), "TIFF")),
+        ("cmyk.jpg", pillow(Image.fromarray(RGB8).convert("CMYK"), "JPEG")),
+    ],
+)
+def test_kinds_that_are_not_read_are_named(tmp_path: Path, name: str, data: bytes) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(InputError, match=rf"{name} is a (TIFF|JPEG) .*: convert it .*\.$"):
+        read_photo(tmp_path / name)
+
+
+def test_a_header_that_asks_for_too_much_is_refused(tmp_path: Path) -> None:
+    data = bytearray(encode_png(RGB8))
+    data[16:24] = (100_000).to_bytes(4) * 2
+    (tmp_path / "a.png").write_bytes(data)
+    with pytest.raises(InputError, match="damaged"):
+        read_photo(tmp_path / "a.png")
+
+
+def test_a_large_image_is_no_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Pillow takes large photographs for bombs
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 10)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name, data in SOUND.items():
+            assert codes(tmp_path / name, data).shape == RGB8.shape
+
+
+@pytest.mark.parametrize("encode", [encode_jpeg, encode_png])
+def test_only_code_values_are_encoded(encode: object) -> None:
+    with pytest.raises(ValueError, match="uint8"):
+        encode(np.zeros((4, 4, 3), np.float32))
+    with pytest.raises(ValueError, match="uint8"):
+        encode_jpeg(RGB16)
+
+
+def test_suffixes() -> None:
+    assert is_photo(Path("a/B.JPG"))
+    assert is_photo(Path("a.tiff"))
+    assert not is_photo(Path("a.dng"))
+    assert not is_photo(Path("a.exr"))
+
+
+def test_real_brackets_and_castles(rig_data: Path) -> None:
+    times = [read_metadata(rig_data / "t2i" / f"stack_room_exp_{i}.jpg").exposure for i in range(7)]
+    assert [exposure.time for exposure in times if exposure] == [
+        2.0,
+        0.5,
+        1 / 8,
+        1 / 30,
+        1 / 125,
+        1 / 1000,
+        1 / 4000,
+    ]
+    castle = read_photo(rig_data / "sceaux" / "100_7100.JPG")
+    assert castle.pixels.shape == (2128, 2832, 3)
+    assert castle.metadata.focal_length_mm == pytest.approx(5.85)

@@ -1,0 +1,82 @@
+"""Which corrections a training may make: by what is known, else by a trial."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from imaging.session.calibration import PoseError
+from imaging.session.records import Rung
+from recon.data.dataset import load
+from recon.decide.corrections import decided, pose_error_px, tried
+from recon.decide.settings import Settings
+
+
+def settings(**changed) -> Settings:
+    return Settings(
+        **{"method": "nh-3dgs", "quality": "standard", "seed": 0, "iterations": 40, "max_gaussians": 400}
+        | {"max_width": 640}
+        | changed
+    )
+
+
+def test_most_rungs_are_decided_without_a_trial(toy_long, toy_dataset):
+    reasons = [rung.reason for rung in decided(toy_dataset, settings(), lambda *_: None)]
+    assert all("5 training views are too few" in reason for reason in reasons)
+    assert all(
+        "draft" in rung.reason for rung in decided(toy_long, settings(quality="draft"), lambda *_: None)
+    )
+    assert all("budget" in rung.reason for rung in decided(toy_long, settings(budget=60.0), lambda *_: None))
+
+
+def test_a_calibration_that_is_sure_of_itself_needs_no_trial(toy_long):
+    focal = toy_long.train[0].lens.fx
+    error = PoseError(rotation=float(np.degrees(0.05 / focal)), translation=0.0)
+    views = [view.model_copy(update={"error": error}) for view in toy_long.calibration.views]
+    rungs = (
+        _rung("exposure_ratios", 4.0, 0.1),
+        _rung("exposure_per_shot", 0.2, None, taken=False),
+        _rung("vignetting", 0.5, 0.1),
+    )
+    sure = replace(
+        toy_long, calibration=toy_long.calibration.model_copy(update={"views": views, "rungs": rungs})
+    )
+    assert pose_error_px(sure) == pytest.approx(0.05, rel=0.05)
+    found = decided(sure, settings(), lambda *_: None)
+    assert [rung.taken for rung in found] == [False] * 3
+    assert "0.05 px" in found[0].reason
+    assert "0.2 %" in found[1].reason
+
+
+@pytest.mark.parametrize(("judged", "known"), [(True, "tell their ratios to 0.5 %"), (False, "are too few")])
+def test_exposures_of_photographs_are_as_sure_as_their_curve(toy_ldr, judged, known):
+    """3 % between exposures is noise, where the calibration has asked for other exposures in vain."""
+    dataset = load(toy_ldr)
+
+    def measured(view):
+        response = view.sensor.response
+        sigma = tuple((0.005,) * len(response.codes) for _ in range(3))
+        response = response.model_copy(update={"residual": 0.03, "sigma": sigma, "valid": (0.02, 0.98)})
+        return replace(view, sensor=replace(view.sensor, response=response))
+
+    labels = _rung("exposure_labels", 1e-4 if judged else None, 1e-4, taken=False)
+    calibration = dataset.calibration.model_copy(update={"rungs": (labels,)})
+    sure = replace(dataset, train=tuple(map(measured, dataset.train)), calibration=calibration)
+    found = decided(sure, settings(method="hdr-gs"), lambda *_: None)[1]
+    assert known in found.reason
+    assert not found.taken
+
+
+def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch):
+    monkeypatch.setattr("recon.decide.corrections.TRIAL_LOOKS", 2)
+    monkeypatch.setattr("recon.decide.corrections.TRIAL_GAUSSIANS", 200)
+    found = tried(toy_long, ["poses"], settings(), lambda *_: None)["poses"]
+    assert found.name == "refine poses"
+    assert found.gain is not None
+    assert found.standard_error is not None
+    assert found.taken == (found.gain > 2 * found.standard_error)
+    assert "20 iterations, judged on 4 views" in found.reason
+
+
+def _rung(name, gain, error, taken=True):
+    return Rung(name=name, taken=taken, gain=gain, standard_error=error, reason="measured")

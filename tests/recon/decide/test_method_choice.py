@@ -1,0 +1,61 @@
+"""What is modelled of a session is told before training, from its calibration alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from recon.data.dataset import load
+from recon.data.light import light_of, radiance_image
+from recon.decide.method_choice import chosen_method, rungs
+from recon.observe.photographs import Curves, tone_curve
+from recon.observe.tone_grid import EXACT, Grid, curve_values, sampled
+
+
+@pytest.fixture(scope="module")
+def photographs(toy_ldr):
+    """With a curve whose residual calibration told."""
+    return told(load(toy_ldr), 0.03)
+
+
+def told(dataset, residual):
+    """The same session with another residual of its response; None: a guess."""
+
+    def of(view):
+        response = view.sensor.response.model_copy(update={"residual": residual})
+        return replace(view, sensor=replace(view.sensor, response=response))
+
+    train, held_out = (tuple(map(of, views)) for views in (dataset.train, dataset.held_out))
+    return replace(dataset, train=train, held_out=held_out)
+
+
+def test_a_measured_curve_gets_the_nodes_that_hold_it(photographs):
+    measured = Curves.of(photographs)
+    assert measured.measured
+    (rung,) = (one for one in rungs(photographs, "hdr-gs") if one.name == "tone grid")
+    assert not rung.taken
+    assert rung.parameters == 3 * len(measured.responses) * len(measured.nodes)
+    assert f"{len(measured.nodes)} of {measured.finest:,} nodes" in rung.reason
+    assert len(measured.nodes) < 0.1 * measured.finest
+    images = [radiance_image(view) for view in photographs.train]
+    curve = tone_curve(photographs, light_of(photographs, images))
+    finest = Grid().nodes()
+    (response,) = measured.responses
+    true = curve_values(sampled(response, finest, measured.rate, measured.middle)).numpy()
+    for channel, values in enumerate(curve.curves()[0].numpy()):
+        held = np.interp(finest, curve.nodes.numpy(), values)
+        assert np.abs(held - true[channel]).max() < 1.05 * EXACT
+
+
+def test_a_curve_that_was_not_measured_keeps_every_node(photographs):
+    guess = told(photographs, None)
+    (rung,) = (one for one in rungs(guess, "hdr-gs") if one.name == "tone grid")
+    assert rung.taken
+    assert len(Curves.of(guess).nodes) == len(Grid().nodes())
+
+
+def test_no_grid_where_no_curve_is_learned(photographs, toy_dataset):
+    assert chosen_method(photographs)[0] == "hdr-gs"
+    assert chosen_method(toy_dataset)[0] == "nh-3dgs"
+    assert "tone grid" not in {one.name for one in rungs(photographs, "vanilla")}
+    assert "tone grid" not in {one.name for one in rungs(toy_dataset, "nh-3dgs")}

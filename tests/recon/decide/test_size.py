@@ -1,0 +1,213 @@
+"""The number of Gaussians and the degree of their colours: by samples, by trials, as asked, and resumed."""
+
+import os
+import signal
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import recon.decide.size as module
+from bench.support import oracle
+from drivers.sim import rigs
+from imaging.files import store
+from recon.data.dataset import load
+from recon.data.light import radiance_image
+from recon.decide.overrides import Fixed
+from recon.decide.presets import QUALITIES, Quality
+from recon.decide.settings import Settings
+from recon.decide.size import COLOUR, COUNT, decided, degree_for, fewer, fewest, lowest, most_for, size_for
+from recon.decide.trials import Trials
+from recon.decide.view_dependence import Gains
+from recon.observe.refinement import Refinement
+from recon.reconstruct import reconstruct
+from recon.result.model import read_model
+from recon.result.scene import open_model
+from recon.scene.ply import most_gaussians
+from recon.train.initialisation import Start, start_points
+from recon.train.ranks import Ranks
+
+QUICK = Quality(80, 800, 64)
+
+
+def unheard(message: str, done: int, total: int) -> None:
+    pass
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """Sixteen views of the toy rig with their true calibration."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(rigs._RIGS, "toy-long", replace(rigs._RIGS["toy"], positions=8))
+        return oracle.oracle_session(tmp_path_factory.mktemp("toy") / "toy", "toy-long", points=600)
+
+
+@pytest.fixture(scope="module")
+def many(long):
+    return load(long)
+
+
+def settings(**changed) -> Settings:
+    return Settings(
+        **{"method": "nh-3dgs", "quality": "standard", "seed": 0, "iterations": 2000}
+        | {"max_gaussians": 20_000, "max_width": 640}
+        | changed
+    )
+
+
+def decide(dataset, wanted):
+    images = [radiance_image(view) for view in dataset.train]
+    rng, refined = np.random.Generator(np.random.PCG64(0)), Refinement.of(dataset, ())
+    colour = degree_for(dataset, wanted, images, Ranks())
+    points = start_points(dataset, images, most_for(dataset, wanted, colour[0]) // 2, rng)
+    return size_for(dataset, wanted, colour, refined, points, Ranks(), unheard, "cpu")
+
+
+def test_the_fewest_lie_where_the_curve_crosses_the_line(monkeypatch):
+    monkeypatch.setattr(module, "LOSS", 0.2)
+    assert fewest([800, 400, 200], [30.0, 29.9, 29.7]) == int(200 * 2**0.5)
+    assert fewest([800, 400], [30.0, 29.6]) == int(800 / 2**0.5)
+    assert fewest([800, 400, 200], [30.0, 31.0, 30.9]) == 200
+    assert fewest([800], [30.0]) == 800
+
+
+def test_fewer_points_are_those_of_the_surfaces_first():
+    xyz = np.arange(60.0).reshape(20, 3)
+    points = Start(xyz, xyz / 64, sparse=8)
+    assert fewer(points, 20, 0) is points
+    some, most = fewer(points, 5, 0), fewer(points, 12, 0)
+    assert (len(some.xyz), some.sparse) == (5, 5)
+    assert some.xyz.max() < 24
+    assert (len(most.xyz), most.sparse) == (12, 8)
+    assert np.array_equal(most.xyz[:8], xyz[:8])
+    assert len(np.unique(most.xyz)) == 36
+    assert np.array_equal(most.rgb * 64, most.xyz)
+
+
+def test_a_few_small_pictures_get_few_gaussians_of_one_colour(toy_dataset):
+    size = decide(toy_dataset, settings())
+    assert size.gaussians == 5 * 64 * 48 // 2
+    number, colour = size.rungs
+    assert (number.name, number.taken) == (COUNT, True)
+    assert "5 training views are too few" in number.reason
+    assert (colour.name, colour.taken, colour.gain, size.degree) == (COLOUR, False, None, 0)
+    assert colour.parameters == 0
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        settings(max_gaussians=9000, fixed=Fixed(gaussians=9000)),
+        settings(max_gaussians=9000, budget=9000.0, budget_unit="Gaussians"),
+    ],
+    ids=["set", "budget"],
+)
+def test_what_is_asked_for_is_obeyed(toy_dataset, wanted):
+    size = decide(toy_dataset, wanted)
+    assert size.gaussians == 9000
+    assert size.rungs[0].reason == "at most 9,000, as asked for"
+    assert not size.rungs[0].taken
+
+
+def test_a_degree_that_is_asked_for_is_obeyed(toy_dataset):
+    size = decide(toy_dataset, settings(fixed=Fixed(degree=0)))
+    assert size.degree == 0
+    assert not size.rungs[1].taken
+
+
+def test_colours_follow_the_direction_where_things_gloss(many):
+    """The table's balls and mug do."""
+    images = [radiance_image(view) for view in many.train]
+    degree, rung = degree_for(many, settings(), images, Ranks())
+    assert degree > 0
+    assert rung.taken
+    assert rung.gain > rung.standard_error > 0
+    assert rung.parameters == {1: 9, 2: 24}[degree]
+
+
+@pytest.mark.parametrize(
+    ("db", "error", "degree"),
+    [
+        ((0.0, 0.4, 0.4), 0.1, 0),
+        ((0.0, 0.5, 0.5), 0.1, 0),
+        ((0.0, 0.6, 0.9), 0.1, 1),
+        ((0.0, 0.3, 0.6), 0.1, 1),
+        ((0.0, 0.9, 1.8), 0.1, 2),
+        ((0.0, 0.9, 1.8), 2.0, 0),
+    ],
+    ids=["matte", "not surely", "simple", "only together", "gloss", "chance"],
+)
+def test_a_degree_is_taken_where_it_gains_what_matters_and_more_than_chance(db, error, degree):
+    assert lowest(Gains(100, np.array(db), np.full((3, 3), error))) == degree
+
+
+def test_a_budget_in_bytes_has_room_for_more_gaussians_of_one_colour(many):
+    wanted = settings(max_gaussians=50_000, budget=1e6, budget_unit="bytes")
+    counts = [most_for(many, wanted, degree) for degree in range(3)]
+    assert counts == [most_gaussians(1e6, degree) for degree in range(3)]
+    assert counts[0] > 2 * counts[2]
+
+
+def test_as_few_as_are_as_good(many, monkeypatch):
+    """All halvings are taken where none loses."""
+    monkeypatch.setattr(module.Ladder, "db", lambda self, count: np.full(4, 30.0))
+    wanted, refined = settings(max_gaussians=1600), Refinement.of(many, ())
+    number, count = decided(many, wanted, 1, refined, None, unheard, "cpu")
+    assert count == 1600 // 2**module.MOST_HALVINGS == 50
+    assert number.taken
+
+
+def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypatch):
+    """An interrupted training takes its decision along, and ends bit for bit like one that was not."""
+    monkeypatch.setitem(QUALITIES, "standard", QUICK)
+    monkeypatch.setattr(module, "TRIAL_SHARE", 0.2)
+    fixed = Fixed(refine="none")
+    whole = reconstruct(long, fixed=fixed, name="whole")
+    model = read_model(whole)
+    rungs = {rung.name: rung for rung in model.rungs}
+    assert model.settings.max_gaussians < QUICK.gaussians
+    assert model.gaussians <= model.settings.max_gaussians
+    assert rungs[COUNT].taken
+    assert rungs[COUNT].gain is not None
+    assert rungs[COLOUR].taken == (model.settings.degree > 0)
+    assert open_model(whole).training.method.schedule.degree(1.0) == model.settings.degree
+
+    def interrupt(message, done, total):
+        if "loss" in message and done < total:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(long, fixed=fixed, name="twice", progress=interrupt)
+    monkeypatch.setattr("recon.reconstruct.size_for", lambda *_: pytest.fail("tried again"))
+    again = reconstruct(long, fixed=fixed, name="twice")
+    assert (again / "splats.ply").read_bytes() == (whole / "splats.ply").read_bytes()
+    assert store.read_json(again / "model.json")["rungs"] == store.read_json(whole / "model.json")["rungs"]
+    assert reconstruct(long, fixed=fixed, name="twice") == again
+
+
+class Second(Ranks):
+    """A process that hears degree 1 and 1234 Gaussians from the first."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 2)
+        object.__setattr__(self, "words", [1.0, 1234.0])
+
+    def told(self, value: float) -> float:
+        return self.words.pop(0)
+
+
+def test_the_first_process_decides(many, monkeypatch):
+    monkeypatch.setattr(module, "decided", lambda *_: pytest.fail("decided twice"))
+    images, refined, second = [radiance_image(view) for view in many.train], Refinement.of(many, ()), Second()
+    colour = degree_for(many, settings(), images, second)
+    size = size_for(many, settings(), colour, refined, None, second, unheard, "cpu")
+    assert (size.gaussians, size.degree) == (1234, 1)
+
+
+def test_trials_see_no_view_that_judges_and_none_that_is_held_out(many):
+    trials = Trials.of(many, settings(), 500, unheard)
+    trained, judged = ({view.name for view in views} for views in (trials.part.train, trials.judged))
+    assert len(judged) >= 4
+    assert not trained & judged
+    assert trained | judged == {view.name for view in many.train}
+    assert not judged & {view.name for view in many.held_out}

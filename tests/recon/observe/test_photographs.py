@@ -1,0 +1,99 @@
+"""The tone curve's comparison with photographs: what a code tells, and how much an error of it counts."""
+
+import numpy as np
+import pytest
+import torch
+
+from imaging.session.calibration import Response
+from recon.data.dataset import Sensor, View
+from recon.data.pixels import Shot
+from recon.observe.photographs import LEAST_SLOPE, TYPICAL_SLOPE, ToneCurve
+from recon.observe.tone_grid import Grid, curve_parameters
+from recon.splat import SplatCamera
+
+HEIGHT, WIDTH = 3, 40
+SCALES = (1 / 8, 2.0, 32.0)
+RATE, MIDDLE = 0.72, -1.0
+
+
+def make_curve(balance: float) -> ToneCurve:
+    """A sigmoid of the logarithm of light, the three channels a little apart."""
+    nodes = Grid().nodes()
+    values = np.stack([1 / (1 + np.exp(-nodes / rate)) for rate in (0.9, 1.0, 1.1)])
+    values = (values - values[:, :1]) / (values[:, -1:] - values[:, :1])
+    return ToneCurve(
+        normaliser=4.0,
+        nodes=torch.from_numpy(nodes.astype(np.float32)),
+        theta=curve_parameters(values)[None],
+        of_camera={"cam": 0},
+        rate=RATE,
+        middle=MIDDLE,
+        epsilon=1e-9,
+        balance=balance,
+    )
+
+
+def make_view(curve: ToneCurve, image: torch.Tensor, trusted: tuple[float, float] = (0.02, 0.9)) -> View:
+    """Photographs of the image itself; a calibration that ends at the trusted codes flags all beyond them."""
+    plain = np.ones((HEIGHT, WIDTH), np.float32)
+    response = Response(kind="srgb", evidence="test")
+    lens = SplatCamera(np.eye(4), 10.0, 10.0, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT)
+    empty = View("cam", 0, lens, Sensor("ldr", None, np.eye(3), plain, response), ())
+    shots = []
+    for k in SCALES:
+        codes = np.rint(curve.predict(image, empty, k).detach().numpy() * 255).astype(np.float32) / 255
+        low, high = (codes <= trusted[0], codes >= trusted[1])
+        shots.append(Shot("file", k, codes, high, low, np.ones(codes.shape, bool)))
+    return View("cam", 0, lens, empty.sensor, tuple(shots))
+
+
+def ramp() -> torch.Tensor:
+    """Light from far below what the longest exposure tells to beyond what the shortest does."""
+    light = np.geomspace(1e-5, 1e3, HEIGHT * WIDTH * 3).reshape(HEIGHT, WIDTH, 3)
+    return torch.from_numpy(light.astype(np.float32))
+
+
+def test_codes_bound_the_light_at_the_ends_of_the_scale_and_not_where_the_calibration_ends():
+    curve, image = make_curve(0.0), ramp()
+    view = make_view(curve, image)
+    for factor, end in ((4.0, 255), (0.25, 0)):
+        prediction, target = curve.compare(image * factor, view, 0.5)
+        codes = torch.round(target.detach() * 255)
+        inner = (codes >= 2) & (codes <= 253)
+        beyond = inner & ((codes >= 230) if end else (codes <= 5))
+        error = (prediction - target).detach()
+        assert beyond.sum() > 20
+        assert (error[inner].abs() > 0.9 / 255).all()
+        assert (error[(codes - end).abs() <= 1].abs() < 0.5 / 255).all()
+
+
+@pytest.mark.parametrize("balance", [0.0, 0.5, 1.0])
+def test_errors_of_light_count_alike_as_far_as_balance_says(balance):
+    """Finite differences: codes that all shots of a pixel gain together when its light grows."""
+    curve, image = make_curve(balance), ramp()
+    view = make_view(curve, image)
+    step = 1e-2
+    gained = [curve.compare(image * np.exp(sign * step / 2), view, 0.5)[0].detach() for sign in (-1, 1)]
+    gain = ((gained[1] - gained[0]).unflatten(0, (-1, 3)).mean(0) / step).numpy()
+    plain = make_curve(0.0)
+    codes = [plain.compare(image * np.exp(sign * step / 2), view, 0.5)[0].detach() for sign in (-1, 1)]
+    slope = ((codes[1] - codes[0]).unflatten(0, (-1, 3)).mean(0) / step).numpy()
+    told = slope > 1.2 * LEAST_SLOPE
+    assert told.mean() > 0.3
+    expected = slope[told] * (TYPICAL_SLOPE / slope[told]) ** balance
+    # Codes are rounded, so that the slope at a code is not quite that at its light.
+    np.testing.assert_allclose(gain[told], expected, rtol=0.1)
+    # Where no shot tells anything, the weight has an end.
+    assert (gain <= slope * (TYPICAL_SLOPE / LEAST_SLOPE) ** balance * 1.01 + 1e-5).all()
+
+
+def test_weights_are_those_of_the_start_when_a_training_goes_on():
+    fresh, later, image = make_curve(0.5), make_curve(0.5), ramp()
+    view = make_view(fresh, image)
+    own = later.theta.clone()
+    later.theta.data.mul_(0.3)  # as a checkpoint sets it
+    other = later.compare(image * 2, view, 0.5)[0]
+    later.theta.data.copy_(own)
+    expected = fresh.compare(image * 2, view, 0.5)[0]
+    assert not torch.allclose(other, expected, atol=0.01)
+    assert torch.equal(later.compare(image * 2, view, 0.5)[0], expected)

@@ -1,0 +1,116 @@
+"""No scene is lost by training another: where trainings are kept, and what replaces what."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import recon.reconstruct as stage
+from imaging.errors import InputError, StorageError
+from recon.decide.budget import Budget
+from recon.decide.overrides import Fixed
+from recon.reconstruct import Quality, reconstruct
+from recon.result.model import read_model
+from recon.result.place import default_name
+from recon.train.interrupt import Interrupted
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    monkeypatch.setitem(stage.QUALITIES, "draft", Quality(20, 200, 32))
+
+
+@pytest.fixture
+def scene(session_copy) -> Path:
+    """A finished one."""
+    return reconstruct(session_copy, quality="draft", name="c1")
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_scene_is_called_by_what_was_asked_for():
+    assert default_name("hdr-gs", "best", None) == "hdr-gs-best"
+    budgets = [Budget.parse(text) for text in ("5m", "30MB", "35dB", "20k")]
+    names = [default_name("nh-3dgs", "standard", budget) for budget in budgets]
+    assert names == [f"nh-3dgs-standard-{end}" for end in ("300s", "30MB", "35dB", "20k")]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"seed": 7}, "trained with seed 0:"),
+        ({"budget": "0.2k"}, "trained with budget none:"),
+        ({"fixed": Fixed(degree=0), "early_stop": True}, "trained with early stop off, settings none set:"),
+    ],
+)
+def test_other_settings_do_not_overwrite_a_scene(scene, options, words):
+    session, before = scene.parent.parent, files(scene.parent)
+    with pytest.raises(InputError, match=rf"c1 is there already, {words}.* --name, or --replace"):
+        reconstruct(session, quality="draft", name="c1", **options)
+    assert files(scene.parent) == before
+
+
+def test_nor_does_another_calibration(scene):
+    path = scene.parent.parent / "calibration" / "calibration.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"reprojection_px": 0.9}))
+    before = files(scene)
+    with pytest.raises(InputError, match="an earlier calibration"):
+        reconstruct(scene.parent.parent, quality="draft", name="c1")
+    assert files(scene) == before
+
+
+def test_a_replacement_keeps_the_scene_until_it_is_finished(scene):
+    session, before = scene.parent.parent, files(scene)
+
+    def interrupt(message: str, done: int, total: int) -> None:
+        assert files(scene) == before
+        if "loss" in message and done < total:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(session, quality="draft", name="c1", seed=7, replace=True, progress=interrupt)
+    assert files(scene) == before
+    assert reconstruct(session, quality="draft", name="c1", seed=7, replace=True) == scene
+    assert read_model(scene).settings.seed == 7
+    assert [path.name for path in scene.parent.iterdir()] == ["c1"]
+    plain = reconstruct(session, quality="draft", name="plain", seed=7)
+    assert (plain / "splats.ply").read_bytes() == (scene / "splats.ply").read_bytes()
+
+
+def test_a_replacement_that_was_stopped_goes_on(scene, monkeypatch):
+    """By the user, who finds both: the old scene, and how far the new one came."""
+    session, before, seen = scene.parent.parent, files(scene), []
+
+    def progress(message: str, done: int, total: int) -> None:
+        if "loss" in message:
+            seen.append(done)
+
+    def stopping(training, dataset, plan, **options):
+        options["until"] = 10
+        train(training, dataset, plan, **options)
+        options["save"]()
+        raise KeyboardInterrupt
+
+    train = stage.train
+    monkeypatch.setattr(stage, "train", stopping)
+    with pytest.raises(Interrupted, match=r"\.c1\.new has the scene after 10 iterations"):
+        reconstruct(session, quality="draft", name="c1", seed=7, replace=True)
+    assert files(scene) == before
+    assert read_model(scene.with_name(".c1.new")).ending == "interrupted"
+    monkeypatch.setattr(stage, "train", train)
+    reconstruct(session, quality="draft", name="c1", seed=7, replace=True, progress=progress)
+    assert min(seen) > 10
+    assert (read_model(scene).settings.seed, read_model(scene).ending) == (7, "schedule")
+
+
+def test_the_disk_is_tried_before_any_picture_is_read(session_copy):
+    (session_copy / "reconstructions").write_text("in the way")
+
+    def progress(message: str, done: int, total: int) -> None:
+        pytest.fail(f"{message} began")
+
+    with pytest.raises(StorageError, match="a file is in the place of a folder"):
+        reconstruct(session_copy, quality="draft", progress=progress)
+    assert (session_copy / "reconstructions").read_text() == "in the way"

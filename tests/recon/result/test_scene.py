@@ -1,0 +1,166 @@
+"""A scene on disk is a thing of its own: it renders anywhere, and its own photographs measure it."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import recon.reconstruct as stage
+from imaging.errors import InputError, ReconstructionError
+from imaging.files import store
+from imaging.files.exr import read_exr
+from recon.evaluate import evaluate
+from recon.reconstruct import Quality, reconstruct
+from recon.render import render
+from recon.result.scene import open_model, open_scene
+
+SMALL = Quality(20, 300, 32)
+
+
+@pytest.fixture(scope="module")
+def draft():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(stage.QUALITIES, "draft", SMALL)
+        yield
+
+
+@pytest.fixture(scope="module")
+def trained(toy, tmp_path_factory, draft) -> Path:
+    """Of RAW, with its poses corrected; not to be changed."""
+    session = shutil.copytree(toy, tmp_path_factory.mktemp("scene") / "session")
+    fixed = stage.Fixed(refine="poses+exposures+vignetting")
+    return reconstruct(session, quality="draft", fixed=fixed)
+
+
+@pytest.fixture
+def scene(trained, tmp_path) -> Path:
+    """One that a test may change, in its session."""
+    session = shutil.copytree(trained.parent.parent, tmp_path / "session")
+    return session / "reconstructions" / trained.name
+
+
+def pictures(folder: Path, out: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in render(folder, out)}
+
+
+def recalibrate(session: Path) -> None:
+    """Another calibration of the same photographs: longer lenses, moved cameras, one view fewer."""
+    path = session / "calibration" / "calibration.json"
+    record = json.loads(path.read_text())
+    for camera in record["cameras"]:
+        camera["lens"]["fx"] *= 1.3
+    for view in record["views"]:
+        view["cam_from_world"]["translation"][2] += 0.5
+    record["views"] = record["views"][1:]
+    path.write_text(json.dumps(record))
+
+
+@pytest.mark.parametrize("method", ["auto", "vanilla"])
+def test_a_copied_folder_renders_the_same_bytes_without_its_session(
+    toy, toy_ldr, tmp_path, method, scene, draft
+):
+    if method == "vanilla":  # display values have a response instead of a factor
+        session = shutil.copytree(toy_ldr, tmp_path / "ldr")
+        scene = reconstruct(session, quality="draft", method="vanilla")
+    before = pictures(scene, tmp_path / "before")
+    assert len(before) == 12
+    moved = shutil.copytree(scene, tmp_path / "elsewhere" / "sent")
+    shutil.rmtree(scene.parent.parent)
+    assert pictures(moved, tmp_path / "after") == before
+
+
+def test_a_scene_renders_and_measures_the_same_after_its_session_was_calibrated_again(scene, tmp_path):
+    before, figures = pictures(scene, tmp_path / "before"), evaluate(scene)
+    recalibrate(scene.parent.parent)
+    assert pictures(scene, tmp_path / "after") == before
+    again = evaluate(scene)
+    assert {**again, "render_fps": 0} == {**figures, "render_fps": 0}
+
+
+def test_the_record_has_the_views_as_training_corrected_them(trained):
+    opened = open_model(trained)
+    found = open_scene(trained).views
+    assert [view.name for view in found] == [view.name for view in opened.dataset.views]
+    assert {view.name for view in found if view.use == "test"} == {
+        view.name for view in opened.dataset.held_out
+    }
+    calibrated = {(view.camera, view.frame): view for view in opened.dataset.calibration.views}
+    for own, view in zip(found, opened.dataset.views, strict=True):
+        camera = own.splat_camera
+        assert (
+            np.abs(opened.dataset.world.camera(camera).cam_from_world - view.lens.cam_from_world).max()
+            < 1e-12
+        )
+        assert (camera.lens, camera.width, camera.height) == (view.lens.lens, 32, 24)
+        assert [shot.k for shot in own.shots] == [shot.k for shot in view.shots]
+        uncorrected = calibrated[own.camera, own.frame].cam_from_world.matrix()
+        assert np.allclose(camera.cam_from_world, uncorrected, atol=1e-9) == (own.use != "training")
+
+
+def test_a_view_of_the_data_set_is_drawn_where_the_scene_has_it(scene):
+    opened = open_model(scene)
+    for view in opened.dataset.views:
+        image = opened.render(view.lens).numpy() * opened.record.normaliser
+        assert np.allclose(opened.radiance(view), image, rtol=1e-4, atol=1e-4 * image.max())
+
+
+def test_a_pose_that_no_camera_had_is_rendered_in_linear_light(trained, tmp_path):
+    scene = open_scene(str(trained))
+    camera = scene.view("0000/cam0").splat_camera
+    ahead = np.eye(4)
+    ahead[2, 3] = -0.05
+    novel = replace(camera, cam_from_world=ahead @ camera.cam_from_world, width=40, cx=20.0)
+    image = scene.radiance(novel)
+    assert (image.shape, image.dtype) == ((24, 40, 3), np.float32)
+    own = scene.radiance(camera)
+    assert np.abs(np.log2(np.median(image) / np.median(own))) < 0.5
+    assert not np.array_equal(image[:, 4:36], own)
+    (file, _) = render(trained, tmp_path, views=["0000/cam0"])
+    written = read_exr(file)
+    assert np.array_equal(written.rgb(), own)
+    assert written.attributes["rig:exposure"] == pytest.approx(scene.exposure, rel=1e-6)
+    assert "relative to camera signal" in written.attributes["rig:values"]
+
+
+def test_the_exposure_shows_the_median_of_the_scene_as_middle_grey(trained):
+    scene = open_scene(trained)
+    light = np.concatenate([scene.radiance(view.splat_camera).ravel() for view in scene.views])
+    assert np.median(light[light > 0]) * scene.exposure == pytest.approx(0.18, rel=1e-3)
+
+
+def test_without_its_photographs_a_scene_is_not_measured_and_the_sentence_says_why(scene, tmp_path):
+    session = scene.parent.parent
+    moved = shutil.copytree(scene, tmp_path / "reconstructions" / "moved")
+    with pytest.raises(ReconstructionError, match=r"is not in its session.*`rig render` works without"):
+        evaluate(moved)
+    other = shutil.copytree(session, tmp_path / "other")
+    lines = (other / "shots.jsonl").read_text().splitlines()
+    changed = json.loads(lines[0]) | {"sha256": "0" * 64}
+    (other / "shots.jsonl").write_text("\n".join([json.dumps(changed), *lines[1:]]) + "\n")
+    with pytest.raises(ReconstructionError, match="does not have the photographs"):
+        evaluate(other / "reconstructions" / scene.name)
+    file = open_scene(scene).views[-1].shots[0].file
+    (session / file).unlink()
+    with pytest.raises(ReconstructionError, match=f"{file} is missing"):
+        evaluate(scene)
+    assert not (scene / "metrics.json").exists()
+
+
+def test_photographs_that_came_later_do_not_count(scene):
+    """A shot more of a bracket, which the scene was not trained on."""
+    figures, path = evaluate(scene), scene.parent.parent / "shots.jsonl"
+    first = json.loads(path.read_text().splitlines()[0])
+    store.append_line(path, first | {"plan": "later"})
+    assert evaluate(scene)["views"] == figures["views"]
+
+
+def test_fields_that_a_record_does_not_have_are_refused(scene):
+    path = scene / "model.json"
+    record = json.loads(path.read_text())
+    for change in ({"colour": 1}, {"views": [record["views"][0] | {"near": 1.0}]}):
+        path.write_text(json.dumps(record | change))
+        with pytest.raises(InputError, match=r"model.json: .*extra inputs"):
+            open_scene(scene)

@@ -1,0 +1,155 @@
+"""Sweeps at toy size: points are kept, true, and made again by what is said beside them."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+from imaging.errors import InputError, ReconstructionError
+from imaging.files import store
+from recon.decide.overrides import Fixed
+from recon.decide.presets import QUALITIES, Quality
+from recon.evaluate import evaluate
+from recon.reconstruct import reconstruct
+from recon.trade import Choice, read_trade, sweep
+from recon.trade.records import key_of
+
+TINY = {"draft": Quality(10, 100, 32), "standard": Quality(20, 200, 64), "best": Quality(30, 300, 64)}
+module = importlib.import_module("recon.trade.sweep")
+"""The package has a function of that name."""
+AT_ONCE = 1e-6
+"""A budget that is over when the first training is done."""
+
+
+@pytest.fixture(autouse=True)
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, quality in TINY.items():
+        monkeypatch.setitem(QUALITIES, name, quality)
+
+
+def test_each_call_goes_on_and_every_point_can_be_made_again(session_copy: Path) -> None:
+    said: list[str] = []
+    first = sweep(session_copy, budget=AT_ONCE, say=said.append)
+    assert [point.choice.quality for point in first.points] == ["standard"]
+    assert first.left > 5
+    assert len(said) == 1
+    second = sweep(session_copy, budget=AT_ONCE)
+    assert second.points[:1] == first.points
+    assert [point.choice.quality for point in second.points] == ["standard", "draft"]
+    assert read_trade(session_copy) == second
+    # No scene is left behind: its command makes it again, to the byte, and measures the same.
+    assert [path.name for path in (session_copy / "trade").iterdir()] == ["trade.json"]
+    point = second.points[0]
+    assert point.command == f"rig reconstruct {session_copy} --method nh-3dgs --quality standard --seed 0"
+    folder = reconstruct(session_copy, method="nh-3dgs", quality="standard", seed=0)
+    assert store.sha256(folder / "splats.ply") == point.splats_sha256
+    assert point.refine is None
+    metrics = evaluate(folder)
+    assert metrics["raw_psnr"] == pytest.approx(point.db)
+    assert metrics["hdr_psnr_mu_aligned"] == pytest.approx(point.truth_db)
+    assert metrics["size_bytes"] == point.size_bytes
+    assert point.seconds > 0
+    assert point.processor_seconds > 0
+
+
+def test_points_are_measured_at_one_size_whatever_they_were_trained_at(
+    session_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = Choice(axis="resolution", fixed=Fixed(width=32, exposures=1, views=3, refine="poses"))
+    monkeypatch.setattr(module, "planned", lambda session, standard: [small])
+    (point,) = sweep(session_copy, budget=AT_ONCE).points
+    assert point.width == 32
+    assert point.refine == "poses"
+    name = "by-hand"
+    folder = reconstruct(session_copy, method="nh-3dgs", fixed=small.fixed, name=name)
+    assert store.sha256(folder / "splats.ply") == point.splats_sha256
+    assert point.command.endswith("--set width=32 --set views=3 --set exposures=1 --set refine=poses")
+    # The held-out view keeps its size and its bracket, so that its figure is not the small scene's own.
+    assert evaluate(folder)["raw_psnr"] != pytest.approx(point.db, abs=1e-3)
+
+
+def test_what_is_done_survives_an_interruption(session_copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, calls = module.train_point, []
+
+    def stopped(*arguments, **options):
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return real(*arguments, **options)
+
+    monkeypatch.setattr(module, "train_point", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(session_copy, budget=1e6)
+    assert len(read_trade(session_copy).points) == 1
+
+
+def test_a_training_that_is_not_possible_is_noted(
+    session_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*arguments, **options):
+        raise ReconstructionError("nothing to start from: take more views.")
+
+    monkeypatch.setattr(module, "train_point", refused)
+    monkeypatch.setattr(module, "planned", lambda session, standard: [Choice(axis="preset", quality="draft")])
+    trade = sweep(session_copy, budget=1e6)
+    assert trade.points == ()
+    assert list(trade.failed.values()) == ["nothing to start from: take more views."]
+
+
+def test_a_new_calibration_begins_anew(session_copy: Path) -> None:
+    before = sweep(session_copy, budget=AT_ONCE)
+    path = session_copy / "calibration" / "calibration.json"
+    store.write_json(path, store.read_json(path) | {"reprojection_px": 0.5})
+    after = sweep(session_copy, budget=AT_ONCE)
+    assert [point.choice for point in after.points] == [point.choice for point in before.points]
+    assert after.points[0].key != before.points[0].key
+
+
+def test_a_key_tells_settings_calibration_and_code(session_copy: Path) -> None:
+    trade = sweep(session_copy, budget=AT_ONCE)
+    choice = trade.points[0].choice
+    changes = [
+        trade.model_copy(update={name: value})
+        for name, value in (("code", "0"), ("calibration_sha256", "0"), ("seed", 1), ("method", "vanilla"))
+    ]
+    keys = [key_of(choice, trade), *(key_of(choice, changed) for changed in changes)]
+    keys.append(key_of(choice.model_copy(update={"fixed": Fixed(iterations=9)}), trade))
+    assert len(set(keys)) == len(keys)
+    assert key_of(choice.model_copy(update={"axis": "other"}), trade) == keys[0]
+
+
+def test_another_preset_leaves_the_others_as_they_are(
+    session_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trade = sweep(session_copy, budget=AT_ONCE)
+    choices = [Choice(axis="preset", quality=quality) for quality in ("draft", "standard", "best")]
+    before = [key_of(choice, trade) for choice in choices]
+    monkeypatch.setitem(QUALITIES, "best", Quality(7, 70, 64))
+    after = [key_of(choice, trade) for choice in choices]
+    assert [one == other for one, other in zip(before, after, strict=True)] == [True, True, False]
+
+
+def test_without_held_out_views_nothing_can_be_measured(session_copy: Path) -> None:
+    path = session_copy / "calibration" / "calibration.json"
+    record = store.read_json(path)
+    store.write_json(path, record | {"views": record["views"][:3]})
+    with pytest.raises(ReconstructionError, match="too few views"):
+        sweep(session_copy, budget=1.0)
+
+
+def test_no_trade_off_is_said(session_copy: Path) -> None:
+    with pytest.raises(InputError, match="run `rig trade` first"):
+        read_trade(session_copy)
+
+
+def test_another_process_trains_what_this_one_would(
+    session_copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is started afresh and knows nothing of the tiny presets: all is said by the choice."""
+    choice = Choice(axis="preset", fixed=Fixed(iterations=10, gaussians=100, width=32))
+    monkeypatch.setattr(module, "planned", lambda session, standard: [choice])
+    monkeypatch.setattr(module, "neighbours", lambda points, session: [])
+    (point,) = sweep(session_copy, budget=1e6, workers=2).points
+    assert (point.choice, point.at_once) == (choice, 2)
+    folder = reconstruct(session_copy, method="nh-3dgs", fixed=choice.fixed)
+    assert store.sha256(folder / "splats.ply") == point.splats_sha256

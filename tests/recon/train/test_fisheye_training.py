@@ -1,0 +1,52 @@
+"""A toy session of fisheyes trains: what is seen far from the axis is learned as what is near."""
+
+import numpy as np
+import pytest
+import torch
+
+from bench.support import oracle
+from imaging import metrics
+from recon.data.dataset import Dataset, load
+from recon.data.light import light_of, radiance_image
+from recon.data.truth import true_radiance
+from recon.methods import METHODS
+from recon.scene.gaussians import Gaussians
+from recon.train.densification import DensityRules
+from recon.train.initialisation import gaussians_at, start_points
+from recon.train.trainer import Plan, Training, train
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory) -> Dataset:
+    return load(oracle.oracle_session(tmp_path_factory.mktemp("wide") / "toy", "toy-fisheye", points=300))
+
+
+def test_a_session_of_fisheyes_is_learned_up_to_the_corners(dataset):
+    assert all(view.lens.fisheye for view in dataset.views)
+    images = [radiance_image(view) for view in dataset.train]
+    light = light_of(dataset, images)
+    points = start_points(dataset, images, 600, np.random.Generator(np.random.PCG64(0)))
+    method = METHODS["nh-3dgs"](dataset, light)
+    gaussians: Gaussians = gaussians_at(points, method.appearance, method.observation.units)
+    training = Training.begin(method, light, gaussians, dataset.extent)
+    (view,) = dataset.held_out
+    truth = true_radiance(dataset.session, view)
+    y, x = np.mgrid[0 : view.lens.height, 0 : view.lens.width] + 0.5
+    far = np.hypot(x - view.lens.cx, y - view.lens.cy) / view.lens.fx > 0.7  # radians, about
+
+    def quality() -> tuple[float, float]:
+        """mu-law PSNR, dB, and the median error in stops where the angle from the axis is above 0.7."""
+        with torch.no_grad():
+            image = training.renderer()(training.gaussians, view.lens, degree=2).image
+        found = training.method.observation.radiance(image).numpy()
+        return metrics.hdr_psnr_mu(found, truth), metrics.stops_median(found[far][None], truth[far][None])
+
+    before, _ = quality()
+    plan = Plan(150, DensityRules(900), log_every=50)
+    train(training, dataset, plan, log=lambda line: None, save=lambda: None)
+    after, stops = quality()
+    assert 100 < far.sum() < far.size / 2
+    assert all(torch.isfinite(tensor).all() for tensor in training.parameters())
+    assert after > before + 3
+    assert after > 28
+    assert stops < 0.3

@@ -1,0 +1,86 @@
+"""Learning rates by the length of a training."""
+
+import numpy as np
+import pytest
+
+from recon.data.light import light_of, radiance_image
+from recon.decide import trials
+from recon.decide.settings import Settings
+from recon.methods import METHODS
+from recon.observe.refinement import RATES, Refinement
+from recon.train.densification import DensityRules
+from recon.train.haste import USUAL, haste
+from recon.train.initialisation import gaussians_at, start_points
+from recon.train.ranks import Ranks
+from recon.train.trainer import Plan, Training, train
+
+CAP = 400
+
+
+@pytest.fixture(scope="module")
+def begun(toy_dataset):
+    """A function that makes a new training on the toy session, always the same."""
+    images = [radiance_image(view) for view in toy_dataset.train]
+    light = light_of(toy_dataset, images)
+    points = start_points(toy_dataset, images, CAP // 2, np.random.Generator(np.random.PCG64(0)))
+
+    def begin(refinement=None) -> Training:
+        method = METHODS["nh-3dgs"](toy_dataset, light)
+        gaussians = gaussians_at(points, method.appearance, method.observation.units)
+        return Training.begin(method, light, gaussians, toy_dataset.extent, refinement=refinement)
+
+    return begin
+
+
+def run(training, dataset, plan, until=None):
+    train(training, dataset, plan, log=lambda line: None, save=lambda: None, until=until)
+    return training
+
+
+def test_the_shorter_the_training_the_larger_its_steps():
+    assert haste(USUAL) == 1
+    factors = [haste(n) for n in (1, 50, 300, 4000, 10**6)]
+    assert factors == sorted(factors, reverse=True)
+    assert 2 < haste(300) < 2.3
+    assert np.isfinite(factors).all()
+
+
+def test_a_whole_training_has_the_rates_of_its_length_over_all_that_share_it():
+    given = {"method": "nh-3dgs", "quality": "draft", "seed": 3, "max_gaussians": 500, "max_width": 64}
+    one, two = (
+        Settings.model_validate(given | {"iterations": n, "batch": b}).plan() for n, b in ((300, 1), (150, 2))
+    )
+    assert one.haste == two.haste == haste(300)
+    assert (one.iterations, one.density, one.seed, one.measure) == (300, DensityRules(500), 3, True)
+
+
+def test_a_trial_has_the_rates_of_its_length(toy_dataset, monkeypatch):
+    plans = []
+    monkeypatch.setattr(trials, "train", lambda training, dataset, plan, **_: plans.append(plan))
+    settings = Settings.model_validate(
+        {"method": "nh-3dgs", "quality": "draft", "seed": 3, "max_gaussians": 500, "max_width": 64}
+        | {"iterations": 2000}
+    )
+    some = trials.Trials.of(toy_dataset, settings, 50, lambda message, done, total: None)
+    some.trained(40, 100, "a trial")
+    assert plans == [Plan(40, DensityRules(100), 3, haste=haste(40))]
+
+
+def test_everything_moves_faster_but_for_corrections(begun, toy_dataset):
+    rates = []
+    for factor in (1.0, 3.0):
+        training = begun(Refinement.of(toy_dataset, ["poses", "exposures"]))
+        run(training, toy_dataset, Plan(100, DensityRules(CAP), haste=factor), until=1)
+        rates.append({group["name"]: group["lr"] for group in training.optimizer.param_groups})
+    for name, usual in rates[0].items():
+        assert rates[1][name] == pytest.approx(usual if name in RATES else 3 * usual)
+    assert set(RATES) & set(rates[0]) == {"poses", "exposures"}
+
+
+def test_a_short_training_gets_further_at_the_rates_of_its_length(begun, toy_dataset):
+    """By more than 1 dB of held-out views, in 40 iterations."""
+    usual, short = (
+        run(begun(), toy_dataset, Plan(40, DensityRules(CAP), haste=factor)) for factor in (1.0, haste(40))
+    )
+    told = [training.held_out_db(toy_dataset.held_out, 1.0, Ranks()) for training in (usual, short)]
+    assert told[1] > told[0] + 1.0

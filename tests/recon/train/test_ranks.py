@@ -1,0 +1,129 @@
+"""Two processes over Gloo train what one trains that looks at two views a step."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from recon.data.dataset import Dataset, load
+from recon.data.light import light_of, radiance_image
+from recon.methods import METHODS
+from recon.observe.refinement import Refinement
+from recon.result.model import read_model
+from recon.scene.checkpoint import read_checkpoint, write_checkpoint
+from recon.train.densification import DensityRules
+from recon.train.initialisation import gaussians_at, start_points
+from recon.train.ranks import Ranks, joined
+from recon.train.trainer import Plan, Training, train
+
+ROOT = Path(__file__).parents[3]
+PLAN = Plan(30, DensityRules(700, every=0.1), seed=5, batch=2, log_every=10)
+
+
+def begin(dataset: Dataset) -> Training:
+    images = [radiance_image(view) for view in dataset.train]
+    light = light_of(dataset, images)
+    points = start_points(dataset, images, 500, np.random.Generator(np.random.PCG64(0)))
+    method = METHODS["nh-3dgs"](dataset, light)
+    gaussians = gaussians_at(points, method.appearance, method.observation.units)
+    refinement = Refinement.of(dataset, ["poses", "exposures", "vignetting"])
+    return Training.begin(method, light, gaussians, dataset.extent, refinement=refinement)
+
+
+def train_here(session: Path, out: Path, ranks: Ranks) -> list[dict[str, float]]:
+    """Train the plan, stopping once on the way as at a checkpoint; leaves OUT/RANK.safetensors."""
+    dataset, lines = load(session), []
+    training = begin(dataset)
+    for until in (14, PLAN.iterations):
+        train(training, dataset, PLAN, log=lines.append, save=lambda: None, until=until, ranks=ranks)
+    training.gather(ranks)
+    write_checkpoint(out / f"{ranks.number}.safetensors", training.checkpoint({}))
+    return lines
+
+
+def free_port() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return str(probe.getsockname()[1])
+
+
+def together(arguments: list[str], count: int = 2) -> list[tuple[int, str, str]]:
+    """Run Python `count` times over, as torchrun does; exit code, output and error of each."""
+    common = {**os.environ, "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": free_port(), "WORLD_SIZE": str(count)}
+    common |= {"LOCAL_WORLD_SIZE": str(count), "GLOO_SOCKET_IFNAME": "lo", "PYTHONPATH": str(ROOT)}
+    started = [
+        subprocess.Popen(
+            [sys.executable, *arguments],
+            env={**common, "RANK": str(rank), "LOCAL_RANK": str(rank)},
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for rank in range(count)
+    ]
+    return [(process.returncode, out, err) for process in started for out, err in [process.communicate()]]
+
+
+def test_two_ranks_give_what_one_gives(toy: Path, tmp_path: Path) -> None:
+    """To the last bit: a sum of two gradients does not depend on who adds."""
+    found = together([__file__, str(toy), str(tmp_path)])
+    assert [code for code, _, _ in found] == [0, 0], found[0][2] + found[1][2]
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    lines = train_here(toy, alone, Ranks())
+    first, second = (read_checkpoint(tmp_path / f"{rank}.safetensors").tensors for rank in range(2))
+    expected = read_checkpoint(alone / "0.safetensors").tensors
+    assert set(first) == set(second) == set(expected)
+    for name, value in expected.items():
+        assert torch.equal(first[name], second[name]), name
+        if name == "stats.gradient":  # sums over iterations, in another order
+            torch.testing.assert_close(first[name], value, rtol=1e-12, atol=0)
+        else:
+            assert torch.equal(first[name], value), name
+    logged = [json.loads(out) for _, out, _ in found]
+    assert logged[1] == []
+    assert [line["iteration"] for line in logged[0]] == [line["iteration"] for line in lines] == [10, 20, 30]
+    for ours, theirs in zip(logged[0], lines, strict=True):
+        assert ours["loss"] == pytest.approx(theirs["loss"], rel=1e-9)
+    assert len(expected["gaussians.means"]) == 700
+
+
+def test_the_command_trains_on_two_ranks_and_only_one_speaks(session_copy: Path) -> None:
+    command = [
+        "-m",
+        "rig",
+        "reconstruct",
+        str(session_copy),
+        "--quality",
+        "draft",
+        "--budget",
+        "90s",
+        "--set",
+        "iterations=60",
+        "--json",
+    ]
+    first, second = together(command)
+    assert first[0] == second[0] == 0, first[2] + second[2]
+    assert json.loads(first[1])["command"] == "reconstruct"
+    assert second[1] == second[2] == ""
+    record = read_model(session_copy / "reconstructions" / "nh-3dgs-draft-90s")
+    assert record.settings.batch == 2
+    assert "1 thread" in record.device or "threads" in record.device
+
+
+def test_a_batch_that_cannot_be_shared_is_refused(toy_dataset: Dataset) -> None:
+    plan = Plan(2, DensityRules(700), batch=3)
+    with pytest.raises(ValueError, match="batch of 3 views cannot be shared by 2 ranks"):
+        train(begin(toy_dataset), toy_dataset, plan, log=lambda _: None, save=lambda: None, ranks=Ranks(0, 2))
+
+
+if __name__ == "__main__":
+    with joined() as here:
+        print(json.dumps(train_here(Path(sys.argv[1]), Path(sys.argv[2]), here)))

@@ -1,0 +1,211 @@
+"""`rig init`, and `rig capture` with a rig file: on simulated buses, with and without a person at the rig."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from drivers.sim.bus_rig import BusRig
+from drivers.sim.rigs import simulate
+from drivers.sim.usb.bus import Holder, VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
+from rig.buses import Bus
+from rig.terminal.operator import Person
+
+
+def told(rig, *arguments: str) -> dict:
+    code, out, err = rig(*arguments, "--json")
+    assert (code, err) == (0, "")
+    return json.loads(out)
+
+
+@dataclass
+class Terminal:
+    """A standard input at which somebody presses Enter."""
+
+    pressed: int = 0
+    is_there: bool = True
+
+    def isatty(self) -> bool:
+        return self.is_there
+
+    def readline(self) -> str:
+        self.pressed += 1
+        return "\n"
+
+
+@dataclass
+class Cameras:
+    """The toy rig's cameras as real ones: nobody but a person moves anything. A bus of its own each time."""
+
+    seed: int = 0
+    held: str | None = None
+    clocks: list[VirtualClock] = field(default_factory=list)
+
+    def __call__(self, sim: str | None, seed: int = 0, *, rough: bool = False) -> Bus:
+        bus = BusRig(simulate("toy", self.seed, samples=1))
+        if self.held is not None:
+            bus.backend.hold(self.held, Holder.OTHER_PROGRAM)
+        self.clocks.append(bus.clock)
+        return Bus(bus.backend, bus.clock)
+
+
+@pytest.fixture
+def cameras(monkeypatch: pytest.MonkeyPatch) -> Cameras:
+    """Two cameras are connected to this machine."""
+    there = Cameras()
+    for place in ("capture", "rehearsal", "init"):
+        monkeypatch.setattr(f"rig.commands.{place}.bus_of", there)
+    return there
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    """Somebody sits before it."""
+    there = Terminal()
+    monkeypatch.setattr("sys.stdin", there)
+    return there
+
+
+@pytest.fixture
+def file(rig, tmp_path: Path) -> Path:
+    """The rig file of the simulated toy rig, with a middle exposure that needs no meter."""
+    path = tmp_path / "RIG.toml"
+    assert rig("init", str(path), "--sim", "toy")[0] == 0
+    path.write_text(path.read_text().replace("# time = ", "time = "))
+    return path
+
+
+def test_a_rig_file_is_written_once(rig, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "RIG.toml"
+    assert told(rig, "init", str(path), "--sim", "toy")["cameras"] == ["SIM-RAW-001", "SIM-RAW-002"]
+    before = path.read_bytes()
+    code, out, err = rig("init", str(path), "--sim", "demo")
+    assert (code, out) == (2, "")
+    assert f"{path} is there already" in err
+    assert path.read_bytes() == before
+
+
+def test_no_camera_leaves_no_file_and_one_that_is_held_is_missing(
+    rig, tmp_path: Path, cameras: Cameras, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "RIG.toml"
+    cameras.held = "SIM-RAW-002"
+    code, out, err = rig("init", str(path))
+    assert code == 3
+    assert "1 camera left out: USB" in err
+    assert "held by another program" in err
+    assert path.read_text().count("\n[[camera]]") == 1
+    assert f"{path}: 1 camera\n" in out
+    clock = VirtualClock()
+    monkeypatch.setattr("rig.commands.init.bus_of", lambda sim: Bus(VirtualBus(clock), clock))
+    code, out, err = rig("init", str(tmp_path / "other.toml"))
+    assert (code, out) == (2, "")
+    assert err == "no camera is connected: connect the rig; rig doctor shows what is missing.\n"
+    assert [one.name for one in tmp_path.iterdir()] == ["RIG.toml"]
+
+
+def test_a_rig_file_is_shot_with_and_the_command_line_goes_before_it(rig, file: Path, tmp_path: Path) -> None:
+    capture = ("capture", str(file), str(tmp_path / "S"), "--sim", "toy", "--slowest", "1/8")
+    planned = told(rig, *capture, "--dry-run")
+    assert told(rig, *capture)["taken"] == planned["shots"]
+    plan = json.loads((tmp_path / "S" / "plans.jsonl").read_text())
+    assert (plan["asked"], plan["frames"]) == ("auto, snr 20, slowest 0.125", [0])
+    assert told(rig, *capture, "--resume")["kept"] == planned["shots"]
+    code, _, err = rig(*capture[:-2], "--snr", "30", "--resume")
+    assert code == 2
+    assert "was planned with the bracket auto, snr 20, slowest 0.125 (" in err
+    assert "a new folder for auto, snr 30" in err
+
+
+def test_frames_for_the_calibration_are_announced_by_a_dry_run(rig, tmp_path: Path) -> None:
+    out = str(tmp_path / "S")
+    assert rig("capture", "--sim", "toy", out, "--frames", "1")[0] == 0
+    code, text, _ = rig("capture", "--sim", "toy", out, "--darks", "--frames", "2", "--dry-run")
+    assert code == 0
+    assert text.startswith("2 cameras, 2 repeats, 3 exposures each (1/1000 s f/4 ISO 100, ")
+    assert told(rig, "capture", "--sim", "toy", out, "--darks", "--frames", "2")["planned"] == 12
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--darks", "--flats"], "give one"),
+        (["--darks", "--bracket", "auto"], "an automatic bracket, and its limits, are for scenes"),
+        (["--board", "--slowest", "1/8"], "an automatic bracket, and its limits, are for scenes"),
+        (["--rough"], "--seed and --rough are for simulated rigs"),
+        (["third"], "unexpected extra argument (third)"),
+        (["--bracket", "0,3", "--snr", "30"], "stops are no bracket that is planned"),
+    ],
+)
+def test_what_does_not_go_together_is_told(rig, file: Path, tmp_path: Path, arguments, words: str) -> None:
+    code, out, err = rig("capture", str(file), str(tmp_path / "S"), *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert words in err
+    assert not (tmp_path / "S").exists()
+
+
+def test_a_rig_file_alone_lacks_the_folder(rig, file: Path) -> None:
+    code, _, err = rig("capture", str(file))
+    assert code == 2
+    assert "missing argument 'OUT'" in err
+
+
+def test_a_person_is_told_what_to_do_and_waited_for(
+    rig, file: Path, tmp_path: Path, cameras: Cameras, terminal: Terminal
+) -> None:
+    capture = ["capture", str(file), str(tmp_path / "S"), "--bracket", "0", "--frames", "3"]
+    code, _, err = rig(*capture)
+    assert (code, terminal.pressed) == (0, 2)
+    assert err.splitlines() == [
+        f"Frame {n}: move the rig, or what it looks at. Then press Enter." for n in (1, 2)
+    ]
+    for kind, pressed, words in (
+        ("--darks", 1, "cover every lens"),
+        ("--board", 3, "hold the calibration board"),
+    ):
+        terminal.pressed = 0
+        code, out, err = rig(*capture[:3], "--frames", "3", kind)
+        assert (code, terminal.pressed) == (0, pressed), err
+        assert words in err
+        assert "Next: rig calibrate" in out
+
+
+def test_a_time_lapse_and_a_run_without_a_terminal_wait_for_nobody(
+    rig, file: Path, tmp_path: Path, cameras: Cameras, terminal: Terminal
+) -> None:
+    file.write_text(file.read_text().replace('pause = "key"', "pause = 3600"))
+    capture = ["capture", str(file), "--bracket", "0", "--frames", "3"]
+    code, _, err = rig(*capture, str(tmp_path / "lapse"))
+    assert (code, terminal.pressed) == (0, 0)
+    assert "3600 seconds from now" in err
+    assert 2 * 3600 < cameras.clocks[-1].now() < 2 * 3600 + 60
+    terminal.is_there = False
+    file.write_text(file.read_text().replace("pause = 3600", 'pause = "key"'))
+    code, _, err = rig(*capture, str(tmp_path / "key"))
+    assert (code, terminal.pressed) == (0, 0)
+    assert "Frame 2: move the rig" in err
+
+
+def test_whoever_goes_on_is_asked_for_the_frame_that_is_next(
+    rig, file: Path, tmp_path: Path, cameras: Cameras, terminal
+) -> None:
+    capture = ["capture", str(file), str(tmp_path / "S"), "--bracket", "0", "--frames", "2"]
+    assert rig(*capture)[0] == 0
+    index = tmp_path / "S" / "shots.jsonl"
+    index.write_bytes(b"".join(index.read_bytes().splitlines(keepends=True)[:-1]))
+    (tmp_path / "S" / "raw" / "0001" / "cam1_0.dng").unlink()
+    code, _, err = rig(*capture, "--resume")
+    assert (code, terminal.pressed) == (0, 2)
+    assert err == "Frame 1: move the rig, or what it looks at. Then press Enter.\n"
+
+
+def test_the_same_thing_is_not_asked_for_twice(terminal: Terminal) -> None:
+    said: list[str] = []
+    person = Person(said.append, "key", VirtualClock())
+    for _ in range(2):
+        person.show("flat")
+        person.move_to(7)
+        person.move_to(8)
+    assert (len(said), terminal.pressed) == (1, 1)

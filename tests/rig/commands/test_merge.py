@@ -1,0 +1,259 @@
+"""`rig merge`: right light on disk in one unit, resumed where it was, and refusals that name the mend."""
+
+import json
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imaging.colour import PRIMARIES, space_from_rec709, srgb_encode
+from imaging.exposure import Exposure
+from imaging.files import store
+from imaging.files.exr import read_exr
+from imaging.files.photo import encode_png
+from imaging.merge.picture import CLIPPED, DARK, GHOST, HIDDEN
+from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
+from imaging.session.session import Session
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+def test_every_bracket_becomes_an_exr_and_all_share_one_unit(rig: Run, toy: Path, tmp_path: Path) -> None:
+    code, out, _ = rig("merge", str(toy), str(tmp_path / "M"), "--json")
+    told = json.loads(out)
+    assert code == 0
+    assert told["exposures"] == "calibration"
+    assert len(told["files"]) == 6
+    scales = []
+    for entry in told["files"]:
+        image = read_exr(Path(entry["file"]))
+        assert set(image.channels) == {"R", "G", "B", "sigma.R", "sigma.G", "sigma.B", "mask"}
+        assert "per second of exposure scale" in str(image.attributes["rig:units"])
+        assert image.attributes["rig:colour"] == "Rec.709"
+        truth = read_exr(toy / "truth" / f"{entry['frame']:04d}" / f"{entry['camera']}.exr").rgb()
+        # In blocks: demosaicking blurs what is as fine as the mosaic of so small a picture.
+        found, real = _blocks(image.rgb()), _blocks(truth)
+        lit = (real > 0.1 * np.median(real)) & (found > 0)  # a lamp of one pixel lacks its other colours
+        assert lit.mean() > 0.8
+        logs = np.log2(found[lit] / real[lit])
+        scales.append(np.median(logs))
+        assert np.median(np.abs(logs - scales[-1])) < 0.1
+        sigma = image.channels["sigma.G"]
+        assert np.isfinite(sigma).all()
+        assert (sigma > 0).all()
+        assert entry["ghost"] < 0.01
+    assert np.ptp(scales) < 0.1
+
+
+def _blocks(image: np.ndarray) -> np.ndarray:
+    """Means of 8x8 pixels of a picture of 48x64."""
+    return image.reshape(6, 8, 8, 8, 3).mean((1, 3))
+
+
+def test_finished_files_are_kept_and_changed_ones_made_again(rig: Run, toy: Path, tmp_path: Path) -> None:
+    chosen = ("merge", str(toy), str(tmp_path / "M"), "--frame", "1", "--json")
+    first = json.loads(rig(*chosen)[1])["files"]
+    file = Path(first[0]["file"])
+    times = [Path(entry["file"]).stat().st_mtime_ns for entry in first]
+    file.write_bytes(b"torn")
+    second = json.loads(rig(*chosen)[1])["files"]
+    assert [entry["kept"] for entry in first] == [False, False]
+    assert [entry["kept"] for entry in second] == [False, True]
+    assert Path(first[1]["file"]).stat().st_mtime_ns == times[1]
+    assert [e | {"kept": None} for e in first] == [e | {"kept": None} for e in second]
+    assert not list((tmp_path / "M").rglob("cam0.exr.part"))
+    record = toy / "calibration" / "calibration.json"
+    known = json.loads(record.read_text())
+    known["cameras"][1]["gain"] *= 1.01
+    record.write_text(json.dumps(known))
+    third = json.loads(rig(*chosen)[1])["files"]
+    assert [entry["kept"] for entry in third] == [True, False]
+
+
+def bracket(
+    folder: Path, codes: list[np.ndarray], times: list[float | None], masks: list[np.ndarray] | None = None
+) -> Path:
+    """A session of one view: photographs, what they say of their exposure, and what counts of them."""
+    camera = CameraRecord(name="cam0", serial="1", kind="ldr")
+    record = SessionRecord(name="made", created=datetime.now(UTC), origin="test", cameras=(camera,))
+    session = Session.create(folder / "S", record)
+    for step, (code, time) in enumerate(zip(codes, times, strict=True)):
+        file = f"raw/0000/cam0_{step}.png"
+        store.write_bytes(session.folder / file, encode_png(code))
+        mask = None if masks is None else f"masks/{step}.png"
+        if masks is not None:
+            store.write_bytes(session.folder / f"masks/{step}.png", encode_png(255 * np.uint8(masks[step])))
+        session.append_shot(
+            ShotRecord(
+                kind="scene", plan="test", camera="cam0", frame=0, step=step, file=file,
+                sha256=store.sha256(session.folder / file), width=code.shape[1], height=code.shape[0],
+                reported=None if time is None else Exposure(time=time), mask=mask,
+            )
+        )  # fmt: skip
+    return session.folder
+
+
+def flat(value: int) -> np.ndarray:
+    return np.full((40, 60, 3), value, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("codes", "mend", "bit"),
+    [([255, 255], "saturated all over: take shorter ones", CLIPPED), ([0, 0], "take longer ones", DARK)],
+    ids=["saturated", "black"],
+)
+def test_a_bracket_that_shows_nothing_says_what_to_shoot(
+    codes: list[int], mend: str, bit: int, rig: Run, tmp_path: Path
+) -> None:
+    session = bracket(tmp_path, [flat(code) for code in codes], [1.0, 0.25])
+    code, _, error = rig("merge", str(session), str(tmp_path / "M"))
+    assert code == 3
+    assert mend in error
+    (file,) = (tmp_path / "M").rglob("*.exr")
+    mask = read_exr(file).channels["mask"].astype(int)
+    assert (mask & bit == bit).all()
+
+
+def test_labels_that_are_wrong_by_two_are_told(rig: Run, tmp_path: Path) -> None:
+    light = np.geomspace(0.01, 0.9, 40 * 60).reshape(40, 60, 1).repeat(3, 2)
+
+    def develop(k: float) -> np.ndarray:
+        return np.rint(255 * srgb_encode(np.clip(light * k, 0, 1))).astype(np.uint8)
+
+    session = bracket(tmp_path, [develop(1.0), develop(0.25)], [1.0, 0.125])
+    code, out, _ = rig("merge", str(session), str(tmp_path / "M"))
+    assert code == 0
+    assert "labels (there is no calibration)" in out
+    assert "off their labels by 100 %: run `rig calibrate` first" in out
+
+
+def masked_bracket(folder: Path) -> tuple[Path, np.ndarray]:
+    """Three exposures; somebody stands in the left of the first, and on the right all moves: both masked.
+
+    The light [H, W] that was there without anybody; what is at [:, 200:] is hidden in every exposure.
+    """
+    rng = np.random.default_rng(0)
+    light = np.exp(np.kron(rng.uniform(-4, -1, (12, 24)), np.ones((10, 10))))
+    codes, masks = [], []
+    for step, k in enumerate((1.0, 0.5, 0.25)):
+        seen = light.copy()
+        counts = np.ones(light.shape, bool)
+        if step == 0:
+            seen[20:100, 10:80], counts[20:100, 10:80] = 0.15, False
+        seen[:, 200:], counts[:, 200:] = rng.uniform(0, 1, (120, 40)), False
+        code = np.rint(255 * srgb_encode(np.clip(seen * k + 0.002 * rng.standard_normal(light.shape), 0, 1)))
+        codes.append(code.astype(np.uint8)[..., None].repeat(3, 2))
+        masks.append(counts)
+    return bracket(folder, codes, [1.0, 0.5, 0.25], masks), light
+
+
+def test_what_one_exposure_hides_is_taken_from_the_others(rig: Run, tmp_path: Path) -> None:
+    session, light = masked_bracket(tmp_path)
+    code, out, _ = rig("merge", str(session), str(tmp_path / "M"), "--json")
+    assert code == 0
+    (told,) = json.loads(out)["files"]
+    assert told["ghost"] < 0.01
+    assert told["hidden"] == pytest.approx(40 / 240)
+    assert told["warnings"] == []
+    image = read_exr(tmp_path / "M" / "0000" / "cam0.exr")
+    mask = image.channels["mask"].astype(int)
+    np.testing.assert_array_equal(mask & HIDDEN > 0, np.arange(240)[None].repeat(120, 0) >= 200)
+    person = np.s_[20:100, 10:80]
+    assert np.median(np.abs(image.channels["G"][person] / light[person] - 1)) < 0.05
+    # What nobody is to look at keeps its light, some mean of what it was.
+    assert np.isfinite(image.channels["G"]).all()
+    assert image.channels["G"][:, 200:].std() > 0.05
+
+    lines = (session / "shots.jsonl").read_text().splitlines()
+    bare = [json.loads(line) for line in lines]
+    for own in bare:
+        del own["mask"]
+    (session / "shots.jsonl").write_text("".join(json.dumps(own) + "\n" for own in bare))
+    blind = json.loads(rig("merge", str(session), str(tmp_path / "M"), "--json")[1])["files"][0]
+    assert not blind["kept"]
+    assert blind["ghost"] > 0.1
+    assert blind["hidden"] == 0.0
+    flags = read_exr(tmp_path / "M" / "0000" / "cam0.exr").channels["mask"].astype(int)
+    assert (flags[person] & GHOST > 0).mean() > 0.3
+
+
+def test_another_mask_makes_another_file(rig: Run, tmp_path: Path) -> None:
+    session, _ = masked_bracket(tmp_path)
+    asked = ("merge", str(session), str(tmp_path / "M"), "--json")
+    first, again = (json.loads(rig(*asked)[1])["files"][0] for _ in range(2))
+    assert again == first | {"kept": True}
+    for step in range(3):
+        store.write_bytes(session / f"masks/{step}.png", encode_png(np.zeros((120, 240), np.uint8)))
+    other = json.loads(rig(*asked)[1])["files"][0]
+    assert (other["kept"], other["hidden"]) == (False, 1.0)
+    (session / "masks/1.png").unlink()
+    code, _, error = rig(*asked)
+    assert code == 2
+    assert "masks/1.png" in error
+
+
+def test_exposures_without_a_label_are_refused(rig: Run, tmp_path: Path) -> None:
+    session = bracket(tmp_path, [flat(100), flat(50)], [None, None])
+    code, _, error = rig("merge", str(session), str(tmp_path / "M"))
+    assert code == 2
+    assert "has no exposure" in error
+    assert not (tmp_path / "M").exists()
+
+
+def test_a_view_that_is_not_there_is_refused(rig: Run, toy: Path, tmp_path: Path) -> None:
+    code, _, error = rig("merge", str(toy), str(tmp_path / "M"), "--camera", "cam9", "--frame", "2")
+    assert code == 2
+    assert "no shot of the scene of camera cam9 at frame 2" in error
+
+
+def test_a_stale_calibration_is_refused(rig: Run, toy: Path, tmp_path: Path) -> None:
+    with (toy / "shots.jsonl").open("a") as file:
+        file.write((toy / "shots.jsonl").read_text().splitlines()[0] + "\n")
+    code, _, error = rig("merge", str(toy), str(tmp_path / "M"))
+    assert code == 2
+    assert "older than the shots" in error
+
+
+def test_a_single_exposure_is_its_own_picture(rig: Run, tmp_path: Path) -> None:
+    session = bracket(tmp_path, [flat(128)], [0.5])
+    code, _, _ = rig("merge", str(session), str(tmp_path / "M"))
+    assert code == 0
+    (file,) = (tmp_path / "M").rglob("*.exr")
+    assert np.median(read_exr(file).rgb()) == pytest.approx(0.2159 / Exposure(time=0.5).scale, rel=1e-3)
+
+
+def test_another_space_is_the_same_light_and_says_so(rig: Run, toy: Path, tmp_path: Path) -> None:
+    chosen = ("--frame", "0", "--camera", "cam0", "--json")
+    images = []
+    for space in ("rec709", "acescg"):
+        code, out, _ = rig("merge", str(toy), str(tmp_path / "M"), "--space", space, *chosen)
+        (entry,) = json.loads(out)["files"]
+        assert code == 0
+        assert entry["kept"] is False
+        images.append(read_exr(Path(entry["file"])))
+    plain, wide = images
+    assert wide.attributes["rig:colour"] == "ACEScg"
+    assert wide.attributes["chromaticities"] == pytest.approx(np.ravel(PRIMARIES["ap1"]))
+    assert plain.attributes["chromaticities"] == pytest.approx(np.ravel(PRIMARIES["rec709"]))
+    expected = plain.rgb() @ space_from_rec709("acescg").T
+    stored = np.stack([wide.channels[letter] for letter in "RGB"], axis=-1)
+    assert np.abs(stored - expected).max() < 1e-5 * expected.max()
+    # Noise is mixed from the photosites once, and not from channels that share theirs.
+    sigma = np.stack([wide.channels[f"sigma.{letter}"] for letter in "RGB"], axis=-1)
+    apart = np.stack([plain.channels[f"sigma.{letter}"] for letter in "RGB"], axis=-1) ** 2
+    assert not np.allclose(sigma**2, apart @ (space_from_rec709("acescg") ** 2).T, rtol=1e-3)
+    assert (sigma > 0).all()
+
+
+def test_a_camera_of_unknown_colour_has_no_other_space(rig: Run, toy: Path, tmp_path: Path) -> None:
+    (toy / "calibration" / "calibration.json").unlink()
+    code, _, err = rig("merge", str(toy), str(tmp_path / "M"), "--space", "acescg")
+    assert code == 2
+    assert "the colour of camera cam0 is not known" in err
+    assert not (tmp_path / "M").exists()
+    code, out, _ = rig("merge", str(toy), str(tmp_path / "M"), "--camera", "cam0", "--frame", "0")
+    assert code == 0
+    assert "The colours of cam0 are camera RGB, and no Rec.709: run `rig calibrate" in out
+    assert f"and `rig merge {toy} {tmp_path / 'M'}` again" in out

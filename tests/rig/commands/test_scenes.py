@@ -1,0 +1,129 @@
+"""Several scenes of a session: named by globs, each measured and rendered in its own folder, none lost."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from imaging.files import store
+from imaging.files.exr import read_exr
+
+DRAFT = "nh-3dgs-draft"
+
+
+@pytest.fixture
+def two(scene: Path) -> list[str]:
+    """What a shell makes of S/reconstructions/*: two scenes."""
+    shutil.copytree(scene / "reconstructions" / DRAFT, scene / "reconstructions" / "other")
+    return sorted(str(path) for path in (scene / "reconstructions").iterdir())
+
+
+def test_evaluate_measures_every_scene_that_is_named(rig, two: list[str]) -> None:
+    for folder in two:
+        (Path(folder) / "metrics.json").unlink()
+    code, out, err = rig("evaluate", *two)
+    assert (code, err) == (0, "")
+    assert [line.partition(":")[0] for line in out.splitlines() if "RAW PSNR" in line] == two
+    assert all((Path(folder) / "metrics.json").is_file() for folder in two)
+
+
+def test_a_scene_that_cannot_be_measured_does_not_keep_others_from_it(rig, two: list[str]) -> None:
+    (Path(two[0]) / "checkpoint.safetensors").unlink()
+    code, out, err = rig("evaluate", *two, "--json")
+    told = json.loads(out)
+    assert code == 3
+    assert [one["reconstruction"] for one in told["scenes"]] == [two[1]]
+    assert "1 of 2 scenes could not be evaluated" in err
+    assert "checkpoint.safetensors is missing" in err
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_render_writes_a_folder_for_each_scene(rig, two: list[str], tmp_path: Path, count: int) -> None:
+    out = tmp_path / "renders"
+    code, text, err = rig("render", *two[:count], "--out", str(out))
+    assert (code, err) == (0, "")
+    assert sorted(path.name for path in out.iterdir()) == sorted([DRAFT, "other"][:count])
+    for folder in two[:count]:
+        name = Path(folder).name
+        assert f"{out / name}: 6 views of {folder}, as EXR and PNG" in text
+        assert len(list((out / name).glob("*.exr"))) == len(list((out / name).glob("*.png"))) == 6
+
+
+def test_render_says_which_scene_of_a_session_it_took_and_how_bright_it_is(
+    rig, two: list[str], tmp_path: Path
+) -> None:
+    session = Path(two[0]).parent.parent
+    code, out, _ = rig("render", str(session), "--out", str(tmp_path / "out"), "--json")
+    (told,) = json.loads(out)["scenes"]
+    assert code == 0
+    assert told["reconstruction"] in two
+    exr = read_exr(Path(told["files"][0]))
+    assert exr.attributes["rig:exposure"] == pytest.approx(told["exposure"], rel=1e-6)
+    assert told["exposure"] == store.read_json(Path(two[0]) / "model.json")["exposure"]
+
+
+def test_an_exposure_brightens_the_pngs_and_leaves_the_light(rig, two: list[str], tmp_path: Path) -> None:
+    from imaging.files.photo import read_photo
+
+    def rendered(*words: str) -> tuple[Path, Path]:
+        out = tmp_path / "".join(words or ("plain",))
+        assert rig("render", two[0], "--out", str(out), *words)[0] == 0
+        return out / DRAFT / "0000_cam0.exr", out / DRAFT / "0000_cam0.png"
+
+    (plain, usual), (same, dark) = rendered(), rendered("--exposure", "-20")
+    assert plain.read_bytes() == same.read_bytes()
+    assert read_photo(dark).pixels.max() < 0.1 < read_photo(usual).pixels.mean()
+
+
+def test_pictures_never_land_in_the_folder_of_a_scene(rig, two: list[str], tmp_path: Path) -> None:
+    before = sorted(Path(two[0]).parent.rglob("*"))
+    for arguments, words in (
+        ([*two, "--out", two[1]], "is in the folder of the scene"),
+        ([two[0], "--out", str(Path(two[0]).parent)], "is in the folder of the scene"),
+        ([two[0], str(tmp_path / "out")], "pictures go to the folder that --out names"),
+    ):
+        code, out, err = rig("render", *arguments)
+        assert (code, out) == (2, "")
+        assert words in err
+        assert err.count("\n") == 1
+    assert sorted(Path(two[0]).parent.rglob("*")) == before
+
+
+def test_a_file_where_the_pictures_should_go_is_told_at_once(rig, two: list[str], tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    code, _, err = rig("render", two[0], "--out", str(tmp_path / "file"))
+    assert code == 2
+    assert "a file is in the place of a folder, so remove that or use another name" in err
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_what_is_there_already_is_said_with_its_figures(rig, scene: Path) -> None:
+    folder = scene / "reconstructions" / DRAFT
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    code, out, _ = rig("reconstruct", str(scene), "--quality", "draft")
+    assert code == 0
+    lines = out.splitlines()
+    assert lines[0].startswith(f"{folder}: already there, finished on 20")
+    assert "RAW PSNR" in lines[1]
+    assert lines[-1] == f"Next: rig render {folder}"
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+    assert json.loads(rig("reconstruct", str(scene), "--quality", "draft", "--json")[1])["already_there"]
+
+
+def test_another_quality_is_another_scene_and_the_same_name_is_refused(rig, scene: Path) -> None:
+    command = ["reconstruct", str(scene), "--quality", "draft", "--seed", "4"]
+    code, out, err = rig(*command)
+    assert (code, out) == (2, "")
+    assert "trained with seed 0" in err
+    assert "--name, or --replace" in err
+    code, out, _ = rig(*command, "--replace")
+    assert code == 0
+    assert f"{scene / 'reconstructions' / DRAFT}: trained in" in out
+    assert store.read_json(scene / "reconstructions" / DRAFT / "model.json")["settings"]["seed"] == 4
+
+
+def test_a_folder_with_spaces_can_be_pasted(rig, scene: Path, tmp_path: Path) -> None:
+    spaced = scene.rename(tmp_path / "my scene 名")
+    _, out, _ = rig("reconstruct", str(spaced), "--quality", "draft")
+    assert out.splitlines()[-1] == f"Next: rig render '{spaced / 'reconstructions' / DRAFT}'"

@@ -1,0 +1,58 @@
+"""What a photograph's file shows, against its own samples in float64."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from imaging.colour import srgb_decode
+from imaging.files import store
+from imaging.files.photo import encode_png
+from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
+from imaging.session.session import Session
+from rig.report.sections.shots import CLIPPED, DARK, read_look
+
+
+def a_shot(folder: Path, codes: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> tuple[Session, ShotRecord]:
+    """A session of one photograph."""
+    camera = CameraRecord(name="cam", serial="1", kind="ldr")
+    session = Session.create(
+        folder,
+        SessionRecord(
+            name="made", created=datetime(2026, 1, 1, tzinfo=UTC), origin="test", cameras=(camera,)
+        ),
+    )
+    file = "raw/0000/cam_0.png"
+    store.write_bytes(folder / file, encode_png(codes))
+    shot = ShotRecord(
+        kind="scene", plan="test", camera="cam", frame=0, step=0, file=file,
+        sha256=store.sha256(folder / file), width=codes.shape[1], height=codes.shape[0],
+    )  # fmt: skip
+    return session, shot
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+@pytest.mark.parametrize("size", [(97, 771), (40, 30), (2, 1030)])
+def test_a_photograph_is_averaged_in_linear_light(tmp_path: Path, depth: int, size: tuple[int, int]) -> None:
+    rng = np.random.default_rng(depth)
+    top = 2**depth - 1
+    codes = rng.integers(0, top, (*size, 3), np.uint16 if depth == 16 else np.uint8)
+    codes[0, 0] = (top, 0, 0)  # one channel clipped spoils its pixel
+    look = read_look(*a_shot(tmp_path / "S", codes))
+    values = codes / top
+    assert look.clipped == pytest.approx(np.mean(values > CLIPPED))
+    assert look.dark == pytest.approx(np.mean(values < DARK))
+    factor = max(1, min(size[1] // 256, size[0]))
+    height, width = size[0] // factor, size[1] // factor
+    assert look.rgb.shape == (height, width, 3)
+
+    def block(row: int, column: int) -> tuple[slice, slice]:
+        return slice(factor * row, factor * (row + 1)), slice(factor * column, factor * (column + 1))
+
+    for row, column in ((0, 0), (height - 1, width - 1), (height // 2, width // 3)):
+        own = values[block(row, column)]
+        np.testing.assert_allclose(look.rgb[row, column], srgb_decode(own).mean((0, 1)), atol=1e-6)
+        assert look.valid[row, column] == bool((own <= CLIPPED).all())
+    assert not look.valid[0, 0]

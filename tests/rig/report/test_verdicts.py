@@ -1,0 +1,179 @@
+"""Whether a calibration is good enough, what in it stands out, and what to shoot next."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.sensor import metadata
+from imaging.files import store
+from imaging.session.calibration import (
+    CalibrationRecord,
+    CameraCalibration,
+    LensError,
+    PoseError,
+    Response,
+    read_calibration,
+)
+from imaging.session.records import Rung
+from imaging.session.session import Session
+from rig.commands.calibrate import told
+from rig.report.charts.residuals import CameraResiduals, Residuals
+from rig.report.pages.calibration import calibration_report
+from rig.report.sections.next_shots import next_shots
+from rig.report.sections.verdicts import outliers, verdicts
+
+from .drawings import NOTHING, SENSOR, changed, quiet, with_sensor
+from .pages import Page, assert_self_contained
+
+
+def test_a_camera_and_a_view_that_miss_are_named(toy: Path) -> None:
+    def own(miss: float) -> CameraResiduals:
+        return CameraResiduals((64, 48), np.ones((5, 2)), np.full((5, 2), miss))
+
+    record = read_calibration(toy)
+    found = Residuals(
+        {"a": own(0.1), "b": own(0.1), "c": own(1.0)}, {("a", 0): 0.1, ("a", 1): 0.1, ("b", 0): 0.9}
+    )
+    named = list(outliers(record, found))
+    assert len(named) == 2
+    assert named[0].startswith("Camera c misses scene points by 1.41 px rms, the others by 0.14 px")
+    assert named[1].startswith("View b/0000 misses by 0.90 px rms")
+    even = Residuals({"a": own(0.1), "b": own(0.1), "c": own(0.15)}, {})
+    assert not list(outliers(record, even))
+
+
+def test_a_view_that_is_less_sure_is_named_and_heads_its_table(toy: Path) -> None:
+    record = read_calibration(toy)
+    views = [v.model_copy(update={"error": PoseError(rotation=0.01, translation=0.1)}) for v in record.views]
+    views[4] = views[4].model_copy(update={"error": PoseError(rotation=0.2, translation=0.3)})
+    record = changed(record, views=tuple(views))
+    name = f"{views[4].camera}/{views[4].frame:04d}"
+    assert any(name in line for line in outliers(record, NOTHING))
+    store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
+    page = Page.read(calibration_report(toy, quiet))
+    table = page.text[page.text.index("The least sure views") :]
+    assert table.index(name) < min(
+        table.index(f"{v.camera}/{v.frame:04d}") for i, v in enumerate(views) if i != 4
+    )
+
+
+def test_what_lacks_is_asked_for_and_nothing_else(toy: Path) -> None:
+    session, record = Session.open(toy), with_sensor(toy, SENSOR)
+    told = "\n".join(next_shots(session, record))
+    for words in (
+        "rig capture --darks",
+        "rig capture --flats",
+        "rig capture --board",
+        "cam0, cam1 saturates",
+    ):
+        assert words in told
+    for words in ("got no pose", "The gain of", "response of"):
+        assert words not in told
+    store.write_json(toy / "session.json", store.read_json(toy / "session.json") | {"origin": "import"})
+    assert "rig capture" not in "\n".join(next_shots(Session.open(toy), record))
+    lost = changed(record, views=record.views[1:], unregistered=("cam0/0000",))
+    assert "cam0/0000 got no pose" in "\n".join(next_shots(session, lost))
+    blind = changed(
+        record,
+        views=tuple(view for view in record.views if view.camera == "cam0"),
+        unregistered=("cam1/0000", "cam1/0001", "cam1/0002"),
+    )
+    assert "cam1 has no pose at all" in "\n".join(next_shots(session, blind))
+
+
+def test_what_the_rig_alone_placed_is_told(toy: Path) -> None:
+    record = read_calibration(toy)
+    first = record.views[0].model_copy(update={"by_rig": True, "points": 0})
+    record = changed(record, views=(first, *record.views[1:]))
+    (asked,) = (words for words in next_shots(Session.open(toy), record) if "cam0/0000" in words)
+    assert "its pose is the rig's" in asked
+    graded = {verdict.text.split(":")[0]: verdict for verdict in verdicts(record, NOTHING)}
+    assert graded["cam0"].grade == "warn"
+    assert "1 of them by the rig alone, the others: each from" in graded["cam0"].text
+    assert "rig alone" not in graded["cam1"].text
+
+
+def test_what_the_rig_placed_because_others_contradicted_it_is_not_called_unrecognised(toy: Path) -> None:
+    record = read_calibration(toy)
+    first = record.views[0].model_copy(update={"by_rig": True, "points": 0})
+    record = changed(record, views=(first, *record.views[1:]), contradicted=("cam0/0000",))
+    (asked,) = (words for words in next_shots(Session.open(toy), record) if "cam0/0000" in words)
+    assert asked.startswith("cam0/0000 contradicts other views about where it stands")
+    outcome = told(toy, record)
+    (line,) = (line for line in outcome.lines if "cam0/0000" in line)
+    assert line.endswith("cam0/0000 contradicts other images about where it stands: its pose is the rig's")
+    assert outcome.missing is None
+
+
+@pytest.mark.parametrize("name", ["pose_lit_differently", "pose_unconfirmed"])
+def test_doubts_about_the_poses_are_told_everywhere(toy: Path, name: str) -> None:
+    record = read_calibration(toy)
+    record = changed(record, rungs=(*record.rungs, Rung(name=name, taken=True, reason="why they are")))
+    assert "Why they are." in list(next_shots(Session.open(toy), record))
+    outcome = told(toy, record)
+    assert f"{toy}: why they are" in outcome.lines
+    assert outcome.data["doubts"] == ["why they are"]
+
+
+def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> None:
+    error = dict.fromkeys(("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"), 0.1)
+    grid = np.full((6, 9), 0.1)
+    grid[0, 8] = 0.9
+    record = read_calibration(toy)
+    board = {
+        "board": {"columns": 7, "rows": 5, "square": 0.1, "marker": 0.08, "dictionary": "DICT_4X4_50"},
+        "printed": "as OpenCV prints it",
+        "frames": 20,
+        "views": 30,
+        "corners": 500,
+        "rms_px": 0.1,
+        "outliers": ["the board misses by 3.00 px in view cam0/0007, 0.10 px in the others."],
+    }
+    cameras = [
+        camera.model_copy(
+            update={"lens_error": LensError.model_validate({**error, "projection": grid.tolist()})}
+        )
+        for camera in record.cameras[:1]
+    ]
+    record = CalibrationRecord.model_validate(
+        changed(record, cameras=(*cameras, *record.cameras[1:])).model_dump() | {"board": board, "unit": "m"}
+    )
+    told = "\n".join(next_shots(Session.open(toy), record))
+    assert "corners of cam0 (upper right known to 0.90 px, the middle to 0.10 px)" in told
+    assert "--board" not in told
+    assert any("cam0/0007" in line for line in outliers(record, NOTHING))
+    store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
+    page = Page.read(calibration_report(toy, quiet))
+    assert_self_contained(page)
+    assert "Projection uncertainty" in page.text
+    assert (
+        "Board: 500 corners in 30 views fit to 0.100 px rms (good below 0.5, doubtful above 1.0 px)"
+        in page.text
+    )
+
+
+def test_a_long_list_of_images_without_a_pose_is_cut_short(toy: Path) -> None:
+    record = read_calibration(toy)
+    lost = tuple(f"cam0/{frame:04d}" for frame in range(100, 140))
+    store.write_json(
+        toy / "calibration" / "calibration.json", changed(record, unregistered=lost).model_dump(mode="json")
+    )
+    text = Page.read(calibration_report(toy, quiet)).text
+    assert "cam0/0123 and 16 more." in text
+    assert "cam0: 3 of 43 images with a pose" in text
+
+
+def test_of_a_camera_whose_response_is_all_that_was_measured_it_is_said() -> None:
+    response = Response(kind="curve", evidence="", residual=0.02)
+    camera = CameraCalibration(name="a", serial="1", response=response)
+    record = CalibrationRecord(
+        created="2026-01-01T00:00:00Z", versions={}, shots_sha256="", cameras=(camera,), views=(),
+        unregistered=("a/0000",), exposure_scale={},
+    )  # fmt: skip
+    _, own = verdicts(record, NOTHING)
+    assert own.text == "a: response measured, with overlapping exposures agreeing to 2 %"
+
+
+def test_of_photographs_no_sensor_is_spoken() -> None:
+    assert metadata.rungs({}) == ()
