@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 
 def labels(row: str) -> tuple[str, ...]:
@@ -72,6 +73,7 @@ def _as_ticks(labels: tuple[Fraction, ...], code: int) -> tuple[float, ...]:
     return tuple(float(time) for time in labels if code in (math.floor(time * 10000), round(time * 10000)))
 
 
+@lru_cache(maxsize=4096)
 def _ticks(code: int) -> float | None:
     """The label nearest to a number of ticks of 100 us, or the ticks themselves where there is none."""
     if not 0 < code < 0xFFFFFFF0:
@@ -80,6 +82,7 @@ def _ticks(code: int) -> float | None:
     return min(_as_ticks(_MECHANICAL, code) or (ticks,), key=lambda label: abs(math.log(label / ticks)))
 
 
+@lru_cache(maxsize=4096)
 def _tick_candidates(code: int) -> tuple[float, ...]:
     found = _ticks(code)
     return _as_ticks(_ALL, code) or (() if found is None else (found,))
