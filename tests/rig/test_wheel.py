@@ -40,7 +40,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # A copy, so that the build leaves nothing in the repository.
     for package in PACKAGES:
         shutil.copytree(REPOSITORY / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(REPOSITORY / "pyproject.toml", source)
+    for name in ("pyproject.toml", "LICENSE"):
+        shutil.copy(REPOSITORY / name, source)
     (source / "README.md").write_text("# rig\n")
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
     run(*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", work, source, cwd=work)
@@ -57,6 +58,12 @@ def test_the_wheel_holds_every_package_and_the_pages_of_the_reports(installed: P
     assert not [name for name in ("tests", "bench", "docs") if (installed / name).exists()]
     for package in PACKAGES:
         assert (installed / package / "py.typed").is_file()
+
+
+def test_the_wheel_holds_the_licence(installed: Path) -> None:
+    (facts,) = installed.glob("hdr_rig-*.dist-info")
+    assert (facts / "licenses" / "LICENSE").read_bytes() == (REPOSITORY / "LICENSE").read_bytes()
+    assert "License-Expression: Apache-2.0" in (facts / "METADATA").read_text().splitlines()
 
 
 def test_the_source_distribution_can_test_itself(tmp_path: Path) -> None:
