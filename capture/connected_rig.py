@@ -10,7 +10,7 @@ from capture.bracket.exposure_choices import common_isos
 from capture.bracket.planner import Wanted
 from capture.record.recorder import CaptureResult, Progress
 from capture.record.shooting import Rehearsal, Say, nothing_beside, rehearse, shoot
-from capture.record.source import Hands, Request, Source, Stops, Subject
+from capture.record.source import Operator, Request, Source, Stops
 from capture.rigfile.rigfile import RigFile
 from drivers.camera import Camera, CameraIdentity
 from drivers.clock import Clock, SystemClock
@@ -18,7 +18,7 @@ from drivers.discovery import find_cameras
 from drivers.usb import default_backend
 from imaging.errors import CameraError, CaptureError, InputError
 from imaging.files.dng import Compression
-from imaging.session.records import CameraRecord
+from imaging.session.records import CameraRecord, Subject
 
 
 class Unattended:
@@ -32,7 +32,7 @@ class Unattended:
 
 
 @runtime_checkable
-class Wired(Protocol):
+class HardwareTriggered(Protocol):
     """A camera with lines for a hardware trigger."""
 
     def listen(self, line: str) -> None:
@@ -54,7 +54,7 @@ def capture_rig(
     auto: Wanted | None = None,
     resume: bool = False,
     compression: Compression = "none",
-    hands: Hands | None = None,
+    operator: Operator | None = None,
     positions: int | None = None,
     backend: Any = None,
     clock: Clock | None = None,
@@ -64,7 +64,7 @@ def capture_rig(
     """Shoot with the connected cameras that a rig file names into the session folder `out`.
 
     kind, frames, bracket, auto, resume: as for `capture_simulated`; what is None is that of the rig file.
-    hands: who moves rig, scene, lens caps and boards; nobody if None. positions: how many there are.
+    operator: who moves rig, scene, lens caps and boards; nobody if None. positions: how many there are.
     backend, clock: of the bus that the cameras are on; None: this machine's.
 
     InputError: `out` cannot be used, or a camera cannot be triggered as the file says. CaptureError: a
@@ -74,7 +74,7 @@ def capture_rig(
     out = Path(out)
     _require_board(rig, kind)
     request = Request(kind, frames, bracket if auto is None else auto)
-    with _opened(rig, hands, positions, backend, clock, say) as source:
+    with _opened(rig, operator, positions, backend, clock, say) as source:
         return shoot(
             source,
             out,
@@ -106,7 +106,7 @@ def rehearse_rig(
     frames: int | None = None,
     bracket: Stops | None = None,
     auto: Wanted | None = None,
-    hands: Hands | None = None,
+    operator: Operator | None = None,
     positions: int | None = None,
     backend: Any = None,
     clock: Clock | None = None,
@@ -115,14 +115,14 @@ def rehearse_rig(
     """Plan what `capture_rig` would shoot, with the scene metered, and write nothing."""
     _require_board(rig, kind)
     request = Request(kind, frames, bracket if auto is None else auto)
-    with _opened(rig, hands, positions, backend, clock, say) as source:
+    with _opened(rig, operator, positions, backend, clock, say) as source:
         return rehearse(source, out, request)
 
 
 @contextmanager
 def _opened(
     rig: RigFile,
-    hands: Hands | None,
+    operator: Operator | None,
     positions: int | None,
     backend: Any,
     clock: Clock | None,
@@ -136,7 +136,7 @@ def _opened(
         for identity in strangers:
             say(f"{identity.make} {identity.model} {identity.serial} is connected and not in {rig.path}.")
         _wire(rig, {name: camera for name, (camera, _) in known.items()})
-        yield _source(rig, known, hands or Unattended(), positions, clock)
+        yield _source(rig, known, operator or Unattended(), positions, clock)
     finally:
         for camera in cameras:
             camera.close()
@@ -145,7 +145,7 @@ def _opened(
 def _source(
     rig: RigFile,
     known: Mapping[str, tuple[Camera, CameraIdentity]],
-    hands: Hands,
+    operator: Operator,
     positions: int | None,
     clock: Clock,
 ) -> Source:
@@ -179,7 +179,7 @@ def _source(
         records=records,
         cameras=cameras,
         clock=clock,
-        hands=hands,
+        operator=operator,
         bracket=bracket.wanted if bracket.exposures == "auto" else bracket.exposures,
         middle=bracket.middle(lowest),
         f_number=bracket.f_number,
@@ -235,7 +235,7 @@ def _wire(rig: RigFile, cameras: Mapping[str, Camera]) -> None:
     assert trigger.line is not None  # the file was validated
     for index, table in enumerate(rig.tables.camera):
         camera = cameras[table.name]
-        if not isinstance(camera, Wired):
+        if not isinstance(camera, HardwareTriggered):
             raise InputError(
                 f"{rig.at('camera', index)}: {table.name} has no lines for a hardware trigger; "
                 'set mode = "software" in [trigger].'

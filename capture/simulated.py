@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 
 from capture.bracket.planner import Wanted
-from capture.record.recorder import CaptureResult, Progress, finished, slots
+from capture.record.recorder import CaptureResult, Progress, finished, planned_shots
 from capture.record.shooting import Rehearsal, Say, rehearse, shoot
-from capture.record.source import Request, Source, Stops, Subject
+from capture.record.source import Request, Source, Stops
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Mix
 from drivers.sim.rigs import SimulatedRig, simulate
@@ -17,7 +17,7 @@ from drivers.sim.truth import write_truth
 from imaging.errors import InputError, PartialError, StorageError
 from imaging.files import store
 from imaging.files.dng import Compression
-from imaging.session.records import Board, PlanRecord
+from imaging.session.records import Board, PlanRecord, Subject
 from imaging.session.session import Session
 
 
@@ -103,7 +103,7 @@ def _source(name: str, seed: int, mix: Mix | None) -> Source:
         records=records,
         cameras={one.name: camera for one, camera in zip(records, bus.cameras(), strict=True)},
         clock=bus.clock,
-        hands=rig,
+        operator=rig,
         bracket=rig.bracket,
         middle=middle,
         f_number=middle.f_number,
@@ -126,7 +126,7 @@ def _truth(
     PartialError if the disk has all shots and refuses the truth; where it lacks shots, resuming writes both.
     """
     truth = session.folder / "truth" / "truth.json"
-    if truth.exists() and len(finished(session, plan)) < len(slots(plan)):
+    if truth.exists() and len(finished(session, plan)) < len(planned_shots(plan)):
         store.discard(truth)
     try:
         yield
@@ -140,7 +140,7 @@ def _truth(
             write_truth(rig, session.folder, progress)
     except StorageError as error:
         there = len(finished(session, plan))
-        if there == len(slots(plan)):
+        if there == len(planned_shots(plan)):
             raise PartialError(f"all shots are there, the simulator's truth is not: {error}") from error
         if not there:
             raise

@@ -77,7 +77,7 @@ class Camera(Protocol):
 
 
 @runtime_checkable
-class Keeping(Protocol):
+class StoresShots(Protocol):
     """A camera that may keep a shot until the next one exposes, so that neither waits for the other."""
 
     def keeps(self) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from capture.record.source import Hands
+    from capture.record.source import Operator
     from capture.rigfile.rigfile import RigFile
     from drivers.clock import Clock
     from drivers.sim.rigs import SimulatedRig
@@ -38,10 +38,10 @@ def bus_of(sim: str | None, seed: int = 0, *, rough: bool = False) -> Bus:
     return Bus(bus.backend, bus.clock, rig)
 
 
-def hands_at(bus: Bus, rig: RigFile, meter: Meter) -> Hands:
+def operator_at(bus: Bus, rig: RigFile, meter: Meter) -> Operator:
     """Who moves things before the cameras: the simulator, or whoever gave the command."""
     if bus.rig is not None:
         return bus.rig
-    from rig.terminal.operator import Person
+    from rig.terminal.operator import TerminalOperator
 
-    return Person(meter.say, rig.tables.pause, bus.clock)
+    return TerminalOperator(meter.say, rig.tables.pause, bus.clock)

@@ -19,7 +19,7 @@ from unittest.mock import patch
 import numpy as np
 import numpy.typing as npt
 
-from bench.capture.planner_cases import SENSORS, Case, demands, draw, fewest, shown, tones, unit
+from bench.capture.planner_cases import SENSORS, Case, demands, draw, fewest, noise_of, shown, unit
 from bench.support.record import arguments, deliver, machine, words
 from capture.bracket.exposure_choices import exposure_list
 from capture.bracket.metering import meter
@@ -88,9 +88,9 @@ def hand_over(case: Case, plan: Plan) -> float:
     worst = math.inf
     for target in case.targets:
         for shot, longer in pairwise(plan.exposures):
-            end = target.tones.brightest(longer) / 2.0**SLACK
-            if target.dark <= end < target.bright and shown(target.tones, shot, case.snr, np.array([end]))[0]:
-                worst = min(worst, target.tones.snr(end, shot))
+            end = target.noise.brightest(longer) / 2.0**SLACK
+            if target.dark <= end < target.bright and shown(target.noise, shot, case.snr, np.array([end]))[0]:
+                worst = min(worst, target.noise.snr(end, shot))
     return worst
 
 
@@ -99,13 +99,13 @@ def decisive(case: Case, plan: Plan) -> list[tuple[Exposure, float, float]]:
     points = []
     ascending = list(plan.exposures)
     for target in case.targets[:3]:
-        ends = [target.tones.brightest(shot) / 2.0**SLACK for shot in ascending]
+        ends = [target.noise.brightest(shot) / 2.0**SLACK for shot in ascending]
         pairs = [(ascending[-1], target.dark), (ascending[0], target.bright)]
         pairs += [(shot, end) for shot, end in zip(ascending, ends, strict=True)]
         pairs += [(shot, end) for shot, end in zip(ascending, ends[1:], strict=False)]
         for shot, radiance in pairs:
-            if shown(target.tones, shot, case.snr, np.array([radiance]))[0]:
-                points.append((shot, radiance, target.tones.snr(radiance, shot)))
+            if shown(target.noise, shot, case.snr, np.array([radiance]))[0]:
+                points.append((shot, radiance, target.noise.snr(radiance, shot)))
     return points
 
 
@@ -117,7 +117,7 @@ def sensor_differences(
     cold: only what is LONG, without dark current.
     """
     rng = np.random.default_rng([seed, 1])
-    white = tones(sensor).span / sensor.gain
+    white = noise_of(sensor).span / sensor.gain
     found = []
     for number, case in enumerate(cases):
         one = unit(sensor, rng)
@@ -166,13 +166,13 @@ def rig_differences(seed: int, takes: int) -> tuple[Values, Values]:
             for level in np.unique(levels):
                 there = levels == level
                 light = np.array([float(np.sqrt((truth[there] ** 2).mean()))])
-                if there.sum() >= 64 and shown(targets[0].tones, shot, 20.0, light)[0]:
+                if there.sum() >= 64 and shown(targets[0].noise, shot, 20.0, light)[0]:
                     snr = 10 * np.log10(
                         (signal[:, there].mean(axis=0) ** 2).mean()
                         / signal[:, there].var(axis=0, ddof=1).mean()
                     )
-                    by_label.append(snr - targets[0].tones.snr(float(light[0]), shot))
-                    by_time.append(snr - targets[0].tones.snr(float(light[0]), applied))
+                    by_label.append(snr - targets[0].noise.snr(float(light[0]), shot))
+                    by_time.append(snr - targets[0].noise.snr(float(light[0]), applied))
     return np.array(by_label), np.array(by_time)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.bracket.planner import SLACK, Target
-from capture.bracket.tones import Tones
+from capture.bracket.raw_noise import RawNoise
 from drivers.sim.camera.sensor import SensorModel
 from imaging.exposure import Exposure
 from imaging.merge.bracket import MARGIN
@@ -47,10 +47,10 @@ SENSORS = {
 """Electrons at white and of read noise as measured of such cameras; fixed patterns as simulated rigs have."""
 
 
-def tones(sensor: SensorModel) -> Tones:
+def noise_of(sensor: SensorModel) -> RawNoise:
     """What the file of a camera with that sensor tells the planner."""
     noise = SensorNoise(gain=sensor.gain, read_noise=sensor.read_noise)
-    return Tones(noise, sensor.white - sensor.black[0])
+    return RawNoise(noise, sensor.white - sensor.black[0])
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def draw(sensor: SensorModel, rng: np.random.Generator) -> Case:
         light = middle * _light(rng)
         for channel, share in zip("RGB", (rng.uniform(0.4, 0.7), 1.0, rng.uniform(0.5, 0.8)), strict=True):
             dark, bright = np.percentile(share * light, [0.1, 99.99])
-            targets.append(Target(f"cam{camera}", channel, tones(sensor), float(dark), float(bright)))
+            targets.append(Target(f"cam{camera}", channel, noise_of(sensor), float(dark), float(bright)))
     return Case(tuple(targets), times, isos, float(rng.choice([10.0, 20.0, 20.0, 30.0])))
 
 
@@ -95,14 +95,14 @@ def _light(rng: np.random.Generator) -> Values:
     return np.asarray(2.0**stops)
 
 
-def shown(tones: Tones, exposure: Exposure, snr: float, radiance: Values) -> npt.NDArray[np.bool_]:
+def shown(noise: RawNoise, exposure: Exposure, snr: float, radiance: Values) -> npt.NDArray[np.bool_]:
     """Enough electrons, even if the exposure is SLACK shorter; no clipping, even if it is SLACK longer."""
-    gain, read, scale = tones.noise.gain * exposure.iso_gain, tones.noise.read_noise, exposure.scale
-    few = radiance / 2.0**SLACK * scale * tones.span / gain
-    many = radiance * 2.0**SLACK * scale * tones.span / gain
+    gain, read, scale = noise.sensor.gain * exposure.iso_gain, noise.sensor.read_noise, exposure.scale
+    few = radiance / 2.0**SLACK * scale * noise.span / gain
+    many = radiance * 2.0**SLACK * scale * noise.span / gain
     enough = 20 * np.log10(few / np.sqrt(few + read**2 + 1 / 12 / gain**2)) >= snr - 1e-9
     top = gain * (many + MARGIN * np.sqrt(many + read**2 + 1 / 12 / gain**2))
-    return np.asarray(enough & (top <= tones.span * (1 + 1e-9)))
+    return np.asarray(enough & (top <= noise.span * (1 + 1e-9)))
 
 
 def demands(case: Case, shots: Sequence[Exposure]) -> npt.NDArray[np.uint32]:
@@ -114,14 +114,14 @@ def demands(case: Case, shots: Sequence[Exposure]) -> npt.NDArray[np.uint32]:
     for target in case.targets:
         ends = [target.dark, target.bright]
         for shot in shots:
-            ends.append(target.tones.darkest(case.snr, shot) * 2.0**SLACK)
-            ends.append(target.tones.brightest(shot) / 2.0**SLACK)
+            ends.append(target.noise.darkest(case.snr, shot) * 2.0**SLACK)
+            ends.append(target.noise.brightest(shot) / 2.0**SLACK)
         inside = np.unique([end for end in ends if target.dark <= end <= target.bright])
         wide = inside[1:] > inside[:-1] * (1 + 1e-6)
         points = np.concatenate([[target.dark, target.bright], np.sqrt(inside[1:] * inside[:-1])[wide]])
         bits = np.zeros(len(points), np.uint32)
         for number, shot in enumerate(shots):
-            bits |= shown(target.tones, shot, case.snr, points).astype(np.uint32) << np.uint32(number)
+            bits |= shown(target.noise, shot, case.snr, points).astype(np.uint32) << np.uint32(number)
         found |= set(bits.tolist())
     return np.array(sorted(found - {0}), np.uint32)
 

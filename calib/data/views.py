@@ -7,7 +7,7 @@ from imaging.errors import CalibrationError, InputError
 from imaging.merge.linear_frame import LinearFrame, read_linear
 from imaging.sensor import SensorCalibration
 from imaging.session.calibration import Response
-from imaging.session.records import CameraRecord, Kind, ShotRecord
+from imaging.session.records import CameraRecord, ShotRecord, Subject
 from imaging.session.session import Session, brackets
 
 Progress = Callable[[str, int, int], None]
@@ -45,7 +45,7 @@ def scene_views(session: Session) -> list[View]:
     return views
 
 
-def views_of(session: Session, kind: Kind) -> list[View]:
+def views_of(session: Session, kind: Subject) -> list[View]:
     """Every view of a kind, in order of camera and frame; InputError if a camera's images differ in size."""
     groups = brackets(session.shots(kind))
     views = [View(session.camera(name), frame, tuple(group)) for (frame, name), group in groups.items()]

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from capture.bracket.code_tones import ASSUMED, CodeTones
+from capture.bracket.code_noise import ASSUMED, CodeNoise
 from capture.bracket.exposure_choices import common_isos, common_times, exposure_list, without_idle_isos
 from capture.bracket.metering import Metering, meter
 from capture.bracket.planner import Plan, Target, Wanted, plan_bracket
@@ -34,7 +34,7 @@ def plan_automatically(
     Errors are those of the meter and the planner.
     """
     metering, exposures = _metered(cameras, like, wanted, frames, move_to)
-    if any(isinstance(target.tones, CodeTones) for target in metering.targets):
+    if any(isinstance(target.noise, CodeNoise) for target in metering.targets):
         useful = tuple(
             one for one in exposures if one.iso == exposures[0].iso
         )  # how noisy others are is unknown
@@ -83,7 +83,7 @@ def _reason(plan: Plan, metering: Metering, wanted: Wanted) -> str:
     ]
     widest = max(metering.targets, key=lambda target: target.stops)
     developing = dict.fromkeys(
-        target.camera for target in metering.targets if isinstance(target.tones, CodeTones)
+        target.camera for target in metering.targets if isinstance(target.noise, CodeNoise)
     )
     parts = [
         f"metered with {len(metering.probes)} probes: up to {widest.stops:.1f} stops ({widest}); "
@@ -113,7 +113,7 @@ def worths(targets: Sequence[Target], exposure: Exposure) -> dict[str, Worth]:
     groups = {name: [target for target in targets if target.camera == name] for name in names}
     return {
         name: Worth(
-            min(target.tones.snr(target.dark, exposure) for target in group),
+            min(target.noise.snr(target.dark, exposure) for target in group),
             min(target.headroom(exposure) for target in group),
         )
         for name, group in (groups | {"rig": list(targets)}).items()

@@ -14,8 +14,8 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from capture.bracket.code_tones import CodeTones
-from capture.bracket.tones import Tones
+from capture.bracket.code_noise import CodeNoise
+from capture.bracket.raw_noise import RawNoise
 from imaging.exposure import Exposure
 
 Values = npt.NDArray[np.float64]
@@ -39,7 +39,7 @@ class Reach:
     @classmethod
     def of(
         cls,
-        tones: Tones | CodeTones,
+        noise: RawNoise | CodeNoise,
         ends: tuple[float, float],
         exposures: Sequence[Exposure],
         snr: float,
@@ -47,9 +47,9 @@ class Reach:
     ) -> Self:
         """From the noise of a camera; ends: of the target; slack: stops less at either end."""
         trusted = 2.0**slack
-        low = np.array([tones.darkest(snr, exposure) * trusted for exposure in exposures])
-        high = np.array([tones.brightest(exposure) / trusted for exposure in exposures])
-        return cls(*ends, low, high, np.array([tones.snrs(high, exposure) for exposure in exposures]))
+        low = np.array([noise.darkest(snr, exposure) * trusted for exposure in exposures])
+        high = np.array([noise.brightest(exposure) / trusted for exposure in exposures])
+        return cls(*ends, low, high, np.array([noise.snrs(high, exposure) for exposure in exposures]))
 
     def misses(self) -> tuple[Mask, Mask, Mask]:
         """What could be shown and is not: above each exposure [n], below each [n], between any two [n, n]."""

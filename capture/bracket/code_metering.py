@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from capture.bracket.code_tones import BRIGHTEST, DARKEST, CodeTones
+from capture.bracket.code_noise import BRIGHTEST, DARKEST, CodeNoise
 from capture.bracket.percentile import (
     BRIGHT_PERCENTILE,
     BRIGHT_SHARE,
@@ -14,9 +14,9 @@ from capture.bracket.percentile import (
     DARK_SHARE,
     TAKES,
     Values,
-    cooled,
     percentile,
-    thin,
+    subsampled,
+    without_hot_pixels,
 )
 from capture.bracket.planner import Target
 from imaging.exposure import Exposure
@@ -41,7 +41,7 @@ class CodeLook:
 
     def add(self, exposure: Exposure, position: int, take: int, codes: Codes) -> None:
         """Keep a photograph, or what of a large one tells as much."""
-        kept = np.rint(thin(codes) * _LARGEST).astype(np.uint16)
+        kept = np.rint(subsampled(codes) * _LARGEST).astype(np.uint16)
         self._probes.setdefault(exposure, {})[position, take] = kept
 
     def clips(self, exposure: Exposure) -> bool:
@@ -60,8 +60,8 @@ class CodeLook:
         """The range of each channel."""
         ascending = sorted(self._probes, key=lambda one: one.stops)
         shortest, longest = ascending[0], ascending[-1]
-        tones = self._tones(ascending)
-        one, other = (self._radiance(ascending, take, tones) for take in range(TAKES))
+        noise = self._noise(ascending)
+        one, other = (self._radiance(ascending, take, noise) for take in range(TAKES))
         targets = []
         for channel, letter in enumerate("RGB"):
             dark = percentile(one[:, channel], other[:, channel], DARK_PERCENTILE)
@@ -72,7 +72,7 @@ class CodeLook:
                 Target(
                     camera=name,
                     channel=letter,
-                    tones=tones,
+                    noise=noise,
                     dark=dark,
                     bright=max(bright, dark),
                     no_darker=bool(below <= DARK_SHARE),
@@ -92,7 +92,7 @@ class CodeLook:
         kept = np.concatenate([photos[key] for key in sorted(photos) if key[1] == take])
         return kept.astype(np.float32) / _LARGEST
 
-    def _tones(self, ascending: list[Exposure]) -> CodeTones:
+    def _noise(self, ascending: list[Exposure]) -> CodeNoise:
         """The tone curve, from what becomes of a pixel's code from one probe to the next."""
         lower, upper, stops = ([np.zeros(0)] for _ in range(3))
         for shorter, longer in pairwise(ascending):
@@ -102,12 +102,12 @@ class CodeLook:
             lower.append(one[tight].astype(np.float64))
             upper.append(other[tight].astype(np.float64))
             stops.append(np.full(len(tight), longer.stops - shorter.stops))
-        return CodeTones.of(np.concatenate(lower), np.concatenate(upper), np.concatenate(stops))
+        return CodeNoise.of(np.concatenate(lower), np.concatenate(upper), np.concatenate(stops))
 
-    def _radiance(self, ascending: list[Exposure], take: int, tones: CodeTones) -> Values:
+    def _radiance(self, ascending: list[Exposure], take: int, noise: CodeNoise) -> Values:
         """Radiance [N, 3] by the brightest trusted code; a bound at either end of what was probed."""
-        found = np.full(self._take(ascending[0], take).shape, tones.brightest(ascending[0]))
+        found = np.full(self._take(ascending[0], take).shape, noise.brightest(ascending[0]))
         for exposure in ascending:
             codes = self._take(exposure, take)
-            np.copyto(found, tones.light_of(codes) / exposure.scale, where=codes <= BRIGHTEST)
-        return np.stack([cooled(found[..., channel]).ravel() for channel in range(3)], axis=-1)
+            np.copyto(found, noise.light_of(codes) / exposure.scale, where=codes <= BRIGHTEST)
+        return np.stack([without_hot_pixels(found[..., channel]).ravel() for channel in range(3)], axis=-1)

@@ -67,7 +67,7 @@ def without_idle_isos(
     for exposure in exposures[1:]:
         before = kept[-1]
         lower = exposure.model_copy(update={"iso": before.iso})
-        gains = (t.tones.darkest(snr, lower) / t.tones.darkest(snr, exposure) for t in targets)
+        gains = (t.noise.darkest(snr, lower) / t.noise.darkest(snr, exposure) for t in targets)
         if exposure.iso == before.iso or max(gains) >= 2.0**SLACK:
             kept.append(exposure)
     return tuple(kept)

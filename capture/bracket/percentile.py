@@ -33,7 +33,7 @@ def percentile(one: Values, other: Values, rank: float) -> float:
     return float(np.mean([np.median(b[np.argsort(sign * a, kind="stable")[ranks]]) for a, b in pairs]))
 
 
-def thin(pixels: npt.NDArray[Pixel]) -> npt.NDArray[Pixel]:
+def subsampled(pixels: npt.NDArray[Pixel]) -> npt.NDArray[Pixel]:
     """Evenly spread blocks of a large frame [H, W, ...]: they have the percentiles of the whole."""
     height, width = pixels.shape[:2]
     step = math.ceil(math.sqrt(pixels.size / ENOUGH))
@@ -43,12 +43,12 @@ def thin(pixels: npt.NDArray[Pixel]) -> npt.NDArray[Pixel]:
     return pixels[np.ix_(rows, columns)]
 
 
-def cooled(plane: Values) -> Values:
+def without_hot_pixels(plane: Values) -> Values:
     """One colour [H, W] without hot photosites: those HOT times above their eight neighbours.
 
     They become as bright as the brightest of these. A lens spreads a true highlight further.
     """
-    around = np.ones((3, 3), bool)
-    around[1, 1] = False
-    others = np.maximum(ndimage.maximum_filter(plane, footprint=around, mode="mirror"), 0.0)
+    neighbours = np.ones((3, 3), bool)
+    neighbours[1, 1] = False
+    others = np.maximum(ndimage.maximum_filter(plane, footprint=neighbours, mode="mirror"), 0.0)
     return np.where(plane > HOT * others, others, plane)

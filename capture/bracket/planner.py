@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 
 from capture.bracket.balance import Reach, balance
-from capture.bracket.code_tones import CodeTones
-from capture.bracket.tones import Tones
+from capture.bracket.code_noise import CodeNoise
+from capture.bracket.raw_noise import RawNoise
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
 
@@ -54,7 +54,7 @@ class Target:
 
     camera: str
     channel: str
-    tones: Tones | CodeTones
+    noise: RawNoise | CodeNoise
     dark: float
     bright: float
     no_darker: bool = True
@@ -67,7 +67,7 @@ class Target:
 
     def headroom(self, exposure: Exposure) -> float:
         """Stops from the bright end to where an exposure clips; negative if it does."""
-        return math.log2(self.tones.brightest(exposure) / self.bright)
+        return math.log2(self.noise.brightest(exposure) / self.bright)
 
     def __str__(self) -> str:
         return f"{self.camera} {self.channel}"
@@ -136,7 +136,7 @@ def _balanced(
     count = len(plan.exposures)
     if count == 1:
         return plan
-    reaches = [Reach.of(one.tones, (one.dark, one.bright), exposures, snr, SLACK) for one in targets]
+    reaches = [Reach.of(one.noise, (one.dark, one.bright), exposures, snr, SLACK) for one in targets]
     times = np.array([exposure.time for exposure in exposures])
     longest = min(most, BALANCE * plan.total) * (1 + 1e-9)  # sums round differently in another order
     chosen = balance(reaches, times, count, longest)
@@ -191,7 +191,7 @@ def _cover(targets: Sequence[Target], exposures: Sequence[Exposure], snr: float)
         fit = [
             index
             for index, exposure in enumerate(exposures)
-            if all(target.tones.brightest(exposure) >= target.bright for target in targets)
+            if all(target.noise.brightest(exposure) >= target.bright for target in targets)
         ]
         chosen.add(max(fit, default=0))
     missed = [_unbounded(one, targets) for one in _joined(missed)]
@@ -201,14 +201,14 @@ def _cover(targets: Sequence[Target], exposures: Sequence[Exposure], snr: float)
 
 def _useful(target: Target, exposures: Sequence[Exposure], snr: float) -> list[tuple[int, float, float]]:
     """What each exposure is good for; CaptureError if nowhere: even next to white the SNR is too low."""
-    tones, trusted = target.tones, 2.0**SLACK
+    noise, trusted = target.noise, 2.0**SLACK
     ends = [
-        (index, tones.darkest(snr, exposure) * trusted, tones.brightest(exposure) / trusted)
+        (index, noise.darkest(snr, exposure) * trusted, noise.brightest(exposure) / trusted)
         for index, exposure in enumerate(exposures)
     ]
     useful = [one for one in ends if one[1] < one[2]]
     if not useful:
-        most = max(tones.snr(high / trusted, exposures[index]) for index, _, high in ends)
+        most = max(noise.snr(high / trusted, exposures[index]) for index, _, high in ends)
         raise CaptureError(
             f"{snr:g} dB are out of the reach of {target.camera}, which gives {most:.1f} dB "
             "where it is nearly white: ask for less with --snr."

@@ -12,12 +12,12 @@ from capture.bracket.percentile import (
     DARK_PERCENTILE,
     TAKES,
     Values,
-    cooled,
     percentile,
-    thin,
+    subsampled,
+    without_hot_pixels,
 )
 from capture.bracket.planner import Target
-from capture.bracket.tones import Tones
+from capture.bracket.raw_noise import RawNoise
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
 from imaging.merge.bracket import merge_bracket
@@ -44,7 +44,7 @@ class RawLook:
 
     def add(self, exposure: Exposure, position: int, take: int, frame: RawMosaic) -> None:
         """Keep a frame, or what of a large one tells as much."""
-        thinned = replace(frame, pixels=thin(frame.pixels))
+        thinned = replace(frame, pixels=subsampled(frame.pixels))
         self._probes.setdefault(exposure, {})[position, take] = thinned
 
     def clips(self, exposure: Exposure) -> bool:
@@ -58,7 +58,7 @@ class RawLook:
     def lit(self, exposure: Exposure) -> bool:
         """Whether the dark percentile of every channel stands clear of the noise."""
         shots = self._probes[exposure]
-        slope, floor = Tones.of(next(iter(shots.values()))).profile(_exposure(shots))
+        slope, floor = RawNoise.of(next(iter(shots.values()))).profile(_exposure(shots))
         for channel in range(3):
             takes = [_channel(shots, take, channel) for take in range(TAKES)]
             signal = percentile(takes[0], takes[1], DARK_PERCENTILE)
@@ -70,7 +70,7 @@ class RawLook:
         """The range of each channel, from the merged probes."""
         ascending = [self._probes[one] for one in sorted(self._probes, key=lambda one: one.stops)]
         shortest, longest = ascending[0], ascending[-1]
-        tones = Tones.of(next(iter(shortest.values())))
+        noise = RawNoise.of(next(iter(shortest.values())))
         positions = sorted({position for position, _ in shortest})
         frame = next(iter(shortest.values()))
         channels = np.concatenate([_sites(frame).ravel() for _ in positions])
@@ -82,8 +82,8 @@ class RawLook:
                 )
                 for position in positions
             ]
-            takes.append(np.concatenate([_cooled(one.radiance).ravel() for one in merged]))
-        slope, floor = tones.profile(_exposure(longest))
+            takes.append(np.concatenate([_without_hot_pixels(one.radiance).ravel() for one in merged]))
+        slope, floor = noise.profile(_exposure(longest))
         scale = _exposure(longest).scale
         unseen = PRESENT * (PRESENT * slope + math.sqrt(PRESENT**2 * slope**2 + 4 * floor)) / 2 / scale
         targets = []
@@ -97,7 +97,7 @@ class RawLook:
                 Target(
                     camera=name,
                     channel=letter,
-                    tones=tones,
+                    noise=noise,
                     dark=dark if seen else unseen,
                     bright=max(bright, dark if seen else unseen),
                     no_darker=seen,
@@ -130,9 +130,9 @@ def _channel(shots: Shots, take: int, channel: int) -> Values:
     return np.concatenate([frame.signal()[_sites(frame) == channel] for frame in frames]).astype(np.float64)
 
 
-def _cooled(image: npt.NDArray[np.floating]) -> Values:
+def _without_hot_pixels(image: npt.NDArray[np.floating]) -> Values:
     """A mosaic [H, W] without hot photosites, by the neighbours of the same site."""
     result = image.astype(np.float64)
     for row, column in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        result[row::2, column::2] = cooled(result[row::2, column::2])
+        result[row::2, column::2] = without_hot_pixels(result[row::2, column::2])
     return result

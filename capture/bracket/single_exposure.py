@@ -4,20 +4,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
+from capture.bracket.acceptance import RETRIES, Acceptance
 from capture.bracket.deviation import deviates
 from drivers.camera import Camera, EncodedPhoto
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
 
-RETRIES = 2
-"""Further attempts after a camera error; one bad cable must not hold the rig up for ever."""
-
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Taken:
+class CapturedFrame:
     """A frame that a camera delivered.
 
     set_to: what the camera read back when it was set. opened: monotonic time of its trigger, seconds.
@@ -45,45 +43,42 @@ def made_ready(camera: Camera, requested: Exposure) -> Exposure:
 
 def expose(
     cameras: Mapping[str, Camera], requested: Exposure
-) -> tuple[dict[str, Taken], dict[str, CameraError]]:
+) -> tuple[dict[str, CapturedFrame], dict[str, CameraError]]:
     """Expose all `cameras` at `requested`: the frames by camera, and the errors of those without one.
 
     All cameras are set and armed before the first is triggered, all are triggered before the first
     is emptied. When one fails all are exposed again, RETRIES times, since one may be what triggers another;
-    frames that are there already stay. A frame is accepted when its *own* metadata agree with the request,
-    since cameras do hand out the frame before; one that does not is taken again once, then kept with what
-    it reports.
+    frames that are there already stay. `Acceptance` says which frames count.
     """
-    taken: dict[str, Taken] = {}
-    suspect: dict[str, Taken] = {}
+    accepted: dict[str, CapturedFrame] = {}
+    acceptance: Acceptance[str, CapturedFrame] = Acceptance()
     errors: dict[str, CameraError] = {}
     waiting = set(cameras)
     for attempt in range(RETRIES + 1):
         frames, errors = _expose_once(cameras, requested, attempt)
-        for name in (name for name in frames if name in waiting):
-            new = frames[name]
-            if deviates(new.reported, requested) and name not in suspect:
-                suspect[name] = new
-            else:
-                taken[name] = new
-        waiting -= set(taken)
+        accepted |= {
+            name: frame
+            for name, frame in frames.items()
+            if name in waiting and acceptance.accepts(name, frame, requested)
+        }
+        waiting -= set(accepted)
         if not waiting:
             break
-    kept = {name: suspect[name] for name in cameras if name in waiting and name in suspect}
-    lacking = waiting - set(kept)
-    return taken | kept, {name: error for name, error in errors.items() if name in lacking}
+    doubtful = {name: frame for name, frame in acceptance.doubtful.items() if name in waiting}
+    lacking = waiting - set(doubtful)
+    return accepted | doubtful, {name: error for name, error in errors.items() if name in lacking}
 
 
 def _expose_once(
     cameras: Mapping[str, Camera], requested: Exposure, attempt: int
-) -> tuple[dict[str, Taken], dict[str, CameraError]]:
+) -> tuple[dict[str, CapturedFrame], dict[str, CameraError]]:
     """The phases one after the other; a camera that fails in one is left out of the next."""
     errors: dict[str, CameraError] = {}
 
     ready = _each(cameras, cameras, lambda camera: made_ready(camera, requested), errors)
     opened = _each(cameras, ready, lambda camera: camera.trigger(), errors)
     frames = _each(cameras, opened, lambda camera: camera.collect(), errors)
-    return {name: Taken(frames[name], ready[name], opened[name], attempt) for name in frames}, errors
+    return {name: CapturedFrame(frames[name], ready[name], opened[name], attempt) for name in frames}, errors
 
 
 def _each(

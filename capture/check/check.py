@@ -14,7 +14,7 @@ from capture.check.repair import RepairReport, repair
 from capture.check.shot_index import read_index, stray_files
 from capture.check.warnings import warnings
 from capture.pictures.read import Picture
-from capture.record.recorder import Progress, leftovers, slots
+from capture.record.recorder import Progress, leftovers, planned_shots
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.session.records import PlanRecord, ShotRecord
@@ -74,7 +74,7 @@ def check(session: str | Path, progress: Progress = lambda message, done, total:
     looks = [own.look for _, own in pictures]
     return CheckReport(
         session=str(session),
-        planned=sum(len(slots(plan)) for plan in plans),
+        planned=sum(len(planned_shots(plan)) for plan in plans),
         shots=len(shots),
         sound=len(pictures),
         exposures=tuple(_exposed(pictures)),
@@ -124,7 +124,7 @@ def _strangers(
 ) -> Iterator[Problem]:
     """Records of cameras or shots that the session does not know."""
     cameras = {camera.name for camera in session.record.cameras}
-    planned = {(plan.plan, *slot) for plan in plans for slot in slots(plan)}
+    planned = {(plan.plan, *shot_id) for plan in plans for shot_id in planned_shots(plan)}
     for shot in shots:
         if shot.camera not in cameras:
             yield _problem(
@@ -141,11 +141,15 @@ def _strangers(
 def _missing(plans: Sequence[PlanRecord], shots: Sequence[ShotRecord], again: str) -> Iterator[Problem]:
     there = {shot.identity for shot in shots}
     for plan in plans:
-        for slot in slots(plan):
-            if (plan.plan, *slot) not in there:
-                message = f"The shot of {slot} is missing: {again}."
+        for shot_id in planned_shots(plan):
+            if (plan.plan, *shot_id) not in there:
+                message = f"The shot of {shot_id} is missing: {again}."
                 yield Problem(
-                    kind="missing", camera=slot.camera, frame=slot.frame, step=slot.step, message=message
+                    kind="missing",
+                    camera=shot_id.camera,
+                    frame=shot_id.frame,
+                    step=shot_id.step,
+                    message=message,
                 )
 
 

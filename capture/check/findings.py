@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from imaging.exposure import Exposure
-from imaging.session.records import Kind
+from imaging.session.records import Subject
 
 ProblemKind = Literal[
     "index",
@@ -74,7 +74,7 @@ class ShotLook(Model):
     show that is something else in one.
     """
 
-    kind: Kind
+    kind: Subject
     picture: Literal["raw", "ldr", "hdr"]
     file: str
     camera: str
@@ -98,7 +98,7 @@ class ShotLook(Model):
 class StepSkew(Model):
     """Seconds between the first and the last shutter of one bracket step."""
 
-    kind: Kind
+    kind: Subject
     plan: str
     frame: int
     step: int

@@ -9,7 +9,7 @@ from capture.check.findings import Model
 from capture.check.shot_index import read_index, stray_files
 from capture.pictures.read import read_picture
 from capture.record.recorder import Progress
-from capture.record.shot_files import Slot, mask_file, shot_file
+from capture.record.shot_files import ShotId, mask_file, shot_file
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.merge.masks import read_mask
@@ -73,7 +73,7 @@ def _one_a_file(shots: list[ShotRecord]) -> list[ShotRecord]:
     """Of records that share a file the one that it is named for, else the first."""
     owner: dict[str, ShotRecord] = {}
     for shot in shots:
-        named_for = Slot(shot.camera, shot.frame, shot.step)
+        named_for = ShotId(shot.camera, shot.frame, shot.step)
         if shot.file not in owner or shot.file == shot_file(named_for, Path(shot.file).suffix.lstrip(".")):
             owner[shot.file] = shot
     return list(owner.values())
@@ -103,7 +103,7 @@ def _shot_of(session: Session, file: str, known: list[ShotRecord]) -> ShotRecord
     if picture.kind != camera.kind:
         raise InputError(f"{file} is {picture.kind}, and the camera {name} is {camera.kind}: move it away.")
     planned, imported = plan.bracket[step], session.record.origin == "import"
-    mask = _mask_of(session, Slot(name, frame, step), picture.height, picture.width)
+    mask = _mask_of(session, ShotId(name, frame, step), picture.height, picture.width)
     return ShotRecord(
         kind=plan.kind,
         plan=plan.plan,
@@ -122,9 +122,9 @@ def _shot_of(session: Session, file: str, known: list[ShotRecord]) -> ShotRecord
     )
 
 
-def _mask_of(session: Session, slot: Slot, height: int, width: int) -> str | None:
+def _mask_of(session: Session, shot_id: ShotId, height: int, width: int) -> str | None:
     """The mask that an import laid down for a shot; InputError if it is damaged."""
-    found = sorted(session.folder.glob(f"{escape(mask_file(slot, ''))}.*"))
+    found = sorted(session.folder.glob(f"{escape(mask_file(shot_id, ''))}.*"))
     if not found:
         return None
     file = found[0].relative_to(session.folder).as_posix()

@@ -10,7 +10,7 @@ from typing import Any
 
 from capture.imports.originals import Original, Progress, shown
 from capture.record.new_session import begin, is_vacant
-from capture.record.shot_files import Slot, mask_file, shot_file
+from capture.record.shot_files import ShotId, mask_file, shot_file
 from imaging.errors import InputError, StorageError
 from imaging.files import store
 from imaging.merge.masks import read_mask
@@ -25,7 +25,7 @@ class Place:
     """Where an original goes: its shot, the plan that this belongs to, and the mask that comes with it."""
 
     original: Original
-    slot: Slot
+    shot_id: ShotId
     plan: str
     mask: Path | None = None
 
@@ -87,7 +87,7 @@ def _is_unfinished(session: Session, places: Sequence[Place], last: str) -> bool
 
 def _sources(places: Sequence[Place]) -> dict[Any, str]:
     """Where each shot comes from, by its identity."""
-    return {(p.plan, *p.slot): shown(p.original.path) for p in places if p.original.picture is not None}
+    return {(p.plan, *p.shot_id): shown(p.original.path) for p in places if p.original.picture is not None}
 
 
 def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> list[str]:
@@ -97,7 +97,7 @@ def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> l
     unread: list[str] = []
     for number, place in enumerate(usable):
         progress(f"copying {shown(place.original.path.name)}", number, len(usable))
-        if (place.plan, *place.slot) not in have:
+        if (place.plan, *place.shot_id) not in have:
             try:
                 data = place.original.path.read_bytes()
             except OSError as error:
@@ -111,13 +111,13 @@ def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> l
 
 def _copy(session: Session, place: Place, data: bytes) -> None:
     """Files first, line second, as the recorder does. InputError for a mask that does not fit."""
-    original, slot = place.original, place.slot
+    original, shot_id = place.original, place.shot_id
     assert original.picture is not None
-    file = shot_file(slot, original.path.suffix.lower().lstrip("."))
+    file = shot_file(shot_id, original.path.suffix.lower().lstrip("."))
     mask = mask_sha256 = None
     if place.mask is not None:
         read_mask(place.mask, original.picture.height, original.picture.width)
-        mask = mask_file(slot, place.mask.suffix.lower())
+        mask = mask_file(shot_id, place.mask.suffix.lower())
         cover = place.mask.read_bytes()
         mask_sha256 = hashlib.sha256(cover).hexdigest()
         store.write_bytes(session.folder / mask, cover)
@@ -126,9 +126,9 @@ def _copy(session: Session, place: Place, data: bytes) -> None:
         ShotRecord(
             kind="scene",
             plan=place.plan,
-            camera=slot.camera,
-            frame=slot.frame,
-            step=slot.step,
+            camera=shot_id.camera,
+            frame=shot_id.frame,
+            step=shot_id.step,
             file=file,
             sha256=hashlib.sha256(data).hexdigest(),
             reported=original.exposure,

@@ -59,13 +59,15 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
     told = {photo.path: photo for photo in given.photos}
     shots = {shot.identity: shot for shot in session.shots()}
     taken = [
-        (place, shots[place.plan, *place.slot]) for place in places if (place.plan, *place.slot) in shots
+        (place, shots[place.plan, *place.shot_id])
+        for place in places
+        if (place.plan, *place.shot_id) in shots
     ]
     posed: dict[Key, GivenPhoto] = {}
     for place, _ in taken:
         photo = told[place.original.path]
         if photo.cam_from_world is not None:
-            posed.setdefault((place.slot.camera, place.slot.frame), photo)
+            posed.setdefault((place.shot_id.camera, place.shot_id.frame), photo)
     lenses = _lenses(taken, told)
     names = {
         place.original.path: _name((shot.camera, shot.frame))
@@ -127,7 +129,7 @@ def write_truth(session: Session, given: Given, places: Sequence[Place]) -> list
     for place in places:
         picture = place.original.picture
         if picture is not None and told[place.original.path].cam_from_world is not None:
-            views[place.slot.camera, place.slot.frame] = (picture.width, picture.height)
+            views[place.shot_id.camera, place.shot_id.frame] = (picture.width, picture.height)
     lit = [key for key in views if key[1] in given.truth]
     if not given.truth:
         return []

@@ -19,8 +19,8 @@ def write_split(session: Session, given: Given, places: Sequence[Place]) -> list
         if place.original.picture is None:
             continue
         use = uses[place.original.path]
-        files[use].append(shot_file(place.slot, place.original.path.suffix.lower().lstrip(".")))
-        views[use].add((place.slot.camera, place.slot.frame))
+        files[use].append(shot_file(place.shot_id, place.original.path.suffix.lower().lstrip(".")))
+        views[use].add((place.shot_id.camera, place.shot_id.frame))
     if not (files["train"] and files["test"]):
         return []
     record = SplitRecord(reason=given.teller, train=tuple(files["train"]), test=tuple(files["test"]))

@@ -18,7 +18,7 @@ from capture.imports.layouts.given import Given, LayoutName
 from capture.imports.masks import masks_asked, told_masks
 from capture.imports.originals import FOREIGN, Original, Progress, survey
 from capture.record.new_session import folder_made
-from capture.record.shot_files import Slot
+from capture.record.shot_files import ShotId
 from imaging.errors import InputError, PartialError
 from imaging.exposure import Exposure
 from imaging.session.lock import sole_writer
@@ -135,7 +135,7 @@ def import_photos(
         session=out,
         layout=name,
         cameras=len(records),
-        frames=len({place.slot.frame for place in places}),
+        frames=len({place.shot_id.frame for place in places}),
         shots=len([place for place in places if place.original.picture]) - len(unread),
         views=given_views,
         guesses=(*notes, *guesses),
@@ -205,7 +205,7 @@ def _agreed(originals: Sequence[Original]) -> Exposure | None:
 def _places(one: Numbered, plans: Sequence[PlanRecord], masks: Mapping[Path, Path]) -> list[Place]:
     plan_of = {frame: plan.plan for plan in plans for frame in plan.frames}
     return [
-        Place(original, Slot(one.camera.name, frame, step), plan_of[frame], masks.get(original.path))
+        Place(original, ShotId(one.camera.name, frame, step), plan_of[frame], masks.get(original.path))
         for frame, bracket in one.brackets.items()
         for step, original in enumerate(bracket)
     ]

@@ -8,15 +8,15 @@ BUDGET = 512 << 20
 """Bytes of frames between camera and disk."""
 
 
-class Budget:
-    """Room for frames; who finds none waits on the clock."""
+class MemoryBudget:
+    """Room for frames; a thread that finds none waits on the clock."""
 
     def __init__(self, clock: Clock, limit: int = BUDGET) -> None:
         self._clock, self.limit = clock, limit
         self.held = 0
 
-    def take(self, count: int) -> None:
-        """Wait for room for `count` bytes; who wants more than there is at all gets it alone."""
+    def reserve(self, count: int) -> None:
+        """Wait for room for `count` bytes; more than the limit is granted while nothing else is held."""
         while True:
             self._clock.wait(lambda: self._fits(count), math.inf)
             with self._clock.lock:
@@ -24,10 +24,14 @@ class Budget:
                     self.held += count
                     return
 
-    def give(self, count: int) -> None:
-        """Return `count` bytes; a negative count is room that is taken without waiting."""
+    def release(self, count: int) -> None:
+        """Return `count` bytes."""
+        self.replace(count, 0)
+
+    def replace(self, reserved: int, held: int) -> None:
+        """Hold so many bytes in place of those reserved, without waiting: they are in memory already."""
         with self._clock.lock:
-            self.held -= count
+            self.held += held - reserved
             self._clock.changed()
 
     def _fits(self, count: int) -> bool:

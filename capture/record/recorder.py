@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from capture.bracket.acceptance import RETRIES, Acceptance
 from capture.bracket.deviation import deviates, stops_apart
-from capture.bracket.single_exposure import RETRIES
-from capture.record.camera_worker import GivenUp
-from capture.record.exposure_step import PATIENCE, Round, Standing, Written
-from capture.record.memory_budget import Budget
-from capture.record.shot_files import Slot, save_frame
-from capture.record.workers import Crew
+from capture.record.camera_worker import CameraGivenUp
+from capture.record.capture_threads import CaptureThreads
+from capture.record.exposure_step import PATIENCE, ExposureStep, RunState, SavedShot
+from capture.record.memory_budget import MemoryBudget
+from capture.record.shot_files import ShotId, save_frame
 from drivers.camera import Camera
 from drivers.clock import THIS_MACHINE, Clock
 from imaging.errors import CameraError, CaptureError, PartialError, RigError, StorageError
@@ -56,20 +56,20 @@ class CaptureResult:
             )
 
 
-def slots(plan: PlanRecord) -> list[Slot]:
+def planned_shots(plan: PlanRecord) -> list[ShotId]:
     """Every shot of a plan in the order of shooting: all cameras expose the same step together."""
     return [
-        Slot(camera, frame, step)
+        ShotId(camera, frame, step)
         for frame in plan.frames
         for step in range(len(plan.bracket))
         for camera in plan.cameras
     ]
 
 
-def finished(session: Session, plan: PlanRecord) -> dict[Slot, ShotRecord]:
+def finished(session: Session, plan: PlanRecord) -> dict[ShotId, ShotRecord]:
     """The shots of a plan that are recorded and whose file is there."""
     return {
-        Slot(shot.camera, shot.frame, shot.step): shot
+        ShotId(shot.camera, shot.frame, shot.step): shot
         for shot in session.shots()
         if shot.plan == plan.plan and session.file(shot).is_file()
     }
@@ -111,11 +111,11 @@ def record(
     save = partial(save_frame, session, compression)
     progress("shooting", run.kept, len(run.planned))
     if len(run.done) < len(run.planned):
-        budget = Budget(clock)
-        with clock.worker("recorder"), Crew(taking_part, clock, save, run.standing, budget) as crew:
+        budget = MemoryBudget(clock)
+        with clock.worker("recorder"), CaptureThreads(taking_part, clock, save, run.state, budget) as threads:
             for frame in run.frames():
                 move_to(frame)
-                run.take(frame, crew)
+                run.take(frame, threads)
             return run.result()
     return run.result()
 
@@ -132,7 +132,7 @@ def _must_be(camera: Camera, known: CameraRecord) -> None:
             )
 
 
-def _known(requested: Exposure | None) -> Exposure:
+def _exposure_of(requested: Exposure | None) -> Exposure:
     if requested is None:
         raise ValueError("a plan to be shot names every exposure")
     return requested
@@ -152,87 +152,84 @@ class Run:
     ) -> None:
         self._session, self._plan, self._clock = session, plan, clock
         self._progress, self._tolerance, self._leader = progress, tolerance, leader
-        self.planned = slots(plan)
+        self.planned = planned_shots(plan)
         self.done = finished(session, plan)
-        self.kept = len([slot for slot in self.planned if slot in self.done])
-        self.standing = Standing()
-        self._missing: dict[Slot, str] = {}
+        self.kept = len([shot_id for shot_id in self.planned if shot_id in self.done])
+        self.state = RunState()
+        self._missing: dict[ShotId, str] = {}
         self._problems: list[str] = []
-        self._apart: dict[int, list[tuple[float, Slot]]] = {}
+        self._apart: dict[int, list[tuple[float, ShotId]]] = {}
 
     def frames(self) -> Iterator[int]:
         """Frames of which shots are missing, as long as the disk takes them."""
         for frame in self._plan.frames:
-            if self.standing.halted is None and any(
-                slot.frame == frame and slot not in self.done for slot in self.planned
+            if self.state.halted is None and any(
+                shot_id.frame == frame and shot_id not in self.done for shot_id in self.planned
             ):
                 yield frame
 
-    def take(self, frame: int, crew: Crew) -> None:
-        """Shoot what a frame lacks, step by step; then once more what failed, and once more.
-
-        A frame is accepted when its *own* metadata agree with the request, since cameras do hand out the
-        frame before; one that does not is taken again once, then kept with what it reports.
-        """
+    def take(self, frame: int, threads: CaptureThreads) -> None:
+        """Shoot what a frame lacks, step by step; then once more what failed, and once more."""
         pending: dict[int, list[str]] = {}
-        for slot in self.planned:
-            if slot.frame == frame and slot not in self.done:
-                pending.setdefault(slot.step, []).append(slot.camera)
+        for shot_id in self.planned:
+            if shot_id.frame == frame and shot_id not in self.done:
+                pending.setdefault(shot_id.step, []).append(shot_id.camera)
         together = {step for step, names in pending.items() if len(names) == len(self._plan.cameras)}
         first: dict[int, float] = {}
-        suspects: dict[Slot, Written] = {}
+        acceptance: Acceptance[ShotId, SavedShot] = Acceptance()
         for _ in range(RETRIES + 1):
             failed: dict[int, list[str]] = {}
-            for one in crew.shoot(self._rounds(frame, pending)):
-                if one.opened and one.step in together:
-                    first.setdefault(one.step, min(one.opened.values()))
-                for name in one.cameras:
-                    slot, outcome = Slot(name, frame, one.step), one.outcomes[name]
-                    if isinstance(outcome, Written):
-                        if slot in suspects or not deviates(outcome.reported, one.requested):
-                            self._book(slot, outcome, first.get(one.step), crew)
+            for step in threads.shoot(self._steps(frame, pending)):
+                if step.opened and step.number in together:
+                    first.setdefault(step.number, min(step.opened.values()))
+                for name in step.cameras:
+                    shot_id, outcome = ShotId(name, frame, step.number), step.outcomes[name]
+                    if isinstance(outcome, SavedShot):
+                        if acceptance.accepts(shot_id, outcome, step.requested):
+                            self._book(shot_id, outcome, first.get(step.number), threads)
                             continue
-                        suspects[slot] = outcome
-                        one.failed(name)
+                        step.count_failure(name)
                     else:
-                        self._failed(slot, outcome)
-                    failed.setdefault(one.step, []).append(name)
+                        self._failed(shot_id, outcome)
+                    failed.setdefault(step.number, []).append(name)
             pending = failed
-        for slot in [Slot(name, frame, step) for step, names in pending.items() for name in names]:
-            if slot in suspects:
-                self._book(slot, suspects[slot], first.get(slot.step), crew)
+        for shot_id in [ShotId(name, frame, step) for step, names in pending.items() for name in names]:
+            if shot_id in acceptance.doubtful:
+                self._book(shot_id, acceptance.doubtful[shot_id], first.get(shot_id.step), threads)
 
     def result(self) -> CaptureResult:
         """StorageError if the disk refused before there was any shot in the session."""
-        refused = self.standing.halted
+        refused = self.state.halted
         if refused is not None and not self._session.shots():
             raise refused
-        reasons = {slot: self._missing.get(slot) for slot in self.planned if slot not in self.done}
-        for slot, reason in reasons.items():
+        reasons = {
+            shot_id: self._missing.get(shot_id) for shot_id in self.planned if shot_id not in self.done
+        }
+        for shot_id, reason in reasons.items():
             if reason in (None, str(refused)):
                 # The file that the disk refused may be that of another camera.
-                reasons[slot] = f"the capture stopped: {refused}"
+                reasons[shot_id] = f"the capture stopped: {refused}"
         return CaptureResult(
             session=self._session.folder,
             planned=len(self.planned),
             taken=len(self.done) - self.kept,
             kept=self.kept,
-            missing=tuple(f"{slot}: {(reason or '').rstrip('.')}" for slot, reason in reasons.items()),
+            missing=tuple(f"{shot_id}: {(reason or '').rstrip('.')}" for shot_id, reason in reasons.items()),
             problems=(*self._problems, *self._skews()),
         )
 
-    def _rounds(self, frame: int, pending: Mapping[int, list[str]]) -> list[Round]:
-        rounds, before = [], 0.0
+    def _steps(self, frame: int, pending: Mapping[int, list[str]]) -> list[ExposureStep]:
+        steps, before = [], 0.0
         for step, names in pending.items():
-            requested = _known(self._plan.bracket[step])
+            requested = _exposure_of(self._plan.bracket[step])
             # The exposure before may be followed by a dark frame as long as itself.
             patience = PATIENCE + 2 * before
             # The leader exposes alone where it alone is missing: nobody else is armed then.
             leader = self._leader if names != [self._leader] else None
-            rounds.append(
-                Round(
+            steps.append(
+                ExposureStep(
                     self._clock,
-                    self.standing,
+                    self.state,
                     frame,
                     step,
                     requested,
@@ -242,21 +239,23 @@ class Run:
                 )
             )
             before = requested.time
-        return rounds
+        return steps
 
-    def _failed(self, slot: Slot, error: RigError) -> None:
-        if not (isinstance(error, GivenUp) and slot in self._missing):
-            self._missing[slot] = str(error)
+    def _failed(self, shot_id: ShotId, error: RigError) -> None:
+        if not (isinstance(error, CameraGivenUp) and shot_id in self._missing):
+            self._missing[shot_id] = str(error)
 
-    def _book(self, slot: Slot, written: Written, first: float | None, crew: Crew) -> None:
+    def _book(
+        self, shot_id: ShotId, written: SavedShot, first: float | None, threads: CaptureThreads
+    ) -> None:
         """The line of a shot whose file is whole; first: when the first shutter of its step opened."""
-        requested = _known(self._plan.bracket[slot.step])
+        requested = _exposure_of(self._plan.bracket[shot_id.step])
         shot = ShotRecord(
             kind=self._plan.kind,
             plan=self._plan.plan,
-            camera=slot.camera,
-            frame=slot.frame,
-            step=slot.step,
+            camera=shot_id.camera,
+            frame=shot_id.frame,
+            step=shot_id.step,
             file=written.file,
             sha256=written.sha256,
             requested=requested,
@@ -270,31 +269,31 @@ class Run:
         try:
             self._session.append_shot(shot)
         except StorageError as error:
-            crew.halt(error)
-            self._failed(slot, error)
+            threads.halt(error)
+            self._failed(shot_id, error)
             return
-        self.done[slot] = shot
+        self.done[shot_id] = shot
         if deviates(written.reported, requested):
-            self._problems.append(_deviation(slot, requested, written.reported))
+            self._problems.append(_deviation(shot_id, requested, written.reported))
         if shot.skew is not None and shot.skew > self._tolerance and not shot.retries:
-            self._apart.setdefault(slot.step, []).append((shot.skew, slot))
+            self._apart.setdefault(shot_id.step, []).append((shot.skew, shot_id))
         self._progress(shot.file, len(self.done), len(self.planned))
 
     def _skews(self) -> Iterator[str]:
         """A sentence for each step whose shutters opened too far apart; a shot taken again is always late."""
         for step, late in sorted(self._apart.items()):
-            worst, slot = max(late)
-            frames = len({one.frame for _, one in late})
+            worst, shot = max(late)
+            frames = len({shot.frame for _, shot in late})
             yield (
                 f"step {step}: in {frames} of {len(self._plan.frames)} frames the shutters opened more than "
-                f"{1000 * self._tolerance:.3g} ms apart, up to {1000 * worst:.3g} ms ({slot.camera}, frame "
-                f"{slot.frame}): keep the scene still, or trigger the cameras by a hardware line"
+                f"{1000 * self._tolerance:.3g} ms apart, up to {1000 * worst:.3g} ms ({shot.camera}, frame "
+                f"{shot.frame}): keep the scene still, or trigger the cameras by a hardware line"
             )
 
 
-def _deviation(slot: Slot, requested: Exposure, reported: Exposure) -> str:
+def _deviation(shot_id: ShotId, requested: Exposure, reported: Exposure) -> str:
     apart = stops_apart(reported, requested)
-    return f"{slot}: the camera reports {reported} where {requested} was asked for ({apart:+.2f} stops)"
+    return f"{shot_id}: the camera reports {reported} where {requested} was asked for ({apart:+.2f} stops)"
 
 
 def leftovers(session: Session) -> list[Path]:

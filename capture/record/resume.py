@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Sequence
 
-from capture.bracket.levels import around
+from capture.bracket.fixed_exposures import exposures_around
 from capture.bracket.planner import Wanted
-from capture.record.plan import asked_for
+from capture.record.session_plan import asked_for
 from capture.record.source import Request, Source
 from imaging.errors import InputError
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord
@@ -90,7 +90,11 @@ def _must_be_the_bracket(session: Session, source: Source, request: Request, kno
     if asked is None or asked_for(asked) == known.asked:
         return
     middle = source.middle
-    if middle and not isinstance(asked, Wanted) and around(middle, asked, source.cameras) == known.bracket:
+    if (
+        middle
+        and not isinstance(asked, Wanted)
+        and exposures_around(middle, asked, source.cameras) == known.bracket
+    ):
         return
     raise InputError(
         f"{session.folder} was planned with the bracket {_bracket(known)}: "

@@ -10,9 +10,9 @@ from capture.bracket.automatic import meter_rig
 from capture.bracket.metering import Metering
 from capture.bracket.planner import Plan
 from capture.record.new_session import begin, folder_made, is_vacant
-from capture.record.plan import like, metered_at, plan_for
-from capture.record.recorder import CaptureResult, Progress, finished, record, slots
+from capture.record.recorder import CaptureResult, Progress, finished, planned_shots, record
 from capture.record.resume import continued, must_be_the_same
+from capture.record.session_plan import like, metered_at, plan_for
 from capture.record.source import Request, Source
 from imaging.errors import CaptureError, InputError
 from imaging.files.dng import Compression
@@ -64,18 +64,18 @@ def shoot(
             session.append_plan(plan)
         assert session is not None
         done = finished(session, plan)
-        if len(done) < len(slots(plan)):
-            source.hands.show(request.kind)
+        if len(done) < len(planned_shots(plan)):
+            source.operator.show(request.kind)
         if done:
             # Who moves things knows from it that the next frame is not the first.
-            source.hands.move_to(plan.frames[0])
+            source.operator.move_to(plan.frames[0])
         with source.beside(session, plan, progress):
             return record(
                 session,
                 plan,
                 source.cameras,
                 clock=source.clock,
-                move_to=source.hands.move_to,
+                move_to=source.operator.move_to,
                 compression=compression,
                 progress=progress,
                 tolerance=source.tolerance,
@@ -127,7 +127,7 @@ def rehearse(source: Source, out: Path, request: Request) -> Rehearsal:
             source.cameras,
             like(source),
             frames=metered_at(source, "scene", planned.frames),
-            move_to=source.hands.move_to,
+            move_to=source.operator.move_to,
         )
     except CaptureError as error:
         return Rehearsal(planned, _size(source), None, unmetered=str(error))

@@ -4,15 +4,15 @@ import hashlib
 from datetime import UTC, datetime
 from typing import NamedTuple
 
-from capture.bracket.single_exposure import Taken
-from capture.record.exposure_step import Round, Written
+from capture.bracket.single_exposure import CapturedFrame
+from capture.record.exposure_step import ExposureStep, SavedShot
 from imaging.files import store
 from imaging.files.dng import Compression, dng_pieces
 from imaging.mosaic import RawMosaic
 from imaging.session.session import Session
 
 
-class Slot(NamedTuple):
+class ShotId(NamedTuple):
     """A shot of a plan: which camera, at which frame, at which step of the bracket."""
 
     camera: str
@@ -23,14 +23,16 @@ class Slot(NamedTuple):
         return f"{self.camera}, frame {self.frame}, step {self.step}"
 
 
-def shot_file(slot: Slot, suffix: str) -> str:
+def shot_file(shot_id: ShotId, suffix: str) -> str:
     """Where the file of a shot stands, relative to the session folder."""
-    return f"raw/{slot.frame:04d}/{slot.camera}_{slot.step}.{suffix}"
+    return f"raw/{shot_id.frame:04d}/{shot_id.camera}_{shot_id.step}.{suffix}"
 
 
-def save_frame(session: Session, compression: Compression, one: Round, camera: str, taken: Taken) -> Written:
+def save_frame(
+    session: Session, compression: Compression, step: ExposureStep, camera: str, captured: CapturedFrame
+) -> SavedShot:
     """The file of a shot. The hash is of the bytes that were meant, so that `check` proves the disk."""
-    frame = taken.frame
+    frame = captured.frame
     pieces: list[bytes | memoryview]
     if isinstance(frame, RawMosaic):
         pieces, suffix = dng_pieces(frame, compression), "dng"
@@ -38,23 +40,23 @@ def save_frame(session: Session, compression: Compression, one: Round, camera: s
     else:
         pieces, suffix = [frame.data], frame.suffix.lstrip(".").lower()
         height, width = frame.height, frame.width
-    file = shot_file(Slot(camera, one.frame, one.step), suffix)
+    file = shot_file(ShotId(camera, step.frame, step.number), suffix)
     digest = hashlib.sha256()
     for piece in pieces:
         digest.update(piece)
     store.write_pieces(session.folder / file, pieces)
-    return Written(
+    return SavedShot(
         file=file,
         sha256=digest.hexdigest(),
-        reported=taken.reported,
+        reported=captured.reported,
         width=width,
         height=height,
         captured_at=frame.metadata.captured_at or datetime.now(UTC),
-        opened=taken.opened,
-        retries=taken.retries,
+        opened=captured.opened,
+        retries=captured.retries,
     )
 
 
-def mask_file(slot: Slot, suffix: str) -> str:
+def mask_file(shot_id: ShotId, suffix: str) -> str:
     """Where the mask of a shot lies, relative to the session."""
-    return f"masks/{slot.frame:04d}/{slot.camera}_{slot.step}{suffix}"
+    return f"masks/{shot_id.frame:04d}/{shot_id.camera}_{shot_id.step}{suffix}"

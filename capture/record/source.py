@@ -3,24 +3,21 @@
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 from capture.bracket.planner import Wanted
 from capture.record.recorder import Progress
 from drivers.camera import Camera
 from drivers.clock import Clock
 from imaging.exposure import Exposure
-from imaging.session.records import Board, CameraRecord, PlanRecord
+from imaging.session.records import Board, CameraRecord, PlanRecord, Subject
 from imaging.session.session import Session
-
-Subject = Literal["scene", "dark", "flat", "board"]
-"""What the cameras look at."""
 
 Stops = tuple[float, ...]
 """Exposures relative to a middle one."""
 
 
-class Hands(Protocol):
+class Operator(Protocol):
     """Whoever puts things before the cameras: a person at a terminal, or the simulator."""
 
     def show(self, kind: Subject) -> None:
@@ -46,7 +43,7 @@ class Source:
     """By name."""
     clock: Clock
     """That of the cameras' drivers."""
-    hands: Hands
+    operator: Operator
     bracket: tuple[Exposure, ...] | Stops | Wanted
     """Exposures, stops around the middle one, or what a planned bracket has to reach."""
     middle: Exposure | None

@@ -16,11 +16,11 @@ from drivers.sim.mounting import LensKind, Mount, mounts, rig_from_world
 from drivers.sim.scene.board import Board, board_from_rig
 from drivers.sim.scene.gallery import gallery_scene
 from drivers.sim.scene.scene import Scene
-from drivers.sim.scene.subjects import LIGHT, Subject, grey
+from drivers.sim.scene.subjects import LIGHT, grey
 from drivers.sim.scene.tabletop import demo_scene
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.session.records import CameraRecord
+from imaging.session.records import CameraRecord, Subject
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[str, int, int], None]

@@ -53,7 +53,7 @@ def write_truth(
     Radiance that an earlier run of the session has written stays: the seed makes it the same.
     """
     shots = Session.open(session).shots() if (session / "session.json").exists() else []
-    frames = sorted({shot.frame for shot in shots if shot.kind in ("scene", "probe")})
+    frames = sorted({shot.frame for shot in shots if shot.kind == "scene"})
     if not shots:
         frames = list(range(rig.frames))
     names = [mount.name for mount in rig.mounts]

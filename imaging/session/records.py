@@ -20,7 +20,8 @@ from pydantic import (
 from imaging.exposure import Exposure
 from imaging.record import Record
 
-Kind = Literal["scene", "dark", "flat", "board", "probe"]
+Subject = Literal["scene", "dark", "flat", "board"]
+"""What the cameras of a shot look at: what is reconstructed, or what calibrates them."""
 
 
 def _plain_name(value: str) -> str:
@@ -108,7 +109,7 @@ class PlanRecord(Record):
     """One line of `plans.jsonl`: what a run was to shoot, and why."""
 
     plan: Name
-    kind: Kind
+    kind: Subject
     created: datetime
     bracket: tuple[Exposure | None, ...]
     """Exposures of each camera at each frame, in order; None: unknown (imported without EXIF)."""
@@ -126,7 +127,7 @@ class PlanRecord(Record):
 class ShotRecord(Record):
     """One line of `shots.jsonl`: one exposure that is on the disk, whole."""
 
-    kind: Kind
+    kind: Subject
     plan: Name
     camera: Name
     frame: int = Field(ge=0)

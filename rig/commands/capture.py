@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imaging.session.paths import has_shots
-from rig.buses import bus_of, hands_at
+from rig.buses import bus_of, operator_at
 from rig.commands.options import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.commands.rehearsal import rehearse
 from rig.terminal.outcome import Outcome, leaving_nothing, running, shortfall
@@ -18,8 +18,8 @@ from rig.terminal.text import command_line, counted
 
 if TYPE_CHECKING:
     from capture.bracket.planner import Wanted
-    from capture.record.source import Subject
     from capture.rigfile.rigfile import RigFile
+    from imaging.session.records import Subject
 
 
 def capture(
@@ -229,7 +229,7 @@ def run_capture(
                 bracket=chosen,
                 auto=auto,
                 resume=resume,
-                hands=hands_at(bus, rig, meter),
+                operator=operator_at(bus, rig, meter),
                 positions=bus.rig.frames if bus.rig else None,
                 backend=bus.backend,
                 clock=bus.clock,

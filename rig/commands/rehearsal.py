@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.buses import bus_of, hands_at
+from rig.buses import bus_of, operator_at
 from rig.terminal.outcome import Outcome
 from rig.terminal.progress import Meter
 from rig.terminal.text import counted, size
@@ -14,8 +14,8 @@ from rig.terminal.text import counted, size
 if TYPE_CHECKING:
     from capture.bracket.planner import Wanted
     from capture.record.shooting import Rehearsal
-    from capture.record.source import Subject
     from capture.rigfile.rigfile import RigFile
+    from imaging.session.records import Subject
 
 
 _FRAMES = {"scene": "position", "dark": "repeat", "flat": "repeat", "board": "pose"}
@@ -46,7 +46,7 @@ def rehearse(
             frames=frames,
             bracket=chosen,
             auto=auto,
-            hands=hands_at(bus, rig, meter),
+            operator=operator_at(bus, rig, meter),
             positions=bus.rig.frames if bus.rig else None,
             backend=bus.backend,
             clock=bus.clock,

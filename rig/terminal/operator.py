@@ -4,8 +4,8 @@ import sys
 from collections.abc import Callable
 from typing import Literal
 
-from capture.record.source import Subject
 from drivers.clock import Clock
+from imaging.session.records import Subject
 
 DO: dict[Subject, str] = {
     "dark": "Darks: cover every lens, and the viewfinders of still cameras.",
@@ -18,7 +18,7 @@ NEXT: dict[Subject, str] = {
 }
 
 
-class Person:
+class TerminalOperator:
     """Reads Enter from standard input; where that is no terminal, nobody is waited for.
 
     say: shows a line. pause: before all frames but the first, "key" for Enter or so many seconds of `clock`.

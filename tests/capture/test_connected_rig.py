@@ -70,7 +70,7 @@ class Place:
             return capture_rig(
                 read_rig_file(self.file),
                 out or self.out,
-                hands=rig,
+                operator=rig,
                 positions=rig.frames,
                 backend=bus.backend,
                 clock=bus.clock,
@@ -85,7 +85,7 @@ class Place:
         return rehearse_rig(
             read_rig_file(self.file),
             self.out,
-            hands=rig,
+            operator=rig,
             positions=rig.frames,
             backend=bus.backend,
             clock=bus.clock,
@@ -161,7 +161,7 @@ def test_the_middle_of_stops_is_metered_where_the_file_does_not_give_it(place: P
     def lacks(exposure: Exposure) -> tuple[float, float]:
         """Stops by which the bright end clips, and by which the dark end is too dark for 10 dB."""
         pairs = [
-            (t.bright / t.tones.brightest(exposure), t.tones.darkest(10.0, exposure) / t.dark)
+            (t.bright / t.noise.brightest(exposure), t.noise.darkest(10.0, exposure) / t.dark)
             for t in metering.targets
         ]
         return math.log2(max(one for one, _ in pairs)), math.log2(max(one for _, one in pairs))
@@ -292,7 +292,7 @@ def test_a_hardware_trigger_opens_all_shutters_with_the_leader(tmp_path: Path) -
             text = text.replace(old, new)
         (tmp_path / "RIG.toml").write_text(text)
         file = read_rig_file(tmp_path / "RIG.toml")
-        result = capture_rig(file, tmp_path / f"S{soldered}", hands=rig, backend=bus, clock=clock)
+        result = capture_rig(file, tmp_path / f"S{soldered}", operator=rig, backend=bus, clock=clock)
         if soldered:
             assert (result.taken, result.missing) == (4, ())
             assert [len(device.opened) for device in devices] == [3, 3]

@@ -1,13 +1,9 @@
 """What the cameras of a simulated rig look at: the scene, nothing, a grey surface, a board."""
 
-from typing import Literal
-
 import numpy as np
 import numpy.typing as npt
 
 from imaging.lens import Lens
-
-Subject = Literal["scene", "dark", "flat", "board"]
 
 LIGHT = 240.0
 """Radiance of the grey surface, and of white paper beside the board: fills green at f/4, 1/15 s, ISO 100."""

@@ -29,7 +29,6 @@ KINDS = {
     "board": "Board",
     "flat": "Flat frames",
     "dark": "Dark frames",
-    "probe": "Probes of the meter",
 }
 
 Place = tuple[str, int, int]

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from capture.bracket.code_tones import BRIGHTEST, DARKEST, CodeTones
+from capture.bracket.code_noise import BRIGHTEST, DARKEST, CodeNoise
 from capture.bracket.exposure_choices import exposure_list
 from capture.bracket.metering import meter
 from capture.bracket.planner import Wanted, plan_bracket
@@ -22,7 +22,7 @@ from imaging.files.photo import decode_photo
 WIDTH, HEIGHT = 64, 48
 
 
-def probed(develop, stops: float = 2.0) -> CodeTones:
+def probed(develop, stops: float = 2.0) -> CodeNoise:
     """The curve from noisy codes of 4,000 things of all brightnesses, nine probes."""
     rng = np.random.default_rng(3)
     light = 2.0 ** rng.uniform(-12, 4, 4000)
@@ -32,7 +32,7 @@ def probed(develop, stops: float = 2.0) -> CodeTones:
     ]
     pairs = list(pairwise(codes))
     lower, upper = (np.concatenate([pair[side] for pair in pairs]) for side in (0, 1))
-    return CodeTones.of(lower, upper, np.full(len(lower), stops))
+    return CodeNoise.of(lower, upper, np.full(len(lower), stops))
 
 
 @pytest.mark.parametrize(
@@ -44,30 +44,30 @@ def probed(develop, stops: float = 2.0) -> CodeTones:
     ],
 )
 def test_the_curve_is_that_of_the_camera_within_a_sixth_of_a_stop(develop, exposure_of):
-    tones = probed(develop)
-    truth = np.log(exposure_of(tones.codes) / exposure_of(np.array(BRIGHTEST)))
-    assert np.abs(tones.light - truth).max() < math.log(2) / 6
-    assert (tones.codes[0], tones.codes[-1]) == (DARKEST, BRIGHTEST)
+    noise = probed(develop)
+    truth = np.log(exposure_of(noise.codes) / exposure_of(np.array(BRIGHTEST)))
+    assert np.abs(noise.light - truth).max() < math.log(2) / 6
+    assert (noise.codes[0], noise.codes[-1]) == (DARKEST, BRIGHTEST)
 
 
 def test_without_pairs_the_curve_is_that_of_srgb():
-    tones = CodeTones.of(*np.zeros((3, 0)))
-    truth = np.log(srgb_decode(tones.codes) / srgb_decode(BRIGHTEST))
-    assert np.abs(tones.light - truth).max() < 0.02
+    noise = CodeNoise.of(*np.zeros((3, 0)))
+    truth = np.log(srgb_decode(noise.codes) / srgb_decode(BRIGHTEST))
+    assert np.abs(noise.light - truth).max() < 0.02
 
 
 def test_the_snr_is_that_of_a_code_of_noise():
     """Below code 10.3 of sRGB, light is proportional to the code: the SNR is the code over its noise."""
-    tones = CodeTones.of(*np.zeros((3, 0)))
+    noise = CodeNoise.of(*np.zeros((3, 0)))
     exposure = Exposure(time=1.0)
-    darkest = tones.darkest(10.0, exposure)
-    assert darkest == pytest.approx(math.exp(tones.light[0]))
-    assert tones.snr(darkest, exposure) == pytest.approx(20.0, abs=1.0)
-    assert tones.snr(darkest / 10, exposure) == pytest.approx(tones.snr(darkest, exposure) - 20)
-    assert tones.snr(0.0, exposure) == -math.inf
+    darkest = noise.darkest(10.0, exposure)
+    assert darkest == pytest.approx(math.exp(noise.light[0]))
+    assert noise.snr(darkest, exposure) == pytest.approx(20.0, abs=1.0)
+    assert noise.snr(darkest / 10, exposure) == pytest.approx(noise.snr(darkest, exposure) - 20)
+    assert noise.snr(0.0, exposure) == -math.inf
     # 30 dB need a code well above the darkest; 60 dB none has.
-    assert tones.darkest(30.0, exposure) > 4 * darkest
-    assert tones.darkest(60.0, exposure) == math.inf
+    assert noise.darkest(30.0, exposure) > 4 * darkest
+    assert noise.darkest(60.0, exposure) == math.inf
 
 
 class Scene:

@@ -72,7 +72,7 @@ def reached(scene: Scene, exposures, count: int) -> tuple[np.ndarray, np.ndarray
 
     Bins of a quarter stop of true radiance; the variance is that from shot to shot.
     """
-    tones = scene.meter(Wanted()).targets[0].tones
+    noise = scene.meter(Wanted()).targets[0].noise
     groups = np.rint(4 * np.log2(scene.truth)).astype(int)
     best = {int(g): (-np.inf, -np.inf) for g in np.unique(groups)}
     for exposure in exposures:
@@ -82,7 +82,7 @@ def reached(scene: Scene, exposures, count: int) -> tuple[np.ndarray, np.ndarray
             if np.isfinite(inside).all():
                 snr = 10 * np.log10((inside.mean(axis=0) ** 2).mean() / inside.var(axis=0, ddof=1).mean())
                 light = float(np.sqrt((scene.truth[groups == group] ** 2).mean()))
-                best[group] = max(best[group], (snr, tones.snr(light, exposure)))
+                best[group] = max(best[group], (snr, noise.snr(light, exposure)))
     values = np.array(list(best.values()))
     return values[:, 0], values[:, 1]
 

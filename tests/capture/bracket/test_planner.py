@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bench.capture import planner_cases as cases
 from capture.bracket.exposure_choices import common_isos, common_times, exposure_list, without_idle_isos
 from capture.bracket.planner import BALANCE, SLACK, Plan, Shortfall, Target, Wanted, plan_bracket
-from capture.bracket.tones import Tones
+from capture.bracket.raw_noise import RawNoise
 from drivers.camera import Capabilities
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure
@@ -19,9 +19,9 @@ from imaging.noise import SensorNoise
 
 # Wells of 8,180, 32,400 and 42,000 electrons: a Pi HQ, an IMX249 and a full-frame camera.
 SENSORS = (
-    Tones(SensorNoise(gain=3839 / 8180, read_noise=3.0), 3839.0),
-    Tones(SensorNoise(gain=3839 / 32400, read_noise=7.2), 3839.0),
-    Tones(SensorNoise(gain=15871 / 42000, read_noise=1.5), 15871.0),
+    RawNoise(SensorNoise(gain=3839 / 8180, read_noise=3.0), 3839.0),
+    RawNoise(SensorNoise(gain=3839 / 32400, read_noise=7.2), 3839.0),
+    RawNoise(SensorNoise(gain=15871 / 42000, read_noise=1.5), 15871.0),
 )
 THIRDS = tuple(2.0 ** (n / 3) for n in range(-39, 16))
 """1/8192 s to 32 s."""
@@ -34,21 +34,21 @@ def listed(times=THIRDS, isos=(100.0,), wanted=ANY) -> tuple[Exposure, ...]:
     return exposure_list(times, isos, 4.0, wanted)
 
 
-def stops_of(tones: Tones, snr: float) -> float:
+def stops_of(noise: RawNoise, snr: float) -> float:
     """How many stops one exposure is trusted to show."""
     exposure = Exposure(time=1.0, iso=100.0)
-    return math.log2(tones.brightest(exposure) / tones.darkest(snr, exposure)) - 2 * SLACK
+    return math.log2(noise.brightest(exposure) / noise.darkest(snr, exposure)) - 2 * SLACK
 
 
-def scene(tones: Tones, stops: float, dark: float = 4.0) -> Target:
-    return Target("cam0", "G", tones, dark, dark * 2.0**stops)
+def scene(noise: RawNoise, stops: float, dark: float = 4.0) -> Target:
+    return Target("cam0", "G", noise, dark, dark * 2.0**stops)
 
 
 def shown(exposure: Exposure, target: Target, snr: float, radiance: float) -> bool:
     """Straight from the definition: enough SNR, and not clipped, with the slack at both ends."""
     trusted = 2.0**SLACK
-    enough = target.tones.snr(radiance / trusted, exposure) >= snr - 1e-9
-    return enough and radiance * trusted <= target.tones.brightest(exposure) * (1 + 1e-9)
+    enough = target.noise.snr(radiance / trusted, exposure) >= snr - 1e-9
+    return enough and radiance * trusted <= target.noise.brightest(exposure) * (1 + 1e-9)
 
 
 def checkpoints(targets, exposures, snr) -> list[tuple[Target, float]]:
@@ -58,8 +58,8 @@ def checkpoints(targets, exposures, snr) -> list[tuple[Target, float]]:
         ends = {target.dark, target.bright}
         for exposure in exposures:
             for end in (
-                target.tones.darkest(snr, exposure) * 2**SLACK,
-                target.tones.brightest(exposure) / 2**SLACK,
+                target.noise.darkest(snr, exposure) * 2**SLACK,
+                target.noise.brightest(exposure) / 2**SLACK,
             ):
                 if target.dark < end < target.bright:
                     ends.add(end)
@@ -75,12 +75,12 @@ def worst_hand_over(subset, targets, snr) -> float:
     worst = math.inf
     for exposure in subset:
         for target in targets:
-            end = target.tones.brightest(exposure) / 2**SLACK
+            end = target.noise.brightest(exposure) / 2**SLACK
             if target.dark <= end < target.bright:
                 above = end * (1 + 1e-9)
                 best = max(
                     (
-                        target.tones.snr(end, e)
+                        target.noise.snr(end, e)
                         for e in subset
                         if e.time * e.iso < exposure.time * exposure.iso and shown(e, target, snr, above)
                     ),
@@ -129,28 +129,28 @@ def test_no_bracket_does_with_fewer_exposures_and_none_as_quick_hands_over_bette
         assert worst_hand_over(plan.exposures, targets, snr) == pytest.approx(best, abs=1e-6)
 
 
-@pytest.mark.parametrize("tones", SENSORS)
+@pytest.mark.parametrize("noise", SENSORS)
 @pytest.mark.parametrize("snr", [10.0, 20.0, 30.0])
-def test_the_number_of_exposures_is_the_range_over_what_one_shows(tones, snr):
+def test_the_number_of_exposures_is_the_range_over_what_one_shows(noise, snr):
     """A list in thirds of a stop loses at most a third at every seam."""
-    one = stops_of(tones, snr)
+    one = stops_of(noise, snr)
     exposures = listed([2.0 ** (n / 3) for n in range(-120, 16)])
     for count in (1, 2, 3):
-        target = scene(tones, count * one - (count + 1) / 3)
+        target = scene(noise, count * one - (count + 1) / 3)
         plan = plan_bracket([target], exposures, Wanted(snr=snr))
         assert (len(plan.exposures), plan.shortfalls) == (count, ())
-        more = scene(tones, count * one + 0.05)
+        more = scene(noise, count * one + 0.05)
         assert len(plan_bracket([more], exposures, Wanted(snr=snr)).exposures) == count + 1
 
 
 def test_published_dynamic_range_follows_from_the_noise():
     """A well of 8,180 electrons, 3 of read noise (IMX477): 6.1 stops at 20 dB, 2.9 at 30, up to 0.9 of it."""
-    tones = Tones(SensorNoise(gain=1.0, read_noise=3.0), 8180.0)
+    noise = RawNoise(SensorNoise(gain=1.0, read_noise=3.0), 8180.0)
     exposure = Exposure(time=1.0)
     for snr, stops in ((20.0, 6.1), (30.0, 2.9)):
-        darkest = tones.darkest(snr, exposure)
+        darkest = noise.darkest(snr, exposure)
         assert math.log2(0.9 / darkest) == pytest.approx(stops, abs=0.06)
-        assert tones.snr(darkest, exposure) == pytest.approx(snr, abs=1e-9)
+        assert noise.snr(darkest, exposure) == pytest.approx(snr, abs=1e-9)
 
 
 def test_cameras_that_see_different_light_share_the_exposures():
@@ -211,7 +211,7 @@ def test_iso_is_raised_only_where_time_has_run_out_and_never_over_its_limit():
 
 def test_an_iso_that_shows_hardly_more_is_left_alone():
     """8 bits round a well of 10,000 electrons to steps of 39: ISO 400 shows much more, ISO 1600 little."""
-    coarse = Tones(SensorNoise(gain=255 / 10_000, read_noise=3.0), 255.0)
+    coarse = RawNoise(SensorNoise(gain=255 / 10_000, read_noise=3.0), 255.0)
     isos = (100.0, 400.0, 1600.0)
     exposures = listed(isos=isos)
     assert {e.iso for e in without_idle_isos([scene(coarse, 4.0)], exposures, 20.0)} == {100.0, 400.0}

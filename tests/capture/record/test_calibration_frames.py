@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.bracket.levels import ladder
+from capture.bracket.fixed_exposures import flat_levels
 from capture.bracket.planner import Target
-from capture.bracket.tones import Tones
+from capture.bracket.raw_noise import RawNoise
 from capture.check.check import check
 from capture.connected_rig import capture_rig
 from capture.rigfile.rigfile import read_rig_file
@@ -152,19 +152,19 @@ def test_the_scene_is_shot_once(tmp_path: Path) -> None:
 def lit(bright: float) -> Target:
     """An evenly lit surface before a sensor of 8,180 electrons."""
     return Target(
-        "cam0", "G", Tones(SensorNoise(gain=3839 / 8180, read_noise=3.0), 3839.0), bright / 1.5, bright
+        "cam0", "G", RawNoise(SensorNoise(gain=3839 / 8180, read_noise=3.0), 3839.0), bright / 1.5, bright
     )
 
 
 def test_levels_go_down_from_ninety_percent_of_white_as_far_as_the_camera_can() -> None:
     exposures = [Exposure(time=2.0 ** (n / 3), iso=100) for n in range(-30, 10)]
-    levels = [exposure.scale * 0.5 for exposure in ladder([lit(0.5), lit(0.3)], exposures)]
+    levels = [exposure.scale * 0.5 for exposure in flat_levels([lit(0.5), lit(0.3)], exposures)]
     assert 0.9 / 2 ** (1 / 3) < levels[-1] <= 0.9
     np.testing.assert_allclose(np.diff(np.log2(levels)), 2 / 3, rtol=1e-9)
     assert len(levels) == 12
-    assert len(ladder([lit(0.9 * 2.0**8)], exposures)) == 4  # 2, 4/3, 2/3 and 0 stops above the shortest
+    assert len(flat_levels([lit(0.9 * 2.0**8)], exposures)) == 4  # 2, 4/3, 2/3 and 0 stops above the shortest
     with pytest.raises(CaptureError, match="the flat is too bright: 1/1024 s ISO 100 is above"):
-        ladder([lit(0.91 * 2.0**10)], exposures)
+        flat_levels([lit(0.91 * 2.0**10)], exposures)
 
 
 def test_darks_of_a_scene_that_is_still_to_be_metered_are_refused(tmp_path: Path) -> None:
@@ -185,7 +185,7 @@ def test_darks_of_a_scene_that_is_still_to_be_metered_are_refused(tmp_path: Path
                 tmp_path / "S",
                 kind="dark",
                 bracket=bracket,
-                hands=rig,
+                operator=rig,
                 backend=bus.backend,
                 clock=bus.clock,
             )

@@ -5,7 +5,7 @@ from contextlib import suppress
 
 import pytest
 
-from capture.bracket.single_exposure import RETRIES
+from capture.bracket.acceptance import RETRIES
 from capture.record import recorder
 from capture.record.camera_worker import GIVE_UP_AFTER
 from capture.record.recorder import record

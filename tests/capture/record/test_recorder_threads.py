@@ -1,4 +1,4 @@
-"""The crew of a capture: together at the trigger, apart in their downloads, bounded in memory."""
+"""The threads of a capture: together at the trigger, apart in their downloads, bounded in memory."""
 
 import math
 import threading
@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from capture.record import recorder
-from capture.record.memory_budget import Budget
+from capture.record.memory_budget import MemoryBudget
 from capture.record.recorder import record
 from drivers.clock import SystemClock
 from drivers.sim.usb.virtual_clock import VirtualClock
@@ -125,17 +125,17 @@ def test_frames_between_camera_and_disk_stay_within_the_budget(fake_rig, monkeyp
     frame = 24 * 32 * 2
     budgets, held, waiting = [], [], []
 
-    class Watched(Budget):
+    class Watched(MemoryBudget):
         def __init__(self, clock):
             super().__init__(clock, limit=5 * frame)
             budgets.append(self)
 
-        def take(self, count):
+        def reserve(self, count):
             waiting.append(self.held + count > self.limit)
-            super().take(count)
+            super().reserve(count)
             held.append(self.held)
 
-    monkeypatch.setattr(recorder, "Budget", Watched)
+    monkeypatch.setattr(recorder, "MemoryBudget", Watched)
     assert run(rig, clock).missing == ()
     assert max(held) <= 5 * frame
     assert any(waiting)
@@ -145,15 +145,15 @@ def test_frames_between_camera_and_disk_stay_within_the_budget(fake_rig, monkeyp
 
 def test_who_wants_more_memory_than_there_is_waits_until_nobody_has_any():
     clock, log = VirtualClock(), []
-    budget = Budget(clock, limit=10)
+    budget = MemoryBudget(clock, limit=10)
 
     def job(place, name, seconds, count):
         with place:
             clock.sleep(seconds)
-            budget.take(count)
+            budget.reserve(count)
             log.append((clock.now(), name))
             clock.sleep(1.0)
-            budget.give(count)
+            budget.release(count)
 
     jobs = [("small", 0.0, 6), ("large", 0.1, 50), ("other", 0.2, 4)]
     threads = [

@@ -24,7 +24,7 @@ from tests.capture.conftest import WHEN
 BRACKET = tuple(Exposure(time=time, iso=100) for time in (1 / 1000, 1 / 60, 1 / 4))
 
 
-class Wired:
+class WiredRig:
     """Three cameras, cam1 the leader; its Line1 ends at Line0 of the others. A new bus every time, as every
     run has one; `folder` holds the session."""
 
@@ -82,8 +82,8 @@ class Wired:
 
 
 @pytest.fixture
-def wired(tmp_path: Path) -> Callable[..., Wired]:
-    return lambda name="session", *faults, **options: Wired(tmp_path / name, faults, **options)
+def wired(tmp_path: Path) -> Callable[..., WiredRig]:
+    return lambda name="session", *faults, **options: WiredRig(tmp_path / name, faults, **options)
 
 
 def lost(serial: str, *places: int) -> list[Fault]:
@@ -91,7 +91,7 @@ def lost(serial: str, *places: int) -> list[Fault]:
     return [Fault(Kind.TIMEOUT, serial, "Frame", nth) for nth in places]
 
 
-def others(rig: Wired, *names: str) -> dict[str, bytes]:
+def others(rig: WiredRig, *names: str) -> dict[str, bytes]:
     """All files but those: a frame that is taken again has noise of its own."""
     return {name: data for name, data in rig.files().items() if name not in names}
 

@@ -11,7 +11,7 @@ from drivers.sim.rigs import simulate
 from drivers.sim.usb.bus import Holder, VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from rig.buses import Bus
-from rig.terminal.operator import Person
+from rig.terminal.operator import TerminalOperator
 
 
 def told(rig, *arguments: str) -> dict:
@@ -203,9 +203,9 @@ def test_whoever_goes_on_is_asked_for_the_frame_that_is_next(
 
 def test_the_same_thing_is_not_asked_for_twice(terminal: Terminal) -> None:
     said: list[str] = []
-    person = Person(said.append, "key", VirtualClock())
+    operator = TerminalOperator(said.append, "key", VirtualClock())
     for _ in range(2):
-        person.show("flat")
-        person.move_to(7)
-        person.move_to(8)
+        operator.show("flat")
+        operator.move_to(7)
+        operator.move_to(8)
     assert (len(said), terminal.pressed) == (1, 1)

@@ -21,7 +21,9 @@ SEEN = 10.0
 """dB at which the dark end of a single exposure counts as seen."""
 
 
-def around(middle: Exposure, stops: Sequence[float], cameras: Mapping[str, Camera]) -> tuple[Exposure, ...]:
+def exposures_around(
+    middle: Exposure, stops: Sequence[float], cameras: Mapping[str, Camera]
+) -> tuple[Exposure, ...]:
     """The nearest exposures that the cameras have; InputError if one is out of reach or comes twice."""
     if not stops:
         raise InputError("the bracket is empty: give at least one exposure, as 0 or -2,0,2.")
@@ -47,7 +49,7 @@ def around(middle: Exposure, stops: Sequence[float], cameras: Mapping[str, Camer
     return tuple(chosen)
 
 
-def singles(
+def single_exposures(
     cameras: Mapping[str, Camera], f_number: float | None, slowest: float | None = None
 ) -> tuple[Exposure, ...]:
     """Exposures for a single shot, ascending: at the lowest ISO, or higher ones once the time is up."""
@@ -56,17 +58,17 @@ def singles(
     return listed if slowest is not None else tuple(e for e in listed if e.iso == listed[0].iso)
 
 
-def middle_of(targets: Sequence[Target], exposures: Sequence[Exposure]) -> Exposure:
+def middle_exposure(targets: Sequence[Target], exposures: Sequence[Exposure]) -> Exposure:
     """The exposure with as many stops to spare, or missing, above what all cameras see as below it."""
 
     def off(exposure: Exposure) -> float:
-        below = min(math.log2(target.dark / target.tones.darkest(SEEN, exposure)) for target in targets)
+        below = min(math.log2(target.dark / target.noise.darkest(SEEN, exposure)) for target in targets)
         return abs(worths(targets, exposure)["rig"].headroom - below)
 
     return min(exposures, key=off)
 
 
-def ladder(targets: Sequence[Target], exposures: Sequence[Exposure]) -> tuple[Exposure, ...]:
+def flat_levels(targets: Sequence[Target], exposures: Sequence[Exposure]) -> tuple[Exposure, ...]:
     """Levels of a flat, ascending: the brightest that leaves all cameras below white, and down from it.
 
     CaptureError if even the shortest is too bright for one.

@@ -47,7 +47,7 @@ class Inbox(Generic[T]):
             return self._items.popleft() if self._items else None
 
     @property
-    def waits(self) -> bool:
+    def has_items(self) -> bool:
         """Whether there is an item."""
         with self._clock.lock:
             return bool(self._items)
@@ -67,10 +67,10 @@ class Inbox(Generic[T]):
             self._clock.changed()
 
 
-class Threads:
+class ThreadGroup:
     """A thread for each job, begun and ended by `with`; `end` has the jobs return.
 
-    defect: what one died of, None as long as all are sound.
+    defect: the exception that ended one of them, None if there was none.
     """
 
     def __init__(self, clock: Clock, jobs: Mapping[str, Callable[[], None]], end: Callable[[], None]) -> None:

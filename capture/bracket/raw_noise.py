@@ -19,18 +19,18 @@ Values = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Tones:
+class RawNoise:
     """The noise of a linear sensor, from which follows what an exposure is good for.
 
-    noise: at ISO 100, DN; span: DN from black to white. A higher ISO multiplies signal and read noise
+    sensor: at ISO 100, DN; span: DN from black to white. A higher ISO multiplies signal and read noise
     alike and leaves the rounding to whole DN, so that it helps only where rounding matters.
     """
 
-    noise: SensorNoise
+    sensor: SensorNoise
     span: float
 
     @classmethod
-    def of(cls, frame: RawMosaic) -> "Tones":
+    def of(cls, frame: RawMosaic) -> "RawNoise":
         """From the noise profile of a frame; CaptureError if it has none."""
         if frame.noise_profile is None:
             raise CaptureError(
@@ -45,7 +45,7 @@ class Tones:
 
     def profile(self, exposure: Exposure) -> tuple[float, float]:
         """(S, O): variance of the signal is `S * signal + O`."""
-        gained = self.noise.model_copy(update={"gain": self.noise.gain * exposure.iso_gain})
+        gained = self.sensor.model_copy(update={"gain": self.sensor.gain * exposure.iso_gain})
         return gained.profile(0.0, self.span)
 
     def snrs(self, radiances: Values, exposure: Exposure) -> Values:

@@ -6,13 +6,19 @@ from datetime import UTC, datetime
 from math import isfinite
 
 from capture.bracket.automatic import Automatic, meter_rig, plan_automatically
-from capture.bracket.levels import STILL, around, ladder, middle_of, singles
+from capture.bracket.fixed_exposures import (
+    STILL,
+    exposures_around,
+    flat_levels,
+    middle_exposure,
+    single_exposures,
+)
 from capture.bracket.metering import Metering
 from capture.bracket.planner import Wanted
-from capture.record.source import Request, Source, Stops, Subject
+from capture.record.source import Request, Source, Stops
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.session.records import PlanRecord
+from imaging.session.records import PlanRecord, Subject
 
 NAMES: dict[Subject, str] = {"scene": "scene", "dark": "darks", "flat": "flats", "board": "board"}
 REPEATS: dict[Subject, int] = {"dark": 16, "flat": 16, "board": 20}
@@ -33,13 +39,13 @@ def plan_for(
         bracket = source.bracket
     automatic: Automatic | None = None
     if isinstance(bracket, Wanted):
-        source.hands.show(request.kind)
+        source.operator.show(request.kind)
         automatic = plan_automatically(
             source.cameras,
             like(source),
             bracket,
             frames=metered_at(source, request.kind, frames),
-            move_to=source.hands.move_to,
+            move_to=source.operator.move_to,
         )
         exposures, reason = automatic.plan.exposures, automatic.reason
     elif bracket is not None:
@@ -53,12 +59,14 @@ def plan_for(
         exposures, reason = _darks(source, plans, frames)
     elif request.kind == "flat":
         targets = _metered(source, "flat", frames).targets
-        exposures = ladder(targets, singles(source.cameras, source.f_number))
+        exposures = flat_levels(targets, single_exposures(source.cameras, source.f_number))
         full = max(target.bright for target in targets) * exposures[-1].scale
         reason = f"metered: levels down from {full:.0%} of white, where the camera that sees most light is"
     else:
         metering = _metered(source, "board", frames)
-        exposures = (middle_of(metering.targets, singles(source.cameras, source.f_number, STILL)),)
+        exposures = (
+            middle_exposure(metering.targets, single_exposures(source.cameras, source.f_number, STILL)),
+        )
         reason = "metered: the middle of what the cameras see, no slower than a hand is still"
     plan = PlanRecord(
         plan=_name(request.kind, plans),
@@ -95,12 +103,12 @@ def metered_at(source: Source, kind: Subject, frames: Sequence[int]) -> Sequence
 
 
 def _metered(source: Source, kind: Subject, frames: Sequence[int]) -> Metering:
-    source.hands.show(kind)
+    source.operator.show(kind)
     return meter_rig(
         source.cameras,
         like(source),
         frames=metered_at(source, kind, frames),
-        move_to=source.hands.move_to,
+        move_to=source.operator.move_to,
     )
 
 
@@ -120,8 +128,8 @@ def _given(
                 'metered: add time = "1/60" to its [bracket].'
             )
         metering = _metered(source, kind, frames)
-        middle = middle_of(metering.targets, singles(source.cameras, source.f_number))
-    return around(middle, stops, source.cameras)
+        middle = middle_exposure(metering.targets, single_exposures(source.cameras, source.f_number))
+    return exposures_around(middle, stops, source.cameras)
 
 
 def _darks(

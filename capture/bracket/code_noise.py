@@ -28,7 +28,7 @@ ASSUMED = (
 
 
 @dataclass(frozen=True, eq=False)
-class CodeTones:
+class CodeNoise:
     """What an exposure is good for. codes: ascending from DARKEST to BRIGHTEST, float64 [n].
 
     light: natural logarithm of the light that gives a code, 0 at the last; ratios: signal to noise there.
