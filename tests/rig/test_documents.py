@@ -52,7 +52,9 @@ def test_the_citation_is_of_this_version_and_its_notes_name_files() -> None:
     assert (citation["version"], citation["license"]) == (project["version"], project["license"])
     assert citation["authors"] == project["authors"]
     for paper in citation["references"]:
-        assert paper["type"] and paper["title"] and paper["authors"]
+        assert paper["type"]
+        assert paper["title"]
+        assert paper["authors"]
         for place in PLACE.findall(paper["notes"]):
             assert (REPOSITORY / place).exists(), place
 
@@ -65,7 +67,8 @@ def test_papers_that_the_code_cites_by_number_are_in_the_citation() -> None:
         for path in (REPOSITORY / stage).rglob("*.py")
         for number in re.findall(r"arXiv\s+(\d{4}\.\d{5})", path.read_text(encoding="utf-8"))
     }
-    assert cited and {number for number in cited if f"arXiv:{number}" not in citation} == set()
+    assert cited
+    assert {number for number in cited if f"arXiv:{number}" not in citation} == set()
 
 
 def test_the_changelog_has_this_version() -> None:
