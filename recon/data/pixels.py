@@ -1,6 +1,9 @@
 """The pixels of one shot: a file of any kind read as numbers between 0 and 1, scaled down if asked."""
 
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -66,6 +69,11 @@ class Shot:
         )
 
 
+_DECODED: ContextVar[dict[tuple[object, ...], tuple[Shot, Cfa | None]] | None] = ContextVar(
+    "decoded", default=None
+)
+
+
 def read_shot(
     path: Path,
     name: str,
@@ -80,6 +88,43 @@ def read_shot(
 
     mask: a picture (`imaging.merge.masks`) whose black pixels are not valid in the shot.
     """
+    kept = _DECODED.get()
+    if kept is None:
+        return _masked(path, name, kind, k, response, max_width, sensors, mask)
+    written = tuple((file, os.stat(file).st_mtime_ns) for file in (path, mask) if file is not None)
+    what = (written, name, kind, k, response, max_width, tuple(sensors))
+    if what not in kept:
+        kept[what] = _masked(path, name, kind, k, response, max_width, sensors, mask)
+    return kept[what]
+
+
+@contextmanager
+def decoded_once() -> Iterator[None]:
+    """Within the block a file that is read again as it was is not decoded again.
+
+    For a training that is evaluated and reported at once: each of them reads the same shots, which stay in
+    memory until the block ends, as those of one data set do anyway.
+    """
+    if _DECODED.get() is not None:  # within such a block
+        yield
+        return
+    before = _DECODED.set({})
+    try:
+        yield
+    finally:
+        _DECODED.reset(before)
+
+
+def _masked(
+    path: Path,
+    name: str,
+    kind: Literal["raw", "ldr", "hdr"],
+    k: float,
+    response: Response,
+    max_width: int | None,
+    sensors: Sequence[SensorCalibration],
+    mask: Path | None,
+) -> tuple[Shot, Cfa | None]:
     shot, cfa, size = _read(path, name, kind, k, response, max_width, sensors)
     if mask is None:
         return shot, cfa

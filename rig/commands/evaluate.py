@@ -38,12 +38,14 @@ def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = Fal
 
 def run_evaluate(folder: Path, meter: Meter) -> Outcome:
     """Evaluate, write the report and say what came of it."""
+    from recon.data.pixels import decoded_once
     from recon.evaluate import evaluate as evaluate_scene
 
-    metrics = evaluate_scene(folder, progress=meter)
-    from rig.report.pages.reconstruction import reconstruction_report
+    with decoded_once():
+        metrics = evaluate_scene(folder, progress=meter)
+        from rig.report.pages.reconstruction import reconstruction_report
 
-    return told(folder, metrics, reconstruction_report(folder, meter))
+        return told(folder, metrics, reconstruction_report(folder, meter))
 
 
 def evaluated_before(folder: Path) -> Outcome | None:

@@ -93,18 +93,21 @@ def reconstruct(
     Example: rig reconstruct S --budget 5m
     """
     with running("reconstruct") as meter:
-        return run_reconstruct(
-            session,
-            meter,
-            method=method,
-            quality=quality,
-            budget=budget,
-            early_stop=early_stop,
-            seed=seed,
-            name=name,
-            replace=replace,
-            sets=sets,
-        )
+        from recon.data.pixels import decoded_once
+
+        with decoded_once():
+            return run_reconstruct(
+                session,
+                meter,
+                method=method,
+                quality=quality,
+                budget=budget,
+                early_stop=early_stop,
+                seed=seed,
+                name=name,
+                replace=replace,
+                sets=sets,
+            )
 
 
 def run_reconstruct(

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from imaging.files import store
+from imaging.session.session import Session
+from recon.data import pixels
 from recon.decide.prediction import enough
 from recon.reconstruct import QUALITIES, Quality
 from recon.scene.ply import read_ply
@@ -35,6 +37,24 @@ def test_gaussians_and_bytes_limit_the_scene(rig, toy: Path, budget: str, most: 
     assert told["metrics"]["raw_psnr"] == pytest.approx(told["held_out_db"], abs=0.01)
     if budget.endswith("KB"):
         assert (scene / "splats.ply").stat().st_size <= 12_000
+
+
+def test_a_shot_is_decoded_once_for_training_evaluation_and_report(
+    rig, toy: Path, quick: None, monkeypatch
+) -> None:
+    decoded: list[str] = []
+
+    def counted(path: Path, *rest: object) -> object:
+        decoded.append(path.name + path.parent.name)
+        return read(path, *rest)
+
+    read = pixels._read
+    monkeypatch.setattr(pixels, "_read", counted)
+    code, _, _ = rig("reconstruct", str(toy), "--quality", "draft")
+    assert code == 0
+    assert len(decoded) == len(set(decoded)) == len(Session.open(toy).shots("scene"))
+    rig("evaluate", str(toy / RECON))
+    assert len(decoded) == 2 * len(set(decoded))
 
 
 def test_more_gaussians_than_pixels_are_not_made(rig, toy: Path, monkeypatch) -> None:
