@@ -11,7 +11,7 @@ import torch
 
 from imaging import metrics
 from imaging.files import store
-from recon.data.dataset import FEWEST_FOR_HOLDOUT
+from recon.data.holdout import FEWEST_FOR_HOLDOUT
 from recon.data.pixels import Progress, Shot
 from recon.data.tone import encode
 from recon.data.truth import calibration_errors, has_truth, response_rmse, true_radiance

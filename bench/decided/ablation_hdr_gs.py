@@ -61,12 +61,12 @@ def sigmoid(power: float, residual: float | None) -> Response:
 class Pinned(ToneCurve):
     """With the unit exposure loss of the paper."""
 
-    def penalty(self) -> Tensor | float:
+    def penalty(self, progress: float) -> Tensor | float:
         """Roughness, and how far the curve is from C0 at unit exposure."""
         unit = torch.tensor([-self.rate * self.middle])
-        values = curve_values(self.theta if self._training() else self.theta.detach())
+        values = curve_values(self.theta if self.moves(progress) else self.theta.detach())
         at_one = torch.cat([apply_curve(unit, one, self.nodes, leaky=True) for one in values.flatten(0, -2)])
-        return super().penalty() + C0_WEIGHT * (at_one - C0).square().mean()
+        return super().penalty(progress) + C0_WEIGHT * (at_one - C0).square().mean()
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Row:
 def balance(value: float, bounds: float = LAST_CODE) -> Iterator[None]:
     """Another balance; bounds: how near to an end of the scale a code that was flagged is only a bound."""
     with (
-        mock.patch("recon.observe.photographs.ToneCurve", partial(ToneCurve, balance=value)),
+        mock.patch("recon.observe.calibrated_curves.ToneCurve", partial(ToneCurve, balance=value)),
         mock.patch("recon.observe.photographs.LAST_CODE", bounds),
     ):
         yield
@@ -94,7 +94,7 @@ ROWS: dict[str, Row] = {
     "measured": Row(),
     "learned from sRGB on": Row(SRGB),
     "learned from sRGB on, C0 pinned": Row(
-        SRGB, lambda: mock.patch("recon.observe.photographs.ToneCurve", Pinned)
+        SRGB, lambda: mock.patch("recon.observe.calibrated_curves.ToneCurve", Pinned)
     ),
     "learned from a sigmoid on (the paper)": Row(sigmoid(1.0, None)),
     "the true curve": Row(sigmoid(1 / 2.2, 1e-4)),

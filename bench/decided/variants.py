@@ -149,13 +149,13 @@ class Toned:
 
     linear: Appearance
     curve: ToneCurve
-    camera: str
+    values: Tensor
     k: float
 
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
         """Codes of every Gaussian; those that the leak puts below 0 are 0."""
         light = self.linear.colours(parameters, directions, degree)
-        return self.curve.toned(light, self.camera, self.k)  # type: ignore[attr-defined, no-any-return]
+        return self.curve.toned(light, self.values, self.k)  # type: ignore[attr-defined, no-any-return]
 
 
 @dataclass(frozen=True)
@@ -185,21 +185,20 @@ class CurveOfGaussians(ToneCurve):
         if not torch.is_grad_enabled():
             return prediction, target
         renderer, gaussians, camera, options = self.last
-        drawn = []
+        theta = self.theta if self.moves(progress) else self.theta.detach()
+        values, drawn = curve_values(theta[self.of_camera[view.camera]]), []
         for shot in view.shots:
-            toned = Toned(renderer.appearance, self, view.camera, shot.k)
+            toned = Toned(renderer.appearance, self, values, shot.k)
             own = Renderer(toned, renderer.limits)  # type: ignore[arg-type]
             drawn.append(own(gaussians, camera, degree=options["degree"]).image.movedim(2, 0))
-        codes, weight = self._known[view.name]
+        codes, weight = self._prepared[view.name]
         beside = torch.cat(drawn).clamp(codes.floor, codes.ceiling)
         beside = torch.lerp(target, beside, weight)
         return torch.cat([prediction, beside]), torch.cat([target, target])
 
-    def toned(self, light: Tensor, camera: str, k: float) -> Tensor:
-        """Codes [N, 3] of light [N, 3] at an exposure scale."""
+    def toned(self, light: Tensor, values: Tensor, k: float) -> Tensor:
+        """Codes [N, 3] of light [N, 3] at an exposure scale, by the values of a camera's curves [3, M]."""
         x = self.rate * (torch.log(light + self.epsilon) + math.log(self.normaliser * k) - self.middle)
-        theta = self.theta[self.of_camera[camera]]
-        values = curve_values(theta if self._training() else theta.detach())
         channels = [
             apply_curve(x[:, channel].contiguous(), values[channel], self.nodes, leaky=True)
             for channel in range(3)
@@ -211,7 +210,7 @@ class CurveOfGaussians(ToneCurve):
 def curve_of_gaussians() -> Iterator[None]:
     """HDR-GS with `CurveOfGaussians`."""
     with (
-        mock.patch("recon.observe.photographs.ToneCurve", CurveOfGaussians),
+        mock.patch("recon.observe.calibrated_curves.ToneCurve", CurveOfGaussians),
         mock.patch("recon.train.trainer.Renderer", Remembering),
     ):
         yield

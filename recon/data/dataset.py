@@ -5,7 +5,6 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -13,14 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.cfa import Cfa
-from imaging.errors import InputError, ReconstructionError
+from imaging.errors import ReconstructionError
 from imaging.files import store
 from imaging.files.colmap import SparsePoints, read_points, read_tracks
 from imaging.lens import Lens
 from imaging.session.calibration import CalibrationRecord, Response, ViewCalibration, read_calibration
 from imaging.session.falloff import falloff
-from imaging.session.records import CameraRecord, ShotRecord, SplitRecord
+from imaging.session.records import CameraRecord, ShotRecord
 from imaging.session.session import SPLIT, Session, brackets
+from recon.data.holdout import held_out, tested_views, used_shots
 from recon.data.pixels import Progress, Shot, read_shot
 from recon.data.world import SAME, WorldTransform
 from recon.splat import SplatCamera
@@ -28,10 +28,6 @@ from recon.splat import SplatCamera
 Float = npt.NDArray[np.float32]
 
 COLMAP = "calibration/colmap"
-EVERY = 8
-"""One view in eight is held out."""
-FEWEST_FOR_HOLDOUT = 4
-"""Below this many views none is held out: what is left could not be trained on."""
 MOST_VALIDATION = 4
 """Views at most that a training may be ended by: each is rendered again and again."""
 
@@ -150,28 +146,6 @@ class Dataset:
         return float(max(1.1 * np.linalg.norm(centres - centres.mean(0), axis=1).max(), 1e-6))
 
 
-def held_out(names: list[tuple[int, str]], every: int = EVERY) -> set[tuple[int, str]]:
-    """Which of the views, given as (frame, camera), are held out: one in `every`, spread over the rig.
-
-    The views are cut, in order of frame and camera, into as many equal runs as views are held out.
-    Of each run the one is taken whose camera was taken least often so far, of these the one nearest
-    the middle of the run: so the frames are covered evenly and the cameras take turns, where plain
-    counting by eight would take the same camera of a rig of four every time.
-    """
-    if len(names) < FEWEST_FOR_HOLDOUT:
-        return set()
-    ordered = sorted(names)
-    count = math.ceil(len(ordered) / every)
-    bounds = [round(index * len(ordered) / count) for index in range(count + 1)]
-    chosen: list[tuple[int, str]] = []
-    for start, end in pairwise(bounds):
-        taken = [camera for _, camera in chosen]
-        middle = (start + end - 1) / 2
-        best = min(range(start, end), key=lambda i: (taken.count(ordered[i][1]), abs(i - middle), i))
-        chosen.append(ordered[best])
-    return set(chosen)
-
-
 def load(session: Path, *, max_width: int | None = None, progress: Progress | None = None) -> Dataset:
     """Read every view that its own picture placed; images wider than `max_width` are scaled down.
 
@@ -185,7 +159,7 @@ def load(session: Path, *, max_width: int | None = None, progress: Progress | No
     split = opened.split()
     # What was not recognised is black, blurred or bare; such a picture would be taken at its word.
     placed = {(view.frame, view.camera) for view in calibration.views if not view.by_rig}
-    groups = {key: group for key, group in brackets(_used(opened, split)).items() if key in placed}
+    groups = {key: group for key, group in brackets(used_shots(opened, split)).items() if key in placed}
     if not groups:
         tried = len(calibration.unregistered)
         why = (
@@ -194,7 +168,7 @@ def load(session: Path, *, max_width: int | None = None, progress: Progress | No
             else "it was calibrated without: run `rig calibrate` in full, on two views or more of one scene"
         )
         raise ReconstructionError(f"{session} has no view with a pose, since {why}.")
-    out = held_out(sorted(groups)) if split is None else _tested(session, groups, split)
+    out = held_out(sorted(groups)) if split is None else tested_views(session, groups, split)
     poses = {(view.frame, view.camera): view.cam_from_world.matrix() for view in calibration.views}
     world = WorldTransform.of({f"{key[1]}/{key[0]:04d}.png": poses[key] for key in groups}, session / COLMAP)
     return read_views(
@@ -263,33 +237,6 @@ def lens_of_pixels(lens: Lens, kind: Literal["raw", "ldr", "hdr"], width: int, h
         even = {"width": lens.width - lens.width % 2, "height": lens.height - lens.height % 2}
         lens = lens.model_copy(update=even)
     return lens.resized(width, height)
-
-
-def _used(session: Session, split: SplitRecord | None) -> list[ShotRecord]:
-    """The shots that training or testing looks at."""
-    shots = session.shots("scene")
-    used = None if split is None else {*split.train, *split.test}
-    return shots if used is None else [shot for shot in shots if shot.file in used]
-
-
-def _tested(
-    session: Path, groups: dict[tuple[int, str], list[ShotRecord]], split: SplitRecord
-) -> set[tuple[int, str]]:
-    """The views whose shots are for testing; what is left has to suffice for training."""
-    train, test = (
-        {key for key, group in groups.items() if any(shot.file in files for shot in group)}
-        for files in (set(split.train), set(split.test))
-    )
-    if both := sorted(train & test):
-        frame, camera = both[0]
-        raise InputError(
-            f"{session / SPLIT} trains and tests on camera {camera} at frame {frame}: leave it in one."
-        )
-    if not train:
-        raise ReconstructionError(
-            f"{session / SPLIT} leaves no view with a pose to train on: correct or delete it."
-        )
-    return test
 
 
 def _view(

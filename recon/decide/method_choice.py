@@ -5,7 +5,7 @@ import numpy as np
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
 from recon.methods import hdr_gs, nh_3dgs, vanilla
-from recon.observe.photographs import Curves
+from recon.observe.calibrated_curves import Curves
 from recon.observe.tone_grid import EXACT
 
 STOP_APART = 0.99

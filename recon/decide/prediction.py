@@ -6,6 +6,9 @@ curves do (Hestness et al., arXiv 1712.00409). The miniature says where this sce
 other scenes how it goes on.
 """
 
+import json
+from importlib import resources
+
 import numpy as np
 import numpy.typing as npt
 
@@ -32,15 +35,16 @@ NOISE = 0.3
 SURE = 1.96
 """Standard deviations to either side of a forecast: 95 % of a normal distribution."""
 
-SCENES = (
-    (2.45, 3.45, 0.29), (3.10, 2.63, -0.08), (3.07, 2.18, -0.25), (2.89, 2.62, -0.20), (2.83, 3.06, -0.21),
-    (2.98, 2.80, -0.00), (2.92, 2.64, 0.09), (2.53, 3.27, 0.19), (2.98, 2.41, -0.17), (2.39, 3.42, 0.34),
-    (2.23, 3.02, 0.46), (2.73, 3.74, 0.13), (2.12, 3.62, 0.43), (2.79, 3.74, 0.09), (2.15, 3.13, 0.46),
-    (0.62, 2.99, 0.68), (2.66, 3.55, 0.18), (2.13, 3.70, 0.51), (2.21, 3.59, 0.33), (2.76, 3.68, 0.14),
-    (2.78, 3.69, 0.10), (2.93, 2.99, -0.43), (2.45, 3.72, 0.27), (2.76, 3.73, 0.13), (2.72, 3.94, 0.64),
-    (2.70, 3.68, -0.10), (2.41, 3.34, -0.25), (3.26, 0.69, -0.24), (2.44, 3.04, 0.31), (1.18, 2.81, 0.85),
-)  # fmt: skip
-"""Log rise (dB), log half (iterations) and log power of the scenes of bench/recon/learning_curves.py."""
+CURVES = "scene_curves.json"
+
+
+def _scene_curves() -> Array:
+    text = resources.files("recon.decide").joinpath(CURVES).read_text(encoding="utf-8")
+    return np.array([[row[key] for key in ("ln_rise", "ln_half", "ln_power")] for row in json.loads(text)])
+
+
+SCENES = _scene_curves()
+"""Log rise (dB), log half (iterations), log power of each scene of bench/recon/learning_curves.py, [S, 3]."""
 
 
 def lacking(curves: Array, iterations: float) -> Array:

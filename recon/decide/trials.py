@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from recon.data.dataset import Dataset, View, held_out
+from recon.data.dataset import Dataset, View
+from recon.data.holdout import held_out
 from recon.data.light import Light, light_of, radiance_image
 from recon.data.pixels import Progress
 from recon.decide.overrides import Fixed

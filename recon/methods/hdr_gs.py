@@ -5,7 +5,7 @@ from dataclasses import replace
 from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.methods.method import Method
-from recon.observe.photographs import tone_curve
+from recon.observe.calibrated_curves import tone_curve
 from recon.scene.appearance import LuminanceChromaticity
 
 NAME = "hdr-gs"

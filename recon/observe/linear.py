@@ -64,8 +64,8 @@ class Observation(Protocol):
         """Radiance [N, 3] as a rendered image would hold it: the inverse of `radiance`."""
         ...
 
-    def penalty(self) -> Tensor | float:
-        """What the model itself adds to the loss."""
+    def penalty(self, progress: float) -> Tensor | float:
+        """What the model itself adds to the loss; progress is 0..1."""
         ...
 
 
@@ -158,15 +158,15 @@ class LinearLight:
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """All shots of the bracket, darkest first: [shots * 4, H/2, W/2], or [shots * 3, H, W]."""
-        known = self._prepared.get(view.name)
-        if known is None:
-            known = self._prepared[view.name] = self._prepare(view).to(image.device)
-        light = through_filter(image, known.matrix, view.sensor.cfa) * known.falloff
-        scales = known.scales if factors is None else known.scales * factors[:, None, None, None]
-        prediction = exposed_mu_law(light, scales, known.ceiling, known.mu)
-        if known.valid is not None:
-            prediction = torch.where(known.valid, prediction, known.target)
-        return prediction.flatten(0, 1), known.target.flatten(0, 1)
+        prepared = self._prepared.get(view.name)
+        if prepared is None:
+            prepared = self._prepared[view.name] = self._prepare(view).to(image.device)
+        light = through_filter(image, prepared.matrix, view.sensor.cfa) * prepared.falloff
+        scales = prepared.scales if factors is None else prepared.scales * factors[:, None, None, None]
+        prediction = exposed_mu_law(light, scales, prepared.ceiling, prepared.mu)
+        if prepared.valid is not None:
+            prediction = torch.where(prepared.valid, prediction, prepared.target)
+        return prediction.flatten(0, 1), prepared.target.flatten(0, 1)
 
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
         """The signal x: [H, W] for a mosaic, [H, W, 3] without CFA."""
@@ -187,7 +187,7 @@ class LinearLight:
         """Radiance over the normaliser."""
         return radiance / self.normaliser
 
-    def penalty(self) -> float:
+    def penalty(self, progress: float) -> float:
         """Nothing."""
         return 0.0
 

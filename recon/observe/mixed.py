@@ -7,8 +7,9 @@ from torch import Tensor
 
 from recon.data.dataset import Dataset, View
 from recon.data.light import Light
+from recon.observe.calibrated_curves import tone_curve
 from recon.observe.linear import LinearLight, Observation
-from recon.observe.photographs import ToneCurve, tone_curve
+from recon.observe.photographs import ToneCurve
 from recon.scene.appearance import Rate
 
 
@@ -55,9 +56,9 @@ class Mixed:
         """The inverse of `radiance`."""
         return self.linear.units(radiance)
 
-    def penalty(self) -> Tensor | float:
+    def penalty(self, progress: float) -> Tensor | float:
         """That of the curves."""
-        return self.photographs.penalty()
+        return self.photographs.penalty(progress)
 
     def _of(self, view: View) -> Observation:
         return self.photographs if view.sensor.kind == "ldr" else self.linear

@@ -10,23 +10,10 @@ from torch import Tensor
 
 from imaging.merge.linear_frame import decode
 from imaging.session.calibration import Response
-from recon.data.dataset import Dataset, View
-from recon.data.light import Light
+from recon.data.dataset import View
 from recon.data.tone import encode
-from recon.observe.tone_grid import (
-    Grid,
-    apply_curve,
-    curve_values,
-    middle_of,
-    needed,
-    remap_rate,
-    roughness,
-    sampled,
-)
+from recon.observe.tone_grid import apply_curve, curve_values, roughness
 from recon.scene.appearance import Rate
-
-KNOWN_RESIDUAL = 0.01
-"""A calibrated curve whose held-out disagreement, natural log, is below this counts as known."""
 
 LAST_CODE = 1.5 / 255
 """A code that is nearer than this to an end of the scale bounds the light and does not tell it."""
@@ -91,8 +78,7 @@ class ToneCurve:
     smoothness: float = 1e-2
     balance: float = 0.5
     curve_rate: Rate = Rate(2e-2, 5e-6)
-    _known: dict[str, tuple[_Codes, Tensor]] = field(default_factory=dict, repr=False)
-    _progress: float = field(default=0.0, repr=False)
+    _prepared: dict[str, tuple[_Codes, Tensor]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         # Weights are those of the curve at the start, also when a training goes on from a later one.
@@ -122,21 +108,21 @@ class ToneCurve:
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """Predicted and photographed codes of all shots, the errors balanced, [shots * 3, H, W]."""
-        self._progress = progress
-        known = self._known.get(view.name)
-        if known is None:
+        prepared = self._prepared.get(view.name)
+        if prepared is None:
             codes = _codes(view)
-            known = codes.to(image.device), self._weight(view, codes).to(image.device)
-            self._known[view.name] = known
-        codes, weight = known
+            prepared = codes.to(image.device), self._weight(view, codes).to(image.device)
+            self._prepared[view.name] = prepared
+        codes, weight = prepared
         scales = [shot.k for shot in view.shots]
-        prediction = self._expose(image, view, scales, factors, leaky=True).flatten(0, 1)
+        curves = self.theta if self.moves(progress) else self.theta.detach()
+        prediction = self._expose(image, view, scales, factors, curves, leaky=True).flatten(0, 1)
         prediction = prediction.clamp(codes.floor, codes.ceiling)
         return torch.lerp(codes.target, prediction, weight), codes.target
 
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
         """Codes of a shot of exposure scale `k`, within 0..1, [H, W, 3]."""
-        return self._expose(image, view, [k], None, leaky=False)[0].movedim(0, 2)
+        return self._expose(image, view, [k], None, self.theta.detach(), leaky=False)[0].movedim(0, 2)
 
     def radiance(self, image: Tensor) -> Tensor:
         """The image times the normaliser."""
@@ -146,11 +132,15 @@ class ToneCurve:
         """The inverse of `radiance`."""
         return radiance / self.normaliser
 
-    def penalty(self) -> Tensor | float:
+    def penalty(self, progress: float) -> Tensor | float:
         """Roughness of the curves, while they are trained."""
-        if not self._training():
+        if not self.moves(progress):
             return 0.0
         return self.smoothness * roughness(curve_values(self.theta), self.nodes)
+
+    def moves(self, progress: float) -> bool:
+        """Whether the curves are trained at this share of the training, 0..1."""
+        return self.learned and progress >= self.fixed
 
     def curves(self) -> Tensor:
         """Code values at the nodes, [R, 3, M], without gradient."""
@@ -176,12 +166,17 @@ class ToneCurve:
         weight = (TYPICAL_SLOPE / told) ** np.float32(self.balance)
         return torch.from_numpy(weight).to(codes.target).repeat(len(target), 1, 1)
 
-    def _training(self) -> bool:
-        return self.learned and self._progress >= self.fixed
-
     def _expose(
-        self, image: Tensor, view: View, scales: Sequence[float], factors: Tensor | None, *, leaky: bool
+        self,
+        image: Tensor,
+        view: View,
+        scales: Sequence[float],
+        factors: Tensor | None,
+        curves: Tensor,
+        *,
+        leaky: bool,
     ) -> Tensor:
+        """Codes of shots of these scales through curves such as `theta`, [shots, 3, H, W]."""
         falloff = torch.from_numpy(view.sensor.falloff).to(image)
         light = torch.log(image * falloff[..., None] + self.epsilon)
         # In float64, where the normaliser and the scales cancel: another unit of light changes no bit.
@@ -189,68 +184,10 @@ class ToneCurve:
         if factors is not None:
             offset = offset + factors.log()
         x = self.rate * (light.movedim(2, 0)[None] + offset[:, None, None, None])
-        theta = self.theta[self.of_camera[view.camera]]
-        values = curve_values(theta if self._training() else theta.detach()).to(image)
+        values = curve_values(curves[self.of_camera[view.camera]]).to(image)
         nodes = self.nodes.to(image.dtype)
         channels = [apply_curve(x[:, channel], values[channel], nodes, leaky=leaky) for channel in range(3)]
         return torch.stack(channels, 1)
-
-
-@dataclass(frozen=True)
-class Curves:
-    """The tone curves that the photographs of a session start from, and the grid that they need.
-
-    responses: the distinct ones; of_camera: which a camera has. rate, middle: x as `ToneCurve` has it.
-    nodes [M]: of the grid, out of `finest`. measured: whether they are of a calibration, which training
-    only touches up; known: whether it leaves them as they are.
-    """
-
-    responses: tuple[Response, ...]
-    of_camera: dict[str, int]
-    rate: float
-    middle: float
-    nodes: npt.NDArray[np.float64]
-    finest: int
-    measured: bool
-    known: bool
-
-    @classmethod
-    def of(cls, dataset: Dataset) -> "Curves":
-        """From the responses of the calibration: where they were measured, with the nodes that hold them."""
-        photographed = [view for view in dataset.views if view.sensor.kind == "ldr"]
-        responses = {view.camera: view.sensor.response for view in photographed}
-        distinct = tuple(dict.fromkeys(responses.values()))
-        scales = [shot.k for view in dataset.train if view.sensor.kind == "ldr" for shot in view.shots]
-        rate = remap_rate(scales)
-        middle = float(np.mean([middle_of(response) for response in distinct]))
-        residuals = [0.0 if one.kind == "linear" else one.residual for one in distinct]
-        measured = None not in residuals
-        known = all(residual is not None and residual < KNOWN_RESIDUAL for residual in residuals)
-        nodes = finest = Grid().nodes()
-        if measured:
-            curves = [curve_values(sampled(one, finest, rate, middle)).double().numpy() for one in distinct]
-            nodes = finest[needed(finest, np.stack(curves))]
-        of_camera = {camera: distinct.index(response) for camera, response in responses.items()}
-        return cls(distinct, of_camera, rate, middle, nodes, len(finest), measured, known)
-
-
-def tone_curve(dataset: Dataset, light: Light) -> ToneCurve:
-    """The tone curve of the photographs of a session; it starts from the response of the calibration.
-
-    HDRGS starts from a sigmoid; a measured (or sRGB) curve is nearer, and the colours that training
-    starts from come through the same curve, so the two agree from the first iteration.
-    """
-    own = Curves.of(dataset)
-    return ToneCurve(
-        normaliser=light.normaliser,
-        nodes=torch.from_numpy(own.nodes.astype(np.float32)),
-        theta=torch.stack([sampled(one, own.nodes, own.rate, own.middle) for one in own.responses]),
-        of_camera=own.of_camera,
-        rate=own.rate,
-        middle=own.middle,
-        epsilon=0.01 * (light.reference or 2.0**-20),
-        fixed=1.0 if own.known else 0.2,
-    )
 
 
 @dataclass
@@ -262,7 +199,7 @@ class Display:
 
     response: Response
     k: float
-    _known: dict[str, _Codes] = field(default_factory=dict, repr=False)
+    _prepared: dict[str, _Codes] = field(default_factory=dict, repr=False)
 
     @property
     def shared(self) -> dict[str, Tensor]:
@@ -281,9 +218,9 @@ class Display:
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """The image, once for every shot whatever its exposure, beside the photographs: [shots * 3, H, W]."""
-        codes = self._known.get(view.name)
+        codes = self._prepared.get(view.name)
         if codes is None:
-            codes = self._known[view.name] = _codes(view).to(image.device)
+            codes = self._prepared[view.name] = _codes(view).to(image.device)
         prediction = image.movedim(2, 0)[None].expand(len(view.shots), 3, -1, -1).flatten(0, 1)
         return prediction.clamp(codes.floor, codes.ceiling), codes.target
 
@@ -300,6 +237,6 @@ class Display:
         """Radiance [N, 3] as codes at `k`."""
         return torch.from_numpy(encode(radiance.cpu().numpy() * self.k, self.response))
 
-    def penalty(self) -> float:
+    def penalty(self, progress: float) -> float:
         """Nothing."""
         return 0.0

@@ -52,8 +52,8 @@ class Point(Record):
     command: str
     iterations: int
     gaussians: int
-    degree: int = 2
-    """Of the harmonics; it was 2 for all before scenes chose it."""
+    degree: int
+    """Of the harmonics."""
     refine: str | None = None
     """What training corrected in the calibration, joined by +; None: nothing."""
     width: int

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from imaging.errors import ReconstructionError, RigError
 from imaging.files import store
-from recon.data.dataset import FEWEST_FOR_HOLDOUT, Dataset
+from recon.data.dataset import Dataset
+from recon.data.holdout import FEWEST_FOR_HOLDOUT
 from recon.data.pixels import Progress
 from recon.decide.method_choice import chosen_method
 from recon.decide.presets import QUALITIES

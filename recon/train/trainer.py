@@ -252,7 +252,7 @@ def train(
                 loss = (
                     method.loss(prediction, target)
                     + method.appearance.penalty(training.gaussians.parameters)
-                    + method.observation.penalty()
+                    + method.observation.penalty(done)
                     + method.schedule.opacity_weight * training.gaussians.opacities().mean()
                 ) / plan.batch
                 loss.backward()  # type: ignore[no-untyped-call]

@@ -50,11 +50,12 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return work / "site"
 
 
-def test_the_wheel_holds_every_package_and_the_pages_of_the_reports(installed: Path) -> None:
+def test_the_wheel_holds_every_package_and_its_data(installed: Path) -> None:
     for package in (*PACKAGES, "drivers/sim", "recon/methods", "recon/splat", "rig/commands", "rig/report"):
         assert (installed / package / "__init__.py").is_file(), package
     templates = {path.name for path in (REPOSITORY / "rig" / "report" / "templates").iterdir()}
     assert {path.name for path in (installed / "rig" / "report" / "templates").iterdir()} == templates
+    assert (installed / "recon" / "decide" / "scene_curves.json").is_file()
     assert not [name for name in ("tests", "bench", "docs") if (installed / name).exists()]
     for package in PACKAGES:
         assert (installed / package / "py.typed").is_file()

@@ -17,7 +17,8 @@ from imaging.lens import Lens
 from imaging.mosaic import RawMosaic
 from imaging.session.calibration import Response
 from imaging.session.session import Session
-from recon.data.dataset import held_out, lens_of_pixels, load
+from recon.data.dataset import lens_of_pixels, load
+from recon.data.holdout import held_out
 from recon.data.pixels import read_shot
 from recon.data.tone import encode
 

@@ -8,7 +8,7 @@ import pytest
 from recon.data.dataset import load
 from recon.data.light import light_of, radiance_image
 from recon.decide.method_choice import chosen_method, rungs
-from recon.observe.photographs import Curves, tone_curve
+from recon.observe.calibrated_curves import Curves, tone_curve
 from recon.observe.tone_grid import EXACT, Grid, curve_values, sampled
 
 

@@ -97,3 +97,14 @@ def test_weights_are_those_of_the_start_when_a_training_goes_on():
     expected = fresh.compare(image * 2, view, 0.5)[0]
     assert not torch.allclose(other, expected, atol=0.01)
     assert torch.equal(later.compare(image * 2, view, 0.5)[0], expected)
+
+
+def test_what_is_trained_depends_on_the_progress_and_on_no_comparison_before():
+    curve = make_curve(0.5)
+    view = make_view(curve, ramp())
+    curve.theta.requires_grad_(True)
+    curve.compare(ramp(), view, 0.0)
+    early, late = curve.penalty(curve.fixed - 0.01), curve.penalty(curve.fixed)
+    assert early == 0.0
+    assert late.requires_grad
+    assert late > 0

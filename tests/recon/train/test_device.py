@@ -42,7 +42,7 @@ def test_observation_and_loss_stay_there(session: str, name: str, request: pytes
     prediction, target = method.observation.compare(image, view, 0.9)
     assert prediction.device == target.device == META
     loss = method.loss(prediction, target) + method.appearance.penalty(training.gaussians.parameters)
-    (loss + method.observation.penalty()).backward()
+    (loss + method.observation.penalty(0.9)).backward()
     assert image.grad is not None
     assert image.grad.device == META
     assert method.observation.predict(image, view, 1.0).device == META

@@ -1,0 +1,63 @@
+"""Which views are held out of training: one in eight, or those that a data set's split tests on."""
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+from imaging.errors import InputError, ReconstructionError
+from imaging.session.records import ShotRecord, SplitRecord
+from imaging.session.session import SPLIT, Session
+
+EVERY = 8
+"""One view in eight is held out."""
+FEWEST_FOR_HOLDOUT = 4
+"""Below this many views none is held out: what is left could not be trained on."""
+
+
+def held_out(names: list[tuple[int, str]], every: int = EVERY) -> set[tuple[int, str]]:
+    """Which of the views, given as (frame, camera), are held out: one in `every`, spread over the rig.
+
+    The views are cut, in order of frame and camera, into as many equal runs as views are held out.
+    Of each run the one is taken whose camera was taken least often so far, of these the one nearest
+    the middle of the run: so the frames are covered evenly and the cameras take turns, where plain
+    counting by eight would take the same camera of a rig of four every time.
+    """
+    if len(names) < FEWEST_FOR_HOLDOUT:
+        return set()
+    ordered = sorted(names)
+    count = math.ceil(len(ordered) / every)
+    bounds = [round(index * len(ordered) / count) for index in range(count + 1)]
+    chosen: list[tuple[int, str]] = []
+    for start, end in pairwise(bounds):
+        taken = [camera for _, camera in chosen]
+        middle = (start + end - 1) / 2
+        best = min(range(start, end), key=lambda i: (taken.count(ordered[i][1]), abs(i - middle), i))
+        chosen.append(ordered[best])
+    return set(chosen)
+
+
+def used_shots(session: Session, split: SplitRecord | None) -> list[ShotRecord]:
+    """The shots that training or testing looks at."""
+    shots = session.shots("scene")
+    files = None if split is None else {*split.train, *split.test}
+    return shots if files is None else [shot for shot in shots if shot.file in files]
+
+
+def tested_views(
+    session: Path, groups: dict[tuple[int, str], list[ShotRecord]], split: SplitRecord
+) -> set[tuple[int, str]]:
+    """The views whose shots are for testing; what is left has to suffice for training."""
+    train, test = (
+        {key for key, group in groups.items() if any(shot.file in files for shot in group)}
+        for files in (set(split.train), set(split.test))
+    )
+    if both := sorted(train & test):
+        frame, camera = both[0]
+        raise InputError(
+            f"{session / SPLIT} trains and tests on camera {camera} at frame {frame}: leave it in one."
+        )
+    if not train:
+        raise ReconstructionError(
+            f"{session / SPLIT} leaves no view with a pose to train on: correct or delete it."
+        )
+    return test

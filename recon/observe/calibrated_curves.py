@@ -1,0 +1,75 @@
+"""The tone curves that a training on photographs starts from: those of the calibration's responses."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from imaging.session.calibration import Response
+from recon.data.dataset import Dataset
+from recon.data.light import Light
+from recon.observe.photographs import ToneCurve
+from recon.observe.tone_grid import Grid, curve_values, middle_of, needed, remap_rate, sampled
+
+KNOWN_RESIDUAL = 0.01
+"""A calibrated curve whose held-out disagreement, natural log, is below this counts as known."""
+
+
+@dataclass(frozen=True)
+class Curves:
+    """The tone curves that the photographs of a session start from, and the grid that they need.
+
+    responses: the distinct ones; of_camera: which a camera has. rate, middle: x as `ToneCurve` has it.
+    nodes [M]: of the grid, out of `finest`. measured: whether they are of a calibration, which training
+    only touches up; known: whether it leaves them as they are.
+    """
+
+    responses: tuple[Response, ...]
+    of_camera: dict[str, int]
+    rate: float
+    middle: float
+    nodes: npt.NDArray[np.float64]
+    finest: int
+    measured: bool
+    known: bool
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> "Curves":
+        """From the responses of the calibration: where they were measured, with the nodes that hold them."""
+        photographed = [view for view in dataset.views if view.sensor.kind == "ldr"]
+        responses = {view.camera: view.sensor.response for view in photographed}
+        distinct = tuple(dict.fromkeys(responses.values()))
+        scales = [shot.k for view in dataset.train if view.sensor.kind == "ldr" for shot in view.shots]
+        rate = remap_rate(scales)
+        middle = float(np.mean([middle_of(response) for response in distinct]))
+        residuals = [0.0 if response.kind == "linear" else response.residual for response in distinct]
+        measured = None not in residuals
+        known = all(residual is not None and residual < KNOWN_RESIDUAL for residual in residuals)
+        nodes = finest = Grid().nodes()
+        if measured:
+            starts = (sampled(response, finest, rate, middle) for response in distinct)
+            curves = [curve_values(theta).double().numpy() for theta in starts]
+            nodes = finest[needed(finest, np.stack(curves))]
+        of_camera = {camera: distinct.index(response) for camera, response in responses.items()}
+        return cls(distinct, of_camera, rate, middle, nodes, len(finest), measured, known)
+
+
+def tone_curve(dataset: Dataset, light: Light) -> ToneCurve:
+    """The tone curve of the photographs of a session; it starts from the response of the calibration.
+
+    HDRGS starts from a sigmoid; a measured (or sRGB) curve is nearer, and the colours that training
+    starts from come through the same curve, so the two agree from the first iteration.
+    """
+    curves = Curves.of(dataset)
+    theta = [sampled(response, curves.nodes, curves.rate, curves.middle) for response in curves.responses]
+    return ToneCurve(
+        normaliser=light.normaliser,
+        nodes=torch.from_numpy(curves.nodes.astype(np.float32)),
+        theta=torch.stack(theta),
+        of_camera=curves.of_camera,
+        rate=curves.rate,
+        middle=curves.middle,
+        epsilon=0.01 * (light.reference or 2.0**-20),
+        fixed=1.0 if curves.known else 0.2,
+    )
