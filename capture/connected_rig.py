@@ -9,8 +9,8 @@ from typing import Any, Protocol, runtime_checkable
 from capture.bracket.exposure_choices import common_isos
 from capture.bracket.planner import Wanted
 from capture.record.recorder import CaptureResult, Progress
-from capture.record.shooting import Rehearsal, Say, nothing_beside, rehearse, shoot
-from capture.record.source import Operator, Request, Source, Stops
+from capture.record.shooting import Say, nothing_beside, shoot
+from capture.record.source import CaptureRequest, Operator, Source, Stops
 from capture.rigfile.rigfile import RigFile
 from drivers.camera import Camera, CameraIdentity
 from drivers.clock import Clock, SystemClock
@@ -71,19 +71,11 @@ def capture_rig(
     camera that it names is not there, or what is there cannot be metered. StorageError: the disk refuses;
     what was finished stays.
     """
-    out = Path(out)
-    _require_board(rig, kind)
-    request = Request(kind, frames, bracket if auto is None else auto)
-    with _opened(rig, operator, positions, backend, clock, say) as source:
-        return shoot(
-            source,
-            out,
-            request,
-            resume=resume,
-            compression=compression,
-            progress=progress,
-            say=say,
-        )
+    request = CaptureRequest(kind, frames, bracket if auto is None else auto, resume, compression)
+    with connected_source(
+        rig, request, operator=operator, positions=positions, backend=backend, clock=clock, say=say
+    ) as source:
+        return shoot(source, Path(out), request, progress=progress, say=say)
 
 
 def _require_board(rig: RigFile, kind: Subject) -> None:
@@ -98,45 +90,31 @@ def _require_board(rig: RigFile, kind: Subject) -> None:
         )
 
 
-def rehearse_rig(
+@contextmanager
+def connected_source(
     rig: RigFile,
-    out: Path,
+    request: CaptureRequest,
     *,
-    kind: Subject = "scene",
-    frames: int | None = None,
-    bracket: Stops | None = None,
-    auto: Wanted | None = None,
     operator: Operator | None = None,
     positions: int | None = None,
     backend: Any = None,
     clock: Clock | None = None,
     say: Say = lambda line: None,
-) -> Rehearsal:
-    """Plan what `capture_rig` would shoot, with the scene metered, and write nothing."""
-    _require_board(rig, kind)
-    request = Request(kind, frames, bracket if auto is None else auto)
-    with _opened(rig, operator, positions, backend, clock, say) as source:
-        return rehearse(source, out, request)
-
-
-@contextmanager
-def _opened(
-    rig: RigFile,
-    operator: Operator | None,
-    positions: int | None,
-    backend: Any,
-    clock: Clock | None,
-    say: Say,
 ) -> Iterator[Source]:
-    """The source that a rig file describes, its cameras opened, and in the end let go."""
+    """What a rig file describes: its cameras are opened, and in the end let go.
+
+    operator, positions, backend, clock, say: as for `capture_rig`. InputError: a camera cannot be triggered
+    as the file says, or it describes no board where one is requested. CaptureError: a camera is not there.
+    """
+    _require_board(rig, request.kind)
     clock = clock or SystemClock()
     cameras = find_cameras(backend if backend is not None else default_backend(), clock)
     try:
-        known, strangers = _identified(rig, cameras)
+        named, strangers = _identified(rig, cameras)
         for identity in strangers:
             say(f"{identity.make} {identity.model} {identity.serial} is connected and not in {rig.path}.")
-        _wire(rig, {name: camera for name, (camera, _) in known.items()})
-        yield _source(rig, known, operator or Unattended(), positions, clock)
+        _wire(rig, {name: camera for name, (camera, _) in named.items()})
+        yield _source(rig, named, operator or Unattended(), positions, clock)
     finally:
         for camera in cameras:
             camera.close()

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from capture.bracket.planner import Wanted
 from capture.record.recorder import CaptureResult, Progress, finished, planned_shots
-from capture.record.shooting import Rehearsal, Say, rehearse, shoot
-from capture.record.source import Request, Source, Stops
+from capture.record.shooting import Say, shoot
+from capture.record.source import CaptureRequest, Source, Stops
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Mix
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.truth import write_truth
-from imaging.errors import InputError, PartialError, StorageError
+from imaging.errors import PartialError, StorageError
 from imaging.files import store
 from imaging.files.dng import Compression
 from imaging.session.records import Board, PlanRecord, Subject
@@ -50,53 +50,20 @@ def capture_simulated(
     InputError: no such rig, `out` is not empty, or (resume) holds another capture. CaptureError: the
     scene cannot be metered. StorageError: the disk refuses; what was finished stays.
     """
-    out = Path(out)
-    if resume and not out.is_dir():
-        raise InputError(f"{out} is not a folder: leave --resume out to begin a session there.")
-    source = _source(name, seed, mix)
-    try:
-        return shoot(
-            source,
-            out,
-            Request(kind, frames, bracket if auto is None else auto),
-            resume=resume,
-            compression=compression,
-            progress=progress,
-            say=say,
-        )
-    finally:
-        source.close()
+    request = CaptureRequest(kind, frames, bracket if auto is None else auto, resume, compression)
+    with simulated_source(name, seed, mix) as source:
+        return shoot(source, Path(out), request, progress=progress, say=say)
 
 
-def rehearse_simulated(
-    name: str,
-    out: Path,
-    *,
-    seed: int = 0,
-    kind: Subject = "scene",
-    frames: int | None = None,
-    bracket: Stops | None = None,
-    auto: Wanted | None = None,
-) -> Rehearsal:
-    """Plan what `capture_simulated` would shoot, with the scene metered, and write nothing.
-
-    InputError and CaptureError as there; but a bracket that is given needs no meter.
-    """
-    source = _source(name, seed, None)
-    try:
-        return rehearse(source, out, Request(kind, frames, bracket if auto is None else auto))
-    finally:
-        source.close()
-
-
-def _source(name: str, seed: int, mix: Mix | None) -> Source:
-    """The rig on a bus of its own. InputError if there is no such rig."""
+@contextmanager
+def simulated_source(name: str, seed: int = 0, mix: Mix | None = None) -> Iterator[Source]:
+    """The simulated rig `name` on a bus of its own; mix: see `capture_simulated`. InputError: no such rig."""
     rig = simulate(name, seed)
     bus = BusRig(rig, mix=mix)
     records = rig.records()
     able = rig.cameras[0].capabilities()  # a bus does not tell the size of a picture before there is one
     middle = sorted(rig.bracket, key=lambda exposure: exposure.stops)[len(rig.bracket) // 2]
-    return Source(
+    source = Source(
         called=f"the simulated rig {name}",
         origin=f"sim:{name}",
         seed=seed,
@@ -115,6 +82,10 @@ def _source(name: str, seed: int, mix: Mix | None) -> Source:
         board=Board.model_validate(rig.board.description()),
         beside=partial(_truth, rig, bus),
     )
+    try:
+        yield source
+    finally:
+        source.close()
 
 
 @contextmanager

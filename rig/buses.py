@@ -1,12 +1,14 @@
-"""Where cameras are: on this machine's USB, or on that of a simulated rig."""
+"""Where cameras are, this machine's USB or that of a simulated rig, and what a session is shot with."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from capture.record.source import Operator
+    from capture.record.source import CaptureRequest, Operator, Source
     from capture.rigfile.rigfile import RigFile
     from drivers.clock import Clock
     from drivers.sim.rigs import SimulatedRig
@@ -38,10 +40,47 @@ def bus_of(sim: str | None, seed: int = 0, *, rough: bool = False) -> Bus:
     return Bus(bus.backend, bus.clock, rig)
 
 
-def operator_at(bus: Bus, rig: RigFile, meter: Meter) -> Operator:
+def _operator_at(bus: Bus, rig: RigFile, meter: Meter) -> Operator:
     """Who moves things before the cameras: the simulator, or whoever gave the command."""
     if bus.rig is not None:
         return bus.rig
     from rig.terminal.operator import TerminalOperator
 
     return TerminalOperator(meter.say, rig.tables.pause, bus.clock)
+
+
+@contextmanager
+def source_of(
+    sim: str | None,
+    seed: int,
+    rig: RigFile | None,
+    request: CaptureRequest,
+    meter: Meter,
+    *,
+    rough: bool = False,
+) -> Iterator[Source]:
+    """What the command line names: the cameras of a rig file, or with `sim` simulated ones in their place.
+
+    InputError and CaptureError as `connected_source` and `simulated_source` have them.
+    """
+    if rig is None:
+        from capture.simulated import simulated_source
+        from drivers.sim.faults import ROUGH
+
+        assert sim is not None  # the command line was looked through
+        with simulated_source(sim, seed, ROUGH if rough else None) as source:
+            yield source
+        return
+    from capture.connected_rig import connected_source
+
+    bus = bus_of(sim, seed, rough=rough)
+    with connected_source(
+        rig,
+        request,
+        operator=_operator_at(bus, rig, meter),
+        positions=bus.rig.frames if bus.rig else None,
+        backend=bus.backend,
+        clock=bus.clock,
+        say=meter.say,
+    ) as source:
+        yield source

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from capture.bracket.fixed_exposures import exposures_around
 from capture.bracket.planner import Wanted
 from capture.record.session_plan import asked_for
-from capture.record.source import Request, Source
+from capture.record.source import CaptureRequest, Source
 from imaging.errors import InputError
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord
 from imaging.session.session import Session
@@ -56,7 +56,7 @@ def _told(camera: CameraRecord) -> str:
 def continued(
     session: Session,
     source: Source,
-    request: Request,
+    request: CaptureRequest,
     plans: Sequence[PlanRecord],
     say: Callable[[str], None],
 ) -> PlanRecord | None:
@@ -84,7 +84,9 @@ def continued(
     return known
 
 
-def _must_be_the_bracket(session: Session, source: Source, request: Request, known: PlanRecord) -> None:
+def _must_be_the_bracket(
+    session: Session, source: Source, request: CaptureRequest, known: PlanRecord
+) -> None:
     """InputError if a bracket is asked for that is not the one of the plan."""
     asked = request.bracket
     if asked is None or asked_for(asked) == known.asked:

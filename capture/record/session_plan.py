@@ -15,7 +15,7 @@ from capture.bracket.fixed_exposures import (
 )
 from capture.bracket.metering import Metering
 from capture.bracket.planner import Wanted
-from capture.record.source import Request, Source, Stops
+from capture.record.source import CaptureRequest, Source, Stops
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.session.records import PlanRecord, Subject
@@ -27,7 +27,7 @@ flats measure the variance of every level; a board is shown in all corners and a
 
 
 def plan_for(
-    source: Source, request: Request, plans: Sequence[PlanRecord]
+    source: Source, request: CaptureRequest, plans: Sequence[PlanRecord]
 ) -> tuple[PlanRecord, Automatic | None]:
     """The plan that is to follow `plans` in a session, and how its bracket was planned, if it was.
 
@@ -151,7 +151,7 @@ def _is_exact(bracket: tuple[Exposure, ...] | Stops) -> bool:
     return any(isinstance(one, Exposure) for one in bracket)
 
 
-def _frames(source: Source, request: Request, plans: Sequence[PlanRecord]) -> tuple[int, ...]:
+def _frames(source: Source, request: CaptureRequest, plans: Sequence[PlanRecord]) -> tuple[int, ...]:
     """Numbers that no earlier plan has, since a frame's folder holds one shot of a camera and a step.
 
     A rig whose frames are positions keeps the numbers of these for the scene.

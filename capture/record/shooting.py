@@ -13,9 +13,8 @@ from capture.record.new_session import begin, folder_made, is_vacant
 from capture.record.recorder import CaptureResult, Progress, finished, planned_shots, record
 from capture.record.resume import continued, must_be_the_same
 from capture.record.session_plan import like, metered_at, plan_for
-from capture.record.source import Request, Source
+from capture.record.source import CaptureRequest, Source
 from imaging.errors import CaptureError, InputError
-from imaging.files.dng import Compression
 from imaging.session.lock import sole_writer
 from imaging.session.records import PlanRecord, SessionRecord
 from imaging.session.session import Session
@@ -26,23 +25,20 @@ Say = Callable[[str], None]
 def shoot(
     source: Source,
     out: Path,
-    request: Request,
+    request: CaptureRequest,
     *,
-    resume: bool = False,
-    compression: Compression = "none",
     progress: Progress = lambda message, done, total: None,
     say: Say = lambda line: None,
 ) -> CaptureResult:
     """Shoot what is asked for into the session folder `out`.
 
     A vacant folder becomes a session. One that is a session of the same cameras is added to: darks, flats
-    and the board as often as one likes, the scene once. resume: takes exactly the shots that the last such
-    plan lacks. say: is told what a person should know.
+    and the board as often as one likes, the scene once. say: shows a line that a person should know.
 
     InputError: `out` is something else, or holds another capture. CaptureError: what is there cannot be
     metered. StorageError: the disk refuses; what was finished stays.
     """
-    if resume and not out.is_dir():
+    if request.resume and not out.is_dir():
         raise InputError(f"{out} is not a folder: leave --resume out to begin a session there.")
     identity = SessionRecord(
         name=out.resolve().name,
@@ -52,11 +48,11 @@ def shoot(
         cameras=source.records,
     )
     with folder_made(out), sole_writer(out):
-        session = _existing(out, request, resume)
+        session = _existing(out, request)
         plans = [] if session is None else session.plans()
         if session is not None:
             must_be_the_same(session, identity)
-        plan = continued(session, source, request, plans, say) if session and resume else None
+        plan = continued(session, source, request, plans, say) if session and request.resume else None
         if plan is None:
             progress("planning", 0, 0)
             plan = plan_for(source, request, plans)[0]
@@ -76,18 +72,18 @@ def shoot(
                 source.cameras,
                 clock=source.clock,
                 move_to=source.operator.move_to,
-                compression=compression,
+                compression=request.compression,
                 progress=progress,
                 tolerance=source.tolerance,
                 leader=source.leader,
             )
 
 
-def _existing(out: Path, request: Request, resume: bool) -> Session | None:
+def _existing(out: Path, request: CaptureRequest) -> Session | None:
     """The session in `out`, if it may be added to; None if one may begin there. InputError otherwise."""
     if is_vacant(out):
         return None
-    if resume:
+    if request.resume:
         return Session.open(out)
     plans = Session.open(out).plans() if (out / "session.json").exists() else []
     if not plans or (request.kind == "scene" and any(plan.kind == "scene" for plan in plans)):
@@ -110,7 +106,7 @@ class Rehearsal:
     unmetered: str | None = None
 
 
-def rehearse(source: Source, out: Path, request: Request) -> Rehearsal:
+def rehearse(source: Source, out: Path, request: CaptureRequest) -> Rehearsal:
     """Plan what `shoot` would take, with the scene metered, and write nothing.
 
     InputError and CaptureError as there; but a bracket that is given needs no meter.

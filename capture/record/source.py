@@ -10,6 +10,7 @@ from capture.record.recorder import Progress
 from drivers.camera import Camera
 from drivers.clock import Clock
 from imaging.exposure import Exposure
+from imaging.files.dng import Compression
 from imaging.session.records import Board, CameraRecord, PlanRecord, Subject
 from imaging.session.session import Session
 
@@ -72,12 +73,15 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Request:
+class CaptureRequest:
     """What is to be shot. None: what is usual or, where a session is completed, what it was begun with.
 
-    frames: positions of the scene, poses of the board, or repeats of darks and flats.
+    frames: positions of the scene, poses of the board, or repeats of darks and flats. resume: take exactly
+    the shots that the last such plan of the session lacks. compression: of RAW files.
     """
 
     kind: Subject = "scene"
     frames: int | None = None
     bracket: Stops | Wanted | None = None
+    resume: bool = False
+    compression: Compression = "none"

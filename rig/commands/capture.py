@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imaging.session.paths import has_shots
-from rig.buses import bus_of, operator_at
+from rig.buses import source_of
 from rig.commands.options import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.commands.rehearsal import rehearse
 from rig.terminal.outcome import Outcome, leaving_nothing, running, shortfall
@@ -18,6 +18,7 @@ from rig.terminal.text import command_line, counted
 
 if TYPE_CHECKING:
     from capture.bracket.planner import Wanted
+    from capture.record.source import CaptureRequest
     from capture.rigfile.rigfile import RigFile
     from imaging.session.records import Subject
 
@@ -128,27 +129,12 @@ def capture(
     if kind != "scene" and (bracket == () or any(value is not None for value in limits.values())):
         raise WrongUsage("An automatic bracket, and its limits, are for scenes: leave them out", context)
     rig = _read(rig_file)
-    chosen = tuple(bracket) if bracket else None
-    auto = _wanted(bracket, limits, rig)
+    request = _request(kind, frames, bracket, _wanted(bracket, limits, rig), resume)
     if dry_run:
         with running("plan") as meter:
-            return rehearse(
-                sim, out, meter, rig=rig, seed=seed, kind=kind, frames=frames, chosen=chosen, auto=auto
-            )
+            return rehearse(sim, out, meter, request, rig=rig, seed=seed)
     with running("capture", go_on=f"run the same command again with --resume to complete {out}") as meter:
-        return run_capture(
-            sim,
-            out,
-            meter,
-            rig=rig,
-            seed=seed,
-            kind=kind,
-            frames=frames,
-            chosen=chosen,
-            auto=auto,
-            resume=resume,
-            rough=rough,
-        )
+        return run_capture(sim, out, meter, request, rig=rig, seed=seed, rough=rough)
 
 
 def _places(context: typer.Context, paths: list[Path], sim: str | None) -> tuple[Path | None, Path]:
@@ -198,59 +184,31 @@ def _wanted(bracket: Stops | None, limits: dict[str, float | None], rig: RigFile
     return None
 
 
+def _request(
+    kind: Subject, frames: int | None, bracket: Stops | None, wanted: Wanted | None, resume: bool
+) -> CaptureRequest:
+    from capture.record.source import CaptureRequest
+
+    return CaptureRequest(kind, frames, wanted or (tuple(bracket) if bracket else None), resume)
+
+
 def run_capture(
     sim: str | None,
     out: Path,
     meter: Meter,
+    request: CaptureRequest,
     *,
     seed: int,
     rig: RigFile | None = None,
-    kind: Subject = "scene",
-    frames: int | None = None,
-    chosen: tuple[float, ...] | None = None,
-    auto: Wanted | None = None,
-    resume: bool = False,
     rough: bool = False,
 ) -> Outcome:
     """Capture and say what came of it."""
     with leaving_nothing(out, unless=has_shots):
-        from capture.connected_rig import capture_rig
-        from capture.simulated import capture_simulated
-        from drivers.sim.faults import ROUGH
+        from capture.record.shooting import shoot
         from imaging.session.session import Session
 
-        if rig is not None:
-            bus = bus_of(sim, seed, rough=rough)
-            result = capture_rig(
-                rig,
-                out,
-                kind=kind,
-                frames=frames,
-                bracket=chosen,
-                auto=auto,
-                resume=resume,
-                operator=operator_at(bus, rig, meter),
-                positions=bus.rig.frames if bus.rig else None,
-                backend=bus.backend,
-                clock=bus.clock,
-                progress=meter,
-                say=meter.say,
-            )
-        else:
-            assert sim is not None  # the command line was looked through
-            result = capture_simulated(
-                sim,
-                out,
-                seed=seed,
-                kind=kind,
-                frames=frames,
-                bracket=chosen,
-                auto=auto,
-                resume=resume,
-                mix=ROUGH if rough else None,
-                progress=meter,
-                say=meter.say,
-            )
+        with source_of(sim, seed, rig, request, meter, rough=rough) as source:
+            result = shoot(source, out, request, progress=meter, say=meter.say)
     there = result.taken + result.kept
     kept = f", {result.kept} of them taken before" if result.kept else ""
     lines = [f"{out}: {there} of {counted(result.planned, 'shot')}{kept}"]

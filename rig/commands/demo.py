@@ -97,7 +97,10 @@ def _time(times: Mapping[str, float], before: Sequence[str]) -> str:
 
 def _capture(out: Path, meter: Meter) -> Outcome:
     """A new capture, or what the one in OUT lacks."""
-    return run_capture(SIM, out, meter, seed=SEED, resume=(out / "session.json").exists())
+    from capture.record.source import CaptureRequest
+
+    request = CaptureRequest(resume=(out / "session.json").exists())
+    return run_capture(SIM, out, meter, request, seed=SEED)
 
 
 def _poses(metrics: dict[str, Any]) -> list[str]:

@@ -6,55 +6,28 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.buses import bus_of, operator_at
+from rig.buses import source_of
 from rig.terminal.outcome import Outcome
 from rig.terminal.progress import Meter
 from rig.terminal.text import counted, size
 
 if TYPE_CHECKING:
-    from capture.bracket.planner import Wanted
     from capture.record.shooting import Rehearsal
+    from capture.record.source import CaptureRequest
     from capture.rigfile.rigfile import RigFile
-    from imaging.session.records import Subject
 
 
 _FRAMES = {"scene": "position", "dark": "repeat", "flat": "repeat", "board": "pose"}
 
 
 def rehearse(
-    sim: str | None,
-    out: Path,
-    meter: Meter,
-    *,
-    rig: RigFile | None,
-    seed: int,
-    kind: Subject,
-    frames: int | None,
-    chosen: tuple[float, ...] | None,
-    auto: Wanted | None,
+    sim: str | None, out: Path, meter: Meter, request: CaptureRequest, *, rig: RigFile | None, seed: int
 ) -> Outcome:
     """Meter, plan and say so; nothing is written."""
-    from capture.connected_rig import rehearse_rig
-    from capture.simulated import rehearse_simulated
+    from capture.record import shooting
 
-    if rig is not None:
-        bus = bus_of(sim, seed)
-        done = rehearse_rig(
-            rig,
-            out,
-            kind=kind,
-            frames=frames,
-            bracket=chosen,
-            auto=auto,
-            operator=operator_at(bus, rig, meter),
-            positions=bus.rig.frames if bus.rig else None,
-            backend=bus.backend,
-            clock=bus.clock,
-            say=meter.say,
-        )
-    else:
-        assert sim is not None  # the command line was looked through
-        done = rehearse_simulated(sim, out, seed=seed, kind=kind, frames=frames, bracket=chosen, auto=auto)
+    with source_of(sim, seed, rig, request, meter) as source:
+        done = shooting.rehearse(source, out, request)
     record = done.record
     steps = [str(exposure) for exposure in record.bracket]
     shots = len(record.cameras) * len(record.frames) * len(steps)

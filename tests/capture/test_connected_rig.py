@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from capture.bracket.planner import Wanted
-from capture.connected_rig import capture_rig, rehearse_rig
+from capture.connected_rig import capture_rig, connected_source
 from capture.record.recorder import CaptureResult
-from capture.record.shooting import Rehearsal
+from capture.record.shooting import Rehearsal, rehearse
+from capture.record.source import CaptureRequest
 from capture.rigfile.rigfile import read_rig_file
 from capture.rigfile.template import rig_file_text
 from drivers.discovery import ask_all
@@ -80,17 +81,18 @@ class Place:
         finally:
             assert bus.backend.open_handles == 0
 
-    def rehearse(self, **options) -> Rehearsal:
+    def rehearse(self) -> Rehearsal:
         rig, bus = self.bus()
-        return rehearse_rig(
+        request = CaptureRequest()
+        with connected_source(
             read_rig_file(self.file),
-            self.out,
+            request,
             operator=rig,
             positions=rig.frames,
             backend=bus.backend,
             clock=bus.clock,
-            **options,
-        )
+        ) as source:
+            return rehearse(source, self.out, request)
 
 
 @pytest.fixture

@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 
 from capture.bracket.planner import Wanted
-from capture.simulated import capture_simulated, rehearse_simulated
+from capture.record.shooting import rehearse
+from capture.record.source import CaptureRequest
+from capture.simulated import capture_simulated, simulated_source
 from drivers.sim.faults import ROUGH
 from imaging.errors import CaptureError, InputError, StorageError
 from imaging.files import store
@@ -208,7 +210,8 @@ def test_plans_that_the_rig_cannot_shoot_are_refused(toy, tmp_path):
 
 def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
     wanted = Wanted(snr=20.0, slowest=1 / 4)
-    rehearsed = rehearse_simulated("toy", tmp_path / "s", seed=3, auto=wanted)
+    with simulated_source("toy", seed=3) as source:
+        rehearsed = rehearse(source, tmp_path / "s", CaptureRequest(bracket=wanted))
     assert list(tmp_path.iterdir()) == []
     out = tmp_path / "s"
     result = capture_simulated("toy", out, seed=3, auto=wanted)

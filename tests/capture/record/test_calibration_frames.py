@@ -12,8 +12,10 @@ from capture.bracket.planner import Target
 from capture.bracket.raw_noise import RawNoise
 from capture.check.check import check
 from capture.connected_rig import capture_rig
+from capture.record.shooting import rehearse
+from capture.record.source import CaptureRequest
 from capture.rigfile.rigfile import read_rig_file
-from capture.simulated import capture_simulated, rehearse_simulated
+from capture.simulated import capture_simulated, simulated_source
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from imaging.errors import CaptureError, InputError
@@ -134,9 +136,11 @@ def test_a_second_run_is_a_plan_of_its_own_and_resume_completes_the_last(full: P
 
 
 def test_exposures_may_be_given_and_a_rehearsal_writes_nothing(tmp_path: Path) -> None:
-    done = rehearse_simulated("toy", tmp_path / "S", kind="board", bracket=(-1.0,))
+    with simulated_source("toy") as source:
+        done = rehearse(source, tmp_path / "S", CaptureRequest("board", bracket=(-1.0,)))
+        flats = rehearse(source, tmp_path / "S", CaptureRequest("flat"))
     assert ([e.time for e in done.record.bracket], len(done.record.frames)) == ([1 / 125], 20)
-    assert len(rehearse_simulated("toy", tmp_path / "S", kind="flat").record.frames) == 16
+    assert len(flats.record.frames) == 16
     assert list(tmp_path.iterdir()) == []
 
 

@@ -55,8 +55,8 @@ class Cameras:
 def cameras(monkeypatch: pytest.MonkeyPatch) -> Cameras:
     """Two cameras are connected to this machine."""
     there = Cameras()
-    for place in ("capture", "rehearsal", "init"):
-        monkeypatch.setattr(f"rig.commands.{place}.bus_of", there)
+    for place in ("buses", "commands.init"):
+        monkeypatch.setattr(f"rig.{place}.bus_of", there)
     return there
 
 
