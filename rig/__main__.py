@@ -1,4 +1,4 @@
-"""`rig` and `python -m rig`: run a command, tell its outcome, turn every failure into one sentence."""
+"""`rig` and `python -m rig`: run a command, print its result, turn every failure into one sentence."""
 
 import os
 import sys
@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import typer
 
 from rig.cli import app
-from rig.enter import count_from
 from rig.terminal.failures import STOPPED, explained
-from rig.terminal.outcome import Outcome, deliver, print_json
+from rig.terminal.result import CommandResult, print_json, print_result
+from rig.terminal.start_time import set_start
 from rig.terminal.streams import debugging
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `rig ARGUMENTS` (those of the process if None); the exit code."""
-    count_from(process=arguments is None)
+    set_start(process=arguments is None)
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     if words[0] == "help":
         words = [*words[1:], "--help"]
@@ -26,16 +26,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
     try:
-        outcome = typer.main.get_command(app).main(words, prog_name="rig", standalone_mode=False)
-        if isinstance(outcome, Outcome):
-            return deliver(outcome, name, as_json)
-        if outcome == STOPPED:
+        result = typer.main.get_command(app).main(words, prog_name="rig", standalone_mode=False)
+        if isinstance(result, CommandResult):
+            return print_result(result, name, as_json)
+        if result == STOPPED:
             raise KeyboardInterrupt
         sys.stdout.flush()
-        return int(outcome or 0)
+        return int(result or 0)
     except BaseException as error:
         if isinstance(error, BrokenPipeError) or isinstance(error.__context__, BrokenPipeError):
-            # Whoever read our output has seen enough; keep Python from failing again when it flushes.
+            # The reader of our output has seen enough; keep Python from failing again when it flushes.
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             return 0
         if isinstance(error, SystemExit):

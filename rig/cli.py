@@ -1,4 +1,4 @@
-"""The `rig` command line: one thin module a command, imported when its command runs."""
+"""The `rig` command line: its commands, from one thin module each; stages are loaded when a command runs."""
 
 from collections.abc import Callable
 from typing import Annotated
@@ -22,7 +22,7 @@ from rig.commands import (
     simulate,
     trade,
 )
-from rig.terminal.outcome import Outcome
+from rig.terminal.result import CommandResult
 
 EXIT_CODES = (
     "Exit codes: 0 done; 1 a defect of rig; 2 the input or the usage is at fault, nothing usable came out; "
@@ -58,7 +58,7 @@ def rig(
     """Options before the command."""
 
 
-COMMANDS: dict[str, Callable[..., Outcome]] = {
+COMMANDS: dict[str, Callable[..., CommandResult]] = {
     "demo": demo.demo,
     "init": init.init,
     "capture": capture.capture,

@@ -34,15 +34,18 @@ class BoardText(str):
             elif word.upper().startswith("DICT_"):
                 fields["dictionary"] = word.upper()
             else:
-                raise InputError(f"{word!r} describes no board: give columns x rows and sizes, as {EXAMPLE}.")
+                raise InputError(
+                    f"{word!r} does not describe a board: give columns x rows and sizes, as {EXAMPLE}."
+                )
         try:
             return Board.model_validate(fields)
         except ValidationError as error:
             first = error.errors()[0]
             what = ".".join(str(place) for place in first["loc"])
-            told = first["msg"].removeprefix("Value error, ").lower()
+            message = first["msg"].removeprefix("Value error, ").lower()
             raise InputError(
-                f"{str(self)!r} is no board ({f'{what}: ' if what else ''}{told}): describe it as {EXAMPLE}."
+                f"{str(self)!r} is not a board ({f'{what}: ' if what else ''}{message}): "
+                f"describe it as {EXAMPLE}."
             ) from None
 
 

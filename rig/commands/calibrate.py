@@ -10,8 +10,8 @@ import typer
 from imaging.errors import PartialError
 from rig.commands.board import EXAMPLE, BoardText, board_text
 from rig.commands.options import JsonOption, SessionArgument
-from rig.terminal.outcome import Outcome, leaving_nothing, running
-from rig.terminal.progress import Meter
+from rig.terminal.progress import Status
+from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def calibrate(
         bool, typer.Option("--chart", help="Measure colours by a ColorChecker that some views show.")
     ] = False,
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Calibrate cameras, lenses and poses.
 
     Poses, lenses, exposure ratios, response and vignetting come from the pictures themselves; the sensor
@@ -47,43 +47,47 @@ def calibrate(
 
     Example: rig calibrate S
     """
-    with running("calibrate") as meter:
-        return run_calibrate(session, meter, only, board.board() if board else None, chart)
+    with running("calibrate") as status:
+        return run_calibrate(session, status, only, board.board() if board else None, chart)
 
 
 def run_calibrate(
     session: Path,
-    meter: Meter,
+    status: Status,
     only: Part | None = None,
     board: "Board | None" = None,
     chart: bool = False,
-) -> Outcome:
+) -> CommandResult:
     """Calibrate, write the report and say what came of it."""
     folder = session / "calibration"
-    with leaving_nothing(folder, unless=lambda path: (path / "calibration.json").is_file()):
+    with removed_on_failure(folder, unless=lambda path: (path / "calibration.json").is_file()):
         from calib.calibrate import calibrate as calibrate_session
         from rig.report.pages.calibration import calibration_report
 
         try:
-            record = calibrate_session(session, only=only, board=board, chart=chart, progress=meter)
+            record = calibrate_session(session, only=only, board=board, chart=chart, progress=status)
         except PartialError:
-            # What was found has its page too; the error says what is missing.
-            calibration_report(session, meter)
+            # What was measured has its page too; the error says what is missing.
+            calibration_report(session, status)
             raise
-    calibration_report(session, meter)
+    calibration_report(session, status)
     poseless = not record.views and not record.unregistered
-    return told_cameras(session, record) if poseless or (only and not record.views) else told(session, record)
+    return (
+        _cameras_result(session, record)
+        if poseless or (only and not record.views)
+        else poses_result(session, record)
+    )
 
 
-def calibration_outcome(session: Path) -> Outcome:
+def earlier_calibration(session: Path) -> CommandResult:
     """What the calibration that a session has came to."""
     from imaging.session.calibration import read_calibration
 
-    return replace(told(session, read_calibration(session)), already_there=True)
+    return replace(poses_result(session, read_calibration(session)), already_there=True)
 
 
-def told_cameras(session: Path, record: "CalibrationRecord") -> Outcome:
-    """A calibration of cameras without poses as an outcome."""
+def _cameras_result(session: Path, record: "CalibrationRecord") -> CommandResult:
+    """What came of a calibration of cameras without poses."""
     report = session / "calibration" / "report.html"
     evidence = {camera.name: camera.response.evidence for camera in record.cameras}
     responses = {camera.name: camera.response.kind for camera in record.cameras}
@@ -100,8 +104,8 @@ def told_cameras(session: Path, record: "CalibrationRecord") -> Outcome:
                 if value is not None
             ]
             at = "" if sensor.iso is None else f" at ISO {sensor.iso:g}"
-            found = ", ".join(words) or "gain, read noise and ceiling are not determined"
-            lines.append(f"{session}: {camera.name}{at}: {found}")
+            figures = ", ".join(words) or "gain, read noise and ceiling are not determined"
+            lines.append(f"{session}: {camera.name}{at}: {figures}")
     sensors = {
         camera.name: [
             sensor.model_dump(mode="json", exclude={"defects", "transfer"}) for sensor in camera.sensors
@@ -112,22 +116,22 @@ def told_cameras(session: Path, record: "CalibrationRecord") -> Outcome:
         "session": str(session),
         "responses": responses,
         "sensors": sensors,
-        "charts": told_charts(record),
+        "charts": _chart_figures(record),
         "report": str(report),
     }
-    return Outcome(data, [*lines, *chart_lines(session, record), f"Report: {report}"])
+    return CommandResult(data, [*lines, *_chart_lines(session, record), f"Report: {report}"])
 
 
-def chart_lines(session: Path, record: "CalibrationRecord") -> list[str]:
-    """What the charts that cameras saw came to, a line each."""
+def _chart_lines(session: Path, record: "CalibrationRecord") -> list[str]:
+    """A line for each camera that saw a chart: how well its colours fit."""
     return [
-        f"{session}: {name}: colours by the chart at frame {told['frame']}, delta E 2000 of held-out patches "
-        f"{number(told['delta_e_mean'])} in the mean, {number(told['delta_e_max'])} at most"
-        for name, told in told_charts(record).items()
+        f"{session}: {name}: colours by the chart at frame {chart['frame']}, delta E 2000 of held-out "
+        f"patches {number(chart['delta_e_mean'])} in the mean, {number(chart['delta_e_max'])} at most"
+        for name, chart in _chart_figures(record).items()
     ]
 
 
-def told_charts(record: "CalibrationRecord") -> dict[str, dict[str, Any]]:
+def _chart_figures(record: "CalibrationRecord") -> dict[str, dict[str, Any]]:
     """The figures of each camera's chart, by its name."""
     fields = {"frame", "delta_e_mean", "delta_e_p95", "delta_e_max", "delta_e_files"}
     return {
@@ -137,7 +141,7 @@ def told_charts(record: "CalibrationRecord") -> dict[str, dict[str, Any]]:
     }
 
 
-def left_out(record: "CalibrationRecord") -> Iterator[str]:
+def _left_out(record: "CalibrationRecord") -> Iterator[str]:
     """The images without a pose, by cause, with what to do about it."""
     alone = [name for name in record.unregistered if name not in record.contradicted]
     if alone:
@@ -150,24 +154,24 @@ def left_out(record: "CalibrationRecord") -> Iterator[str]:
         )
 
 
-def _unseen(record: "CalibrationRecord", name: str) -> str:
-    """Why nothing in its own picture placed an image."""
+def _why_unplaced(record: "CalibrationRecord", name: str) -> str:
+    """Why an image got no pose from what it shows."""
     if name in record.contradicted:
         return "contradicts other images about where it stands"
     return "shows nothing that was recognised"
 
 
-def told(session: Path, record: "CalibrationRecord") -> Outcome:
-    """A calibration as an outcome."""
+def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
+    """What came of a calibration with poses."""
     report = session / "calibration" / "report.html"
     images = len(record.views) + len(record.unregistered)
     by_rig = [f"{view.camera}/{view.frame:04d}" for view in record.views if view.by_rig]
     lines = [
         f"{session}: {len(record.views)} of {counted(images, 'image')} with a pose, "
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
-        *[f"{session}: {name} {_unseen(record, name)}: its pose is the rig's" for name in by_rig],
+        *[f"{session}: {name} {_why_unplaced(record, name)}: its pose is the rig's" for name in by_rig],
         *[f"{session}: {doubt}" for doubt in record.doubts],
-        *chart_lines(session, record),
+        *_chart_lines(session, record),
         f"Report: {report}",
         f"Next: {command_line('rig', 'reconstruct', session)}",
     ]
@@ -181,13 +185,13 @@ def told(session: Path, record: "CalibrationRecord") -> Outcome:
         "doubts": list(record.doubts),
         "points": record.points,
         "reprojection_px": record.reprojection_px,
-        "charts": told_charts(record),
+        "charts": _chart_figures(record),
         "report": str(report),
     }
     missing = None
     if record.unregistered:
         missing = (
             f"{session}: {counted(len(record.unregistered), 'image')} of {images} got no pose: "
-            + "; ".join(left_out(record))
+            + "; ".join(_left_out(record))
         )
-    return Outcome(data, lines, missing, usable=bool(record.views))
+    return CommandResult(data, lines, missing, usable=bool(record.views))

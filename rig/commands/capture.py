@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imaging.session.paths import has_shots
-from rig.buses import source_of
+from rig.commands.usb_bus import source_of
 from rig.commands.options import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.commands.rehearsal import rehearse
-from rig.terminal.outcome import Outcome, leaving_nothing, running, shortfall
-from rig.terminal.progress import Meter
+from rig.terminal.result import CommandResult, removed_on_failure, running, missing_parts
+from rig.terminal.progress import Status
 from rig.terminal.text import command_line, counted
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def capture(
         ),
     ] = False,
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Shoot a session.
 
     Every camera of the rig takes a bracket at every position. Every finished shot is safe on disk; an
@@ -131,10 +131,10 @@ def capture(
     rig = _read(rig_file)
     request = _request(kind, frames, bracket, _wanted(bracket, limits, rig), resume)
     if dry_run:
-        with running("plan") as meter:
-            return rehearse(sim, out, meter, request, rig=rig, seed=seed)
-    with running("capture", go_on=f"run the same command again with --resume to complete {out}") as meter:
-        return run_capture(sim, out, meter, request, rig=rig, seed=seed, rough=rough)
+        with running("plan") as status:
+            return rehearse(sim, out, status, request, rig=rig, seed=seed)
+    with running("capture", go_on=f"run the same command again with --resume to complete {out}") as status:
+        return run_capture(sim, out, status, request, rig=rig, seed=seed, rough=rough)
 
 
 def _places(context: typer.Context, paths: list[Path], sim: str | None) -> tuple[Path | None, Path]:
@@ -180,7 +180,7 @@ def _wanted(bracket: Stops | None, limits: dict[str, float | None], rig: RigFile
         option = "--" + next(iter(given)).replace("_", "-")
         raise InputError(f"{option} only limits a bracket that is planned: add --bracket auto.")
     if given:
-        raise InputError("stops are no bracket that is planned: leave --bracket or its limits out.")
+        raise InputError("stops given by hand are not planned: leave out --bracket or its limits.")
     return None
 
 
@@ -195,25 +195,25 @@ def _request(
 def run_capture(
     sim: str | None,
     out: Path,
-    meter: Meter,
+    status: Status,
     request: CaptureRequest,
     *,
     seed: int,
     rig: RigFile | None = None,
     rough: bool = False,
-) -> Outcome:
+) -> CommandResult:
     """Capture and say what came of it."""
-    with leaving_nothing(out, unless=has_shots):
+    with removed_on_failure(out, unless=has_shots):
         from capture.record.shooting import shoot
         from imaging.session.session import Session
 
-        with source_of(sim, seed, rig, request, meter, rough=rough) as source:
-            result = shoot(source, out, request, progress=meter, say=meter.say)
+        with source_of(sim, seed, rig, request, status, rough=rough) as source:
+            result = shoot(source, out, request, progress=status, say=status.say)
     there = result.taken + result.kept
     kept = f", {result.kept} of them taken before" if result.kept else ""
     lines = [f"{out}: {there} of {counted(result.planned, 'shot')}{kept}"]
     lines += [f"  {problem}" for problem in result.problems]
-    missing = shortfall(result.require_complete)
+    missing = missing_parts(result.require_complete)
     if missing is None and Session.open(out).shots("scene"):
         lines.append(f"Next: {command_line('rig', 'calibrate', out)}")
     data = {
@@ -224,4 +224,4 @@ def run_capture(
         "missing_shots": list(result.missing),
         "problems": list(result.problems),
     }
-    return Outcome(data, lines, missing, usable=there > 0, already_there=not result.taken)
+    return CommandResult(data, lines, missing, usable=there > 0, already_there=not result.taken)

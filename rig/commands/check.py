@@ -8,7 +8,7 @@ import typer
 from imaging.errors import StorageError
 from imaging.files import store
 from rig.commands.options import JsonOption, SessionArgument
-from rig.terminal.outcome import Outcome, running
+from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
 
 if TYPE_CHECKING:
@@ -19,23 +19,23 @@ def check(
     session: SessionArgument,
     repair: Annotated[bool, typer.Option("--repair", help="Rebuild the index from the files first.")] = False,
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Verify a session.
 
-    Reads every file and holds it against its record and the rest of its bracket: hashes, exposures
+    Reads every file and compares it with its record and the rest of its bracket: hashes, exposures
     against labels, clipping, focus, motion, skew; what masks hide is not compared. Writes
     S/check/report.html, a contact sheet of every shot, and S/check/check.json, unless S is read-only.
 
     Example: rig check S
     """
     repaired = None
-    with running("check") as meter:
+    with running("check") as status:
         from capture.check.check import check as check_session
         from capture.check.repair import repair as repair_session
 
         if repair:
-            repaired = repair_session(session, progress=meter)
-        report = check_session(session, progress=meter)
+            repaired = repair_session(session, progress=status)
+        report = check_session(session, progress=status)
         data = report.model_dump(mode="json")
         page, refused = _written(session, report, data)
     lines = [f"{session}: {report.sound} of {counted(report.shots, 'shot')} sound, {report.planned} planned"]
@@ -44,11 +44,11 @@ def check(
         lines += [f"  added: {file}" for file in repaired.added]
         lines += [f"  left alone: {line}" for line in repaired.left]
         lines += [f"  the index as it was: {repaired.backup}"] if repaired.backup else []
-    for one in report.exposures:
-        clipped = "/".join(f"{100 * share:.2g}" for share in one.clipped)
+    for step in report.exposures:
+        clipped = "/".join(f"{100 * share:.2g}" for share in step.clipped)
         lines.append(
-            f"  {one.camera}, {one.exposure or 'exposure not stated'}: {counted(one.shots, 'shot')}, "
-            f"{clipped} % of R/G/B clipped, {100 * one.black:.2g} % black"
+            f"  {step.camera}, {step.exposure or 'exposure not stated'}: {counted(step.shots, 'shot')}, "
+            f"{clipped} % of R/G/B clipped, {100 * step.black:.2g} % black"
         )
     lines += [f"  {problem.message}" for problem in report.problems]
     lines += [f"  warning: {warning.message}" for warning in report.warnings]
@@ -62,7 +62,7 @@ def check(
     data["report"] = None if page is None else str(page)
     if repaired is not None:
         data["repaired"] = repaired.model_dump(mode="json")
-    return Outcome(data, lines, missing, usable=report.sound > 0)
+    return CommandResult(data, lines, missing, usable=report.sound > 0)
 
 
 def _written(session: Path, report: "CheckReport", data: dict[str, Any]) -> tuple[Path | None, str | None]:

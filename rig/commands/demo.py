@@ -8,13 +8,13 @@ from typing import Annotated, Any
 import typer
 
 from imaging.session.paths import calibration_is_current
-from rig.commands.calibrate import calibration_outcome, run_calibrate
+from rig.commands.calibrate import earlier_calibration, run_calibrate
 from rig.commands.capture import run_capture
 from rig.commands.evaluate import headline, run_evaluate
 from rig.commands.options import JsonOption
 from rig.commands.reconstruct import MethodName, run_training
-from rig.terminal.outcome import Outcome, running
-from rig.terminal.progress import Meter
+from rig.terminal.result import CommandResult, running
+from rig.terminal.progress import Status
 from rig.terminal.text import command_line, duration, number
 
 SIM, SEED = "demo", 0
@@ -27,7 +27,7 @@ needs less trains the whole preset, and then the result is the same wherever it 
 def demo(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to create or continue.")],
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Run every stage once, on a simulated rig.
 
     Captures a session with four cameras at six positions, calibrates it from the pictures, trains a
@@ -36,37 +36,37 @@ def demo(
 
     Example: rig demo demo/
     """
-    with running("demo", go_on="run the same command again") as meter:
-        return run_demo(out, meter)
+    with running("demo", go_on="run the same command again") as status:
+        return run_demo(out, status)
 
 
-def run_demo(out: Path, meter: Meter, clock: Callable[[], float] = time.monotonic) -> Outcome:
+def run_demo(out: Path, status: Status, clock: Callable[[], float] = time.monotonic) -> CommandResult:
     """The four stages; each is skipped, or nearly so, if it is finished."""
     times: dict[str, float] = {}
     before: list[str] = []
 
-    def stage(name: str, work: Callable[[], Outcome]) -> Outcome:
-        meter.begin(name)
+    def stage(name: str, work: Callable[[], CommandResult]) -> CommandResult:
+        status.begin(name)
         began = clock()
-        outcome = work()
+        result = work()
         took = clock() - began
-        if outcome.already_there:
+        if result.already_there:
             before.append(name)
         else:
             times[name] = took
-        meter.say(f"{name}: {outcome.lines[0]} ({duration(took)})")
-        return outcome
+        status.say(f"{name}: {result.lines[0]} ({duration(took)})")
+        return result
 
-    captured = stage("capture", lambda: _capture(out, meter))
+    captured = stage("capture", lambda: _capture(out, status))
     calibrated = stage(
         "calibrate",
-        lambda: calibration_outcome(out) if calibration_is_current(out) else run_calibrate(out, meter),
+        lambda: earlier_calibration(out) if calibration_is_current(out) else run_calibrate(out, status),
     )
     trained = stage(
         "reconstruct",
-        lambda: run_training(out, meter, method=METHOD, budget=TRAINING_SECONDS, seed=SEED, name="demo"),
+        lambda: run_training(out, status, method=METHOD, budget=TRAINING_SECONDS, seed=SEED, name="demo"),
     )
-    evaluated = stage("evaluate", lambda: run_evaluate(Path(trained.data["reconstruction"]), meter))
+    evaluated = stage("evaluate", lambda: run_evaluate(Path(trained.data["reconstruction"]), status))
 
     metrics = evaluated.data["metrics"]
     lines = [
@@ -85,7 +85,7 @@ def run_demo(out: Path, meter: Meter, clock: Callable[[], float] = time.monotoni
         "metrics": metrics,
     }
     missing = next((part.missing for part in (captured, calibrated, evaluated) if part.missing), None)
-    return Outcome(data, lines, missing)
+    return CommandResult(data, lines, missing)
 
 
 def _time(times: Mapping[str, float], before: Sequence[str]) -> str:
@@ -95,12 +95,12 @@ def _time(times: Mapping[str, float], before: Sequence[str]) -> str:
     return "Time: " + "; ".join(part for part in (words, done) if part)
 
 
-def _capture(out: Path, meter: Meter) -> Outcome:
+def _capture(out: Path, status: Status) -> CommandResult:
     """A new capture, or what the one in OUT lacks."""
     from capture.record.source import CaptureRequest
 
     request = CaptureRequest(resume=(out / "session.json").exists())
-    return run_capture(SIM, out, meter, request, seed=SEED)
+    return run_capture(SIM, out, status, request, seed=SEED)
 
 
 def _poses(metrics: dict[str, Any]) -> list[str]:

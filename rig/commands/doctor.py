@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.options import JsonOption
-from rig.terminal.outcome import Outcome, running
+from rig.terminal.result import CommandResult, running
 from rig.terminal.tables import table
 from rig.terminal.text import counted
 
@@ -36,7 +36,7 @@ def doctor(
         ),
     ] = False,
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Check this machine's setup.
 
     Looks at libusb, permissions, memory for USB transfers, the GPU, and versions; opens no camera.
@@ -44,52 +44,54 @@ def doctor(
     Example: rig doctor --stability
     """
     if stability:
-        with running("doctor") as meter:
+        with running("doctor") as status:
             from rig.stability import extremes
 
-            return told(list(extremes(True, progress=meter)))
-    with running("doctor") as meter:
+            return _stability_result(list(extremes(True, progress=status)))
+    with running("doctor") as status:
         from drivers.host import Finding, examine
 
-        meter("looking for cameras", 0, 2)
+        status("looking for cameras", 0, 2)
         findings = examine()
-        meter("looking for a GPU", 1, 2)
+        status("looking for a GPU", 1, 2)
         findings.append(Finding(*_training()))
     findings += [Finding(name, _version(name)) for name in PACKAGES]
-    width = max(len(one.name) for one in findings)
+    width = max(len(finding.name) for finding in findings)
     lines = []
-    for one in findings:
-        lines.append(f"{'!' if one.fix else ' '} {one.name:{width}}  {one.says}")
-        if one.fix:
-            lines.append(f"  {'':{width}}  {one.fix}")
-    wrong = [one for one in findings if one.fix]
-    names = ", ".join(one.name for one in wrong)
+    for finding in findings:
+        lines.append(f"{'!' if finding.fix else ' '} {finding.name:{width}}  {finding.says}")
+        if finding.fix:
+            lines.append(f"  {'':{width}}  {finding.fix}")
+    wrong = [finding for finding in findings if finding.fix]
+    names = ", ".join(finding.name for finding in wrong)
     lines.append(f"{counted(len(wrong), 'problem')} to fix: {names}." if wrong else "Everything is in order.")
-    return Outcome({"findings": [asdict(one) for one in findings], "in_order": not wrong}, lines)
+    return CommandResult(
+        {"findings": [asdict(finding) for finding in findings], "in_order": not wrong}, lines
+    )
 
 
 PARTS = ("calibration", "splatting", "methods")
 COLUMNS = ("Case", "Worst of", "Against", "Error", "Limit", "OK")
 
 
-def told(rows: "list[Extreme]") -> Outcome:
-    """The extremes as an outcome: all of them as a table, and the failures by name."""
-    groups = [(part.capitalize(), [_row(one) for one in rows if one.part == part]) for part in PARTS]
+def _stability_result(rows: "list[Extreme]") -> CommandResult:
+    """What came of the stress tests: all of them as a table, and the failures by name."""
+    groups = [(part.capitalize(), [_row(case) for case in rows if case.part == part]) for part in PARTS]
     lines = table(groups, COLUMNS, {"Case": 3, "Worst of": 2})
-    wrong = [one for one in rows if not one.ok]
+    wrong = [case for case in rows if not case.ok]
     missing = None
     if wrong:
-        worst = "; ".join(f"{one.case}, {one.what}" for one in wrong[:4])
+        worst = "; ".join(f"{case.case}, {case.what}" for case in wrong[:4])
         missing = f"{len(wrong)} of {counted(len(rows), 'result')} are outside their limits: {worst}."
     else:
         lines.append(f"All {len(rows)} results are within their limits.")
-    data = {"extremes": [one.record() for one in rows], "in_order": not wrong}
-    return Outcome(data, lines, missing, defect=True)
+    data = {"extremes": [case.record() for case in rows], "in_order": not wrong}
+    return CommandResult(data, lines, missing, defect=True)
 
 
-def _row(one: "Extreme") -> tuple[str, ...]:
-    error = "not finite" if one.error is None else f"{one.error:.1e}"
-    return one.case, one.what, one.against, error, f"{one.limit:.0e}", "yes" if one.ok else "NO"
+def _row(case: "Extreme") -> tuple[str, ...]:
+    error = "not finite" if case.error is None else f"{case.error:.1e}"
+    return case.case, case.what, case.against, error, f"{case.limit:.0e}", "yes" if case.ok else "NO"
 
 
 def _training() -> tuple[str, str, str]:

@@ -7,8 +7,8 @@ from imaging.files import store
 from imaging.session.paths import find_reconstruction
 from rig.commands.options import JsonOption, ReconstructionsArgument
 from rig.report.sections.measures import validation
-from rig.terminal.outcome import Outcome, of_each, running
-from rig.terminal.progress import Meter
+from rig.terminal.progress import Status
+from rig.terminal.result import CommandResult, for_each_scene, running
 from rig.terminal.text import number
 
 HEADLINES = (
@@ -21,7 +21,7 @@ HEADLINES = (
 )
 
 
-def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = False) -> Outcome:
+def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = False) -> CommandResult:
     """Measure scenes on held-out views.
 
     Against the truth where there is one, and against the photographs of their session, as the scene was
@@ -30,36 +30,36 @@ def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = Fal
 
     Example: rig evaluate S/reconstructions/*
     """
-    with running("evaluate") as meter:
-        return of_each(
-            reconstructions, lambda path: run_evaluate(find_reconstruction(path), meter), "evaluated"
+    with running("evaluate") as status:
+        return for_each_scene(
+            reconstructions, lambda path: run_evaluate(find_reconstruction(path), status), "evaluated"
         )
 
 
-def run_evaluate(folder: Path, meter: Meter) -> Outcome:
+def run_evaluate(folder: Path, status: Status) -> CommandResult:
     """Evaluate, write the report and say what came of it."""
     from recon.data.pixels import decoded_once
     from recon.evaluate import evaluate as evaluate_scene
 
     with decoded_once():
-        metrics = evaluate_scene(folder, progress=meter)
+        metrics = evaluate_scene(folder, progress=status)
         from rig.report.pages.reconstruction import reconstruction_report
 
-        return told(folder, metrics, reconstruction_report(folder, meter))
+        return _evaluation_result(folder, metrics, reconstruction_report(folder, status))
 
 
-def evaluated_before(folder: Path) -> Outcome | None:
-    """What an evaluation came to that a scene has with its report; None: there is none of it as it is."""
+def evaluated_before(folder: Path) -> CommandResult | None:
+    """The result of an evaluation that a scene has already, with its report; None if it has none."""
     report, metrics = folder / "report.html", folder / "metrics.json"
     if not (report.is_file() and metrics.is_file()):
         return None
-    return told(folder, store.read_json(metrics), report)
+    return _evaluation_result(folder, store.read_json(metrics), report)
 
 
-def told(folder: Path, metrics: dict[str, Any], report: Path) -> Outcome:
-    """An evaluation as an outcome."""
+def _evaluation_result(folder: Path, metrics: dict[str, Any], report: Path) -> CommandResult:
+    """What came of an evaluation."""
     lines = [f"{folder}: {headline(metrics)}", f"Report: {report}"]
-    return Outcome({"reconstruction": str(folder), "metrics": metrics, "report": str(report)}, lines)
+    return CommandResult({"reconstruction": str(folder), "metrics": metrics, "report": str(report)}, lines)
 
 
 def headline(metrics: dict[str, Any]) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.commands.options import JsonOption
-from rig.terminal.outcome import Outcome, running
+from rig.terminal.result import CommandResult, running
 from rig.terminal.tables import table
 from rig.terminal.text import command_line, counted, duration
 
@@ -30,7 +30,7 @@ def explain(
         ),
     ],
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Explain modelling decisions.
 
     From the plan of the capture to the reconstruction: every part of a model that was considered, what
@@ -38,28 +38,28 @@ def explain(
 
     Example: rig explain S/reconstructions/nh-3dgs-standard
     """
-    with running("explain") as meter:
-        folder, session = _found(place)
-        meter("reading", 0, 0)
-        found = _read(folder, session, of_session=place == session)
+    with running("explain") as status:
+        folder, session = _folders(place)
+        status("reading", 0, 0)
+        decisions = _read(folder, session, of_session=place == session)
     data: dict[str, Any] = {
         "session": None if session is None else str(session),
         "reconstruction": None if folder is None else str(folder),
-        "capture": [_plan(plan) for plan in found.plans],
-        "calibration": [rung.model_dump(mode="json") for rung in found.calibration.rungs],
-        "calibration_is_stale": found.shots_added,
+        "capture": [_plan(plan) for plan in decisions.plans],
+        "calibration": [rung.model_dump(mode="json") for rung in decisions.calibration.rungs],
+        "calibration_is_stale": decisions.shots_added,
     }
-    if found.model is not None:
-        data["model"] = found.model.model_dump(
+    if decisions.model is not None:
+        data["model"] = decisions.model.model_dump(
             mode="json", include={"settings", "gaussians", "train_seconds", "device"}
         )
-        data["model_rungs"] = [rung.model_dump(mode="json") for rung in found.model.rungs]
-        data["model_is_stale"] = found.calibrated_again
-    return Outcome(data, list(_lines(found)))
+        data["model_rungs"] = [rung.model_dump(mode="json") for rung in decisions.model.rungs]
+        data["model_is_stale"] = decisions.calibrated_again
+    return CommandResult(data, list(_lines(decisions)))
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Decisions:
     """What there is to explain: a session, a scene in it, or a scene alone.
 
     calibration: the session's, or where a scene was named the one that it was trained on.
@@ -76,7 +76,7 @@ class _Found:
     """Since the training."""
 
 
-def _read(folder: Path | None, session: Path | None, *, of_session: bool) -> _Found:
+def _read(folder: Path | None, session: Path | None, *, of_session: bool) -> _Decisions:
     from imaging.session.calibration import is_stale, read_calibration
     from imaging.session.session import Session
 
@@ -97,10 +97,10 @@ def _read(folder: Path | None, session: Path | None, *, of_session: bool) -> _Fo
         from recon.data.dataset import calibration_sha256
 
         again = calibration_sha256(session) != model.calibration_sha256
-    return _Found(folder, session, plans, calibration, model, added, again)
+    return _Decisions(folder, session, plans, calibration, model, added, again)
 
 
-def _found(place: Path) -> tuple[Path | None, Path | None]:
+def _folders(place: Path) -> tuple[Path | None, Path | None]:
     """The reconstruction and its session, as far as they are there; InputError if neither is."""
     from imaging.errors import InputError
     from imaging.session.paths import find_reconstruction, session_of
@@ -115,36 +115,37 @@ def _found(place: Path) -> tuple[Path | None, Path | None]:
 
 
 def _plan(plan: PlanRecord) -> dict[str, Any]:
-    told = plan.model_dump(mode="json", include={"plan", "kind", "reason", "asked", "bracket"})
+    data = plan.model_dump(mode="json", include={"plan", "kind", "reason", "asked", "bracket"})
     exposures, frames, cameras = len(plan.bracket), len(plan.frames), len(plan.cameras)
     shots = exposures * frames * cameras
-    return told | {"exposures": exposures, "frames": frames, "cameras": cameras, "shots": shots}
+    return data | {"exposures": exposures, "frames": frames, "cameras": cameras, "shots": shots}
 
 
-def _lines(found: _Found) -> Iterable[str]:
+def _lines(decisions: _Decisions) -> Iterable[str]:
     from rig.report.sections.calibrated import rung_groups, rung_rows
 
-    if found.session is not None:
-        yield f"{found.session}: capture, {counted(len(found.plans), 'plan')}"
-        rows = [_plan_row(plan) for plan in found.plans]
+    if decisions.session is not None:
+        yield f"{decisions.session}: capture, {counted(len(decisions.plans), 'plan')}"
+        rows = [_plan_row(plan) for plan in decisions.plans]
         yield from table([("", rows)], ("Plan", "Exposures", "Why"), PLANS)
         yield ""
-    rungs = found.calibration.rungs
-    old = "; OUT OF DATE, shots were added since" if found.shots_added else ""
-    yield f"{found.session or found.folder}: calibration, {_tally(rungs)}{old}"
-    groups = [(own.title, [_row(row) for row in own.rows]) for own in rung_groups(rungs)]
+    rungs = decisions.calibration.rungs
+    old = "; OUT OF DATE, shots were added since" if decisions.shots_added else ""
+    yield f"{decisions.session or decisions.folder}: calibration, {_tally(rungs)}{old}"
+    groups = [(group.title, [_row(row) for row in group.rows]) for group in rung_groups(rungs)]
     yield from table(groups, COLUMNS, PARTS)
     yield ""
-    model = found.model
+    model = decisions.model
     if model is None:
-        yield f"{found.session}: no reconstruction yet"
-        yield f"Next: {command_line('rig', 'reconstruct', found.session)}"
+        yield f"{decisions.session}: no reconstruction yet"
+        yield f"Next: {command_line('rig', 'reconstruct', decisions.session)}"
         return
-    old = "; the session was calibrated again since" if found.calibrated_again else ""
+    old = "; the session was calibrated again since" if decisions.calibrated_again else ""
     made = model.iterations or model.settings.iterations
     yield (
-        f"{found.folder}: {model.settings.method}, {_tally(model.rungs)}; {duration(model.train_seconds)} on "
-        f"{model.device}, {counted(model.gaussians, 'Gaussian')}, {made} iterations{old}"
+        f"{decisions.folder}: {model.settings.method}, {_tally(model.rungs)}; "
+        f"{duration(model.train_seconds)} on {model.device}, "
+        f"{counted(model.gaussians, 'Gaussian')}, {made} iterations{old}"
     )
     yield from table([("", [_row(row) for row in rung_rows(model.rungs)])], COLUMNS, PARTS)
 
@@ -157,11 +158,11 @@ def _tally(rungs: Sequence[Rung]) -> str:
 
 
 def _plan_row(plan: PlanRecord) -> tuple[str, ...]:
-    told = _plan(plan)
+    counts = _plan(plan)
     steps = [str(exposure) if exposure is not None else "not stated" for exposure in plan.bracket]
     size = (
-        f"{counted(told['exposures'], 'exposure')} x {counted(told['frames'], 'frame')} x "
-        f"{counted(told['cameras'], 'camera')}"
+        f"{counted(counts['exposures'], 'exposure')} x {counted(counts['frames'], 'frame')} x "
+        f"{counted(counts['cameras'], 'camera')}"
     )
     between = steps[0] if len(set(steps)) == 1 else f"{steps[0]} to {steps[-1]}" if steps else ""
     name = plan.plan if plan.plan == plan.kind else f"{plan.plan} ({plan.kind})"

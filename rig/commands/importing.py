@@ -7,7 +7,7 @@ import typer
 
 from imaging.session.paths import has_shots
 from rig.commands.options import JsonOption
-from rig.terminal.outcome import Outcome, leaving_nothing, running, shortfall
+from rig.terminal.result import CommandResult, missing_parts, removed_on_failure, running
 from rig.terminal.text import command_line, counted
 
 Layout = Literal["photos", "nerfstudio", "colmap", "hdr-nerf"]
@@ -25,7 +25,7 @@ def import_(
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make.")],
     layout: Annotated[
-        Layout | None, typer.Option(help="What else is in the folder; seen by its files if not given.")
+        Layout | None, typer.Option(help="What wrote the folder; recognised by its files if not given.")
     ] = None,
     cameras: Annotated[
         Identity | None, typer.Option(help="What tells cameras apart; guessed if not given.")
@@ -46,16 +46,16 @@ def import_(
         typer.Option(help="A folder of PNG masks named as the photos, black where they are to be ignored."),
     ] = None,
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Make a session of photographs.
 
-    They are copied, and sorted into cameras, frames and brackets by what their files say; what had
-    to be guessed is told. Lenses, poses and scene points of a nerfstudio, COLMAP or HDR-NeRF folder
+    They are copied, and sorted into cameras, frames and brackets by what their files say; every
+    guess is listed. Lenses, poses and scene points of a nerfstudio, COLMAP or HDR-NeRF folder
     are kept, so that it can be reconstructed at once.
 
     Example: rig import photos/ S
     """
-    with running("import") as meter, leaving_nothing(out, unless=has_shots):
+    with running("import") as status, removed_on_failure(out, unless=has_shots):
         from capture.imports.photos import import_photos
 
         result = import_photos(
@@ -67,12 +67,12 @@ def import_(
             together=together,
             exposures=exposures,
             masks=masks,
-            progress=meter,
+            progress=status,
         )
         if result.views:
             from rig.report.pages.calibration import calibration_report
 
-            calibration_report(out, meter)
+            calibration_report(out, status)
     lines = [
         f"{out}: {counted(result.shots, 'photo')} as {counted(result.frames, 'frame')} "
         f"of {counted(result.cameras, 'camera')}"
@@ -94,4 +94,4 @@ def import_(
         "guesses": list(result.guesses),
         "missing_photos": list(result.missing),
     }
-    return Outcome(data, lines, shortfall(result.require_complete), usable=result.shots > 0)
+    return CommandResult(data, lines, missing_parts(result.require_complete), usable=result.shots > 0)

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from rig.buses import bus_of
 from rig.commands.options import JsonOption
-from rig.terminal.outcome import Outcome, running
+from rig.commands.usb_bus import open_bus
+from rig.terminal.result import CommandResult, running
 from rig.terminal.text import command_line, counted
 
 
@@ -18,7 +18,7 @@ def init(
         typer.Option("--sim", metavar="NAME", help="Use the cameras of a simulated rig."),
     ] = None,
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Write a rig file for the connected cameras.
 
     It lists the cameras of the rig and how it shoots: edit it as needed, then shoot with
@@ -26,7 +26,7 @@ def init(
 
     Example: rig init RIG.toml --sim demo
     """
-    with running("init") as meter:
+    with running("init") as status:
         from capture.rigfile.template import rig_file_text
         from drivers.discovery import ask_all
         from imaging.errors import InputError
@@ -34,17 +34,17 @@ def init(
         from imaging.session.records import Board
 
         if path.exists() or path.is_symlink():
-            raise InputError(f"{path} is there already: name another file, or move it away.")
-        meter("looking for cameras", 0, 0)
-        bus = bus_of(sim)
+            raise InputError(f"{path} exists already: name another file, or move it away.")
+        status("looking for cameras", 0, 0)
+        bus = open_bus(sim)
         listed = []
-        for one in ask_all(bus.backend, bus.clock):
-            listed.append(one)
-            meter(one.where or one.protocol, len(listed), 0)
+        for camera in ask_all(bus.backend, bus.clock):
+            listed.append(camera)
+            status(camera.where or camera.protocol, len(listed), 0)
         board = None if bus.rig is None else Board.model_validate(bus.rig.board.description())
         text = rig_file_text(listed, board)
         store.write_bytes(path, text.encode())
-    failed = [one for one in listed if one.trouble]
+    failed = [camera for camera in listed if camera.trouble]
     asked = len(listed) - len(failed)
     missing = f"{counted(len(failed), 'camera')} left out: {failed[0].trouble}" if failed else None
     on = [] if sim is None else ["--sim", sim]
@@ -52,5 +52,7 @@ def init(
         f"{path}: {counted(asked, 'camera')}",
         f"Next: edit it as needed, then {command_line('rig', 'capture', path, 'S', '--dry-run', *on)}",
     ]
-    serials = [one.identity.serial for one in listed if one.identity is not None and not one.trouble]
-    return Outcome({"rig": str(path), "cameras": serials}, lines, missing)
+    serials = [
+        camera.identity.serial for camera in listed if camera.identity is not None and not camera.trouble
+    ]
+    return CommandResult({"rig": str(path), "cameras": serials}, lines, missing)

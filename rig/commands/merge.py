@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.commands.options import JsonOption, SessionArgument, SpaceOption
-from rig.terminal.outcome import Outcome, leaving_nothing, running
+from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted
 
 if TYPE_CHECKING:
@@ -21,34 +21,34 @@ def merge(
     camera: Annotated[str | None, typer.Option(metavar="NAME", help="Only this camera.")] = None,
     space: SpaceOption = "rec709",
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Merge brackets to linear EXR files.
 
     Writes OUT/FRAME/CAMERA.exr with light, its standard deviation and a mask. All files share one scale.
     Exposures and response are those of rig calibrate where it was run, else labels and sRGB. What a mask of
     the session hides in one exposure is taken from the others; what it hides in all of them keeps its light,
-    and 16 in the mask. RAW of a camera whose colour no calibration knows stays camera RGB.
+    and 16 in the mask. RAW of a camera without calibrated colour stays camera RGB.
 
     Example: rig merge S merged/ --frame 0
     """
     with (
-        running("merge") as meter,
-        leaving_nothing(out, unless=lambda path: any(path.rglob("*.exr"))),
+        running("merge") as status,
+        removed_on_failure(out, unless=lambda path: any(path.rglob("*.exr"))),
     ):
         from calib.exports.merge_session import merge_session, read_session_calibration
         from imaging.colour import SPACE_NAMES
 
         calibration = read_session_calibration(session)
-        found = merge_session(
-            session, out, calibration, frame=frame, camera=camera, space=space, progress=meter
+        merged = merge_session(
+            session, out, calibration, frame=frame, camera=camera, space=space, progress=status
         )
-    kept = sum(view.kept for view in found)
+    kept = sum(view.kept for view in merged)
     source = "labels (there is no calibration)" if calibration is None else "the calibration"
-    lines = [f"{out}: {counted(len(found), 'merged picture')}, exposures from {source}"]
+    lines = [f"{out}: {counted(len(merged), 'merged picture')}, exposures from {source}"]
     if kept:
         lines.append(f"{counted(kept, 'file')} of an earlier run kept")
-    lines += [f"{view.file}: {warning}" for view in found for warning in view.warnings]
-    uncoloured = _camera_rgb(session, calibration, found)
+    lines += [f"{view.file}: {warning}" for view in merged for warning in view.warnings]
+    uncoloured = _camera_rgb(session, calibration, merged)
     if uncoloured:
         how = command_line("rig", "calibrate", session)
         if calibration is not None:
@@ -64,13 +64,13 @@ def merge(
         "exposures": "labels" if calibration is None else "calibration",
         "space": space,
         "camera_rgb": uncoloured,
-        "files": [_told(view) for view in found],
+        "files": [_view_data(view) for view in merged],
     }
-    return Outcome(data, lines, _missing(session, found), usable=True)
+    return CommandResult(data, lines, _missing(session, merged), usable=True)
 
 
 def _camera_rgb(
-    session: Path, calibration: "CalibrationRecord | None", found: "list[MergedView]"
+    session: Path, calibration: "CalibrationRecord | None", merged: "list[MergedView]"
 ) -> list[str]:
     """Cameras whose RAW was merged without knowing their colour."""
     from imaging.session.session import Session
@@ -78,13 +78,13 @@ def _camera_rgb(
     opened = Session.open(session)
     return [
         name
-        for name in dict.fromkeys(view.camera for view in found)
+        for name in dict.fromkeys(view.camera for view in merged)
         if opened.camera(name).kind == "raw"
         and (calibration is None or calibration.camera(name).camera_from_rec709 is None)
     ]
 
 
-def _told(view: "MergedView") -> dict[str, Any]:
+def _view_data(view: "MergedView") -> dict[str, Any]:
     return {
         "file": str(view.file),
         "camera": view.camera,
@@ -100,11 +100,11 @@ def _told(view: "MergedView") -> dict[str, Any]:
     }
 
 
-def _missing(session: Path, found: "list[MergedView]") -> str | None:
+def _missing(session: Path, merged: "list[MergedView]") -> str | None:
     """Brackets that hold no measured light at all."""
     blind = {
-        "saturated all over: take shorter ones": [view for view in found if view.clipped >= 1.0],
-        "black all over: take longer ones": [view for view in found if view.dark >= 1.0],
+        "saturated all over: take shorter ones": [view for view in merged if view.clipped >= 1.0],
+        "black all over: take longer ones": [view for view in merged if view.dark >= 1.0],
     }
     parts = [
         f"every exposure of {', '.join(f'{view.camera}/{view.frame:04d}' for view in views)} is {cause}"

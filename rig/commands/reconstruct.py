@@ -12,10 +12,10 @@ from recon.decide.presets import QUALITIES
 from rig.commands.evaluate import evaluated_before, run_evaluate
 from rig.commands.options import JsonOption, SeedOption, SessionArgument
 from rig.commands.options import budget as parsed_budget
-from rig.enter import entered
 from rig.terminal.failures import Stopped
-from rig.terminal.outcome import Outcome, running
-from rig.terminal.progress import Meter, speaks
+from rig.terminal.progress import Status, is_main_process
+from rig.terminal.result import CommandResult, running
+from rig.terminal.start_time import started_at
 from rig.terminal.text import command_line, duration
 
 if TYPE_CHECKING:
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
 Quality = Literal["draft", "standard", "best"]
 _PRESETS = "; ".join(
-    f"{name} {one.iterations:,} iterations, at most {one.gaussians:,} Gaussians, {one.width} px wide"
-    for name, one in QUALITIES.items()
+    f"{name} {preset.iterations:,} iterations, at most {preset.gaussians:,} Gaussians, {preset.width} px wide"
+    for name, preset in QUALITIES.items()
 )
 
 
@@ -45,7 +45,7 @@ def reconstruct(
         typer.Option(
             parser=parsed_budget,
             metavar="AMOUNT",
-            help="Be done in 90s or 5m, from Enter to the report (left out if time is short, in this order: "
+            help="Finish in 90s or 5m, from Enter to the report (left out if time is short, in this order: "
             "the report, depths of some views, model trials); make splats.ply no larger than 30MB; use at "
             "most 100k Gaussians; or stop when held-out views reach 35dB.",
         ),
@@ -54,8 +54,8 @@ def reconstruct(
         bool,
         typer.Option(
             "--early-stop",
-            help="Stop at the typical point of no further gain, or earlier, when validation views, up to "
-            "half of the held-out ones, get no better.",
+            help="Stop where trainings usually cease to gain, or earlier, when the validation views (up "
+            "to half of the held-out ones) get no better.",
         ),
     ] = False,
     seed: SeedOption = 0,
@@ -71,8 +71,8 @@ def reconstruct(
     name: Annotated[
         str | None,
         typer.Option(
-            help="Folder name under SESSION/reconstructions; if not given, method, quality and budget, as "
-            "nh-3dgs-standard."
+            help="Folder name under SESSION/reconstructions; if not given, method, quality and budget, such "
+            "as nh-3dgs-standard."
         ),
     ] = None,
     replace: Annotated[
@@ -82,23 +82,23 @@ def reconstruct(
         ),
     ] = False,
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Train a scene on a calibrated session.
 
     The scene is made of Gaussians, measured on held-out views and reported. Ctrl-C saves the scene trained
-    so far; the same command goes on from there. A finished scene is never overwritten without --replace.
+    so far; the same command continues from there. A finished scene is never overwritten without --replace.
     Its folder needs nothing else to be rendered. Runs on the GPU if there is one. With several GPUs or
     machines, `torchrun ... -m rig reconstruct S` trains on all of them together.
 
     Example: rig reconstruct S --budget 5m
     """
-    with running("reconstruct") as meter:
+    with running("reconstruct") as status:
         from recon.data.pixels import decoded_once
 
         with decoded_once():
             return run_reconstruct(
                 session,
-                meter,
+                status,
                 method=method,
                 quality=quality,
                 budget=budget,
@@ -112,7 +112,7 @@ def reconstruct(
 
 def run_reconstruct(
     session: Path,
-    meter: Meter,
+    status: Status,
     *,
     method: MethodName,
     quality: Quality,
@@ -122,7 +122,7 @@ def run_reconstruct(
     replace: bool = False,
     sets: Sequence[str] | None = None,
     early_stop: bool = False,
-) -> Outcome:
+) -> CommandResult:
     """Train, evaluate, write the report and say what came of it."""
     from recon.decide.budget import Budget
     from recon.decide.countdown import Countdown
@@ -130,10 +130,10 @@ def run_reconstruct(
     asked = Budget.parse(str(budget)) if budget is not None else None
     countdown = None
     if asked is not None and asked.unit == "s":
-        countdown = Countdown(asked.amount, entered(), page=True, say=meter.say)
+        countdown = Countdown(asked.amount, started_at(), page=True, say=status.say)
     trained = run_training(
         session,
-        meter,
+        status,
         method=method,
         quality=quality,
         budget=budget,
@@ -146,11 +146,11 @@ def run_reconstruct(
     )
     if countdown is not None and not countdown.page:
         return trained
-    if not speaks():
-        return Outcome({}, [])
+    if not is_main_process():
+        return CommandResult({}, [])
     folder = Path(trained.data["reconstruction"])
     before = evaluated_before(folder) if trained.already_there else None
-    evaluated = before or run_evaluate(folder, meter)
+    evaluated = before or run_evaluate(folder, status)
     return changed(
         evaluated,
         data=trained.data | evaluated.data,
@@ -165,7 +165,7 @@ def run_reconstruct(
 
 def run_training(
     session: Path,
-    meter: Meter,
+    status: Status,
     *,
     method: MethodName,
     quality: Quality = "standard",
@@ -176,8 +176,8 @@ def run_training(
     sets: Sequence[str] | None = None,
     early_stop: bool = False,
     countdown: "Countdown | None" = None,
-) -> Outcome:
-    """Train a scene, or go on with it; a finished one is told as such."""
+) -> CommandResult:
+    """Train a scene, or go on with it; a finished one is left as it is."""
     from recon.decide.overrides import Fixed
 
     fixed = Fixed.of(sets or ())
@@ -197,14 +197,14 @@ def run_training(
             fixed=fixed,
             name=name,
             replace=replace,
-            progress=meter,
-            tell=meter.say,
+            progress=status,
+            tell=status.say,
             countdown=countdown,
         )
     except Interrupted as error:
-        raise Stopped(f"stopped; {error}; run the same command again to go on.") from error
-    if not speaks():
-        return Outcome({"reconstruction": str(folder)})
+        raise Stopped(f"stopped; {error}; run the same command again to continue.") from error
+    if not is_main_process():
+        return CommandResult({"reconstruction": str(folder)})
     record = read_model(folder)
     there = record.created < began
     data: dict[str, Any] = {"reconstruction": str(folder), "device": record.device, "already_there": there}
@@ -219,7 +219,7 @@ def run_training(
             "coordinates in its PLY files are less by {:.10g} {:.10g} {:.10g}, which single precision "
             "would not hold; model.json and their headers say so".format(*record.offset)
         )
-    return Outcome(data, lines, missing=_missing(record), already_there=there)
+    return CommandResult(data, lines, missing=_missing(record), already_there=there)
 
 
 def _course(record: "ModelRecord") -> str:

@@ -6,9 +6,9 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.buses import source_of
-from rig.terminal.outcome import Outcome
-from rig.terminal.progress import Meter
+from rig.commands.usb_bus import source_of
+from rig.terminal.result import CommandResult
+from rig.terminal.progress import Status
 from rig.terminal.text import counted, size
 
 if TYPE_CHECKING:
@@ -21,12 +21,12 @@ _FRAMES = {"scene": "position", "dark": "repeat", "flat": "repeat", "board": "po
 
 
 def rehearse(
-    sim: str | None, out: Path, meter: Meter, request: CaptureRequest, *, rig: RigFile | None, seed: int
-) -> Outcome:
-    """Meter, plan and say so; nothing is written."""
+    sim: str | None, out: Path, status: Status, request: CaptureRequest, *, rig: RigFile | None, seed: int
+) -> CommandResult:
+    """Status, plan and say so; nothing is written."""
     from capture.record import shooting
 
-    with source_of(sim, seed, rig, request, meter) as source:
+    with source_of(sim, seed, rig, request, status) as source:
         done = shooting.rehearse(source, out, request)
     record = done.record
     steps = [str(exposure) for exposure in record.bracket]
@@ -52,9 +52,9 @@ def rehearse(
         f"into {out}"
     ]
     if record.kind != "scene":
-        return Outcome(data, lines)
+        return CommandResult(data, lines)
     more, table = _worth(done)
-    return Outcome(data | more, lines + table)
+    return CommandResult(data | more, lines + table)
 
 
 def _worth(done: Rehearsal) -> tuple[dict[str, Any], list[str]]:
@@ -82,7 +82,7 @@ def _worth(done: Rehearsal) -> tuple[dict[str, Any], list[str]]:
     )
     missed = [] if done.plan is None else [str(shortfall) for shortfall in done.plan.shortfalls]
     missed += [f"{name} was not metered: {why}" for name, why in done.metering.failed.items()]
-    lines += [f"  {one}" for one in missed]
+    lines += [f"  {sentence}" for sentence in missed]
     data = {
         "metered": {
             "probes": [str(probe) for probe in done.metering.probes],

@@ -10,7 +10,7 @@ import typer
 from imaging.errors import InputError
 from imaging.session.paths import find_reconstruction, scene_around
 from rig.commands.options import JsonOption, ReconstructionsArgument, SpaceOption
-from rig.terminal.outcome import Outcome, leaving_nothing, of_each, running
+from rig.terminal.result import CommandResult, for_each_scene, removed_on_failure, running
 from rig.terminal.text import counted, number
 
 
@@ -31,28 +31,28 @@ def render(
         ),
     ] = None,
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Render scenes to EXR and PNG files.
 
     Every view of the scene in linear light of Rec.709, ACEScg or ACES2065-1 (EXR), and as a display shows it
-    (PNG), into FOLDER/NAME. Needs the scene's folder alone, not its session.
+    (PNG), into FOLDER/NAME. Needs only the scene's folder, not its session.
 
     Example: rig render S/reconstructions/* --out renders/
     """
-    with running("render") as meter:
+    with running("render") as status:
         folders = _scenes(reconstructions)
         targets = _targets(folders, out)
 
-        def one(folder: Path) -> Outcome:
+        def render_one(folder: Path) -> CommandResult:
             target = targets[folder]
-            with leaving_nothing(target, unless=lambda path: any(path.rglob("*.exr"))):
+            with removed_on_failure(target, unless=lambda path: any(path.rglob("*.exr"))):
                 from recon.render import render as render_scene
                 from recon.result.model import read_model
 
-                files = render_scene(folder, target, space=space, exposure=exposure, progress=meter)
+                files = render_scene(folder, target, space=space, exposure=exposure, progress=status)
             scale = read_model(folder).exposure
-            return Outcome(
-                _told(folder, target, files, scale),
+            return CommandResult(
+                _scene_data(folder, target, files, scale),
                 [
                     f"{target}: {counted(len(files) // 2, 'view')} of {folder}, as EXR and PNG",
                     f"EXR values times {number(scale)} ({math.log2(scale):+.1f} stops) show the median "
@@ -60,12 +60,12 @@ def render(
                 ],
             )
 
-        told = of_each(folders, one, "rendered")
-    told.data["space"] = space
-    return told
+        result = for_each_scene(folders, render_one, "rendered")
+    result.data["space"] = space
+    return result
 
 
-def _told(folder: Path, target: Path, files: Sequence[Path], scale: float) -> dict[str, Any]:
+def _scene_data(folder: Path, target: Path, files: Sequence[Path], scale: float) -> dict[str, Any]:
     return {
         "reconstruction": str(folder),
         "out": str(target),
@@ -77,12 +77,12 @@ def _told(folder: Path, target: Path, files: Sequence[Path], scale: float) -> di
 def _scenes(paths: Sequence[Path]) -> list[Path]:
     """The scenes that were named, each once."""
     try:
-        found = [find_reconstruction(path) for path in paths]
+        scenes = [find_reconstruction(path) for path in paths]
     except InputError as error:
         if len(paths) == 1:
             raise
         raise InputError(f"{str(error).rstrip('.')}; pictures go to the folder that --out names.") from error
-    return list({folder.resolve(): folder for folder in found}.values())
+    return list({folder.resolve(): folder for folder in scenes}.values())
 
 
 def _targets(folders: Sequence[Path], out: Path) -> dict[Path, Path]:

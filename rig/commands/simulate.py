@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.options import JsonOption, SeedOption
-from rig.terminal.outcome import Outcome, running
+from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
 
 
@@ -39,7 +39,7 @@ def simulate(
     ] = "generic",
     seed: SeedOption = 0,
     as_json: JsonOption = False,
-) -> Outcome:
+) -> CommandResult:
     """Simulate a PTP/IP camera.
 
     Serves the first camera of the rig demo to PTP/IP clients, such as gphoto2, until Ctrl-C. There is no
@@ -48,7 +48,7 @@ def simulate(
     Example: rig simulate --ptpip 127.0.0.1:15740 --profile nikon-z6
     """
     with ExitStack() as stack:
-        with running("simulate") as meter:
+        with running("simulate") as status:
             from drivers.sim import rigs
             from drivers.sim.camera.camera import SimulatedCamera
             from drivers.sim.ptp import profiles
@@ -57,7 +57,7 @@ def simulate(
             from drivers.sim.usb.timeline import LiveTimeline
             from imaging.errors import InputError
 
-            known = profiles.profile(profile)
+            body = profiles.profile(profile)
             try:
                 listening = stack.enter_context(listen(*ptpip))
             except OSError as error:
@@ -66,17 +66,17 @@ def simulate(
                     f"{ptpip[0]}:{ptpip[1]} cannot be listened on ({reason}): choose another one."
                 ) from error
             rig = rigs.simulate("demo", seed)
-            meter("rendering the scene", 0, 0)
+            status("rendering the scene", 0, 0)
             view = rig.radiance(0, 0)
             camera = SimulatedCamera(rig.bodies[0], lambda frame: view)
-            responder = Responder(camera, known, stack.enter_context(closing(LiveTimeline())))
+            responder = Responder(camera, body, stack.enter_context(closing(LiveTimeline())))
             server = stack.enter_context(PtpIpServer(responder, listening))
-            meter.say(
-                f'{known.model} is at {server.host}:{server.port}, try: gphoto2 --camera "PTP/IP Camera" '
+            status.say(
+                f'{body.model} is at {server.host}:{server.port}, try: gphoto2 --camera "PTP/IP Camera" '
                 f"--port ptpip:{server.host}:{server.port}:{server.port} --summary"
             )
         with suppress(KeyboardInterrupt):
             threading.Event().wait()
         shots = responder.shooting.shots
     data = {"profile": profile, "host": server.host, "port": server.port, "shots": shots}
-    return Outcome(data, [f"{known.model} took {counted(shots, 'shot')}"])
+    return CommandResult(data, [f"{body.model} took {counted(shots, 'shot')}"])

@@ -1,1 +1,1 @@
-"""How a command speaks: progress, tables, failures, the person at the rig."""
+"""How a command is_main_process: progress, tables, failures, the person at the rig."""

@@ -50,9 +50,9 @@ def explained(error: BaseException) -> tuple[str, int]:
     if isinstance(error, KeyboardInterrupt | Abort):
         return "stopped before anything was done.", STOPPED
     if isinstance(error, OSError):
-        told = _disk(error)
-        if told is not None:
-            return told, 2
+        refusal = _disk(error)
+        if refusal is not None:
+            return refusal, 2
     if isinstance(error, MemoryError) or "allocate memory" in str(error):
         return "There is not enough memory: use fewer or smaller images, or --quality draft.", 2
     return _defect(error), 1

@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Ta
 from rich.table import Column
 from rich.text import Text
 
-from rig.terminal.position import Position
+from rig.terminal.stage import Stage
 from rig.terminal.text import duration, plain
 
 ROOMY = 120
@@ -18,43 +18,43 @@ ROOMY = 120
 
 
 class _Words(ProgressColumn):
-    """A part of the position as text; a file name in it is never read as markup."""
+    """A part of the stage as text; a file name in it is never read as markup."""
 
-    def __init__(self, position: Position, part: str, column: Column, roomy: bool = True) -> None:
-        self.position, self.part, self.roomy = position, part, roomy
+    def __init__(self, stage: Stage, part: str, column: Column, roomy: bool = True) -> None:
+        self.stage, self.part, self.roomy = stage, part, roomy
         super().__init__(table_column=column)
 
     def render(self, task: Task) -> Text:
         """The text now."""
-        position = self.position
+        stage = self.stage
         if self.part == "stage":
-            return Text(position.stage, style="bold")
+            return Text(stage.name, style="bold")
         if self.part == "message":
-            return Text(plain(position.message), overflow="ellipsis", no_wrap=True)
+            return Text(plain(stage.message), overflow="ellipsis", no_wrap=True)
         if self.part == "count":
-            return Text(position.counted(), style="cyan")
-        left = position.remaining()
+            return Text(stage.counted(), style="cyan")
+        left = stage.remaining()
         # On a narrow terminal the message needs the room of the time that has passed.
-        past = duration(position.elapsed()) if self.roomy or not left else ""
+        past = duration(stage.elapsed()) if self.roomy or not left else ""
         ending = f"{duration(left)} left" if left else ""
         return Text(" · ".join(part for part in (past, ending) if part), style="dim")
 
 
-class LiveMeter:
+class LiveStatus:
     """One line that moves, below the lines that stay."""
 
-    def __init__(self, progress: Progress, position: Position) -> None:
-        self.progress, self.position = progress, position
+    def __init__(self, progress: Progress, stage: Stage) -> None:
+        self.progress, self.stage = progress, stage
         self.task: TaskID = progress.add_task("", total=None, visible=False)
 
-    def begin(self, stage: str) -> None:
+    def begin(self, name: str) -> None:
         """Start a stage."""
-        self.position.begin(stage)
+        self.stage.begin(name)
         self.progress.update(self.task, total=None, completed=0, visible=True)
 
     def __call__(self, message: str, done: int, total: int) -> None:
         """Move the line."""
-        self.position.move(message, done, total)
+        self.stage.move(message, done, total)
         self.progress.update(self.task, total=total if total > 0 else None, completed=done)
 
     def say(self, line: str) -> None:
@@ -63,16 +63,16 @@ class LiveMeter:
 
 
 @contextmanager
-def live_meter(stream: TextIO) -> Iterator[LiveMeter]:
+def live_status_line(stream: TextIO) -> Iterator[LiveStatus]:
     """Draw on `stream` until the block ends; the moving line is then wiped."""
-    position, console = Position(time.monotonic), Console(file=stream)
+    stage, console = Stage(time.monotonic), Console(file=stream)
     roomy = console.width >= ROOMY
     columns: list[ProgressColumn] = [
         SpinnerColumn(),
-        _Words(position, "stage", Column(no_wrap=True)),
-        _Words(position, "message", Column(ratio=1, no_wrap=True, overflow="ellipsis")),
-        _Words(position, "count", Column(justify="right", no_wrap=True)),
-        _Words(position, "time", Column(no_wrap=True), roomy),
+        _Words(stage, "stage", Column(no_wrap=True)),
+        _Words(stage, "message", Column(ratio=1, no_wrap=True, overflow="ellipsis")),
+        _Words(stage, "count", Column(justify="right", no_wrap=True)),
+        _Words(stage, "time", Column(no_wrap=True), roomy),
     ]
     if roomy:
         columns.insert(3, BarColumn(bar_width=24))
@@ -85,4 +85,4 @@ def live_meter(stream: TextIO) -> Iterator[LiveMeter]:
         redirect_stderr=False,
     )
     with progress:
-        yield LiveMeter(progress, position)
+        yield LiveStatus(progress, stage)

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol, TextIO
 
-from rig.terminal.position import Clock, Position
+from rig.terminal.stage import Clock, Stage
 from rig.terminal.text import plain
 
 GRACE, INTERVAL = 1.0, 5.0
@@ -24,30 +24,30 @@ Progress = Callable[[str, int, int], None]
 
 
 def unreported(message: str, done: int, total: int) -> None:
-    """For those who do not want to know."""
+    """Progress that nobody looks at."""
 
 
-class Meter(Protocol):
-    """What a command reports to while it works."""
+class Status(Protocol):
+    """Where a command shows what it is doing: a line that changes, and lines that stay."""
 
-    def begin(self, stage: str) -> None:
-        """A stage starts; its clock starts at zero."""
+    def begin(self, name: str) -> None:
+        """Start a stage, its clock at zero."""
         ...
 
     def __call__(self, message: str, done: int, total: int) -> None:
-        """Where the stage is: `done` of `total`; total 0 if nobody knows."""
+        """Show where the stage is: `done` of `total`; total 0 if the length is not known."""
         ...
 
     def say(self, line: str) -> None:
-        """A line that stays."""
+        """Print a line that stays."""
         ...
 
 
 @dataclass
-class PlainMeter:
+class PlainStatus:
     """Lines for logs: one `grace` seconds after a stage began, then one every `interval` seconds.
 
-    They come even if the stage says nothing, so that a silent stage can be told from a dead one;
+    They come even if the stage says nothing, so that a silent stage does not look like a dead one;
     a stage that fails at once leaves only its error. `tick` is called by a thread (or a test).
     """
 
@@ -55,23 +55,23 @@ class PlainMeter:
     clock: Clock = time.monotonic
     interval: float = INTERVAL
     grace: float = GRACE
-    position: Position = field(init=False)
+    stage: Stage = field(init=False)
     due: float = field(init=False, default=0.0)
     lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
     def __post_init__(self) -> None:
-        self.position = Position(self.clock)
+        self.stage = Stage(self.clock)
 
-    def begin(self, stage: str) -> None:
+    def begin(self, name: str) -> None:
         """Start a stage."""
         with self.lock:
-            self.position.begin(stage)
+            self.stage.begin(name)
             self.due = self.clock() + self.grace
 
     def __call__(self, message: str, done: int, total: int) -> None:
         """Note where the stage is; printed by the next tick that is due."""
         with self.lock:
-            self.position.move(message, done, total)
+            self.stage.move(message, done, total)
         self.tick()
 
     def say(self, line: str) -> None:
@@ -80,10 +80,10 @@ class PlainMeter:
             self._print(plain(line))
 
     def tick(self) -> None:
-        """Print the position if it is time for a line."""
+        """Print the stage if it is time for a line."""
         with self.lock:
-            if self.position.stage and self.clock() >= self.due:
-                self._print(self.position.line())
+            if self.stage.name and self.clock() >= self.due:
+                self._print(self.stage.line())
                 self.due = self.clock() + self.interval
 
     def _print(self, line: str) -> None:
@@ -92,46 +92,48 @@ class PlainMeter:
 
 
 @dataclass
-class SilentMeter:
-    """For those who have nothing to say."""
+class SilentStatus:
+    """Shows nothing: of several processes that torchrun started, all but the first."""
 
-    def begin(self, stage: str) -> None:
-        """Nothing."""
+    def begin(self, name: str) -> None:
+        """Ignore the stage."""
 
     def __call__(self, message: str, done: int, total: int) -> None:
-        """Nothing."""
+        """Ignore the progress."""
 
     def say(self, line: str) -> None:
-        """Nothing."""
+        """Ignore the line."""
 
 
-def speaks() -> bool:
-    """Whether this process tells of its work: of several that torchrun started, the first does."""
+def is_main_process() -> bool:
+    """Whether this process prints and writes: of several that torchrun started, the first does."""
     return os.environ.get("RANK", "0") == "0"
 
 
 @contextmanager
-def metering(stream: TextIO) -> Iterator[Meter]:
-    """A meter on `stream`, drawn until the block ends: live if it is a terminal, else plain lines."""
-    if not speaks():
-        yield SilentMeter()
+def status_line(stream: TextIO) -> Iterator[Status]:
+    """A status on `stream`, drawn until the block ends: live if it is a terminal, else plain lines."""
+    if not is_main_process():
+        yield SilentStatus()
         return
     if stream.isatty() and os.environ.get("TERM") not in ("dumb", "unknown"):
-        from rig.terminal.live import live_meter  # brings rich's progress bars, which a log does not need
+        from rig.terminal.live import (
+            live_status_line,  # brings rich's progress bars, which a log does not need
+        )
 
-        with live_meter(stream) as live:
+        with live_status_line(stream) as live:
             yield live
         return
-    meter, over = PlainMeter(stream, grace=GRACE), threading.Event()
+    status, over = PlainStatus(stream, grace=GRACE), threading.Event()
 
     def beat() -> None:
         while not over.wait(0.5):
-            meter.tick()
+            status.tick()
 
     drawer = threading.Thread(target=beat, name="rig-progress", daemon=True)
     drawer.start()
     try:
-        yield meter
+        yield status
     finally:
         over.set()
         drawer.join()

@@ -8,7 +8,7 @@ import pytest
 
 from imaging.files import store
 from rig.commands import demo
-from rig.terminal.outcome import Outcome
+from rig.terminal.result import CommandResult
 from tests.rig.report.pages import Page, assert_self_contained
 
 from .conftest import Silence, calibrated_from_truth
@@ -154,20 +154,22 @@ class Steps:
             "pose_translation_relative": 0.004,
             "pose_translation_relative_max": 0.008,
         }
-        self.note(monkeypatch, "run_capture", Outcome({}, ["72 of 72 shots"], already_there=done))
+        self.note(monkeypatch, "run_capture", CommandResult({}, ["72 of 72 shots"], already_there=done))
         registered = {"registered": 24, "images": 24, "reprojection_px": 0.2}
-        self.note(monkeypatch, "run_calibrate", Outcome(registered, ["24 of 24"]))
-        self.note(monkeypatch, "calibration_outcome", Outcome(registered, ["24 of 24"], already_there=True))
-        trained = Outcome({"reconstruction": recon}, ["trained"], already_there=done)
+        self.note(monkeypatch, "run_calibrate", CommandResult(registered, ["24 of 24"]))
+        self.note(
+            monkeypatch, "earlier_calibration", CommandResult(registered, ["24 of 24"], already_there=True)
+        )
+        trained = CommandResult({"reconstruction": recon}, ["trained"], already_there=done)
         self.note(monkeypatch, "run_training", trained)
         self.note(
             monkeypatch,
             "run_evaluate",
-            Outcome({"metrics": metrics, "report": f"{recon}/report.html"}, ["39.7"]),
+            CommandResult({"metrics": metrics, "report": f"{recon}/report.html"}, ["39.7"]),
         )
 
-    def note(self, monkeypatch: pytest.MonkeyPatch, name: str, outcome: Outcome) -> None:
-        def stand_in(*arguments: object, **options: object) -> Outcome:
+    def note(self, monkeypatch: pytest.MonkeyPatch, name: str, outcome: CommandResult) -> None:
+        def stand_in(*arguments: object, **options: object) -> CommandResult:
             self.calls.append(f"{name} resume" if options.get("resume") else name)
             self.budget = options.get("budget", getattr(self, "budget", None))
             return outcome
@@ -205,7 +207,7 @@ def test_the_demo_ends_with_the_headline_numbers_and_the_report(
 def test_a_demo_that_was_stopped_goes_on_where_it_was(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     steps = Steps(monkeypatch, toy)
     demo.run_demo(toy, Silence())
-    assert steps.calls == ["run_capture resume", "calibration_outcome", "run_training", "run_evaluate"]
+    assert steps.calls == ["run_capture resume", "earlier_calibration", "run_training", "run_evaluate"]
 
 
 def test_a_demo_that_is_finished_does_not_tell_old_times_as_new(toy: Path, monkeypatch) -> None:

@@ -31,12 +31,12 @@ def test_order_units_and_case_do_not_matter() -> None:
     [
         ("7x5", "square: field required"),
         ("7x5,square=110mm,marker=120mm", "a marker has to be smaller"),
-        ("7x5,square=110,marker=82.5", "'square=110' describes no board"),
+        ("7x5,square=110,marker=82.5", "'square=110' does not describe a board"),
         ("7x5,square=110mm,marker=82.5mm,DICT_9X9", "has no dictionary"),
         ("70x50,square=11mm,marker=8mm", "1750 markers"),
         ("2x5,square=11mm,marker=8mm", "greater than or equal to 3"),
         ("7x5,square=0mm,marker=0mm", "greater than 0"),
-        ("a board", "'a board' describes no board"),
+        ("a board", "'a board' does not describe a board"),
     ],
 )
 def test_words_that_describe_no_board_say_so_in_one_sentence(text: str, told: str) -> None:

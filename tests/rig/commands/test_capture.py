@@ -10,7 +10,7 @@ from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.bus import Holder, VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
-from rig.buses import Bus
+from rig.commands.usb_bus import UsbBus
 from rig.terminal.operator import TerminalOperator
 
 
@@ -43,12 +43,12 @@ class Cameras:
     held: str | None = None
     clocks: list[VirtualClock] = field(default_factory=list)
 
-    def __call__(self, sim: str | None, seed: int = 0, *, rough: bool = False) -> Bus:
+    def __call__(self, sim: str | None, seed: int = 0, *, rough: bool = False) -> UsbBus:
         bus = BusRig(simulate("toy", self.seed, samples=1))
         if self.held is not None:
             bus.backend.hold(self.held, Holder.OTHER_PROGRAM)
         self.clocks.append(bus.clock)
-        return Bus(bus.backend, bus.clock)
+        return UsbBus(bus.backend, bus.clock)
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def cameras(monkeypatch: pytest.MonkeyPatch) -> Cameras:
     """Two cameras are connected to this machine."""
     there = Cameras()
     for place in ("buses", "commands.init"):
-        monkeypatch.setattr(f"rig.{place}.bus_of", there)
+        monkeypatch.setattr(f"rig.{place}.open_bus", there)
     return there
 
 
@@ -70,7 +70,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
 
 @pytest.fixture
 def file(rig, tmp_path: Path) -> Path:
-    """The rig file of the simulated toy rig, with a middle exposure that needs no meter."""
+    """The rig file of the simulated toy rig, with a middle exposure that needs no status."""
     path = tmp_path / "RIG.toml"
     assert rig("init", str(path), "--sim", "toy")[0] == 0
     path.write_text(path.read_text().replace("# time = ", "time = "))
@@ -83,7 +83,7 @@ def test_a_rig_file_is_written_once(rig, tmp_path: Path) -> None:
     before = path.read_bytes()
     code, out, err = rig("init", str(path), "--sim", "demo")
     assert (code, out) == (2, "")
-    assert f"{path} is there already" in err
+    assert f"{path} exists already" in err
     assert path.read_bytes() == before
 
 
@@ -99,7 +99,7 @@ def test_no_camera_leaves_no_file_and_one_that_is_held_is_missing(
     assert path.read_text().count("\n[[camera]]") == 1
     assert f"{path}: 1 camera\n" in out
     clock = VirtualClock()
-    monkeypatch.setattr("rig.commands.init.bus_of", lambda sim: Bus(VirtualBus(clock), clock))
+    monkeypatch.setattr("rig.commands.init.open_bus", lambda sim: UsbBus(VirtualBus(clock), clock))
     code, out, err = rig("init", str(tmp_path / "other.toml"))
     assert (code, out) == (2, "")
     assert err == "no camera is connected: connect the rig; rig doctor shows what is missing.\n"
@@ -136,7 +136,7 @@ def test_frames_for_the_calibration_are_announced_by_a_dry_run(rig, tmp_path: Pa
         (["--board", "--slowest", "1/8"], "an automatic bracket, and its limits, are for scenes"),
         (["--rough"], "--seed and --rough are for simulated rigs"),
         (["third"], "unexpected extra argument (third)"),
-        (["--bracket", "0,3", "--snr", "30"], "stops are no bracket that is planned"),
+        (["--bracket", "0,3", "--snr", "30"], "stops given by hand are not planned"),
     ],
 )
 def test_what_does_not_go_together_is_told(rig, file: Path, tmp_path: Path, arguments, words: str) -> None:

@@ -154,7 +154,7 @@ def test_no_points_and_failures_are_a_page_too(session: Path) -> None:
 def test_the_command_sweeps_and_writes_the_page(rig, toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, quality in TINY.items():
         monkeypatch.setitem(QUALITIES, name, quality)
-    monkeypatch.setattr("rig.commands.trade.entered", time.monotonic)
+    monkeypatch.setattr("rig.commands.trade.started_at", time.monotonic)
     code, out, err = rig("trade", str(toy), "--budget", "12s", "--json")
     told = json.loads(out)
     assert code == 0
@@ -186,7 +186,7 @@ def test_an_interruption_leaves_the_page_of_what_is_done(
     monkeypatch.setattr("recon.trade.sweep", stopped)
     code, out, err = rig("trade", str(session))
     assert (code, out) == (130, "")
-    assert err == "stopped; run the same command again to go on.\n"
+    assert err == "stopped; run the same command again to continue.\n"
     assert (session / "trade" / "report.html").is_file()
 
 

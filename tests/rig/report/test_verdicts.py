@@ -17,7 +17,7 @@ from imaging.session.calibration import (
 )
 from imaging.session.records import Rung
 from imaging.session.session import Session
-from rig.commands.calibrate import told
+from rig.commands.calibrate import poses_result
 from rig.report.charts.residuals import CameraResiduals, Residuals
 from rig.report.pages.calibration import calibration_report
 from rig.report.sections.next_shots import next_shots
@@ -100,7 +100,7 @@ def test_what_the_rig_placed_because_others_contradicted_it_is_not_called_unreco
     record = changed(record, views=(first, *record.views[1:]), contradicted=("cam0/0000",))
     (asked,) = (words for words in next_shots(Session.open(toy), record) if "cam0/0000" in words)
     assert asked.startswith("cam0/0000 contradicts other views about where it stands")
-    outcome = told(toy, record)
+    outcome = poses_result(toy, record)
     (line,) = (line for line in outcome.lines if "cam0/0000" in line)
     assert line.endswith("cam0/0000 contradicts other images about where it stands: its pose is the rig's")
     assert outcome.missing is None
@@ -111,7 +111,7 @@ def test_doubts_about_the_poses_are_told_everywhere(toy: Path, name: str) -> Non
     record = read_calibration(toy)
     record = changed(record, rungs=(*record.rungs, Rung(name=name, taken=True, reason="why they are")))
     assert "Why they are." in list(next_shots(Session.open(toy), record))
-    outcome = told(toy, record)
+    outcome = poses_result(toy, record)
     assert f"{toy}: why they are" in outcome.lines
     assert outcome.data["doubts"] == ["why they are"]
 

@@ -120,7 +120,7 @@ def test_ctrl_c_says_how_to_go_on(rig, monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setattr("capture.simulated.capture_simulated", interrupted)
     code, out, err = rig("check", str(tmp_path))
     assert (code, out) == (130, "")
-    assert err == "stopped; run the same command again to go on.\n"
+    assert err == "stopped; run the same command again to continue.\n"
     code, out, err = rig("capture", "--sim", "toy", str(tmp_path / "S"))
     assert code == 130
     assert "--resume" in err

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import pytest
 
-from rig.terminal.live import live_meter
-from rig.terminal.position import Position
-from rig.terminal.progress import PlainMeter, metering
+from rig.terminal.live import live_status_line
+from rig.terminal.progress import PlainStatus, status_line
+from rig.terminal.stage import Stage
 
 
 @dataclass
@@ -18,75 +18,75 @@ class FakeClock:
         return self.now
 
 
-def meter() -> tuple[PlainMeter, FakeClock, io.StringIO]:
+def status() -> tuple[PlainStatus, FakeClock, io.StringIO]:
     clock, stream = FakeClock(), io.StringIO()
-    return PlainMeter(stream, clock), clock, stream
+    return PlainStatus(stream, clock), clock, stream
 
 
 def test_time_left_is_the_pace_so_far_applied_to_the_rest() -> None:
     clock = FakeClock()
-    position = Position(clock)
-    position.begin("train")
-    position.move("iterations", 0, 100)
+    stage = Stage(clock)
+    stage.begin("train")
+    stage.move("iterations", 0, 100)
     clock.now += 10
-    position.move("iterations", 25, 100)
-    assert position.remaining() == pytest.approx(30)
-    assert position.line() == "train: iterations, 25/100, 10 s, 30 s left"
+    stage.move("iterations", 25, 100)
+    assert stage.remaining() == pytest.approx(30)
+    assert stage.line() == "train: iterations, 25/100, 10 s, 30 s left"
 
 
 def test_a_resumed_stage_does_not_count_what_was_there_before() -> None:
     clock = FakeClock()
-    position = Position(clock)
-    position.begin("train")
-    position.move("iterations", 90, 100)
-    assert position.remaining() is None
+    stage = Stage(clock)
+    stage.begin("train")
+    stage.move("iterations", 90, 100)
+    assert stage.remaining() is None
     clock.now += 10
-    position.move("iterations", 92, 100)
-    assert position.remaining() == pytest.approx(40)
+    stage.move("iterations", 92, 100)
+    assert stage.remaining() == pytest.approx(40)
 
 
 def test_a_new_part_starts_a_new_pace() -> None:
     clock = FakeClock()
-    position = Position(clock)
-    position.begin("calibrate")
-    position.move("keypoints", 0, 10)
+    stage = Stage(clock)
+    stage.begin("calibrate")
+    stage.move("keypoints", 0, 10)
     clock.now += 100
-    position.move("keypoints", 10, 10)
-    position.move("pairs", 0, 40)
+    stage.move("keypoints", 10, 10)
+    stage.move("pairs", 0, 40)
     clock.now += 2
-    position.move("pairs", 20, 40)
-    assert position.remaining() == pytest.approx(2)
-    assert position.elapsed() == pytest.approx(102)
+    stage.move("pairs", 20, 40)
+    assert stage.remaining() == pytest.approx(2)
+    assert stage.elapsed() == pytest.approx(102)
 
 
 def test_the_time_left_falls_while_the_next_report_is_under_way() -> None:
     clock = FakeClock()
-    position = Position(clock)
-    position.begin("train")
-    position.move("iterations", 0, 10)
+    stage = Stage(clock)
+    stage.begin("train")
+    stage.move("iterations", 0, 10)
     clock.now += 10
-    position.move("iterations", 5, 10)
+    stage.move("iterations", 5, 10)
     left = []
     for _ in range(3):
-        left.append(position.remaining())
+        left.append(stage.remaining())
         clock.now += 4
     assert left == pytest.approx([10, 6, 2])
     clock.now += 4
-    assert position.remaining() == 0
+    assert stage.remaining() == 0
 
 
 def test_an_unknown_length_has_no_count_and_no_time_left() -> None:
     clock = FakeClock()
-    position = Position(clock)
-    position.begin("calibrate")
+    stage = Stage(clock)
+    stage.begin("calibrate")
     clock.now += 70
-    position.move("bundle adjustment", 3, 0)
-    assert position.remaining() is None
-    assert position.line() == "calibrate: bundle adjustment, 1 min 10 s"
+    stage.move("bundle adjustment", 3, 0)
+    assert stage.remaining() is None
+    assert stage.line() == "calibrate: bundle adjustment, 1 min 10 s"
 
 
 def test_plain_lines_come_after_a_second_and_then_every_five() -> None:
-    progress, clock, stream = meter()
+    progress, clock, stream = status()
     progress.begin("check")
     for file in range(64):  # 16 seconds of a busy stage
         progress("reading", file, 64)
@@ -99,7 +99,7 @@ def test_plain_lines_come_after_a_second_and_then_every_five() -> None:
 
 
 def test_a_silent_stage_still_shows_that_it_lives() -> None:
-    progress, clock, stream = meter()
+    progress, clock, stream = status()
     progress.begin("calibrate")
     for _ in range(13):
         clock.now += 1
@@ -108,14 +108,14 @@ def test_a_silent_stage_still_shows_that_it_lives() -> None:
 
 
 def test_a_stage_that_fails_at_once_prints_no_progress() -> None:
-    progress, _, stream = meter()
+    progress, _, stream = status()
     progress.begin("check")
     progress("reading", 0, 5)
     assert stream.getvalue() == ""
 
 
 def test_file_names_cannot_move_the_cursor() -> None:
-    progress, clock, stream = meter()
+    progress, clock, stream = status()
     progress.begin("check")
     clock.now += 1
     progress("reading \x1b[2Jx\ny", 0, 0)
@@ -129,7 +129,7 @@ class Terminal(io.StringIO):
 
 def test_on_a_terminal_the_line_is_drawn_without_markup() -> None:
     stream = Terminal()
-    with live_meter(stream) as live:
+    with live_status_line(stream) as live:
         live.begin("check")
         live("reading [red]x[/red] \x1b]0;pwned\x07", 2, 8)
         live.progress.refresh()
@@ -149,11 +149,11 @@ def test_the_figure_of_a_training_is_seen_however_narrow_the_terminal(
     monkeypatch.setenv("COLUMNS", str(width))
     monkeypatch.setenv("TERM", "xterm")
     stream = Terminal()
-    with live_meter(stream) as live:
+    with live_status_line(stream) as live:
         live.begin("reconstruct")
         live("held-out 41.3 dB, loss 0.0312, 21.3 it/s", 1000, 2000)
-        live.position.began -= 75
-        live.position.pace_from = (live.position.began, 0)
+        live.stage.began -= 75
+        live.stage.pace_from = (live.stage.began, 0)
         live.progress.refresh()
     assert "held-out 41.3 dB" in stream.getvalue()
     assert "1 min 15 s left" in stream.getvalue()
@@ -161,13 +161,13 @@ def test_the_figure_of_a_training_is_seen_however_narrow_the_terminal(
 
 def test_the_kind_of_stream_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
-    with metering(Terminal()) as live:
-        assert not isinstance(live, PlainMeter)
+    with status_line(Terminal()) as live:
+        assert not isinstance(live, PlainStatus)
     monkeypatch.setenv("TERM", "dumb")
-    with metering(Terminal()) as dumb:
-        assert isinstance(dumb, PlainMeter)
-    with metering(io.StringIO()) as plain:
-        assert isinstance(plain, PlainMeter)
+    with status_line(Terminal()) as dumb:
+        assert isinstance(dumb, PlainStatus)
+    with status_line(io.StringIO()) as plain:
+        assert isinstance(plain, PlainStatus)
 
 
 def test_words() -> None:

@@ -1,4 +1,4 @@
-"""What every command has in common while it works: the voice, the meter, Ctrl-C, a clean exit."""
+"""What commands have in common: a result, printed; Ctrl-C; nothing half made left behind."""
 
 import json
 import shutil
@@ -11,14 +11,14 @@ from typing import Any
 
 from imaging.errors import PartialError, RigError
 from rig.terminal.failures import Stopped
-from rig.terminal.progress import Meter, metering, speaks
+from rig.terminal.progress import Status, is_main_process, status_line
 from rig.terminal.streams import libraries_silenced
 from rig.terminal.text import plain, sentence
 
 
 @dataclass
-class Outcome:
-    """What a command has to tell: `data` for --json, `lines` for people, `missing` if not all is done."""
+class CommandResult:
+    """What came of a command: `data` for --json, `lines` for people, `missing` if not all is done."""
 
     data: dict[str, Any]
     lines: list[str] = field(default_factory=list)
@@ -27,19 +27,19 @@ class Outcome:
     usable: bool = True
     """Whether anything of use is there when something is missing."""
     defect: bool = False
-    """Whether what is missing is our fault."""
+    """Whether what is missing is a defect of rig."""
     already_there: bool = False
     """Whether all of it was done before."""
 
     @property
     def exit_code(self) -> int:
-        """0 done, 1 a defect of ours, 3 done in part, 2 nothing usable."""
+        """0 done, 1 a defect of rig, 2 nothing usable, 3 done in part."""
         if self.missing is None:
             return 0
         return 1 if self.defect else 3 if self.usable else 2
 
 
-def shortfall(require_complete: Callable[[], None]) -> str | None:
+def missing_parts(require_complete: Callable[[], None]) -> str | None:
     """What a stage's result says is missing, or None; `require_complete` raises PartialError if so."""
     try:
         require_complete()
@@ -49,18 +49,21 @@ def shortfall(require_complete: Callable[[], None]) -> str | None:
 
 
 @contextmanager
-def running(stage: str, go_on: str = "run the same command again") -> Iterator[Meter]:
-    """Work on a stage: progress on standard error, libraries silent, Ctrl-C told as `go_on`."""
-    with libraries_silenced() as voice, metering(voice) as meter:
-        meter.begin(stage)
+def running(stage: str, go_on: str = "run the same command again") -> Iterator[Status]:
+    """Work on a stage: progress on standard error, libraries silent.
+
+    go_on: what Ctrl-C says to do to continue.
+    """
+    with libraries_silenced() as stderr, status_line(stderr) as status:
+        status.begin(stage)
         try:
-            yield meter
+            yield status
         except KeyboardInterrupt as error:
-            raise Stopped(f"stopped; {go_on} to go on.") from error
+            raise Stopped(f"stopped; {go_on} to continue.") from error
 
 
-def of_each(items: Sequence[Path], work: Callable[[Path], Outcome], done: str) -> Outcome:
-    """An outcome of several scenes: their data in a list `scenes`, their lines one after the other.
+def for_each_scene(items: Sequence[Path], work: Callable[[Path], CommandResult], done: str) -> CommandResult:
+    """The result of several scenes: their data in a list `scenes`, their lines one after the other.
 
     Where one of several fails, the others are still worked on; `done` is what it was not, in the sentence
     that says so.
@@ -73,30 +76,30 @@ def of_each(items: Sequence[Path], work: Callable[[Path], Outcome], done: str) -
             if len(items) == 1:
                 raise
             failures.append(str(error))
-    missing = next((outcome.missing for outcome in outcomes if outcome.missing), None)
+    missing = next((result.missing for result in outcomes if result.missing), None)
     if failures:
         missing = f"{len(failures)} of {len(items)} scenes could not be {done}: {failures[0]}"
-    return Outcome(
-        {"scenes": [outcome.data for outcome in outcomes]},
-        [line for outcome in outcomes for line in outcome.lines],
+    return CommandResult(
+        {"scenes": [result.data for result in outcomes]},
+        [line for result in outcomes for line in result.lines],
         missing,
         usable=bool(outcomes),
     )
 
 
-def deliver(outcome: Outcome, command: str, as_json: bool) -> int:
-    """Print the outcome on standard output and what is missing on standard error; the exit code."""
-    if not speaks():
-        return outcome.exit_code
+def print_result(result: CommandResult, command: str, as_json: bool) -> int:
+    """Print the result on standard output and what is missing on standard error; the exit code."""
+    if not is_main_process():
+        return result.exit_code
     if as_json:
-        print_json({"command": command, "exit_code": outcome.exit_code} | outcome.data, outcome.missing)
+        print_json({"command": command, "exit_code": result.exit_code} | result.data, result.missing)
     else:
-        for line in outcome.lines:
+        for line in result.lines:
             print(plain(line))
     sys.stdout.flush()
-    if outcome.missing is not None:
-        print(sentence(outcome.missing), file=sys.stderr)
-    return outcome.exit_code
+    if result.missing is not None:
+        print(sentence(result.missing), file=sys.stderr)
+    return result.exit_code
 
 
 def print_json(value: dict[str, Any], missing: str | None = None) -> None:
@@ -107,7 +110,7 @@ def print_json(value: dict[str, Any], missing: str | None = None) -> None:
 
 
 @contextmanager
-def leaving_nothing(folder: Path, unless: Callable[[Path], bool]) -> Iterator[None]:
+def removed_on_failure(folder: Path, unless: Callable[[Path], bool]) -> Iterator[None]:
     """If the block fails and `unless(folder)` finds nothing usable, remove what the block created.
 
     A folder that was there before stays, and so do files that were in it.
@@ -135,5 +138,5 @@ def _remove(entry: Path) -> None:
         else:
             entry.unlink()
     except OSError:
-        # The disk that refused the write refuses this too; the first error is the one to tell.
+        # The disk that refused the write refuses this too; the first error is the one that counts.
         pass

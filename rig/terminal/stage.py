@@ -1,4 +1,4 @@
-"""Where a stage is, and how long it will go on at the pace so far."""
+"""How far a stage is, and how long it will take at the pace so far."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ Clock = Callable[[], float]
 
 
 @dataclass
-class Position:
-    """Where a stage is, and how long it will go on at the pace so far."""
+class Stage:
+    """How far a stage is, and how long it will take at the pace so far."""
 
     clock: Clock
-    stage: str = ""
+    name: str = ""
     message: str = "starting"
     done: int = 0
     total: int = 0
@@ -21,14 +21,14 @@ class Position:
     pace_from: tuple[float, int] = (0.0, 0)
     moved: float = 0.0
 
-    def begin(self, stage: str) -> None:
+    def begin(self, name: str) -> None:
         """Start a stage from nothing."""
-        self.stage, self.message, self.done, self.total = stage, "starting", 0, 0
+        self.name, self.message, self.done, self.total = name, "starting", 0, 0
         self.began = self.clock()
         self.pace_from = (self.began, 0)
 
     def move(self, message: str, done: int, total: int) -> None:
-        """Take over a report; a new length or a step back is a new part with a pace of its own."""
+        """Take over a report; a new length, or a step back, begins a part with a pace of its own."""
         if total != self.total or done < self.done:
             self.pace_from = (self.clock(), done)
         self.message, self.done, self.total = message, done, total
@@ -39,7 +39,7 @@ class Position:
         return self.clock() - self.began
 
     def remaining(self) -> float | None:
-        """Seconds that this part will still take; None while there is nothing to tell it from.
+        """Seconds that this part will still take; None while nothing says so yet.
 
         The pace is that up to the last report: it does not fall while the next one is under way.
         """
@@ -54,7 +54,7 @@ class Position:
         return f"{self.done}/{self.total}" if self.total > 0 else ""
 
     def line(self) -> str:
-        """The whole position as plain text."""
-        parts = [f"{self.stage}: {plain(self.message)}", self.counted(), duration(self.elapsed())]
+        """The whole stage as plain text."""
+        parts = [f"{self.name}: {plain(self.message)}", self.counted(), duration(self.elapsed())]
         left = self.remaining()
         return ", ".join(part for part in parts if part) + (f", {duration(left)} left" if left else "")

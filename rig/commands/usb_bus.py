@@ -1,4 +1,4 @@
-"""Where cameras are, this machine's USB or that of a simulated rig, and what a session is shot with."""
+"""The USB bus of this machine, or that of a simulated rig, and what a session is shot with."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ if TYPE_CHECKING:
     from capture.rigfile.rigfile import RigFile
     from drivers.clock import Clock
     from drivers.sim.rigs import SimulatedRig
-    from rig.terminal.progress import Meter
+    from rig.terminal.progress import Status
 
 
 @dataclass(frozen=True)
-class Bus:
-    """What drivers are given. rig: of a simulated bus."""
+class UsbBus:
+    """What drivers are given. rig: the simulated one; None on this machine's bus."""
 
     backend: Any
     clock: Clock
     rig: SimulatedRig | None = None
 
 
-def bus_of(sim: str | None, seed: int = 0, *, rough: bool = False) -> Bus:
+def open_bus(sim: str | None, seed: int = 0, *, rough: bool = False) -> UsbBus:
     """The bus of the simulated rig `sim`, or this machine's if that is None. InputError: no such rig."""
     if sim is None:
         from drivers.clock import SystemClock
         from drivers.usb import default_backend
 
-        return Bus(default_backend(), SystemClock())
+        return UsbBus(default_backend(), SystemClock())
     from drivers.sim.bus_rig import BusRig
     from drivers.sim.faults import ROUGH
     from drivers.sim.rigs import simulate
 
     rig = simulate(sim, seed)
     bus = BusRig(rig, mix=ROUGH if rough else None)
-    return Bus(bus.backend, bus.clock, rig)
+    return UsbBus(bus.backend, bus.clock, rig)
 
 
-def _operator_at(bus: Bus, rig: RigFile, meter: Meter) -> Operator:
-    """Who moves things before the cameras: the simulator, or whoever gave the command."""
+def _operator_for(bus: UsbBus, rig: RigFile, status: Status) -> Operator:
+    """Who moves the rig and what stands before it: the simulator, or the person at the terminal."""
     if bus.rig is not None:
         return bus.rig
     from rig.terminal.operator import TerminalOperator
 
-    return TerminalOperator(meter.say, rig.tables.pause, bus.clock)
+    return TerminalOperator(status.say, rig.tables.pause, bus.clock)
 
 
 @contextmanager
@@ -55,7 +55,7 @@ def source_of(
     seed: int,
     rig: RigFile | None,
     request: CaptureRequest,
-    meter: Meter,
+    status: Status,
     *,
     rough: bool = False,
 ) -> Iterator[Source]:
@@ -73,14 +73,14 @@ def source_of(
         return
     from capture.connected_rig import connected_source
 
-    bus = bus_of(sim, seed, rough=rough)
+    bus = open_bus(sim, seed, rough=rough)
     with connected_source(
         rig,
         request,
-        operator=_operator_at(bus, rig, meter),
+        operator=_operator_for(bus, rig, status),
         positions=bus.rig.frames if bus.rig else None,
         backend=bus.backend,
         clock=bus.clock,
-        say=meter.say,
+        say=status.say,
     ) as source:
         yield source
