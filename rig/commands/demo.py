@@ -13,8 +13,8 @@ from rig.commands.capture import run_capture
 from rig.commands.evaluate import headline, run_evaluate
 from rig.commands.options import JsonOption
 from rig.commands.reconstruct import MethodName, run_training
-from rig.terminal.result import CommandResult, running
 from rig.terminal.progress import Status
+from rig.terminal.result import CommandResult, running
 from rig.terminal.text import command_line, duration, number
 
 SIM, SEED = "demo", 0

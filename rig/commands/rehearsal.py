@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.commands.usb_bus import source_of
-from rig.terminal.result import CommandResult
 from rig.terminal.progress import Status
+from rig.terminal.result import CommandResult
 from rig.terminal.text import counted, size
 
 if TYPE_CHECKING:
