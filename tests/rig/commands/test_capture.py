@@ -55,7 +55,7 @@ class Cameras:
 def cameras(monkeypatch: pytest.MonkeyPatch) -> Cameras:
     """Two cameras are connected to this machine."""
     there = Cameras()
-    for place in ("buses", "commands.init"):
+    for place in ("commands.usb_bus", "commands.init"):
         monkeypatch.setattr(f"rig.{place}.open_bus", there)
     return there
 
