@@ -1,22 +1,31 @@
 """What a still camera does when its dials show round numbers: powers of two, in thirds of a stop."""
 
 from collections.abc import Iterable
+from fractions import Fraction
 
 from imaging.exposure import Exposure
 
-_SLOW = (30, 25, 20, 15, 13, 10, 8, 6, 5, 4, 3.2, 2.5, 2, 1.6, 1.3, 1, 0.8, 0.6, 0.5, 0.4, 0.3)
-_FAST = (4, 5, 6, 8, 10, 13, 15, 20, 25, 30, 40, 50, 60, 80, 100, 125, 160, 200, 250, 320, 400, 500)
-_FASTEST = (640, 800, 1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400, 8000)
-_TIMES = {
-    name: 2.0 ** ((15 - index) / 3)
-    for index, name in enumerate((*map(float, _SLOW), *(1 / value for value in _FAST + _FASTEST)))
+
+def labels(row: str) -> tuple[str, ...]:
+    """The marks of a dial, from one row of text."""
+    return tuple(row.split())
+
+
+SHUTTER_LABELS = labels(
+    "30 25 20 15 13 10 8 6 5 4 3.2 2.5 2 1.6 1.3 1 0.8 0.6 0.5 0.4 0.3 1/4 1/5 1/6 1/8 1/10 1/13 1/15 1/20 "
+    "1/25 1/30 1/40 1/50 1/60 1/80 1/100 1/125 1/160 1/200 1/250 1/320 1/400 1/500 1/640 1/800 1/1000 1/1250 "
+    "1/1600 1/2000 1/2500 1/3200 1/4000 1/5000 1/6400 1/8000"
+)
+"""The marks of a shutter dial in seconds, longest first: a third of a stop lies between two of them."""
+SHUTTER_TIMES = {
+    float(Fraction(label)): 2.0 ** ((15 - index) / 3) for index, label in enumerate(SHUTTER_LABELS)
 }
-"""Seconds, by the name of a shutter time in seconds: 1/60 is 1/64 s."""
+"""Seconds that the shutter stays open, by its mark: 1/60 is 1/64 s, 30 is 32 s."""
 
 _WIDE = (1.0, 1.1, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2, 2.5, 2.8, 3.2, 3.5, 4.0, 4.5, 5.0, 5.6, 6.3, 7.1)
 _NARROW = (8.0, 9.0, 10.0, 11.0, 13.0, 14.0, 16.0, 18.0, 20.0, 22.0, 25.0, 29.0, 32.0)
-_F_NUMBERS = {name: 2.0 ** (index / 6) for index, name in enumerate(_WIDE + _NARROW)}
-"""f-number by its name: 5.6 is 4 sqrt(2), 11 is 8 sqrt(2)."""
+F_NUMBERS = {name: 2.0 ** (index / 6) for index, name in enumerate(_WIDE + _NARROW)}
+"""f-number of the iris by its mark: 5.6 is 4 sqrt(2), 11 is 8 sqrt(2)."""
 
 
 def meant(exposures: Iterable[Exposure]) -> dict[Exposure, Exposure]:
@@ -27,8 +36,8 @@ def meant(exposures: Iterable[Exposure]) -> dict[Exposure, Exposure]:
     as it is.
     """
     given = set(exposures)
-    times = _exact((one.time for one in given), _TIMES)
-    apertures = _exact((one.f_number for one in given if one.f_number is not None), _F_NUMBERS)
+    times = _exact((one.time for one in given), SHUTTER_TIMES)
+    apertures = _exact((one.f_number for one in given if one.f_number is not None), F_NUMBERS)
     return {
         one: Exposure(
             time=times[one.time],

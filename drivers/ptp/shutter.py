@@ -10,21 +10,12 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 
+from imaging.dial_settings import SHUTTER_LABELS, labels
 
-def labels(row: str) -> tuple[str, ...]:
-    """The marks of a dial, from one row of text."""
-    return tuple(row.split())
-
-
-_DIAL = labels(
-    "30 25 20 15 13 10 8 6 5 4 3.2 2.5 2 1.6 1.3 1 0.8 0.6 0.5 0.4 0.3 1/4 1/5 1/6 1/8 1/10 1/13 1/15 1/20 "
-    "1/25 1/30 1/40 1/50 1/60 1/80 1/100 1/125 1/160 1/200 1/250 1/320 1/400 1/500 1/640 1/800 1/1000 1/1250 "
-    "1/1600 1/2000 1/2500 1/3200 1/4000 1/5000 1/6400 1/8000"
-)
 _HALVES = labels("20 10 6 3 1.5 0.7 0.3 1/6 1/10 1/20 1/45 1/90 1/180 1/350 1/750 1/1500 1/3000 1/6000")
 _ELECTRONIC = labels("1/10000 1/13000 1/16000 1/20000 1/25000 1/32000")
 
-THIRD_STOPS = tuple(Fraction(label) for label in _DIAL)
+THIRD_STOPS = tuple(Fraction(label) for label in SHUTTER_LABELS)
 """Seconds, from 30 to 1/8000, as on the dials of cameras."""
 _MECHANICAL = (*THIRD_STOPS, Fraction(3), Fraction(1, 3))
 _ALL = (*_MECHANICAL, *(Fraction(label) for label in _ELECTRONIC))
@@ -111,7 +102,7 @@ def _as_quotient(label: str) -> int:
 
 QUOTIENT = exact(_quotient)
 """Nikon's D100: numerator << 16 | denominator, FFFFFFFF bulb, FFFFFFFE flash, FFFFFFFD time."""
-SONY_QUOTIENT = exact(_quotient, tuple(_as_quotient(label) for label in _DIAL))
+SONY_QUOTIENT = exact(_quotient, tuple(_as_quotient(label) for label in SHUTTER_LABELS))
 """Sony's D20D: the same, 0 bulb; bodies send a range instead of a list, so a list is given here."""
 CANON_SHUTTER = exact(lambda code: float(CANON_TIMES[code]) if code in CANON_TIMES else None)
 """Canon's D102."""

@@ -6,13 +6,13 @@ import os
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from typing import Any
+from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
+
+STDOUT, STDERR = 1, 2
 
 _lock = threading.Lock()
 _depth = 0
-_descriptors: dict[int, int] = {}
-_stdout: Any = None
+_diversions = ExitStack()
 
 
 class _Sink(io.TextIOBase):
@@ -36,8 +36,27 @@ def quiet() -> Iterator[None]:
         _leave()
 
 
+@contextmanager
+def diverted(descriptor: int, target: int) -> Iterator[None]:
+    """Let a file descriptor lead to `target` until the block ends; nothing if it is closed."""
+    try:
+        saved = os.dup(descriptor)
+    except OSError:
+        yield
+        return
+    try:
+        _flush_native()
+        os.dup2(target, descriptor)
+        yield
+    finally:
+        # What C has buffered belongs to the block; flushed later it would come out after all.
+        _flush_native()
+        os.dup2(saved, descriptor)
+        os.close(saved)
+
+
 def _enter() -> None:
-    global _depth, _stdout
+    global _depth
     with _lock:
         _depth += 1
         if _depth > 1:
@@ -45,33 +64,22 @@ def _enter() -> None:
         for stream in (sys.stdout, sys.stderr):
             with suppress(AttributeError, OSError, ValueError):  # no stream, a closed one, a broken pipe
                 stream.flush()
-        _flush_native()
-        _stdout, sys.stdout = sys.stdout, _Sink()
         sink = os.open(os.devnull, os.O_WRONLY)
-        try:
-            for descriptor in (1, 2):
-                with suppress(OSError):  # closed by whoever started us: nothing to silence
-                    _descriptors[descriptor] = os.dup(descriptor)
-                    os.dup2(sink, descriptor)
-        finally:
-            os.close(sink)
+        _diversions.callback(os.close, sink)
+        for descriptor in (STDOUT, STDERR):
+            _diversions.enter_context(diverted(descriptor, sink))
+        _diversions.enter_context(redirect_stdout(_Sink()))
 
 
 def _leave() -> None:
-    global _depth, _stdout
+    global _depth
     with _lock:
         _depth -= 1
-        if _depth:
-            return
-        _flush_native()
-        for descriptor, kept in _descriptors.items():
-            os.dup2(kept, descriptor)
-            os.close(kept)
-        _descriptors.clear()
-        sys.stdout, _stdout = _stdout, None
+        if not _depth:
+            _diversions.close()
 
 
 def _flush_native() -> None:
-    """Empty C's own buffers, so that what was printed inside the block stays inside."""
+    """Empty C's own buffers, where the platform lets Python reach them."""
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).fflush(None)

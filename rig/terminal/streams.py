@@ -1,15 +1,14 @@
 """Who may speak: libraries are silenced while a command works, only rig's own lines come out."""
 
-import ctypes
 import io
 import os
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from typing import TextIO
 
-STDOUT, STDERR = 1, 2
+from imaging.files.silence import STDERR, STDOUT, diverted
 
 
 def debugging() -> bool:
@@ -32,7 +31,7 @@ def libraries_silenced() -> Iterator[TextIO]:
         voice = stack.enter_context(_own_stderr())
         sink = stack.enter_context(open(os.devnull, "w", encoding="utf-8"))
         for descriptor in (STDOUT, STDERR):
-            stack.enter_context(_diverted(descriptor, sink.fileno()))
+            stack.enter_context(diverted(descriptor, sink.fileno()))
         stack.enter_context(redirect_stdout(sink))
         stack.enter_context(redirect_stderr(sink))
         stack.enter_context(warnings.catch_warnings())
@@ -53,22 +52,3 @@ def _own_stderr() -> Iterator[TextIO]:
     sys.stderr.flush()
     with os.fdopen(os.dup(STDERR), "w", encoding=sys.stderr.encoding, errors="backslashreplace") as voice:
         yield voice
-
-
-@contextmanager
-def _diverted(descriptor: int, target: int) -> Iterator[None]:
-    """Let a file descriptor lead to `target` until the block ends; nothing if it is closed."""
-    try:
-        saved = os.dup(descriptor)
-    except OSError:
-        yield
-        return
-    try:
-        os.dup2(target, descriptor)
-        yield
-    finally:
-        # What C has buffered belongs to the block; flushed later it would come out after all.
-        with suppress(OSError, AttributeError, TypeError):
-            ctypes.CDLL(None).fflush(None)
-        os.dup2(saved, descriptor)
-        os.close(saved)

@@ -1,9 +1,10 @@
-"""What the round numbers of a camera's dials stand for, held against the dials of the simulated camera."""
+"""What the round numbers of a camera's dials stand for, held against powers of two."""
+
+import math
 
 import pytest
 
-from drivers.sim.camera.shutter import APPLIED_F_NUMBER, APPLIED_TIME
-from imaging.dial_settings import meant
+from imaging.dial_settings import SHUTTER_TIMES, meant
 from imaging.exposure import Exposure
 
 
@@ -15,7 +16,8 @@ def times(*labels: float) -> list[float]:
 def test_round_times_stand_for_powers_of_two() -> None:
     assert times(1 / 60, 1 / 4, 2.0) == [1 / 64, 1 / 4, 2.0]
     assert times(1 / 8000, 30.0) == [2.0**-13, 32.0]
-    assert times(*APPLIED_TIME) == pytest.approx(list(APPLIED_TIME.values()))
+    nearest = [2.0 ** (round(3 * math.log2(label)) / 3) for label in SHUTTER_TIMES]
+    assert times(*SHUTTER_TIMES) == pytest.approx(nearest)
 
 
 def test_times_of_another_series_are_meant_as_they_are() -> None:
@@ -25,9 +27,11 @@ def test_times_of_another_series_are_meant_as_they_are() -> None:
 
 def test_a_bracket_of_apertures_has_the_light_that_its_iris_lets_in() -> None:
     """At f/11 the label is 0.08 stops off: 128 is the square of what the iris takes, not 121."""
-    labels = [Exposure(time=1 / 60, f_number=label, iso=100) for label in APPLIED_F_NUMBER]
+    labels = [Exposure(time=1 / 60, f_number=label, iso=100) for label in (2.8, 4.0, 5.6, 8.0, 11.0, 16.0)]
     exact = meant(labels)
-    assert [exact[label].f_number for label in labels] == pytest.approx(list(APPLIED_F_NUMBER.values()))
+    assert [exact[label].f_number for label in labels] == pytest.approx(
+        [2.0**stop for stop in (1.5, 2, 2.5, 3, 3.5, 4)]
+    )
     bright, dark = exact[labels[0]], exact[labels[-1]]
     assert bright.scale / dark.scale == pytest.approx(32)
     assert bright.iso == 100

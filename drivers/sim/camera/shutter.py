@@ -6,17 +6,13 @@ Cameras name shutter times and apertures by round numbers and apply powers of tw
 
 from collections.abc import Sequence
 
+from imaging.dial_settings import F_NUMBERS, SHUTTER_TIMES
 from imaging.exposure import Exposure
 
-_SLOW = (30, 25, 20, 15, 13, 10, 8, 6, 5, 4, 3.2, 2.5, 2, 1.6, 1.3, 1, 0.8, 0.6, 0.5, 0.4, 0.3)
-_FAST = (4, 5, 6, 8, 10, 13, 15, 20, 25, 30, 40, 50, 60, 80, 100, 125, 160, 200, 250, 320, 400, 500, 640)
-_FASTEST = (800, 1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400, 8000)
-_LABELS = (*map(float, _SLOW), *(1.0 / value for value in _FAST + _FASTEST))
-
-APPLIED_TIME = {label: 2.0 ** ((15 - index) / 3) for index, label in enumerate(_LABELS)}
+APPLIED_TIME = SHUTTER_TIMES
 """Seconds that the shutter stays open, by label in seconds: 30 s is 32 s, 1/8000 is 2^-13 s."""
 
-APPLIED_F_NUMBER = {2.8: 8.0**0.5, 4.0: 4.0, 5.6: 32.0**0.5, 8.0: 8.0, 11.0: 128.0**0.5, 16.0: 16.0}
+APPLIED_F_NUMBER = {label: F_NUMBERS[label] for label in (2.8, 4.0, 5.6, 8.0, 11.0, 16.0)}
 """f-number that the iris takes, by label."""
 
 ISOS = (100.0, 200.0, 400.0, 800.0, 1600.0)
