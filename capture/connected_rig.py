@@ -4,7 +4,9 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
+
+from usb.backend import IBackend
 
 from capture.bracket.exposure_choices import common_isos
 from capture.bracket.planner import Wanted
@@ -56,7 +58,7 @@ def capture_rig(
     compression: Compression = "none",
     operator: Operator | None = None,
     positions: int | None = None,
-    backend: Any = None,
+    backend: IBackend | None = None,
     clock: Clock | None = None,
     progress: Progress = lambda message, done, total: None,
     say: Say = lambda line: None,
@@ -97,7 +99,7 @@ def connected_source(
     *,
     operator: Operator | None = None,
     positions: int | None = None,
-    backend: Any = None,
+    backend: IBackend | None = None,
     clock: Clock | None = None,
     say: Say = lambda line: None,
 ) -> Iterator[Source]:

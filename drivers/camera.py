@@ -47,6 +47,15 @@ class EncodedPhoto:
 class Camera(Protocol):
     """One camera, driven in the order set_exposure, arm, trigger, collect. Errors are CameraError."""
 
+    @property
+    def where(self) -> str:
+        """Where on its bus it was last seen; empty while that is not known."""
+        ...
+
+    def verified(self) -> str:
+        """What the driver has been tried against for cameras of this make."""
+        ...
+
     def identify(self) -> CameraIdentity:
         """Who it is."""
         ...

@@ -2,17 +2,16 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
+
+from usb.backend import IBackend
 
 from drivers import ptp, u3v
 from drivers.camera import Camera, CameraIdentity, Capabilities
 from drivers.clock import Clock
-from drivers.ptp import PtpCamera
 from imaging.errors import CameraError
 
 Protocol = Literal["PTP", "USB3 Vision"]
-
-U3V_VERIFIED = "the simulator; its description by the package genicam and by Aravis"
 
 
 @dataclass(frozen=True)
@@ -39,21 +38,25 @@ class Listed:
         return f"{name} cannot shoot for rig: {self.capabilities.obstacle}."
 
 
-def find_cameras(backend: Any, clock: Clock) -> list[Camera]:
+def find_cameras(backend: IBackend, clock: Clock) -> list[Camera]:
     """A driver for every connected camera; none is opened."""
-    return [*ptp.find_cameras(backend, clock), *u3v.find_cameras(backend, clock)]
+    return [camera for _, camera in _by_protocol(backend, clock)]
 
 
-def ask_all(backend: Any, clock: Clock) -> Iterator[Listed]:
+def _by_protocol(backend: IBackend, clock: Clock) -> Iterator[tuple[Protocol, Camera]]:
+    for still in ptp.find_cameras(backend, clock):
+        yield "PTP", still
+    for machine in u3v.find_cameras(backend, clock):
+        yield "USB3 Vision", machine
+
+
+def ask_all(backend: IBackend, clock: Clock) -> Iterator[Listed]:
     """Open each connected camera, ask what it is, and let it go."""
-    for camera in find_cameras(backend, clock):
-        still = isinstance(camera, PtpCamera)
-        protocol: Protocol = "PTP" if still else "USB3 Vision"
-        where = camera.where if isinstance(camera, PtpCamera) else ""
-        identity = None
+    for protocol, camera in list(_by_protocol(backend, clock)):
+        where, identity = camera.where, None
         try:
             identity = camera.identify()
-            verified = camera.verified() if isinstance(camera, PtpCamera) else U3V_VERIFIED
+            verified = camera.verified()
             listed = Listed(protocol, where, identity, camera.capabilities(), verified)
         except CameraError as error:
             listed = Listed(protocol, where, identity, error=str(error))

@@ -10,6 +10,7 @@ from typing import Any
 
 import usb.core
 import usb.util
+from usb.backend import IBackend
 
 from drivers.errors import (
     CameraClaimed,
@@ -45,14 +46,14 @@ U3V_STREAM = InterfaceKind(0xEF, 0x05, 0x02)
 """USB3 Vision; protocol 1 would be events."""
 
 
-def default_backend() -> Any:
+def default_backend() -> IBackend:
     """libusb 1.0: that of the system, else the one in the libusb-package wheel."""
     import libusb_package
 
     return libusb_package.get_libusb1_backend()
 
 
-def find(kind: InterfaceKind, backend: Any) -> list["UsbDevice"]:
+def find(kind: InterfaceKind, backend: IBackend) -> list["UsbDevice"]:
     """Every connected device with an interface of that kind, in order of bus and address; none is opened."""
     with told("The USB"):
         devices = list(usb.core.find(find_all=True, backend=backend) or ())

@@ -2,8 +2,10 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from usb.backend import IBackend
 
 from drivers import usb
 from drivers.camera import CameraIdentity, Capabilities, EncodedPhoto
@@ -31,7 +33,24 @@ T = TypeVar("T")
 
 
 @dataclass
-class Kept:
+class _Shot:
+    """A shot that was triggered. ends: when its shutter closes, by the clock; time: for which it is open, s.
+
+    known: the objects that were in the camera before. body: the session that took the order. objects: its
+    files, once they are there. doubtful: whether the camera was unplugged with an earlier shot in it too,
+    while this one was not stored yet.
+    """
+
+    time: float
+    ends: float
+    known: frozenset[int]
+    body: StandardBody
+    objects: list[Download] = field(default_factory=list)
+    doubtful: bool = False
+
+
+@dataclass
+class StoredShot:
     """A shot that is stored: its files, the session that knows their handles, how the camera was set."""
 
     objects: list[Download]
@@ -40,7 +59,7 @@ class Kept:
     asked: dict[int, float]
 
 
-def find_cameras(backend: Any, clock: Clock) -> list["PtpCamera"]:
+def find_cameras(backend: IBackend, clock: Clock) -> list["PtpCamera"]:
     """Every connected PTP camera, none of them opened: the first question to one opens it."""
     return [PtpCamera(found, backend, clock) for found in usb.find(usb.STILL_IMAGE, backend)]
 
@@ -52,7 +71,7 @@ class PtpCamera:
     certain: whether what was last set has one meaning, or a file has told which one it is.
     """
 
-    def __init__(self, found: usb.UsbDevice, backend: Any, clock: Clock) -> None:
+    def __init__(self, found: usb.UsbDevice, backend: IBackend, clock: Clock) -> None:
         self._connection, self._clock = Connection(found, backend, clock), clock
         self._body: StandardBody | None = None
         self._wanted: Exposure | None = None
@@ -60,17 +79,10 @@ class PtpCamera:
         self._asked: dict[int, float] = {}
         self._proven: dict[tuple[int, float], Choice] = {}
         """By property and value asked for: where the last picture shows a dial to have stood."""
-        self._triggered: Exposure | None = None
+        self._shot: _Shot | None = None
         self._failed = False
-        self._known: frozenset[int] = frozenset()
-        self._shooter: StandardBody | None = None
         self._listening: StandardBody | None = None
         """The body that was ready, and has answered since: it need not be waited for again."""
-        self._objects: list[Download] = []
-        self._ends = 0.0
-        """When the shutter closes that was triggered last, by the clock."""
-        self._doubtful = False
-        """Whether it was unplugged with two shots of ours, of which the later was not stored yet."""
         self._size, self._bits = (0, 0), 0
         self.confirmed = self.certain = False
 
@@ -104,8 +116,7 @@ class PtpCamera:
         A time that ExposureTime's 100 us leave open is the candidate nearest to the request, and not
         `certain`. CameraRefused if the camera is not at manual exposure.
         """
-        self._objects, self._triggered = [], None
-        self._listening = None
+        self._shot = self._listening = None
         found = self._again(lambda body: self._set(body, exposure))
         self._wanted = exposure
         return found
@@ -126,9 +137,9 @@ class PtpCamera:
         """Expose; the clock's time, s, at which the camera took the order. It is not given twice."""
         self._must(self._wanted is not None, "be triggered")
         body = self._connected()
-        self._objects, self._triggered, self._failed, self._doubtful = [], None, True, False
+        self._shot, self._failed = None, True
         time = next(choice.value for dial, choice in self._choices if dial is body.time)
-        self._known, self._shooter, self._listening = frozenset(body.known), body, None
+        known, self._listening = frozenset(body.known), None
         try:
             try:
                 body.release(_PROMPT)
@@ -139,8 +150,7 @@ class PtpCamera:
         except CameraLost:
             self._drop()
             raise
-        self._triggered = Exposure(time=time)
-        self._ends = self._clock.now() + time
+        self._shot = _Shot(time, self._clock.now() + time, known, body)
         return self._clock.now()
 
     def collect(self) -> RawMosaic | EncodedPhoto:
@@ -150,29 +160,30 @@ class PtpCamera:
         picture comes, CameraProtocol if it stays damaged.
         """
         frame = self.fetch(self._stored())
-        self._triggered, self._failed = None, False
+        self._shot, self._failed = None, False
         return frame
 
     def keeps(self) -> bool:
         """Whether its pictures stay on a card, where they can be fetched later."""
         return self._body is not None and self._body.remembers
 
-    def keep(self) -> Kept:
+    def keep(self) -> StoredShot:
         """Wait until the picture that trigger() took is stored. CameraTimeout if none comes."""
-        kept = self._stored()
-        self._triggered, self._failed, self._objects = None, False, []
-        return kept
+        stored = self._stored()
+        self._shot, self._failed = None, False
+        return stored
 
-    def fetch(self, kept: Kept) -> RawMosaic | EncodedPhoto:
+    def fetch(self, stored: StoredShot) -> RawMosaic | EncodedPhoto:
         """The picture of a shot that is stored, as `collect` gives it; the next may be exposed meanwhile."""
 
         def fetched(body: StandardBody) -> RawMosaic | EncodedPhoto:
-            if body is not kept.body:
-                self._doubtful = self._triggered is not None and kept.objects is not self._objects
-                for one in kept.objects:
-                    one.handle = self._handle_of(body.session, one)
-                kept.body = body
-            return self._fetched(body, kept)
+            if body is not stored.body:
+                if self._shot is not None:
+                    self._shot.doubtful = stored.objects is not self._shot.objects
+                for file in stored.objects:
+                    file.handle = self._handle_of(body.session, file)
+                stored.body = body
+            return self._fetched(body, stored)
 
         try:
             return self._again(fetched)
@@ -180,20 +191,20 @@ class PtpCamera:
             self._failed = True
             raise
 
-    def _stored(self) -> Kept:
+    def _stored(self) -> StoredShot:
         """The shot that was triggered, once the camera has all its files."""
-        self._must(self._triggered is not None, "deliver a picture")
-        assert self._triggered is not None
-        time = self._triggered.time
+        shot = self._shot
+        self._must(shot is not None, "deliver a picture")
+        assert shot is not None
 
-        def stored(body: StandardBody) -> Kept:
-            if body is not self._shooter:
-                self._continue_on(body)
-            if not self._objects:
-                left = self._ends - self._clock.now()
+        def stored(body: StandardBody) -> StoredShot:
+            if body is not shot.body:
+                self._continue_on(body, shot)
+            if not shot.objects:
+                rest = shot.ends - self._clock.now()
                 # A dark frame as long as the exposure may follow a long one.
-                self._objects = body.wait(max(left, time - _DARK_FRAME, 0.0))
-            return Kept(self._objects, body, self._choices, self._asked)
+                shot.objects = body.wait(max(rest, shot.time - _DARK_FRAME, 0.0))
+            return StoredShot(shot.objects, body, self._choices, self._asked)
 
         return self._again(stored)
 
@@ -226,7 +237,7 @@ class PtpCamera:
         """The camera, opened if it is not; CameraLost if it does not come back."""
         if self._body is None:
             self._body = self._connection.open()
-            if self._wanted is not None and self._triggered is None:
+            if self._wanted is not None and self._shot is None:
                 self._set(self._body, self._wanted)
         return self._body
 
@@ -260,30 +271,30 @@ class PtpCamera:
         at = {id(dial): choice.value for dial, choice in self._choices}
         return Exposure(time=at[id(body.time)], f_number=at.get(id(body.f_number)), iso=at.get(id(body.iso)))
 
-    def _continue_on(self, body: StandardBody) -> None:
+    def _continue_on(self, body: StandardBody, shot: _Shot) -> None:
         """Take a shot up again in a new session: the same files under whatever handles they have now."""
-        if self._doubtful:
-            self._clock.sleep(max(0.0, self._ends - self._clock.now()))
+        if shot.doubtful:
+            self._clock.sleep(max(0.0, shot.ends - self._clock.now()))
             raise CameraRefused(f"{self.where} was unplugged with two shots in it: take the later one again.")
-        if not self._objects:
-            new = body.known - self._known
+        if not shot.objects:
+            new = body.known - shot.known
             if len(new) > _MOST_OBJECTS or not body.remembers:
                 raise CameraRefused(f"{self.where} no longer knows the shot: take it again.")
             body.known -= new
-        for one in self._objects:
-            one.handle = self._handle_of(body.session, one)
-        self._shooter = body
+        for file in shot.objects:
+            file.handle = self._handle_of(body.session, file)
+        shot.body = body
 
-    def _handle_of(self, session: PtpSession, one: Download) -> int:
-        for handle in (one.handle, *reversed(session.handles())):
+    def _handle_of(self, session: PtpSession, file: Download) -> int:
+        for handle in (file.handle, *reversed(session.handles())):
             with suppress(CameraRefused):
-                if session.object_info(handle) == one.info:
+                if session.object_info(handle) == file.info:
                     return handle
-        raise CameraRefused(f"{self.where} no longer has {one.info.filename}: take the shot again.")
+        raise CameraRefused(f"{self.where} no longer has {file.info.filename}: take the shot again.")
 
-    def _fetched(self, body: StandardBody, kept: Kept) -> RawMosaic | EncodedPhoto:
+    def _fetched(self, body: StandardBody, stored: StoredShot) -> RawMosaic | EncodedPhoto:
         """The best picture of the shot, whole; the camera may then forget all of them."""
-        best = best_of(kept.objects)
+        best = best_of(stored.objects)
         try:
             frame = decode(body.fetch(best), best)
         except InputError:
@@ -292,34 +303,34 @@ class PtpCamera:
                 frame = decode(body.fetch(best), best)
             except InputError as error:
                 raise CameraProtocol(f"{self.where} delivered a damaged file twice: {error}") from error
-        for one in kept.objects:
+        for file in stored.objects:
             with suppress(CameraError):  # the picture is here; what is stuck shows in the next shot
-                body.discard(one)
-        self._verify(body, frame, kept)
+                body.discard(file)
+        self._verify(body, frame, stored)
         return frame
 
-    def _verify(self, body: StandardBody, frame: RawMosaic | EncodedPhoto, kept: Kept) -> None:
+    def _verify(self, body: StandardBody, frame: RawMosaic | EncodedPhoto, stored: StoredShot) -> None:
         """Hold the file's own exposure against what the camera had read back, and learn from it."""
         if isinstance(frame, RawMosaic):
             height, width = frame.pixels.shape
             self._size, self._bits = (width, height), frame.white.bit_length()
         else:
             self._size, self._bits = (frame.width, frame.height), 8
-        told = frame.metadata.exposure
+        stated = frame.metadata.exposure
         self._proven = {}
-        self.confirmed = told is not None
-        if told is None:
+        self.confirmed = stated is not None
+        if stated is None:
             return
-        own = {id(body.time): told.time, id(body.f_number): told.f_number, id(body.iso): told.iso}
+        values = {id(body.time): stated.time, id(body.f_number): stated.f_number, id(body.iso): stated.iso}
         for dial, choice in self._choices:
-            value = own.get(id(dial))
+            value = values.get(id(dial))
             if value is not None:
                 dial.learn(choice, value)
                 agrees = apart(choice.value, value) <= SAME
                 self.confirmed &= agrees
                 # The dial may have been turned since, for the next shot.
-                if agrees and choice.certain and self._asked.get(dial.code) == kept.asked[dial.code]:
-                    self._proven[dial.code, kept.asked[dial.code]] = choice
+                if agrees and choice.certain and self._asked.get(dial.code) == stored.asked[dial.code]:
+                    self._proven[dial.code, stored.asked[dial.code]] = choice
         self.certain = self.certain or self.confirmed
 
 

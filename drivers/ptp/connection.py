@@ -1,7 +1,8 @@
 """A camera under its serial number: opened, lost, and found again at whatever address it has then."""
 
-from typing import Any, Literal
+from typing import Literal
 
+from usb.backend import IBackend
 from usb.util import dispose_resources
 
 from drivers import usb
@@ -42,7 +43,7 @@ def body_for(session: PtpSession, usb_vendor: int) -> StandardBody:
 class Connection:
     """The way to one camera. `identity` is None before it was first opened."""
 
-    def __init__(self, found: usb.UsbDevice, backend: Any, clock: Clock) -> None:
+    def __init__(self, found: usb.UsbDevice, backend: IBackend, clock: Clock) -> None:
         self._found: usb.UsbDevice | None = found
         self._backend, self._clock = backend, clock
         self._usb = (found.device.idVendor, found.device.idProduct)

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused, CameraTimeout
-from drivers.ptp.codec import Command, Event, Reader, Value, pack_value, unpack_value
+from drivers.ptp.codec import Command, Event, Reader, Value, pack_value
 from drivers.ptp.codes import (
     EVERY_FORMAT,
     EVERY_PARENT,
@@ -165,11 +165,6 @@ class PtpSession:
             raise CameraProtocol(f"{self.where} described property 0x{found.code:04X}, not 0x{code:04X}.")
         self._types[code] = found.data_type
         return found
-
-    def read_property(self, code: int) -> Value:
-        """A property's value."""
-        kind = self._type(code)
-        return unpack_value(kind, self.get(Operation.GET_DEVICE_PROP_VALUE, code))
 
     def write_property(self, code: int, value: Value) -> None:
         """Set a property; CameraRefused if the value does not fit its type or the camera will not."""

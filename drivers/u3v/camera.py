@@ -3,7 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from enum import Enum
-from typing import Any, TypeVar
+from typing import TypeVar
+
+from usb.backend import IBackend
 
 from drivers.camera import CameraIdentity, Capabilities
 from drivers.clock import Clock
@@ -34,14 +36,13 @@ class _Stage(Enum):
 
 
 class U3vCamera:
-    """Opened at first use. Verified against: the simulator of this project and its XML in the package
-    `genicam`; no hardware yet.
+    """Opened at first use.
 
     When it is unplugged, `CameraLost` ends the shot; `set_exposure`, `arm` and `capabilities` find it again
     by its serial number, at whatever address, and set it as it was.
     """
 
-    def __init__(self, serial: str, backend: Any, clock: Clock) -> None:
+    def __init__(self, serial: str, backend: IBackend, clock: Clock) -> None:
         self.serial = serial
         self._backend, self._clock = backend, clock
         self._wiring = Wiring()
@@ -59,6 +60,15 @@ class U3vCamera:
         """Of all times that its clock was read, the one that is known best."""
         self._levels: dict[int, tuple[tuple[float, float, float, float], int]] = {}
         """Black and white of each pixel format, read once a session."""
+
+    @property
+    def where(self) -> str:
+        """Where on the bus it is; empty while it is not opened."""
+        return "" if self._session is None else self._session.where
+
+    def verified(self) -> str:
+        """The simulator, and its description in two other programs: no hardware yet."""
+        return "the simulator; its description by the package genicam and by Aravis"
 
     def identify(self) -> CameraIdentity:
         """Who it is: the serial number that USB shows, maker and model from its registers."""
@@ -138,11 +148,6 @@ class U3vCamera:
         session = self._must_be(_Stage.EXPOSED, "trigger")
         self._stage = _Stage.IDLE
         return self._once(lambda: self._take(session)[0])
-
-    @property
-    def sequences(self) -> bool:
-        """Whether `bracket` can be used."""
-        return self._again(lambda session: sequencer.can_sequence(session.nodes))
 
     def bracket(self, exposures: Sequence[Exposure]) -> list[RawMosaic]:
         """A frame for each exposure, changed by the camera itself after one trigger. CameraRefused."""
@@ -322,6 +327,6 @@ class U3vCamera:
         )
 
 
-def find_cameras(backend: Any, clock: Clock) -> list[U3vCamera]:
+def find_cameras(backend: IBackend, clock: Clock) -> list[U3vCamera]:
     """The connected cameras whose serial number can be read, by bus and address; none is kept open."""
     return [U3vCamera(serial, backend, clock) for serial in connected(backend)]

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from usb.backend import IBackend
+
 from drivers.clock import Clock
 from drivers.errors import CameraNotFound, CameraRefused
 from drivers.u3v.control import ControlChannel
@@ -12,7 +14,7 @@ from drivers.usb import U3V_CONTROL, U3V_STREAM, UsbDevice, find
 from imaging.errors import CameraError
 
 
-def connected(backend: Any) -> dict[str, UsbDevice]:
+def connected(backend: IBackend) -> dict[str, UsbDevice]:
     """The devices by serial number, by bus and address; those that may not be opened are left out."""
     found: dict[str, UsbDevice] = {}
     for device in find(U3V_CONTROL, backend):
@@ -59,7 +61,7 @@ class Session:
         raise CameraRefused(f"{self.where} has no streaming interface: it is no camera that can be used.")
 
 
-def open_session(serial: str, backend: Any, clock: Clock, patience: float = 0.0) -> Session:
+def open_session(serial: str, backend: IBackend, clock: Clock, patience: float = 0.0) -> Session:
     """Open the device with that serial number; it may take `patience` s to appear. CameraNotFound."""
     deadline = clock.now() + patience
     while True:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from usb.backend import IBackend
+
     from capture.record.source import CaptureRequest, Operator, Source
     from capture.rigfile.rigfile import RigFile
     from drivers.clock import Clock
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 class UsbBus:
     """What drivers are given. rig: the simulated one; None on this machine's bus."""
 
-    backend: Any
+    backend: IBackend
     clock: Clock
     rig: SimulatedRig | None = None
 

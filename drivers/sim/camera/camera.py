@@ -106,6 +106,15 @@ class SimulatedCamera:
         self._frame, self._step = frame, step
         self._takes.clear()
 
+    @property
+    def where(self) -> str:
+        """Empty: it is on no bus."""
+        return ""
+
+    def verified(self) -> str:
+        """Nothing but the laws that it simulates."""
+        return "its own simulation"
+
     def identify(self) -> CameraIdentity:
         """Who it is."""
         return CameraIdentity(self.body.serial, MAKE, self._model(), self.body.kind)

@@ -43,10 +43,6 @@ class Scene:
         """Distance in metres to the first surface along rays, float64 [...]; inf where there is none."""
         return self._trace(origin, direction)[1]
 
-    def solid_at(self, origin: npt.ArrayLike, direction: npt.ArrayLike) -> npt.NDArray[np.int64]:
-        """Index of the solid that rays meet first, int64 [...]; -1 where there is none."""
-        return self._trace(origin, direction)[2]
-
     def render(self, lens: Lens, cam_from_world: Array, samples: int = 4) -> npt.NDArray[np.float32]:
         """Radiance averaged over each pixel by samples x samples rays, float32 [H, W, 3]."""
         image = np.empty((lens.height, lens.width, 3), np.float32)

@@ -112,7 +112,6 @@ def test_a_bracket_runs_in_the_camera(make_bench: MakeBench) -> None:
     bench = make_bench()
     camera = bench.camera()
     exposures = [Exposure(time=2.0**power, iso=iso) for power, iso in ((-10, 100), (-6, 400), (-3, 100))]
-    assert camera.sequences
     began = bench.clock.now()
     frames = camera.bracket(exposures)
     for frame, exposure in zip(frames, exposures, strict=True):

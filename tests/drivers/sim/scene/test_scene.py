@@ -190,7 +190,7 @@ def test_lambertian_points_look_the_same_from_everywhere() -> None:
     scene = demo_scene()
     _, eye, directions = camera_rays(-8.0)
     _, other, _ = camera_rays(10.0)
-    depth, which = scene.depth(eye, directions), scene.solid_at(eye, directions)
+    _, depth, which = scene._trace(eye, directions)
     points = eye + depth[..., None] * directions
     matte = (scene.materials["gloss"] == 0)[scene.solids["material"][which]]
     distance = np.linalg.norm(points - other, axis=-1)
