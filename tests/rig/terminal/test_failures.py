@@ -117,7 +117,7 @@ def test_ctrl_c_says_how_to_go_on(rig, monkeypatch, tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("capture.check.check.check", interrupted)
-    monkeypatch.setattr("capture.simulated.capture_simulated", interrupted)
+    monkeypatch.setattr("capture.record.shooting.shoot", interrupted)
     code, out, err = rig("check", str(tmp_path))
     assert (code, out) == (130, "")
     assert err == "stopped; run the same command again to continue.\n"
