@@ -12,7 +12,7 @@ import numpy as np
 
 from imaging.compute.jit import inlined, kernel
 from imaging.compute.threads import take_number
-from recon.splat.cpu.fisheye import radial as fisheye_radial
+from recon.splat.cpu.formulas import covariance, distort, root_covariance, rotation, screen_axes, to_camera
 from recon.splat.cpu.lanes import (
     WIDTH_64,
     above,
@@ -53,107 +53,6 @@ def read_eight(means, quats, scales, opacities, colours, ids, values):
         for a in range(4):
             values[(3 + a) * 8 + j] = quats[i, a]
         values[80 + j] = opacities[i]
-
-
-@inlined
-def to_camera(x, y, z, k):
-    """World to camera coordinates."""
-    return (
-        k[0] * x + k[1] * y + k[2] * z + k[9],
-        k[3] * x + k[4] * y + k[5] * z + k[10],
-        k[6] * x + k[7] * y + k[8] * z + k[11],
-    )
-
-
-@inlined
-def distort(u, v, k, fisheye):
-    """Distorted tangents and their derivatives: x, y, dx/du, dx/dv = dy/du, dy/dv."""
-    uu, vv, uv = u * u, v * v, u * v
-    r2 = uu + vv
-    if fisheye is not None:
-        radial, slope, _ = fisheye_radial(r2, k)
-        return u * radial, v * radial, radial + slope * uu, slope * uv, radial + slope * vv
-    k1, k2, p1, p2 = k[LENS + 4], k[LENS + 5], k[LENS + 6], k[LENS + 7]
-    radial = 1.0 + r2 * (k1 + r2 * k2)
-    slope = 2.0 * k1 + (4.0 * k2) * r2
-    x = u * radial + (2.0 * p1) * uv + p2 * (r2 + 2.0 * uu)
-    y = v * radial + p1 * (r2 + 2.0 * vv) + (2.0 * p2) * uv
-    xu = radial + slope * uu + (2.0 * p1) * v + (6.0 * p2) * u
-    yv = radial + slope * vv + (6.0 * p1) * v + (2.0 * p2) * u
-    xv = slope * uv + (2.0 * p1) * u + (2.0 * p2) * v
-    return x, y, xu, xv, yv
-
-
-@inlined
-def rotation(w, x, y, z):
-    """Rotation matrix, row-major, of a quaternion of any length."""
-    s = 2.0 / (w * w + x * x + y * y + z * z)
-    xx, yy, zz = s * x * x, s * y * y, s * z * z
-    xy, xz, yz = s * x * y, s * x * z, s * y * z
-    wx, wy, wz = s * w * x, s * w * y, s * w * z
-    return (
-        (1.0 - yy) - zz,
-        xy - wz,
-        xz + wy,
-        xy + wz,
-        (1.0 - xx) - zz,
-        yz - wx,
-        xz - wy,
-        yz + wx,
-        (1.0 - xx) - yy,
-    )
-
-
-@inlined
-def screen_axes(x, y, z, k, fisheye):
-    """A = J W [2, 3]: how a small world offset moves the projection, at a camera point, px per unit.
-
-    Also the tangents u, v, the clamped ones, 1 / z, and the derivative E of the lens at the clamped ones.
-    """
-    inverse = 1.0 / z
-    u, v = x * inverse, y * inverse
-    uc = minimum(maximum(u, k[BOUNDS]), k[BOUNDS + 1])
-    vc = minimum(maximum(v, k[BOUNDS + 2]), k[BOUNDS + 3])
-    _, _, xu, xv, yv = distort(uc, vc, k, fisheye)
-    fx, fy = k[LENS], k[LENS + 1]
-    e00, e01, e10, e11 = fx * xu, fx * xv, fy * xv, fy * yv
-    j00, j01, j02 = inverse * e00, inverse * e01, minus(inverse * (e00 * uc + e01 * vc))
-    j10, j11, j12 = inverse * e10, inverse * e11, minus(inverse * (e10 * uc + e11 * vc))
-    axes = (
-        j00 * k[0] + j01 * k[3] + j02 * k[6],
-        j00 * k[1] + j01 * k[4] + j02 * k[7],
-        j00 * k[2] + j01 * k[5] + j02 * k[8],
-        j10 * k[0] + j11 * k[3] + j12 * k[6],
-        j10 * k[1] + j11 * k[4] + j12 * k[7],
-        j10 * k[2] + j11 * k[5] + j12 * k[8],
-    )
-    return axes, (u, v, uc, vc, inverse), (e00, e01, e10, e11)
-
-
-@inlined
-def root_covariance(axes, r, sx, sy, sz):
-    """M = A R S [2, 3], whose M M^T is the projected covariance before blur."""
-    a0, a1, a2, b0, b1, b2 = axes
-    return (
-        (a0 * r[0] + a1 * r[3] + a2 * r[6]) * sx,
-        (a0 * r[1] + a1 * r[4] + a2 * r[7]) * sy,
-        (a0 * r[2] + a1 * r[5] + a2 * r[8]) * sz,
-        (b0 * r[0] + b1 * r[3] + b2 * r[6]) * sx,
-        (b0 * r[1] + b1 * r[4] + b2 * r[7]) * sy,
-        (b0 * r[2] + b1 * r[5] + b2 * r[8]) * sz,
-    )
-
-
-@inlined
-def covariance(m, blur):
-    """Entries a, b, c of M M^T + blur I and its determinant, without cancellation (Cauchy-Binet)."""
-    m0, m1, m2, n0, n1, n2 = m
-    a = m0 * m0 + m1 * m1 + m2 * m2
-    b = m0 * n0 + m1 * n1 + m2 * n2
-    c = n0 * n0 + n1 * n1 + n2 * n2
-    p, q, s = m0 * n1 - m1 * n0, m0 * n2 - m2 * n0, m1 * n2 - m2 * n1
-    determinant = p * p + q * q + s * s + blur * (a + c) + blur * blur
-    return a + blur, b, c + blur, determinant
 
 
 @inlined
@@ -205,12 +104,13 @@ def _project_eight(values, k, fisheye, out):
     numbers of Projected.shape, the reach, the opacity, the four of Projected.box.
     """
     sound = _sound(values)
-    x, y, z = to_camera(load(values, 0), load(values, 8), load(values, 16), k)
-    axes, tangents, _ = screen_axes(x, y, z, k, fisheye)
+    point = to_camera((load(values, 0), load(values, 8), load(values, 16)), k)
+    z = point[2]
+    axes, tangents, _ = screen_axes(point, k, fisheye)
     u, v = tangents[0], tangents[1]
     ahead = both(at_least(z, k[LIMITS]), above(k[BOUNDS + 4], u * u + v * v))
-    r = rotation(load(values, 24), load(values, 32), load(values, 40), load(values, 48))
-    m = root_covariance(axes, r, load(values, 56), load(values, 64), load(values, 72))
+    r = rotation((load(values, 24), load(values, 32), load(values, 40), load(values, 48)))
+    m = root_covariance(axes, r, (load(values, 56), load(values, 64), load(values, 72)))
     a, b, c, determinant = covariance(m, k[LIMITS + 1])
     sane = both(at_least(k[LIMITS + 5], maximum(a, c)), above(math.inf, determinant))
     seen, o, reach = _opacity_and_reach(values, k)

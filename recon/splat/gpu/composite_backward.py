@@ -12,8 +12,8 @@ import triton
 import triton.language as tl
 
 from recon.splat.gpu.composite import PIXELS, cover, places, read_colour, read_ellipse
+from recon.splat.gpu.inputs import appended
 from recon.splat.gpu.project import HIGH, WIDE
-from recon.splat.gpu.tuples import appended
 
 REGISTERS = 128
 """Of a thread at most. Left alone ptxas takes 198 for sm_90, and 10 warps would fit where 16 do; it pays with

@@ -11,19 +11,8 @@ import triton
 import triton.language as tl
 
 from recon.splat import limits, parameters, tables
-from recon.splat.gpu.geometry import (
-    BOUNDS,
-    LENS,
-    LIMITS,
-    covariance,
-    distort,
-    read_gaussian,
-    root_covariance,
-    rotation,
-    screen_axes,
-    to_camera,
-)
-from recon.splat.gpu.tuples import read_parameters
+from recon.splat.gpu.formulas import covariance, distort, root_covariance, rotation, screen_axes, to_camera
+from recon.splat.gpu.inputs import BOUNDS, LENS, LIMITS, read_gaussian, read_parameters
 
 BLOCK = 128
 """Gaussians of a program."""
@@ -111,7 +100,7 @@ def project(
     ahead = sound & (z >= k[LIMITS])
     x, y, z = tl.where(ahead, x, 0.0), tl.where(ahead, y, 0.0), tl.where(ahead, z, 1.0)
 
-    axes, tangents, _ = screen_axes(x, y, z, k, FISHEYE)
+    axes, tangents, _ = screen_axes((x, y, z), k, FISHEYE)
     u, v = tangents[0], tangents[1]
     ahead = ahead & (u * u + v * v < k[BOUNDS + 4])
     m = root_covariance(axes, rotation(quat), scale)

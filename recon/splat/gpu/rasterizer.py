@@ -133,7 +133,7 @@ def _render(tensors: list[torch.Tensor], call: _Call) -> tuple[torch.Tensor, tor
     state, number = new(n, dtype=torch.int8), new(n, dtype=torch.int64)
     projection.project[(cdiv(n, projection.BLOCK),)](
         *gaussians, numbers, n, record, paint, box, depth, radius, state, number,
-        BLOCK=projection.BLOCK, FISHEYE=call.camera.fisheye, **_OPTIONS,
+        BLOCK=projection.BLOCK, FISHEYE=call.camera.fisheye or None, **_OPTIONS,
     )  # fmt: skip
     size, call.culled = torch.stack([number.sum(), (state == int(BAD)).sum()]).tolist()
     pairs, touched = tiles.match_all(number, depth, size, record, paint, box, across, count)
@@ -187,7 +187,7 @@ def _gradients(
     view = new((programs if moving else 1, _VIEW), dtype=torch.float64)
     project_backward[(programs,)](
         *gaussians[:4], tables.parameters, n, moments, weight, *found[:4], screen, view,
-        BLOCK=projection.BLOCK, MOVING=moving, FISHEYE=call.camera.fisheye, **_OPTIONS,
+        BLOCK=projection.BLOCK, MOVING=moving, FISHEYE=call.camera.fisheye or None, **_OPTIONS,
     )  # fmt: skip
     if call.stats is not None:
         _count(call.stats, call.camera, tables.radius, screen, weight)

@@ -25,7 +25,7 @@ LISTS = {"rows": F, "stride": "i32", "start": L, "chunk_start": L, "kept": F, "c
 KERNELS = [
     *((project.project, {"BLOCK": project.BLOCK, "FISHEYE": fisheye}, {},
        INPUTS | RECORDS | {"colours": F, "box": I, "depth": F, "radius": F, "state": B, "number": L})
-      for fisheye in (False, True)),
+      for fisheye in (None, True)),
     (tiles.match, {"BLOCK": tiles.BLOCK}, {},
      RECORDS | {"owner": I, "start": L, "box": I, "tile": S, "touched": B, "pairs": "i32", "across": "i32",
                 "tiles": "i32"}),
@@ -43,7 +43,7 @@ KERNELS = [
     *((project_backward.project_backward, {"BLOCK": project.BLOCK, "MOVING": True, "FISHEYE": fisheye}, {},
        INPUTS | {"moments": D, "weight": F, "grad_means": F, "grad_quats": F, "grad_scales": F,
                  "grad_opacities": F, "grad_screen": F, "view": D})
-      for fisheye in (False, True)),
+      for fisheye in (None, True)),
 ]  # fmt: skip
 
 

@@ -16,7 +16,8 @@ from imaging.lens import Lens
 from imaging.pose import Pose
 from recon.splat import Limits, SplatCamera, rasterize
 from recon.splat.cpu import lanes
-from recon.splat.cpu.fisheye import NEAR_AXIS, radial, radial_by_terms
+from recon.splat.cpu.formulas import radial, radial_by_terms
+from recon.splat.formulas.lens import NEAR_AXIS
 from recon.splat.parameters import parameters
 from recon.splat.reference import _distort_fisheye
 
