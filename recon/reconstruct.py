@@ -38,7 +38,9 @@ from recon.train.early_stopping import Deadline, EarlyStop, Goal
 from recon.train.initialisation import gaussians_at, start_points
 from recon.train.interrupt import Interrupted
 from recon.train.ranks import Ranks, joined
-from recon.train.trainer import Steer, Training, train
+from recon.train.resume import checkpoint_of, light_in, restored
+from recon.train.trainer import train
+from recon.train.training import Steer, Training
 from recon.train.warm_up import warm_up
 
 __all__ = ["QUALITIES", "START_SHARE", "MethodName", "Quality", "QualityName", "reconstruct"]
@@ -158,12 +160,12 @@ def _reconstruct(
         told = found.facts["predicted"]
         guess = Prediction.model_validate(told) if told else None
         size = tuple(Rung.model_validate(rung) for rung in found.facts.get("size", []))
-        composed = settings.composed(dataset, Training.light_in(found))
+        composed = settings.composed(dataset, light_in(found))
         refinement = Refinement.stored(dataset, found)
-        training = Training.restore(composed, found, dataset.extent, device, refinement)
+        training = restored(composed, found, dataset.extent, device, refinement)
         if not ranks.first:  # the first one holds what all had counted
             training.stats = SplatStats(len(training.gaussians))
-        if training.course and training.iteration >= training.course.total and (folder / MODEL).is_file():
+        if training.schedule and training.iteration >= training.schedule.total and (folder / MODEL).is_file():
             return
     steers: list[Steer] = [EarlyStop()] if wanted.early_stop else []
     if wanted.budget is not None and wanted.budget_unit == "dB":
@@ -190,7 +192,7 @@ def _reconstruct(
             "reserve": 0.0 if countdown is None else countdown.reserve,
             "predicted": guess and guess.model_dump(mode="json"),
         }
-        write_checkpoint(folder / CHECKPOINT, training.checkpoint(facts))
+        write_checkpoint(folder / CHECKPOINT, checkpoint_of(training, facts))
         saved[0] = training.iteration
 
     def write() -> None:

@@ -27,7 +27,7 @@ from bench.support.trial import Cache, Trial, prepare, run, session
 from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.methods import nh_3dgs
-from recon.methods.method import Method, Schedule
+from recon.methods.method import Method
 from recon.observe.linear import LinearLight
 from recon.observe.losses import Photometric
 from recon.train.densification import DensityRules
@@ -94,16 +94,14 @@ ROWS: dict[str, Row] = {
     "mu-law over the scene instead of the exposure": Row(scene_mu_law),
     "blending of logarithms": Row(log_blended),
     "chroma clamped instead of through a sigmoid": Row(changed(appearance=ClampedChroma())),
-    "harmonics of degree 0": Row(changed(schedule=Schedule(degrees=()))),
-    "harmonics of degree 1": Row(changed(schedule=Schedule(degrees=(0.3,)))),
-    "harmonics of degree 3": Row(
-        changed(appearance=ThirdDegree(), schedule=Schedule(degrees=(0.3, 0.5, 0.7)))
-    ),
+    "harmonics of degree 0": Row(changed(degrees=())),
+    "harmonics of degree 1": Row(changed(degrees=(0.3,))),
+    "harmonics of degree 3": Row(changed(appearance=ThirdDegree(), degrees=(0.3, 0.5, 0.7))),
     "no growth": Row(within=lambda: rules(growth=0.0), start=1.0),
     "pruning by contribution": Row(within=contribution),
     "growth by MCMC": Row(within=mcmc),
-    "growth by MCMC, opacity pulled by 0.01": Row(changed(schedule=Schedule(opacity_weight=0.01)), mcmc),
-    "opacity pulled to 0 by 0.01": Row(changed(schedule=Schedule(opacity_weight=0.01))),
+    "growth by MCMC, opacity pulled by 0.01": Row(changed(opacity_weight=0.01), mcmc),
+    "opacity pulled to 0 by 0.01": Row(changed(opacity_weight=0.01)),
 }
 
 

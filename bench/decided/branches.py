@@ -21,7 +21,9 @@ from recon.methods import nh_3dgs
 from recon.scene.appearance import Rate
 from recon.train.densification import DensityRules
 from recon.train.initialisation import gaussians_at
-from recon.train.trainer import Plan, Training, train
+from recon.train.resume import checkpoint_of, restored
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 from recon.train.warm_up import warm_up
 
 MEASURES = ("raw_psnr", "hdr_psnr_mu_aligned", "hdr_psnr_mu_dark")
@@ -41,10 +43,10 @@ def trained(training: Training, trial: Trial, total: int, seed: int, until: int 
 
 def cooled(training: Training, trial: Trial, total: int, seed: int) -> Training:
     """A copy, trained on for a tenth, the learning rates falling from where they are to where they end."""
-    checkpoint = training.checkpoint({})
+    checkpoint = checkpoint_of(training, {})
     tensors = {name: value.detach().clone() for name, value in checkpoint.tensors.items()}
     method = nh_3dgs.compose(trial.dataset, trial.light)
-    copy = Training.restore(method, replace(checkpoint, tensors=tensors), trial.dataset.extent)
+    copy = restored(method, replace(checkpoint, tensors=tensors), trial.dataset.extent)
     length = round((1 + COOLING) * training.iteration)
     done = training.iteration / length
     for group in copy.optimizer.param_groups:

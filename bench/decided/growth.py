@@ -12,8 +12,8 @@ from torch import Tensor
 
 from recon.scene.gaussians import Gaussians
 from recon.splat import SplatStats
-from recon.train import trainer
 from recon.train.densification import Change, Density, rotate
+from recon.train.training import Training
 
 DEAD = 0.005
 """Opacity below which a Gaussian is moved to where one lives."""
@@ -116,7 +116,7 @@ def contribution() -> Any:
 def mcmc() -> Iterator[None]:
     """Trainings within grow by MCMC, with noise on the positions after every iteration."""
     generator = torch.Generator().manual_seed(0)
-    begin = trainer.Training.begin.__func__  # type: ignore[attr-defined]
+    begin = Training.begin.__func__  # type: ignore[attr-defined]
 
     def begun(cls: type, *parts: Any) -> Any:
         training = begin(cls, *parts)
@@ -130,7 +130,7 @@ def mcmc() -> Iterator[None]:
         return training
 
     with (
-        mock.patch.object(trainer.Training, "begin", classmethod(begun)),
+        mock.patch.object(Training, "begin", classmethod(begun)),
         mock.patch("recon.train.trainer.Density", Mcmc),
     ):
         yield

@@ -211,6 +211,6 @@ def curve_of_gaussians() -> Iterator[None]:
     """HDR-GS with `CurveOfGaussians`."""
     with (
         mock.patch("recon.observe.calibrated_curves.ToneCurve", CurveOfGaussians),
-        mock.patch("recon.train.trainer.Renderer", Remembering),
+        mock.patch("recon.train.training.Renderer", Remembering),
     ):
         yield

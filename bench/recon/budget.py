@@ -81,7 +81,7 @@ def kept(options: argparse.Namespace, scene: Scene, text: str) -> dict[str, Any]
         return row | {"refused": done.stderr.strip().splitlines()[-1]}
     record = read_model(folder / "reconstructions" / name)
     shutil.rmtree(folder / "reconstructions" / name)
-    row |= {"iterations": record.iterations, "turns": len(record.course) - 2, "reached": record.held_out_db}
+    row |= {"iterations": record.iterations, "turns": len(record.schedule) - 2, "reached": record.held_out_db}
     return row | (record.predicted.model_dump() if record.predicted else {})
 
 

@@ -32,7 +32,8 @@ from recon.splat import Limits
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.train.densification import DensityRules
 from recon.train.initialisation import gaussians_at
-from recon.train.trainer import Plan, Training, train
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 from recon.train.warm_up import warm_up
 
 FIRST = "vanilla 3DGS"

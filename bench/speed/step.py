@@ -27,7 +27,8 @@ from recon.methods import nh_3dgs
 from recon.observe.linear import LinearLight
 from recon.train.densification import DensityRules
 from recon.train.initialisation import gaussians_at
-from recon.train.trainer import Plan, Training, train
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 from recon.train.warm_up import warm_up
 
 LATE = 700_000

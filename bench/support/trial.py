@@ -22,7 +22,8 @@ from recon.observe.recorded import shot_psnr
 from recon.reconstruct import START_SHARE
 from recon.train.densification import DensityRules
 from recon.train.initialisation import Start, gaussians_at, start_points
-from recon.train.trainer import Plan, Training, train
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 from recon.train.warm_up import warm_up
 
 
@@ -94,7 +95,7 @@ def quality(trial: Trial, training: Training) -> dict[str, Any]:
     observation, light, signals = training.method.observation, [], []
     for view in trial.dataset.held_out:
         with torch.no_grad():
-            degree = training.method.schedule.degree(1.0)
+            degree = training.method.degree(1.0)
             image = training.renderer()(training.gaussians, view.lens, degree=degree).image
             light.append(observation.radiance(image).numpy())
             signals.append([observation.predict(image, view, shot.k) for shot in view.shots])

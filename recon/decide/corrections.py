@@ -10,13 +10,13 @@ from imaging.session.records import ONE_OF_SEVERAL, Rung
 from recon.data.dataset import Dataset, View, load
 from recon.data.geometry import inside, project
 from recon.data.pixels import Progress
-from recon.decide.held_out_evidence import held_out_db
+from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
 from recon.decide.trials import Trials, no_trial, room
 from recon.methods import vanilla
 from recon.observe.refinement import Refined, Refinement
 from recon.train.ranks import Ranks
-from recon.train.trainer import Training
+from recon.train.training import Training
 
 ALL: tuple[Refined, ...] = get_args(Refined)
 KNOWN_PX = 0.3
@@ -68,7 +68,7 @@ def tried(
     """A short training without corrections and one with each of `names`, judged on views that none saw."""
     most = min(TRIAL_GAUSSIANS, room(dataset))
     trials = Trials.of(dataset, settings, most // 2, progress)
-    part, judged = trials.part, trials.judged
+    part, judged, extent = trials.part, trials.judged, trials.part.extent
     looks = round(TRIAL_SHARE * settings.iterations * settings.batch)
     iterations = max(TRIAL_LOOKS * len(part.train), looks)
 
@@ -80,7 +80,7 @@ def tried(
     for name in names:
         freed = ended((name,), f"a trial with corrected {name}")
         gains = [
-            held_out_db(freed, view, [name], part.extent) - held_out_db(plain, view, [name], part.extent)
+            robust_score_db(freed, view, [name], extent) - robust_score_db(plain, view, [name], extent)
             for view in judged
         ]
         rungs[name] = Rung.judged(

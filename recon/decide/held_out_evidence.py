@@ -15,7 +15,7 @@ from recon.data.dataset import View
 from recon.observe.refinement import Refined, camera_delta
 from recon.splat.moved import moved
 from recon.splat.torch_threads import torch_on_one_thread
-from recon.train.trainer import Training
+from recon.train.training import Training
 
 SQUARE = 8
 """Pixels."""
@@ -27,7 +27,7 @@ ROUGHLY = 2 / 255
 """Noise of photographs, JPEG's included, in code values of 1, and of light through the mu-law."""
 
 
-def held_out_db(training: Training, view: View, unsure: Collection[Refined], extent: float) -> float:
+def robust_score_db(training: Training, view: View, unsure: Collection[Refined], extent: float) -> float:
     """How small the residuals of the half that is judged are, dB; more is better.
 
     unsure: which of the view's own pose and exposures are fitted first. Residuals are in standard deviations
@@ -92,7 +92,7 @@ def _fitted(
 def _image(training: Training, view: View, pose: Tensor, extent: float) -> Tensor:
     """What the view's camera sees where it is corrected to be, behind its corrected vignetting."""
     scene = {name: value.detach() for name, value in training.gaussians.parameters.items()}
-    degree = training.method.schedule.degree(1.0)
+    degree = training.method.degree(1.0)
     image = training.renderer()(
         replace(training.gaussians, parameters=scene), view.lens, degree=degree,
         camera_delta=camera_delta(pose, extent),

@@ -81,8 +81,7 @@ class Fixed(Record):
         if self.ssim is not None:
             method = replace(method, loss=replace(method.loss, ssim_weight=self.ssim))
         if self.degree is not None:
-            schedule = replace(method.schedule, degrees=method.schedule.degrees[: self.degree])
-            method = replace(method, schedule=schedule)
+            method = replace(method, degrees=method.degrees[: self.degree])
         return method
 
 

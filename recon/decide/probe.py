@@ -6,13 +6,17 @@ from dataclasses import dataclass, replace
 
 from recon.data.dataset import Dataset
 from recon.data.pixels import Progress
-from recon.train.haste import haste
+from recon.train.learning_rates import rate_factor
 from recon.train.ranks import Ranks
-from recon.train.trainer import Plan, Training, train
+from recon.train.schedule import Schedule
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 
 FEWEST = 50
 """Iterations that a training within a time has: one that has no room for them is not begun."""
 WARM_UP, TRIAL = 2, 3
+LATE = 0.7
+"""Share of the schedule at which the first iterations are timed: everything is on there that ever is."""
 SHARE = 0.08
 """Of a time and of a schedule, what the miniature may take."""
 SHORTEST = 25
@@ -76,7 +80,8 @@ def probe(
         if count < SHORTEST:
             return Probe(TRIAL, pace * GROWTH, None)
     training = begin()
-    short = replace(plan, iterations=count, batch=1, log_every=count, measure=True, haste=haste(count))
+    factor = rate_factor(count)
+    short = replace(plan, iterations=count, batch=1, log_every=count, measure=True, rate_factor=factor)
     taken = _seconds(training, dataset, short, count, clock)
     pace = max(taken - training.measuring, 1e-9) / count
     return Probe(count, ranks.told(pace), ranks.told(training.curve[-1].db) if training.curve else None)
@@ -103,11 +108,12 @@ def _pace_at_once(
     begin: Callable[[], Training], dataset: Dataset, plan: Plan, ranks: Ranks, clock: Callable[[], float]
 ) -> float:
     """Seconds an iteration with as many Gaussians as a training starts with, by a few; on all ranks."""
-    # Late in an endless schedule: all harmonics on, no adaptation due.
-    warm, endless = begin(), Plan(1_000_000, plan.density, plan.seed, log_every=1_000_000)
-    warm.iteration = 700_000
-    _seconds(warm, dataset, endless, warm.iteration + WARM_UP, clock)
-    taken = _seconds(warm, dataset, endless, warm.iteration + TRIAL, clock)
+    # Standing late on the schedule: all harmonics and corrections are on, and nothing is split.
+    count = WARM_UP + TRIAL
+    training, short = begin(), Plan(count, plan.density, plan.seed, log_every=count)
+    training.schedule = Schedule.still(count, LATE)
+    _seconds(training, dataset, short, WARM_UP, clock)
+    taken = _seconds(training, dataset, short, count, clock)
     return max(ranks.told(taken / TRIAL), 1e-9)
 
 

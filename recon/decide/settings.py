@@ -10,8 +10,8 @@ from recon.decide.overrides import Fixed
 from recon.methods import METHODS
 from recon.methods.method import Method
 from recon.train.densification import DensityRules
-from recon.train.haste import haste
-from recon.train.trainer import Plan
+from recon.train.learning_rates import rate_factor
+from recon.train.training import Plan
 
 
 class Settings(Record):
@@ -66,5 +66,5 @@ class Settings(Record):
             self.seed,
             self.batch,
             measure=True,
-            haste=haste(self.iterations * self.batch),
+            rate_factor=rate_factor(self.iterations * self.batch),
         )

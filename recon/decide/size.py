@@ -226,7 +226,7 @@ class Ladder:
             )
             unsure, extent = tuple(self.refined.parameters), trials.part.extent
             views = [fitted_view(training, view, unsure, extent) for view in trials.judged]
-            told = [training.held_out_db((view,), 1.0, _ALONE) for view in views]
+            told = [training.held_out_psnr((view,), 1.0, _ALONE) for view in views]
             self.heard[count] = np.array(told)
         return self.heard[count]
 

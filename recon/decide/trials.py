@@ -18,9 +18,10 @@ from recon.decide.settings import Settings
 from recon.methods import METHODS
 from recon.observe.refinement import Refined, Refinement
 from recon.train.densification import DensityRules
-from recon.train.haste import haste
 from recon.train.initialisation import Start, gaussians_at, start_points
-from recon.train.trainer import Plan, Training, train
+from recon.train.learning_rates import rate_factor
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 
 FEWEST_VIEWS = 4
 """Held out of a trial; with fewer there is no telling a gain from luck."""
@@ -110,7 +111,8 @@ class Trials:
         start = gaussians_at(points or self.points, method.appearance, method.observation.units)
         refinement = Refinement.of(self.part, refine) if refine else None
         training = Training.begin(method, self.light, start, self.part.extent, device, refinement)
-        plan = Plan(iterations, DensityRules(gaussians), self.settings.seed, haste=haste(iterations))
+        rules, factor = DensityRules(gaussians), rate_factor(iterations)
+        plan = Plan(iterations, rules, self.settings.seed, rate_factor=factor)
 
         def told(_: str, done: int, total: int) -> None:
             self.progress(message, done, total)

@@ -1,4 +1,4 @@
-"""The methods: each a small composition of an appearance, an observation model, a loss and a schedule."""
+"""The methods: each a small composition of an appearance, an observation model and a loss."""
 
 from collections.abc import Callable
 

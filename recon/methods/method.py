@@ -9,29 +9,22 @@ from recon.scene.gaussians import GeometryRates
 
 
 @dataclass(frozen=True)
-class Schedule:
-    """What changes during training, as fractions of it.
-
-    degrees: when each further degree of the harmonics is switched on. opacity_weight: pull of the
-    mean opacity towards zero, which clears what nothing needs (luminance times opacity is known,
-    each of them alone only through occlusion).
-    """
-
-    degrees: tuple[float, ...] = (0.3, 0.6)
-    opacity_weight: float = 0.0
-
-    def degree(self, progress: float) -> int:
-        """Degree of the harmonics in use."""
-        return sum(progress >= at for at in self.degrees)
-
-
-@dataclass(frozen=True)
 class Method:
-    """An appearance, an observation model, a loss and a schedule."""
+    """An appearance, an observation model, a loss, and when harmonics are switched on.
+
+    degrees: the share of training after which each further degree of the harmonics is in use.
+    opacity_weight: pull of the mean opacity towards zero, which clears what nothing needs (luminance times
+    opacity is known, each of them alone only through occlusion).
+    """
 
     name: str
     appearance: Appearance
     observation: Observation
     loss: Photometric = field(default_factory=Photometric)
     geometry: GeometryRates = field(default_factory=GeometryRates)
-    schedule: Schedule = field(default_factory=Schedule)
+    degrees: tuple[float, ...] = (0.3, 0.6)
+    opacity_weight: float = 0.0
+
+    def degree(self, progress: float) -> int:
+        """Degree of the harmonics in use at a share of the training, 0..1."""
+        return sum(progress >= share for share in self.degrees)

@@ -10,7 +10,7 @@ import torch
 from imaging.colour import srgb_encode
 from recon.data.dataset import View
 from recon.splat import SplatCamera
-from recon.train.trainer import Training
+from recon.train.training import Training
 
 MIDDLE_GREY = 0.18
 MOST_VIEWS = 8
@@ -38,6 +38,6 @@ def exposure_of(training: Training, views: Sequence[View]) -> float:
 def _radiance(training: Training, camera: SplatCamera) -> npt.NDArray[np.float32]:
     """Linear Rec.709 radiance [H, W, 3]."""
     with torch.no_grad():
-        degree = training.method.schedule.degree(1.0)
+        degree = training.method.degree(1.0)
         image = training.renderer()(training.gaussians, camera, degree=degree).image
         return np.asarray(training.method.observation.radiance(image).cpu().numpy())

@@ -121,9 +121,9 @@ class ModelRecord(Record):
     rungs: tuple[Rung, ...]
     iterations: int | None = None
     """Iterations done."""
-    course: tuple[tuple[int, float], ...] = ()
+    schedule: tuple[tuple[int, float], ...] = ()
     """The schedule as it came: straight lines through (iteration, position), which is up to
-    `settings.iterations`. The same settings with this course give the same bytes on any machine."""
+    `settings.iterations`. The same settings with this schedule give the same bytes on any machine."""
     ending: Literal["schedule", "early stop", "goal", "interrupted"] = "schedule"
     """Why it ended: as planned, since quality stood still, since it was reached, or since the user said so
     (the checkpoint can then be gone on with)."""

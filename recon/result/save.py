@@ -31,7 +31,7 @@ from recon.result.model import (
 )
 from recon.result.splat_files import offset_of, write_splats
 from recon.train.device import device_name
-from recon.train.trainer import Training
+from recon.train.training import Training
 
 
 def write_scene(
@@ -52,14 +52,14 @@ def write_scene(
     ldr = dataset.kind == "ldr"
     gauge = "the calibration's response" if ldr else "camera signal = radiance x exposure scale"
     corrected = as_corrected(dataset, training.refinement)
-    exposure, degree = exposure_of(training, corrected.views), training.method.schedule.degree(1.0)
+    exposure, degree = exposure_of(training, corrected.views), training.method.degree(1.0)
     display_db = write_splats(folder, corrected, training, exposure, gauge, progress)
     if training.refinement is not None and training.refinement.parameters:
         store.write_json(folder / REFINEMENT, training.refinement.facts())
     why = () if training.refinement is None else training.refinement.told()
-    course = training.course
-    assert course is not None
-    interrupted = training.iteration < course.total
+    schedule = training.schedule
+    assert schedule is not None
+    interrupted = training.iteration < schedule.total
     store.write_json(folder / CALIBRATION, dataset.calibration.model_dump(mode="json"))
     session, observation = Session.open(dataset.session), training.method.observation
     files = {shot.file for view in dataset.views for shot in view.shots}
@@ -88,7 +88,7 @@ def write_scene(
         device=device_name(device),
         loss=loss,
         iterations=training.iteration,
-        course=course.turns,
+        schedule=schedule.turns,
         ending="interrupted" if interrupted else training.ending or "schedule",
         held_out_db=training.curve[-1].db if training.curve else None,
         predicted=predicted,
@@ -137,7 +137,7 @@ def _early_stop(training: Training, settings: Settings) -> tuple[Rung, ...]:
     """Whether the training was made shorter, before it or on the way; nothing where nobody looked."""
     if not settings.early_stop:
         return ()
-    cut, turns = training.ending == "early stop", training.course.turns if training.course else ()
+    cut, turns = training.ending == "early stop", training.schedule.turns if training.schedule else ()
     asked = settings.fixed.iterations or QUALITIES[settings.quality].iterations
     worth = enough(asked)
     reason = f"at most {worth} of {asked} iterations, as scenes before gained less than {ENOUGH:g} dB by more"

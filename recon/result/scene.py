@@ -20,7 +20,8 @@ from recon.result.model import CHECKPOINT, ModelRecord, SceneView, read_model, r
 from recon.scene.checkpoint import Checkpoint, read_checkpoint
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.splat import SplatCamera
-from recon.train.trainer import Training
+from recon.train.resume import light_in, restored
+from recon.train.training import Training
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +133,9 @@ def open_model(folder: Path, progress: Progress | None = None) -> Opened:
     record = read_model(folder)
     dataset = _dataset(folder, record, progress)
     checkpoint = read_checkpoint(folder / CHECKPOINT)
-    method = record.settings.composed(dataset, Training.light_in(checkpoint))
+    method = record.settings.composed(dataset, light_in(checkpoint))
     refinement = Refinement.stored(dataset, checkpoint)
-    training = Training.restore(method, checkpoint, dataset.extent, refinement=refinement)
+    training = restored(method, checkpoint, dataset.extent, refinement=refinement)
     return Opened(_scene(folder, record, checkpoint), refinement.corrected(), training)
 
 

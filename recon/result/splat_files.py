@@ -12,7 +12,7 @@ from recon.observe.photographs import Display
 from recon.result.display_colours import display_colours, steps_after
 from recon.result.model import RADIANCE, SPLATS
 from recon.scene.ply import plain_harmonics, write_ply
-from recon.train.trainer import Training
+from recon.train.training import Training
 
 
 def offset_of(dataset: Dataset) -> Vector:
@@ -30,7 +30,7 @@ def write_splats(
     that file alone, with just the coefficients that were trained.
     """
     method, light = training.method, training.light
-    degree, offset = method.schedule.degree(1.0), offset_of(dataset)
+    degree, offset = method.degree(1.0), offset_of(dataset)
     gaussians = training.gaussians.to(torch.device("cpu"))
     place = ["offset {!r} {!r} {!r}: add it to x y z".format(*offset)] if any(offset) else []
     harmonics = plain_harmonics(gaussians, method.appearance, degree)

@@ -20,9 +20,10 @@ from recon.methods import METHODS
 from recon.splat import Limits, SplatCamera, rasterize
 from recon.stability.scenes import camera, cloud
 from recon.train.densification import DensityRules
-from recon.train.haste import haste
 from recon.train.initialisation import Start, gaussians_at
-from recon.train.trainer import Plan, Training, train
+from recon.train.learning_rates import rate_factor
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 
 Float = npt.NDArray[np.float32]
 Kind = Literal["raw", "ldr", "hdr"]
@@ -100,8 +101,8 @@ def learned(
     start = Start(xyz, np.full((COUNT, 3), 0.3 * light.normaliser), COUNT)
     gaussians = gaussians_at(start, method.appearance, method.observation.units)
     training = Training.begin(method, light, gaussians, dataset.extent)
-    short = haste(ITERATIONS)  # as a whole training of that length has it
-    plan = Plan(ITERATIONS, DensityRules(2 * COUNT), seed, log_every=ITERATIONS, haste=short)
+    short = rate_factor(ITERATIONS)  # as a whole training of that length has it
+    plan = Plan(ITERATIONS, DensityRules(2 * COUNT), seed, log_every=ITERATIONS, rate_factor=short)
     train(training, dataset, plan, log=lambda line: None, save=lambda: None)
     with torch.no_grad():
         image = training.renderer()(training.gaussians, held_out.lens, degree=2).image

@@ -84,7 +84,7 @@ def train_point(
             command=choice.command(str(session), trade.method, trade.seed),
             iterations=opened.training.iteration,
             gaussians=len(opened.training.gaussians),
-            degree=opened.training.method.schedule.degree(1.0),
+            degree=opened.training.method.degree(1.0),
             refine="+".join(corrected.parameters) or None if corrected is not None else None,
             width=max(view.lens.width for view in opened.dataset.views),
             seconds=opened.record.train_seconds,

@@ -1,6 +1,6 @@
 """When a training is made shorter than planned, and why: quality stands still, is reached, or time runs out.
 
-Each is a `recon.train.trainer.Steer`. Stopping in the middle of a schedule would leave the scene at high
+Each is a `recon.train.training.Steer`. Stopping in the middle of a schedule would leave the scene at high
 learning rates, so the end is always a cool-down: the rest of the schedule in a few iterations.
 """
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from recon.train.densification import DensityRules
-from recon.train.trainer import Training
+from recon.train.training import Training
 
 COOL_DOWN = 0.2
 """Share of what is left of a schedule that a cool-down takes: near its end rates are low already."""
@@ -18,10 +18,10 @@ COOL_DOWN = 0.2
 
 def cooling(training: Training) -> int | None:
     """Iterations of a cool-down from here; None if what is left is no longer than one."""
-    course = training.course
-    assert course is not None
-    left = max(1, round(COOL_DOWN * (1 - course.progress(training.iteration)) * course.planned))
-    return left if left < course.total - training.iteration else None
+    schedule = training.schedule
+    assert schedule is not None
+    left = max(1, round(COOL_DOWN * (1 - schedule.progress(training.iteration)) * schedule.planned))
+    return left if left < schedule.total - training.iteration else None
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class EarlyStop:
 
     def __call__(self, training: Training) -> int | None:
         """At a moment of the curve only."""
-        course, curve = training.course, training.curve
-        if course is None or training.ending or len(curve) < self.moments:
+        schedule, curve = training.schedule, training.curve
+        if schedule is None or training.ending or len(curve) < self.moments:
             return None
-        if curve[-1].iteration != training.iteration or course.progress(training.iteration) < self.begin:
+        if curve[-1].iteration != training.iteration or schedule.progress(training.iteration) < self.begin:
             return None
-        promised = self.slope(training) * (1 - course.progress(training.iteration))
+        promised = self.slope(training) * (1 - schedule.progress(training.iteration))
         left = cooling(training) if promised < self.least else None
         if left is not None:
             training.ending = "early stop"
@@ -55,9 +55,9 @@ class EarlyStop:
 
     def slope(self, training: Training) -> float:
         """dB per planned training, over the last moments."""
-        assert training.course is not None
+        assert training.schedule is not None
         last = training.curve[-self.moments :]
-        places = [training.course.progress(moment.iteration) for moment in last]
+        places = [training.schedule.progress(moment.iteration) for moment in last]
         return float(np.polyfit(places, [moment.db for moment in last], 1)[0])
 
 
@@ -84,7 +84,7 @@ class Deadline:
 
     The speed of the last iterations tells when the training would end. If that is late, or early although
     the schedule has been shortened for time, the rest is fitted anew. What comes of it depends on the
-    machine; `training.course` holds it.
+    machine; `training.schedule` holds it.
     """
 
     seconds: float
@@ -103,13 +103,13 @@ class Deadline:
 
     def __call__(self, training: Training) -> int | None:
         """Now and then: every fiftieth part of the time, and at each iteration when it is nearly over."""
-        spent, course = training.seconds + training.measuring, training.course
-        assert course is not None
+        spent, schedule = training.seconds + training.measuring, training.schedule
+        assert schedule is not None
         if self._since is None:
             self._since = (training.iteration, spent)
             return None
         made, taken = training.iteration - self._since[0], spent - self._since[1]
-        left = course.total - training.iteration
+        left = schedule.total - training.iteration
         if taken < self.every * self.seconds and spent < self.late * self.seconds:
             return None
         self._since = (training.iteration, spent)
@@ -123,13 +123,13 @@ class Deadline:
             return min(fitting, left)
         if training.ending:
             return None
-        most = round((1 - course.progress(training.iteration)) * self.longest)
+        most = round((1 - schedule.progress(training.iteration)) * self.longest)
         return min(fitting, most) if min(fitting, most) > left else None
 
     def _growth(self, training: Training) -> float:
         """How much slower the rest will be, since there will be more Gaussians: half the cost is theirs."""
-        assert training.course is not None
-        now, progress = len(training.gaussians), training.course.progress(training.iteration)
+        assert training.schedule is not None
+        now, progress = len(training.gaussians), training.schedule.progress(training.iteration)
         growing = max(DensityRules(self.cap).end - progress, 0) / max(1 - progress, 1e-9)
         mean = self.cap - 0.5 * growing * (self.cap - now)
         return max((self.cap + mean) / (self.cap + now), 1.0)

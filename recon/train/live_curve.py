@@ -42,7 +42,7 @@ def period(iterations: int, views: int) -> int:
     return math.ceil(iterations / min(max(fitting, 1), MOST_MOMENTS))
 
 
-def held_out_db(
+def held_out_psnr(
     method: Method,
     gaussians: Gaussians,
     renderer: Renderer,
@@ -60,7 +60,7 @@ def held_out_db(
     total, count = 0.0, 0
     with torch.no_grad():
         for view in views[ranks.number :: ranks.count]:
-            degree = method.schedule.degree(progress)
+            degree = method.degree(progress)
             image = renderer(gaussians, view.lens, degree=degree).image
             if refinement is not None:
                 image = refinement.shaded(image, view, progress)

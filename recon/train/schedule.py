@@ -1,4 +1,4 @@
-"""The course of a training: how far along its schedule each iteration is.
+"""The schedule of a training: how far along it each iteration is.
 
 Learning rates, harmonics and growth follow the schedule. A training that is made shorter on the way must
 still come to the schedule's end, where the rates are small, so it goes through the rest of it faster.
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Course:
+class Schedule:
     """Where on the schedule the training is after each iteration: straight lines between turns.
 
     planned: the length of the schedule; a position is 0..planned. turns: (iteration, position), both
@@ -20,13 +20,18 @@ class Course:
     turns: tuple[tuple[int, float], ...]
 
     @classmethod
-    def straight(cls, planned: int) -> "Course":
+    def straight(cls, planned: int) -> "Schedule":
         """As planned: one position an iteration."""
         return cls(planned, ((0, 0), (planned, planned)))
 
     @classmethod
-    def of(cls, turns: Sequence[Sequence[float]]) -> "Course":
-        """The course that was written down as a list of turns."""
+    def still(cls, iterations: int, share: float) -> "Schedule":
+        """As many iterations that all stand at one share of the schedule, 0..1, for measuring their speed."""
+        return cls(iterations, ((0, share * iterations), (iterations, share * iterations)))
+
+    @classmethod
+    def of(cls, turns: Sequence[Sequence[float]]) -> "Schedule":
+        """The schedule that was written down as a list of turns."""
         return cls(int(turns[-1][1]), tuple((int(iteration), position) for iteration, position in turns))
 
     @property
@@ -46,11 +51,11 @@ class Course:
         """The same as a share, 0..1."""
         return self.position(iteration) / self.planned
 
-    def turned(self, iteration: int, left: int) -> "Course":
-        """Another course from `iteration` on: what is left of the schedule takes `left` iterations.
+    def turned(self, iteration: int, rest: int) -> "Schedule":
+        """Another schedule from `iteration` on: what is left of this one takes `rest` iterations.
 
-        `left` is at least 1 while the schedule is not at its end.
+        `rest` is at least 1 while the schedule is not at its end.
         """
         position = self.position(iteration)
         before = tuple(turn for turn in self.turns[:-1] if turn[0] < iteration)
-        return Course(self.planned, (*before, (iteration, position), (iteration + left, self.planned)))
+        return Schedule(self.planned, (*before, (iteration, position), (iteration + rest, self.planned)))

@@ -209,10 +209,10 @@ def run_training(
     there = record.created < began
     data: dict[str, Any] = {"reconstruction": str(folder), "device": record.device, "already_there": there}
     data |= record.model_dump(mode="json", include={"iterations", "ending", "held_out_db", "predicted"})
-    lines = [f"{folder}: {_course(record)}"]
+    lines = [f"{folder}: {_outcome(record)}"]
     if there:
         when = record.created.astimezone().strftime("%Y-%m-%d %H:%M")
-        lines = [f"{folder}: already there, finished on {when}: {_course(record)}"]
+        lines = [f"{folder}: already there, finished on {when}: {_outcome(record)}"]
     if any(record.offset):
         data["offset"] = record.offset
         lines.append(
@@ -222,7 +222,7 @@ def run_training(
     return CommandResult(data, lines, missing=_missing(record), already_there=there)
 
 
-def _course(record: "ModelRecord") -> str:
+def _outcome(record: "ModelRecord") -> str:
     """How the training went, in one line."""
     words = f"trained in {duration(record.train_seconds)} on {record.device}, {record.iterations} iterations"
     if record.ending == "early stop":

@@ -124,10 +124,10 @@ def below(quality: str) -> list[float]:
     return [best - own for best, own in zip(presets("best", "db"), presets(quality, "db"), strict=True)]
 
 
-def hasted(iterations: str) -> list[float]:
+def rate_gains(iterations: str) -> list[float]:
     """dB of the light, scene by scene, between the usual rates and those nearest to what is taken."""
     gains = []
-    for one in tables("haste")[0][1]:
+    for one in tables("learning_rates")[0][1]:
         if one["iterations"] == iterations:
             told = [FIGURE.findall(part) for part in one["factor: pictures / light, dB"].split(", ")]
             light = {float(factor): float(value) for factor, _, value in told}
@@ -277,8 +277,8 @@ CLAIMS = (
         r"more than ([\d.]+) dB better than a preset",
         lambda: [max(max(presets(quality, "behind_db")) for quality in ("draft", "standard", "best"))],
     ),
-    Claim(r"that is worth ([\d.]+) to ([\d.]+) dB", lambda: [min(hasted("300")), max(hasted("300"))]),
-    Claim(r"at 100 (\d) to (\d) \(five", lambda: [min(hasted("100")), max(hasted("100"))]),
+    Claim(r"that is worth ([\d.]+) to ([\d.]+) dB", lambda: [min(rate_gains("300")), max(rate_gains("300"))]),
+    Claim(r"at 100 (\d) to (\d) \(five", lambda: [min(rate_gains("100")), max(rate_gains("100"))]),
     Claim(r"poses in training gains ([\d.]+) dB", lambda: line("refine", r"(?m)^0\.6 px: ([+-][\d.]+) dB")),
     Claim(
         r"trains `best` in ([\d.]+) of its iterations for ([\d.]+) dB",

@@ -55,7 +55,7 @@ def test_everything_is_there_and_says_what_it_is(trained):
     assert [line["iteration"] for line in lines] == [10, 20, 30, 40, 50, 60]
     assert all(5 < line["held_out_db"] < 60 and line["seconds"] > 0 for line in lines)
     assert record.held_out_db == pytest.approx(lines[-1]["held_out_db"], abs=1e-4)
-    assert record.course == ((0, 0), (60, 60))
+    assert record.schedule == ((0, 0), (60, 60))
     assert (record.iterations, record.ending) == (60, "schedule")
     assert not list(trained.glob(".*"))
 
@@ -179,7 +179,7 @@ def test_a_budget_makes_the_schedule_as_short_as_it_must_be(session_copy, monkey
     record = read_model(folder)
     assert record.settings.budget == 4.0
     assert 50 <= record.settings.iterations < 1_000_000
-    assert open_model(folder).training.iteration == record.iterations == record.course[-1][0]
+    assert open_model(folder).training.iteration == record.iterations == record.schedule[-1][0]
 
 
 def test_a_budget_with_room_to_spare_changes_nothing(session_copy):

@@ -73,7 +73,7 @@ def test_a_training_is_as_it_was_told(session_copy, monkeypatch: pytest.MonkeyPa
     assert opened.training.iteration == 12
     assert len(opened.training.gaussians) <= 200
     assert {view.lens.width for view in opened.dataset.views} == {32}
-    assert opened.training.method.schedule.degree(1.0) == 1
+    assert opened.training.method.degree(1.0) == 1
     assert opened.training.method.loss.ssim_weight == 0.5
     assert len(opened.dataset.train) == 3
     assert {len(view.shots) for view in opened.dataset.train} == {1}

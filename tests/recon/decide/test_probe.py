@@ -17,7 +17,7 @@ from recon.result.model import read_model
 from recon.scene.gaussians import Gaussians
 from recon.train.densification import DensityRules
 from recon.train.initialisation import gaussians_at, start_points
-from recon.train.trainer import Plan, Training
+from recon.train.training import Plan, Training
 
 from .test_corrections import settings
 

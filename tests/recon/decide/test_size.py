@@ -170,7 +170,7 @@ def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypat
     assert rungs[COUNT].taken
     assert rungs[COUNT].gain is not None
     assert rungs[COLOUR].taken == (model.settings.degree > 0)
-    assert open_model(whole).training.method.schedule.degree(1.0) == model.settings.degree
+    assert open_model(whole).training.method.degree(1.0) == model.settings.degree
 
     def interrupt(message, done, total):
         if "loss" in message and done < total:

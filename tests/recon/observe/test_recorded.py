@@ -21,7 +21,7 @@ from recon.observe.linear import LinearLight
 from recon.observe.photographs import Display
 from recon.observe.recorded import shot_psnr
 from recon.splat import SplatCamera
-from recon.train.live_curve import held_out_db
+from recon.train.live_curve import held_out_psnr
 from recon.train.ranks import Ranks
 
 LINEAR = Response(kind="linear", evidence="test")
@@ -37,7 +37,7 @@ def view_of(shots, kind, cfa=None):
 
 def figures(view, observation, image) -> tuple[dict, float]:
     """The row of an evaluation, and the live curve's dB, of a model that draws `image`."""
-    method = SimpleNamespace(observation=observation, schedule=SimpleNamespace(degree=lambda _: 0))
+    method = SimpleNamespace(observation=observation, degree=lambda _: 0)
     drawn = SimpleNamespace(image=torch.from_numpy(image))
     training = SimpleNamespace(
         method=method, gaussians=None, refinement=None, renderer=lambda: lambda *_, degree: drawn
@@ -45,7 +45,7 @@ def figures(view, observation, image) -> tuple[dict, float]:
     dataset = SimpleNamespace(reported=(view,), trained_at=lambda k: True)
     rows: list[dict] = [{}]
     evaluate._against_shots(SimpleNamespace(training=training, dataset=dataset), [drawn.image], rows)
-    return rows[0], held_out_db(method, None, lambda *_, degree: drawn, None, (view,), 1.0, Ranks())
+    return rows[0], held_out_psnr(method, None, lambda *_, degree: drawn, None, (view,), 1.0, Ranks())
 
 
 @pytest.mark.parametrize("measured", [True, False])

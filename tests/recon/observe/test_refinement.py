@@ -11,7 +11,7 @@ from recon.data.dataset import load
 from recon.data.geometry import project
 from recon.data.light import light_of, radiance_image
 from recon.decide.corrections import ALL
-from recon.decide.held_out_evidence import held_out_db
+from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.overrides import Fixed
 from recon.methods import METHODS
 from recon.observe.refinement import Refinement, camera_delta
@@ -23,7 +23,9 @@ from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.splat.moved import moved
 from recon.train.densification import DensityRules
 from recon.train.initialisation import gaussians_at, start_points
-from recon.train.trainer import Plan, Training, train
+from recon.train.resume import checkpoint_of, light_in, restored
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 
 EXPOSURE_ERROR, VIGNETTING_ERROR = 0.05, (0.2, 0.1, -0.05)
 
@@ -129,7 +131,7 @@ def test_a_wrong_calibration_is_brought_back(wrong, true, trained):
 def test_held_out_views_are_predicted_better(wrong, true, trained):
     """Of the true pose up to the gauge, which is fitted on one half of the picture."""
     plain, freed = (
-        np.array([held_out_db(one, view, ["poses"], wrong.extent) for view in wrong.held_out])
+        np.array([robust_score_db(one, view, ["poses"], wrong.extent) for view in wrong.held_out])
         for one in trained
     )
     assert (freed > plain).all()
@@ -150,7 +152,7 @@ def test_a_few_wrong_samples_do_not_drown_what_the_others_tell(wrong, trained):
     """By plain squares they would take most of what a corrected calibration gains."""
 
     def gain(views):
-        plain, freed = ([held_out_db(one, view, (), wrong.extent) for view in views] for one in trained)
+        plain, freed = ([robust_score_db(one, view, (), wrong.extent) for view in views] for one in trained)
         return np.mean(np.subtract(freed, plain))
 
     clean = gain(wrong.held_out)
@@ -173,7 +175,7 @@ def test_nor_do_they_in_photographs(toy_ldr):
         run(training, dataset, 60)
         turned = [replace(view, lens=moved(view.lens, off)[0]) for view in views]
         right, other = (
-            [held_out_db(training, view, (), dataset.extent) for view in s] for s in (views, turned)
+            [robust_score_db(training, view, (), dataset.extent) for view in s] for s in (views, turned)
         )
         return np.mean(np.subtract(right, other))
 
@@ -187,9 +189,9 @@ def test_what_is_not_sure_of_a_held_out_view_is_fitted_first(wrong, trained):
     off = torch.tensor([0.0] * 3 + [0.01, 0, 0] + [0.0] * 8)
     turned = replace(view, lens=moved(view.lens, off)[0])
     training = trained[1]
-    straight = held_out_db(training, view, [], wrong.extent)
-    assert held_out_db(training, turned, [], wrong.extent) < straight - 0.5
-    fitted = [held_out_db(training, one, ["poses"], wrong.extent) for one in (view, turned)]
+    straight = robust_score_db(training, view, [], wrong.extent)
+    assert robust_score_db(training, turned, [], wrong.extent) < straight - 0.5
+    fitted = [robust_score_db(training, one, ["poses"], wrong.extent) for one in (view, turned)]
     assert fitted[0] == pytest.approx(fitted[1], abs=0.3)
 
 
@@ -200,7 +202,7 @@ def test_exposures_half_a_stop_off_are_fitted_as_well(wrong, trained, off):
     shots = tuple(replace(shot, k=shot.k * float(np.exp(off))) for shot in view.shots)
     # A method knows the exposures of a view by its name, so this one has its own.
     mislabelled, training = replace(view, frame=100 + (off > 0), shots=shots), trained[1]
-    fitted = [held_out_db(training, one, ["exposures"], wrong.extent) for one in (view, mislabelled)]
+    fitted = [robust_score_db(training, one, ["exposures"], wrong.extent) for one in (view, mislabelled)]
     assert fitted[0] == pytest.approx(fitted[1], abs=0.1)
 
 
@@ -268,13 +270,13 @@ def test_a_corrected_training_goes_on_bit_for_bit(wrong, tmp_path):
     whole, first = begin(wrong, ALL, 200), begin(wrong, ALL, 200)
     run(whole, wrong, 30)
     run(first, wrong, 30, until=13)
-    write_checkpoint(tmp_path / "c.safetensors", first.checkpoint({}))
+    write_checkpoint(tmp_path / "c.safetensors", checkpoint_of(first, {}))
     read = read_checkpoint(tmp_path / "c.safetensors")
-    method = METHODS["nh-3dgs"](wrong, Training.light_in(read))
+    method = METHODS["nh-3dgs"](wrong, light_in(read))
     refinement = Refinement.stored(wrong, read)
-    second = Training.restore(method, read, wrong.extent, refinement=refinement)
+    second = restored(method, read, wrong.extent, refinement=refinement)
     run(second, wrong, 30)
-    one, two = whole.checkpoint({}).tensors, second.checkpoint({}).tensors
+    one, two = checkpoint_of(whole, {}).tensors, checkpoint_of(second, {}).tensors
     assert set(one) == set(two)
     assert {f"refinement.{name}" for name in ALL} < set(one)
     for name, value in one.items():

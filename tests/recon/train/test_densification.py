@@ -10,7 +10,7 @@ from recon.scene.appearance import LuminanceChromaticity
 from recon.scene.gaussians import GEOMETRY, Gaussians
 from recon.splat import SplatStats
 from recon.train.densification import Density, DensityRules, rotate
-from recon.train.trainer import Training
+from recon.train.training import Training
 
 COUNT = 40
 

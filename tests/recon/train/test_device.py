@@ -16,7 +16,7 @@ from recon.methods import METHODS
 from recon.scene.appearance import LogRadiance, LuminanceChromaticity, PlainHarmonics, SoftplusRadiance
 from recon.train.device import device_name, training_device
 from recon.train.initialisation import gaussians_at, start_points
-from recon.train.trainer import Training
+from recon.train.training import Training
 
 META = torch.device("meta")
 

@@ -14,8 +14,10 @@ from recon.train.densification import DensityRules
 from recon.train.early_stopping import COOL_DOWN, Deadline, EarlyStop, Goal
 from recon.train.initialisation import gaussians_at, start_points
 from recon.train.live_curve import Moment, chosen_views, period
-from recon.train.schedule import Course
-from recon.train.trainer import Plan, Training, train
+from recon.train.resume import checkpoint_of, light_in, restored
+from recon.train.schedule import Schedule
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 
 CAP = 300
 
@@ -59,7 +61,7 @@ def run(training, dataset, iterations, steers=(), clock=None, until=None):
 
 
 def assert_same(first: Training, second: Training) -> None:
-    one, two = (training.checkpoint({}).tensors for training in (first, second))
+    one, two = (checkpoint_of(training, {}).tensors for training in (first, second))
     assert set(one) == set(two)
     for name, value in one.items():
         assert torch.equal(value, two[name]), name
@@ -82,8 +84,8 @@ def test_a_time_is_kept_whatever_the_machine_does(begun, toy_dataset, cost, plan
     run(training, toy_dataset, planned, [clock.tick, Deadline(1.0, 1000, CAP)], clock)
     assert 0.9 <= clock.now - 1000 <= 1.05
     assert training.seconds + training.measuring <= 1.0
-    assert training.iteration == training.course.total
-    assert training.course.progress(training.iteration) == 1
+    assert training.iteration == training.schedule.total
+    assert training.schedule.progress(training.iteration) == 1
     assert training.optimizer.param_groups[0]["lr"] < 2 * training.optimizer.param_groups[0]["rate"].end
 
 
@@ -96,24 +98,24 @@ def test_a_machine_that_stands_still_ends_the_training_at_once(begun, toy_datase
 def test_time_to_spare_does_not_make_a_preset_longer(begun, toy_dataset):
     training, clock = begun(), Clock(lambda t: 0.001)
     run(training, toy_dataset, 40, [clock.tick, Deadline(1.0, 40, CAP)], clock)
-    assert training.course == Course.straight(40)
+    assert training.schedule == Schedule.straight(40)
 
 
 def test_what_the_clock_made_of_a_schedule_can_be_made_again_without_one(begun, toy_dataset):
     first, clock = begun(), Clock(lambda t: 0.01 if t.iteration < 25 else 0.03)
     run(first, toy_dataset, 60, [clock.tick, Deadline(0.7, 1000, CAP)], clock)
-    assert len(first.course.turns) > 2
+    assert len(first.schedule.turns) > 2
     second = begun()
-    second.course = Course.of(first.course.turns)
+    second.schedule = Schedule.of(first.schedule.turns)
     run(second, toy_dataset, 60)
     assert_same(first, second)
 
 
 def test_quality_that_stands_still_is_told_from_quality_that_rises():
     def at(values, total=160):
-        course = Course.straight(total)
+        schedule = Schedule.straight(total)
         curve = [Moment(10 * (i + 1), float(i), db) for i, db in enumerate(values)]
-        return SimpleNamespace(course=course, curve=curve, ending="", iteration=10 * len(values))
+        return SimpleNamespace(schedule=schedule, curve=curve, ending="", iteration=10 * len(values))
 
     rising = [20 + 0.3 * i for i in range(8)]
     flat = [*rising[:4], 21.0, 21.02, 20.99, 21.01, 21.0]
@@ -135,7 +137,7 @@ def test_a_converged_scene_stops_by_itself_and_cools_down(begun, toy_dataset):
     run(whole, toy_dataset, 320)
     lines = run(short, toy_dataset, 320, [EarlyStop(least=1.0)])
     assert short.ending == "early stop"
-    (_, (stopped, place), end) = short.course.turns
+    (_, (stopped, place), end) = short.schedule.turns
     assert stopped == place
     assert end == (stopped + round(COOL_DOWN * (320 - stopped)), 320)
     assert short.iteration == lines[-1]["iteration"] == end[0] < 320
@@ -152,14 +154,12 @@ def test_stopped_by_hand_and_gone_on_it_stops_where_it_would_have(begun, toy_dat
     whole, first = begun(), begun()
     run(whole, toy_dataset, 160, steers)
     run(first, toy_dataset, 160, steers, until=stop)
-    write_checkpoint(tmp_path / "c.safetensors", first.checkpoint({}))
+    write_checkpoint(tmp_path / "c.safetensors", checkpoint_of(first, {}))
     read = read_checkpoint(tmp_path / "c.safetensors")
-    second = Training.restore(
-        METHODS["nh-3dgs"](toy_dataset, Training.light_in(read)), read, toy_dataset.extent
-    )
+    second = restored(METHODS["nh-3dgs"](toy_dataset, light_in(read)), read, toy_dataset.extent)
     run(second, toy_dataset, 160, steers)
     assert whole.ending == second.ending == "early stop"
-    assert whole.course == second.course
+    assert whole.schedule == second.schedule
     assert [(m.iteration, m.db) for m in whole.curve] == [(m.iteration, m.db) for m in second.curve]
     assert_same(whole, second)
 

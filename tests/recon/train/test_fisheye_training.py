@@ -13,7 +13,8 @@ from recon.methods import METHODS
 from recon.scene.gaussians import Gaussians
 from recon.train.densification import DensityRules
 from recon.train.initialisation import gaussians_at, start_points
-from recon.train.trainer import Plan, Training, train
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,8 @@ from recon.data.truth import true_radiance
 from recon.methods import METHODS
 from recon.train.densification import DensityRules
 from recon.train.initialisation import colours_at, gaussians_at, start_points
-from recon.train.trainer import Plan, Training, train
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 
 RECTANGLE = (18, 14)
 """Width and height, px, of what is painted over."""

@@ -20,7 +20,9 @@ from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.train.densification import DensityRules
 from recon.train.initialisation import gaussians_at, start_points
 from recon.train.ranks import Ranks, joined
-from recon.train.trainer import Plan, Training, train
+from recon.train.resume import checkpoint_of
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 
 ROOT = Path(__file__).parents[3]
 PLAN = Plan(30, DensityRules(700, every=0.1), seed=5, batch=2, log_every=10)
@@ -43,7 +45,7 @@ def train_here(session: Path, out: Path, ranks: Ranks) -> list[dict[str, float]]
     for until in (14, PLAN.iterations):
         train(training, dataset, PLAN, log=lines.append, save=lambda: None, until=until, ranks=ranks)
     training.gather(ranks)
-    write_checkpoint(out / f"{ranks.number}.safetensors", training.checkpoint({}))
+    write_checkpoint(out / f"{ranks.number}.safetensors", checkpoint_of(training, {}))
     return lines
 
 

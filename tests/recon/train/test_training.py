@@ -17,7 +17,9 @@ from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.scene.gaussians import Gaussians
 from recon.train.densification import DensityRules
 from recon.train.initialisation import gaussians_at, start_points
-from recon.train.trainer import Plan, Training, train
+from recon.train.resume import checkpoint_of, light_in, restored
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 
 CAP = 900
 
@@ -76,7 +78,7 @@ def test_the_baseline_learns_too(begun, toy_dataset):
 
 
 def state(training: Training) -> dict[str, torch.Tensor]:
-    tensors = training.checkpoint({}).tensors
+    tensors = checkpoint_of(training, {}).tensors
     return {name: value for name, value in tensors.items() if torch.is_tensor(value)}
 
 
@@ -95,10 +97,10 @@ def test_a_training_that_was_stopped_goes_on_bit_for_bit(begun, toy_dataset, tmp
     run(whole, toy_dataset, plan)
     first = begun()
     run(first, toy_dataset, plan, until=stop)
-    write_checkpoint(tmp_path / "c.safetensors", first.checkpoint({}))
+    write_checkpoint(tmp_path / "c.safetensors", checkpoint_of(first, {}))
     read = read_checkpoint(tmp_path / "c.safetensors")
-    method = METHODS["nh-3dgs"](toy_dataset, Training.light_in(read))
-    second = Training.restore(method, read, toy_dataset.extent)
+    method = METHODS["nh-3dgs"](toy_dataset, light_in(read))
+    second = restored(method, read, toy_dataset.extent)
     assert second.iteration == stop
     run(second, toy_dataset, plan)
     assert_same(whole, second)
@@ -193,7 +195,7 @@ def test_scenes_without_information_stay_finite(begun, toy_dataset, what):
 
 def test_restored_gaussians_are_those_that_were_saved(begun):
     training = begun()
-    checkpoint = training.checkpoint({"note": 1})
+    checkpoint = checkpoint_of(training, {"note": 1})
     assert isinstance(Gaussians(checkpoint.part("gaussians")), Gaussians)
     for name, value in training.gaussians.parameters.items():
         assert torch.equal(checkpoint.part("gaussians")[name], value)

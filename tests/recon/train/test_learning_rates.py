@@ -9,10 +9,11 @@ from recon.decide.settings import Settings
 from recon.methods import METHODS
 from recon.observe.refinement import RATES, Refinement
 from recon.train.densification import DensityRules
-from recon.train.haste import USUAL, haste
 from recon.train.initialisation import gaussians_at, start_points
+from recon.train.learning_rates import USUAL, rate_factor
 from recon.train.ranks import Ranks
-from recon.train.trainer import Plan, Training, train
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
 
 CAP = 400
 
@@ -38,10 +39,10 @@ def run(training, dataset, plan, until=None):
 
 
 def test_the_shorter_the_training_the_larger_its_steps():
-    assert haste(USUAL) == 1
-    factors = [haste(n) for n in (1, 50, 300, 4000, 10**6)]
+    assert rate_factor(USUAL) == 1
+    factors = [rate_factor(n) for n in (1, 50, 300, 4000, 10**6)]
     assert factors == sorted(factors, reverse=True)
-    assert 2 < haste(300) < 2.3
+    assert 2 < rate_factor(300) < 2.3
     assert np.isfinite(factors).all()
 
 
@@ -50,7 +51,7 @@ def test_a_whole_training_has_the_rates_of_its_length_over_all_that_share_it():
     one, two = (
         Settings.model_validate(given | {"iterations": n, "batch": b}).plan() for n, b in ((300, 1), (150, 2))
     )
-    assert one.haste == two.haste == haste(300)
+    assert one.rate_factor == two.rate_factor == rate_factor(300)
     assert (one.iterations, one.density, one.seed, one.measure) == (300, DensityRules(500), 3, True)
 
 
@@ -63,14 +64,14 @@ def test_a_trial_has_the_rates_of_its_length(toy_dataset, monkeypatch):
     )
     some = trials.Trials.of(toy_dataset, settings, 50, lambda message, done, total: None)
     some.trained(40, 100, "a trial")
-    assert plans == [Plan(40, DensityRules(100), 3, haste=haste(40))]
+    assert plans == [Plan(40, DensityRules(100), 3, rate_factor=rate_factor(40))]
 
 
 def test_everything_moves_faster_but_for_corrections(begun, toy_dataset):
     rates = []
     for factor in (1.0, 3.0):
         training = begun(Refinement.of(toy_dataset, ["poses", "exposures"]))
-        run(training, toy_dataset, Plan(100, DensityRules(CAP), haste=factor), until=1)
+        run(training, toy_dataset, Plan(100, DensityRules(CAP), rate_factor=factor), until=1)
         rates.append({group["name"]: group["lr"] for group in training.optimizer.param_groups})
     for name, usual in rates[0].items():
         assert rates[1][name] == pytest.approx(usual if name in RATES else 3 * usual)
@@ -80,7 +81,8 @@ def test_everything_moves_faster_but_for_corrections(begun, toy_dataset):
 def test_a_short_training_gets_further_at_the_rates_of_its_length(begun, toy_dataset):
     """By more than 1 dB of held-out views, in 40 iterations."""
     usual, short = (
-        run(begun(), toy_dataset, Plan(40, DensityRules(CAP), haste=factor)) for factor in (1.0, haste(40))
+        run(begun(), toy_dataset, Plan(40, DensityRules(CAP), rate_factor=factor))
+        for factor in (1.0, rate_factor(40))
     )
-    told = [training.held_out_db(toy_dataset.held_out, 1.0, Ranks()) for training in (usual, short)]
+    told = [training.held_out_psnr(toy_dataset.held_out, 1.0, Ranks()) for training in (usual, short)]
     assert told[1] > told[0] + 1.0

@@ -1,6 +1,6 @@
 """Which learning rates suit trainings of which length: the usual ones times several factors.
 
-    python -m bench.decided.haste [--quick] [--json] [--write] [--work FOLDER] [--ladder FOLDER]
+    python -m bench.decided.learning_rates [--quick] [--json] [--write] [--work FOLDER] [--ladder FOLDER]
 
 Three scenes of bench/recon/presets.py, in FOLDER of --work, and two of bench/recon/ladder.py, in that of
 --ladder, trained as `rig reconstruct --quality draft` trains them (at most 20,000 Gaussians, 320 px), with
@@ -20,7 +20,7 @@ from bench.support.trial import Cache
 from recon.decide.overrides import Fixed
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
-from recon.train.haste import haste
+from recon.train.learning_rates import rate_factor
 from recon.train.warm_up import warm_up
 
 FACTORS = {
@@ -34,7 +34,7 @@ LADDER = ("linear 0", "HDR 0")
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    cache, rows = Cache(options.work / "haste.jsonl"), []
+    cache, rows = Cache(options.work / "learning_rates.jsonl"), []
     folders = {scene.name: (folder_of, scene, options.work) for scene in options.scenes}
     folders |= {one.name: (ladder_scenes.session, one, options.ladder) for one in options.kinds}
     for name, (session, scene, work) in folders.items():
@@ -50,8 +50,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def one(folder: Path, iterations: int, factor: float) -> dict[str, float]:
     """Held-out dB, and dB to the truth, of a whole training at so many times the usual rates."""
     warm_up(lambda message, done, total: None)
-    with mock.patch("recon.result.model.haste", return_value=factor):
-        made = reconstruct(folder, quality="draft", fixed=Fixed(iterations=iterations), name="haste")
+    with mock.patch("recon.decide.settings.rate_factor", return_value=factor):
+        made = reconstruct(folder, quality="draft", fixed=Fixed(iterations=iterations), name="learning_rates")
     metrics = evaluate(made)
     shutil.rmtree(made)
     db = metrics["raw_psnr"] if "raw_psnr" in metrics else metrics["ldr_psnr_oe"]
@@ -62,9 +62,9 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Learning rates by the length of a training",
         "",
-        f"`python -m bench.decided.haste --write`, {words(result['machine'])}. Held-out pictures / "
-        "light, dB, at so "
-        "many times the usual rates, of at most 20,000 Gaussians; taken: the factor of `recon.train.haste`.",
+        f"`python -m bench.decided.learning_rates --write`, {words(result['machine'])}. Held-out pictures / "
+        "light, dB, at so many times the usual rates, of at most 20,000 Gaussians; taken: the factor of "
+        "`recon.train.learning_rates`.",
         "",
         "| iterations | taken | scene | factor: pictures / light, dB |",
         "|---|---|---|---|",
@@ -75,7 +75,7 @@ def report(result: dict[str, Any]) -> str:
             own = [row for row in rows if (row["iterations"], row["scene"]) == (iterations, name)]
             told = [f"{row['factor']:g}: {row['db']:.2f} / {row['truth_db']:.2f}" for row in own]
             if told:
-                lines.append(f"| {iterations} | {haste(iterations):.2f} | {name} | {', '.join(told)} |")
+                lines.append(f"| {iterations} | {rate_factor(iterations):.2f} | {name} | {', '.join(told)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -91,7 +91,7 @@ def main() -> None:
     if options.quick:
         options.scenes, options.kinds, options.factors = TOYS, [], {50: (1, 4)}
     result = measure(options)
-    deliver(options, "haste", result, report(result))
+    deliver(options, "learning_rates", result, report(result))
 
 
 if __name__ == "__main__":

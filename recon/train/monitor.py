@@ -1,0 +1,106 @@
+"""What happens between two iterations of a training: it is measured, logged, steered and saved."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from recon.data.dataset import View
+from recon.data.pixels import Progress
+from recon.train.interrupt import Interrupt
+from recon.train.live_curve import Moment, chosen_views, period
+from recon.train.ranks import Ranks
+from recon.train.schedule import Schedule
+from recon.train.training import Plan, Steer, Training
+
+
+@dataclass
+class Monitor:
+    """Looks at a training after each iteration; `log`, `save`, `progress`, `steers` are as `train` has them.
+
+    held_out: views that the live curve may be of. interrupt: whether the user asked to stop.
+    """
+
+    training: Training
+    schedule: Schedule
+    plan: Plan
+    held_out: Sequence[View]
+    log: Callable[[dict[str, Any]], None]
+    save: Callable[[], None]
+    progress: Progress | None
+    ranks: Ranks
+    steers: Sequence[Steer]
+    interrupt: Interrupt
+    clock: Callable[[], float] = time.monotonic
+    _losses: list[float] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        self._measured_views = chosen_views(self.held_out) if self.plan.measure else ()
+        self._period = period(self.plan.iterations, len(self._measured_views))
+        self._started = self.clock() - self.training.seconds - self.training.measuring
+        self._saved = self.clock()
+
+    def after(self, loss: float) -> Schedule:
+        """Look at the training after an iteration of this loss; returns the schedule of those that follow.
+
+        KeyboardInterrupt, after it is saved, where the user asked to stop.
+        """
+        training = self.training
+        self._losses.append(loss)
+        training.seconds = self.clock() - self._started - training.measuring
+        last = training.iteration == self.schedule.total
+        measured = bool(self._measured_views) and (last or training.iteration % self._period == 0)
+        if measured:
+            self._measure()
+        if measured or last or training.iteration % self.plan.log_every == 0:
+            self._report(measured)
+        wish = self._wish() if self.ranks.first and not last else 0
+        due = self.ranks.first and self.clock() - self._saved > self.plan.checkpoint_seconds
+        stop, late, rest = self.ranks.totals(self.interrupt.asked, due, wish)
+        if rest:
+            self.schedule = training.schedule = self.schedule.turned(training.iteration, int(rest))
+        if stop or late:
+            training.gather(self.ranks, self.ranks.first)
+            if self.ranks.first:
+                self.save()
+            self._saved = self.clock()
+        if stop:
+            raise KeyboardInterrupt
+        return self.schedule
+
+    def _measure(self) -> None:
+        training, progress = self.training, self.schedule.progress(self.training.iteration)
+        quality = training.held_out_psnr(self._measured_views, progress, self.ranks)
+        training.curve.append(Moment(training.iteration, training.seconds, quality))
+        training.measuring = self.clock() - self._started - training.seconds
+
+    def _report(self, measured: bool) -> None:
+        """A line of the log, and one for whoever waits."""
+        training = self.training
+        (loss,) = self.ranks.totals(float(np.mean(self._losses)))
+        self._losses = []
+        if not self.ranks.first:
+            return
+        line = {
+            "iteration": training.iteration,
+            "loss": loss,
+            "gaussians": len(training.gaussians),
+            "seconds": round(training.seconds, 3),
+        }
+        self.log(line | ({"held_out_db": round(training.curve[-1].db, 4)} if measured else {}))
+        if self.progress:
+            self.progress(_state(training, loss), training.iteration, self.schedule.total)
+
+    def _wish(self) -> int:
+        """What the first of the steers that wants a change wants; 0: none does."""
+        wishes = (steer(self.training) for steer in self.steers)
+        return next((wish for wish in wishes if wish is not None), 0)
+
+
+def _state(training: Training, loss: float) -> str:
+    """How it goes, in few words; a narrow terminal cuts off the last ones."""
+    speed = training.iteration / max(training.seconds, 1e-9)
+    held_out = f"held-out {training.curve[-1].db:.1f} dB, " if training.curve else ""
+    return f"{held_out}loss {loss:.4f}, {speed:.1f} it/s"

@@ -1,0 +1,76 @@
+"""A training as a checkpoint, and back: it goes on bit for bit."""
+
+from typing import Any
+
+import torch
+
+from recon.data.light import Light
+from recon.methods.method import Method
+from recon.observe.refinement import Refinement
+from recon.scene.checkpoint import Checkpoint, adam_tensors, restore_adam
+from recon.scene.gaussians import Gaussians
+from recon.train.live_curve import Moment
+from recon.train.schedule import Schedule
+from recon.train.training import Training
+
+_CPU = torch.device("cpu")
+_STATS = ("seen", "gradient", "radius", "weight")
+
+
+def checkpoint_of(training: Training, facts: dict[str, Any]) -> Checkpoint:
+    """All of a training as tensors and facts, beside further `facts`."""
+    corrections = {} if training.refinement is None else training.refinement.parameters
+    rungs = () if training.refinement is None else training.refinement.rungs
+    stats = {f"stats.{key}": torch.from_numpy(getattr(training.stats, key).copy()) for key in _STATS}
+    state = {
+        "iteration": training.iteration,
+        "seconds": training.seconds,
+        "measuring": training.measuring,
+        "schedule": training.schedule and training.schedule.turns,
+        "curve": [vars(moment) for moment in training.curve],
+        "ending": training.ending,
+        "light": vars(training.light),
+        "refinement": [rung.model_dump(mode="json") for rung in rungs],
+    }
+    return Checkpoint(
+        {
+            **{f"gaussians.{name}": value for name, value in training.gaussians.parameters.items()},
+            **{f"shared.{name}": value for name, value in training.method.observation.shared.items()},
+            **{f"refinement.{name}": value for name, value in corrections.items()},
+            **adam_tensors(training.optimizer),
+            **stats,
+        },
+        {**facts, **state},
+    )
+
+
+def light_in(checkpoint: Checkpoint) -> Light:
+    """The scalars that the method has to be composed with before its training is restored."""
+    return Light(**checkpoint.facts["light"])
+
+
+def restored(
+    method: Method,
+    checkpoint: Checkpoint,
+    extent: float,
+    device: torch.device = _CPU,
+    refinement: Refinement | None = None,
+) -> Training:
+    """The training that `checkpoint` was taken of; `method` is composed anew, as it was then.
+
+    refinement: `Refinement.stored` in the same checkpoint, where anything is corrected.
+    """
+    for name, value in checkpoint.part("shared").items():
+        method.observation.shared[name].data.copy_(value)
+    gaussians, facts = Gaussians(checkpoint.part("gaussians")), checkpoint.facts
+    training = Training.begin(method, light_in(checkpoint), gaussians, extent, device, refinement)
+    restore_adam(training.optimizer, checkpoint.part("adam"))
+    for key, value in checkpoint.part("stats").items():
+        setattr(training.stats, key, value.numpy().copy())
+    training.iteration = facts["iteration"]
+    training.seconds = facts["seconds"]
+    training.measuring = facts["measuring"]
+    training.schedule = facts["schedule"] and Schedule.of(facts["schedule"])
+    training.curve = [Moment(**moment) for moment in facts["curve"]]
+    training.ending = facts["ending"]
+    return training

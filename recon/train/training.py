@@ -1,0 +1,121 @@
+"""A training between two iterations, and the plan that it follows."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import torch
+
+from recon.data.dataset import View
+from recon.data.light import Light
+from recon.methods.method import Method
+from recon.observe.refinement import RATES, Refinement
+from recon.scene.gaussians import Gaussians, Renderer, limits_for
+from recon.splat import SplatStats
+from recon.train.densification import DensityRules
+from recon.train.live_curve import Moment, held_out_psnr
+from recon.train.ranks import Ranks
+from recon.train.schedule import Schedule
+
+_CPU = torch.device("cpu")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How long to train, how far to grow, and with which seed; everything else is a fraction of it.
+
+    batch: views that an iteration looks at before it takes a step. As in Grendel-GS (Zhao et al., arXiv
+    2406.18533), learning rates grow with its square root, and Adam forgets as much a view as ever.
+    measure: whether held-out views are looked at on the way. rate_factor: of the learning rates, but for
+    those of corrections.
+    """
+
+    iterations: int
+    density: DensityRules
+    seed: int = 0
+    batch: int = 1
+    log_every: int = 50
+    checkpoint_seconds: float = 20.0
+    measure: bool = False
+    rate_factor: float = 1.0
+
+
+@dataclass
+class Training:
+    """A training between two iterations: all that the next one depends on.
+
+    schedule: None until it begins. curve: what was measured so far. ending: why the schedule was cut short,
+    if it was. seconds: of training alone; measuring: those of measuring.
+    """
+
+    method: Method
+    light: Light
+    gaussians: Gaussians
+    optimizer: torch.optim.Optimizer
+    stats: SplatStats
+    refinement: Refinement | None = None
+    iteration: int = 0
+    seconds: float = 0.0
+    measuring: float = 0.0
+    schedule: Schedule | None = None
+    curve: list[Moment] = field(default_factory=list)
+    ending: Literal["", "early stop", "goal"] = ""
+
+    @classmethod
+    def begin(
+        cls,
+        method: Method,
+        light: Light,
+        gaussians: Gaussians,
+        extent: float,
+        device: torch.device = _CPU,
+        refinement: Refinement | None = None,
+    ) -> "Training":
+        """Nothing trained yet, on a device; `extent` scales the learning rate of the means."""
+        gaussians = gaussians.to(device)
+        method.observation.to(device)
+        rates = {**method.geometry.all(extent), **method.appearance.rates, **method.observation.rates}
+        parameters = {**gaussians.parameters, **method.observation.shared}
+        if refinement is not None:
+            refinement.to(device)
+            rates |= {str(name): RATES[name] for name in refinement.parameters}
+            parameters |= {str(name): value for name, value in refinement.parameters.items()}
+        groups = [
+            {
+                "name": name,
+                "params": [value.requires_grad_(True)],
+                "rate": rates[name],
+                "lr": rates[name].start,
+            }
+            for name, value in parameters.items()
+        ]
+        optimizer = torch.optim.Adam(groups, eps=1e-15, fused=True)
+        return cls(method, light, gaussians, optimizer, SplatStats(len(gaussians)), refinement)
+
+    def renderer(self) -> Renderer:
+        """How its Gaussians are drawn."""
+        return Renderer(self.method.appearance, limits_for(self.light.reference))
+
+    def held_out_psnr(self, views: Sequence[View], progress: float, ranks: Ranks) -> float:
+        """Quality of views, dB: see `live_curve.held_out_psnr`."""
+        return held_out_psnr(
+            self.method, self.gaussians, self.renderer(), self.refinement, views, progress, ranks
+        )
+
+    def parameters(self) -> list[torch.Tensor]:
+        """Gaussians, what the observation model shares, and corrections."""
+        return [tensor for group in self.optimizer.param_groups for tensor in group["params"]]
+
+    def gather(self, ranks: Ranks, keep: bool = True) -> None:
+        """Make the statistics those of all ranks; one that does not `keep` them counts anew from zero."""
+        ranks.add_array(self.stats.seen)
+        ranks.add_array(self.stats.gradient)
+        ranks.raise_array(self.stats.radius)
+        ranks.raise_array(self.stats.weight)
+        if not keep:
+            self.stats = SplatStats(len(self.gaussians))
+
+
+Steer = Callable[[Training], int | None]
+"""Asked after each iteration but the last: how many iterations, at least 1, what is left of the schedule
+shall take from here on; None for as many as it would."""
