@@ -41,7 +41,7 @@ def evaluate(folder: str | Path, progress: Progress | None = None) -> dict[str, 
     """Evaluate SESSION/reconstructions/NAME: the metrics, which metrics.json has too.
 
     renders/ and references/ hold the pictures that are compared (`recon.perceptual`).
-    What the names mean is said in `rig.report.sections.measures`. Figures against truth use one peak, the
+    What the names mean is said in `rig.report.metrics`. Figures against truth use one peak, the
     truth's maximum over the held-out views, and `_aligned` ones a single scale for all of them; PSNRs are
     means over views, stops_median and relative_error_by_decade (of aligned radiance) pool their values.
     `views` has the same per view. `measured_on` says whether the views are test views, which nothing was

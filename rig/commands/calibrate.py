@@ -10,7 +10,7 @@ import typer
 from imaging.errors import PartialError
 from rig.commands.board import EXAMPLE, BoardText, board_text
 from rig.commands.options import JsonOption, SessionArgument
-from rig.terminal.progress import Status
+from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
 
@@ -53,7 +53,7 @@ def calibrate(
 
 def run_calibrate(
     session: Path,
-    status: Status,
+    status: StatusLine,
     only: Part | None = None,
     board: "Board | None" = None,
     chart: bool = False,

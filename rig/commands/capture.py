@@ -12,7 +12,7 @@ from imaging.session.paths import has_shots
 from rig.commands.options import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.commands.rehearsal import rehearse
 from rig.commands.usb_bus import source_of
-from rig.terminal.progress import Status
+from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, missing_parts, removed_on_failure, running
 from rig.terminal.text import command_line, counted
 
@@ -195,7 +195,7 @@ def _request(
 def run_capture(
     sim: str | None,
     out: Path,
-    status: Status,
+    status: StatusLine,
     request: CaptureRequest,
     *,
     seed: int,

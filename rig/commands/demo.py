@@ -13,7 +13,7 @@ from rig.commands.capture import run_capture
 from rig.commands.evaluate import headline, run_evaluate
 from rig.commands.options import JsonOption
 from rig.commands.reconstruct import MethodName, run_training
-from rig.terminal.progress import Status
+from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import command_line, duration, number
 
@@ -40,7 +40,7 @@ def demo(
         return run_demo(out, status)
 
 
-def run_demo(out: Path, status: Status, clock: Callable[[], float] = time.monotonic) -> CommandResult:
+def run_demo(out: Path, status: StatusLine, clock: Callable[[], float] = time.monotonic) -> CommandResult:
     """The four stages; each is skipped, or nearly so, if it is finished."""
     times: dict[str, float] = {}
     before: list[str] = []
@@ -95,7 +95,7 @@ def _time(times: Mapping[str, float], before: Sequence[str]) -> str:
     return "Time: " + "; ".join(part for part in (words, done) if part)
 
 
-def _capture(out: Path, status: Status) -> CommandResult:
+def _capture(out: Path, status: StatusLine) -> CommandResult:
     """A new capture, or what the one in OUT lacks."""
     from capture.record.source import CaptureRequest
 

@@ -6,19 +6,10 @@ from typing import Any
 from imaging.files import store
 from imaging.session.paths import find_reconstruction
 from rig.commands.options import JsonOption, ReconstructionsArgument
-from rig.report.sections.measures import validation
-from rig.terminal.progress import Status
+from rig.report.metrics import METRICS, validation
+from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, for_each_scene, running
 from rig.terminal.text import number
-
-HEADLINES = (
-    ("hdr_psnr_mu_aligned", "HDR PSNR (mu-law, aligned)", "dB"),
-    ("stops_median", "median error", "stops"),
-    ("raw_psnr", "RAW PSNR", "dB"),
-    ("ldr_psnr_oe", "PSNR", "dB"),
-    ("ldr_psnr_ne", "PSNR at unseen exposures", "dB"),
-    ("ssim", "SSIM", ""),
-)
 
 
 def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = False) -> CommandResult:
@@ -36,7 +27,7 @@ def evaluate(reconstructions: ReconstructionsArgument, as_json: JsonOption = Fal
         )
 
 
-def run_evaluate(folder: Path, status: Status) -> CommandResult:
+def run_evaluate(folder: Path, status: StatusLine) -> CommandResult:
     """Evaluate, write the report and say what came of it."""
     from recon.data.pixels import decoded_once
     from recon.evaluate import evaluate as evaluate_scene
@@ -65,8 +56,9 @@ def _evaluation_result(folder: Path, metrics: dict[str, Any], report: Path) -> C
 def headline(metrics: dict[str, Any]) -> str:
     """The numbers that say most, in one line."""
     words = [
-        f"{name}{validation(metrics, key)} {number(metrics[key])} {unit}".strip()
-        for key, name, unit in HEADLINES
-        if isinstance(metrics.get(key), int | float)
+        f"{metric.in_line}{validation(metrics, metric.key)} "
+        f"{number(metrics[metric.key])} {metric.unit}".strip()
+        for metric in METRICS
+        if metric.in_line and isinstance(metrics.get(metric.key), int | float)
     ]
     return ", ".join(words) or "no view was held out, so nothing could be measured"

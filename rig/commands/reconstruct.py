@@ -13,7 +13,7 @@ from rig.commands.evaluate import evaluated_before, run_evaluate
 from rig.commands.options import JsonOption, SeedOption, SessionArgument
 from rig.commands.options import budget as parsed_budget
 from rig.terminal.failures import Stopped
-from rig.terminal.progress import Status, is_main_process
+from rig.terminal.progress import StatusLine, is_main_process
 from rig.terminal.result import CommandResult, running
 from rig.terminal.start_time import started_at
 from rig.terminal.text import command_line, duration
@@ -112,7 +112,7 @@ def reconstruct(
 
 def run_reconstruct(
     session: Path,
-    status: Status,
+    status: StatusLine,
     *,
     method: MethodName,
     quality: Quality,
@@ -165,7 +165,7 @@ def run_reconstruct(
 
 def run_training(
     session: Path,
-    status: Status,
+    status: StatusLine,
     *,
     method: MethodName,
     quality: Quality = "standard",

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.commands.usb_bus import source_of
-from rig.terminal.progress import Status
+from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult
 from rig.terminal.text import counted, size
 
@@ -21,9 +21,9 @@ _FRAMES = {"scene": "position", "dark": "repeat", "flat": "repeat", "board": "po
 
 
 def rehearse(
-    sim: str | None, out: Path, status: Status, request: CaptureRequest, *, rig: RigFile | None, seed: int
+    sim: str | None, out: Path, status: StatusLine, request: CaptureRequest, *, rig: RigFile | None, seed: int
 ) -> CommandResult:
-    """Status, plan and say so; nothing is written."""
+    """StatusLine, plan and say so; nothing is written."""
     from capture.record import shooting
 
     with source_of(sim, seed, rig, request, status) as source:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.options import JsonOption, SeedOption, SessionArgument
-from rig.terminal.progress import Status
+from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, running
 from rig.terminal.start_time import started_at
 from rig.terminal.text import counted, size
@@ -51,7 +51,7 @@ def trade(
         return run_trade(session, status, limit.amount, workers, seed)
 
 
-def run_trade(session: Path, status: Status, budget: float, workers: int, seed: int) -> CommandResult:
+def run_trade(session: Path, status: StatusLine, budget: float, workers: int, seed: int) -> CommandResult:
     """Sweep, write the page and say what came of it; after Ctrl-C too the page has what there is."""
     from recon.trade import sweep
     from rig.report.pages.trade import trade_report

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from capture.rigfile.rigfile import RigFile
     from drivers.clock import Clock
     from drivers.sim.rigs import SimulatedRig
-    from rig.terminal.progress import Status
+    from rig.terminal.progress import StatusLine
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def open_bus(sim: str | None, seed: int = 0, *, rough: bool = False) -> UsbBus:
     return UsbBus(bus.backend, bus.clock, rig)
 
 
-def _operator_for(bus: UsbBus, rig: RigFile, status: Status) -> Operator:
+def _operator_for(bus: UsbBus, rig: RigFile, status: StatusLine) -> Operator:
     """Who moves the rig and what stands before it: the simulator, or the person at the terminal."""
     if bus.rig is not None:
         return bus.rig
@@ -57,7 +57,7 @@ def source_of(
     seed: int,
     rig: RigFile | None,
     request: CaptureRequest,
-    status: Status,
+    status: StatusLine,
     *,
     rough: bool = False,
 ) -> Iterator[Source]:

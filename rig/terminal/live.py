@@ -40,7 +40,7 @@ class _Words(ProgressColumn):
         return Text(" · ".join(part for part in (past, ending) if part), style="dim")
 
 
-class LiveStatus:
+class LiveStatusLine:
     """One line that moves, below the lines that stay."""
 
     def __init__(self, progress: Progress, stage: Stage) -> None:
@@ -63,7 +63,7 @@ class LiveStatus:
 
 
 @contextmanager
-def live_status_line(stream: TextIO) -> Iterator[LiveStatus]:
+def live_status_line(stream: TextIO) -> Iterator[LiveStatusLine]:
     """Draw on `stream` until the block ends; the moving line is then wiped."""
     stage, console = Stage(time.monotonic), Console(file=stream)
     roomy = console.width >= ROOMY
@@ -85,4 +85,4 @@ def live_status_line(stream: TextIO) -> Iterator[LiveStatus]:
         redirect_stderr=False,
     )
     with progress:
-        yield LiveStatus(progress, stage)
+        yield LiveStatusLine(progress, stage)

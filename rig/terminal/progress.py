@@ -27,7 +27,7 @@ def unreported(message: str, done: int, total: int) -> None:
     """Progress that nobody looks at."""
 
 
-class Status(Protocol):
+class StatusLine(Protocol):
     """Where a command shows what it is doing: a line that changes, and lines that stay."""
 
     def begin(self, name: str) -> None:
@@ -44,7 +44,7 @@ class Status(Protocol):
 
 
 @dataclass
-class PlainStatus:
+class PlainStatusLine:
     """Lines for logs: one `grace` seconds after a stage began, then one every `interval` seconds.
 
     They come even if the stage says nothing, so that a silent stage does not look like a dead one;
@@ -92,7 +92,7 @@ class PlainStatus:
 
 
 @dataclass
-class SilentStatus:
+class SilentStatusLine:
     """Shows nothing: of several processes that torchrun started, all but the first."""
 
     def begin(self, name: str) -> None:
@@ -111,10 +111,10 @@ def is_main_process() -> bool:
 
 
 @contextmanager
-def status_line(stream: TextIO) -> Iterator[Status]:
+def status_line(stream: TextIO) -> Iterator[StatusLine]:
     """A status on `stream`, drawn until the block ends: live if it is a terminal, else plain lines."""
     if not is_main_process():
-        yield SilentStatus()
+        yield SilentStatusLine()
         return
     if stream.isatty() and os.environ.get("TERM") not in ("dumb", "unknown"):
         from rig.terminal.live import (
@@ -124,7 +124,7 @@ def status_line(stream: TextIO) -> Iterator[Status]:
         with live_status_line(stream) as live:
             yield live
         return
-    status, over = PlainStatus(stream, grace=GRACE), threading.Event()
+    status, over = PlainStatusLine(stream, grace=GRACE), threading.Event()
 
     def beat() -> None:
         while not over.wait(0.5):

@@ -11,7 +11,7 @@ from typing import Any
 
 from imaging.errors import PartialError, RigError
 from rig.terminal.failures import Stopped
-from rig.terminal.progress import Status, is_main_process, status_line
+from rig.terminal.progress import StatusLine, is_main_process, status_line
 from rig.terminal.streams import libraries_silenced
 from rig.terminal.text import plain, sentence
 
@@ -49,7 +49,7 @@ def missing_parts(require_complete: Callable[[], None]) -> str | None:
 
 
 @contextmanager
-def running(stage: str, go_on: str = "run the same command again") -> Iterator[Status]:
+def running(stage: str, go_on: str = "run the same command again") -> Iterator[StatusLine]:
     """Work on a stage: progress on standard error, libraries silent.
 
     go_on: what Ctrl-C says to do to continue.

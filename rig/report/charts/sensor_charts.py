@@ -22,7 +22,7 @@ QUANTISATION = 1.0 / 12.0
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedSensor:
     """A sensor with the name of its camera, and the ISO where a camera has several."""
 
     name: str
@@ -32,7 +32,7 @@ class Named:
 def sensor_topic(record: CalibrationRecord) -> Topic:
     """What was measured of the sensors; an empty topic if nothing was."""
     sensors = [
-        Named(
+        NamedSensor(
             camera.name
             + (f" at ISO {sensor.iso:g}" if len(camera.sensors) > 1 and sensor.iso is not None else ""),
             sensor,
@@ -45,17 +45,17 @@ def sensor_topic(record: CalibrationRecord) -> Topic:
     return Topic("Sensors", figures=tuple(_figures(sensors)), tables=tuple(_tables(sensors)))
 
 
-def _figures(sensors: Sequence[Named]) -> Iterable[Figure]:
-    lines = [own for own in sensors if own.sensor.gain is not None][:MOST_SENSORS]
+def _figures(sensors: Sequence[NamedSensor]) -> Iterable[Figure]:
+    lines = [camera for camera in sensors if camera.sensor.gain is not None][:MOST_SENSORS]
     if lines:
         series = []
-        for index, own in enumerate(lines):
-            points = [(max(x, DIMMEST), y) for x, y in own.sensor.transfer if y > 0]
-            series.append(_line(own, index))
+        for index, camera in enumerate(lines):
+            points = [(max(x, DIMMEST), y) for x, y in camera.sensor.transfer if y > 0]
+            series.append(_line(camera, index))
             series += [
                 Series("", [x for x, _ in points], [y for _, y in points], dots=True, colour=index)
             ] * bool(points)
-        measured = any(own.sensor.transfer for own in lines)
+        measured = any(camera.sensor.transfer for camera in lines)
         more = len(sensors) - len(lines)
         yield Figure(
             "Photon transfer",
@@ -77,28 +77,28 @@ def _figures(sensors: Sequence[Named]) -> Iterable[Figure]:
                 y_scale="log",
             ),
         )
-    seen = [own for own in lines if own.sensor.transfer]
-    if seen:
+    plotted = [camera for camera in lines if camera.sensor.transfer]
+    if plotted:
         yield Figure(
             "Photon transfer: off the line",
             "The same dots, relative to the fitted line. They scatter about zero where the model holds; "
             "a trend is a bend, a rise on the left noise that is not read noise.",
             chart(
                 "Photon transfer, off the line",
-                [_off(own, lines.index(own)) for own in seen],
+                [_off(camera, lines.index(camera)) for camera in plotted],
                 "signal above black, DN",
                 "variance off the line, %",
                 x_scale="log",
                 level=(0.0, ""),
             ),
         )
-    bends = [own for own in sensors if own.sensor.nonlinearity is not None]
+    bends = [camera for camera in sensors if camera.sensor.nonlinearity is not None]
     if bends:
-        yield _linearity(max(bends, key=lambda own: abs(_value(own.sensor.nonlinearity))))
+        yield _linearity(max(bends, key=lambda camera: abs(_value(camera.sensor.nonlinearity))))
 
 
-def _value(told: Measured | None) -> float:
-    return 0.0 if told is None else told.value
+def _value(measured: Measured | None) -> float:
+    return 0.0 if measured is None else measured.value
 
 
 def _fitted(sensor: SensorCalibration, signal: Array) -> Array:
@@ -108,16 +108,16 @@ def _fitted(sensor: SensorCalibration, signal: Array) -> Array:
     return np.asarray(_value(sensor.gain) * signal + dark + rounding)
 
 
-def _off(own: Named, colour: int) -> Series:
+def _off(camera: NamedSensor, colour: int) -> Series:
     """How far the measured variances are off the fitted ones, %."""
-    signal, variance = np.array(own.sensor.transfer).T
-    off = 100 * (variance / np.maximum(_fitted(own.sensor, signal), 1e-9) - 1)
-    return Series(own.name, np.maximum(signal, DIMMEST).tolist(), off.tolist(), dots=True, colour=colour)
+    signal, variance = np.array(camera.sensor.transfer).T
+    off = 100 * (variance / np.maximum(_fitted(camera.sensor, signal), 1e-9) - 1)
+    return Series(camera.name, np.maximum(signal, DIMMEST).tolist(), off.tolist(), dots=True, colour=colour)
 
 
-def _line(own: Named, colour: int) -> Series:
+def _line(camera: NamedSensor, colour: int) -> Series:
     """The fitted line, with the band that errors of gain and read noise leave."""
-    sensor = own.sensor
+    sensor = camera.sensor
     gain, read, row = (_value(one) for one in (sensor.gain, sensor.read_noise, sensor.row_noise))
     gain_error, read_error = (0.0 if one is None else one.sigma for one in (sensor.gain, sensor.read_noise))
     black = float(np.mean([level.value for level in sensor.black])) if sensor.black else 0.0
@@ -127,18 +127,20 @@ def _line(own: Named, colour: int) -> Series:
     variance = _fitted(sensor, signal)
     slope = signal + 2 * gain * (read**2 + row**2)
     error = np.hypot(slope * gain_error, 2 * gain**2 * read * read_error)
-    return Series(own.name, signal.tolist(), variance.tolist(), colour=colour, margin=(1.96 * error).tolist())
+    return Series(
+        camera.name, signal.tolist(), variance.tolist(), colour=colour, margin=(1.96 * error).tolist()
+    )
 
 
-def _linearity(own: Named) -> Figure:
-    bend = own.sensor.nonlinearity
+def _linearity(camera: NamedSensor) -> Figure:
+    bend = camera.sensor.nonlinearity
     assert bend is not None
     light = np.linspace(0.0, 1.0, 41)
     return Figure(
         "Linearity",
-        f"How far the signal of {own.name}, the least straight, departs from a straight line; the band holds "
-        "the truth at 95 %. "
-        + ("It counts as linear." if own.sensor.linear else "It counts as bent, and is straightened."),
+        f"How far the signal of {camera.name}, the least straight, departs from a straight line; the band "
+        "holds the truth at 95 %. "
+        + ("It counts as linear." if camera.sensor.linear else "It counts as bent, and is straightened."),
         chart(
             "Linearity deviation",
             [
@@ -156,7 +158,7 @@ def _linearity(own: Named) -> Figure:
     )
 
 
-def _tables(sensors: Sequence[Named]) -> Iterable[Table]:
+def _tables(sensors: Sequence[NamedSensor]) -> Iterable[Table]:
     yield Table(
         "Noise",
         "Value ± standard error.",
@@ -164,17 +166,17 @@ def _tables(sensors: Sequence[Named]) -> Iterable[Table]:
          "#Dark current, e⁻/s", "From"),
         tuple(
             (
-                own.name,
-                "unknown" if own.sensor.iso is None else f"{own.sensor.iso:g}",
-                _told(own.sensor.gain),
-                _told(own.sensor.read_noise),
-                _told(own.sensor.row_noise),
-                _told(own.sensor.prnu, 100.0),
-                _told(own.sensor.dsnu),
-                _told(own.sensor.dark_current),
-                _sources(own.sensor),
+                camera.name,
+                "unknown" if camera.sensor.iso is None else f"{camera.sensor.iso:g}",
+                _with_error(camera.sensor.gain),
+                _with_error(camera.sensor.read_noise),
+                _with_error(camera.sensor.row_noise),
+                _with_error(camera.sensor.prnu, 100.0),
+                _with_error(camera.sensor.dsnu),
+                _with_error(camera.sensor.dark_current),
+                _sources(camera.sensor),
             )
-            for own in sensors
+            for camera in sensors
         ),
     )  # fmt: skip
     yield Table(
@@ -184,23 +186,23 @@ def _tables(sensors: Sequence[Named]) -> Iterable[Table]:
          "#Full well, e⁻", "#Missing at white, %", "Defects"),
         tuple(
             (
-                own.name,
+                camera.name,
                 *(
-                    (plus_minus(level.value, level.sigma) for level in own.sensor.black)
-                    if own.sensor.black
+                    (plus_minus(level.value, level.sigma) for level in camera.sensor.black)
+                    if camera.sensor.black
                     else (NOT_DETERMINED, "", "", "")
                 ),
-                _told(own.sensor.ceiling),
-                _told(own.sensor.full_well),
-                _told(own.sensor.nonlinearity, 100.0),
-                _defects(own.sensor),
+                _with_error(camera.sensor.ceiling),
+                _with_error(camera.sensor.full_well),
+                _with_error(camera.sensor.nonlinearity, 100.0),
+                _defects(camera.sensor),
             )
-            for own in sensors
+            for camera in sensors
         ),
     )  # fmt: skip
 
 
-def _told(value: Measured | None, scale: float = 1.0) -> str:
+def _with_error(value: Measured | None, scale: float = 1.0) -> str:
     return NOT_DETERMINED if value is None else plus_minus(scale * value.value, scale * value.sigma)
 
 
@@ -213,5 +215,5 @@ def _defects(sensor: SensorCalibration) -> str:
     if sensor.defects is None:
         return "not looked for"
     kinds = [defect.kind for defect in sensor.defects]
-    told = [f"{kinds.count(kind)} {kind}" for kind in ("hot", "dead", "noisy") if kind in kinds]
-    return ", ".join(told) or "none"
+    words = [f"{kinds.count(kind)} {kind}" for kind in ("hot", "dead", "noisy") if kind in kinds]
+    return ", ".join(words) or "none"

@@ -5,14 +5,10 @@ from collections.abc import Callable, Iterable, Sequence
 from recon.trade import Point, Trade, front
 from rig.report.charts.chart import Series, chart
 from rig.report.charts.topic import Figure
+from rig.report.metrics import BY_KEY
 
 Value = Callable[[Point], float]
 
-MEASURES = {
-    "raw_psnr": "PSNR of held-out RAW files, dB",
-    "ldr_psnr_oe": "PSNR of held-out photographs, dB",
-    "hdr_psnr_mu": "µ-law PSNR of held-out light, dB",
-}
 PRESETS = {"draft": 1, "standard": 2, "best": 3}
 """The colour of each preset's dot; those of all other trainings share one."""
 
@@ -34,10 +30,10 @@ def costs(trade: Trade) -> list[tuple[str, str, Value]]:
 
 def figures(trade: Trade) -> Iterable[Figure]:
     """Quality over each cost, as the method sees it, and against the truth where that is known."""
-    yield from _over(trade, trade.points, MEASURES[trade.measure], "Quality", lambda point: point.db)
-    known = [point for point in trade.points if point.truth_db is not None]
+    yield from _over(trade, trade.points, BY_KEY[trade.measure].on_axis, "Quality", lambda point: point.db)
+    measured = [point for point in trade.points if point.truth_db is not None]
     axis = "µ-law PSNR to the true light, dB"
-    yield from _over(trade, known, axis, "Truth", lambda point: point.truth_db or 0.0)
+    yield from _over(trade, measured, axis, "Truth", lambda point: point.truth_db or 0.0)
 
 
 def _over(trade: Trade, points: Sequence[Point], axis: str, heading: str, value: Value) -> Iterable[Figure]:
@@ -47,9 +43,11 @@ def _over(trade: Trade, points: Sequence[Point], axis: str, heading: str, value:
     for name, label, cost in costs(trade):
         best = front(points, cost, value)
         named = [
-            Series(preset, [cost(p) for p in own], [value(p) for p in own], dots=True, colour=colour)
+            Series(
+                preset, [cost(p) for p in trainings], [value(p) for p in trainings], dots=True, colour=colour
+            )
             for preset, colour in PRESETS.items()
-            if (own := [p for p in points if is_preset(p, preset)])
+            if (trainings := [p for p in points if is_preset(p, preset)])
         ]
         others = [p for p in points if not any(is_preset(p, preset) for preset in PRESETS)]
         series = [

@@ -33,12 +33,12 @@ KINDS = {
 
 Place = tuple[str, int, int]
 """Camera, frame, step."""
-Rows = tuple[tuple[str, tuple["Cell | None", ...]], ...]
+Rows = tuple[tuple[str, tuple["SheetCell | None", ...]], ...]
 """The shots of a frame by camera."""
 
 
 @dataclass(frozen=True)
-class Cell:
+class SheetCell:
     """One shot in the grid; uri is None where there is no picture of it."""
 
     title: str
@@ -51,7 +51,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Sheet:
+class ContactSheet:
     """The shots of one frame, a row a camera; or, of one exposure a frame, all of one camera in a flow."""
 
     title: str
@@ -62,7 +62,7 @@ class Sheet:
 
 
 @dataclass(frozen=True)
-class Row:
+class ProblemRow:
     """One finding of the table."""
 
     grade: str
@@ -118,10 +118,10 @@ def _tiles(report: CheckReport) -> Iterable[Tile]:
     yield Tile(f"{max(skews):.2g}" if skews else "n/a", "ms" if skews else "", "largest trigger skew")
 
 
-def _rows(report: CheckReport) -> Iterable[Row]:
+def _rows(report: CheckReport) -> Iterable[ProblemRow]:
     for grade, found in (("fail", report.problems), ("warn", report.warnings)):
         for one in found:
-            yield Row(grade, one.kind, _where(one), one.message)
+            yield ProblemRow(grade, one.kind, _where(one), one.message)
 
 
 def _where(problem: Problem) -> str:
@@ -191,7 +191,7 @@ def _sharpness(camera: str, looks: Sequence[ShotLook]) -> Series:
     return Series(camera, frames, [best[frame] for frame in frames])
 
 
-def _sheets(report: CheckReport) -> Iterable[Sheet]:
+def _sheets(report: CheckReport) -> Iterable[ContactSheet]:
     found: dict[Place, list[Problem]] = {}
     for problem in (*report.problems, *report.warnings):
         if problem.camera is not None and problem.frame is not None and problem.step is not None:
@@ -226,9 +226,9 @@ def _sheets(report: CheckReport) -> Iterable[Sheet]:
             shown += 1
 
 
-def _sheet(title: str, rows: Rows, flow: bool, unfold: bool) -> Sheet:
+def _sheet(title: str, rows: Rows, flow: bool, unfold: bool) -> ContactSheet:
     marked = sum(bool(cell and cell.marks) for _, cells in rows for cell in cells)
-    return Sheet(title, rows, flow, unfold or bool(marked), marked)
+    return ContactSheet(title, rows, flow, unfold or bool(marked), marked)
 
 
 def _columns(looks: Iterable[ShotLook], places: Iterable[Place]) -> list[int]:
@@ -241,7 +241,7 @@ def _columns(looks: Iterable[ShotLook], places: Iterable[Place]) -> list[int]:
     return sorted({step for _, _, step in places}, key=lambda step: (-scale.get(step, 0.0), step))
 
 
-def _cell(place: Place, look: ShotLook | None, found: Sequence[Problem], report: CheckReport) -> Cell:
+def _cell(place: Place, look: ShotLook | None, found: Sequence[Problem], report: CheckReport) -> SheetCell:
     camera, frame, step = place
     said: dict[str, list[str]] = {}
     for problem in found:
@@ -249,7 +249,7 @@ def _cell(place: Place, look: ShotLook | None, found: Sequence[Problem], report:
     marks = tuple((kind, " ".join(messages)) for kind, messages in said.items())
     title = f"{camera}, frame {frame}, step {step}"
     if look is None:
-        return Cell(title, frame, None, (), marks)
+        return SheetCell(title, frame, None, (), marks)
     lines = [("asked", _exposure(look.requested), False)] if look.requested else []
     lines.append(("file", _exposure(look.reported), False))
     if look.estimated is not None and look.off is not None:
@@ -262,7 +262,7 @@ def _cell(place: Place, look: ShotLook | None, found: Sequence[Problem], report:
         length = (look.shift[0] ** 2 + look.shift[1] ** 2) ** 0.5
         lines.append(("shift", f"{length:.1f} px, {_percent(look.moved)} %", "motion" in said))
     data = base64.b64encode(report.thumbnails[look.file]).decode("ascii")
-    return Cell(title, frame, f"data:image/jpeg;base64,{data}", tuple(lines), marks)
+    return SheetCell(title, frame, f"data:image/jpeg;base64,{data}", tuple(lines), marks)
 
 
 def _exposure(exposure: Exposure | None) -> str:

@@ -33,7 +33,7 @@ AXES = {
 
 
 @dataclass(frozen=True)
-class TradeOff:
+class TradeSection:
     """Everything the section shows."""
 
     lead: str
@@ -64,10 +64,10 @@ def trade_report(session: str | Path) -> Path:
     return path
 
 
-def trade_off(trade: Trade) -> TradeOff:
+def trade_off(trade: Trade) -> TradeSection:
     """A trade-off as the page shows it."""
     several = max((point.at_once for point in trade.points), default=1)
-    return TradeOff(
+    return TradeSection(
         lead="All scenes are measured on the same held-out views at the same size, whatever they were "
         "trained at. A dot is a training of its own: a moment of a longer one would look worse than it is, "
         "since its learning rates are still high.",

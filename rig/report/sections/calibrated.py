@@ -59,7 +59,7 @@ class RungGroup:
 
 
 @dataclass(frozen=True)
-class Calibrated:
+class CalibrationSection:
     """Everything the section shows."""
 
     summary: str
@@ -81,7 +81,7 @@ def is_stale(session: Session, record: CalibrationRecord) -> bool:
     return store.sha256(session.folder / "shots.jsonl") != record.shots_sha256
 
 
-def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Calibrated:
+def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> CalibrationSection:
     """Turn a calibration into what the page shows."""
     colmap = session.folder / "calibration" / "colmap"
     points, residuals = _points(colmap), read_residuals(colmap)
@@ -93,7 +93,7 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
         colour_topic(record),
         _light(session, record),
     )
-    return Calibrated(
+    return CalibrationSection(
         summary=_summary(session, record, images),
         posed=bool(record.views),
         registered=f"{len(record.views)} of {images}",

@@ -11,7 +11,7 @@ from imaging.session.calibration import CalibrationRecord
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 from rig.report.charts.calibration_charts import label_ratio
-from rig.report.sections.shots import Looks, Thumbnail, look_at
+from rig.report.sections.shots import ShotPreviews, Thumbnail, read_previews
 from rig.terminal.progress import Progress
 from rig.terminal.text import counted, number
 
@@ -51,7 +51,7 @@ class CameraRow:
 
 
 @dataclass(frozen=True)
-class Captured:
+class CaptureSection:
     """Everything the section shows."""
 
     origin: str
@@ -69,26 +69,26 @@ class Captured:
 KINDS = {"raw": "RAW mosaic", "ldr": "developed photo", "hdr": "linear EXR"}
 
 
-def captured(session: Session, calibration: CalibrationRecord | None, progress: Progress) -> Captured:
+def captured(session: Session, calibration: CalibrationRecord | None, progress: Progress) -> CaptureSection:
     """Read the session for the page."""
     shots = session.shots("scene")
-    looks = look_at(session, progress)
+    previews = read_previews(session, progress)
     steps = {step: [s for s in shots if s.step == step] for step in sorted({s.step for s in shots})}
     frames = len({shot.frame for shot in shots})
     views = len({(shot.frame, shot.camera) for shot in shots})
     skews = [shot.skew for shot in shots if shot.skew is not None]
-    return Captured(
+    return CaptureSection(
         origin=_origin(session),
         summary=f"{counted(len(session.record.cameras), 'camera')}, {counted(frames, 'frame')}, "
         f"{counted(views, 'view')}, {counted(len(shots), 'exposure')}{_others(session)}",
         cameras=tuple(_camera_rows(session, shots or session.shots())),
-        steps=tuple(_step_row(step, group, looks, calibration) for step, group in steps.items()),
-        thumbnails=looks.thumbnails,
-        merged=looks.merged,
+        steps=tuple(_step_row(step, group, previews, calibration) for step, group in steps.items()),
+        thumbnails=previews.thumbnails,
+        merged=previews.merged,
         looked="every view"
-        if looks.views == looks.of_views
-        else f"{looks.views} of {looks.of_views} views, evenly chosen",
-        advice=tuple(_advice(steps, looks, views)),
+        if previews.views == previews.of_views
+        else f"{previews.views} of {previews.of_views} views, evenly chosen",
+        advice=tuple(_advice(steps, previews, views)),
         retries=sum(shot.retries for shot in shots),
         skew_ms=number(1000 * max(skews), 2) if skews else None,
     )
@@ -105,8 +105,8 @@ def _others(session: Session) -> str:
     """Shots that show no scene, in words."""
     kinds = [shot.kind for shot in session.shots()]
     named = (("dark", "darks"), ("flat", "flats"), ("board", "shots of a board"))
-    told = [f"{kinds.count(kind)} {words}" for kind, words in named if kind in kinds]
-    return f"; {', '.join(told)}" if told else ""
+    words = [f"{kinds.count(kind)} {words}" for kind, words in named if kind in kinds]
+    return f"; {', '.join(words)}" if words else ""
 
 
 def _camera_rows(session: Session, shots: Iterable[ShotRecord]) -> Iterable[CameraRow]:
@@ -128,9 +128,9 @@ def _camera_rows(session: Session, shots: Iterable[ShotRecord]) -> Iterable[Came
 
 
 def _step_row(
-    step: int, shots: list[ShotRecord], looks: Looks, calibration: CalibrationRecord | None
+    step: int, shots: list[ShotRecord], previews: ShotPreviews, calibration: CalibrationRecord | None
 ) -> StepRow:
-    shares = [looks.shares[shot.file] for shot in shots if shot.file in looks.shares]
+    shares = [previews.shares[shot.file] for shot in shots if shot.file in previews.shares]
     ratios = [ratio for shot in shots if (ratio := label_ratio(shot, calibration)) is not None]
     ratio = median(ratios) if ratios else None
     return StepRow(
@@ -158,16 +158,16 @@ def _percent(share: float) -> str:
     return "0 %" if share == 0 else f"{100 * share:.2g} %" if share >= 0.0001 else "< 0.01 %"
 
 
-def _advice(steps: dict[int, list[ShotRecord]], looks: Looks, views: int) -> Iterable[str]:
+def _advice(steps: dict[int, list[ShotRecord]], previews: ShotPreviews, views: int) -> Iterable[str]:
     """What to shoot differently next time, from what the files show."""
-    if looks.unreadable:
-        files = counted(len(looks.unreadable), "file")
-        yield f"{files} cannot be read, the first is {looks.unreadable[0]}: run rig check."
+    if previews.unreadable:
+        files = counted(len(previews.unreadable), "file")
+        yield f"{files} cannot be read, the first is {previews.unreadable[0]}: run rig check."
     known = [
-        (shot, looks.shares[shot.file])
+        (shot, previews.shares[shot.file])
         for group in steps.values()
         for shot in group
-        if shot.file in looks.shares
+        if shot.file in previews.shares
     ]
     scales = {shot.file: shot.exposure.scale for shot, _ in known if shot.exposure}
     if scales:

@@ -36,7 +36,7 @@ Float = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
-class Picture:
+class ComparedPicture:
     """One picture, and what it shows."""
 
     uri: str
@@ -49,11 +49,11 @@ class Comparison:
     """One view: columns of pictures, what is compared above each other."""
 
     title: str
-    columns: tuple[tuple[Picture, ...], ...]
+    columns: tuple[tuple[ComparedPicture, ...], ...]
 
 
 @dataclass(frozen=True)
-class Pictures:
+class PicturesSection:
     """Everything the section shows."""
 
     lead: str
@@ -63,7 +63,7 @@ class Pictures:
     reference: str
 
 
-def pictures(opened: Opened, scale: float, progress: Progress) -> Pictures | None:
+def pictures(opened: Opened, scale: float, progress: Progress) -> PicturesSection | None:
     """Draw held-out views (training views if none is held out, and says so); None without any view.
 
     scale: the one factor that the evaluation aligned all renders with.
@@ -85,7 +85,7 @@ def pictures(opened: Opened, scale: float, progress: Progress) -> Pictures | Non
         else:
             columns = _against_shots(opened, view)
         compared.append(Comparison(f"Camera {view.camera}, frame {view.frame}", tuple(columns)))
-    return Pictures(
+    return PicturesSection(
         lead=f"{kind}, beside {against}. Both are developed alike.",
         views=tuple(compared),
         bar=colour_bar(),
@@ -94,7 +94,9 @@ def pictures(opened: Opened, scale: float, progress: Progress) -> Pictures | Non
     )
 
 
-def _against_truth(truth: Float, render: Float, stops: Sequence[float]) -> Iterable[tuple[Picture, ...]]:
+def _against_truth(
+    truth: Float, render: Float, stops: Sequence[float]
+) -> Iterable[tuple[ComparedPicture, ...]]:
     middle = stops[1]
     for step in stops:
         name = _relative(step - middle)
@@ -108,7 +110,7 @@ def _against_truth(truth: Float, render: Float, stops: Sequence[float]) -> Itera
     )
 
 
-def _against_shots(opened: Opened, view: View) -> Iterable[tuple[Picture, ...]]:
+def _against_shots(opened: Opened, view: View) -> Iterable[tuple[ComparedPicture, ...]]:
     """The photographs of a view beside what the model says they should be: at most three of a bracket."""
     image = opened.render(view.lens)
     count = len(view.shots)
@@ -158,9 +160,9 @@ def _relative(stops: float) -> str:
     )
 
 
-def _photo(pixels: Bytes, caption: str) -> Picture:
-    return Picture(jpeg_uri(fitted(pixels, WIDTH)), caption, caption)
+def _photo(pixels: Bytes, caption: str) -> ComparedPicture:
+    return ComparedPicture(jpeg_uri(fitted(pixels, WIDTH)), caption, caption)
 
 
-def _map(pixels: Bytes, caption: str) -> Picture:
-    return Picture(png_uri(fitted(pixels, WIDTH)), caption, f"{caption}, as a map of colours")
+def _map(pixels: Bytes, caption: str) -> ComparedPicture:
+    return ComparedPicture(png_uri(fitted(pixels, WIDTH)), caption, f"{caption}, as a map of colours")

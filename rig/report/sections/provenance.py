@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Provenance:
+class ProvenanceSection:
     """Everything the section shows."""
 
     rows: tuple[tuple[str, str], ...]
@@ -29,9 +29,9 @@ def provenance(
     model: "ModelRecord | None",
     version: str,
     name: str | None = None,
-) -> Provenance:
+) -> ProvenanceSection:
     """Collect it from the records of the session; `name` is the reconstruction's folder."""
-    return Provenance(
+    return ProvenanceSection(
         rows=tuple(_rows(session, calibration, model, version)),
         commands=tuple(_commands(session, calibration is not None, model, name)),
     )

@@ -13,19 +13,9 @@ from imaging.files import store
 from recon.result.model import ModelRecord
 from rig.report.charts.chart import Series, chart
 from rig.report.charts.topic import Tile
+from rig.report.metrics import BY_KEY, METRICS, validation
 from rig.report.sections.calibrated import RungRow, rung_rows
-from rig.report.sections.measures import BY_KEY, MEASURES, validation
 from rig.terminal.text import counted, duration, number, size
-
-HEADLINES = {
-    "hdr_psnr_mu_aligned": "HDR PSNR (µ-law) of held-out views",
-    "stops_median": "median error of light in held-out views",
-    "raw_psnr": "PSNR against held-out RAW files",
-    "ldr_psnr_oe": "PSNR of held-out photographs",
-    "ssim": "SSIM of held-out photographs",
-    "pose_rotation_deg": "median error of camera orientation",
-}
-
 
 ENDINGS = {
     "early stop": "before its schedule did, since held-out views hardly got better",
@@ -68,7 +58,7 @@ class FileRow:
 
 
 @dataclass(frozen=True)
-class Quality:
+class QualitySection:
     """Everything the section shows."""
 
     lead: str
@@ -82,11 +72,11 @@ class Quality:
     files: tuple[FileRow, ...] = ()
 
 
-def quality(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> Quality:
+def quality(folder: Path, model: ModelRecord, metrics: Mapping[str, Any]) -> QualitySection:
     """Read a reconstruction's metrics and its training log for the page."""
     rows = metrics.get("views", [])
-    keys = [m.key for m in MEASURES if any(m.key in row for row in rows)]
-    return Quality(
+    keys = [m.key for m in METRICS if any(m.key in row for row in rows)]
+    return QualitySection(
         lead=f"Method {model.settings.method}, quality {model.settings.quality}: "
         f"{counted(len(model.training_views), 'view')} to train on, "
         f"{counted(len(model.held_out), 'view')} held out to measure with{_ended_by(model)}",
@@ -115,22 +105,22 @@ def _ended_by(model: ModelRecord) -> str:
 
 
 def _metric_rows(metrics: Mapping[str, Any]) -> Iterable[MetricRow]:
-    for measure in MEASURES:
-        value = metrics.get(measure.key)
+    for metric in METRICS:
+        value = metrics.get(metric.key)
         if value is not None:
-            worst = metrics.get(f"{measure.key}_max")
+            worst = metrics.get(f"{metric.key}_max")
             yield MetricRow(
-                measure.name + validation(metrics, measure.key),
-                measure.written(value),
-                measure.unit,
-                "" if worst is None else measure.written(worst),
-                measure.meaning,
+                metric.name + validation(metrics, metric.key),
+                metric.written(value),
+                metric.unit,
+                "" if worst is None else metric.written(worst),
+                metric.meaning,
             )
 
 
 def _column(key: str) -> str:
-    measure = BY_KEY[key]
-    return f"{measure.name}, {measure.unit}" if measure.unit else measure.name
+    metric = BY_KEY[key]
+    return f"{metric.name}, {metric.unit}" if metric.unit else metric.name
 
 
 def _charts(
@@ -239,9 +229,11 @@ def _cost(model: ModelRecord, metrics: Mapping[str, Any]) -> Iterable[tuple[str,
 def tiles(model: ModelRecord, metrics: Mapping[str, Any]) -> tuple[Tile, ...]:
     """The headline numbers."""
     measured = (
-        Tile(BY_KEY[key].written(metrics[key]), BY_KEY[key].unit, label + validation(metrics, key))
-        for key, label in HEADLINES.items()
-        if metrics.get(key) is not None
+        Tile(
+            metric.written(metrics[metric.key]), metric.unit, metric.on_tile + validation(metrics, metric.key)
+        )
+        for metric in METRICS
+        if metric.on_tile and metrics.get(metric.key) is not None
     )
     return (
         *measured,

@@ -30,7 +30,7 @@ CLIPPED, DARK = 0.996, 0.004
 
 
 @dataclass(frozen=True)
-class Look:
+class ShotPreview:
     """A shot's file: share of samples that are clipped, share that is dark; linear rgb at low resolution.
 
     developed: whether the camera made a picture of it, which is then shown as it is.
@@ -53,7 +53,7 @@ class Thumbnail:
 
 
 @dataclass(frozen=True)
-class Looks:
+class ShotPreviews:
     """What was seen: shares by file, thumbnails, how many views of how many, files that cannot be read."""
 
     shares: dict[str, tuple[float, float]]
@@ -64,7 +64,7 @@ class Looks:
     unreadable: tuple[str, ...]
 
 
-def look_at(session: Session, progress: Progress) -> Looks:
+def read_previews(session: Session, progress: Progress) -> ShotPreviews:
     """Read an even choice of a session's views."""
     groups = brackets(session.shots("scene"))
     keys = sorted(groups)
@@ -77,22 +77,22 @@ def look_at(session: Session, progress: Progress) -> Looks:
     thumbnails, unreadable = [], []
     for done, (frame, camera) in enumerate(chosen):
         progress("looking at the pictures", done, len(chosen))
-        looks = []
+        previews = []
         for shot in groups[frame, camera]:
             try:
-                look = read_look(session, shot)
+                preview = read_preview(session, shot)
             except RigError:
                 unreadable.append(shot.file)
                 continue
-            shares[shot.file] = (look.clipped, look.dark)
-            looks.append((shot, look))
-        if looks:
-            thumbnails.append(Thumbnail(jpeg_uri(_thumbnail(looks), 80), camera, frame))
+            shares[shot.file] = (preview.clipped, preview.dark)
+            previews.append((shot, preview))
+        if previews:
+            thumbnails.append(Thumbnail(jpeg_uri(_thumbnail(previews), 80), camera, frame))
     merged = any(len(groups[key]) > 1 for key in chosen)
-    return Looks(shares, tuple(thumbnails), merged, len(chosen), len(keys), tuple(unreadable))
+    return ShotPreviews(shares, tuple(thumbnails), merged, len(chosen), len(keys), tuple(unreadable))
 
 
-def read_look(session: Session, shot: ShotRecord) -> Look:
+def read_preview(session: Session, shot: ShotRecord) -> ShotPreview:
     """Read one shot's file for the page."""
     path, kind = session.file(shot), session.camera(shot.camera).kind
     if kind == "raw":
@@ -101,10 +101,10 @@ def read_look(session: Session, shot: ShotRecord) -> Look:
         rgb, valid = _binned(signal, ~clipped, raw.cfa)
         if raw.neutral:
             rgb /= np.maximum(np.asarray(raw.neutral, np.float32), np.float32(1e-3))
-        return Look(float(clipped.mean()), float((signal < DARK).mean()), *_reduced(rgb, valid))
+        return ShotPreview(float(clipped.mean()), float((signal < DARK).mean()), *_reduced(rgb, valid))
     if kind == "hdr":
         rgb = read_light(path)
-        return Look(0.0, 0.0, *_reduced(rgb, np.ones(rgb.shape[:2], bool)))
+        return ShotPreview(0.0, 0.0, *_reduced(rgb, np.ones(rgb.shape[:2], bool)))
     photo = read_photo(path)
     top = 2**photo.bit_depth - 1
     # There are far fewer codes than samples.
@@ -113,7 +113,7 @@ def read_look(session: Session, shot: ShotRecord) -> Look:
     counts = np.bincount(codes.ravel(), minlength=top + 1) / codes.size
     linear = srgb_decode(levels).astype(np.float32)[codes]
     reduced = _reduced(linear, codes <= CLIPPED * top)
-    return Look(
+    return ShotPreview(
         float(counts[levels > CLIPPED].sum()), float(counts[levels < DARK].sum()), *reduced, developed=True
     )
 
@@ -145,25 +145,25 @@ def _reduced(rgb: Float, valid: Bool) -> tuple[Float, Bool]:
     return averaged(rgb), np.asarray(trusted.all(-1) if trusted.ndim == 3 else trusted, np.bool_)
 
 
-def _thumbnail(looks: Sequence[tuple[ShotRecord, Look]]) -> npt.NDArray[np.uint8]:
+def _thumbnail(previews: Sequence[tuple[ShotRecord, ShotPreview]]) -> npt.NDArray[np.uint8]:
     """A view as one picture: a single photograph as it is, else its bracket merged."""
-    if len(looks) == 1 and looks[0][1].developed:
-        return fitted(developed(looks[0][1].rgb, 0.0), THUMBNAIL_WIDTH)
-    return _merged(looks)
+    if len(previews) == 1 and previews[0][1].developed:
+        return fitted(developed(previews[0][1].rgb, 0.0), THUMBNAIL_WIDTH)
+    return _merged(previews)
 
 
-def _merged(looks: Sequence[tuple[ShotRecord, Look]]) -> npt.NDArray[np.uint8]:
+def _merged(previews: Sequence[tuple[ShotRecord, ShotPreview]]) -> npt.NDArray[np.uint8]:
     """A bracket as one picture: light summed over time where no shot is clipped, then compressed."""
-    by_size: dict[tuple[int, ...], list[tuple[float, Look]]] = defaultdict(list)
-    for shot, look in looks:
-        by_size[look.rgb.shape].append((shot.exposure.scale if shot.exposure else 1.0, look))
+    by_size: dict[tuple[int, ...], list[tuple[float, ShotPreview]]] = defaultdict(list)
+    for shot, preview in previews:
+        by_size[preview.rgb.shape].append((shot.exposure.scale if shot.exposure else 1.0, preview))
     same = max(by_size.values(), key=len)
     shortest = min(same, key=lambda pair: pair[0])
     light = np.zeros_like(shortest[1].rgb)
     time = np.zeros(light.shape[:2], np.float32)
-    for k, look in same:
-        weight = look.valid.astype(np.float32)
-        light += look.rgb * weight[..., None]
+    for k, preview in same:
+        weight = preview.valid.astype(np.float32)
+        light += preview.rgb * weight[..., None]
         time += k * weight
     never = time == 0
     radiance = np.where(

@@ -15,7 +15,7 @@ from imaging.files.photo import read_photo
 from imaging.session.session import Session
 from rig.report.charts.rig_view import STEPS
 from rig.report.pages.calibration import calibration_report
-from rig.report.sections.shots import look_at
+from rig.report.sections.shots import read_previews
 
 from .pages import Page, assert_self_contained
 
@@ -113,10 +113,10 @@ def test_a_single_photograph_is_shown_as_it_is(tmp_path: Path) -> None:
     folder = tmp_path / "ldr"
     capture_simulated("toy-ldr", folder, frames=1, bracket=(0.0,))
     session = Session.open(folder)
-    looks = look_at(session, quiet)
-    assert not looks.merged
+    previews = read_previews(session, quiet)
+    assert not previews.merged
     shot = session.shots()[0]
-    thumbnail = next(one for one in looks.thumbnails if one.camera == shot.camera)
+    thumbnail = next(one for one in previews.thumbnails if one.camera == shot.camera)
     data = np.frombuffer(base64.b64decode(thumbnail.uri.split(",", 1)[1]), np.uint8)
     shown = cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1].astype(float)
     codes = 255 * read_photo(session.file(shot)).pixels

@@ -12,7 +12,7 @@ from imaging.files import store
 from imaging.files.photo import encode_png
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
-from rig.report.sections.shots import CLIPPED, DARK, read_look
+from rig.report.sections.shots import CLIPPED, DARK, read_preview
 
 
 def a_shot(folder: Path, codes: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> tuple[Session, ShotRecord]:
@@ -40,19 +40,19 @@ def test_a_photograph_is_averaged_in_linear_light(tmp_path: Path, depth: int, si
     top = 2**depth - 1
     codes = rng.integers(0, top, (*size, 3), np.uint16 if depth == 16 else np.uint8)
     codes[0, 0] = (top, 0, 0)  # one channel clipped spoils its pixel
-    look = read_look(*a_shot(tmp_path / "S", codes))
+    preview = read_preview(*a_shot(tmp_path / "S", codes))
     values = codes / top
-    assert look.clipped == pytest.approx(np.mean(values > CLIPPED))
-    assert look.dark == pytest.approx(np.mean(values < DARK))
+    assert preview.clipped == pytest.approx(np.mean(values > CLIPPED))
+    assert preview.dark == pytest.approx(np.mean(values < DARK))
     factor = max(1, min(size[1] // 256, size[0]))
     height, width = size[0] // factor, size[1] // factor
-    assert look.rgb.shape == (height, width, 3)
+    assert preview.rgb.shape == (height, width, 3)
 
     def block(row: int, column: int) -> tuple[slice, slice]:
         return slice(factor * row, factor * (row + 1)), slice(factor * column, factor * (column + 1))
 
     for row, column in ((0, 0), (height - 1, width - 1), (height // 2, width // 3)):
         own = values[block(row, column)]
-        np.testing.assert_allclose(look.rgb[row, column], srgb_decode(own).mean((0, 1)), atol=1e-6)
-        assert look.valid[row, column] == bool((own <= CLIPPED).all())
-    assert not look.valid[0, 0]
+        np.testing.assert_allclose(preview.rgb[row, column], srgb_decode(own).mean((0, 1)), atol=1e-6)
+        assert preview.valid[row, column] == bool((own <= CLIPPED).all())
+    assert not preview.valid[0, 0]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pytest
 
 from rig.terminal.live import live_status_line
-from rig.terminal.progress import PlainStatus, status_line
+from rig.terminal.progress import PlainStatusLine, status_line
 from rig.terminal.stage import Stage
 
 
@@ -18,9 +18,9 @@ class FakeClock:
         return self.now
 
 
-def status() -> tuple[PlainStatus, FakeClock, io.StringIO]:
+def status() -> tuple[PlainStatusLine, FakeClock, io.StringIO]:
     clock, stream = FakeClock(), io.StringIO()
-    return PlainStatus(stream, clock), clock, stream
+    return PlainStatusLine(stream, clock), clock, stream
 
 
 def test_time_left_is_the_pace_so_far_applied_to_the_rest() -> None:
@@ -162,12 +162,12 @@ def test_the_figure_of_a_training_is_seen_however_narrow_the_terminal(
 def test_the_kind_of_stream_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
     with status_line(Terminal()) as live:
-        assert not isinstance(live, PlainStatus)
+        assert not isinstance(live, PlainStatusLine)
     monkeypatch.setenv("TERM", "dumb")
     with status_line(Terminal()) as dumb:
-        assert isinstance(dumb, PlainStatus)
+        assert isinstance(dumb, PlainStatusLine)
     with status_line(io.StringIO()) as plain:
-        assert isinstance(plain, PlainStatus)
+        assert isinstance(plain, PlainStatusLine)
 
 
 def test_words() -> None:

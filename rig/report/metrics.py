@@ -8,7 +8,7 @@ from rig.terminal.text import number
 
 
 @dataclass(frozen=True)
-class Measure:
+class Metric:
     """A metric: its name in metrics.json, what people call it, its unit, what it says."""
 
     key: str
@@ -17,6 +17,12 @@ class Measure:
     meaning: str
     percent: bool = False
     """Stored as a ratio, written in per cent."""
+    in_line: str = ""
+    """Its name where a terminal shows the metrics that say most; empty: not among them."""
+    on_tile: str = ""
+    """What it is called on a tile at the top of a report; empty: it has none."""
+    on_axis: str = ""
+    """What it is called on an axis of a trade-off; empty: none is measured by it."""
 
     def written(self, value: float | None) -> str:
         """The value without its unit."""
@@ -27,101 +33,121 @@ class Measure:
         return number(100 * value if self.percent else value, 2 if self.percent else 3)
 
 
-MEASURES = (
-    Measure(
+METRICS = (
+    Metric(
         "hdr_psnr_mu_aligned",
         "HDR PSNR (µ-law), aligned",
         "dB",
         "Closeness to the true light over the whole range of brightness, after one scale for the whole "
         "scene. Higher is better; from about 38 dB on, differences are hard to see.",
+        in_line="HDR PSNR (mu-law, aligned)",
+        on_tile="HDR PSNR (µ-law) of held-out views",
     ),
-    Measure(
+    Metric(
         "hdr_psnr_mu",
         "HDR PSNR (µ-law)",
         "dB",
         "The same without that scale, so that an error of the absolute exposure counts too.",
+        on_axis="µ-law PSNR of held-out light, dB",
     ),
-    Measure(
+    Metric(
         "hdr_psnr_mu_dark",
         "HDR PSNR (µ-law), without highlights",
         "dB",
         "The same with everything above 0.4 of the peak clipped: says how good the shadows are.",
     ),
-    Measure(
+    Metric(
         "stops_median",
         "Median error of light",
         "stops",
         "Half of all pixels are nearer to the true light than this. 0.15 stops are 11 %.",
+        in_line="median error",
+        on_tile="median error of light in held-out views",
     ),
-    Measure("pu21_psnr", "PU21 PSNR", "dB", "Closeness as seen by an eye before a display of 1000 cd/m²."),
-    Measure(
+    Metric("pu21_psnr", "PU21 PSNR", "dB", "Closeness as seen by an eye before a display of 1000 cd/m²."),
+    Metric(
         "raw_psnr",
         "RAW PSNR",
         "dB",
         "The render, sent through the sensor's model, against held-out RAW files; their noise is part of it.",
+        in_line="RAW PSNR",
+        on_tile="PSNR against held-out RAW files",
+        on_axis="PSNR of held-out RAW files, dB",
     ),
-    Measure(
+    Metric(
         "ldr_psnr_oe",
         "PSNR of photographs",
         "dB",
         "The render, developed as the camera does, against held-out photographs at trained exposures.",
+        in_line="PSNR",
+        on_tile="PSNR of held-out photographs",
+        on_axis="PSNR of held-out photographs, dB",
     ),
-    Measure(
+    Metric(
         "ldr_psnr_ne",
         "PSNR at new exposures",
         "dB",
         "The same at exposures that were kept from the training.",
+        in_line="PSNR at unseen exposures",
     ),
-    Measure("ssim", "SSIM", "", "Likeness of structure; 1 is identical."),
-    Measure(
+    Metric(
+        "ssim",
+        "SSIM",
+        "",
+        "Likeness of structure; 1 is identical.",
+        in_line="SSIM",
+        on_tile="SSIM of held-out photographs",
+    ),
+    Metric(
         "ciede2000_mean",
         "Colour difference (CIEDE2000)",
         "",
         "Mean over the pixels of renders/ and references/; below 1 the eye sees none, above 5 at once.",
     ),
-    Measure(
+    Metric(
         "flip_mean",
         "FLIP",
         "",
         "Mean visible difference of the same pictures when they alternate on a display; 0 is identical.",
     ),
-    Measure("hdr_flip_mean", "HDR-FLIP", "", "The same of the light, the worst over all exposures of it."),
-    Measure(
+    Metric("hdr_flip_mean", "HDR-FLIP", "", "The same of the light, the worst over all exposures of it."),
+    Metric(
         "pose_rotation_deg",
         "Camera orientation error",
         "°",
         "Against the true poses after aligning the two worlds, median over views.",
+        on_tile="median error of camera orientation",
     ),
-    Measure(
+    Metric(
         "pose_translation_relative",
         "Camera position error",
         "% of the rig",
         "The same for positions, relative to the largest distance between two cameras.",
         percent=True,
     ),
-    Measure(
+    Metric(
         "response_rmse",
         "Response error",
         "code values",
         "Of the response curve, on 0 to 1, against the true one.",
     ),
-    Measure(
+    Metric(
         "exposure_ratio_error",
         "Exposure ratio error",
         "%",
         "Of the estimated ratios within a bracket against the true ones, median over shots.",
         percent=True,
     ),
-    Measure("gain_error", "Camera gain error", "%", "Worst camera, against the true gains.", percent=True),
-    Measure(
+    Metric("gain_error", "Camera gain error", "%", "Worst camera, against the true gains.", percent=True),
+    Metric(
         "read_noise_error", "Read noise error", "%", "Worst camera, against the true sensor.", percent=True
     ),
 )
 
-BY_KEY = {measure.key: measure for measure in MEASURES}
+BY_KEY = {metric.key: metric for metric in METRICS}
 
 
 def validation(metrics: Mapping[str, Any], key: str) -> str:
-    """What a figure's name ends in if it is of a view that the training was ended by; else nothing."""
+    """` (validation)` after the name of a figure that is of views by which training was ended; else empty."""
     of_views = any(key in row for row in metrics.get("views", []))
     return " (validation)" if of_views and metrics.get("measured_on") == "validation" else ""
