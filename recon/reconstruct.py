@@ -19,7 +19,7 @@ from recon.decide.budget import Budget
 from recon.decide.corrections import refinement_for
 from recon.decide.countdown import Countdown
 from recon.decide.method_choice import chosen_method, rungs
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.prediction import Prediction, enough, predicted
 from recon.decide.presets import QUALITIES, START_SHARE, Quality, QualityName
 from recon.decide.probe import FEWEST, has_time_for_trials, probe
@@ -46,7 +46,7 @@ from recon.train.warm_up import warm_up
 __all__ = ["QUALITIES", "START_SHARE", "MethodName", "Quality", "QualityName", "reconstruct"]
 
 MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
-_AS_IT_IS = Fixed()
+_AS_IT_IS = Overrides()
 
 
 def reconstruct(
@@ -56,7 +56,7 @@ def reconstruct(
     quality: QualityName = "standard",
     budget: Budget | float | str | None = None,
     seed: int = 0,
-    fixed: Fixed = _AS_IT_IS,
+    overrides: Overrides = _AS_IT_IS,
     name: str | None = None,
     replace: bool = False,
     shelf: str = "reconstructions",
@@ -72,8 +72,8 @@ def reconstruct(
     or what `countdown` says, whose time began before or ends later. The whole schedule is made shorter if the
     preset's iterations do not fit at the speed measured at the start, and again on the way if that was
     misjudged. What else has no room is left out as `recon.decide.countdown` says; where 50 iterations do not
-    fit it ends with an InputError that says how long would do. fixed: what is not to be as the preset and the
-    method have it. early_stop: train no longer than was worth it for other scenes, and end when held-out
+    fit it ends with an InputError that says how long would do. overrides: what is not to be as the preset and
+    the method have it. early_stop: train no longer than was worth it for other scenes, and end when held-out
     quality stands still. name: None names method, quality and budget (`default_name`). tell: hears what is
     predicted of a training with a budget, and what is left out. With early_stop or a budget in dB some of the
     held-out views are for that alone (`Dataset.with_validation`).
@@ -99,15 +99,15 @@ def reconstruct(
         countdown = Countdown(budget.amount, clock(), clock=clock, say=tell)
     with joined() as ranks:
         preset, device = QUALITIES[quality], training_device()
-        width = fixed.width or preset.width
+        width = overrides.width or preset.width
         store.require_writable(session / shelf)
-        dataset = fixed.seen(load(session, max_width=width, progress=progress))
+        dataset = overrides.subset(load(session, max_width=width, progress=progress))
         if budget is not None and budget.unit == "dB" and not dataset.held_out:
             raise ReconstructionError(
                 f"{session} has too few views to hold one out, so a budget in dB cannot be told: give a time."
             )
         chosen, reasons = _method(dataset, method)
-        gaussians = fixed.gaussians or preset.gaussians
+        gaussians = overrides.gaussians or preset.gaussians
         if budget is not None and budget.gaussians is not None:
             # More Gaussians than pixels cannot be told apart.
             pixels = sum(view.lens.width * view.lens.height for view in dataset.train)
@@ -117,14 +117,14 @@ def reconstruct(
                 "method": chosen,
                 "quality": quality,
                 "seed": seed,
-                "iterations": math.ceil((fixed.iterations or preset.iterations) / ranks.count),
+                "iterations": math.ceil((overrides.iterations or preset.iterations) / ranks.count),
                 "batch": ranks.count,
                 "max_gaussians": gaussians,
                 "max_width": width,
                 "budget": None if budget is None else budget.amount,
                 "budget_unit": "s" if budget is None else budget.unit,
                 "early_stop": early_stop,
-                "fixed": fixed,
+                "overrides": overrides,
             }
         )
         if wanted.watches:
@@ -259,7 +259,7 @@ def _begin(
         countdown.require(ranks.told(clock() - started), FEWEST)
     light = light_of(dataset, images)
     rng = np.random.Generator(np.random.PCG64([wanted.seed, 0x57A27]))
-    share = START_SHARE if wanted.fixed.growth is None else 1 - wanted.fixed.growth
+    share = START_SHARE if wanted.overrides.growth is None else 1 - wanted.overrides.growth
     colour = degree_for(dataset, wanted, images, ranks)
     most = most_for(dataset, wanted, colour[0])
     # Several processes have to begin with the same points, whichever is slower.

@@ -33,7 +33,7 @@ from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from imaging.files import store
 from imaging.session.calibration import Response, read_calibration
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.evaluate import evaluate
 from recon.observe.photographs import LAST_CODE, ToneCurve
 from recon.observe.tone_grid import apply_curve, curve_values
@@ -139,10 +139,12 @@ def trained(options: argparse.Namespace, protocol: str, name: str, seed: int) ->
     base = options.work / f"ablation-hdr-gs-{options.size.pixels}" / str(seed)
     write_scene(base / "scene", options.size, seed)
     folder = session(base, base / "scene", protocol, row, name, seed)
-    fixed = Fixed(iterations=options.iterations, gaussians=GAUSSIANS, ssim=row.ssim)
+    overrides = Overrides(iterations=options.iterations, gaussians=GAUSSIANS, ssim=row.ssim)
     method: MethodName = "nh-3dgs" if name == NH else "hdr-gs"
     with row.within():
-        made = reconstruct(folder, method=method, seed=seed, fixed=fixed, name=slug(name), replace=True)
+        made = reconstruct(
+            folder, method=method, seed=seed, overrides=overrides, name=slug(name), replace=True
+        )
         found = evaluate(made)
     return {key: found[key] for key, _ in COLUMNS.values() if key in found}
 

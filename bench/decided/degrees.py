@@ -23,7 +23,7 @@ from bench.recon import ladder_scenes
 from bench.recon.presets import SCENES, TOYS, folder_of
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.size import PLAIN
 from recon.evaluate import measured
 from recon.reconstruct import reconstruct
@@ -52,8 +52,8 @@ def one_scene(job: tuple[Any, ...], options: argparse.Namespace) -> dict[str, An
     session, *scene = job
     folder: Path = session(*scene)
     warm_up(lambda message, done, total: None)
-    fixed = Fixed(degree=2, gaussians=options.gaussians, iterations=options.iterations, refine="none")
-    made = reconstruct(folder, fixed=fixed, name="degrees")
+    overrides = Overrides(degree=2, gaussians=options.gaussians, iterations=options.iterations, refine="none")
+    made = reconstruct(folder, overrides=overrides, name="degrees")
     opened = open_model(made)
     parameters = opened.scene.gaussians.parameters
     (key,) = [name for name in parameters if name.endswith("_rest")]

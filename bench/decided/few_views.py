@@ -18,7 +18,7 @@ from bench.support.oracle import oracle_session
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from drivers.sim.rigs import simulate
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
@@ -47,7 +47,10 @@ def train(rig: str, gloss: float | None, frames: int, work: Path) -> dict[str, A
     found = {}
     for degree in DEGREES:
         made = reconstruct(
-            folder, method="nh-3dgs", fixed=Fixed(refine="none", degree=degree), name=f"degree-{degree}"
+            folder,
+            method="nh-3dgs",
+            overrides=Overrides(refine="none", degree=degree),
+            name=f"degree-{degree}",
         )
         metrics = evaluate(made)
         found[str(degree)] = {

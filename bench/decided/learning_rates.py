@@ -17,7 +17,7 @@ from bench.recon import ladder_scenes
 from bench.recon.presets import SCENES, TOYS, folder_of
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.train.learning_rates import rate_factor
@@ -51,7 +51,9 @@ def one(folder: Path, iterations: int, factor: float) -> dict[str, float]:
     """Held-out dB, and dB to the truth, of a whole training at so many times the usual rates."""
     warm_up(lambda message, done, total: None)
     with mock.patch("recon.decide.settings.rate_factor", return_value=factor):
-        made = reconstruct(folder, quality="draft", fixed=Fixed(iterations=iterations), name="learning_rates")
+        made = reconstruct(
+            folder, quality="draft", overrides=Overrides(iterations=iterations), name="learning_rates"
+        )
     metrics = evaluate(made)
     shutil.rmtree(made)
     db = metrics["raw_psnr"] if "raw_psnr" in metrics else metrics["ldr_psnr_oe"]

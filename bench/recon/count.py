@@ -19,7 +19,7 @@ from unittest import mock
 import recon.reconstruct
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache, session
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.size import COLOUR, COUNT
 from recon.evaluate import evaluate
@@ -38,7 +38,7 @@ RATIO = 1.3
 MEASURES = {"truth": "hdr_psnr_mu_aligned", "pictures": "raw_psnr"}
 
 
-def train(folder: Path, quality: Quality, seed: int, fixed: Fixed) -> dict[str, Any]:
+def train(folder: Path, quality: Quality, seed: int, overrides: Overrides) -> dict[str, Any]:
     """One training: metrics, seconds of the processor in all and of the trials, and what was decided."""
     spent: list[float] = []
     decide = recon.reconstruct.size_for
@@ -52,7 +52,7 @@ def train(folder: Path, quality: Quality, seed: int, fixed: Fixed) -> dict[str, 
     warm_up(lambda message, done, total: None)
     with mock.patch.dict(QUALITIES, standard=quality), mock.patch("recon.reconstruct.size_for", timed):
         began = time.process_time()
-        made = reconstruct(folder, seed=seed, fixed=fixed, name="count")
+        made = reconstruct(folder, seed=seed, overrides=overrides, name="count")
         used = time.process_time() - began
     metrics, model = evaluate(made), read_model(made)
     shutil.rmtree(made)  # a finished training would be taken for the next one of the same settings
@@ -90,11 +90,11 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         for seed in range(options.seeds):
             folder = session(options.work, name, seed, "truth")
             quality = Quality(options.iterations, CAP, width)
-            key, plain = f"{name} {width} {seed}", Fixed(refine="none")
+            key, plain = f"{name} {width} {seed}", Overrides(refine="none")
             chosen = row(f"{key} chosen", folder, quality, seed, plain)
             counts = TOY_COUNTS if name.startswith("toy") else COUNTS
             many = [
-                row(f"{key} {n}", folder, quality, seed, Fixed(refine="none", gaussians=n))
+                row(f"{key} {n}", folder, quality, seed, Overrides(refine="none", gaussians=n))
                 for n in counts[: options.most]
             ]
             rows.append({"scene": name, "width": width, "seed": seed, "chosen": chosen, "sweep": many})

@@ -44,7 +44,7 @@ def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[st
     session = folder_of(scene, options.work)
     trade = recorded(session)
     choice = Choice(axis="preset", quality=quality)
-    own = [p for p in trade.points if p.choice.quality == quality and not p.choice.fixed.words()]
+    own = [p for p in trade.points if p.choice.quality == quality and not p.choice.overrides.words()]
     full = own[0] if own else train_point(session, choice, trade)
     made = reconstruct(
         session, method=trade.method, quality=quality, seed=trade.seed, name="early", shelf=FOLDER,

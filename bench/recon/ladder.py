@@ -26,7 +26,7 @@ from bench.support.trial import Cache
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.records import Rung
 from imaging.session.session import Session
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
@@ -70,22 +70,22 @@ def row(scene: Scene, work: Path) -> dict[str, Any]:
     folder = session(scene, work)
     photographs = scene.kind.rig.endswith("ldr")
     most = QUALITIES["standard"].gaussians
-    full = Fixed(refine="poses+exposures+vignetting", degree=2, gaussians=most)
+    full = Overrides(refine="poses+exposures+vignetting", degree=2, gaussians=most)
     warm_up(lambda message, done, total: None)
     # A finished training would be returned as it is, in no time.
     shutil.rmtree(folder / "reconstructions", ignore_errors=True)
     fares: dict[str, Any] = {"load": round(os.getloadavg()[0], 1)}
-    for name, method, fixed in (
-        ("ladder", "auto", Fixed()),
+    for name, method, overrides in (
+        ("ladder", "auto", Overrides()),
         ("full", "hdr-gs" if photographs else "nh-3dgs", full),
     ):
         began = time.perf_counter()
-        made = reconstruct(folder, method=method, fixed=fixed, name=name)
+        made = reconstruct(folder, method=method, overrides=overrides, name=name)
         seconds = time.perf_counter() - began
         metrics = evaluate(made)
         all_metrics = [metrics]
         for seed in range(1, scene.kind.trainings):
-            again = reconstruct(folder, method=method, fixed=fixed, seed=seed, name=f"{name}-{seed}")
+            again = reconstruct(folder, method=method, overrides=overrides, seed=seed, name=f"{name}-{seed}")
             all_metrics.append(evaluate(again))
         fares[name] = {
             "seconds": seconds,

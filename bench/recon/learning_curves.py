@@ -30,7 +30,7 @@ from bench.recon.presets import CASTLE, SCENES, TOYS, folder_of
 from bench.support.record import RESULTS, WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from imaging.files import store
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.prediction import lacking, predicted
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
@@ -41,12 +41,12 @@ FIRST = np.log([12.0, 40.0, 1.3])
 BOUNDS = np.log([[0.5, 2.0, 0.3], [40.0, 1000.0, 4.0]])
 """Of rise, half and power: a curve that was rising from the first has no half that is sure."""
 CHANGED = (
-    ("demo 0", Fixed(gaussians=5000)),
-    ("linear 0", Fixed(gaussians=4000)),
-    ("sRGB curve 0", Fixed(gaussians=4000)),
-    ("demo 0", Fixed(width=160)),
-    ("gallery 0", Fixed(width=160, gaussians=8000)),
-    ("sceaux 0", Fixed(width=640)),
+    ("demo 0", Overrides(gaussians=5000)),
+    ("linear 0", Overrides(gaussians=4000)),
+    ("sRGB curve 0", Overrides(gaussians=4000)),
+    ("demo 0", Overrides(width=160)),
+    ("gallery 0", Overrides(width=160, gaussians=8000)),
+    ("sceaux 0", Overrides(width=640)),
 )
 Row = dict[str, Any]
 
@@ -55,23 +55,25 @@ def measure(options: argparse.Namespace) -> Row:
     cache, rows = Cache(options.work / "learning-curves.jsonl"), []
     folders = {scene.name: partial(folder_of, scene, options.work) for scene in options.scenes}
     folders |= {one.name: partial(ladder_scenes.session, one, options.ladder) for one in options.kinds}
-    jobs = [(name, Fixed()) for name in folders if name != CASTLE.name]
-    for name, fixed in [*jobs, *(job for job in CHANGED if job[0] in folders)]:
-        key = ", ".join([name, *fixed.words()])
-        row = cache.get(key, lambda name=name, fixed=fixed: {"curve": curve(folders[name](), fixed, options)})
+    jobs = [(name, Overrides()) for name in folders if name != CASTLE.name]
+    for name, overrides in [*jobs, *(job for job in CHANGED if job[0] in folders)]:
+        key = ", ".join([name, *overrides.words()])
+        row = cache.get(
+            key, lambda name=name, overrides=overrides: {"curve": curve(folders[name](), overrides, options)}
+        )
         rows.append({"scene": key, "kind": kind(name)} | row)
     for row in rows:
         row["fit"], row["rms"] = fitted(row["curve"])
     return {"machine": machine(), "rows": rows, "forecasts": forecasts(rows)}
 
 
-def curve(folder: Path, fixed: Fixed, options: argparse.Namespace) -> list[tuple[int, float]]:
+def curve(folder: Path, overrides: Overrides, options: argparse.Namespace) -> list[tuple[int, float]]:
     """Iterations and held-out dB of whole trainings, ever longer ones."""
     found: list[tuple[int, float]] = []
     warm_up(lambda message, done, total: None)
     for length in options.lengths:
-        changed = fixed.model_copy(update={"iterations": length})
-        made = reconstruct(folder, quality="best", fixed=changed, name="length")
+        changed = overrides.model_copy(update={"iterations": length})
+        made = reconstruct(folder, quality="best", overrides=changed, name="length")
         record = read_model(made)
         shutil.rmtree(made)
         assert record.held_out_db is not None

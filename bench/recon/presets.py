@@ -105,7 +105,7 @@ def row(scene: Scene, trade: Trade) -> dict[str, Any]:
     lie = {}
     for name in QUALITIES:
         # Where two presets train the same, as on small images, the first stands for both.
-        own = [p for p in trade.points if p.choice.quality == name and not p.choice.fixed.words()]
+        own = [p for p in trade.points if p.choice.quality == name and not p.choice.overrides.words()]
         if not own:
             continue
         (point,) = own
@@ -119,7 +119,7 @@ def row(scene: Scene, trade: Trade) -> dict[str, Any]:
         "method": trade.method,
         "trainings": len(trade.points),
         "presets": lie,
-        "front": [{"seconds": p.seconds, "db": p.db, "sets": p.choice.fixed.words()} for p in best],
+        "front": [{"seconds": p.seconds, "db": p.db, "sets": p.choice.overrides.words()} for p in best],
         "others": [{"seconds": p.seconds, "db": p.db} for p in trade.points if p not in best],
     }
 

@@ -25,7 +25,7 @@ from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from recon.data.dataset import Dataset, load
 from recon.decide.corrections import KNOWN_PX, tried
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.settings import Settings
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
@@ -74,11 +74,11 @@ def trained(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, f
     """dB of held-out pictures, with poses as they are and corrected."""
     found = {}
     for name, refine in (("as they are", "none"), ("corrected", "poses")):
-        fixed = Fixed(
+        overrides = Overrides(
             refine=refine, width=options.width, iterations=options.iterations, gaussians=GAUSSIANS,
             degree=DEGREE,
         )  # fmt: skip
-        made = reconstruct(folder, method="nh-3dgs", fixed=fixed, name=f"refine-{refine}", seed=seed)
+        made = reconstruct(folder, method="nh-3dgs", overrides=overrides, name=f"refine-{refine}", seed=seed)
         found[name] = evaluate(made)["raw_psnr"]
     return found
 

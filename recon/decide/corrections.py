@@ -35,7 +35,7 @@ UNIT = "dB of the residuals of views held out of a trial"
 
 def refinement_for(dataset: Dataset, settings: Settings, ranks: Ranks, progress: Progress) -> Refinement:
     """What a training with these settings corrects: as asked, else as decided; the same on all ranks."""
-    asked = settings.fixed.refine
+    asked = settings.overrides.refine
     if asked is not None:
         rungs = [
             _rung(name, name in asked, "asked for" if name in asked else "not asked for") for name in ALL

@@ -1,4 +1,4 @@
-"""What of a training is fixed by hand, in place of what its preset and its method would take."""
+"""What a user sets in place of what the preset and the method of a training would take."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ _WHAT = "(poses|exposures|vignetting)"
 _REFINE = rf"^(none|{_WHAT}(\+{_WHAT})*)$"
 
 
-class Fixed(Record):
+class Overrides(Record):
     """Settings by name; None: as the preset and the method have it. The fields are the keys of `--set`."""
 
     iterations: int | None = Field(default=None, ge=1, le=10_000_000)
@@ -63,21 +63,21 @@ class Fixed(Record):
 
     def words(self) -> list[str]:
         """What `of` was given."""
-        fixed = self.model_dump(exclude_none=True)
+        overrides = self.model_dump(exclude_none=True)
         return [
             f"{key}={value if isinstance(value, str) else format(value, '.10g')}"
-            for key, value in fixed.items()
+            for key, value in overrides.items()
         ]
 
-    def seen(self, dataset: "Dataset") -> "Dataset":
-        """What training looks at of a data set; held-out views stay as they are."""
+    def subset(self, dataset: "Dataset") -> "Dataset":
+        """The training views and exposures of a data set that are used; held-out views stay as they are."""
         train = dataset.train if self.views is None else _evenly(dataset.train, self.views)
         if self.exposures is not None:
             train = tuple(_with_exposures(view, self.exposures) for view in train)
         return replace(dataset, train=train)
 
     def composed(self, method: "Method") -> "Method":
-        """A method with the loss and the harmonics that are fixed."""
+        """A method with the loss and the harmonics that are set."""
         if self.ssim is not None:
             method = replace(method, loss=replace(method.loss, ssim_weight=self.ssim))
         if self.degree is not None:

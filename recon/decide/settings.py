@@ -6,7 +6,7 @@ from imaging.record import Record
 from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.decide.budget import Budget, Unit
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.methods import METHODS
 from recon.methods.method import Method
 from recon.train.densification import DensityRules
@@ -32,10 +32,10 @@ class Settings(Record):
     budget_unit: Unit = "s"
     early_stop: bool = False
     """Whether to train no longer than is worth it."""
-    fixed: Fixed = Fixed()
+    overrides: Overrides = Overrides()
     """What was set by hand."""
     degree: int | None = None
-    """Of the harmonics, as the scene was given it; None: as `fixed` or the method has it."""
+    """Of the harmonics, as the scene was given it; None: as `overrides` or the method has it."""
 
     @property
     def watches(self) -> bool:
@@ -50,13 +50,17 @@ class Settings(Record):
             "seed": str(self.seed),
             "budget": "none" if self.budget is None else str(Budget(self.budget, self.budget_unit)),
             "early stop": "on" if self.early_stop else "off",
-            "settings": " ".join(self.fixed.words()) or "none set",
+            "settings": " ".join(self.overrides.words()) or "none set",
         }
 
     def composed(self, dataset: Dataset, light: Light) -> Method:
-        """The method with what was fixed and decided."""
-        fixed = self.fixed if self.degree is None else self.fixed.model_copy(update={"degree": self.degree})
-        return fixed.composed(METHODS[self.method](dataset, light))
+        """The method with what was set and decided."""
+        overrides = (
+            self.overrides
+            if self.degree is None
+            else self.overrides.model_copy(update={"degree": self.degree})
+        )
+        return overrides.composed(METHODS[self.method](dataset, light))
 
     def plan(self) -> Plan:
         """The whole training."""

@@ -69,7 +69,7 @@ def degree_for(
 
     images: radiance images of the training views. The rung's parameters are those of one Gaussian.
     """
-    found, asked = None, settings.fixed.degree
+    found, asked = None, settings.overrides.degree
     if asked is not None:
         degree, reason = asked, "as asked for"
     else:
@@ -144,7 +144,7 @@ def most_for(dataset: Dataset, settings: Settings, degree: int) -> int:
 
 
 def _asked(settings: Settings) -> bool:
-    return settings.fixed.gaussians is not None or settings.budget_unit in ("Gaussians", "bytes")
+    return settings.overrides.gaussians is not None or settings.budget_unit in ("Gaussians", "bytes")
 
 
 def decided(

@@ -13,7 +13,7 @@ from recon.data.dataset import Dataset, View
 from recon.data.holdout import held_out
 from recon.data.light import Light, light_of, radiance_image
 from recon.data.pixels import Progress
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.settings import Settings
 from recon.methods import METHODS
 from recon.observe.refinement import Refined, Refinement
@@ -35,7 +35,7 @@ _CPU = torch.device("cpu")
 
 def no_trial(dataset: Dataset, settings: Settings) -> str:
     """Why no trial is made; empty if one is."""
-    if settings.fixed.model_copy(update={"refine": None}) != Fixed():
+    if settings.overrides.model_copy(update={"refine": None}) != Overrides():
         return "not tried, since settings were fixed by hand"
     if settings.budget is not None and settings.budget_unit == "s":
         return "not tried, since a trial would take its time from the budget"
@@ -107,7 +107,7 @@ class Trials:
         """
         method = METHODS[self.settings.method](self.part, self.light)
         if degree is not None:
-            method = Fixed(degree=degree).composed(method)
+            method = Overrides(degree=degree).composed(method)
         start = gaussians_at(points or self.points, method.appearance, method.observation.units)
         refinement = Refinement.of(self.part, refine) if refine else None
         training = Training.begin(method, self.light, start, self.part.extent, device, refinement)

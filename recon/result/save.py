@@ -138,7 +138,7 @@ def _early_stop(training: Training, settings: Settings) -> tuple[Rung, ...]:
     if not settings.early_stop:
         return ()
     cut, turns = training.ending == "early stop", training.schedule.turns if training.schedule else ()
-    asked = settings.fixed.iterations or QUALITIES[settings.quality].iterations
+    asked = settings.overrides.iterations or QUALITIES[settings.quality].iterations
     worth = enough(asked)
     reason = f"at most {worth} of {asked} iterations, as scenes before gained less than {ENOUGH:g} dB by more"
     if cut:

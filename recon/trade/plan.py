@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from recon.data.dataset import Dataset
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
 from recon.trade.front import front
 from recon.trade.records import Choice, Point
@@ -33,18 +33,18 @@ class Session:
             exposures=max(len(view.shots) for view in dataset.train),
         )
 
-    def effective(self, choice: Choice) -> Fixed:
-        """All that is fixed by a choice and its preset: equal for choices that train the same."""
-        preset, fixed = QUALITIES[choice.quality], choice.fixed
-        return fixed.model_copy(
+    def effective(self, choice: Choice) -> Overrides:
+        """All that is set by a choice and its preset: equal for choices that train the same."""
+        preset, overrides = QUALITIES[choice.quality], choice.overrides
+        return overrides.model_copy(
             update={
-                "iterations": fixed.iterations or preset.iterations,
-                "gaussians": fixed.gaussians or preset.gaussians,
-                "width": min(fixed.width or preset.width, self.width),
+                "iterations": overrides.iterations or preset.iterations,
+                "gaussians": overrides.gaussians or preset.gaussians,
+                "width": min(overrides.width or preset.width, self.width),
             }
         )
 
-    def trained(self, point: Point) -> Fixed:
+    def trained(self, point: Point) -> Overrides:
         """The same of a finished training, with what was decided by the scene."""
         return self.effective(point.choice).model_copy(update=_decided(point))
 
@@ -107,16 +107,16 @@ def planned(session: Session, trained: Point | None) -> list[Choice]:
             and change.get("exposures", 0) < session.exposures
         )
         if possible:
-            choices.append(Choice(axis=axis, fixed=Fixed.model_validate(decided | change)))
+            choices.append(Choice(axis=axis, overrides=Overrides.model_validate(decided | change)))
     return distinct(choices, session, set() if trained is None else {session.trained(trained)})
 
 
 def _decided(point: Point) -> dict[str, Any]:
-    """What the scene decided of a training, as it would be fixed."""
+    """What the scene decided of a training, as it would be set."""
     return {"gaussians": point.gaussians, "degree": point.degree, "refine": point.refine}
 
 
-def distinct(choices: Sequence[Choice], session: Session, known: set[Fixed]) -> list[Choice]:
+def distinct(choices: Sequence[Choice], session: Session, known: set[Overrides]) -> list[Choice]:
     """Without those that would train what is `known`, or what one before them does."""
     found, seen = [], set(known)
     for choice in choices:
@@ -138,8 +138,8 @@ def neighbours(points: Sequence[Point], session: Session) -> Iterator[Choice]:
         ):  # fmt: skip
             value = int(getattr(here, key) * factor)
             if value >= 16 and not (key == "width" and value > session.width):
-                fixed = here.model_copy(update={key: value})
-                found.append(Choice(axis="near the front", fixed=fixed))
+                overrides = here.model_copy(update={key: value})
+                found.append(Choice(axis="near the front", overrides=overrides))
     longest = max((session.work(point.choice) for point in points), default=0.0)
     fitting = [choice for choice in found if session.work(choice) <= longest]
     yield from sorted(distinct(fitting, session, known), key=session.work)[:MOST_NEIGHBOURS]
@@ -164,12 +164,12 @@ def expected_seconds(choice: Choice, points: Sequence[Point], session: Session) 
 
 def _as_sized(choice: Choice, points: Sequence[Point], session: Session) -> Choice:
     """With as many Gaussians as the scene needed before, where it needed fewer than it might have had."""
-    if choice.fixed.gaussians is not None:
+    if choice.overrides.gaussians is not None:
         return choice
     needed = [
         point.gaussians
         for point in points
-        if point.choice.fixed.gaussians is None
+        if point.choice.overrides.gaussians is None
         and point.gaussians < (session.effective(point.choice).gaussians or 0)
     ]
     most = session.effective(choice).gaussians or 0
@@ -177,4 +177,6 @@ def _as_sized(choice: Choice, points: Sequence[Point], session: Session) -> Choi
 
 
 def _with_count(choice: Choice, gaussians: int) -> Choice:
-    return choice.model_copy(update={"fixed": choice.fixed.model_copy(update={"gaussians": gaussians})})
+    return choice.model_copy(
+        update={"overrides": choice.overrides.model_copy(update={"gaussians": gaussians})}
+    )

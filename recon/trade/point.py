@@ -66,7 +66,7 @@ def train_point(
             method=trade.method,  # type: ignore[arg-type]
             quality=choice.quality,
             seed=trade.seed,
-            fixed=choice.fixed,
+            overrides=choice.overrides,
             name=name,
             shelf=FOLDER,
             progress=watched,

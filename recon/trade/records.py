@@ -17,7 +17,7 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.record import Record, parse
 from recon.decide import presets
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 
 FOLDER, TRADE = "trade", "trade.json"
 
@@ -33,11 +33,11 @@ class Choice(Record):
 
     axis: str
     quality: presets.QualityName = "standard"
-    fixed: Fixed = Fixed()
+    overrides: Overrides = Overrides()
 
     def command(self, session: str, method: str, seed: int) -> str:
         """What trains just this, to the byte."""
-        sets = "".join(f" --set {word}" for word in self.fixed.words())
+        sets = "".join(f" --set {word}" for word in self.overrides.words())
         return (
             f"rig reconstruct {shlex.quote(session)} --method {method} --quality {self.quality} "
             f"--seed {seed}{sets}"
@@ -117,7 +117,7 @@ def key_of(choice: Choice, trade: Trade) -> str:
     """What a point is known by: its settings, the calibration and the code; 16 hex digits."""
     parts = [
         [choice.quality, vars(presets.QUALITIES[choice.quality]), presets.START_SHARE],
-        choice.fixed.model_dump(mode="json"),
+        choice.overrides.model_dump(mode="json"),
         [trade.method, trade.seed, trade.width, trade.calibration_sha256, trade.code, version("torch")],
     ]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]

@@ -169,7 +169,7 @@ def _several(run: _Run, workers: int, progress: Progress, say: Callable[[str], N
 
 def label(choice: Choice) -> str:
     """`standard`, or `iterations=500`."""
-    words = choice.fixed.words()
+    words = choice.overrides.words()
     return ", ".join(words) if words else choice.quality
 
 

@@ -178,9 +178,9 @@ def run_training(
     countdown: "Countdown | None" = None,
 ) -> CommandResult:
     """Train a scene, or go on with it; a finished one is left as it is."""
-    from recon.decide.overrides import Fixed
+    from recon.decide.overrides import Overrides
 
-    fixed = Fixed.of(sets or ())
+    overrides = Overrides.of(sets or ())
     from recon.reconstruct import reconstruct as reconstruct_session
     from recon.result.model import read_model
     from recon.train.interrupt import Interrupted
@@ -194,7 +194,7 @@ def run_training(
             budget=budget,
             early_stop=early_stop,
             seed=seed,
-            fixed=fixed,
+            overrides=overrides,
             name=name,
             replace=replace,
             progress=status,

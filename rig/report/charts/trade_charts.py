@@ -69,7 +69,7 @@ def _over(trade: Trade, points: Sequence[Point], axis: str, heading: str, value:
 
 def is_preset(point: Point, name: str) -> bool:
     """Whether it is a preset as it is."""
-    return point.choice.quality == name and not point.choice.fixed.words()
+    return point.choice.quality == name and not point.choice.overrides.words()
 
 
 def _count(points: Sequence[Point]) -> str:

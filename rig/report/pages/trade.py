@@ -118,11 +118,11 @@ def _tables(trade: Trade) -> Iterable[Table]:
 
 def settings(point: Point) -> dict[str, float | str | None]:
     """What a training was made with, by hand or as its scene decided; None: as the method has it."""
-    fixed, preset = point.choice.fixed, QUALITIES[point.choice.quality]
-    own = {key: getattr(fixed, key) for key in AXES}
+    overrides, preset = point.choice.overrides, QUALITIES[point.choice.quality]
+    own = {key: getattr(overrides, key) for key in AXES}
     return own | {
-        "iterations": fixed.iterations or preset.iterations,
-        "gaussians": fixed.gaussians or point.gaussians,
+        "iterations": overrides.iterations or preset.iterations,
+        "gaussians": overrides.gaussians or point.gaussians,
         "width": point.width,
         "degree": point.degree,
         "refine": point.refine or "none",

@@ -103,7 +103,7 @@ def _commands(
         budget = "" if asked is None else f" --budget {asked}"
         usual = default_name(chosen.method, chosen.quality, asked)
         own = "" if reconstruction in (None, usual) else f" --name {shlex.quote(str(reconstruction))}"
-        sets = "".join(f" --set {word}" for word in chosen.fixed.words())
+        sets = "".join(f" --set {word}" for word in chosen.overrides.words())
         early = " --early-stop" if chosen.early_stop else ""
         yield f"rig reconstruct {name} {options}{budget}{early}{sets}{own}"
 

@@ -12,7 +12,7 @@ from recon.data.dataset import load
 from recon.data.geometry import project
 from recon.data.world import WorldTransform
 from recon.decide.corrections import pose_error_px
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.reconstruct import Quality, reconstruct
 from recon.result.scene import open_model
 from recon.scene.ply import read_ply
@@ -32,7 +32,7 @@ def trained(session):
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(stage.QUALITIES, "draft", Quality(60, 600, 64))
         # Growth is by rank: where rounding makes two Gaussians change places, all new ones are others.
-        return reconstruct(session, quality="draft", fixed=Fixed(refine="none", growth=0))
+        return reconstruct(session, quality="draft", overrides=Overrides(refine="none", growth=0))
 
 
 @pytest.fixture(scope="module")

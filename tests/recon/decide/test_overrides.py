@@ -6,22 +6,27 @@ import pytest
 
 from imaging.errors import InputError
 from recon import reconstruct as stage
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.reconstruct import Quality
 from recon.result.scene import open_model
 
 
 def test_words_are_read_and_said_again() -> None:
     words = ["iterations=500", "ssim=0.2", "growth=0", "exposures=2"]
-    fixed = Fixed.of(words)
-    assert (fixed.iterations, fixed.ssim, fixed.growth, fixed.gaussians) == (500, 0.2, 0, None)
-    assert Fixed.of(fixed.words()) == fixed
-    assert sorted(fixed.words()) == sorted(words)
+    overrides = Overrides.of(words)
+    assert (overrides.iterations, overrides.ssim, overrides.growth, overrides.gaussians) == (
+        500,
+        0.2,
+        0,
+        None,
+    )
+    assert Overrides.of(overrides.words()) == overrides
+    assert sorted(overrides.words()) == sorted(words)
 
 
 def test_large_numbers_keep_their_digits() -> None:
-    fixed = Fixed(gaussians=12_345_678)
-    assert Fixed.of(fixed.words()) == fixed
+    overrides = Overrides(gaussians=12_345_678)
+    assert Overrides.of(overrides.words()) == overrides
 
 
 @pytest.mark.parametrize(
@@ -42,7 +47,7 @@ def test_large_numbers_keep_their_digits() -> None:
 )
 def test_what_cannot_be_is_refused_in_a_sentence(words: list[str]) -> None:
     with pytest.raises(InputError, match=r"--set .*: .*\.$|--set .*cannot be used: .*\.$"):
-        Fixed.of(words)
+        Overrides.of(words)
 
 
 @pytest.mark.parametrize(
@@ -52,13 +57,13 @@ def test_exposures_are_taken_evenly(toy_dataset, count: int, kept: list[int]) ->
     view = toy_dataset.train[0]
     seven = replace(view, shots=tuple(replace(view.shots[0], k=2.0**k) for k in range(7)))
     held_out = toy_dataset.held_out
-    seen = Fixed(exposures=count).seen(replace(toy_dataset, train=(seven,)))
+    seen = Overrides(exposures=count).subset(replace(toy_dataset, train=(seven,)))
     assert [shot.k for shot in seen.train[0].shots] == [2.0**k for k in kept]
     assert seen.held_out is held_out
 
 
 def test_views_are_taken_evenly(toy_dataset) -> None:
-    seen = Fixed(views=3).seen(toy_dataset)
+    seen = Overrides(views=3).subset(toy_dataset)
     names = [view.name for view in toy_dataset.train]
     assert [view.name for view in seen.train] == [names[0], names[len(names) // 2], names[-1]]
 
@@ -66,10 +71,12 @@ def test_views_are_taken_evenly(toy_dataset) -> None:
 def test_a_training_is_as_it_was_told(session_copy, monkeypatch: pytest.MonkeyPatch) -> None:
     """And is found again, with all of it, when the scene is opened; other settings train anew."""
     monkeypatch.setitem(stage.QUALITIES, "draft", Quality(20, 400, 320))
-    fixed = Fixed(iterations=12, gaussians=200, width=32, degree=1, ssim=0.5, growth=0, views=3, exposures=1)
-    folder = stage.reconstruct(session_copy, quality="draft", fixed=fixed, name="by-hand")
+    overrides = Overrides(
+        iterations=12, gaussians=200, width=32, degree=1, ssim=0.5, growth=0, views=3, exposures=1
+    )
+    folder = stage.reconstruct(session_copy, quality="draft", overrides=overrides, name="by-hand")
     opened = open_model(folder)
-    assert opened.record.settings.fixed == fixed
+    assert opened.record.settings.overrides == overrides
     assert opened.training.iteration == 12
     assert len(opened.training.gaussians) <= 200
     assert {view.lens.width for view in opened.dataset.views} == {32}
@@ -79,7 +86,9 @@ def test_a_training_is_as_it_was_told(session_copy, monkeypatch: pytest.MonkeyPa
     assert {len(view.shots) for view in opened.dataset.train} == {1}
     assert min(len(view.shots) for view in opened.dataset.held_out) > 1
     stamp = (folder / "splats.ply").stat().st_mtime_ns
-    assert stage.reconstruct(session_copy, quality="draft", fixed=fixed, name="by-hand") == folder
+    assert stage.reconstruct(session_copy, quality="draft", overrides=overrides, name="by-hand") == folder
     assert (folder / "splats.ply").stat().st_mtime_ns == stamp
-    stage.reconstruct(session_copy, quality="draft", fixed=Fixed(iterations=13), name="by-hand", replace=True)
+    stage.reconstruct(
+        session_copy, quality="draft", overrides=Overrides(iterations=13), name="by-hand", replace=True
+    )
     assert open_model(folder).training.iteration == 13

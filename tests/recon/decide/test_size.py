@@ -13,7 +13,7 @@ from drivers.sim import rigs
 from imaging.files import store
 from recon.data.dataset import load
 from recon.data.light import radiance_image
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.settings import Settings
 from recon.decide.size import COLOUR, COUNT, decided, degree_for, fewer, fewest, lowest, most_for, size_for
@@ -97,7 +97,7 @@ def test_a_few_small_pictures_get_few_gaussians_of_one_colour(toy_dataset):
 @pytest.mark.parametrize(
     "wanted",
     [
-        settings(max_gaussians=9000, fixed=Fixed(gaussians=9000)),
+        settings(max_gaussians=9000, overrides=Overrides(gaussians=9000)),
         settings(max_gaussians=9000, budget=9000.0, budget_unit="Gaussians"),
     ],
     ids=["set", "budget"],
@@ -110,7 +110,7 @@ def test_what_is_asked_for_is_obeyed(toy_dataset, wanted):
 
 
 def test_a_degree_that_is_asked_for_is_obeyed(toy_dataset):
-    size = decide(toy_dataset, settings(fixed=Fixed(degree=0)))
+    size = decide(toy_dataset, settings(overrides=Overrides(degree=0)))
     assert size.degree == 0
     assert not size.rungs[1].taken
 
@@ -161,8 +161,8 @@ def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypat
     """An interrupted training takes its decision along, and ends bit for bit like one that was not."""
     monkeypatch.setitem(QUALITIES, "standard", QUICK)
     monkeypatch.setattr(module, "TRIAL_SHARE", 0.2)
-    fixed = Fixed(refine="none")
-    whole = reconstruct(long, fixed=fixed, name="whole")
+    overrides = Overrides(refine="none")
+    whole = reconstruct(long, overrides=overrides, name="whole")
     model = read_model(whole)
     rungs = {rung.name: rung for rung in model.rungs}
     assert model.settings.max_gaussians < QUICK.gaussians
@@ -177,12 +177,12 @@ def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypat
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(long, fixed=fixed, name="twice", progress=interrupt)
+        reconstruct(long, overrides=overrides, name="twice", progress=interrupt)
     monkeypatch.setattr("recon.reconstruct.size_for", lambda *_: pytest.fail("tried again"))
-    again = reconstruct(long, fixed=fixed, name="twice")
+    again = reconstruct(long, overrides=overrides, name="twice")
     assert (again / "splats.ply").read_bytes() == (whole / "splats.ply").read_bytes()
     assert store.read_json(again / "model.json")["rungs"] == store.read_json(whole / "model.json")["rungs"]
-    assert reconstruct(long, fixed=fixed, name="twice") == again
+    assert reconstruct(long, overrides=overrides, name="twice") == again
 
 
 class Second(Ranks):

@@ -8,7 +8,7 @@ import pytest
 import recon.reconstruct as stage
 from imaging.errors import InputError, StorageError
 from recon.decide.budget import Budget
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.reconstruct import Quality, reconstruct
 from recon.result.model import read_model
 from recon.result.place import default_name
@@ -42,7 +42,10 @@ def test_a_scene_is_called_by_what_was_asked_for():
     [
         ({"seed": 7}, "trained with seed 0:"),
         ({"budget": "0.2k"}, "trained with budget none:"),
-        ({"fixed": Fixed(degree=0), "early_stop": True}, "trained with early stop off, settings none set:"),
+        (
+            {"overrides": Overrides(degree=0), "early_stop": True},
+            "trained with early stop off, settings none set:",
+        ),
     ],
 )
 def test_other_settings_do_not_overwrite_a_scene(scene, options, words):

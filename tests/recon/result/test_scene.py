@@ -31,8 +31,8 @@ def draft():
 def trained(toy, tmp_path_factory, draft) -> Path:
     """Of RAW, with its poses corrected; not to be changed."""
     session = shutil.copytree(toy, tmp_path_factory.mktemp("scene") / "session")
-    fixed = stage.Fixed(refine="poses+exposures+vignetting")
-    return reconstruct(session, quality="draft", fixed=fixed)
+    overrides = stage.Overrides(refine="poses+exposures+vignetting")
+    return reconstruct(session, quality="draft", overrides=overrides)
 
 
 @pytest.fixture

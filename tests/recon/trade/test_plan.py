@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES
 from recon.trade.front import behind, front
 from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
@@ -42,11 +42,11 @@ def test_the_front_is_what_nothing_beats() -> None:
 def test_presets_and_single_changes_are_planned_once_each() -> None:
     choices = planned(RICH, None)
     assert [choice.quality for choice in choices[:3]] == ["standard", "draft", "best"]
-    changed = {key for choice in choices for key in choice.fixed.model_dump(exclude_none=True)}
+    changed = {key for choice in choices for key in choice.overrides.model_dump(exclude_none=True)}
     assert changed == {
         "iterations", "gaussians", "width", "degree", "ssim", "growth", "views", "exposures"
     }  # fmt: skip
-    assert all(len(choice.fixed.words()) == (choice.axis != "preset") for choice in choices)
+    assert all(len(choice.overrides.words()) == (choice.axis != "preset") for choice in choices)
     trained = [RICH.effective(choice) for choice in choices]
     assert len(set(trained)) == len(trained)
 
@@ -58,12 +58,12 @@ def test_single_changes_keep_what_the_scene_decided(refine: str | None) -> None:
     singles = [choice for choice in planned(RICH, standard) if choice.axis != "preset"]
     base = RICH.trained(standard).model_dump()
     for choice in singles:
-        fixed = RICH.effective(choice).model_dump()
-        assert len([key for key in base if fixed[key] != base[key]]) == 1, choice
-    counts = {choice.fixed.gaussians for choice in singles if choice.axis == "Gaussians"}
+        overrides = RICH.effective(choice).model_dump()
+        assert len([key for key in base if overrides[key] != base[key]]) == 1, choice
+    counts = {choice.overrides.gaussians for choice in singles if choice.axis == "Gaussians"}
     assert counts == {2250, 4500, 18_000}
-    assert {choice.fixed.degree for choice in singles if choice.axis == "SH degree"} == {1, 2}
-    without = [choice.fixed.refine for choice in singles if choice.axis == "corrections"]
+    assert {choice.overrides.degree for choice in singles if choice.axis == "SH degree"} == {1, 2}
+    without = [choice.overrides.refine for choice in singles if choice.axis == "corrections"]
     assert without == (["none"] if refine else [])
 
 
@@ -73,10 +73,10 @@ def test_single_changes_keep_what_the_scene_decided(refine: str | None) -> None:
 def test_nothing_is_planned_that_a_session_does_not_have(views: int, exposures: int, width: int) -> None:
     session = Session(width=width, views=views, exposures=exposures)
     for choice in planned(session, None):
-        fixed = session.effective(choice)
-        assert 16 <= fixed.width <= width
-        assert fixed.exposures is None or 1 <= fixed.exposures < exposures
-        assert fixed.views is None or 3 <= fixed.views <= views
+        overrides = session.effective(choice)
+        assert 16 <= overrides.width <= width
+        assert overrides.exposures is None or 1 <= overrides.exposures < exposures
+        assert overrides.views is None or 3 <= overrides.views <= views
 
 
 def test_neighbours_are_new_and_no_more_work_than_what_was_done() -> None:
@@ -94,12 +94,12 @@ def test_neighbours_are_new_and_no_more_work_than_what_was_done() -> None:
 def test_work_grows_with_all_that_takes_time() -> None:
     usual = RICH.work(Choice(axis=""))
     for more in ({"iterations": 4000}, {"gaussians": 80_000}, {"width": 1280}):
-        assert RICH.work(Choice(axis="", fixed=Fixed(**more))) > usual
-    assert RICH.work(Choice(axis="", fixed=Fixed(exposures=1))) < usual
+        assert RICH.work(Choice(axis="", overrides=Overrides(**more))) > usual
+    assert RICH.work(Choice(axis="", overrides=Overrides(exposures=1))) < usual
 
 
 def iterations(count: int, seconds: float = 0.0) -> Point:
-    return point(Choice(axis="", fixed=Fixed(iterations=count)), seconds=seconds)
+    return point(Choice(axis="", overrides=Overrides(iterations=count)), seconds=seconds)
 
 
 def test_expected_seconds_lie_on_the_line_through_the_nearest_two() -> None:
@@ -120,12 +120,14 @@ def test_a_scene_that_needed_few_gaussians_is_expected_to_need_no_more() -> None
     few = [full[0], full[1].model_copy(update={"gaussians": count})]
     # As long as a training would that has just so many.
     told = expected_seconds(best, few, RICH)
-    fixed = expected_seconds(Choice(axis="", quality="best", fixed=Fixed(gaussians=count)), few, RICH)
-    assert told == fixed
+    overrides = expected_seconds(
+        Choice(axis="", quality="best", overrides=Overrides(gaussians=count)), few, RICH
+    )
+    assert told == overrides
     # More than the preset allows it never is.
     draft = Choice(axis="preset", quality="draft")
     many = [full[1].model_copy(update={"gaussians": QUALITIES["standard"].gaussians - 1})]
-    most = draft.model_copy(update={"fixed": Fixed(gaussians=QUALITIES["draft"].gaussians)})
+    most = draft.model_copy(update={"overrides": Overrides(gaussians=QUALITIES["draft"].gaussians)})
     assert expected_seconds(draft, many, RICH) == expected_seconds(most, many, RICH)
 
 

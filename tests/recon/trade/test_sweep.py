@@ -7,7 +7,7 @@ import pytest
 
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
@@ -55,13 +55,13 @@ def test_each_call_goes_on_and_every_point_can_be_made_again(session_copy: Path)
 def test_points_are_measured_at_one_size_whatever_they_were_trained_at(
     session_copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    small = Choice(axis="resolution", fixed=Fixed(width=32, exposures=1, views=3, refine="poses"))
+    small = Choice(axis="resolution", overrides=Overrides(width=32, exposures=1, views=3, refine="poses"))
     monkeypatch.setattr(module, "planned", lambda session, standard: [small])
     (point,) = sweep(session_copy, budget=AT_ONCE).points
     assert point.width == 32
     assert point.refine == "poses"
     name = "by-hand"
-    folder = reconstruct(session_copy, method="nh-3dgs", fixed=small.fixed, name=name)
+    folder = reconstruct(session_copy, method="nh-3dgs", overrides=small.overrides, name=name)
     assert store.sha256(folder / "splats.ply") == point.splats_sha256
     assert point.command.endswith("--set width=32 --set views=3 --set exposures=1 --set refine=poses")
     # The held-out view keeps its size and its bracket, so that its figure is not the small scene's own.
@@ -113,7 +113,7 @@ def test_a_key_tells_settings_calibration_and_code(session_copy: Path) -> None:
         for name, value in (("code", "0"), ("calibration_sha256", "0"), ("seed", 1), ("method", "vanilla"))
     ]
     keys = [key_of(choice, trade), *(key_of(choice, changed) for changed in changes)]
-    keys.append(key_of(choice.model_copy(update={"fixed": Fixed(iterations=9)}), trade))
+    keys.append(key_of(choice.model_copy(update={"overrides": Overrides(iterations=9)}), trade))
     assert len(set(keys)) == len(keys)
     assert key_of(choice.model_copy(update={"axis": "other"}), trade) == keys[0]
 
@@ -146,10 +146,10 @@ def test_another_process_trains_what_this_one_would(
     session_copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is started afresh and knows nothing of the tiny presets: all is said by the choice."""
-    choice = Choice(axis="preset", fixed=Fixed(iterations=10, gaussians=100, width=32))
+    choice = Choice(axis="preset", overrides=Overrides(iterations=10, gaussians=100, width=32))
     monkeypatch.setattr(module, "planned", lambda session, standard: [choice])
     monkeypatch.setattr(module, "neighbours", lambda points, session: [])
     (point,) = sweep(session_copy, budget=1e6, workers=2).points
     assert (point.choice, point.at_once) == (choice, 2)
-    folder = reconstruct(session_copy, method="nh-3dgs", fixed=choice.fixed)
+    folder = reconstruct(session_copy, method="nh-3dgs", overrides=choice.overrides)
     assert store.sha256(folder / "splats.ply") == point.splats_sha256

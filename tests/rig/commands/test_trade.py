@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from imaging.files import store
-from recon.decide.overrides import Fixed
+from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.trade.plan import Session, planned
 from recon.trade.records import Choice, Point, Trade
@@ -22,16 +22,16 @@ TINY = {"draft": Quality(10, 100, 32), "standard": Quality(20, 200, 64), "best":
 
 
 def point(
-    quality: str, db: float, seconds: float, at_once: int = 1, width: int = 640, **fixed: float | str
+    quality: str, db: float, seconds: float, at_once: int = 1, width: int = 640, **overrides: float | str
 ) -> Point:
     """With as many Gaussians as it takes milliseconds where no number is fixed, of colours of degree 1."""
-    choice = Choice(axis="", quality=quality, fixed=Fixed(**fixed))
+    choice = Choice(axis="", quality=quality, overrides=Overrides(**overrides))
     return Point(
-        key=f"{quality}{fixed}", choice=choice, command=choice.command("S", "nh-3dgs", 0), iterations=1,
-        gaussians=choice.fixed.gaussians or int(seconds * 1000), degree=fixed.get("degree", 1),
+        key=f"{quality}{overrides}", choice=choice, command=choice.command("S", "nh-3dgs", 0), iterations=1,
+        gaussians=choice.overrides.gaussians or int(seconds * 1000), degree=overrides.get("degree", 1),
         refine=None if quality == "draft" else "poses", width=width, seconds=seconds,
         processor_seconds=2 * seconds, at_once=at_once, size_bytes=int(seconds * 1e5), splats_sha256="0",
-        db=db, views={"0000/a": db - 1.0, "0000/b": db + 1.0 + 0.1 * bool(fixed)}, truth_db=db + 2,
+        db=db, views={"0000/a": db - 1.0, "0000/b": db + 1.0 + 0.1 * bool(overrides)}, truth_db=db + 2,
     )  # fmt: skip
 
 
