@@ -1,6 +1,5 @@
 """A session's calibration, from its own pictures: exposures, response, poses, lenses, falloff."""
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from calib.sensor.measure import Sensors, measure
 from calib.sensor.metadata import Sensor
 from calib.sensor.rungs import NAMES
 from calib.view_images import Look, look
+from imaging.compute.cores import available_cores
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files import store
 from imaging.session.calibration import CalibrationRecord, is_stale, read_calibration
@@ -163,7 +163,7 @@ def _with_poses(
     board_refused: str,
     progress: Progress,
 ) -> CalibrationRecord:
-    threads = len(os.sched_getaffinity(0))
+    threads = available_cores()
     looks: dict[Key, Look] = {}
     for done, view in enumerate(views):
         progress("finding features", done, len(views))

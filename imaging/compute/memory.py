@@ -1,7 +1,6 @@
 """The memory that a file asks for, compared with what the machine has before any of it is taken."""
 
 import os
-import resource
 from pathlib import Path
 
 from imaging.errors import InputError
@@ -87,7 +86,11 @@ def _own_groups() -> list[Path]:
 
 
 def _own() -> int | None:
-    """What `ulimit -v` leaves of the address space."""
+    """What `ulimit -v` leaves of the address space; None: there is no such limit, as always on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return None
     most = resource.getrlimit(resource.RLIMIT_AS)[0]
     if most == resource.RLIM_INFINITY:
         return None

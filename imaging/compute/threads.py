@@ -18,6 +18,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.extending import intrinsic
 
+from imaging.compute.cores import available_cores
 from imaging.compute.jit import Kernel
 
 
@@ -68,14 +69,7 @@ _jobs: "SimpleQueue[_Job]" = SimpleQueue()
 _helpers = 0
 
 
-def _cores() -> int:
-    """Cores that this process may run on."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-_threads = _cores()
+_threads = available_cores()
 
 
 def _help_forever(jobs: "SimpleQueue[_Job]") -> None:

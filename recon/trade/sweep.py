@@ -1,7 +1,6 @@
 """The sweep: trainings one after the other, or several at once, within a budget, each kept when done."""
 
 import multiprocessing
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -10,6 +9,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from imaging.compute.cores import available_cores
 from imaging.errors import ReconstructionError, RigError
 from imaging.files import store
 from recon.data.dataset import Dataset
@@ -149,7 +149,7 @@ class _Run:
 
 def _several(run: _Run, workers: int, progress: Progress, say: Callable[[str], None]) -> None:
     """In processes that are started afresh: a fork would inherit threads that are not there."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = available_cores()
     context = multiprocessing.get_context("spawn")
     choices, under_way = run.choices(), dict[Future[Point], Choice]()
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
