@@ -32,7 +32,7 @@ from pathlib import Path
 from capture.imports.layouts.hdr_nerf import _table
 from capture.imports.layouts.ply_points import read_ply_points
 from capture.pictures.read import read_picture
-from imaging import exr, raw
+from imaging.files import exr, raw
 from imaging.errors import InputError
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (used + int(sys.argv[2]),) * 2)
