@@ -34,14 +34,15 @@ class Capabilities:
 
 
 @dataclass(frozen=True)
-class EncodedPhoto:
-    """A frame that the camera developed and compressed itself, bytes as received."""
+class CameraFile:
+    """A frame as the file that the camera made of it, RAW or developed, its bytes as received."""
 
     data: bytes
     suffix: str
     width: int
     height: int
     metadata: FrameMetadata
+    bit_depth: int = 8
 
 
 class Camera(Protocol):
@@ -76,7 +77,7 @@ class Camera(Protocol):
         """Expose; the monotonic time, in seconds, at which the shutter opened."""
         ...
 
-    def collect(self) -> RawMosaic | EncodedPhoto:
+    def collect(self) -> RawMosaic | CameraFile:
         """The frame that trigger() exposed, with its own metadata."""
         ...
 
@@ -97,6 +98,6 @@ class StoresShots(Protocol):
         """Wait until the camera has stored the frame that trigger() exposed; what `fetch` knows it by."""
         ...
 
-    def fetch(self, kept: Any) -> RawMosaic | EncodedPhoto:
+    def fetch(self, kept: Any) -> RawMosaic | CameraFile:
         """The frame of such a shot, with its own metadata; also while the next one is exposed."""
         ...

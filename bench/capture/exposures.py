@@ -27,7 +27,7 @@ from capture.check.check import check
 from capture.check.exposure_estimates import Estimate, estimates, meant, raw_edges
 from capture.imports.photos import import_photos
 from capture.pictures import reduced
-from drivers.camera import EncodedPhoto
+from drivers.camera import CameraFile
 from drivers.sim.camera import camera, shutter
 from drivers.sim.camera.camera import Body, SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
@@ -85,7 +85,7 @@ def shots(device: SimulatedCamera, labels: Sequence[Exposure]) -> list[reduced.S
         device.arm()
         device.trigger()
         frame = device.collect()
-        if isinstance(frame, EncodedPhoto):
+        if isinstance(frame, CameraFile):
             seen.append(reduced.of_photo(imagecodecs.jpeg_decode(frame.data).astype(np.float32) / 255))
         else:
             seen.append(reduced.of_raw(from_raw(frame, 1.0), frame.cfa))

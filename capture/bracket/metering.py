@@ -15,10 +15,12 @@ from capture.bracket.percentile import TAKES
 from capture.bracket.planner import Target
 from capture.bracket.raw_metering import RawLook
 from capture.bracket.single_exposure import expose
-from drivers.camera import Camera, EncodedPhoto
+from drivers.camera import Camera, CameraFile
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
-from imaging.files.photo import decode_photo
+from imaging.files.photo import Photo, decode_photo
+from imaging.files.raw import SUFFIXES as RAW_SUFFIXES
+from imaging.files.raw import decode_raw
 from imaging.mosaic import RawMosaic
 
 
@@ -60,12 +62,12 @@ def meter(
                 taken, errors = expose(ready, exposure)
                 failed.update({name: str(error) for name, error in errors.items()})
                 for name, one in taken.items():
-                    look = looks.setdefault(name, _look(one.frame))
-                    if isinstance(look, RawLook) and isinstance(one.frame, RawMosaic):
-                        look.add(exposure, position, take, one.frame)
-                    elif isinstance(look, CodeLook) and isinstance(one.frame, EncodedPhoto):
-                        codes = decode_photo(one.frame.data, f"a photograph of {name}").pixels
-                        look.add(exposure, position, take, codes)
+                    frame = _decoded(one.frame, name)
+                    look = looks.setdefault(name, RawLook() if isinstance(frame, RawMosaic) else CodeLook())
+                    if isinstance(look, RawLook) and isinstance(frame, RawMosaic):
+                        look.add(exposure, position, take, frame)
+                    elif isinstance(look, CodeLook) and isinstance(frame, Photo):
+                        look.add(exposure, position, take, frame.pixels)
                     else:
                         failed[name] = "it delivers RAW files and photographs in turn"
         for name in failed:
@@ -96,8 +98,12 @@ def meter(
     return Metering(tuple(targets), tuple(sorted(probes, key=lambda one: one.stops)), failed)
 
 
-def _look(frame: RawMosaic | EncodedPhoto) -> RawLook | CodeLook:
-    return RawLook() if isinstance(frame, RawMosaic) else CodeLook()
+def _decoded(frame: RawMosaic | CameraFile, name: str) -> RawMosaic | Photo:
+    if isinstance(frame, RawMosaic):
+        return frame
+    if frame.suffix in RAW_SUFFIXES:
+        return decode_raw(frame.data, frame.suffix)
+    return decode_photo(frame.data, f"a photograph of {name}")
 
 
 def _away(stops: Sequence[float], index: int, by: float) -> int:

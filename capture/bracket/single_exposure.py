@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from capture.bracket.acceptance import RETRIES, Acceptance
 from capture.bracket.deviation import deviates
-from drivers.camera import Camera, EncodedPhoto
+from drivers.camera import Camera, CameraFile
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
@@ -21,7 +21,7 @@ class CapturedFrame:
     set_to: what the camera read back when it was set. opened: monotonic time of its trigger, seconds.
     """
 
-    frame: RawMosaic | EncodedPhoto
+    frame: RawMosaic | CameraFile
     set_to: Exposure
     opened: float
     retries: int

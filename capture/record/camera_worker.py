@@ -12,7 +12,7 @@ from capture.bracket.single_exposure import CapturedFrame, made_ready
 from capture.record.exposure_step import ExposureStep, RunState
 from capture.record.memory_budget import MemoryBudget
 from capture.record.thread_group import Inbox
-from drivers.camera import Camera, EncodedPhoto, StoresShots
+from drivers.camera import Camera, CameraFile, StoresShots
 from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraTimeout
 from imaging.errors import CameraError, RigError
@@ -22,7 +22,7 @@ from imaging.mosaic import RawMosaic
 GIVE_UP_AFTER = 3
 """Shots that a camera may miss in a row, with all attempts, before the run goes on without it."""
 COPIES = 3
-"""Frames in memory during a download: the bytes that came, what their decoder makes of them, the pixels."""
+"""Frames in memory during a download: the bytes that came, and twice what their decoder makes of them."""
 
 HandOver = Callable[[ExposureStep, str, CapturedFrame, int], None]
 """Takes over a frame: its exposure step, its camera, itself, and the bytes of the budget that it holds."""
@@ -151,7 +151,7 @@ class CameraWorker:
         step: ExposureStep,
         set_to: Exposure,
         opened: float,
-        deliver: Callable[[], RawMosaic | EncodedPhoto],
+        deliver: Callable[[], RawMosaic | CameraFile],
     ) -> None:
         """Download within the budget; the frame leaves with the part of it that it still takes."""
         reserved = self._expected()

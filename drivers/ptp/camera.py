@@ -8,18 +8,17 @@ from typing import TypeVar
 from usb.backend import IBackend
 
 from drivers import usb
-from drivers.camera import CameraIdentity, Capabilities, EncodedPhoto
+from drivers.camera import CameraFile, CameraIdentity, Capabilities
 from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
 from drivers.ptp.codes import PropertyCode
 from drivers.ptp.connection import Connection
 from drivers.ptp.exposure import SAME, Choice, Dial, apart
-from drivers.ptp.picture import best_of, decode
+from drivers.ptp.picture import best_of, whole_file
 from drivers.ptp.session import Download, PtpSession
 from drivers.ptp.vendors.standard import StandardBody
 from imaging.errors import CameraError, InputError
 from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
 
 _MOST_OBJECTS = 8
 """Objects of one shot beyond which a camera has renumbered its card."""
@@ -153,7 +152,7 @@ class PtpCamera:
         self._shot = _Shot(time, self._clock.now() + time, known, body)
         return self._clock.now()
 
-    def collect(self) -> RawMosaic | EncodedPhoto:
+    def collect(self) -> CameraFile:
         """The picture that trigger() took: the RAW file if there is one, else what the camera developed.
 
         A camera that is unplugged meanwhile is found again and asked for the shot. CameraTimeout if no
@@ -173,10 +172,10 @@ class PtpCamera:
         self._shot, self._failed = None, False
         return stored
 
-    def fetch(self, stored: StoredShot) -> RawMosaic | EncodedPhoto:
+    def fetch(self, stored: StoredShot) -> CameraFile:
         """The picture of a shot that is stored, as `collect` gives it; the next may be exposed meanwhile."""
 
-        def fetched(body: StandardBody) -> RawMosaic | EncodedPhoto:
+        def fetched(body: StandardBody) -> CameraFile:
             if body is not stored.body:
                 if self._shot is not None:
                     self._shot.doubtful = stored.objects is not self._shot.objects
@@ -292,15 +291,15 @@ class PtpCamera:
                     return handle
         raise CameraRefused(f"{self.where} no longer has {file.info.filename}: take the shot again.")
 
-    def _fetched(self, body: StandardBody, stored: StoredShot) -> RawMosaic | EncodedPhoto:
+    def _fetched(self, body: StandardBody, stored: StoredShot) -> CameraFile:
         """The best picture of the shot, whole; the camera may then forget all of them."""
         best = best_of(stored.objects)
         try:
-            frame = decode(body.fetch(best), best)
+            frame = whole_file(body.fetch(best), best)
         except InputError:
             best.data.clear()
             try:
-                frame = decode(body.fetch(best), best)
+                frame = whole_file(body.fetch(best), best)
             except InputError as error:
                 raise CameraProtocol(f"{self.where} delivered a damaged file twice: {error}") from error
         for file in stored.objects:
@@ -309,13 +308,9 @@ class PtpCamera:
         self._verify(body, frame, stored)
         return frame
 
-    def _verify(self, body: StandardBody, frame: RawMosaic | EncodedPhoto, stored: StoredShot) -> None:
+    def _verify(self, body: StandardBody, frame: CameraFile, stored: StoredShot) -> None:
         """Hold the file's own exposure against what the camera had read back, and learn from it."""
-        if isinstance(frame, RawMosaic):
-            height, width = frame.pixels.shape
-            self._size, self._bits = (width, height), frame.white.bit_length()
-        else:
-            self._size, self._bits = (frame.width, frame.height), 8
+        self._size, self._bits = (frame.width, frame.height), frame.bit_depth
         stated = frame.metadata.exposure
         self._proven = {}
         self.confirmed = stated is not None

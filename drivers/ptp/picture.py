@@ -1,14 +1,13 @@
-"""Files of a shot: which one to take, and its bytes as a frame."""
+"""Files of a shot: which one to take, and whether it came whole."""
 
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 
-from drivers.camera import EncodedPhoto
+from drivers.camera import CameraFile
 from drivers.errors import CameraProtocol
 from drivers.ptp.codes import FormatCode
 from drivers.ptp.session import Download
 from imaging.files import photo, raw
-from imaging.mosaic import RawMosaic
 
 _SUFFIXES = {
     FormatCode.DNG: ".dng",
@@ -36,14 +35,16 @@ def best_of(objects: list[Download]) -> Download:
     raise CameraProtocol(f"The camera delivered no picture that rig reads ({names}): set it to RAW.")
 
 
-def decode(data: bytes, one: Download) -> RawMosaic | EncodedPhoto:
-    """The frame in a downloaded file, read to its end; InputError if it is damaged."""
+def whole_file(data: bytes, one: Download) -> CameraFile:
+    """A downloaded file, read to its end while the camera still has it; InputError if it is damaged."""
     kind = suffix(one)
+    if kind in raw.SUFFIXES:
+        mosaic = raw.decode_raw(data, kind)
+        height, width = mosaic.pixels.shape
+        return CameraFile(data, kind, width, height, mosaic.metadata, mosaic.white.bit_length())
     with TemporaryDirectory(prefix="rig-") as folder:
         path = Path(folder) / f"picture{kind}"
         path.write_bytes(data)
-        if kind in raw.SUFFIXES:
-            return raw.read_raw(path)
-        read = photo.read_photo(path)
-        height, width, _ = read.pixels.shape
-        return EncodedPhoto(data, kind, width, height, read.metadata)
+        developed = photo.read_photo(path)
+    height, width, _ = developed.pixels.shape
+    return CameraFile(data, kind, width, height, developed.metadata)

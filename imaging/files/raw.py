@@ -7,6 +7,7 @@ because LibRaw rounds black levels and keeps neither ColorMatrix1 nor NoiseProfi
 import logging
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import exifread
 import numpy as np
@@ -53,6 +54,14 @@ def read_raw(path: str | Path) -> RawMosaic:
     except Exception as error:  # rawpy raises whatever damaged bytes make it trip over
         raise _undecodable(path, tags) from error
     return _checked(path, replace(mosaic, metadata=metadata))
+
+
+def decode_raw(data: bytes, suffix: str) -> RawMosaic:
+    """The mosaic in the bytes of a RAW file whose name ends in `suffix`; InputError as `read_raw`."""
+    with TemporaryDirectory(prefix="rig-") as folder:
+        path = Path(folder) / f"picture{suffix}"
+        path.write_bytes(data)
+        return read_raw(path)
 
 
 def read_raw_metadata(path: Path) -> FrameMetadata:

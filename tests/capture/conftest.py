@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture.record.recorder import record
-from drivers.camera import CameraIdentity, Capabilities, EncodedPhoto
+from drivers.camera import CameraFile, CameraIdentity, Capabilities
 from imaging.cfa import Cfa
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
@@ -70,7 +70,7 @@ class FakeCamera:
         self.clock += 1.0
         return self.clock
 
-    def collect(self) -> RawMosaic | EncodedPhoto:
+    def collect(self) -> RawMosaic | CameraFile:
         reported = self._called("collect") or self.setting
         digest = hashlib.sha256(f"{self.serial} {self.frame} {self.setting.time!r}".encode()).digest()
         pixels = np.random.default_rng(list(digest)).integers(0, 4096, (24, 32), dtype=np.uint16)
@@ -83,7 +83,7 @@ class FakeCamera:
         )
         if self.kind == "ldr":
             codes = np.repeat((pixels >> 4).astype(np.uint8)[..., None], 3, axis=2)
-            return EncodedPhoto(encode_jpeg(codes, metadata=metadata), ".jpg", 32, 24, metadata)
+            return CameraFile(encode_jpeg(codes, metadata=metadata), ".jpg", 32, 24, metadata)
         return RawMosaic(pixels, Cfa.RGGB, (64.0,) * 4, 4095, metadata=metadata)
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from drivers.camera import CameraIdentity, Capabilities, EncodedPhoto
+from drivers.camera import CameraFile, CameraIdentity, Capabilities
 from drivers.sim.camera import response, shutter
 from drivers.sim.camera.optics import Optics
 from drivers.sim.camera.sensor import Sensor, SensorModel
@@ -159,7 +159,7 @@ class SimulatedCamera:
         self._stage = _Stage.EXPOSED
         return opened
 
-    def collect(self) -> RawMosaic | EncodedPhoto:
+    def collect(self) -> RawMosaic | CameraFile:
         """The frame that was exposed; only once."""
         self._must_be(_Stage.EXPOSED, to="deliver a frame")
         assert self._shot is not None
@@ -234,7 +234,7 @@ class SimulatedCamera:
             metadata=self._metadata(shot),
         )
 
-    def _photo(self, shot: _Shot) -> EncodedPhoto:
+    def _photo(self, shot: _Shot) -> CameraFile:
         """The photograph as the camera's own computer develops it.
 
         Every pixel has all three colours, from a mosaic of more photosites that it bins.
@@ -251,4 +251,4 @@ class SimulatedCamera:
         codes = response.develop(linear @ np.linalg.inv(body.optics.camera_from_rec709).T, body.curve)
         metadata = self._metadata(shot)
         data = encode_jpeg(np.rint(255.0 * codes).astype(np.uint8), 95, metadata)
-        return EncodedPhoto(data, ".jpg", lens.width, lens.height, metadata)
+        return CameraFile(data, ".jpg", lens.width, lens.height, metadata)

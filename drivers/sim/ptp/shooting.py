@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from drivers.camera import EncodedPhoto
+from drivers.camera import CameraFile
 from drivers.ptp.codes import FormatCode, ResponseCode
 from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
@@ -111,7 +111,7 @@ class Shooting:
 def photograph(frame: Any, profile: Profile) -> Photograph:
     """The file of a frame: a DNG of a mosaic, the JPEG of a photograph that the camera developed."""
     taken = frame.metadata.captured_at
-    if isinstance(frame, EncodedPhoto):
+    if isinstance(frame, CameraFile):
         return Photograph(frame.data, FormatCode.EXIF_JPEG, ".JPG", frame.width, frame.height, taken)
     height, width = frame.pixels.shape
     return Photograph(encode_dng(frame), profile.raw_format, ".DNG", width, height, taken)

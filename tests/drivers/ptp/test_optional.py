@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from capture.rigfile.template import rig_file_text
+from drivers.camera import CameraFile
 from drivers.discovery import Listed, ask_all
 from drivers.errors import CameraRefused
 from drivers.ptp import PtpCamera, find_cameras
@@ -19,7 +20,6 @@ from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
 from rig.commands import cameras
 
 NEEDED = (Operation.OPEN_SESSION, Operation.CLOSE_SESSION, Operation.GET_DEVICE_INFO)
@@ -93,7 +93,7 @@ def test_a_camera_that_lists_one_storage_at_a_time_shoots(toy: SimulatedRig) -> 
     camera.set_exposure(Exposure(time=1 / 60, f_number=5.6, iso=100))
     camera.arm()
     camera.trigger()
-    assert isinstance(camera.collect(), RawMosaic)
+    assert isinstance(camera.collect(), CameraFile)
     camera.close()
 
 

@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from drivers.camera import Camera, EncodedPhoto
+from drivers.camera import Camera, CameraFile
 from drivers.sim.camera import response, shutter
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
@@ -21,7 +21,7 @@ from imaging.files.photo import read_photo
 from imaging.mosaic import RawMosaic
 
 
-def expose(camera: Camera, exposure: Exposure) -> RawMosaic | EncodedPhoto:
+def expose(camera: Camera, exposure: Exposure) -> RawMosaic | CameraFile:
     camera.set_exposure(exposure)
     camera.arm()
     camera.trigger()
@@ -256,7 +256,7 @@ def test_photographs_follow_the_response(tmp_path: Path) -> None:
     optics, compared = rig.bodies[0].optics, 0
     for exposure in rig.bracket:
         photo = expose(rig.cameras[0], exposure)
-        assert isinstance(photo, EncodedPhoto)
+        assert isinstance(photo, CameraFile)
         assert photo.suffix == ".jpg"
         path = tmp_path / "photo.jpg"
         path.write_bytes(photo.data)

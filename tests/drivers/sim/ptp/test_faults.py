@@ -11,6 +11,7 @@ from typing import Any
 import exifread
 import pytest
 
+from drivers.camera import CameraFile
 from drivers.errors import CameraLost, CameraTimeout
 from drivers.ptp.camera import PtpCamera, find_cameras
 from drivers.ptp.codec import Command, Event, Header
@@ -32,7 +33,6 @@ from drivers.sim.usb.virtual_clock import VirtualClock, Worker
 from drivers.usb import STILL_IMAGE, EndpointStalled, find
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
-from imaging.mosaic import RawMosaic
 
 OK = ResponseCode.OK
 Plug = Callable[..., Any]
@@ -164,9 +164,9 @@ def driven(rig_name: str, seed: int) -> tuple[list[object], list[object]]:
                         camera.trigger()
                         frame = camera.collect()
                         break
-                assert isinstance(frame, RawMosaic)
+                assert isinstance(frame, CameraFile)
                 told = frame.metadata
-                shots.append((clock.now(), told.serial, told.exposure, frame.pixels.tobytes()))
+                shots.append((clock.now(), told.serial, told.exposure, frame.data))
             camera.close()
 
     threads = [threading.Thread(target=work, args=job) for job in jobs]
