@@ -98,7 +98,7 @@ def test_a_body_that_is_busy_while_it_exposes_is_emptied_first_from_then_on(
     fetch, refused = PtpCamera.fetch, []
 
     def busy(self, kept):
-        if self._triggered is not None and kept.objects is not self._objects:
+        if self._shot is not None and kept.objects is not self._shot.objects:
             refused.append(self)
             self._clock.sleep(1.0)
             raise CameraBusy("it stays busy.")
