@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,7 +21,7 @@ from recon.decide.countdown import Countdown
 from recon.decide.method_choice import chosen_method, rungs
 from recon.decide.overrides import Overrides
 from recon.decide.prediction import Prediction, enough, predicted
-from recon.decide.presets import QUALITIES, START_SHARE, Quality, QualityName
+from recon.decide.presets import QUALITIES, START_SHARE, MethodName, Quality, QualityName
 from recon.decide.probe import FEWEST, has_time_for_trials, probe
 from recon.decide.settings import Settings
 from recon.decide.size import degree_for, fewer, most_for, size_for
@@ -45,7 +45,6 @@ from recon.train.warm_up import warm_up
 
 __all__ = ["QUALITIES", "START_SHARE", "MethodName", "Quality", "QualityName", "reconstruct"]
 
-MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
 _AS_IT_IS = Overrides()
 
 

@@ -1,9 +1,18 @@
-"""How long and how fine a training is when nothing else is asked for."""
+"""What a training may be asked for by name: methods, presets, and the settings that `--set` overrides.
+
+Nothing heavy is imported, so that the help of a command can show it.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
 
+MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
+"""auto: by what the session holds (`recon.decide.method_choice`)."""
 QualityName = Literal["draft", "standard", "best"]
+OVERRIDES = (
+    "iterations", "gaussians", "width", "degree", "ssim", "growth", "views", "exposures", "refine",
+)  # fmt: skip
+"""The keys of `--set`: the fields of `recon.decide.overrides.Overrides`."""
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace as changed
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recon.decide.presets import QUALITIES
+from recon.decide.presets import OVERRIDES, QUALITIES, MethodName, QualityName
 from rig.commands.evaluate import evaluated_before, run_evaluate
 from rig.commands.options import JsonOption, SeedOption, SessionArgument
 from rig.commands.options import budget as parsed_budget
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from recon.decide.countdown import Countdown
     from recon.result.model import ModelRecord
 
-MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
-Quality = Literal["draft", "standard", "best"]
 _PRESETS = "; ".join(
     f"{name} {preset.iterations:,} iterations, at most {preset.gaussians:,} Gaussians, {preset.width} px wide"
     for name, preset in QUALITIES.items()
@@ -39,7 +37,7 @@ def reconstruct(
             "whose exposures differ, else vanilla, which has the colours of 3DGS in the same training."
         ),
     ] = "auto",
-    quality: Annotated[Quality, typer.Option(help=f"How long and how fine: {_PRESETS}.")] = "standard",
+    quality: Annotated[QualityName, typer.Option(help=f"How long and how fine: {_PRESETS}.")] = "standard",
     budget: Annotated[
         str | None,
         typer.Option(
@@ -64,8 +62,8 @@ def reconstruct(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="Fix one of iterations, gaussians, width, degree, ssim, growth, views, exposures, refine; "
-            "may be repeated. rig trade says what each of them buys.",
+            help=f"Fix one of {', '.join(OVERRIDES)}; may be repeated. rig trade says what each "
+            "of them buys.",
         ),
     ] = None,
     name: Annotated[
@@ -115,7 +113,7 @@ def run_reconstruct(
     status: StatusLine,
     *,
     method: MethodName,
-    quality: Quality,
+    quality: QualityName,
     budget: float | str | None,
     seed: int,
     name: str | None,
@@ -168,7 +166,7 @@ def run_training(
     status: StatusLine,
     *,
     method: MethodName,
-    quality: Quality = "standard",
+    quality: QualityName = "standard",
     budget: float | str | None = None,
     seed: int = 0,
     name: str | None = None,

@@ -1,14 +1,22 @@
 """Settings by hand: what is read, what is refused, and that a training does as it is told."""
 
 from dataclasses import replace
+from typing import get_args
 
 import pytest
 
 from imaging.errors import InputError
 from recon import reconstruct as stage
 from recon.decide.overrides import Overrides
+from recon.decide.presets import OVERRIDES, MethodName
+from recon.methods import METHODS
 from recon.reconstruct import Quality
 from recon.result.scene import open_model
+
+
+def test_the_names_that_help_shows_are_those_that_there_are() -> None:
+    assert tuple(Overrides.model_fields) == OVERRIDES
+    assert set(get_args(MethodName)) == {"auto", *METHODS}
 
 
 def test_words_are_read_and_said_again() -> None:
