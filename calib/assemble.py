@@ -8,7 +8,6 @@ from statistics import median
 from typing import Literal
 
 from calib.boards.measure import Measured
-from calib.data.features import Key
 from calib.data.views import View
 from calib.light import vignetting
 from calib.light.radiometry import Light
@@ -26,6 +25,7 @@ from imaging.session.calibration import (
 )
 from imaging.session.records import Rung
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 
 def assemble(
@@ -36,7 +36,7 @@ def assemble(
     model: sfm.Model | None = None,
     falloff: vignetting.Falloff | None = None,
     board: Measured | None = None,
-    by_rig: Collection[Key] = (),
+    by_rig: Collection[ViewId] = (),
 ) -> CalibrationRecord:
     """What is written; without a model no poses, and lenses only as far as a board told them.
 
@@ -93,19 +93,17 @@ def assemble(
         cameras=tuple(cameras),
         views=tuple(
             ViewCalibration(
-                camera=name,
-                frame=frame,
+                camera=view.camera,
+                frame=view.frame,
                 cam_from_world=pose,
-                points=model.points[name, frame] if model else 0,
-                error=_pose_error(model, (name, frame), board),
-                by_rig=(name, frame) in by_rig,
+                points=model.points[view] if model else 0,
+                error=_pose_error(model, view, board),
+                by_rig=view in by_rig,
             )
-            for (name, frame), pose in sorted(poses.items())
+            for view, pose in sorted(poses.items())
         ),
-        unregistered=tuple(view.name for view in views if view.key not in poses),
-        contradicted=tuple(
-            view.name for view in views if model is not None and view.key in model.contradicted
-        ),
+        unregistered=tuple(sorted(view.id for view in views if view.id not in poses)),
+        contradicted=() if model is None else tuple(sorted(model.contradicted)),
         unit="m"
         if (board is not None and model is None) or (model is not None and model.metric)
         else "relative",
@@ -134,7 +132,7 @@ def _rig_error(model: sfm.Model, name: str, board: Measured | None) -> PoseError
         return None
     if board is not None and board.sure_rig:
         return board.rig_errors.get(name)
-    errors = [_pose_error(model, key, None) for key in model.poses if key[0] == name]
+    errors = [_pose_error(model, view, None) for view in model.poses if view.camera == name]
     known = [error for error in errors if error is not None]
     if not known:
         return None
@@ -144,15 +142,15 @@ def _rig_error(model: sfm.Model, name: str, board: Measured | None) -> PoseError
     )
 
 
-def _pose_error(model: sfm.Model | None, key: Key, board: Measured | None) -> PoseError | None:
+def _pose_error(model: sfm.Model | None, view: ViewId, board: Measured | None) -> PoseError | None:
     """From the scene, and from lens and rig where a board told them and they were kept."""
-    if model is None or model.spread is None or key not in model.spread.rotation:
+    if model is None or model.spread is None or view not in model.spread.rotation:
         return None
-    rotation, translation = model.spread.rotation[key], model.spread.translation[key]
-    if board is not None and key[0] in board.sure_lenses:
-        lens, error = board.lenses[key[0]], board.lens_errors[key[0]]
+    rotation, translation = model.spread.rotation[view], model.spread.translation[view]
+    if board is not None and view.camera in board.sure_lenses:
+        lens, error = board.lenses[view.camera], board.lens_errors[view.camera]
         rotation = hypot(rotation, degrees(max(error.cx / lens.fx, error.cy / lens.fy)))
-    if board is not None and board.sure_rig and key[0] in board.rig_errors:
-        mounted = board.rig_errors[key[0]]
+    if board is not None and board.sure_rig and view.camera in board.rig_errors:
+        mounted = board.rig_errors[view.camera]
         rotation, translation = hypot(rotation, mounted.rotation), hypot(translation, mounted.translation)
     return PoseError(rotation=rotation, translation=translation)

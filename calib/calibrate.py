@@ -10,7 +10,6 @@ from calib.boards.measure import Measured as MeasuredBoard
 from calib.boards.measure import measure as measure_board
 from calib.colour.measure import Charts, measure_charts
 from calib.colour.recorded import CHART_RUNGS, balance, charts_of, rebalanced, with_balance, with_charts
-from calib.data.features import Key
 from calib.data.views import Progress, View, scene_views
 from calib.exports import pictures
 from calib.exports.output import write_calibration
@@ -31,6 +30,7 @@ from imaging.files import store
 from imaging.session.calibration import CalibrationRecord, is_stale, read_calibration
 from imaging.session.records import Board, ShotRecord
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 Part = Literal["sensor", "response", "colour", "poses"]
 
@@ -164,11 +164,11 @@ def _with_poses(
     progress: Progress,
 ) -> CalibrationRecord:
     threads = available_cores()
-    looks: dict[Key, Look] = {}
+    looks: dict[ViewId, Look] = {}
     for done, view in enumerate(views):
         progress("finding features", done, len(views))
         name = view.camera.name
-        looks[view.key] = look(
+        looks[view.id] = look(
             session, view, light.scale, light.responses[name], found[name].camera_from_rec709, threads
         )
     progress("finding features", len(views), len(views))
@@ -189,26 +189,26 @@ def _with_poses(
     names = sorted(model.lenses)
     progress("measuring falloff", 0, 1)
     falloff = vignetting.estimate(
-        tracks.tracks_of(model, {key: own.brightness for key, own in looks.items()}, names),
+        tracks.tracks_of(model, {view: own.brightness for view, own in looks.items()}, names),
         names,
         {camera.name: f"{camera.make} {camera.model}" for camera in session.record.cameras},
     )
     equal = balance(
-        model, {key: own.colour for key, own in looks.items()}, found, falloff, list(charts.evidence)
+        model, {view: own.colour for view, own in looks.items()}, found, falloff, list(charts.evidence)
     )
     record = with_charts(assemble(session, views, found, light, model, falloff, board, by_rig), charts)
     record = with_balance(record, equal)
-    factor = pictures.exposure({key: own.brightness for key, own in looks.items()})
+    factor = pictures.exposure({view: own.brightness for view, own in looks.items()})
     shown = (
         (
-            view.key,
+            view.id,
             pictures.picture(
                 session,
                 view,
                 light.scale,
                 light.responses[view.camera.name],
                 record.camera(view.camera.name).camera_from_rec709,
-                (looks[view.key].width, looks[view.key].height),
+                (looks[view.id].width, looks[view.id].height),
                 factor,
             ),
         )
@@ -245,13 +245,13 @@ def _gained(
 
 def _placed(
     session: Session,
-    looks: Mapping[Key, Look],
+    looks: Mapping[ViewId, Look],
     found: Mapping[str, Sensor],
     board: MeasuredBoard | None,
     threads: int,
     progress: Progress,
 ) -> sfm.Model:
-    sizes = {camera: (own.width, own.height) for (camera, _), own in looks.items()}
+    sizes = {view.camera: (own.width, own.height) for view, own in looks.items()}
     rigs: dict[str, list[str]] = {}
     for camera in session.record.cameras:
         if camera.rig is not None and camera.name in sizes:
@@ -268,16 +268,16 @@ def _placed(
         places |= {name: board.place(name) for name in board.cam_from_rig}
         known = Known(sure, board.cam_from_rig if board.sure_rig else {}, places)
     return sfm.solve(
-        {key: own.features for key, own in looks.items()},
+        {view: own.features for view, own in looks.items()},
         guesses,
         list(rigs.values()),
         threads,
         progress,
         focal_known=focal_known if board is None else focal_known | set(board.lenses),
         known=known,
-        blank={key: own.blank for key, own in looks.items() if own.blank is not None},
-        pictures={key: own.png for key, own in looks.items() if not own.faint},
-        brightness={key: own.brightness for key, own in looks.items()},
+        blank={view: own.blank for view, own in looks.items() if own.blank is not None},
+        pictures={view: own.png for view, own in looks.items() if not own.faint},
+        brightness={view: own.brightness for view, own in looks.items()},
         exact={camera.name for camera in session.record.cameras if camera.kind == "raw"},
     )
 

@@ -11,12 +11,12 @@ import numpy.typing as npt
 from bench.calibration.pose_error import degrees_of
 from calib.boards.corners import Corners, find_all
 from calib.boards.measure import Group, solve_group
-from calib.data.features import Key
 from drivers.sim.camera.lens import project
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.scene.board import Board as Shown
 from drivers.sim.scene.board import board_from_rig
 from imaging.session.records import Board
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 WIDTH, HEIGHT, FRAMES, NOISE = 960, 720, 25, 0.06
@@ -41,7 +41,7 @@ def cam_from_board(rig: SimulatedRig, camera: int, frame: int) -> Array:
     return np.asarray(mounted[camera] @ np.linalg.inv(held))
 
 
-def corners(rig: SimulatedRig, frames: int) -> dict[Key, Corners]:
+def corners(rig: SimulatedRig, frames: int) -> dict[ViewId, Corners]:
     """True corners, each coordinate off by NOISE px (normal), of all views that show FEWEST of them."""
     rng = np.random.default_rng([rig.seed, 0xB0A4D])
     found = {}
@@ -53,22 +53,25 @@ def corners(rig: SimulatedRig, frames: int) -> dict[Key, Corners]:
             inside = (local[:, 2] > 0) & np.all((points > EDGE) & (points < (WIDTH - EDGE, HEIGHT - EDGE)), 1)
             if inside.sum() >= FEWEST:
                 points = points + rng.normal(0, NOISE, points.shape)
-                found[mount.name, frame] = Corners(np.flatnonzero(inside), points[inside])
+                found[ViewId(frame, mount.name)] = Corners(np.flatnonzero(inside), points[inside])
     return found
 
 
-def detected(rig: SimulatedRig, frames: int) -> dict[Key, Corners]:
+def detected(rig: SimulatedRig, frames: int) -> dict[ViewId, Corners]:
     """Corners that the detector finds in pictures with noise of two codes."""
 
-    def picture(key: Key) -> npt.NDArray[np.uint8]:
-        camera = names.index(key[0])
-        light = SHOWN.render(rig.mounts[camera].optics.lens, cam_from_board(rig, camera, key[1]), samples=2)
-        noise = np.random.default_rng([rig.seed, camera, key[1]]).normal(0, 2, light.shape)
+    def picture(view: ViewId) -> npt.NDArray[np.uint8]:
+        camera = names.index(view.camera)
+        light = SHOWN.render(
+            rig.mounts[camera].optics.lens, cam_from_board(rig, camera, view.frame), samples=2
+        )
+        noise = np.random.default_rng([rig.seed, camera, view.frame]).normal(0, 2, light.shape)
         return np.clip(200 * light + noise, 0, 255).astype(np.uint8)
 
     names = [mount.name for mount in rig.mounts]
-    pictures = {(name, frame): picture((name, frame)) for name in names for frame in range(frames)}
-    return find_all(BOARD, sorted(pictures), lambda key: pictures[key], silent)[0]
+    views = [ViewId(frame, name) for name in names for frame in range(frames)]
+    pictures = {view: picture(view) for view in views}
+    return find_all(BOARD, views, lambda view: pictures[view], silent)[0]
 
 
 def relative(rig: SimulatedRig, poses: Mapping[str, Array]) -> list[tuple[str, float, float]]:
@@ -84,7 +87,7 @@ def relative(rig: SimulatedRig, poses: Mapping[str, Array]) -> list[tuple[str, f
     return found
 
 
-def solved(rig: SimulatedRig, seen: Mapping[Key, Corners]) -> Group:
+def solved(rig: SimulatedRig, seen: Mapping[ViewId, Corners]) -> Group:
     return solve_group(BOARD, seen, {mount.name: (WIDTH, HEIGHT) for mount in rig.mounts}, silent)
 
 

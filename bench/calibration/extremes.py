@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.calibration import board as boards
-from bench.calibration.pose_error import Key, auc, found_poses, pairs
+from bench.calibration.pose_error import auc, found_poses, pairs
 from calib.boards.corners import PRINTS, Print, find_all
 from calib.calibrate import calibrate
 from drivers.sim.rigs import SimulatedRig, simulate
@@ -25,6 +25,7 @@ from imaging.mosaic import RawMosaic
 from imaging.session.calibration import read_calibration
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 CAMERAS, FRAMES = 2, 4
@@ -35,12 +36,12 @@ BOARD_FRAMES = 20
 
 
 @cache
-def studio() -> tuple[SimulatedRig, dict[Key, Array], dict[Key, Array]]:
+def studio() -> tuple[SimulatedRig, dict[ViewId, Array], dict[ViewId, Array]]:
     """A rig, and by view the light [H, W, 3] and the true pose; rendered once."""
     rig = simulate("demo", 3, cameras=CAMERAS, positions=FRAMES, samples=2)
-    keys = [(f"cam{camera}", frame) for camera in range(CAMERAS) for frame in range(FRAMES)]
-    light = {key: rig.radiance(int(key[0][3:]), key[1]).astype(np.float64) for key in keys}
-    return rig, light, {key: rig.cam_from_world(int(key[0][3:]), key[1]) for key in keys}
+    views = [ViewId(frame, f"cam{camera}") for camera in range(CAMERAS) for frame in range(FRAMES)]
+    light = {view: rig.radiance(int(view.camera[3:]), view.frame).astype(np.float64) for view in views}
+    return rig, light, {view: rig.cam_from_world(int(view.camera[3:]), view.frame) for view in views}
 
 
 def exposed(light: Array, time: float, rng: np.random.Generator, hot: Array | None) -> RawMosaic:
@@ -59,14 +60,14 @@ def exposed(light: Array, time: float, rng: np.random.Generator, hot: Array | No
 
 def session(
     folder: Path,
-    views: dict[Key, Array],
+    views: dict[ViewId, Array],
     times: Sequence[float],
     labels: Sequence[float] | None = None,
     hot: float = 0.0,
 ) -> Path:
     """A session of views; labels: the times that it states; hot: share of photosites."""
     rng = np.random.default_rng(0)
-    names = sorted({name for name, _ in views})
+    names = sorted({view.camera for view in views})
     records = tuple(
         CameraRecord(name=name, serial=name, make="Bench", model="One", kind="raw", rig="arm")
         for name in names
@@ -76,14 +77,14 @@ def session(
     )
     shape = next(iter(views.values())).shape[:2]
     spots = {name: rng.random(shape) < hot for name in names}
-    for (name, frame), light in views.items():
+    for view, light in views.items():
         for step, time in enumerate(times):
-            file = f"raw/{frame:04d}/{name}_{step}.dng"
+            file = f"raw/{view}_{step}.dng"
             store.make_folder((folder / file).parent)
-            write_dng(folder / file, exposed(light, time, rng, spots[name] if hot else None))
+            write_dng(folder / file, exposed(light, time, rng, spots[view.camera] if hot else None))
             made.append_shot(
                 ShotRecord(
-                    kind="scene", plan="bench", camera=name, frame=frame, step=step, file=file,
+                    kind="scene", plan="bench", camera=view.camera, frame=view.frame, step=step, file=file,
                     sha256=store.sha256(folder / file), width=shape[1], height=shape[0],
                     reported=Exposure(time=(labels or times)[step]),
                 )
@@ -94,8 +95,8 @@ def session(
 def posed(
     times: Sequence[float] = USUAL,
     *,
-    views: dict[Key, Array] | None = None,
-    true: dict[Key, Array] | None = None,
+    views: dict[ViewId, Array] | None = None,
+    true: dict[ViewId, Array] | None = None,
     labels: Sequence[float] | None = None,
     hot: float = 0.0,
 ) -> str:

@@ -26,9 +26,9 @@ from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
 from calib import calibrate as calibration
 from calib.data import features
-from calib.data.features import key_of
 from calib.poses import contradictions, sfm
 from imaging.errors import CalibrationError, PartialError
+from imaging.session.view_id import ViewId
 from tests.foreign import truth
 from tests.foreign.photographs import session
 
@@ -92,9 +92,9 @@ def _keep(kept: dict[str, Any], stack: ExitStack) -> None:
     pairs = kept.get("pairs")
 
     def looked(session: Any, view: Any, *rest: Any) -> Any:
-        if view.key not in looks:
-            looks[view.key] = look(session, view, *rest)
-        return looks[view.key]
+        if view.id not in looks:
+            looks[view.id] = look(session, view, *rest)
+        return looks[view.id]
 
     def filled(database: Any, cameras: Any, found: Any, *rest: Any) -> Any:
         order = iter(combinations(found, 2))
@@ -119,7 +119,8 @@ def _poses(reconstruction: Any) -> dict[int, Any]:
     """cam_from_world [4, 4] of the frames of one camera that are placed."""
     images = (reconstruction.image(index) for index in reconstruction.reg_image_ids())
     return {
-        key_of(image.name)[1]: np.vstack([image.cam_from_world().matrix(), (0, 0, 0, 1)]) for image in images
+        ViewId.of_image(image.name).frame: np.vstack([image.cam_from_world().matrix(), (0, 0, 0, 1)])
+        for image in images
     }
 
 

@@ -11,28 +11,28 @@ import numpy.typing as npt
 from imaging.files import store
 from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
-Key = tuple[str, int]
 
 INSIDE = 2.8
 """Standard errors of the worst axis within which 95 % of vectors lie that err alike along three axes (the
 95 % point of chi with 3 degrees of freedom is 2.796); more lie within them where one axis is the worst."""
 
 
-def true_poses(session: Path) -> dict[Key, Array]:
+def true_poses(session: Path) -> dict[ViewId, Array]:
     """cam_from_world [4, 4] of every view of a simulated session."""
     truth = store.read_json(session / "truth" / "truth.json")
     return {
-        (camera, entry["frame"]): Pose.model_validate(pose).matrix()
+        ViewId(entry["frame"], camera): Pose.model_validate(pose).matrix()
         for entry in truth["frames"]
         for camera, pose in entry["cam_from_world"].items()
     }
 
 
-def found_poses(record: CalibrationRecord) -> dict[Key, Array]:
+def found_poses(record: CalibrationRecord) -> dict[ViewId, Array]:
     """The same of the views that were placed."""
-    return {(view.camera, view.frame): view.cam_from_world.matrix() for view in record.views}
+    return {view.id: view.cam_from_world.matrix() for view in record.views}
 
 
 def degrees_of(rotation: Array) -> float:
@@ -41,7 +41,7 @@ def degrees_of(rotation: Array) -> float:
     return float(np.degrees(np.arctan2(sine, (np.trace(rotation) - 1) / 2)))
 
 
-def pairs(found: Mapping[Key, Array], true: Mapping[Key, Array]) -> Array:
+def pairs(found: Mapping[ViewId, Array], true: Mapping[ViewId, Array]) -> Array:
     """Errors [pairs, 2], degrees, of every pair of true views: its rotation, and its translation's direction.
 
     inf for the pairs of a view that was not placed. Pairs that stand at one place have no direction.
@@ -71,11 +71,13 @@ def auc(errors: Array, threshold: float) -> float:
     return float(np.clip(1 - errors.max(1) / threshold, 0, 1).mean())
 
 
-def aligned(found: Mapping[Key, Array], true: Mapping[Key, Array]) -> tuple[list[Key], Array, Array, float]:
+def aligned(
+    found: Mapping[ViewId, Array], true: Mapping[ViewId, Array]
+) -> tuple[list[ViewId], Array, Array, float]:
     """The views that both have; rotation vectors, degrees [V, 3], and shifts of the centres [V, 3] after the
     best similarity (its turn by the mean of the orientations), in units of the truth; and its scale."""
-    keys = sorted(found.keys() & true.keys())
-    own, goal = (np.stack([poses[key] for key in keys]) for poses in (found, true))
+    views = sorted(found.keys() & true.keys())
+    own, goal = (np.stack([poses[view] for view in views]) for poses in (found, true))
     u, _, vt = np.linalg.svd(np.einsum("nji,njk->ik", goal[:, :3, :3], own[:, :3, :3]))
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     apart = own[:, :3, :3] @ turn.T @ goal[:, :3, :3].transpose(0, 2, 1)
@@ -85,18 +87,18 @@ def aligned(found: Mapping[Key, Array], true: Mapping[Key, Array]) -> tuple[list
     here, middle = (here - here.mean(0)) @ turn.T, there.mean(0)
     size = float((here**2).sum())
     scale = float((here * (there - middle)).sum()) / size if size > 0 else 1.0
-    return keys, turns, scale * here + middle - there, scale
+    return views, turns, scale * here + middle - there, scale
 
 
 def of_session(session: Path, record: CalibrationRecord) -> dict[str, Any]:
     """A row: AUCs, median errors and how many of the stated intervals hold the truth."""
     true, found = true_poses(session), found_poses(record)
     errors = pairs(found, true)
-    keys, turns, shifts, scale = aligned(found, true)
-    stated = {(view.camera, view.frame): view.error for view in record.views}
+    views, turns, shifts, scale = aligned(found, true)
+    stated = {view.id: view.error for view in record.views}
     rotation, translation = [], []
-    for key, turn, shift in zip(keys, turns, shifts, strict=True):
-        error = stated[key]
+    for view, turn, shift in zip(views, turns, shifts, strict=True):
+        error = stated[view]
         if error is not None:
             rotation.append(float(np.linalg.norm(turn)) / error.rotation)
             translation.append(float(np.linalg.norm(shift)) / (scale * error.translation))

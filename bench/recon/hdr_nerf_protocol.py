@@ -76,9 +76,7 @@ def true_light(photos: Path, session: Path) -> Path:
         lens = calibration.camera(view.camera).lens
         assert lens is not None
         name = f"{view.frame:04d}.exr"
-        store.write_bytes(
-            folder / name, (photos / "truth" / f"{view.frame:04d}" / f"{view.camera}.exr").read_bytes()
-        )
+        store.write_bytes(folder / name, (photos / "truth" / f"{view.id}.exr").read_bytes())
         axes = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's
         pose = np.linalg.inv(view.cam_from_world.matrix()) @ axes
         size = {"w": lens.width, "h": lens.height}

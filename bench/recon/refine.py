@@ -44,14 +44,14 @@ def away(dataset: Dataset) -> float:
 def disturbed(record: CalibrationRecord, dataset: Dataset, px: float, seed: int) -> CalibrationRecord:
     """The views that are trained on, each turned and shifted."""
     rng = np.random.Generator(np.random.PCG64([seed, 0x9E7]))
-    trained = {(view.frame, view.camera) for view in dataset.train}
+    trained = {view.id for view in dataset.train}
     far, views = away(dataset), []
     for view in record.views:
         turn, shift = px / 2 / dataset.train[0].lens.fx * rng.standard_normal((2, 3))
         quaternion = np.array([1.0, *(turn / 2)]) / np.linalg.norm([1.0, *(turn / 2)])
         w, x, y, z = quaternion.tolist()
         small = Pose(quaternion=(w, x, y, z), translation=tuple((far * shift).tolist()))
-        if (view.frame, view.camera) in trained:
+        if view.id in trained:
             view = view.model_copy(
                 update={"cam_from_world": pose_of(small.matrix() @ view.cam_from_world.matrix())}
             )

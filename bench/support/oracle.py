@@ -21,6 +21,7 @@ from imaging.lens import Lens
 from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 from recon.data.geometry import project, rays
 from recon.splat import SplatCamera
 
@@ -41,7 +42,7 @@ def calibrate_from_truth(folder: Path, *, points: int = 2500, seed: int = 0) -> 
     session = Session.open(folder)
     truth = store.read_json(folder / "truth" / "truth.json")
     poses = {
-        (entry["frame"], camera): Pose.model_validate(pose)
+        ViewId(entry["frame"], camera): Pose.model_validate(pose)
         for entry in truth["frames"]
         for camera, pose in entry["cam_from_world"].items()
     }
@@ -57,8 +58,8 @@ def calibrate_from_truth(folder: Path, *, points: int = 2500, seed: int = 0) -> 
             _camera(name, camera, lenses[name], truth) for name, camera in truth["cameras"].items()
         ),
         views=tuple(
-            ViewCalibration(camera=camera, frame=frame, cam_from_world=pose, points=seen[frame, camera])
-            for (frame, camera), pose in poses.items()
+            ViewCalibration(camera=view.camera, frame=view.frame, cam_from_world=pose, points=seen[view])
+            for view, pose in poses.items()
         ),
         points=len(xyz),
         exposure_scale={shot.file: _applied(truth, shot.file) for shot in session.shots("scene")},
@@ -97,7 +98,7 @@ def _applied(truth: dict[str, Any], file: str) -> float:
 
 def _points(
     folder: Path,
-    poses: dict[tuple[int, str], Pose],
+    poses: dict[ViewId, Pose],
     lenses: dict[str, Lens],
     count: int,
     rng: np.random.Generator,
@@ -106,14 +107,14 @@ def _points(
     # Where surfaces are depends on the rig's name alone, not on its light or its seed.
     scene = simulate(Session.open(folder).record.origin.removeprefix("sim:")).scene
     each, found = -(-count // len(poses)), []
-    for (frame, camera), pose in poses.items():
-        image = read_exr(folder / "truth" / f"{frame:04d}" / f"{camera}.exr").rgb().mean(-1)
+    for view, pose in poses.items():
+        image = read_exr(folder / "truth" / f"{view}.exr").rgb().mean(-1)
         log = np.log(image + np.percentile(image, 20))
         texture = np.hypot(*np.gradient(log))
         rows, columns = (rng.integers(2, side - 2, 10 * each) for side in image.shape)
         best = np.argsort(-texture[rows, columns], kind="stable")[:each]
         pixels = np.stack([columns[best], rows[best]], -1) + 0.5
-        lens = SplatCamera.of(lenses[camera], pose)
+        lens = SplatCamera.of(lenses[view.camera], pose)
         motion = pose.matrix()
         directions = rays(lens, pixels) @ motion[:3, :3]
         origin = -motion[:3, :3].T @ motion[:3, 3]
@@ -126,10 +127,10 @@ def _points(
 
 def _write_colmap(
     folder: Path,
-    poses: dict[tuple[int, str], Pose],
+    poses: dict[ViewId, Pose],
     lenses: dict[str, Lens],
     xyz: npt.NDArray[np.float64],
-) -> dict[tuple[int, str], int]:
+) -> dict[ViewId, int]:
     """A COLMAP model of the views and points; how many points each view sees."""
     model = pycolmap.Reconstruction()
     numbers = {name: index + 1 for index, name in enumerate(lenses)}
@@ -144,17 +145,17 @@ def _write_colmap(
         model.add_camera_with_trivial_rig(camera)
     tracks: list[list[tuple[int, int]]] = [[] for _ in xyz]
     seen = {}
-    for number, ((frame, camera_name), pose) in enumerate(poses.items(), start=1):
-        lens = lenses[camera_name]
+    for number, (view, pose) in enumerate(poses.items(), start=1):
+        lens = lenses[view.camera]
         pixels, depth = project(SplatCamera.of(lens, pose), xyz)
         inside = (depth > 0) & (pixels > 0).all(-1) & (pixels < [lens.width, lens.height]).all(-1)
         for place, point in enumerate(np.flatnonzero(inside)):
             tracks[point].append((number, place))
-        seen[frame, camera_name] = int(inside.sum())
+        seen[view] = int(inside.sum())
         image = pycolmap.Image(
-            name=f"{camera_name}/{frame:04d}.png",
+            name=view.image_name,
             points2D=pycolmap.Point2DList([pycolmap.Point2D(pixel) for pixel in pixels[inside]]),
-            camera_id=numbers[camera_name],
+            camera_id=numbers[view.camera],
             image_id=number,
         )
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose.matrix()[:3]))

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.features import Key
 from calib.data.views import Progress
 from imaging.errors import CalibrationError
 from imaging.session.records import Board
+from imaging.session.view_id import ViewId
 
 Picture = npt.NDArray[np.uint8]
 
@@ -55,8 +55,8 @@ PRINTS = tuple(Print(legacy, inverted) for inverted, legacy in product((False, T
 
 
 def find_all(
-    board: Board, views: Sequence[Key], read: Callable[[Key], Picture], progress: Progress
-) -> tuple[dict[Key, Corners], Print]:
+    board: Board, views: Sequence[ViewId], read: Callable[[ViewId], Picture], progress: Progress
+) -> tuple[dict[ViewId, Corners], Print]:
     """The corners in every picture that shows enough of the board, and how the board is printed.
 
     read: the picture of a view, one at a time. CalibrationError if no picture shows the board that was
@@ -64,20 +64,20 @@ def find_all(
     """
     some = views[:: -(-len(views) // _TRIALS)]
     counts = dict.fromkeys(PRINTS, 0)
-    for done, key in enumerate(some):
+    for done, view in enumerate(some):
         progress("recognising the board", done, len(some))
-        picture = read(key)
+        picture = read(view)
         for one in PRINTS:
             counts[one] += len(find(board, picture, one).ids)
     best = max(PRINTS, key=lambda one: counts[one])  # the first of equals: nothing special
     if not counts[best]:
-        raise CalibrationError(_nothing(board, [read(key) for key in some[:3]]))
-    enough: dict[Key, Corners] = {}
-    for done, key in enumerate(views):
+        raise CalibrationError(_nothing(board, [read(view) for view in some[:3]]))
+    enough: dict[ViewId, Corners] = {}
+    for done, view in enumerate(views):
         progress("finding the board", done, len(views))
-        corners = find(board, read(key), best)
+        corners = find(board, read(view), best)
         if len(corners.ids) >= FEWEST:
-            enough[key] = corners
+            enough[view] = corners
     progress("finding the board", len(views), len(views))
     return enough, best
 

@@ -8,11 +8,11 @@ import numpy.typing as npt
 
 from calib.boards.corners import Corners
 from calib.boards.rig import Solved, solve
-from calib.data.features import Key
 from calib.data.views import Progress
 from calib.poses.bundle_adjustment import Free
 from calib.poses.fisheye import may_be_fisheye
 from imaging.session.records import Board, Rung
+from imaging.session.view_id import ViewId
 
 FOLDS = 4
 FEWEST_FRAMES = 8
@@ -32,7 +32,7 @@ def richest(free: Free) -> Free:
 
 
 def climb(
-    board: Board, seen: Mapping[Key, Corners], solved: Solved, progress: Progress
+    board: Board, seen: Mapping[ViewId, Corners], solved: Solved, progress: Progress
 ) -> tuple[Free, tuple[Rung, ...]]:
     """The lens model to take for all cameras, and why; corners are those that `clean` left.
 
@@ -40,7 +40,7 @@ def climb(
     corners have to fit. The gain is in px^2 of mean squared miss, paired by frame. Where a camera sees
     far from its axis, a fisheye is tried last against what was taken.
     """
-    frames = sorted({frame for _, frame in seen})
+    frames = sorted({view.frame for view in seen})
     if len(frames) < FEWEST_FRAMES:
         reason = f"{len(frames)} frames of the board cannot judge distortion beyond one radial term"
         return _STEPS[0][1], (Rung(name="lens_terms", taken=False, reason=reason),)
@@ -65,20 +65,20 @@ def climb(
 
 
 def _held_out(
-    board: Board, seen: Mapping[Key, Corners], solved: Solved, free: Free, frames: list[int]
+    board: Board, seen: Mapping[ViewId, Corners], solved: Solved, free: Free, frames: list[int]
 ) -> npt.NDArray[np.float64]:
     """Mean squared miss of each frame when it is held out, px^2 [frames]."""
     losses: dict[int, float] = {}
     for fold in range(FOLDS):
         out = set(frames[fold::FOLDS])
-        fitted = solve(board, {key: seen[key] for key in seen if key[1] not in out}, solved, free)
+        fitted = solve(board, {view: seen[view] for view in seen if view.frame not in out}, solved, free)
         # The poses of the held-out frames are those of the start, in whose rig they were found.
         begin = replace(fitted, rig_from_board=dict(solved.rig_from_board))
         tested = solve(
-            board, {key: seen[key] for key in seen if key[1] in out}, begin, free, boards_only=True
+            board, {view: seen[view] for view in seen if view.frame in out}, begin, free, boards_only=True
         )
         squares: dict[int, list[float]] = {}
-        for (_, frame, _), miss in zip(tested.places, tested.misses, strict=True):
-            squares.setdefault(frame, []).append(float(miss) ** 2)
+        for (view, _), miss in zip(tested.places, tested.misses, strict=True):
+            squares.setdefault(view.frame, []).append(float(miss) ** 2)
         losses |= {frame: float(np.mean(own)) for frame, own in squares.items()}
     return np.array([losses[frame] for frame in frames])

@@ -8,7 +8,6 @@ import numpy as np
 
 from calib.boards import ladder, rig, start, uncertainty
 from calib.boards.corners import Corners, Picture, find_all
-from calib.data.features import Key
 from calib.data.previews import luminance
 from calib.data.views import Progress, View, read_view, views_of
 from calib.poses.sfm import pose_of
@@ -20,6 +19,7 @@ from imaging.pose import Pose
 from imaging.session.calibration import BoardEvidence, BoardPlace, LensError, PoseError, Response
 from imaging.session.records import Board, Rung
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 EXAMPLE = "7x5,square=150mm,marker=112.5mm,DICT_4X4_50"
 """The board that simulated cameras see, as the command line describes it."""
@@ -64,7 +64,7 @@ def measure(session: Session, told: Board | None, progress: Progress) -> Measure
     told: the board, where the session does not say it or says it wrong. CalibrationError that names the
     cause: no description, no board in any picture, too few views.
     """
-    views = {view.key: view for view in views_of(session, "board")}
+    views = {view.id: view for view in views_of(session, "board")}
     if not views:
         return None
     shown = [plan.board for plan in session.plans() if plan.kind == "board" and plan.board is not None]
@@ -74,8 +74,8 @@ def measure(session: Session, told: Board | None, progress: Progress) -> Measure
             f"nothing describes it: run `rig calibrate {shlex.quote(str(session.folder))} --board {EXAMPLE}` "
             "with the squares and sizes of your own."
         )
-    seen, printed = find_all(board, sorted(views), lambda key: picture_of(session, views[key]), progress)
-    sizes = {key[0]: (views[key].shots[0].width, views[key].shots[0].height) for key in seen}
+    seen, printed = find_all(board, list(views), lambda view: picture_of(session, views[view]), progress)
+    sizes = {view.camera: (views[view].shots[0].width, views[view].shots[0].height) for view in seen}
     groups: dict[str, list[str]] = {}
     for camera in session.record.cameras:
         if camera.name in sizes:
@@ -83,7 +83,7 @@ def measure(session: Session, told: Board | None, progress: Progress) -> Measure
     solved = [
         solve_group(
             board,
-            {key: corners for key, corners in seen.items() if key[0] in names},
+            {view: corners for view, corners in seen.items() if view.camera in names},
             {name: sizes[name] for name in names},
             progress,
         )
@@ -113,7 +113,7 @@ class Group:
 
 
 def solve_group(
-    board: Board, seen: Mapping[Key, Corners], sizes: Mapping[str, tuple[int, int]], progress: Progress
+    board: Board, seen: Mapping[ViewId, Corners], sizes: Mapping[str, tuple[int, int]], progress: Progress
 ) -> Group:
     """Everything about cameras that are mounted together."""
     names = tuple(sizes)
@@ -130,7 +130,7 @@ def solve_group(
     return Group(names, solved, doubt, rungs, begun.isolated)
 
 
-def _joined(board: Board, printed: str, seen: Mapping[Key, Corners], groups: list[Group]) -> Measured:
+def _joined(board: Board, printed: str, seen: Mapping[ViewId, Corners], groups: list[Group]) -> Measured:
     good = [group for group in groups if group.solved is not None and group.doubt is not None]
     if not good:
         raise CalibrationError(groups[0].refused)
@@ -182,7 +182,7 @@ def _joined(board: Board, printed: str, seen: Mapping[Key, Corners], groups: lis
     evidence = BoardEvidence(
         board=board,
         printed=printed,
-        frames=len({frame for _, frame in seen}),
+        frames=len({view.frame for view in seen}),
         views=len(seen),
         corners=len(every),
         rms_px=float(np.sqrt(np.mean(every**2))),
@@ -198,8 +198,8 @@ def _joined(board: Board, printed: str, seen: Mapping[Key, Corners], groups: lis
 def places_of(solved: rig.Solved) -> list[BoardPlace]:
     """Where the board stood at every frame that has a corner which fits."""
     seen: dict[int, set[str]] = {}
-    for name, frame, _ in solved.places:
-        seen.setdefault(frame, set()).add(name)
+    for view, _ in solved.places:
+        seen.setdefault(view.frame, set()).add(view.camera)
     return [
         BoardPlace(
             frame=frame,
@@ -243,18 +243,19 @@ def _sure_rig(lenses: Mapping[str, Lens], errors: Mapping[str, PoseError]) -> tu
 def _named(solved: rig.Solved) -> list[str]:
     """A sentence for each camera, and each view, that fits much worse than the typical one."""
     found = []
-    by: tuple[tuple[Callable[[tuple[str, int, int]], str], str], ...] = (
-        (lambda place: place[0], "camera {}"),
-        (lambda place: f"{place[0]}/{place[1]:04d}", "view {}"),
+    by: tuple[Callable[[ViewId], str], ...] = (
+        lambda view: f"camera {view.camera}",
+        lambda view: f"view {view}",
     )
-    for key_of, words in by:
+    for name_of in by:
         squares: dict[str, list[float]] = {}
-        for place, miss in zip(solved.places, solved.misses, strict=True):
-            squares.setdefault(key_of(place), []).append(float(miss) ** 2)
-        rms = {key: float(np.sqrt(np.mean(own))) for key, own in squares.items()}
-        typical = float(np.median(list(rms.values())))
-        for key, own in rms.items():
-            if own > OUTLIER * typical:
-                told = words.format(key)
-                found.append(f"the board misses by {own:.2f} px in {told}, {typical:.2f} px in the others.")
+        for (view, _), miss in zip(solved.places, solved.misses, strict=True):
+            squares.setdefault(name_of(view), []).append(float(miss) ** 2)
+        errors = {name: float(np.sqrt(np.mean(misses))) for name, misses in squares.items()}
+        typical = float(np.median(list(errors.values())))
+        found += [
+            f"the board misses by {rms:.2f} px in {name}, {typical:.2f} px in the others."
+            for name, rms in errors.items()
+            if rms > OUTLIER * typical
+        ]
     return found

@@ -9,13 +9,13 @@ import numpy.typing as npt
 
 from calib.boards.corners import Corners
 from calib.boards.start import Start
-from calib.data.features import Key, image_name
 from calib.poses.bundle_adjustment import Free, lens_of, opencv_parameters, set_model
 from calib.poses.known_rig import camera_of
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.session.records import Board
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class Solved:
     cam_from_rig: dict[str, Array]
     rig_from_board: dict[int, Array]
     misses: Array
-    places: list[tuple[str, int, int]]
+    places: list[tuple[ViewId, int]]
 
     @property
     def rms(self) -> float:
@@ -43,7 +43,12 @@ class Solved:
 
 
 def solve(
-    board: Board, seen: Mapping[Key, Corners], start: Start | Solved, free: Free, *, boards_only: bool = False
+    board: Board,
+    seen: Mapping[ViewId, Corners],
+    start: Start | Solved,
+    free: Free,
+    *,
+    boards_only: bool = False,
 ) -> Solved:
     """Adjust lenses, rig and board poses to the corners; boards_only: the board poses alone.
 
@@ -56,10 +61,10 @@ def solve(
 
 
 def clean(
-    board: Board, seen: Mapping[Key, Corners], start: Start | Solved, free: Free
-) -> tuple[dict[Key, Corners], Solved]:
+    board: Board, seen: Mapping[ViewId, Corners], start: Start | Solved, free: Free
+) -> tuple[dict[ViewId, Corners], Solved]:
     """Drop the corners that do not fit any placement: adjusts robustly, cuts, and adjusts again, twice."""
-    kept = {key: corners for key, corners in seen.items() if _placed(key, start)}
+    kept = {view: corners for view, corners in seen.items() if _placed(view, start)}
     solved: Start | Solved = start
     for scale in (2.0, 0.3):
         model, rows = _model(board, kept, solved, free)
@@ -67,31 +72,31 @@ def clean(
         fitted = _read(model, rows, solved)
         worst = max(CUT * float(np.median(fitted.misses)), LEAST_CUT)
         good = {place for place, miss in zip(fitted.places, fitted.misses, strict=True) if miss <= worst}
-        kept = {key: _only(corners, key, good) for key, corners in kept.items()}
-        kept = {key: corners for key, corners in kept.items() if len(corners.ids) >= 4}
+        kept = {view: _only(corners, view, good) for view, corners in kept.items()}
+        kept = {view: corners for view, corners in kept.items() if len(corners.ids) >= 4}
         solved = fitted
     return kept, solve(board, kept, solved, free)
 
 
-def _placed(key: Key, start: "Start | Solved") -> bool:
-    return key[0] in start.cam_from_rig and key[1] in start.rig_from_board
+def _placed(view: ViewId, start: "Start | Solved") -> bool:
+    return view.camera in start.cam_from_rig and view.frame in start.rig_from_board
 
 
-def _only(corners: Corners, key: Key, good: Collection[tuple[str, int, int]]) -> Corners:
-    keep = np.array([(*key, int(one)) in good for one in corners.ids], bool)
+def _only(corners: Corners, view: ViewId, good: Collection[tuple[ViewId, int]]) -> Corners:
+    keep = np.array([(view, corner) in good for corner in corners.ids.tolist()], bool)
     return Corners(corners.ids[keep], corners.points[keep])
 
 
-Rows = list[tuple[Key, int, npt.NDArray[np.int64], Array]]
-"""Of each image: its key, its number, corner ids and points."""
+Rows = list[tuple[ViewId, int, npt.NDArray[np.int64], Array]]
+"""Of each image: its view, its number, corner ids and points."""
 
 
 def _model(
-    board: Board, seen: Mapping[Key, Corners], start: "Start | Solved", free: Free
+    board: Board, seen: Mapping[ViewId, Corners], start: "Start | Solved", free: Free
 ) -> tuple[Any, Rows]:
     """A pycolmap reconstruction in the board's coordinates."""
     flat = board.corners()
-    seen = _twice({key: corners for key, corners in seen.items() if _placed(key, start)})
+    seen = _twice({view: corners for view, corners in seen.items() if _placed(view, start)})
     model = pycolmap.Reconstruction()
     names = sorted(start.cam_from_rig)
     number = {name: index + 1 for index, name in enumerate(names)}
@@ -108,27 +113,27 @@ def _model(
         else:
             rig.add_sensor(sensor, pycolmap.Rigid3d(start.cam_from_rig[name][:3]))
     model.add_rig(rig)
-    keys = sorted(seen, key=lambda key: (key[1], key[0]))
+    views = sorted(seen)
     rows: Rows = []
-    image_of = {key: index + 1 for index, key in enumerate(keys)}
-    for place, frame in enumerate(sorted({key[1] for key in keys}), start=1):
+    image_of = {view: index + 1 for index, view in enumerate(views)}
+    for place, frame in enumerate(sorted({view.frame for view in views}), start=1):
         one = pycolmap.Frame(frame_id=place, rig_id=1)
         one.rig_from_world = pycolmap.Rigid3d(start.rig_from_board[frame][:3])
-        for key in (key for key in keys if key[1] == frame):
-            sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number[key[0]])
-            one.add_data_id(pycolmap.data_t(sensor, image_of[key]))
+        for view in (view for view in views if view.frame == frame):
+            sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number[view.camera])
+            one.add_data_id(pycolmap.data_t(sensor, image_of[view]))
         model.add_frame(one)
-        for key in (key for key in keys if key[1] == frame):
-            corners = seen[key]
+        for view in (view for view in views if view.frame == frame):
+            corners = seen[view]
             image = pycolmap.Image(
-                name=image_name(key),
-                image_id=image_of[key],
-                camera_id=number[key[0]],
+                name=view.image_name,
+                image_id=image_of[view],
+                camera_id=number[view.camera],
                 frame_id=place,
                 points2D=[pycolmap.Point2D(point) for point in corners.points],
             )
             model.add_image(image)
-            rows.append((key, image_of[key], corners.ids, corners.points))
+            rows.append((view, image_of[view], corners.ids, corners.points))
         model.register_frame(place)
     tracks: dict[int, list[Any]] = {}
     for _, index, ids, _ in rows:
@@ -141,14 +146,14 @@ def _model(
     return model, rows
 
 
-def _twice(seen: Mapping[Key, Corners]) -> dict[Key, Corners]:
+def _twice(seen: Mapping[ViewId, Corners]) -> dict[ViewId, Corners]:
     """Without the corners that only one view shows: pycolmap takes no point that is seen once."""
     ids, counts = np.unique(np.concatenate([corners.ids for corners in seen.values()]), return_counts=True)
     often = ids[counts > 1]
     kept = {}
-    for key, corners in seen.items():
+    for view, corners in seen.items():
         keep = np.isin(corners.ids, often)
-        kept[key] = Corners(corners.ids[keep], corners.points[keep])
+        kept[view] = Corners(corners.ids[keep], corners.points[keep])
     return kept
 
 
@@ -195,9 +200,9 @@ def _read(model: Any, rows: Rows, start: "Start | Solved") -> Solved:
     for point in model.points3D.values():
         for element in point.track.elements:
             flat_of[element.image_id, element.point2D_idx] = point.xyz
-    for key, index, ids, points in rows:
+    for view, index, ids, points in rows:
         image = model.images[index]
-        boards[key[1]] = _square(image.frame.rig_from_world)
+        boards[view.frame] = _square(image.frame.rig_from_world)
         motion = image.cam_from_world().matrix()
         world = np.array([flat_of[index, place] for place in range(len(ids))]).reshape(-1, 3)
         local = world @ motion[:, :3].T + motion[:, 3]
@@ -206,7 +211,7 @@ def _read(model: Any, rows: Rows, start: "Start | Solved") -> Solved:
         if ahead.any():
             projected[ahead] = model.cameras[image.camera_id].img_from_cam(local[ahead])
         misses.append(np.nan_to_num(np.linalg.norm(projected - points, axis=1), nan=np.inf, posinf=np.inf))
-        places += [(*key, corner) for corner in ids.tolist()]
+        places += [(view, corner) for corner in ids.tolist()]
     return Solved(lenses, mounted, boards, np.concatenate(misses) if misses else np.zeros(0), places)
 
 

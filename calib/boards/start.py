@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.boards.corners import Corners
-from calib.data.features import Key
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
 from imaging.session.records import Board
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 
@@ -35,25 +35,29 @@ class Start:
     isolated: tuple[str, ...]
 
 
-def begin(board: Board, seen: Mapping[Key, Corners], sizes: Mapping[str, tuple[int, int]]) -> Start:
+def begin(board: Board, seen: Mapping[ViewId, Corners], sizes: Mapping[str, tuple[int, int]]) -> Start:
     """Guess from corners; CalibrationError when no camera has views enough.
 
-    seen: corners by camera and frame. sizes: (width, height) of each camera's pictures.
+    seen: corners by view. sizes: (width, height) of each camera's pictures.
     """
     flat = board.corners()
     lenses: dict[str, Lens] = {}
     for name, size in sizes.items():
-        own = [corners for (camera, _), corners in seen.items() if camera == name]
+        own = [corners for view, corners in seen.items() if view.camera == name]
         if len(own) >= FEWEST_VIEWS:
             lenses[name] = _lens(flat, own, size)
     if not lenses:
-        most = max((sum(key[0] == name for key in seen) for name in sizes), default=0)
+        most = max((sum(view.camera == name for view in seen) for name in sizes), default=0)
         raise CalibrationError(
             f"No camera sees the board in {FEWEST_VIEWS} frames or more (the best of them in {most}): "
             "show it in about 25 frames, tilted up to 45 degrees, to several cameras at once."
         )
-    poses = {key: _pose(flat, corners, lenses[key[0]]) for key, corners in seen.items() if key[0] in lenses}
-    return _joined(lenses, poses, {key: len(corners.ids) for key, corners in seen.items()})
+    poses = {
+        view: _pose(flat, corners, lenses[view.camera])
+        for view, corners in seen.items()
+        if view.camera in lenses
+    }
+    return _joined(lenses, poses, {view: len(corners.ids) for view, corners in seen.items()})
 
 
 def _lens(flat: Array, views: list[Corners], size: tuple[int, int]) -> Lens:
@@ -93,9 +97,9 @@ def _pose(flat: Array, corners: Corners, lens: Lens) -> Array:
     return pose
 
 
-def _joined(lenses: dict[str, Lens], poses: dict[Key, Array], count: dict[Key, int]) -> Start:
+def _joined(lenses: dict[str, Lens], poses: dict[ViewId, Array], count: dict[ViewId, int]) -> Start:
     """Cameras placed from camera to camera, along the pairs that share most frames."""
-    frames = {name: {frame for camera, frame in poses if camera == name} for name in lenses}
+    frames = {name: {view.frame for view in poses if view.camera == name} for name in lenses}
     shared = {
         frozenset(pair): sorted(frames[pair[0]] & frames[pair[1]]) for pair in combinations(sorted(lenses), 2)
     }
@@ -111,12 +115,13 @@ def _joined(lenses: dict[str, Lens], poses: dict[Key, Array], count: dict[Key, i
         ]
         _, near, far = max(edges)
         both = shared[frozenset((near, far))]
-        relative = [poses[far, frame] @ np.linalg.inv(poses[near, frame]) for frame in both]
+        relative = [poses[ViewId(frame, far)] @ np.linalg.inv(poses[ViewId(frame, near)]) for frame in both]
         placed[far] = _middle(relative) @ placed[near]
     boards: dict[int, Array] = {}
-    for frame in sorted({frame for camera, frame in poses if camera in placed}):
-        name = max((name for name in placed if (name, frame) in poses), key=lambda name: count[name, frame])
-        boards[frame] = np.linalg.inv(placed[name]) @ poses[name, frame]
+    for frame in sorted({view.frame for view in poses if view.camera in placed}):
+        views = [ViewId(frame, name) for name in placed]
+        best = max((view for view in views if view in poses), key=lambda view: count[view])
+        boards[frame] = np.linalg.inv(placed[best.camera]) @ poses[best]
     isolated = tuple(name for name in sorted(lenses) if name not in placed)
     return Start(lenses, placed, boards, isolated)
 

@@ -15,13 +15,13 @@ import numpy.typing as npt
 from calib.boards.corners import Corners
 from calib.boards.ladder import richest
 from calib.boards.rig import Solved, solve
-from calib.data.features import Key
 from calib.data.views import Progress
 from calib.poses.bundle_adjustment import Free
 from imaging import lens as optics
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
 from imaging.session.records import Board
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class Uncertainty:
 
 
 def bootstrap(
-    board: Board, seen: Mapping[Key, Corners], solved: Solved, taken: Free, seed: int, progress: Progress
+    board: Board, seen: Mapping[ViewId, Corners], solved: Solved, taken: Free, seed: int, progress: Progress
 ) -> Uncertainty:
     """Draw the frames with replacement and solve, DRAWS times; a seed gives the same draws.
 
@@ -65,7 +65,7 @@ def bootstrap(
     except CalibrationError:
         return Uncertainty({}, {}, {}, {}, {}, draws=0, failed=DRAWS)
     rng = np.random.default_rng(seed)
-    frames = sorted({frame for _, frame in seen})
+    frames = sorted({view.frame for view in seen})
     lenses: dict[str, list[Lens]] = {name: [] for name in solved.cam_from_rig}
     turns: dict[str, list[Array]] = {name: [] for name in solved.cam_from_rig}
     shifts: dict[str, list[Array]] = {name: [] for name in solved.cam_from_rig}
@@ -74,13 +74,13 @@ def bootstrap(
         progress("measuring how sure it is", draw, DRAWS)
         chosen = rng.choice(frames, len(frames))
         again = {
-            (name, place): seen[name, frame]
+            ViewId(place, name): seen[ViewId(frame, name)]
             for place, frame in enumerate(chosen.tolist())
             for name in solved.cam_from_rig
-            if (name, frame) in seen
+            if ViewId(frame, name) in seen
         }
         boards = {place: middle.rig_from_board[frame] for place, frame in enumerate(chosen.tolist())}
-        if {name for name, _ in again} != set(solved.cam_from_rig):
+        if {view.camera for view in again} != set(solved.cam_from_rig):
             continue  # a camera that none of the drawn frames shows has nothing to vary by
         start = Solved(middle.lenses, middle.cam_from_rig, boards, np.zeros(0), [])
         try:
@@ -110,14 +110,14 @@ def bootstrap(
 
 
 def _halves(
-    board: Board, seen: Mapping[Key, Corners], middle: Solved, free: Free, maps: Mapping[str, Array]
+    board: Board, seen: Mapping[ViewId, Corners], middle: Solved, free: Free, maps: Mapping[str, Array]
 ) -> dict[str, float]:
     """The disagreement of two halves is twice what is expected of the whole: each has half of the frames."""
-    frames = sorted({frame for _, frame in seen})
+    frames = sorted({view.frame for view in seen})
     sides = []
     for start in (0, 1):
-        half = {key: corners for key, corners in seen.items() if key[1] in set(frames[start::2])}
-        if {name for name, _ in half} != set(middle.cam_from_rig):
+        half = {view: corners for view, corners in seen.items() if view.frame in set(frames[start::2])}
+        if {view.camera for view in half} != set(middle.cam_from_rig):
             return {}
         try:
             sides.append(solve(board, half, middle, free).lenses)

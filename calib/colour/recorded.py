@@ -7,7 +7,6 @@ import numpy.typing as npt
 
 from calib.colour.measure import Charts
 from calib.colour.white_balance import Balance, Sights, estimate, folded
-from calib.data.features import Key
 from calib.light.tracks import tracks_of
 from calib.light.vignetting import DARKEST, Falloff
 from calib.poses.sfm import Model
@@ -15,6 +14,7 @@ from calib.sensor.metadata import Sensor
 from imaging.mosaic import Matrix, as_matrix
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.records import Rung
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 
@@ -23,7 +23,7 @@ CHART_RUNGS = frozenset({"chart_white", "chart_shading", "chart_matrix", "chart_
 
 def balance(
     model: Model,
-    colours: Mapping[Key, Array],
+    colours: Mapping[ViewId, Array],
     found: Mapping[str, Sensor],
     falloff: Falloff,
     anchors: Sequence[str],
@@ -38,7 +38,8 @@ def balance(
     if len(known) < 2:
         return Balance({}, {}, ())
     usable = {
-        key: colour if key[0] in known else np.full(colour.shape, np.nan) for key, colour in colours.items()
+        view: colour if view.camera in known else np.full(colour.shape, np.nan)
+        for view, colour in colours.items()
     }
     planes = [
         tracks_of(model, {key: colour[:, channel] for key, colour in usable.items()}, placed)

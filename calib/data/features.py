@@ -13,10 +13,9 @@ from calib.data.matching import match
 from calib.data.previews import enlargement
 from calib.data.views import Progress
 from imaging.files.colmap import pycolmap
+from imaging.session.view_id import ViewId
 
 Float = npt.NDArray[np.float32]
-Key = tuple[str, int]
-"""Camera name and frame."""
 
 PEAK_THRESHOLD = 0.002
 """Of SIFT; the usual 0.0067 leaves too few features in 320 pixels and costs a third of a degree."""
@@ -27,17 +26,6 @@ PIXELS_EACH = 36
 FEWEST_MATCHES = 15
 PLANAR_SHARE = 0.85
 """Of the matches of a pair that one homography explains, above which they show a plane or a turn."""
-
-
-def image_name(key: Key) -> str:
-    """Name of a view's preview, and of its image in the COLMAP model."""
-    return f"{key[0]}/{key[1]:04d}.png"
-
-
-def key_of(name: str) -> Key:
-    """The inverse of `image_name`."""
-    camera, file = name.split("/")
-    return camera, int(file.removesuffix(".png"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,30 +99,30 @@ def unmasked(found: Features, counts: npt.NDArray[np.bool_], width: int, height:
 def fill_database(
     database: Any,
     cameras: Mapping[str, Any],
-    features: Mapping[Key, Features],
+    features: Mapping[ViewId, Features],
     max_error: float,
     progress: Progress,
-) -> dict[tuple[Key, Key], Pair]:
+) -> dict[tuple[ViewId, ViewId], Pair]:
     """Write cameras, images and verified matches of all pairs of views; returns the pairs that match.
 
     cameras: pycolmap cameras by name; their `camera_id` is set here. Every camera is a rig of its own
     here, every image a frame; a common rig is found from their poses later. max_error: of the epipolar
     geometry, px.
     """
-    images: dict[Key, int] = {}
+    images: dict[ViewId, int] = {}
     rigs: dict[str, int] = {}
     for name, camera in cameras.items():
         camera.camera_id = database.write_camera(camera)
         rig = pycolmap.Rig()
         rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, camera.camera_id))
         rigs[name] = database.write_rig(rig)
-    for (name, frame), own in features.items():
+    for view, own in features.items():
         image = pycolmap.Image()
-        image.name = image_name((name, frame))
-        image.camera_id = cameras[name].camera_id
-        index = images[name, frame] = database.write_image(image)
+        image.name = view.image_name
+        image.camera_id = cameras[view.camera].camera_id
+        index = images[view] = database.write_image(image)
         instant = pycolmap.Frame()
-        instant.rig_id = rigs[name]
+        instant.rig_id = rigs[view.camera]
         instant.add_data_id(database.read_image(index).data_id)
         database.write_frame(instant)
         database.write_keypoints(index, own.points.astype(np.float32))
@@ -150,7 +138,7 @@ def fill_database(
         if len(matches) < FEWEST_MATCHES:
             continue
         geometry = pycolmap.estimate_two_view_geometry(
-            cameras[a[0]], features[a].points, cameras[b[0]], features[b].points, matches, options
+            cameras[a.camera], features[a].points, cameras[b.camera], features[b].points, matches, options
         )
         database.write_matches(images[a], images[b], matches)
         inliers = np.asarray(geometry.inlier_matches)

@@ -9,6 +9,7 @@ from imaging.sensor import SensorCalibration
 from imaging.session.calibration import Response
 from imaging.session.records import CameraRecord, ShotRecord, Subject
 from imaging.session.session import Session, brackets
+from imaging.session.view_id import ViewId
 
 Progress = Callable[[str, int, int], None]
 """Called with a message, the number of steps done and the number of all."""
@@ -25,18 +26,13 @@ class View:
     """What was measured of the camera's sensor, by which its shots are read."""
 
     @property
-    def name(self) -> str:
-        """`camera/frame`, as in reports and in `unregistered`."""
-        return f"{self.camera.name}/{self.frame:04d}"
-
-    @property
-    def key(self) -> tuple[str, int]:
-        """Camera name and frame."""
-        return self.camera.name, self.frame
+    def id(self) -> ViewId:
+        """Which view it is."""
+        return ViewId(self.frame, self.camera.name)
 
 
 def scene_views(session: Session) -> list[View]:
-    """Every view of the scene, in order of camera and frame; CalibrationError if there is none."""
+    """Every view of the scene, camera by camera; CalibrationError if there is none."""
     views = views_of(session, "scene")
     if not views:
         raise CalibrationError(
@@ -46,9 +42,9 @@ def scene_views(session: Session) -> list[View]:
 
 
 def views_of(session: Session, kind: Subject) -> list[View]:
-    """Every view of a kind, in order of camera and frame; InputError if a camera's images differ in size."""
+    """Every view of a kind, camera by camera; InputError if a camera's images differ in size."""
     groups = brackets(session.shots(kind))
-    views = [View(session.camera(name), frame, tuple(group)) for (frame, name), group in groups.items()]
+    views = [View(session.camera(view.camera), view.frame, tuple(group)) for view, group in groups.items()]
     for camera in {view.camera.name for view in views}:
         sizes = {(s.width, s.height) for v in views if v.camera.name == camera for s in v.shots}
         if len(sizes) > 1:

@@ -72,7 +72,7 @@ def _transforms(record: CalibrationRecord, pictures: Mapping[str, Lens]) -> dict
         world_from_cam = np.linalg.inv(view.cam_from_world.matrix()) @ _OPENGL_FROM_OPENCV
         frames.append(
             {
-                "file_path": f"previews/{view.camera}/{view.frame:04d}.png",
+                "file_path": f"previews/{view.id.image_name}",
                 "w": lens.width,
                 "h": lens.height,
                 "fl_x": lens.fx,

@@ -42,6 +42,7 @@ from imaging.session.calibration import (
 )
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
+from imaging.session.view_id import ViewId
 
 Progress = Callable[[str, int, int], None]
 
@@ -64,8 +65,7 @@ class MergedView:
     run was right already. warnings: what to do otherwise next time.
     """
 
-    camera: str
-    frame: int
+    view: ViewId
     file: Path
     exposures: int
     clipped: float
@@ -97,9 +97,9 @@ def merge_session(
     session, out = Path(session), Path(out)
     opened = Session.open(session)
     groups = {
-        key: shots
-        for key, shots in brackets(opened.shots("scene")).items()
-        if (frame is None or key[0] == frame) and (camera is None or key[1] == camera)
+        view: shots
+        for view, shots in brackets(opened.shots("scene")).items()
+        if frame in (None, view.frame) and camera in (None, view.camera)
     }
     if not groups:
         wanted = "".join(
@@ -110,11 +110,11 @@ def merge_session(
         raise InputError(f"{session} has no shot of the scene{wanted}: name one that `rig check` lists.")
     store.require_writable(out)
     found = []
-    for done, ((number, name), shots) in enumerate(groups.items()):
+    for done, (view, shots) in enumerate(groups.items()):
         progress("merging", done, len(groups))
-        own = None if calibration is None else calibration.camera(name)
+        own = None if calibration is None else calibration.camera(view.camera)
         scales = None if calibration is None else calibration.exposure_scale
-        found.append(_merge_view(opened, out, number, name, shots, own, scales, space))
+        found.append(_merge_view(opened, out, view, shots, own, scales, space))
     progress("merging", len(groups), len(groups))
     return found
 
@@ -122,29 +122,26 @@ def merge_session(
 def _merge_view(
     session: Session,
     out: Path,
-    number: int,
-    name: str,
+    view: ViewId,
     shots: Sequence[ShotRecord],
     camera: CameraCalibration | None,
     scales: Mapping[str, float] | None,
     space: Space,
 ) -> MergedView:
-    kind = session.camera(name).kind
+    kind = session.camera(view.camera).kind
     if kind == "raw" and space != "rec709" and (camera is None or camera.camera_from_rec709 is None):
         raise InputError(
-            f"{session.folder}: the colour of camera {name} is not known, so it cannot become {space}: "
-            "run `rig calibrate`, or leave --space out."
+            f"{session.folder}: the colour of camera {view.camera} is not known, so it cannot become "
+            f"{space}: run `rig calibrate`, or leave --space out."
         )
     k = _scales(session, shots, scales)
     response = camera.response if camera is not None else assumed_response(kind)
-    path = out / f"{number:04d}" / f"{name}.exr"
+    path = out / f"{view}.exr"
     key = _key(session, shots, k, response, camera, space)
     told = _kept(path, key)
     if told is not None:
         clipped, dark, ghost, hidden, shift, said = told
-        return MergedView(
-            name, number, path, len(shots), clipped, dark, ghost, hidden, shift, True, tuple(said)
-        )
+        return MergedView(view, path, len(shots), clipped, dark, ghost, hidden, shift, True, tuple(said))
     sensors = () if camera is None else camera.sensors
     frames = [
         read_linear(session.file(shot), kind, scale, response, sensors)
@@ -152,7 +149,7 @@ def _merge_view(
     ]
     if any(one.signal.shape != frames[0].signal.shape for one in frames):
         raise InputError(
-            f"the shots of camera {name} at frame {number} differ in size: delete the odd one out."
+            f"the shots of camera {view.camera} at frame {view.frame} differ in size: delete the odd one out."
         )
     frames, told_by, behind = _masked(session, shots, frames)
     best = without_ghosts(frames, max(TOLERANCE, (response.residual or 0.0) / PAIR), behind)
@@ -167,7 +164,7 @@ def _merge_view(
     warnings = _warnings(told_by, shares, shift, check_labels=scales is None)
     attributes: dict[str, str | float] = {
         "rig:key": key,
-        "rig:view": f"{number:04d}/{name}",
+        "rig:view": str(view),
         "rig:units": UNIT,
         "rig:mask": BITS,
         "rig:exposures": "labels" if scales is None else "calibration",
@@ -185,7 +182,7 @@ def _merge_view(
     channels["mask"] = flags.astype(np.float32)
     primaries = SPACE_PRIMARIES[space] if picture.known_colour else None
     write_exr(path, channels, chromaticities=primaries, attributes=attributes)
-    return MergedView(name, number, path, len(shots), *shares, hidden, shift, False, warnings)
+    return MergedView(view, path, len(shots), *shares, hidden, shift, False, warnings)
 
 
 def _masked(

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 
-from calib.data.features import Key, image_name
 from calib.data.views import Progress
 from calib.exports.formats import write_exports
 from calib.exports.pictures import Picture, PointColours
@@ -11,12 +10,13 @@ from imaging.files import store
 from imaging.files.photo import encode_png
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 
 def write_calibration(
     session: Session,
     record: CalibrationRecord,
-    shown: Iterable[tuple[Key, Picture]],
+    shown: Iterable[tuple[ViewId, Picture]],
     model: Model | None,
     progress: Progress,
 ) -> None:
@@ -24,13 +24,13 @@ def write_calibration(
     with store.replacing(session.folder / "calibration") as part:
         part.mkdir()
         colours = None if model is None else PointColours(model.reconstruction)
-        for done, (key, picture) in enumerate(shown):
+        for done, (view, picture) in enumerate(shown):
             progress("writing the pictures", done, len(record.views) + len(record.unregistered))
-            file = part / "previews" / image_name(key)
+            file = part / "previews" / view.image_name
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(encode_png(picture))
             if colours is not None:
-                colours.add(image_name(key), picture)
+                colours.add(view.image_name, picture)
         progress("writing the calibration", 0, 1)
         if model is not None and colours is not None:
             colours.apply()

@@ -47,7 +47,7 @@ def sample_tracks(
     Of a view with several exposures the middle one counts. labels: exposure scale of each file, s.
     """
     shots = {
-        view.key: sorted(view.shots, key=lambda shot: labels[shot.file])[len(view.shots) // 2]
+        view.id: sorted(view.shots, key=lambda shot: labels[shot.file])[len(view.shots) // 2]
         for view in views
         if all(shot.exposure is not None for shot in view.shots)
     }

@@ -7,12 +7,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from calib.data.features import Key, key_of
 from calib.light.vignetting import Tracks
 from calib.poses.sfm import Model
 from imaging.cfa import bilinear
 from imaging.lens import Lens
 from imaging.merge.bracket import Merged
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -85,7 +85,7 @@ def _sites(
     return row, column
 
 
-def tracks_of(model: Model, brightness: Mapping[Key, Array], cameras: Sequence[str]) -> Tracks:
+def tracks_of(model: Model, brightness: Mapping[ViewId, Array], cameras: Sequence[str]) -> Tracks:
     """Observations of all scene points that two views or more see well, in order of points and views.
 
     brightness: of each feature of each view, as `brightness_at` gives it; cameras: names, in the order that
@@ -94,16 +94,17 @@ def tracks_of(model: Model, brightness: Mapping[Key, Array], cameras: Sequence[s
     rows: list[tuple[int, int, float, float]] = []
     towards: list[Array] = []
     images = {index: model.reconstruction.image(index) for index in model.reconstruction.reg_image_ids()}
-    keys = {index: key_of(image.name) for index, image in images.items()}
+    views = {index: ViewId.of_image(image.name) for index, image in images.items()}
     centres = {index: np.asarray(image.projection_center()) for index, image in images.items()}
     for number, point in enumerate(sorted(model.reconstruction.points3D)):
         track = model.reconstruction.points3D[point].track
         for element in sorted(track.elements, key=lambda one: one.image_id):
-            key = keys[element.image_id]
-            value = float(brightness[key][element.point2D_idx])
+            view = views[element.image_id]
+            value = float(brightness[view][element.point2D_idx])
             if np.isfinite(value):
                 x, y = np.ravel(images[element.image_id].point2D(element.point2D_idx).xy)
-                rows.append((number, cameras.index(key[0]), _radius(x, y, model.lenses[key[0]]), value))
+                radius = _radius(x, y, model.lenses[view.camera])
+                rows.append((number, cameras.index(view.camera), radius, value))
                 towards.append(centres[element.image_id] - model.reconstruction.points3D[point].xyz)
     table = np.array(rows, np.float64).reshape(-1, 4)
     direction = np.array(towards, np.float64).reshape(-1, 3)

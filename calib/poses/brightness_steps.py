@@ -10,10 +10,11 @@ from statistics import median
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.features import FEWEST_MATCHES, Key, Pair
+from calib.data.features import FEWEST_MATCHES, Pair
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
-Pairs = Mapping[tuple[Key, Key], Pair]
+Pairs = Mapping[tuple[ViewId, ViewId], Pair]
 
 OTHERWISE_LIT = 0.03, 0.1
 """Median difference of natural log brightness between the two views of a pair beyond which they do not show
@@ -28,12 +29,12 @@ USUALLY_LIT = 4.0
 """Times the differences of the tenth of pairs that agree best, between those limits."""
 
 
-def otherwise_lit(pairs: Pairs, brightness: Mapping[Key, Array]) -> set[tuple[Key, Key]]:
+def otherwise_lit(pairs: Pairs, brightness: Mapping[ViewId, Array]) -> set[tuple[ViewId, ViewId]]:
     """The pairs whose matches are not as bright in one view as in the other.
 
     Cameras may differ in gain: what all pairs of two cameras have in common is taken off.
     """
-    steps: dict[tuple[Key, Key], Array] = {}
+    steps: dict[tuple[ViewId, ViewId], Array] = {}
     for (one, other), pair in pairs.items():
         if one in brightness and other in brightness:
             step = brightness[other][pair.index[:, 1]] - brightness[one][pair.index[:, 0]]
@@ -42,9 +43,9 @@ def otherwise_lit(pairs: Pairs, brightness: Mapping[Key, Array]) -> set[tuple[Ke
                 steps[one, other] = step
     gains: dict[tuple[str, str], list[float]] = {}
     for (one, other), step in steps.items():
-        gains.setdefault((one[0], other[0]), []).append(float(np.median(step)))
+        gains.setdefault((one.camera, other.camera), []).append(float(np.median(step)))
     usual = {cameras: 0.0 if cameras[0] == cameras[1] else median(own) for cameras, own in gains.items()}
-    apart = {(one, other): step - usual[one[0], other[0]] for (one, other), step in steps.items()}
+    apart = {(one, other): step - usual[one.camera, other.camera] for (one, other), step in steps.items()}
     if not apart:
         return set()
     shift = {pair: abs(float(np.median(step))) for pair, step in apart.items()}
@@ -57,7 +58,7 @@ def otherwise_lit(pairs: Pairs, brightness: Mapping[Key, Array]) -> set[tuple[Ke
 
 
 def warning(
-    poses: Mapping[Key, Array], pairs: Pairs, brightness: Mapping[Key, Array], exact: Collection[str]
+    poses: Mapping[ViewId, Array], pairs: Pairs, brightness: Mapping[ViewId, Array], exact: Collection[str]
 ) -> str | None:
     """What to tell of views that look from nearly the same side and are not as bright; None where they are.
 
@@ -66,7 +67,7 @@ def warning(
     """
     steps = []
     for (one, other), pair in pairs.items():
-        if one in poses and other in poses and one[0] == other[0] and one[0] in exact:
+        if one in poses and other in poses and one.camera == other.camera and one.camera in exact:
             turn = (poses[other] @ np.linalg.inv(poses[one]))[:3, :3]
             step = brightness[other][pair.index[:, 1]] - brightness[one][pair.index[:, 0]]
             if np.trace(turn) > 1 + 2 * np.cos(np.radians(BESIDE)) and np.isfinite(step).any():

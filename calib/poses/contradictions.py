@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.features import Key, Pair, image_name, key_of
+from calib.data.features import Pair
 from calib.poses.brightness_steps import Array, Pairs, otherwise_lit, warning
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.session.records import Rung
+from imaging.session.view_id import ViewId
 
 FEWEST_AGAINST = 30
 """Matches of a pair that do not fit the model, below which they may be chance."""
@@ -54,7 +55,7 @@ class Settled:
     makes the poses doubtful all the same."""
 
     reconstruction: Any
-    left_out: frozenset[Key]
+    left_out: frozenset[ViewId]
     rungs: tuple[Rung, ...]
 
 
@@ -62,7 +63,7 @@ def settle(
     database: Any,
     reconstruction: Any,
     pairs: Pairs,
-    brightness: Mapping[Key, Array],
+    brightness: Mapping[ViewId, Array],
     max_error: float,
     again: Callable[[], Any | None],
     exact: Collection[str] = (),
@@ -78,7 +79,7 @@ def settle(
     reconstruction, left_out, rung = _reconciled(
         database, reconstruction, pairs, brightness, max_error, again, bool(exact)
     )
-    poses = {key: pose for key, (_, pose) in _placed(reconstruction).items()}
+    poses = {view: pose for view, (_, pose) in _placed(reconstruction).items()}
     doubts = {
         "pose_lit_differently": warning(poses, pairs, brightness, exact),
         "pose_unconfirmed": unconfirmed(poses, pairs),
@@ -87,12 +88,12 @@ def settle(
     return Settled(reconstruction, frozenset(left_out), (rung, *rungs))
 
 
-def unconfirmed(placed: Collection[Key], pairs: Pairs) -> str | None:
+def unconfirmed(placed: Collection[ViewId], pairs: Pairs) -> str | None:
     """What to tell of poses that too few other views confirm; None where enough do.
 
     Any two views fit together, and a few of many that match do by chance where parts of a scene look alike.
     """
-    views = {key for pair in pairs for key in pair}
+    views = {view for pair in pairs for view in pair}
     if len(placed) >= max(FEWEST_CONFIRMED, (1 - MOST_LOST) * len(views)):
         return None
     if len(views) == len(placed):
@@ -109,11 +110,11 @@ def _reconciled(
     database: Any,
     reconstruction: Any,
     pairs: Pairs,
-    brightness: Mapping[Key, Array],
+    brightness: Mapping[ViewId, Array],
     max_error: float,
     again: Callable[[], Any | None],
     exact: bool,
-) -> tuple[Any, set[Key], Rung]:
+) -> tuple[Any, set[ViewId], Rung]:
     """A model without contradictions, the views that were left out, and what was done."""
     against = contradicting(reconstruction, pairs, max_error)
     out = shut_out(reconstruction, pairs)
@@ -129,7 +130,7 @@ def _reconciled(
         reason += f"; {len(false)} pairs are lit differently and show things that only look alike"
     pairs = {pair: own for pair, own in pairs.items() if pair not in false}
     turns = _turns(reconstruction, pairs, max_error)
-    images = {key_of(image.name): image.image_id for image in database.read_all_images()}
+    images = {ViewId.of_image(image.name): image.image_id for image in database.read_all_images()}
     for loops in LOOPS:
         open_ = _open(turns, loops)
         pairs = {pair: own for pair, own in pairs.items() if pair not in open_}
@@ -147,10 +148,10 @@ def _reconciled(
         if share < DOUBTFUL:
             break
         left_out.add(view)
-        image = reconstruction.find_image_with_name(image_name(view))
+        image = reconstruction.find_image_with_name(view.image_name)
         reconstruction.deregister_frame(image.frame_id)
     out = shut_out(reconstruction, pairs) - left_out
-    views = {key for pair in pairs for key in pair}
+    views = {view for pair in pairs for view in pair}
     if _strong(reconstruction, pairs, against) or len(out | left_out) > MOST_LEFT_OUT * len(views):
         raise CalibrationError(f"{reason}; {_ALIKE}.")
     if left_out:
@@ -158,22 +159,24 @@ def _reconciled(
     return reconstruction, left_out | out, Rung(name="pose_contradictions", taken=True, reason=reason)
 
 
-def _turns(reconstruction: Any, pairs: Pairs, max_error: float) -> dict[tuple[Key, Key], Array]:
+def _turns(reconstruction: Any, pairs: Pairs, max_error: float) -> dict[tuple[ViewId, ViewId], Array]:
     """Of each pair that has one, the turn [3, 3] from its first view to its second, by its matches alone."""
-    cameras = {key_of(image.name)[0]: image.camera_id for image in reconstruction.images.values()}
+    cameras = {
+        ViewId.of_image(image.name).camera: image.camera_id for image in reconstruction.images.values()
+    }
     options = pycolmap.RANSACOptions(max_error=max_error, random_seed=0)
     turns = {}
     for (one, other), pair in pairs.items():
-        lenses = [reconstruction.cameras[cameras[key[0]]] for key in (one, other)]
+        lenses = [reconstruction.cameras[cameras[view.camera]] for view in (one, other)]
         found = pycolmap.estimate_relative_pose(lenses[0], pair.one, lenses[1], pair.other, options)
         if found is not None:
             turns[one, other] = found["cam2_from_cam1"].rotation.matrix()
     return turns
 
 
-def _open(turns: Mapping[tuple[Key, Key], Array], least: int) -> set[tuple[Key, Key]]:
+def _open(turns: Mapping[tuple[ViewId, ViewId], Array], least: int) -> set[tuple[ViewId, ViewId]]:
     """The pairs with which fewer loops of three close than do not, or fewer than `least`."""
-    beside: dict[Key, dict[Key, Array]] = {}
+    beside: dict[ViewId, dict[ViewId, Array]] = {}
     for (one, other), turn in turns.items():
         beside.setdefault(one, {})[other] = turn
         beside.setdefault(other, {})[one] = turn.T
@@ -189,7 +192,7 @@ def _open(turns: Mapping[tuple[Key, Key], Array], least: int) -> set[tuple[Key, 
     return found
 
 
-def contradicting(reconstruction: Any, pairs: Pairs, max_error: float) -> dict[tuple[Key, Key], int]:
+def contradicting(reconstruction: Any, pairs: Pairs, max_error: float) -> dict[tuple[ViewId, ViewId], int]:
     """Of every pair of placed views that contradicts their poses, how many matches do."""
     placed = _placed(reconstruction)
     found = {}
@@ -201,22 +204,23 @@ def contradicting(reconstruction: Any, pairs: Pairs, max_error: float) -> dict[t
     return found
 
 
-def shut_out(reconstruction: Any, pairs: Pairs) -> set[Key]:
+def shut_out(reconstruction: Any, pairs: Pairs) -> set[ViewId]:
     """The views without a pose that match placed ones as well as these match each other."""
     placed = _placed(reconstruction)
     best = _best(pairs, placed)
     usual = median(best.values()) if best else 0
+    least = max(STRONG * usual, 2 * FEWEST_AGAINST)
     return {
-        key
+        view
         for (one, other), pair in pairs.items()
-        for key, beside in ((one, other), (other, one))
-        if key not in placed and beside in placed and len(pair.one) >= max(STRONG * usual, 2 * FEWEST_AGAINST)
+        for view, beside in ((one, other), (other, one))
+        if view not in placed and beside in placed and len(pair.one) >= least
     }
 
 
-def _best(pairs: Pairs, placed: Collection[Key]) -> dict[Key, int]:
+def _best(pairs: Pairs, placed: Collection[ViewId]) -> dict[ViewId, int]:
     """Of each placed view, the most matches that it shares with another."""
-    best: dict[Key, int] = {}
+    best: dict[ViewId, int] = {}
     for (one, other), pair in pairs.items():
         if one in placed and other in placed:
             best[one] = max(best.get(one, 0), len(pair.one))
@@ -224,7 +228,7 @@ def _best(pairs: Pairs, placed: Collection[Key]) -> dict[Key, int]:
     return best
 
 
-def _strong(reconstruction: Any, pairs: Pairs, against: Mapping[tuple[Key, Key], int]) -> bool:
+def _strong(reconstruction: Any, pairs: Pairs, against: Mapping[tuple[ViewId, ViewId], int]) -> bool:
     """Whether a pair contradicts the poses that has as many matches as those that hold its views there."""
     holding = {pair: own for pair, own in pairs.items() if pair not in against}
     best = _best(holding, _placed(reconstruction))
@@ -233,13 +237,13 @@ def _strong(reconstruction: Any, pairs: Pairs, against: Mapping[tuple[Key, Key],
     )
 
 
-def _placed(reconstruction: Any) -> dict[Key, tuple[Any, Array]]:
+def _placed(reconstruction: Any) -> dict[ViewId, tuple[Any, Array]]:
     """Camera and cam_from_world [4, 4] of every view that has a pose."""
     placed = {}
     for index in sorted(reconstruction.reg_image_ids()):
         image = reconstruction.image(index)
         pose = np.vstack([image.cam_from_world().matrix(), [0.0, 0.0, 0.0, 1.0]])
-        placed[key_of(image.name)] = reconstruction.cameras[image.camera_id], pose
+        placed[ViewId.of_image(image.name)] = reconstruction.cameras[image.camera_id], pose
     return placed
 
 
@@ -261,16 +265,16 @@ def _fits(
 
 
 def _most_doubtful(
-    reconstruction: Any, pairs: Pairs, against: Mapping[tuple[Key, Key], int]
-) -> tuple[Key, float]:
+    reconstruction: Any, pairs: Pairs, against: Mapping[tuple[ViewId, ViewId], int]
+) -> tuple[ViewId, float]:
     """The view with the largest share of its matches in pairs that contradict the model, and the share."""
     placed = _placed(reconstruction)
     doubted, every = dict.fromkeys(placed, 0), dict.fromkeys(placed, 0)
     for (one, other), pair in pairs.items():
         if one in placed and other in placed:
-            for key in (one, other):
-                every[key] += len(pair.one)
-                doubted[key] += len(pair.one) * ((one, other) in against)
-    shares = {key: doubted[key] / max(every[key], 1) for key in sorted(placed)}
+            for view in (one, other):
+                every[view] += len(pair.one)
+                doubted[view] += len(pair.one) * ((one, other) in against)
+    shares = {view: doubted[view] / max(every[view], 1) for view in placed}
     worst = max(shares, key=shares.__getitem__)
     return worst, shares[worst]

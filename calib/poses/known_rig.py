@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.features import key_of
 from calib.poses.bundle_adjustment import set_model
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.pose import Pose
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 
@@ -52,10 +52,10 @@ def to_metres(reconstruction: Any, known: Known, rig: Sequence[str]) -> float | 
     frames: dict[int, dict[str, Array]] = {}
     for index in sorted(reconstruction.reg_image_ids()):
         image = reconstruction.image(index)
-        name, frame = key_of(image.name)
-        if name in known.places and name in rig:
+        view = ViewId.of_image(image.name)
+        if view.camera in known.places and view.camera in rig:
             motion = image.cam_from_world().matrix()
-            frames.setdefault(frame, {})[name] = -motion[:, :3].T @ motion[:, 3]
+            frames.setdefault(view.frame, {})[view.camera] = -motion[:, :3].T @ motion[:, 3]
     places = {name: np.array(known.places[name]) for name in rig if name in known.places}
     factors = []
     for seen in frames.values():

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from calib.data.features import Key, key_of
 from calib.data.views import Progress
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
@@ -49,7 +49,7 @@ class _Sights:
     world: Array
 
 
-def align(reconstruction: Any, pictures: Mapping[Key, bytes], progress: Progress) -> None:
+def align(reconstruction: Any, pictures: Mapping[ViewId, bytes], progress: Progress) -> None:
     """Put the observations of a COLMAP model, whose poses are nearly right, to where their patches match.
 
     pictures: of views, as 8-bit grey PNGs, by whose pixels the model counts; other views stay as they are, as
@@ -67,14 +67,14 @@ def align(reconstruction: Any, pictures: Mapping[Key, bytes], progress: Progress
     templates = np.zeros((int(sights.point.max()) + 1, len(_GRID)), np.float32)
     for image in images:
         own = np.unique(reference[sights.image[reference] == image])
-        picture = _decoded(pictures[key_of(reconstruction.image(int(image)).name)])
+        picture = _decoded(pictures[ViewId.of_image(reconstruction.image(int(image)).name)])
         still = np.broadcast_to(np.eye(2), (len(own), 2, 2))
         templates[sights.point[own]] = _unit(_sample(picture, still, sights.place[own]))
     for done, image in enumerate(images):
         progress("aligning patches", done, len(images))
         own = np.flatnonzero((sights.image == image) & usable & (reference != np.arange(len(reference))))
         view = reconstruction.image(int(image))
-        picture = _decoded(pictures[key_of(view.name)])
+        picture = _decoded(pictures[ViewId.of_image(view.name)])
         places, likeness = _search(picture, templates[sights.point[own]], warps[own], sights.place[own])
         moved = np.linalg.norm(places - sights.place[own], axis=1)
         good = (likeness > LEAST_LIKENESS) & (moved < FARTHEST)
@@ -86,10 +86,10 @@ def align(reconstruction: Any, pictures: Mapping[Key, bytes], progress: Progress
     progress("aligning patches", len(images), len(images))
 
 
-def _gather(reconstruction: Any, pictures: Collection[Key]) -> _Sights:
+def _gather(reconstruction: Any, pictures: Collection[ViewId]) -> _Sights:
     rows, places, world = [], [], []
     shown = {index for index in reconstruction.reg_image_ids()
-             if key_of(reconstruction.image(index).name) in pictures}  # fmt: skip
+             if ViewId.of_image(reconstruction.image(index).name) in pictures}  # fmt: skip
     for order, number in enumerate(sorted(reconstruction.points3D)):
         point = reconstruction.points3D[number]
         for element in sorted(point.track.elements, key=lambda one: (one.image_id, one.point2D_idx)):

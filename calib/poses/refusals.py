@@ -4,9 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calib.data.features import Features, Key, Pair
+from calib.data.features import Features, Pair
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
+from imaging.session.view_id import ViewId
 
 FEWEST_FEATURES = 40
 """A view with fewer cannot be placed."""
@@ -16,14 +17,14 @@ MOST_ASKED = 40
 """Pairs of views that are asked whether they show depth."""
 
 
-def refuse_hopeless(features: Mapping[Key, Features], blank: Mapping[Key, str]) -> None:
+def refuse_hopeless(features: Mapping[ViewId, Features], blank: Mapping[ViewId, str]) -> None:
     """CalibrationError when fewer than two views have anything to hold on to, naming the commonest cause."""
     if len(features) < 2:
         raise CalibrationError(
             "Only one view: poses need at least two, so take more views of the same scene from other places."
         )
-    lost = {key: blank.get(key, "without texture or blurred") for key, own in features.items()
-            if key in blank or len(own.points) < FEWEST_FEATURES}  # fmt: skip
+    lost = {view: blank.get(view, "without texture or blurred") for view, own in features.items()
+            if view in blank or len(own.points) < FEWEST_FEATURES}  # fmt: skip
     if len(features) - len(lost) < 2:
         causes = list(lost.values())
         cause = max(sorted(set(causes)), key=causes.count)
@@ -35,12 +36,12 @@ def refuse_hopeless(features: Mapping[Key, Features], blank: Mapping[Key, str]) 
 
 
 def refuse_turning(
-    pairs: Mapping[tuple[Key, Key], Pair], cameras: Mapping[str, Lens], max_error: float
+    pairs: Mapping[tuple[ViewId, ViewId], Pair], cameras: Mapping[str, Lens], max_error: float
 ) -> None:
     """CalibrationError when all views were taken from one place, of which no model can be made."""
     every = list(pairs.items())[:: max(len(pairs) // MOST_ASKED, 1)]
     sizes = {name: (lens.width, lens.height) for name, lens in cameras.items()}
-    shown = [pair.parallax(sizes[one[0]], max_error) for (one, _), pair in every]
+    shown = [pair.parallax(sizes[one.camera], max_error) for (one, _), pair in every]
     if float(np.median(shown)) < LEAST_PARALLAX:
         raise CalibrationError(
             "The views match but show no depth, as if the camera had turned on the spot: move it sideways "

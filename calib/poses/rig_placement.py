@@ -12,15 +12,17 @@ from statistics import median
 
 import numpy as np
 
-from calib.data.features import Key
 from calib.poses.sfm import Model, centres, pose_of
 from imaging.files.colmap import pycolmap
 from imaging.session.records import Rung
+from imaging.session.view_id import ViewId
 
 MOST_NAMES = 6
 
 
-def place(model: Model, views: Collection[Key], rigs: Mapping[str, str]) -> tuple[Model, frozenset[Key]]:
+def place(
+    model: Model, views: Collection[ViewId], rigs: Mapping[str, str]
+) -> tuple[Model, frozenset[ViewId]]:
     """The model with a pose for every view that its rig places, and which views these are.
 
     views: all there are. rigs: of each camera that is mounted, its rig's name. Such a view sees no scene
@@ -30,27 +32,29 @@ def place(model: Model, views: Collection[Key], rigs: Mapping[str, str]) -> tupl
     turns = {} if model.spread is None else dict(model.spread.rotation)
     shifts = {} if model.spread is None else dict(model.spread.translation)
     placed = []
-    for name, frame in sorted(set(views) - set(model.poses)):
+    for view in sorted(set(views) - set(model.poses)):
+        name = view.camera
         tied = [other for other in model.cam_from_rig if name in rigs and rigs.get(other) == rigs[name]]
-        beside = [(other, frame) for other in tied if (other, frame) in model.poses]
+        beside = [place for other in tied if (place := ViewId(view.frame, other)) in model.poses]
         if name not in tied or not beside:
             continue
-        best = min(beside, key=lambda key: turns.get(key, 0.0))
-        across = model.cam_from_rig[name].matrix() @ np.linalg.inv(model.cam_from_rig[best[0]].matrix())
-        key = name, frame
-        poses[key] = pose_of(pycolmap.Rigid3d((across @ model.poses[best].matrix())[:3]))
-        points[key] = 0
-        placed.append(key)
+        best = min(beside, key=lambda place: turns.get(place, 0.0))
+        across = model.cam_from_rig[name].matrix() @ np.linalg.inv(model.cam_from_rig[best.camera].matrix())
+        poses[view] = pose_of(pycolmap.Rigid3d((across @ model.poses[best].matrix())[:3]))
+        points[view] = 0
+        placed.append(view)
         if model.spread is not None:
-            own = [other for other in model.poses if other[0] == name]
-            one, two = centres([poses[key], poses[best]])
+            own = [place for place in model.poses if place.camera == name]
+            one, two = centres([poses[view], poses[best]])
             swing = float(np.linalg.norm(one - two)) * radians(turns[best])
-            turns[key] = hypot(turns[best], median(model.spread.rotation[other] for other in own))
-            shifts[key] = hypot(shifts[best], median(model.spread.translation[other] for other in own), swing)
+            turn = median(model.spread.rotation[place] for place in own)
+            shift = median(model.spread.translation[place] for place in own)
+            turns[view] = hypot(turns[best], turn)
+            shifts[view] = hypot(shifts[best], shift, swing)
     if not placed:
         return model, frozenset()
     spread = model.spread and replace(model.spread, rotation=turns, translation=shifts)
-    rungs = (*model.rungs, _rung([f"{name}/{frame:04d}" for name, frame in placed]))
+    rungs = (*model.rungs, _rung([str(view) for view in placed]))
     return replace(model, poses=poses, points=points, spread=spread, rungs=rungs), frozenset(placed)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.features import FEWEST_MATCHES, Features, Key, fill_database, key_of
+from calib.data.features import FEWEST_MATCHES, Features, fill_database
 from calib.data.views import Progress
 from calib.poses import uncertainty as spreads
 from calib.poses.bundle_adjustment import Free, adjust, cut, lens_of, misses
@@ -21,6 +21,7 @@ from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.pose import Pose
 from imaging.session.records import Rung
+from imaging.session.view_id import ViewId
 
 MAX_ERROR = 4.0
 """Of a correspondence, px, in pictures of 1280 px or wider; less in smaller ones, at least half of it."""
@@ -52,14 +53,14 @@ class Model:
 
     reconstruction: Any
     lenses: dict[str, Lens]
-    poses: dict[Key, Pose]
+    poses: dict[ViewId, Pose]
     cam_from_rig: dict[str, Pose]
-    points: dict[Key, int]
+    points: dict[ViewId, int]
     reprojection_px: float
     rungs: tuple[Rung, ...]
     spread: spreads.Spread | None
     metric: bool
-    contradicted: frozenset[Key] = frozenset()
+    contradicted: frozenset[ViewId] = frozenset()
 
     @property
     def rigged(self) -> bool:
@@ -68,7 +69,7 @@ class Model:
 
 
 def solve(
-    features: Mapping[Key, Features],
+    features: Mapping[ViewId, Features],
     cameras: Mapping[str, Lens],
     rigs: Sequence[Sequence[str]],
     threads: int,
@@ -76,9 +77,9 @@ def solve(
     *,
     focal_known: Collection[str] = (),
     known: Known = NOTHING,
-    blank: Mapping[Key, str] | None = None,
-    pictures: Mapping[Key, bytes] | None = None,
-    brightness: Mapping[Key, npt.NDArray[np.float64]] | None = None,
+    blank: Mapping[ViewId, str] | None = None,
+    pictures: Mapping[ViewId, bytes] | None = None,
+    brightness: Mapping[ViewId, npt.NDArray[np.float64]] | None = None,
     exact: Collection[str] = (),
 ) -> Model:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
@@ -226,8 +227,8 @@ def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], know
     """
     frames: dict[str, set[int]] = {}
     for index in reconstruction.reg_image_ids():
-        camera, frame = key_of(reconstruction.image(index).name)
-        frames.setdefault(camera, set()).add(frame)
+        view = ViewId.of_image(reconstruction.image(index).name)
+        frames.setdefault(view.camera, set()).add(view.frame)
     configs = []
     for names in rigs:
         seen = [name for name in names if name in frames]
@@ -266,16 +267,16 @@ def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], know
 def _model(
     reconstruction: Any, rungs: tuple[Rung, ...], spread: spreads.Spread | None, *, metric: bool
 ) -> Model:
-    poses: dict[Key, Pose] = {}
-    points: dict[Key, int] = {}
+    poses: dict[ViewId, Pose] = {}
+    points: dict[ViewId, int] = {}
     lenses: dict[str, Lens] = {}
     mounted: dict[str, Pose] = {}
     for index in sorted(reconstruction.reg_image_ids()):
         image = reconstruction.image(index)
-        key = key_of(image.name)
-        name = key[0]
-        poses[key] = pose_of(image.cam_from_world())
-        points[key] = int(image.num_points3D)
+        view = ViewId.of_image(image.name)
+        name = view.camera
+        poses[view] = pose_of(image.cam_from_world())
+        points[view] = int(image.num_points3D)
         lenses[name] = lens_of(reconstruction.cameras[image.camera_id])
         rig = reconstruction.rigs[image.frame.rig_id]
         sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, image.camera_id)

@@ -17,11 +17,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg, sparse
 
-from calib.data.features import Key, key_of
 from calib.data.views import Progress
 from calib.poses.bundle_adjustment import Free, is_fisheye
 from calib.poses.jacobian import Linear, is_reference, linearise
 from imaging.lens import BROWN_TERMS, FISHEYE_TERMS
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 
@@ -46,8 +46,8 @@ class Spread:
     lenses: by camera and term, in the pixels of the model.
     """
 
-    rotation: dict[Key, float]
-    translation: dict[Key, float]
+    rotation: dict[ViewId, float]
+    translation: dict[ViewId, float]
     lenses: dict[str, dict[str, float]]
 
 
@@ -62,14 +62,14 @@ def measure(reconstruction: Any, free: Free, scale: float, progress: Progress) -
     linear = linearise(reconstruction, free)
     moves = _moves(linear, reconstruction, free, scale)
     whole = _poses(reconstruction)
-    turns: dict[Key, list[Array]] = {key: [] for key in whole}
-    shifts: dict[Key, list[Array]] = {key: [] for key in whole}
+    turns: dict[ViewId, list[Array]] = {view: [] for view in whole}
+    shifts: dict[ViewId, list[Array]] = {view: [] for view in whole}
     for move in moves:
-        for key, pose in _aligned(_moved(reconstruction, linear, move), whole).items():
-            turns[key].append(_turned((pose @ np.linalg.inv(whole[key]))[:3, :3]))
-            shifts[key].append(_centre(pose) - _centre(whole[key]))
+        for view, pose in _aligned(_moved(reconstruction, linear, move), whole).items():
+            turns[view].append(_turned((pose @ np.linalg.inv(whole[view]))[:3, :3]))
+            shifts[view].append(_centre(pose) - _centre(whole[view]))
     names = {
-        reconstruction.image(index).camera_id: key_of(reconstruction.image(index).name)[0]
+        reconstruction.image(index).camera_id: ViewId.of_image(reconstruction.image(index).name).camera
         for index in reconstruction.reg_image_ids()
     }
     lenses = {}
@@ -82,8 +82,8 @@ def measure(reconstruction: Any, free: Free, scale: float, progress: Progress) -
         lenses[name] = dict(zip(terms, errors.tolist(), strict=True))
     progress("measuring how sure it is", 1, 1)
     return Spread(
-        rotation={key: float(np.degrees(_widest(own))) for key, own in turns.items()},
-        translation={key: _widest(own) for key, own in shifts.items()},
+        rotation={view: float(np.degrees(_widest(own))) for view, own in turns.items()},
+        translation={view: _widest(own) for view, own in shifts.items()},
         lenses=lenses,
     )
 
@@ -164,16 +164,16 @@ def _built(linear: Linear, reconstruction: Any, free: Free) -> tuple[npt.NDArray
     return np.array(columns, np.int64)[order], np.array(errors)[order]
 
 
-def _poses(reconstruction: Any) -> dict[Key, Array]:
+def _poses(reconstruction: Any) -> dict[ViewId, Array]:
     """cam_from_world [4, 4] of every registered view."""
     poses = {}
     for index in sorted(reconstruction.reg_image_ids()):
         image = reconstruction.image(index)
-        poses[key_of(image.name)] = _square(image.cam_from_world())
+        poses[ViewId.of_image(image.name)] = _square(image.cam_from_world())
     return poses
 
 
-def _moved(reconstruction: Any, linear: Linear, move: Array) -> dict[Key, Array]:
+def _moved(reconstruction: Any, linear: Linear, move: Array) -> dict[ViewId, Array]:
     """The poses after one drawn change."""
     poses = {}
     for index in sorted(reconstruction.reg_image_ids()):
@@ -185,7 +185,7 @@ def _moved(reconstruction: Any, linear: Linear, move: Array) -> dict[Key, Array]
         if image.camera_id in linear.sensors and not is_reference(reconstruction, image):
             at = linear.sensors[image.camera_id]
             pose = _step(move[at : at + 6]) @ pose
-        poses[key_of(image.name)] = pose
+        poses[ViewId.of_image(image.name)] = pose
     return poses
 
 
@@ -199,23 +199,23 @@ def _square(motion: Any) -> Array:
     return np.vstack([motion.matrix(), [0.0, 0.0, 0.0, 1.0]])
 
 
-def _aligned(poses: Mapping[Key, Array], to: Mapping[Key, Array]) -> dict[Key, Array]:
+def _aligned(poses: Mapping[ViewId, Array], to: Mapping[ViewId, Array]) -> dict[ViewId, Array]:
     """The poses in the world of others: by all turns first, since centres may lie in a plane or a line."""
-    keys = sorted(poses)
-    relative = sum((to[key][:3, :3].T @ poses[key][:3, :3] for key in keys), np.zeros((3, 3)))
+    views = list(poses)
+    relative = sum((to[view][:3, :3].T @ poses[view][:3, :3] for view in views), np.zeros((3, 3)))
     u, _, vt = np.linalg.svd(relative)
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt  # new world from old
-    old = np.stack([turn @ _centre(poses[key]) for key in keys])
-    new = np.stack([_centre(to[key]) for key in keys])
+    old = np.stack([turn @ _centre(poses[view]) for view in views])
+    new = np.stack([_centre(to[view]) for view in views])
     spread = old - old.mean(0)
     size = float((spread**2).sum())
     scale = float((spread * (new - new.mean(0))).sum()) / size if size > 0 else 1.0
     aligned = {}
-    for key, place in zip(keys, old, strict=True):
+    for view, place in zip(views, old, strict=True):
         pose = np.eye(4)
-        pose[:3, :3] = poses[key][:3, :3] @ turn.T
+        pose[:3, :3] = poses[view][:3, :3] @ turn.T
         pose[:3, 3] = -pose[:3, :3] @ (scale * (place - old.mean(0)) + new.mean(0))
-        aligned[key] = pose
+        aligned[view] = pose
     return aligned
 
 

@@ -20,14 +20,12 @@ from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.session.records import CameraRecord, Rung, ShotRecord
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 FILE = "calibration/calibration.json"
 
 SAME_SHAPE = 0.01
 """By so much may the aspect ratio of a picture differ from that of its lens: sizes are rounded."""
-
-Key = tuple[str, int]
-"""Camera name and frame."""
 
 
 def has_poses(given: Given | None) -> bool:
@@ -63,30 +61,26 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
         for place in places
         if (place.plan, *place.shot_id) in shots
     ]
-    posed: dict[Key, GivenPhoto] = {}
+    posed: dict[ViewId, GivenPhoto] = {}
     for place, _ in taken:
         photo = told[place.original.path]
         if photo.cam_from_world is not None:
-            posed.setdefault((place.shot_id.camera, place.shot_id.frame), photo)
+            posed.setdefault(place.shot_id.view, photo)
     lenses = _lenses(taken, told)
-    names = {
-        place.original.path: _name((shot.camera, shot.frame))
-        for place, shot in taken
-        if (shot.camera, shot.frame) in posed
-    }
+    names = {place.original.path: shot.view.image_name for place, shot in taken if shot.view in posed}
     model = _with_points(given, names) or _model_of(posed, lenses, given)
     seen = {image.name: image.num_points3D for image in model.images.values()}
     views = tuple(
         ViewCalibration(
-            camera=camera,
-            frame=frame,
+            camera=view.camera,
+            frame=view.frame,
             cam_from_world=photo.cam_from_world,
-            points=seen.get(_name((camera, frame)), 0),
+            points=seen.get(view.image_name, 0),
         )
-        for (camera, frame), photo in sorted(posed.items())
+        for view, photo in sorted(posed.items())
         if photo.cam_from_world is not None
     )
-    every = {(shot.camera, shot.frame) for _, shot in taken}
+    every = {shot.view for _, shot in taken}
     record = CalibrationRecord(
         created=datetime.now(UTC),
         versions={name: version(name) for name in ("hdr-rig", "pycolmap", "numpy")},
@@ -102,7 +96,7 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
             for camera in session.record.cameras
         ),
         views=views,
-        unregistered=tuple(f"{camera}/{frame:04d}" for camera, frame in sorted(every - posed.keys())),
+        unregistered=tuple(sorted(every - posed.keys())),
         points=int(model.num_points3D()),
         reprojection_px=float(model.compute_mean_reprojection_error()) if any(seen.values()) else None,
         exposure_scale={shot.file: _scale(session, shot) for _, shot in taken},
@@ -125,12 +119,12 @@ def write_truth(session: Session, given: Given, places: Sequence[Place]) -> list
     Any view may be held out later, and then its true light is asked for.
     """
     told = {photo.path: photo for photo in given.photos}
-    views: dict[Key, tuple[int, int]] = {}
+    views: dict[ViewId, tuple[int, int]] = {}
     for place in places:
         picture = place.original.picture
         if picture is not None and told[place.original.path].cam_from_world is not None:
-            views[place.shot_id.camera, place.shot_id.frame] = (picture.width, picture.height)
-    lit = [key for key in views if key[1] in given.truth]
+            views[place.shot_id.view] = (picture.width, picture.height)
+    lit = [view for view in views if view.frame in given.truth]
     if not given.truth:
         return []
     if len(lit) < len(views):
@@ -138,13 +132,14 @@ def write_truth(session: Session, given: Given, places: Sequence[Place]) -> list
             f"The true light of {len(lit)} of {len(views)} views is left aside, since rig evaluate may ask "
             "for that of any view."
         ]
-    for (_, frame), (width, height) in views.items():
-        light = read_exr(given.truth[frame]).rgb()
+    for view, (width, height) in views.items():
+        light = read_exr(given.truth[view.frame]).rgb()
         if light.shape[1] < width or light.shape[0] < height:
-            return [f"The true light is left aside: {given.truth[frame]} is smaller than its photographs."]
-    for camera, frame in views:
-        file = session.folder / "truth" / f"{frame:04d}" / f"{camera}.exr"
-        store.write_bytes(file, given.truth[frame].read_bytes())
+            return [
+                f"The true light is left aside: {given.truth[view.frame]} is smaller than its photographs."
+            ]
+    for view in views:
+        store.write_bytes(session.folder / "truth" / f"{view}.exr", given.truth[view.frame].read_bytes())
     # Of lenses, exposures and noise this truth knows nothing: lists that an evaluation finds empty.
     truth = {"schema_version": 1, "frames": [], "cameras": {}, "exposures": [], "response": None}
     store.write_json(session.folder / "truth" / "truth.json", truth)
@@ -162,9 +157,9 @@ def _lenses(taken: Sequence[tuple[Place, ShotRecord]], told: Mapping[Path, Given
     return lenses
 
 
-def _in_rig(camera: CameraRecord, given: Given, posed: Mapping[Key, GivenPhoto]) -> Pose | None:
-    for (name, _), photo in posed.items():
-        if name == camera.name and camera.rig is not None:
+def _in_rig(camera: CameraRecord, given: Given, posed: Mapping[ViewId, GivenPhoto]) -> Pose | None:
+    for view, photo in posed.items():
+        if view.camera == camera.name and camera.rig is not None:
             return given.rigs[photo.camera][1]
     return None
 
@@ -180,10 +175,6 @@ def _scale(session: Session, shot: ShotRecord) -> float:
     """As a calibration has it: linear EXR is radiance, and what tells no exposure counts as 1 s."""
     known = shot.exposure is not None and session.camera(shot.camera).kind != "hdr"
     return shot.exposure.scale if known and shot.exposure is not None else 1.0
-
-
-def _name(key: Key) -> str:
-    return f"{key[0]}/{key[1]:04d}.png"
 
 
 def _with_points(given: Given, names: Mapping[Path, str]) -> Any | None:
@@ -205,21 +196,21 @@ def _with_points(given: Given, names: Mapping[Path, str]) -> Any | None:
     return model
 
 
-def _model_of(posed: Mapping[Key, GivenPhoto], lenses: Mapping[str, Lens], given: Given) -> Any:
+def _model_of(posed: Mapping[ViewId, GivenPhoto], lenses: Mapping[str, Lens], given: Given) -> Any:
     """A COLMAP model of the poses; its points, if the layout has any, are seen by no image."""
     model = pycolmap.Reconstruction()
-    ids = {name: index for index, name in enumerate(sorted({camera for camera, _ in posed}), start=1)}
+    ids = {name: index for index, name in enumerate(sorted({view.camera for view in posed}), start=1)}
     for name, index in ids.items():
         lens = lenses[name]
         model_name = "OPENCV_FISHEYE" if lens.fisheye else "OPENCV"
         camera = pycolmap.Camera.create_from_model_name(index, model_name, lens.fx, lens.width, lens.height)
         camera.params = list(lens.terms)
         model.add_camera_with_trivial_rig(camera)
-    for index, (key, photo) in enumerate(sorted(posed.items()), start=1):
+    for index, (view, photo) in enumerate(sorted(posed.items()), start=1):
         assert photo.cam_from_world is not None
         w, x, y, z = photo.cam_from_world.quaternion
         image = pycolmap.Image()
-        image.name, image.image_id, image.camera_id = _name(key), index, ids[key[0]]
+        image.name, image.image_id, image.camera_id = view.image_name, index, ids[view.camera]
         motion = pycolmap.Rigid3d(pycolmap.Rotation3d([x, y, z, w]), list(photo.cam_from_world.translation))
         model.add_image_with_trivial_frame(image, motion)
     for point in [] if given.points is None else given.points:

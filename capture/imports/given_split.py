@@ -8,19 +8,20 @@ from capture.record.shot_files import shot_file
 from imaging.files import store
 from imaging.session.records import SplitRecord
 from imaging.session.session import SPLIT, Session
+from imaging.session.view_id import ViewId
 
 
 def write_split(session: Session, given: Given, places: Sequence[Place]) -> list[str]:
     """Write `split.json` and say so, if the layout has photographs of both uses; else do nothing."""
     uses = {photo.path: photo.use for photo in given.photos}
     files: dict[str | None, list[str]] = {"train": [], "test": [], None: []}
-    views: dict[str | None, set[tuple[str, int]]] = {"train": set(), "test": set(), None: set()}
+    views: dict[str | None, set[ViewId]] = {"train": set(), "test": set(), None: set()}
     for place in places:
         if place.original.picture is None:
             continue
         use = uses[place.original.path]
         files[use].append(shot_file(place.shot_id, place.original.path.suffix.lower().lstrip(".")))
-        views[use].add((place.shot_id.camera, place.shot_id.frame))
+        views[use].add(place.shot_id.view)
     if not (files["train"] and files["test"]):
         return []
     record = SplitRecord(reason=given.teller, train=tuple(files["train"]), test=tuple(files["test"]))

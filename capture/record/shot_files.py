@@ -10,6 +10,7 @@ from imaging.files import store
 from imaging.files.dng import Compression, dng_pieces
 from imaging.mosaic import RawMosaic
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 
 class ShotId(NamedTuple):
@@ -22,10 +23,15 @@ class ShotId(NamedTuple):
     def __str__(self) -> str:
         return f"{self.camera}, frame {self.frame}, step {self.step}"
 
+    @property
+    def view(self) -> ViewId:
+        """The view that it is a shot of."""
+        return ViewId(self.frame, self.camera)
+
 
 def shot_file(shot_id: ShotId, suffix: str) -> str:
     """Where the file of a shot stands, relative to the session folder."""
-    return f"raw/{shot_id.frame:04d}/{shot_id.camera}_{shot_id.step}.{suffix}"
+    return f"raw/{shot_id.view}_{shot_id.step}.{suffix}"
 
 
 def save_frame(
@@ -59,4 +65,4 @@ def save_frame(
 
 def mask_file(shot_id: ShotId, suffix: str) -> str:
     """Where the mask of a shot lies, relative to the session."""
-    return f"masks/{shot_id.frame:04d}/{shot_id.camera}_{shot_id.step}{suffix}"
+    return f"masks/{shot_id.view}_{shot_id.step}{suffix}"

@@ -23,6 +23,7 @@ from imaging.files.exr import write_exr
 from imaging.pose import Pose
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 
 def pose_of(motion: npt.NDArray[np.float64]) -> Pose:
@@ -62,7 +63,7 @@ def write_truth(
     for frame in frames:
         for index, name in enumerate(names):
             progress("writing the true radiance", done, total)
-            path = folder / f"{frame:04d}" / f"{name}.exr"
+            path = folder / f"{ViewId(frame, name)}.exr"
             if not path.exists():
                 write_exr(path, rig.radiance(index, frame))
             done += 1

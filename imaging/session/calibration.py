@@ -17,6 +17,7 @@ from imaging.pose import Pose
 from imaging.record import Record, parse
 from imaging.sensor import SensorCalibration
 from imaging.session.records import Board, Name, Rung
+from imaging.session.view_id import ViewId, ViewText
 
 
 class LensError(Record):
@@ -162,6 +163,11 @@ class ViewCalibration(Record):
     """Nothing was recognised in its picture, or what was is contradicted: the other cameras of its rig alone
     tell where it was."""
 
+    @property
+    def id(self) -> ViewId:
+        """Which view it is."""
+        return ViewId(self.frame, self.camera)
+
 
 _DOUBTS = frozenset({"pose_lit_differently", "pose_unconfirmed"})
 
@@ -176,10 +182,10 @@ class CalibrationRecord(Record):
     """Of shots.jsonl as it was calibrated; another value later means stale."""
     cameras: tuple[CameraCalibration, ...]
     views: tuple[ViewCalibration, ...]
-    unregistered: tuple[str, ...] = ()
-    """'camera/frame' of images that were looked at for their poses and got none."""
-    contradicted: tuple[str, ...] = ()
-    """Images that match others, which contradict each other about where these stand: nothing in their own
+    unregistered: tuple[ViewText, ...] = ()
+    """Views that were looked at for their poses and got none."""
+    contradicted: tuple[ViewText, ...] = ()
+    """Views that match others, which contradict each other about where these stand: nothing in their own
     pictures placed them."""
     unit: Literal["relative", "m"] = "relative"
     """Of all lengths: metres where a board or a known distance gave the scale."""

@@ -19,6 +19,7 @@ from pydantic import (
 
 from imaging.exposure import Exposure
 from imaging.record import Record
+from imaging.session.view_id import ViewId
 
 Subject = Literal["scene", "dark", "flat", "board"]
 """What the cameras of a shot look at: what is reconstructed, or what calibrates them."""
@@ -156,6 +157,11 @@ class ShotRecord(Record):
     def identity(self) -> tuple[str, str, int, int]:
         """What makes a shot the same shot when it is taken again: plan, camera, frame, step."""
         return (self.plan, self.camera, self.frame, self.step)
+
+    @property
+    def view(self) -> ViewId:
+        """The view that it is a shot of."""
+        return ViewId(self.frame, self.camera)
 
     @property
     def exposure(self) -> Exposure | None:

@@ -7,6 +7,7 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.record import parse
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord
+from imaging.session.view_id import ViewId
 
 SESSION = "session.json"
 SPLIT = "split.json"
@@ -85,9 +86,9 @@ class Session:
         raise InputError(f"{self.folder} has no camera {name!r}: correct shots.jsonl or session.json.")
 
 
-def brackets(shots: Iterable[ShotRecord]) -> dict[tuple[int, str], list[ShotRecord]]:
-    """Shots grouped by (frame, camera), each group in order of its steps, groups in order."""
-    groups: dict[tuple[int, str], list[ShotRecord]] = {}
-    for shot in sorted(shots, key=lambda s: (s.frame, s.camera, s.step)):
-        groups.setdefault((shot.frame, shot.camera), []).append(shot)
+def brackets(shots: Iterable[ShotRecord]) -> dict[ViewId, list[ShotRecord]]:
+    """Shots grouped by view, each group in order of its steps, groups in order."""
+    groups: dict[ViewId, list[ShotRecord]] = {}
+    for shot in sorted(shots, key=lambda shot: (shot.view, shot.step)):
+        groups.setdefault(shot.view, []).append(shot)
     return groups

@@ -20,6 +20,7 @@ from imaging.session.calibration import CalibrationRecord, Response, ViewCalibra
 from imaging.session.falloff import falloff
 from imaging.session.records import CameraRecord, ShotRecord
 from imaging.session.session import SPLIT, Session, brackets
+from imaging.session.view_id import ViewId
 from recon.data.holdout import held_out, tested_views, used_shots
 from recon.data.pixels import Progress, Shot, read_shot
 from recon.data.world import SAME, WorldTransform
@@ -58,9 +59,14 @@ class View:
     shots: tuple[Shot, ...]
 
     @property
+    def id(self) -> ViewId:
+        """Which view it is."""
+        return ViewId(self.frame, self.camera)
+
+    @property
     def name(self) -> str:
-        """`frame/camera`, as in the folders of previews and renders."""
-        return f"{self.frame:04d}/{self.camera}"
+        """`frame/camera`."""
+        return str(self.id)
 
     @cached_property
     def seen(self) -> npt.NDArray[np.bool_]:
@@ -123,7 +129,7 @@ class Dataset:
     @property
     def views(self) -> tuple[View, ...]:
         """Every view, in order of frame and camera."""
-        return tuple(sorted(self.train + self.held_out, key=lambda view: (view.frame, view.camera)))
+        return tuple(sorted(self.train + self.held_out, key=lambda view: view.id))
 
     def points(self) -> SparsePoints:
         """The points of the calibration, in the scene; InputError if they cannot be read."""
@@ -158,8 +164,9 @@ def load(session: Path, *, max_width: int | None = None, progress: Progress | No
     calibration = read_calibration(session)
     split = opened.split()
     # What was not recognised is black, blurred or bare; such a picture would be taken at its word.
-    placed = {(view.frame, view.camera) for view in calibration.views if not view.by_rig}
-    groups = {key: group for key, group in brackets(used_shots(opened, split)).items() if key in placed}
+    placed = {view.id for view in calibration.views if not view.by_rig}
+    shots = used_shots(opened, split)
+    groups = {view: group for view, group in brackets(shots).items() if view in placed}
     if not groups:
         tried = len(calibration.unregistered)
         why = (
@@ -168,9 +175,9 @@ def load(session: Path, *, max_width: int | None = None, progress: Progress | No
             else "it was calibrated without: run `rig calibrate` in full, on two views or more of one scene"
         )
         raise ReconstructionError(f"{session} has no view with a pose, since {why}.")
-    out = held_out(sorted(groups)) if split is None else tested_views(session, groups, split)
-    poses = {(view.frame, view.camera): view.cam_from_world.matrix() for view in calibration.views}
-    world = WorldTransform.of({f"{key[1]}/{key[0]:04d}.png": poses[key] for key in groups}, session / COLMAP)
+    out = held_out(groups) if split is None else tested_views(session, groups, split)
+    poses = {view.id: view.cam_from_world.matrix() for view in calibration.views}
+    world = WorldTransform.of({view.image_name: poses[view] for view in groups}, session / COLMAP)
     return read_views(
         opened,
         calibration,
@@ -195,30 +202,30 @@ def read_views(
     session: Session,
     calibration: CalibrationRecord,
     calibration_sha256: str,
-    groups: Mapping[tuple[int, str], Sequence[ShotRecord]],
-    out: Collection[tuple[int, str]],
+    groups: Mapping[ViewId, Sequence[ShotRecord]],
+    out: Collection[ViewId],
     world: WorldTransform,
     *,
     max_width: int | None,
     progress: Progress | None,
 ) -> Dataset:
-    """The shots of each (frame, camera) as a data set, `out` of them held out; all have a pose.
+    """The shots of each view as a data set, `out` of them held out; all have a pose.
 
     world: where the scene lies, whose views they are.
     """
-    poses = {(view.frame, view.camera): view for view in calibration.views}
-    kinds = {session.camera(camera).kind for _, camera in groups}
+    poses = {view.id: view for view in calibration.views}
+    kinds = {session.camera(view.camera).kind for view in groups}
     views = []
-    for done, (key, group) in enumerate(sorted(groups.items())):
+    for done, (place, group) in enumerate(sorted(groups.items())):
         if progress:
             progress("reading images", done, len(groups))
-        view = _view(session, calibration, poses[key], session.camera(key[1]), group, max_width)
+        view = _view(session, calibration, poses[place], session.camera(place.camera), group, max_width)
         views.append(replace(view, lens=world.camera(view.lens)))
     return Dataset(
         session=session.folder,
         kind=kinds.pop() if len(kinds) == 1 else "mixed",
-        train=tuple(view for view in views if (view.frame, view.camera) not in out),
-        held_out=tuple(view for view in views if (view.frame, view.camera) in out),
+        train=tuple(view for view in views if view.id not in out),
+        held_out=tuple(view for view in views if view.id in out),
         calibration=calibration,
         calibration_sha256=calibration_sha256,
         world=world,

@@ -11,6 +11,7 @@ from imaging.files import store
 from imaging.files.exr import read_exr
 from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord
+from imaging.session.view_id import ViewId
 from recon.data.dataset import View
 from recon.data.pixels import area_mean
 
@@ -27,7 +28,7 @@ def true_radiance(session: Path, view: View) -> npt.NDArray[np.float32]:
 
     As `recon.data.pixels` makes the view of its files: of RAW an odd last row or column is left out first.
     """
-    light = read_exr(session / "truth" / f"{view.frame:04d}" / f"{view.camera}.exr").rgb()
+    light = read_exr(session / "truth" / f"{view.id}.exr").rgb()
     if view.sensor.kind == "raw":
         height, width = (side - side % 2 for side in light.shape[:2])
         light = light[:height, :width]
@@ -59,15 +60,11 @@ def _pose_errors(truth: dict[str, Any], calibration: CalibrationRecord) -> dict[
     largest distance between two true centres.
     """
     poses = {
-        (entry["frame"], camera): Pose.model_validate(pose).matrix()
+        ViewId(entry["frame"], camera): Pose.model_validate(pose).matrix()
         for entry in truth["frames"]
         for camera, pose in entry["cam_from_world"].items()
     }
-    pairs = [
-        (view.cam_from_world.matrix(), poses[view.frame, view.camera])
-        for view in calibration.views
-        if (view.frame, view.camera) in poses
-    ]
+    pairs = [(view.cam_from_world.matrix(), poses[view.id]) for view in calibration.views if view.id in poses]
     if len(pairs) < 2:
         return {}
     found, true = (np.stack(side) for side in zip(*pairs, strict=True))
@@ -103,11 +100,11 @@ def _centres(cam_from_world: Array) -> Array:
 
 def _exposure_errors(truth: dict[str, Any], calibration: CalibrationRecord) -> dict[str, float]:
     """Of the ratio of every shot to the longest of its bracket."""
-    brackets: dict[tuple[int, str], list[tuple[float, float]]] = {}
+    brackets: dict[ViewId, list[tuple[float, float]]] = {}
     for entry in truth["exposures"]:
         found = calibration.exposure_scale.get(entry.get("file", ""))
         if found is not None:
-            group = brackets.setdefault((entry["frame"], entry["camera"]), [])
+            group = brackets.setdefault(ViewId(entry["frame"], entry["camera"]), [])
             group.append((_true_scale(entry), found))
     errors = []
     for group in brackets.values():

@@ -124,11 +124,11 @@ def pose_error_px(dataset: Dataset) -> float | None:
     Standard errors of rotation and of place are added, the one at the view's focal length, the other at its
     median depth.
     """
-    errors = {(view.frame, view.camera): view.error for view in dataset.calibration.views}
+    errors = {view.id: view.error for view in dataset.calibration.views}
     model = dataset.points()
     found = []
     for view in dataset.train:
-        error = errors.get((view.frame, view.camera))
+        error = errors.get(view.id)
         if error is None or not len(model.xyz):
             return None
         pixels, depth = project(view.lens, model.xyz)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from imaging.session.view_id import ViewId
 from recon.data.dataset import Dataset, View
 from recon.data.holdout import held_out
 from recon.data.light import Light, light_of, radiance_image
@@ -59,8 +60,8 @@ def room(dataset: Dataset) -> int:
     return max(1, samples // SAMPLES)
 
 
-def _out(dataset: Dataset) -> set[tuple[int, str]]:
-    return held_out([(view.frame, view.camera) for view in dataset.train], HELD_OUT)
+def _out(dataset: Dataset) -> set[ViewId]:
+    return held_out((view.id for view in dataset.train), HELD_OUT)
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,8 @@ class Trials:
     def of(cls, dataset: Dataset, settings: Settings, points: int | Start, progress: Progress) -> "Trials":
         """Trials of a data set's training views, from at most so many points, or from these."""
         out = _out(dataset)
-        trained = tuple(view for view in dataset.train if (view.frame, view.camera) not in out)
-        judged = tuple(view for view in dataset.train if (view.frame, view.camera) in out)
+        trained = tuple(view for view in dataset.train if view.id not in out)
+        judged = tuple(view for view in dataset.train if view.id in out)
         part = replace(dataset, train=trained, held_out=judged)
         images = [radiance_image(view) for view in trained]
         if isinstance(points, int):

@@ -59,7 +59,7 @@ def looks(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Looks:
     light, slope = np.full(shape, np.nan), np.full(shape, np.nan)
     towards = np.zeros((*shape, 3))
     for row, (view, (rgb, trusted)) in enumerate(zip(dataset.train, images, strict=True)):
-        seen = tracks.get(f"{view.camera}/{view.frame:04d}.png")
+        seen = tracks.get(view.id.image_name)
         if seen is None:
             continue
         pixels, depth = project(view.lens, xyz[seen])

@@ -13,6 +13,7 @@ from imaging.pose import Pose
 from imaging.record import Record, parse
 from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import Name, Rung
+from imaging.session.view_id import ViewId
 from recon.data.world import Vector, WorldTransform
 from recon.decide.prediction import Prediction
 from recon.decide.settings import Settings
@@ -57,9 +58,14 @@ class SceneView(Record):
     """Those that were looked at, darkest first."""
 
     @property
+    def id(self) -> ViewId:
+        """Which view it is."""
+        return ViewId(self.frame, self.camera)
+
+    @property
     def name(self) -> str:
-        """`frame/camera`, as in the folders of previews and renders."""
-        return f"{self.frame:04d}/{self.camera}"
+        """`frame/camera`."""
+        return str(self.id)
 
     @property
     def splat_camera(self) -> SplatCamera:

@@ -113,7 +113,7 @@ def scene_views(dataset: Dataset) -> tuple[SceneView, ...]:
         ("test", dataset.test),
     )
     views = (_scene_view(view, dataset, use) for use, views in uses for view in views)
-    return tuple(sorted(views, key=lambda view: (view.frame, view.camera)))
+    return tuple(sorted(views, key=lambda view: view.id))
 
 
 def _scene_view(view: View, dataset: Dataset, use: Use) -> SceneView:

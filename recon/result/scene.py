@@ -152,8 +152,8 @@ def _dataset(folder: Path, record: ModelRecord, progress: Progress | None) -> Da
     wanted = [shot.file for view in record.views for shot in view.shots]
     kept = [shots[file] for file in wanted if file in shots]
     _require_photographs(folder, session, kept, len(wanted), record)
-    groups = {(view.frame, view.camera): [shots[shot.file] for shot in view.shots] for view in record.views}
-    held_out = {(view.frame, view.camera) for view in record.views if view.use != "training"}
+    groups = {view.id: [shots[shot.file] for shot in view.shots] for view in record.views}
+    held_out = {view.id for view in record.views if view.use != "training"}
     calibration = read_own_calibration(folder)
     dataset = read_views(
         session,

@@ -17,6 +17,7 @@ from rig.terminal.text import command_line, counted, number
 if TYPE_CHECKING:
     from imaging.session.calibration import CalibrationRecord
     from imaging.session.records import Board
+    from imaging.session.view_id import ViewId
 
 Part = Literal["sensor", "response", "colour", "poses"]
 
@@ -143,10 +144,10 @@ def _chart_figures(record: "CalibrationRecord") -> dict[str, dict[str, Any]]:
 
 def _left_out(record: "CalibrationRecord") -> Iterator[str]:
     """The images without a pose, by cause, with what to do about it."""
-    alone = [name for name in record.unregistered if name not in record.contradicted]
+    alone = [str(view) for view in record.unregistered if view not in record.contradicted]
     if alone:
         yield f"take more pictures that overlap with {', '.join(alone)}"
-    contradicted = [name for name in record.unregistered if name in record.contradicted]
+    contradicted = [str(view) for view in record.unregistered if view in record.contradicted]
     if contradicted:
         yield (
             f"{', '.join(contradicted)} would stand where other views contradict, as where parts of a "
@@ -154,9 +155,9 @@ def _left_out(record: "CalibrationRecord") -> Iterator[str]:
         )
 
 
-def _why_unplaced(record: "CalibrationRecord", name: str) -> str:
+def _why_unplaced(record: "CalibrationRecord", view: "ViewId") -> str:
     """Why an image got no pose from what it shows."""
-    if name in record.contradicted:
+    if view in record.contradicted:
         return "contradicts other images about where it stands"
     return "shows nothing that was recognised"
 
@@ -165,11 +166,11 @@ def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
     """What came of a calibration with poses."""
     report = session / "calibration" / "report.html"
     images = len(record.views) + len(record.unregistered)
-    by_rig = [f"{view.camera}/{view.frame:04d}" for view in record.views if view.by_rig]
+    by_rig = [view.id for view in record.views if view.by_rig]
     lines = [
         f"{session}: {len(record.views)} of {counted(images, 'image')} with a pose, "
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
-        *[f"{session}: {name} {_why_unplaced(record, name)}: its pose is the rig's" for name in by_rig],
+        *[f"{session}: {view} {_why_unplaced(record, view)}: its pose is the rig's" for view in by_rig],
         *[f"{session}: {doubt}" for doubt in record.doubts],
         *_chart_lines(session, record),
         f"Report: {report}",
@@ -179,9 +180,9 @@ def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
         "session": str(session),
         "registered": len(record.views),
         "images": images,
-        "unregistered": list(record.unregistered),
-        "contradicted": list(record.contradicted),
-        "by_rig": by_rig,
+        "unregistered": [str(view) for view in record.unregistered],
+        "contradicted": [str(view) for view in record.contradicted],
+        "by_rig": [str(view) for view in by_rig],
         "doubts": list(record.doubts),
         "points": record.points,
         "reprojection_px": record.reprojection_px,

@@ -42,12 +42,12 @@ def merge(
         merged = merge_session(
             session, out, calibration, frame=frame, camera=camera, space=space, progress=status
         )
-    kept = sum(view.kept for view in merged)
+    kept = sum(picture.kept for picture in merged)
     source = "labels (there is no calibration)" if calibration is None else "the calibration"
     lines = [f"{out}: {counted(len(merged), 'merged picture')}, exposures from {source}"]
     if kept:
         lines.append(f"{counted(kept, 'file')} of an earlier run kept")
-    lines += [f"{view.file}: {warning}" for view in merged for warning in view.warnings]
+    lines += [f"{picture.file}: {warning}" for picture in merged for warning in picture.warnings]
     uncoloured = _camera_rgb(session, calibration, merged)
     if uncoloured:
         how = command_line("rig", "calibrate", session)
@@ -64,7 +64,7 @@ def merge(
         "exposures": "labels" if calibration is None else "calibration",
         "space": space,
         "camera_rgb": uncoloured,
-        "files": [_view_data(view) for view in merged],
+        "files": [_picture_data(picture) for picture in merged],
     }
     return CommandResult(data, lines, _missing(session, merged), usable=True)
 
@@ -78,36 +78,38 @@ def _camera_rgb(
     opened = Session.open(session)
     return [
         name
-        for name in dict.fromkeys(view.camera for view in merged)
+        for name in dict.fromkeys(picture.view.camera for picture in merged)
         if opened.camera(name).kind == "raw"
         and (calibration is None or calibration.camera(name).camera_from_rec709 is None)
     ]
 
 
-def _view_data(view: "MergedView") -> dict[str, Any]:
+def _picture_data(picture: "MergedView") -> dict[str, Any]:
     return {
-        "file": str(view.file),
-        "camera": view.camera,
-        "frame": view.frame,
-        "exposures": view.exposures,
-        "clipped": view.clipped,
-        "dark": view.dark,
-        "ghost": view.ghost,
-        "hidden": view.hidden,
-        "shift_px": view.shift,
-        "kept": view.kept,
-        "warnings": list(view.warnings),
+        "file": str(picture.file),
+        "camera": picture.view.camera,
+        "frame": picture.view.frame,
+        "exposures": picture.exposures,
+        "clipped": picture.clipped,
+        "dark": picture.dark,
+        "ghost": picture.ghost,
+        "hidden": picture.hidden,
+        "shift_px": picture.shift,
+        "kept": picture.kept,
+        "warnings": list(picture.warnings),
     }
 
 
 def _missing(session: Path, merged: "list[MergedView]") -> str | None:
     """Brackets that hold no measured light at all."""
     blind = {
-        "saturated all over: take shorter ones": [view for view in merged if view.clipped >= 1.0],
-        "black all over: take longer ones": [view for view in merged if view.dark >= 1.0],
+        "saturated all over: take shorter ones": [
+            picture.view for picture in merged if picture.clipped >= 1.0
+        ],
+        "black all over: take longer ones": [picture.view for picture in merged if picture.dark >= 1.0],
     }
     parts = [
-        f"every exposure of {', '.join(f'{view.camera}/{view.frame:04d}' for view in views)} is {cause}"
+        f"every exposure of {', '.join(map(str, views))} is {cause}"
         for cause, views in blind.items()
         if views
     ]

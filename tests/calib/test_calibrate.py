@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from calib.calibrate import _known_light, calibrate
-from calib.data.features import Key
 from calib.data.views import scene_views
 from calib.poses import sfm
 from calib.poses.bundle_adjustment import Free
@@ -20,6 +19,7 @@ from imaging.files.colmap import pycolmap, read_points
 from imaging.pose import Pose
 from imaging.session.calibration import is_stale, read_calibration
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 from recon.data.truth import calibration_errors
 
 from .conftest import silent
@@ -89,10 +89,10 @@ def test_raw_is_found_linear_and_says_by_how_much(arm: Path) -> None:
 
 def test_cameras_of_the_rig_keep_one_place_in_it(arm: Path) -> None:
     record = read_calibration(arm)
-    poses = {(v.camera, v.frame): v.cam_from_world.matrix() for v in record.views}
+    poses = {v.id: v.cam_from_world.matrix() for v in record.views}
     for frame in range(3):
         rig = [
-            np.linalg.inv(camera.cam_from_rig.matrix()) @ poses[camera.name, frame]
+            np.linalg.inv(camera.cam_from_rig.matrix()) @ poses[ViewId(frame, camera.name)]
             for camera in record.cameras
             if camera.cam_from_rig is not None
         ]
@@ -105,7 +105,7 @@ def test_the_colmap_model_names_the_previews_and_projects_onto_them(arm: Path) -
     folder = arm / "calibration"
     model = pycolmap.Reconstruction(str(folder / "colmap"))
     names = {image.name for image in model.images.values()}
-    assert names == {f"{v.camera}/{v.frame:04d}.png" for v in record.views}
+    assert names == {v.id.image_name for v in record.views}
     assert all((folder / "previews" / name).is_file() for name in names)
     points = read_points(folder / "colmap")
     assert len(points.xyz) == record.points > 500
@@ -114,7 +114,7 @@ def test_the_colmap_model_names_the_previews_and_projects_onto_them(arm: Path) -
     view = record.views[0]
     lens = record.camera(view.camera).lens
     assert lens is not None
-    image = model.find_image_with_name(f"{view.camera}/{view.frame:04d}.png")
+    image = model.find_image_with_name(view.id.image_name)
     own = [point for point in image.points2D if point.has_point3D()]
     world = np.array([model.points3D[point.point3D_id].xyz for point in own])
     motion = view.cam_from_world.matrix()
@@ -180,11 +180,11 @@ class Stopped(Exception):
 
 
 @pytest.fixture(scope="module")
-def looks(arm: Path) -> dict[Key, Look]:
+def looks(arm: Path) -> dict[ViewId, Look]:
     """What calibration sees in six views; finding it again for each test would take longest of all."""
     record, session = read_calibration(arm), Session.open(arm)
     return {
-        view.key: look(
+        view.id: look(
             session, view, record.exposure_scale, record.camera(view.camera.name).response, None, threads=2
         )
         for view in scene_views(session)
@@ -193,15 +193,15 @@ def looks(arm: Path) -> dict[Key, Look]:
 
 
 @pytest.fixture
-def small(own_arm: Path, looks: dict[Key, Look], monkeypatch: pytest.MonkeyPatch) -> Path:
+def small(own_arm: Path, looks: dict[ViewId, Look], monkeypatch: pytest.MonkeyPatch) -> Path:
     """A session of six views, of which all that comes before the poses is known."""
     shots = store.read_lines(own_arm / "shots.jsonl")
     (own_arm / "shots.jsonl").unlink()
     for shot in shots:
-        if (shot["camera"], shot["frame"]) in looks:
+        if ViewId(shot["frame"], shot["camera"]) in looks:
             store.append_line(own_arm / "shots.jsonl", shot)
     record = read_calibration(own_arm)
-    monkeypatch.setattr("calib.calibrate.look", lambda session, view, *rest: looks[view.key])
+    monkeypatch.setattr("calib.calibrate.look", lambda session, view, *rest: looks[view.id])
     monkeypatch.setattr("calib.light.radiometry.measure", lambda *rest: _known_light(record))
     monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
     return own_arm

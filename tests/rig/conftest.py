@@ -128,9 +128,7 @@ def _write_colmap(folder: Path, points: np.ndarray, record: CalibrationRecord) -
         camera = model.cameras[1 + names.index(view.camera)]
         places[front] = camera.img_from_cam(rays[front])
         inside = np.flatnonzero(((places > 0) & (places < (lens.width, lens.height))).all(1))
-        image = pycolmap.Image(
-            name=f"{view.camera}/{view.frame:04d}.png", camera_id=camera.camera_id, image_id=number
-        )
+        image = pycolmap.Image(name=view.id.image_name, camera_id=camera.camera_id, image_id=number)
         left = (places[inside, 0] < lens.width / 2) & (np.arange(len(inside)) % 2 == 1)
         seen = places[inside] + np.where(left[:, None], -MISS, MISS)
         image.points2D = pycolmap.Point2DList([pycolmap.Point2D(place) for place in seen])

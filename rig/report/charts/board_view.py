@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from imaging.session.calibration import BoardPlace, CalibrationRecord
 from imaging.session.records import Board
+from imaging.session.view_id import ViewId
 from rig.report.charts.rig_view import turntable
 from rig.report.charts.topic import Figure
 from rig.terminal.text import counted
@@ -41,7 +42,7 @@ def board_figures(record: CalibrationRecord) -> Iterable[Figure]:
                 "Each rectangle is the board at one frame. It tells the most when held near and far, tilted "
                 "to all sides, and in the corners of every image.",
                 turntable(
-                    {(0, name): pose for name, pose in cameras.items()},
+                    {ViewId(0, name): pose for name, pose in cameras.items()},
                     {camera.name: camera.lens for camera in record.cameras if camera.lens is not None},
                     np.zeros((0, 3)),
                     metric=True,

@@ -6,6 +6,7 @@ import numpy as np
 
 from imaging.files.colmap import SparsePoints
 from imaging.session.calibration import CalibrationRecord, ViewCalibration
+from imaging.session.view_id import ViewId
 from rig.report.charts.board_view import board_figures
 from rig.report.charts.chart import COLOURS, Series, chart
 from rig.report.charts.residuals import Residuals
@@ -33,7 +34,7 @@ def pose_topic(record: CalibrationRecord, points: SparsePoints | None, residuals
 def _figures(
     record: CalibrationRecord, points: SparsePoints | None, residuals: Residuals
 ) -> Iterable[Figure]:
-    poses = {(view.frame, view.camera): view.cam_from_world.matrix() for view in record.views}
+    poses = {view.id: view.cam_from_world.matrix() for view in record.views}
     cloud = points.xyz if points is not None else np.zeros((0, 3))
     few = f" {MOST_VIEWS} of {len(poses)} views at most are drawn." if len(poses) > MOST_VIEWS else ""
     yield Figure(
@@ -41,7 +42,7 @@ def _figures(
         "Each pyramid is a view, open towards what it sees"
         + (
             "; the cameras of a frame are joined. "
-            if len({frame for frame, _ in poses}) < len(poses)
+            if len({view.frame for view in poses}) < len(poses)
             else ". "
         )
         + f"Turn it with the row of buttons, or with the arrow keys.{few}",
@@ -53,7 +54,7 @@ def _figures(
         ),
         wide=True,
     )
-    turns = {(v.camera, v.frame): v.error.rotation for v in record.views if v.error is not None}
+    turns = {view.id: view.error.rotation for view in record.views if view.error is not None}
     if turns:
         yield Figure(
             "How sure the poses are",
@@ -87,15 +88,15 @@ def _figures(
     )
 
 
-def _by_camera(values: Mapping[tuple[str, int], float]) -> list[Series]:
+def _by_camera(values: Mapping[ViewId, float]) -> list[Series]:
     """One cloud a camera; so many that colours tell nothing are one."""
-    names = sorted({camera for camera, _ in values})
+    names = sorted({view.camera for view in values})
     groups = [[name] for name in names] if len(names) <= COLOURS else [names]
     return [
         Series(
             group[0] if len(groups) > 1 else "",
-            [float(frame) for camera, frame in values if camera in group],
-            [value for (camera, _), value in values.items() if camera in group],
+            [float(view.frame) for view in values if view.camera in group],
+            [value for view, value in values.items() if view.camera in group],
             dots=True,
         )
         for group in groups
@@ -119,11 +120,11 @@ def _least_sure(record: CalibrationRecord, residuals: Residuals) -> Table:
         ("View", "#Rotation, °", f"#Place, {unit}", "#Scene points", "#Residual, rms px"),
         tuple(
             (
-                f"{view.camera}/{view.frame:04d}",
+                str(view.id),
                 NOT_DETERMINED if view.error is None else f"± {number(view.error.rotation, 2)}",
                 NOT_DETERMINED if view.error is None else f"± {number(scale * view.error.translation, 2)}",
                 f"{view.points:,}",
-                number(residuals.views.get((view.camera, view.frame)), 2),
+                number(residuals.views.get(view.id), 2),
             )
             for view in worst
         ),

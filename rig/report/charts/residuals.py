@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.files.colmap import pycolmap
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 
@@ -31,10 +32,10 @@ class CameraResiduals:
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """By camera; views: camera and frame -> root mean square of the lengths, px."""
+    """By camera; views: root mean square of the lengths, px."""
 
     cameras: dict[str, CameraResiduals]
-    views: dict[tuple[str, int], float]
+    views: dict[ViewId, float]
 
 
 def read_residuals(folder: Path) -> Residuals:
@@ -50,8 +51,8 @@ def read_residuals(folder: Path) -> Residuals:
     miss: dict[str, list[Array]] = {}
     views = {}
     for image in model.images.values():
-        key = _key(image.name)
-        if key is None or not image.has_pose:
+        view = _view(image.name)
+        if view is None or not image.has_pose:
             continue
         points = [point for point in image.points2D if point.has_point3D()][::step]
         if not points:
@@ -64,10 +65,10 @@ def read_residuals(folder: Path) -> Residuals:
         good = np.isfinite(apart).all(1)
         if not good.any():
             continue
-        sizes[key[0]] = (camera.width, camera.height)
-        seen.setdefault(key[0], []).append(places[good])
-        miss.setdefault(key[0], []).append(apart[good])
-        views[key] = float(np.sqrt((apart[good] ** 2).sum(1).mean()))
+        sizes[view.camera] = (camera.width, camera.height)
+        seen.setdefault(view.camera, []).append(places[good])
+        miss.setdefault(view.camera, []).append(apart[good])
+        views[view] = float(np.sqrt((apart[good] ** 2).sum(1).mean()))
     return Residuals(
         {
             name: CameraResiduals(sizes[name], np.concatenate(seen[name]), np.concatenate(miss[name]))
@@ -77,8 +78,9 @@ def read_residuals(folder: Path) -> Residuals:
     )
 
 
-def _key(name: str) -> tuple[str, int] | None:
-    """Camera and frame of an image's name; None for a name that is not one of ours."""
-    camera, _, file = name.rpartition("/")
-    frame = file.removesuffix(".png")
-    return (camera, int(frame)) if camera and frame.isascii() and frame.isdigit() else None
+def _view(image: str) -> ViewId | None:
+    """The view of an image's name; None for a name that is not one of ours."""
+    try:
+        return ViewId.of_image(image)
+    except ValueError:
+        return None

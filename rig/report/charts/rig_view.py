@@ -5,18 +5,18 @@ the arrow keys turn them.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup, escape
 
 from imaging.lens import Lens
+from imaging.session.view_id import ViewId
 from rig.report.charts.chart import COLOURS, nice_step
 from rig.report.charts.topview import ground
 
 Array = npt.NDArray[np.float64]
-Key = tuple[int, str]
 
 STEPS, FIRST = 12, 1
 """Directions that the rig is drawn from (the style sheet shows as many), and the one that is shown first."""
@@ -29,7 +29,7 @@ MOST_LABELLED = 60
 
 
 def turntable(
-    poses: Mapping[Key, Array],
+    poses: Mapping[ViewId, Array],
     lenses: Mapping[str, Lens],
     points: Array,
     *,
@@ -39,7 +39,7 @@ def turntable(
 ) -> Markup:
     """Cameras as frusta by colour, joined where they belong to one frame; scene points as dots.
 
-    poses: (frame, camera) -> cam_from_world [4, 4]. points: float64 [P, 3]. metric: lengths are metres.
+    poses: cam_from_world [4, 4]. points: float64 [P, 3]. metric: lengths are metres.
     boards: the corners of a board at each frame, in order around it, world, float64 [4, 3]. group: of the
     buttons, another for each turntable of a page.
     """
@@ -62,11 +62,11 @@ def turntable(
     spots = [np.concatenate([solid, cloud]) @ view.T for view in views]
     reach = np.maximum(np.max([np.ptp(own, axis=0) for own in spots], axis=0), 1e-9)
     factor = min((WIDTH - 2 * MARGIN) / reach[0], (HEIGHT - 2 * MARGIN) / reach[1])
-    names = sorted({camera for _, camera in poses})
+    names = sorted({view.camera for view in poses})
     # Many small frusta tell more than many that cover each other.
     depth = 36.0 * min(1.0, math.sqrt(40 / len(shown))) / factor
-    frusta = [(key, _frustum(pose, lenses.get(key[1]), depth) @ axes.T) for key, pose in shown.items()]
-    joined = _joined(list(shown), centres)
+    frusta = [(view, _frustum(pose, lenses.get(view.camera), depth) @ axes.T) for view, pose in shown.items()]
+    joined = _joined(shown, centres)
     drawings = []
     for turn in range(STEPS):
         flat = factor * views[turn] * ((1.0,), (-1.0,))
@@ -87,18 +87,18 @@ def turntable(
         for line in joined:
             path = "L".join(f"{x:.1f} {y:.1f}" for x, y in place(line))
             parts.append(f'<path class="bar-of" d="M{path}"/>')
-        for (frame, camera), corners in frusta:
-            title = f"<title>{escape(camera)}, frame {frame}</title>" if len(shown) <= MOST_LABELLED else ""
-            parts.append(_drawn(place(corners), names.index(camera) % COLOURS, title))
-        first = min(frame for frame, _ in shown)
+        for view, corners in frusta:
+            title = f"<title>{escape(str(view))}</title>" if len(shown) <= MOST_LABELLED else ""
+            parts.append(_drawn(place(corners), names.index(view.camera) % COLOURS, title))
+        first = min(view.frame for view in shown)
         if 1 < len(names) <= 12:
-            for (frame, camera), corners in frusta:
-                if frame == first:
+            for view, corners in frusta:
+                if view.frame == first:
                     x, y = place(corners[:1])[0]
-                    colour = names.index(camera) % COLOURS
+                    colour = names.index(view.camera) % COLOURS
                     parts.append(
                         f'<text class="name s{colour}" x="{x + 6:.0f}" y="{y - 6:.0f}">'
-                        f"{escape(camera)}</text>"
+                        f"{escape(view.camera)}</text>"
                     )
         parts.append(_scale(factor, metric))
         drawings.append("".join(parts) + "</svg>")
@@ -131,11 +131,11 @@ def _frustum(pose: Array, lens: Lens | None, depth: float) -> Array:
     return np.asarray((rays - pose[:3, 3]) @ pose[:3, :3])
 
 
-def _joined(keys: list[Key], centres: Array) -> list[Array]:
+def _joined(views: Iterable[ViewId], centres: Array) -> list[Array]:
     """The cameras of each frame in order, where a frame has several."""
     frames: dict[int, list[int]] = {}
-    for index, (frame, _) in enumerate(keys):
-        frames.setdefault(frame, []).append(index)
+    for index, view in enumerate(views):
+        frames.setdefault(view.frame, []).append(index)
     return [centres[own] for own in frames.values() if len(own) > 1]
 
 

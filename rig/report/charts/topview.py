@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup, escape
 
+from imaging.session.view_id import ViewId
 from rig.report.charts.chart import COLOURS
 
 WIDTH, LOWEST, TALLEST, MARGIN = 640, 200, 520, 26
@@ -45,15 +46,15 @@ def _up(poses: Sequence[Array]) -> Array:
     return np.asarray(up / np.linalg.norm(up))
 
 
-def top_view(poses: Mapping[tuple[int, str], Array], points: npt.NDArray[np.float64], title: str) -> Markup:
+def top_view(poses: Mapping[ViewId, Array], points: npt.NDArray[np.float64], title: str) -> Markup:
     """Cameras as small wedges that point where they look, coloured by camera; scene points as dots.
 
-    poses: (frame, camera) -> cam_from_world [4, 4]. points: float64 [P, 3].
+    poses: cam_from_world [4, 4]. points: float64 [P, 3].
     Points far outside are cut off, since a few stray ones would shrink everything else.
     """
     axes = ground(list(poses.values()))
-    centres = {key: axes @ (-pose[:3, :3].T @ pose[:3, 3]) for key, pose in poses.items()}
-    looks = {key: axes @ pose[2, :3] for key, pose in poses.items()}
+    centres = {view: axes @ (-pose[:3, :3].T @ pose[:3, 3]) for view, pose in poses.items()}
+    looks = {view: axes @ pose[2, :3] for view, pose in poses.items()}
     rig = np.array(list(centres.values()))
     cloud = points @ axes.T if len(points) else np.zeros((0, 2))
     low, high = rig.min(0), rig.max(0)
@@ -76,10 +77,10 @@ def top_view(poses: Mapping[tuple[int, str], Array], points: npt.NDArray[np.floa
         f"<title>{escape(title)}</title>",
         '<path class="cloud" d="' + "".join(f"M{x:.1f} {y:.1f}h0" for x, y in place(shown)) + '"/>',
     ]
-    names = sorted({camera for _, camera in poses})
-    for (frame, camera), centre in sorted(centres.items()):
-        colour = names.index(camera) % COLOURS
-        parts.append(_wedge(place(centre), looks[frame, camera], colour, f"{camera}, frame {frame}"))
+    names = sorted({view.camera for view in poses})
+    for view, centre in sorted(centres.items()):
+        colour = names.index(view.camera) % COLOURS
+        parts.append(_wedge(place(centre), looks[view], colour, str(view)))
     parts.append("</svg>")
     keys = "".join(
         f'<li><span class="key s{i % COLOURS}"></span>{escape(name)}</li>' for i, name in enumerate(names)

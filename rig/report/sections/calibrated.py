@@ -100,7 +100,7 @@ def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> Cali
         verdicts=tuple(verdicts(record, residuals)),
         outliers=tuple(outliers(record, residuals)),
         next=tuple(next_shots(session, record)),
-        unregistered=record.unregistered,
+        unregistered=tuple(map(str, record.unregistered)),
         topics=tuple(topic for topic in topics if not topic.empty),
         responses=tuple(_responses(record)),
         rungs=tuple(rung_groups(record.rungs)),

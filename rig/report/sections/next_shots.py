@@ -6,6 +6,7 @@ import numpy as np
 
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 from rig.report.sections.verdicts import FEW_POINTS, LENS_PX
 from rig.terminal.text import counted, number
 
@@ -29,20 +30,20 @@ def _how(session: Session, option: str) -> str:
     return "" if session.record.origin == "import" else f" and run rig capture {option}"
 
 
-def _named(names: Sequence[str]) -> str:
+def _named(names: Sequence[str | ViewId]) -> str:
     more = len(names) - MOST_NAMES
-    return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(map(str, names[:MOST_NAMES])) + (f" and {more} more" if more > 0 else "")
 
 
 def _poses(record: CalibrationRecord) -> Iterable[str]:
     posed = {view.camera for view in record.views}
-    lost = {name.split("/", 1)[0] for name in record.unregistered} - posed
+    lost = {view.camera for view in record.unregistered} - posed
     if record.views and lost:
         yield (
             f"{_named(sorted(lost))} has no pose at all: point it so that it shows what the other cameras "
             "show, with half of the image in common."
         )
-    stray = [name for name in record.unregistered if name.split("/", 1)[0] not in lost]
+    stray = [view for view in record.unregistered if view.camera not in lost]
     if record.views and stray:
         yield f"{_named(stray)} got no pose: take more pictures between these and their neighbours."
     if not record.views and record.unregistered:
@@ -51,20 +52,20 @@ def _poses(record: CalibrationRecord) -> Iterable[str]:
             "thirds of the one before."
         )
     yield from (f"{doubt[0].upper()}{doubt[1:]}." for doubt in record.doubts)
-    by_rig = [f"{v.camera}/{v.frame:04d}" for v in record.views if v.by_rig]
-    refuted = [name for name in by_rig if name in record.contradicted]
+    by_rig = [view.id for view in record.views if view.by_rig]
+    refuted = [view for view in by_rig if view in record.contradicted]
     if refuted:
         yield (
             f"{_named(refuted)} contradicts other views about where it stands, as where parts of a scene "
             "look alike: its pose is the rig's, and no reconstruction looks at it."
         )
-    guessed = [name for name in by_rig if name not in record.contradicted]
+    guessed = [view for view in by_rig if view not in record.contradicted]
     if guessed:
         yield (
             f"Nothing in {_named(guessed)} was recognised: its pose is the rig's, and no reconstruction "
             "looks at it; see whether it is black, blurred or bare, and take the frame again."
         )
-    weak = [f"{v.camera}/{v.frame:04d}" for v in record.views if v.points < FEW_POINTS and not v.by_rig]
+    weak = [view.id for view in record.views if view.points < FEW_POINTS and not view.by_rig]
     if weak:
         yield (
             f"{_named(weak)} sees fewer than {FEW_POINTS} scene points: take pictures nearby that show more "

@@ -67,18 +67,20 @@ class ShotPreviews:
 def read_previews(session: Session, progress: Progress) -> ShotPreviews:
     """Read an even choice of a session's views."""
     groups = brackets(session.shots("scene"))
-    keys = sorted(groups)
-    step = max(1, -(-len(keys) // MOST_VIEWS))
+    views = sorted(groups)
+    step = max(1, -(-len(views) // MOST_VIEWS))
     # Every step-th view, shifted by one each round, so that the cameras take turns.
     chosen = (
-        [key for index, key in enumerate(keys) if (index + index // step) % step == 0] if step > 1 else keys
+        [view for index, view in enumerate(views) if (index + index // step) % step == 0]
+        if step > 1
+        else views
     )
     shares: dict[str, tuple[float, float]] = {}
     thumbnails, unreadable = [], []
-    for done, (frame, camera) in enumerate(chosen):
+    for done, view in enumerate(chosen):
         progress("looking at the pictures", done, len(chosen))
         previews = []
-        for shot in groups[frame, camera]:
+        for shot in groups[view]:
             try:
                 preview = read_preview(session, shot)
             except RigError:
@@ -87,9 +89,9 @@ def read_previews(session: Session, progress: Progress) -> ShotPreviews:
             shares[shot.file] = (preview.clipped, preview.dark)
             previews.append((shot, preview))
         if previews:
-            thumbnails.append(Thumbnail(jpeg_uri(_thumbnail(previews), 80), camera, frame))
-    merged = any(len(groups[key]) > 1 for key in chosen)
-    return ShotPreviews(shares, tuple(thumbnails), merged, len(chosen), len(keys), tuple(unreadable))
+            thumbnails.append(Thumbnail(jpeg_uri(_thumbnail(previews), 80), view.camera, view.frame))
+    merged = any(len(groups[view]) > 1 for view in chosen)
+    return ShotPreviews(shares, tuple(thumbnails), merged, len(chosen), len(views), tuple(unreadable))
 
 
 def read_preview(session: Session, shot: ShotRecord) -> ShotPreview:

@@ -75,7 +75,7 @@ def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: 
     grades: list[Grade] = ["pass"]
     words = []
     own = [view for view in record.views if view.camera == camera.name]
-    missed = sum(name.split("/", 1)[0] == camera.name for name in record.unregistered)
+    missed = sum(view.camera == camera.name for view in record.unregistered)
     total = len(own) + missed
     if record.views and total and not own:
         return Verdict("fail", f"{camera.name}: none of {counted(total, 'image')} has a pose")
@@ -148,12 +148,12 @@ def outliers(record: CalibrationRecord, residuals: Residuals) -> Iterable[str]:
             f"Camera {name} misses scene points by {value:.2f} px rms, the others by {typical:.2f} px: "
             "was it in focus, and fixed?"
         )
-    for (name, frame), value, typical in _beyond(residuals.views, OUTLIER):
-        yield f"View {name}/{frame:04d} misses by {value:.2f} px rms, the others by {typical:.2f} px."
-    turns = {(v.camera, v.frame): v.error.rotation for v in record.views if v.error is not None}
-    for (name, frame), value, typical in _beyond(turns, UNSURE):
+    for view, value, typical in _beyond(residuals.views, OUTLIER):
+        yield f"View {view} misses by {value:.2f} px rms, the others by {typical:.2f} px."
+    turns = {view.id: view.error.rotation for view in record.views if view.error is not None}
+    for view, value, typical in _beyond(turns, UNSURE):
         yield (
-            f"View {name}/{frame:04d} is turned by an angle known to {number(value, 2)}° only, "
+            f"View {view} is turned by an angle known to {number(value, 2)}° only, "
             f"the others to {number(typical, 2)}°."
         )
 

@@ -7,12 +7,12 @@ import numpy.typing as npt
 import pytest
 
 from calib.boards.corners import Corners
-from calib.data.features import Key
 from drivers.sim.camera.lens import project
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.scene.board import Board as SimulatedBoard
 from drivers.sim.scene.board import board_from_rig
 from imaging.session.records import Board
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 WIDTH, HEIGHT = 960, 720
@@ -43,10 +43,10 @@ class Stage:
         inside = (seen[:, 2] > 0) & (points > 5).all(1) & (points < (WIDTH - 5, HEIGHT - 5)).all(1)
         return np.where(inside[:, None], points, np.nan)
 
-    def seen(self, frames: int, noise: float = 0.06, wrong: float = 0.0) -> dict[Key, Corners]:
+    def seen(self, frames: int, noise: float = 0.06, wrong: float = 0.0) -> dict[ViewId, Corners]:
         """Corners with noise, px a coordinate, a share of them wrong by several pixels."""
         rng = np.random.default_rng(self.rig.seed)
-        found: dict[Key, Corners] = {}
+        found: dict[ViewId, Corners] = {}
         for frame in range(frames):
             for camera, mount in enumerate(self.rig.mounts):
                 points = self.corners(camera, frame)
@@ -55,7 +55,7 @@ class Stage:
                 points[stray] += rng.normal(0.0, 6.0, (int(stray.sum()), 2))
                 ids = np.flatnonzero(np.isfinite(points[:, 0]))
                 if len(ids) >= 6:
-                    found[mount.name, frame] = Corners(ids, points[ids])
+                    found[ViewId(frame, mount.name)] = Corners(ids, points[ids])
         return found
 
     def relative(self, name: str, reference: str) -> Array:

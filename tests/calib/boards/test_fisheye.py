@@ -9,11 +9,11 @@ from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
 from calib.boards.measure import DISAGREE, solve_group
 from calib.boards.start import begin
-from calib.data.features import Key
 from calib.poses.bundle_adjustment import opencv_parameters, set_model
 from calib.poses.fisheye import may_be_fisheye, nearest_terms
 from calib.poses.known_rig import camera_of
 from imaging.lens import Lens
+from imaging.session.view_id import ViewId
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of
 
 
@@ -21,8 +21,8 @@ def silent(message: str, done: int, total: int) -> None:
     pass
 
 
-def two(seen: dict[Key, Corners]) -> dict[Key, Corners]:
-    return {key: corners for key, corners in seen.items() if key[0] in ("cam0", "cam1")}
+def two(seen: dict[ViewId, Corners]) -> dict[ViewId, Corners]:
+    return {view: corners for view, corners in seen.items() if view.camera in ("cam0", "cam1")}
 
 
 def test_a_fisheye_is_taken_and_known_to_a_fraction_of_a_pixel() -> None:

@@ -8,10 +8,10 @@ from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
 from calib.boards.measure import DISAGREE, places_of, solve_group
 from calib.boards.start import begin
-from calib.data.features import Key
 from drivers.sim.camera.lens import project
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
+from imaging.session.view_id import ViewId
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of
 
 Array = npt.NDArray[np.float64]
@@ -95,9 +95,9 @@ def test_wrong_corners_are_dropped_and_right_ones_kept(stage: Stage) -> None:
 
 def test_cameras_that_share_no_view_are_named(stage: Stage) -> None:
     seen = {
-        key: corners
-        for key, corners in stage.seen(20).items()
-        if (key[0] in ("cam0", "cam1")) == (key[1] % 2 == 0)
+        view: corners
+        for view, corners in stage.seen(20).items()
+        if (view.camera in ("cam0", "cam1")) == (view.frame % 2 == 0)
     }
     group = solve_group(stage.board, seen, stage.sizes, silent)
     assert len(group.isolated) == 2
@@ -119,7 +119,7 @@ def test_a_richer_lens_is_taken_when_it_is_there(stage: Stage) -> None:
     import cv2
 
     rng = np.random.default_rng(0)
-    seen: dict[Key, Corners] = {}
+    seen: dict[ViewId, Corners] = {}
     for frame in range(16):
         for camera, mount in enumerate(stage.rig.mounts):
             lens = mount.optics.lens
@@ -132,7 +132,7 @@ def test_a_richer_lens_is_taken_when_it_is_there(stage: Stage) -> None:
             plain = project(lens, corners)  # far outside the terms fold over
             ids = np.flatnonzero((plain > 0).all(1) & (plain < (WIDTH, HEIGHT)).all(1) & (corners[:, 2] > 0))
             if len(ids) >= 6:
-                seen[mount.name, frame] = Corners(ids, points[ids])
+                seen[ViewId(frame, mount.name)] = Corners(ids, points[ids])
     group = solve_group(stage.board, seen, stage.sizes, silent)
     assert {"lens_radial_1", "lens_radial_2", "lens_tangential"} <= {r.name for r in group.rungs if r.taken}
     assert group.solved is not None
@@ -145,11 +145,11 @@ def test_a_lens_that_changes_meanwhile_is_found_by_halves(stage: Stage) -> None:
     """The focus of one camera is turned in every second frame, which stretches its image by 1 %."""
     middle = np.array((WIDTH / 2, HEIGHT / 2))
     seen = {
-        (name, frame): Corners(
+        view: Corners(
             corners.ids,
-            middle + (corners.points - middle) * (1.01 if name == "cam2" and frame % 2 else 1.0),
+            middle + (corners.points - middle) * (1.01 if view.camera == "cam2" and view.frame % 2 else 1.0),
         )
-        for (name, frame), corners in stage.seen(16).items()
+        for view, corners in stage.seen(16).items()
     }
     group = solve_group(stage.board, seen, stage.sizes, silent)
     assert group.doubt is not None

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from calib.colour.recorded import balance, with_balance
-from calib.data.features import key_of
 from calib.data.views import read_view, scene_views
 from calib.light.tracks import colour_at, light
 from calib.sensor.metadata import Sensor
@@ -17,6 +16,7 @@ from imaging.merge.bracket import merge_bracket
 from imaging.mosaic import as_matrix
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 WRONG = {
     "cam0": (1.06, 1.0, 0.95),
@@ -32,7 +32,7 @@ def tinted(arm: Path) -> CalibrationRecord:
     """The rig's calibration when its files name matrices that are off white, after its balance was found."""
     session, record = Session.open(arm), read_calibration(arm)
     model = pycolmap.Reconstruction(str(arm / "calibration" / "colmap"))
-    places = {key_of(image.name): image for image in model.images.values()}
+    places = {ViewId.of_image(image.name): image for image in model.images.values()}
     truth = json.loads((arm / "truth" / "truth.json").read_text())["cameras"]
     off = {}
     for camera in record.cameras:
@@ -45,8 +45,8 @@ def tinted(arm: Path) -> CalibrationRecord:
             merge_bracket(read_view(session, view, record.exposure_scale, camera.response)),
             np.array(off[camera.name]),
         )
-        points = np.array([point.xy for point in places[view.key].points2D])
-        colours[view.key] = colour_at(seen, points, 320, 240)
+        points = np.array([point.xy for point in places[view.id].points2D])
+        colours[view.id] = colour_at(seen, points, 320, 240)
     lenses = {camera.name: camera.lens for camera in record.cameras}
     found = {name: Sensor(None, matrix, lenses[name], True) for name, matrix in off.items()}
     falloff = SimpleNamespace(vignetting={camera.name: camera.vignetting for camera in record.cameras})

@@ -126,7 +126,7 @@ def test_opencv_reads_its_file_and_projects_half_a_pixel_less(
     lens = record.camera(view.camera).lens
     assert lens is not None
     assert storage.getNode("image_width").real() == lens.width
-    expected = projected(arm, f"{view.camera}/{view.frame:04d}.png", points)
+    expected = projected(arm, view.id.image_name, points)
     np.testing.assert_allclose(found.reshape(-1, 2) + 0.5, expected, atol=1e-6)
     mounted = record.camera(view.camera).cam_from_rig
     assert mounted is not None

@@ -13,6 +13,7 @@ from calib.poses.contradictions import settle, unconfirmed
 from calib.poses.sfm import Model, solve
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
+from imaging.session.view_id import ViewId
 from tests.calib.conftest import silent
 
 Array = np.ndarray
@@ -59,8 +60,8 @@ def pillar(alike: bool, lit: bool) -> tuple[dict, dict, Array]:
         own = vectors.reshape(-1, 128)[seen] + 0.1 * rng.normal(size=(len(seen), 128))
         own /= np.linalg.norm(own, axis=1, keepdims=True)
         points = pixels[seen] + rng.normal(0, 0.2, (len(seen), 2))
-        features["cam", view] = Features(points, own.astype(np.float32))
-        brightness["cam", view] = light[seen] + rng.normal(0, 0.02, len(seen))
+        features[ViewId(view, "cam")] = Features(points, own.astype(np.float32))
+        brightness[ViewId(view, "cam")] = light[seen] + rng.normal(0, 0.02, len(seen))
     return features, brightness, poses
 
 
@@ -73,7 +74,7 @@ def placed(features: Mapping, brightness: Mapping) -> tuple[Model, Mapping]:
 
 def wrong(model: Model, poses: Array) -> list[int]:
     """The views that do not turn against their neighbours as they do in truth."""
-    found = {frame: pose.matrix()[:3, :3] for (_, frame), pose in model.poses.items()}
+    found = {view.frame: pose.matrix()[:3, :3] for view, pose in model.poses.items()}
     worlds = {frame: poses[frame, :3, :3].T @ turn for frame, turn in found.items()}
     votes = {
         frame: sum(np.linalg.norm(own - other) < 0.05 for other in worlds.values())
@@ -99,7 +100,7 @@ def test_all_views_of_a_pillar_that_is_unique_stay_and_one_sided_light_is_warned
     assert not any(rung.name.startswith("pose_") for rung in model.rungs if rung.taken)
     stand = {key: pose.matrix() for key, pose in model.poses.items()}
     assert warning(stand, pairs, brightness, {"cam"}) is None
-    darker = {key: own - 0.5 * (key[1] % 2) for key, own in brightness.items()}
+    darker = {key: own - 0.5 * (key.frame % 2) for key, own in brightness.items()}
     assert "differ in brightness by more than 10 %" in warning(stand, pairs, darker, {"cam"})
     assert warning(stand, pairs, darker, set()) is None
 
@@ -120,7 +121,7 @@ def test_sides_that_nothing_tells_apart_are_refused():
 
 def test_poses_of_two_views_are_doubted():
     features, brightness, _ = pillar(alike=False, lit=True)
-    pair = {key: own for key, own in features.items() if key[1] < 2}
+    pair = {key: own for key, own in features.items() if key.frame < 2}
     model, _ = placed(pair, brightness)
     assert len(model.poses) == 2
     (told,) = (rung for rung in model.rungs if rung.name == "pose_unconfirmed")
@@ -129,7 +130,7 @@ def test_poses_of_two_views_are_doubted():
 
 
 def test_poses_are_doubted_where_few_of_the_views_that_match_fit_together():
-    views = [("cam", number) for number in range(10)]
+    views = [ViewId(number, "cam") for number in range(10)]
     pairs = dict.fromkeys(combinations(views, 2))
     assert unconfirmed(views[:4], pairs).startswith("only 4 of 10 views that match others fit together")
     assert unconfirmed(views[:5], pairs) is None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib.data.features import Features, Key
+from calib.data.features import Features
 from calib.poses import lens_ladder
 from calib.poses.bundle_adjustment import Free, lens_of, set_model
 from calib.poses.sfm import solve
@@ -14,6 +14,7 @@ from drivers.sim.camera import lens as simulated
 from imaging import lens as optics
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
+from imaging.session.view_id import ViewId
 
 WIDTH, HEIGHT, COUNT = 640, 480, 500
 TRUE = Lens(
@@ -36,7 +37,7 @@ def pose(frame: int) -> np.ndarray:
     return motion
 
 
-def views(frames: int) -> dict[Key, Features]:
+def views(frames: int) -> dict[ViewId, Features]:
     """Points of a room of 8 by 5 by 5 as the lens sees them, good to 0.2 px, each with its descriptor."""
     rng = np.random.default_rng(7)
     points = rng.uniform(-1, 1, (COUNT, 3)) * (4.0, 2.5, 2.5) + (0, 0, 0.5)
@@ -51,7 +52,7 @@ def views(frames: int) -> dict[Key, Features]:
         vectors = descriptors[ids] + rng.normal(0, 0.05, (len(ids), 128))
         vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
         places = pixels[inside] + rng.normal(0, 0.2, (len(ids), 2))
-        found["cam", frame] = Features(places, vectors.astype(np.float32))
+        found[ViewId(frame, "cam")] = Features(places, vectors.astype(np.float32))
     return found
 
 
@@ -74,7 +75,9 @@ def test_a_fisheye_is_found_with_its_corners() -> None:
     assert abs(lens.fx - TRUE.fx) < 4 * errors["fx"] < 8
     assert abs(lens.k1 - TRUE.k1) < 4 * errors["k1"] < 0.05
     for frame in range(1, 6):
-        found = model.poses["cam", frame].matrix() @ np.linalg.inv(model.poses["cam", 0].matrix())
+        found = model.poses[ViewId(frame, "cam")].matrix() @ np.linalg.inv(
+            model.poses[ViewId(0, "cam")].matrix()
+        )
         true = pose(frame) @ np.linalg.inv(pose(0))
         trace = np.trace(found[:3, :3].T @ true[:3, :3])
         assert np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1))) < 0.15

@@ -16,6 +16,7 @@ from imaging.lens import Lens
 from imaging.pose import Pose
 from imaging.session.calibration import BoardEvidence, CalibrationRecord, LensError, PoseError
 from imaging.session.records import Board
+from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
 
@@ -41,11 +42,11 @@ def centre(motion: Array) -> Array:
 
 def baselines(record: CalibrationRecord) -> dict[str, float]:
     """Distances of the cameras from the first, in every frame the same."""
-    poses = {(view.camera, view.frame): view.cam_from_world.matrix() for view in record.views}
+    poses = {view.id: view.cam_from_world.matrix() for view in record.views}
     found: dict[str, float] = {}
     for name in ("cam1", "cam2", "cam3"):
         every = [
-            float(np.linalg.norm(centre(poses[name, frame]) - centre(poses["cam0", frame])))
+            float(np.linalg.norm(centre(poses[ViewId(frame, name)]) - centre(poses[ViewId(frame, "cam0")])))
             for frame in range(3)
         ]
         found[name] = float(np.mean(every))

@@ -5,12 +5,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calib.data.features import Key, image_name
 from calib.poses.point_refinement import align
 from imaging.files.colmap import pycolmap
+from imaging.session.view_id import ViewId
 
 WIDTH, HEIGHT, FOCAL = 200, 150, 200.0
-KEYS: tuple[Key, ...] = (("cam", 0), ("cam", 1), ("cam", 2))
+VIEWS = tuple(ViewId(frame, "cam") for frame in range(3))
 RNG = np.random.default_rng(3)
 WAVES = RNG.normal(0, 30.0, (60, 2))  # per unit of the plane, which is 40 px wide
 PHASES = RNG.uniform(0, 2 * np.pi, 60)
@@ -43,15 +43,15 @@ def model(points: np.ndarray) -> tuple[Any, dict[int, np.ndarray]]:
     camera = pycolmap.Camera.create_from_model_name(1, "SIMPLE_PINHOLE", FOCAL, WIDTH, HEIGHT)
     made.add_camera_with_trivial_rig(camera)
     places = {}
-    for number, key in enumerate(KEYS):
+    for number, view in enumerate(VIEWS):
         motion = pose(number)
         places[number + 1] = camera.img_from_cam(points @ motion[:, :3].T + motion[:, 3])
         image = pycolmap.Image(
-            name=image_name(key), keypoints=places[number + 1], camera_id=1, image_id=number + 1
+            name=view.image_name, keypoints=places[number + 1], camera_id=1, image_id=number + 1
         )
         made.add_image_with_trivial_frame(image, pycolmap.Rigid3d(motion))
     for index, point in enumerate(points):
-        track = pycolmap.Track([pycolmap.TrackElement(number + 1, index) for number in range(len(KEYS))])
+        track = pycolmap.Track([pycolmap.TrackElement(number + 1, index) for number in range(len(VIEWS))])
         made.add_point3D(point, track)
     return made, places
 
@@ -76,7 +76,7 @@ def test_places_that_are_half_a_pixel_off_come_back_to_a_few_hundredths() -> Non
     made, places = model(points)
     misplaced(made, places, 0.5)
     assert np.abs(errors(made, places)).mean() > 0.2
-    align(made, {key: picture(number, noise=1.0) for number, key in enumerate(KEYS)}, silent)
+    align(made, {view: picture(number, noise=1.0) for number, view in enumerate(VIEWS)}, silent)
     after = errors(made, places)
     assert len(after) > 0.9 * 120
     assert np.sqrt((after**2).mean()) < 0.05
@@ -86,9 +86,9 @@ def test_places_that_are_half_a_pixel_off_come_back_to_a_few_hundredths() -> Non
 def test_a_patch_that_shows_something_else_is_dropped() -> None:
     points = np.column_stack([RNG.uniform((-1.5, -1.0), (1.5, 1.0), (40, 2)), np.zeros(40)])
     made, _ = model(points)
-    pictures = {key: picture(number, noise=2.0) for number, key in enumerate(KEYS)}
+    pictures = {view: picture(number, noise=2.0) for number, view in enumerate(VIEWS)}
     blank = np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH)).astype(np.uint8)
-    pictures[KEYS[2]] = cv2.imencode(".png", blank)[1].tobytes()
+    pictures[VIEWS[2]] = cv2.imencode(".png", blank)[1].tobytes()
     align(made, pictures, silent)
     assert sum(point.has_point3D() for point in made.image(3).points2D) <= 2
     assert sum(point.has_point3D() for point in made.image(1).points2D) >= 36
@@ -98,7 +98,7 @@ def test_views_without_texture_leave_nothing_and_raise_nothing() -> None:
     points = np.column_stack([RNG.uniform((-1.5, -1.0), (1.5, 1.0), (20, 2)), np.zeros(20)])
     made, _ = model(points)
     grey = cv2.imencode(".png", np.full((HEIGHT, WIDTH), 128, np.uint8))[1].tobytes()
-    align(made, dict.fromkeys(KEYS, grey), silent)
+    align(made, dict.fromkeys(VIEWS, grey), silent)
     assert made.num_points3D() == 0
 
 
@@ -107,7 +107,7 @@ def test_views_without_a_picture_stay_as_they_are() -> None:
     made, places = model(points)
     misplaced(made, places, 0.3)
     before = [np.ravel(point.xy).tolist() for point in made.image(3).points2D]
-    align(made, {KEYS[0]: picture(0, noise=1.0), KEYS[1]: picture(1, noise=1.0)}, silent)
+    align(made, {VIEWS[0]: picture(0, noise=1.0), VIEWS[1]: picture(1, noise=1.0)}, silent)
     assert [np.ravel(point.xy).tolist() for point in made.image(3).points2D] == before
     align(made, {}, silent)
     assert all(point.has_point3D() for point in made.image(3).points2D)

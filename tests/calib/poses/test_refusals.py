@@ -16,6 +16,7 @@ from imaging.mosaic import RawMosaic
 from imaging.session.calibration import read_calibration
 from imaging.session.records import SessionRecord
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 from rig.commands.board import board_text
 from tests.calib.conftest import make_session, silent
 
@@ -92,7 +93,7 @@ def test_one_view_keeps_what_its_bracket_says(tmp_path: Path) -> None:
         calibrate(session, progress=silent)
     record = read_calibration(session)
     assert record.views == ()
-    assert record.unregistered == ("cam/0000",)
+    assert record.unregistered == (ViewId(0, "cam"),)
     assert record.cameras[0].lens is None
     scale = [record.exposure_scale[f"raw/0000/cam_{step}.dng"] for step in range(3)]
     np.testing.assert_allclose(scale / np.array(scale[2]), [1 / 16, 1 / 4, 1], rtol=5e-3)

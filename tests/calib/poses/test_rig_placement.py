@@ -18,13 +18,14 @@ from imaging.files.dng import write_dng
 from imaging.files.raw import read_raw
 from imaging.pose import Pose
 from imaging.session.calibration import read_calibration
+from imaging.session.view_id import ViewId
 from recon.data.dataset import load
 from recon.data.truth import calibration_errors
 from tests.calib.conftest import silent
 
 from .test_sfm import GUESS, arc, seen
 
-LOST = "right", 2
+LOST = ViewId(2, "right")
 RIGS = {"left": "rig", "right": "rig"}
 INSIDE = 2.8
 """Standard errors about the worst axis that hold 95 of 100 errors in three dimensions."""
@@ -38,7 +39,7 @@ def shifted(name: str) -> np.ndarray:
 def model() -> Model:
     """Two cameras on an arc, one of which sees nothing at one frame."""
     features = {
-        (name, frame): seen(rotation, translation + shifted(name), seed=2 * frame + (name == "left"))
+        ViewId(frame, name): seen(rotation, translation + shifted(name), seed=2 * frame + (name == "left"))
         for frame, (rotation, translation) in enumerate(arc(5))
         for name in RIGS
     }
@@ -53,7 +54,7 @@ def test_a_lost_view_is_placed_within_its_stated_error(model: Model) -> None:
     assert filled.points[LOST] == 0
     assert filled.spread is not None
     truth = {
-        (name, frame): np.column_stack([rotation, translation + shifted(name)])
+        ViewId(frame, name): np.column_stack([rotation, translation + shifted(name)])
         for frame, (rotation, translation) in enumerate(arc(5))
         for name in RIGS
     }
@@ -71,11 +72,11 @@ def test_a_lost_view_is_placed_within_its_stated_error(model: Model) -> None:
     at = keys.index(LOST)
     assert np.degrees(angles[at]) < INSIDE * filled.spread.rotation[LOST] < 0.3
     assert misses[at] < INSIDE * filled.spread.translation[LOST] < 0.05 * np.ptp(here)
-    beside = "left", LOST[1]
+    beside = ViewId(LOST.frame, "left")
     assert filled.spread.rotation[LOST] > 1.2 * filled.spread.rotation[beside]
     assert filled.spread.translation[LOST] > 1.2 * filled.spread.translation[beside]
     (rung,) = (rung for rung in filled.rungs if rung.name == "rig_placing")
-    assert "right/0002" in rung.reason
+    assert "0002/right" in rung.reason
 
 
 def test_what_no_rig_ties_stays_lost(model: Model) -> None:
@@ -83,7 +84,7 @@ def test_what_no_rig_ties_stays_lost(model: Model) -> None:
     for rigs in ({}, {"left": "one", "right": "other"}):
         assert place(model, every, rigs) == (model, frozenset())
     assert place(replace(model, cam_from_rig={}), every, RIGS)[1] == frozenset()
-    nobody = {key: pose for key, pose in model.poses.items() if key[1] != LOST[1]}
+    nobody = {key: pose for key, pose in model.poses.items() if key.frame != LOST.frame}
     assert place(replace(model, poses=nobody), nobody.keys() | {LOST}, RIGS)[1] == frozenset()
 
 

@@ -8,6 +8,7 @@ from calib.data.matching import match
 from calib.poses.sfm import centres, solve
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
+from imaging.session.view_id import ViewId
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 620.0
 GUESS = Lens(
@@ -58,8 +59,8 @@ def test_a_rig_on_an_arc_is_placed():
     features, truth = {}, {}
     for frame, (rotation, translation) in enumerate(arc(5)):
         for name, shift in (("left", (0.15, 0, 0)), ("right", (-0.15, 0, 0))):
-            features[name, frame] = seen(rotation, translation + shift, seed=frame)
-            truth[name, frame] = (rotation, translation + shift)
+            features[ViewId(frame, name)] = seen(rotation, translation + shift, seed=frame)
+            truth[ViewId(frame, name)] = (rotation, translation + shift)
     model = solve(features, {"left": GUESS, "right": GUESS}, [["left", "right"]], 1, silent)
     assert model.rigged
     assert set(model.poses) == set(features)
@@ -67,7 +68,9 @@ def test_a_rig_on_an_arc_is_placed():
     assert model.reprojection_px < 0.4
     # The rig is rigid: the second camera stands at one place beside the first, in every frame.
     apart = [
-        model.poses["right", f].matrix() @ np.linalg.inv(model.poses["left", f].matrix()) for f in range(5)
+        model.poses[ViewId(frame, "right")].matrix()
+        @ np.linalg.inv(model.poses[ViewId(frame, "left")].matrix())
+        for frame in range(5)
     ]
     assert np.ptp(np.stack(apart), axis=0).max() < 1e-6
     assert apart[0] == pytest.approx(model.cam_from_rig["right"].matrix(), abs=1e-6)
@@ -89,7 +92,7 @@ def test_a_rig_on_an_arc_is_placed():
 @pytest.mark.parametrize(("k1", "views"), [(0.0, 5), (-0.12, 5), (0.0, 12), (-0.06, 12)])
 def test_a_lens_is_bent_only_where_it_is(k1, views):
     """Five views tell of -0.06 by 0.6 to 3 standard errors only, as chance has it."""
-    features = {("cam", i): seen(*pose, seed=i, k1=k1) for i, pose in enumerate(arc(views))}
+    features = {ViewId(i, "cam"): seen(*pose, seed=i, k1=k1) for i, pose in enumerate(arc(views))}
     model = solve(features, {"cam": GUESS}, [], 1, silent, focal_known={"cam"})
     (rung,) = [rung for rung in model.rungs if rung.name == "lens_radial_1"]
     assert rung.taken == (k1 != 0)
@@ -98,7 +101,7 @@ def test_a_lens_is_bent_only_where_it_is(k1, views):
 
 
 def test_two_views_are_enough():
-    features = {("cam", i): seen(*pose, seed=i) for i, pose in enumerate(arc(4)[::3])}
+    features = {ViewId(i, "cam"): seen(*pose, seed=i) for i, pose in enumerate(arc(4)[::3])}
     assert len(solve(features, {"cam": GUESS}, [], 1, silent, focal_known={"cam"}).poses) == 2
 
 
@@ -121,18 +124,18 @@ def test_a_turn_is_told_from_a_flat_scene():
 @pytest.mark.parametrize(
     ("features", "cause"),
     [
-        ({("cam", 0): seen(*arc(1)[0])}, "Only one view"),
+        ({ViewId(0, "cam"): seen(*arc(1)[0])}, "Only one view"),
         (
-            {("cam", i): Features(np.empty((0, 2)), np.empty((0, 128), np.float32)) for i in range(4)},
+            {ViewId(i, "cam"): Features(np.empty((0, 2)), np.empty((0, 128), np.float32)) for i in range(4)},
             "without texture",
         ),
         (
-            {("cam", 0): seen(*arc(1)[0]), ("cam", 1): Features(
+            {ViewId(0, "cam"): seen(*arc(1)[0]), ViewId(1, "cam"): Features(
                 seen(*arc(1)[0]).points, np.roll(seen(*arc(1)[0]).descriptors, 64, axis=1))},
             "share enough",
         ),
         (
-            {("cam", i): seen(turned(4.0 * i), turned(4.0 * i) @ (0, 0, 4.0), seed=i) for i in range(5)},
+            {ViewId(i, "cam"): seen(turned(4 * i), turned(4 * i) @ (0, 0, 4.0), seed=i) for i in range(5)},
             "turned on the spot",
         ),
     ],

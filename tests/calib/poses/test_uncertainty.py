@@ -12,6 +12,7 @@ from calib.poses.bundle_adjustment import Free, adjust, opencv_parameters, set_m
 from calib.poses.jacobian import TERMS, linearise
 from imaging.files.colmap import pycolmap
 from imaging.lens import LensModel
+from imaging.session.view_id import ViewId
 
 NOISE = 0.3
 OWN = Free("RADIAL", principal_point=True)
@@ -32,7 +33,7 @@ def made(seed: int, points: int = 200, spare: int = 0) -> Any:
     model = pycolmap.synthesize_dataset(options)
     for image in model.images.values():
         camera, frame = re.findall(r"0*(\d+)", image.name)[:2]
-        image.name = f"cam{camera}/{int(frame):04d}.png"
+        image.name = ViewId(int(frame), f"cam{camera}").image_name
     return model
 
 

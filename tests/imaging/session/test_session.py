@@ -12,6 +12,7 @@ from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session, brackets
+from imaging.session.view_id import ViewId
 
 RECORD = SessionRecord(
     name="demo",
@@ -175,5 +176,5 @@ def test_an_unknown_camera_is_named(session: Session) -> None:
 
 def test_brackets_are_in_order() -> None:
     groups = brackets(reversed(SHOTS))
-    assert list(groups) == [(0, "a"), (0, "b"), (1, "a"), (1, "b")]
-    assert [s.step for s in groups[1, "a"]] == [0, 1]
+    assert list(groups) == [ViewId(0, "a"), ViewId(0, "b"), ViewId(1, "a"), ViewId(1, "b")]
+    assert [s.step for s in groups[ViewId(1, "a")]] == [0, 1]

@@ -17,6 +17,7 @@ from imaging.lens import Lens
 from imaging.mosaic import RawMosaic
 from imaging.session.calibration import Response
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 from recon.data.dataset import lens_of_pixels, load
 from recon.data.holdout import held_out
 from recon.data.pixels import read_shot
@@ -27,11 +28,11 @@ SRGB = Response(kind="srgb", evidence="test")
 
 
 def test_one_view_in_eight_is_held_out_spread_over_frames_and_cameras():
-    names = [(frame, f"cam{camera}") for frame in range(6) for camera in range(4)]
+    names = [ViewId(frame, f"cam{camera}") for frame in range(6) for camera in range(4)]
     out = held_out(names)
     assert len(out) == 3
-    assert len({camera for _, camera in out}) == 3
-    frames = sorted(frame for frame, _ in out)
+    assert len({view.camera for view in out}) == 3
+    frames = sorted(view.frame for view in out)
     assert all(frame in run for frame, run in zip(frames, ((0, 1), (2, 3), (4, 5)), strict=True))
     assert held_out(names[::-1]) == out
 
@@ -39,14 +40,14 @@ def test_one_view_in_eight_is_held_out_spread_over_frames_and_cameras():
 @pytest.mark.parametrize("cameras", [1, 2, 3, 4, 7, 16])
 @pytest.mark.parametrize("frames", [1, 2, 5, 9])
 def test_held_out_split_of_any_rig(cameras, frames):
-    names = [(frame, f"c{camera:02d}") for frame in range(frames) for camera in range(cameras)]
+    names = [ViewId(frame, f"c{camera:02d}") for frame in range(frames) for camera in range(cameras)]
     out = held_out(names)
     if len(names) < 4:
         assert out == set()
         return
     assert len(out) == -(-len(names) // 8)
     assert out < set(names)
-    taken = [sum(camera == f"c{c:02d}" for _, camera in out) for c in range(cameras)]
+    taken = [sum(view.camera == f"c{c:02d}" for view in out) for c in range(cameras)]
     assert max(taken) <= -(-len(out) // min(cameras, 8)) + 1
 
 
@@ -237,7 +238,7 @@ def test_a_split_decides_what_is_held_out_and_what_nobody_looks_at(session_copy)
 def test_a_split_that_contradicts_itself_or_leaves_nothing_is_refused(session_copy):
     files = [shot.file for shot in Session.open(session_copy).shots("scene")]
     write_split(session_copy, files[:1], files[1:])
-    with pytest.raises(InputError, match=r"split\.json trains and tests on camera \S+ at frame \d"):
+    with pytest.raises(InputError, match=r"split\.json trains and tests on view \d{4}/\S+:"):
         load(session_copy)
     write_split(session_copy, ["raw/gone.dng"], files)
     with pytest.raises(ReconstructionError, match=r"leaves no view with a pose to train on"):

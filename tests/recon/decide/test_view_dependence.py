@@ -101,7 +101,7 @@ def test_looks_are_where_calibration_saw_a_point_and_light_is_a_number(toy):
     _, tracks = read_tracks(toy / "calibration" / "colmap")
     before = looks(dataset, images)
     for row, view in enumerate(dataset.train):
-        seen = tracks[f"{view.camera}/{view.frame:04d}.png"]
+        seen = tracks[view.id.image_name]
         looked = np.flatnonzero(np.isfinite(before.light[row]))
         assert set(looked) <= set(seen.tolist())
         assert len(looked) > len(seen) / 2

@@ -87,7 +87,7 @@ def test_the_record_has_the_views_as_training_corrected_them(trained):
     assert {view.name for view in found if view.use == "test"} == {
         view.name for view in opened.dataset.held_out
     }
-    calibrated = {(view.camera, view.frame): view for view in opened.dataset.calibration.views}
+    calibrated = {view.id: view for view in opened.dataset.calibration.views}
     for own, view in zip(found, opened.dataset.views, strict=True):
         camera = own.splat_camera
         assert (
@@ -96,7 +96,7 @@ def test_the_record_has_the_views_as_training_corrected_them(trained):
         )
         assert (camera.lens, camera.width, camera.height) == (view.lens.lens, 32, 24)
         assert [shot.k for shot in own.shots] == [shot.k for shot in view.shots]
-        uncorrected = calibrated[own.camera, own.frame].cam_from_world.matrix()
+        uncorrected = calibrated[own.id].cam_from_world.matrix()
         assert np.allclose(camera.cam_from_world, uncorrected, atol=1e-9) == (own.use != "training")
 
 

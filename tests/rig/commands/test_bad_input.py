@@ -17,6 +17,7 @@ import pytest
 from imaging.errors import PartialError
 from imaging.files import store
 from imaging.files.photo import encode_jpeg
+from imaging.session.view_id import ViewId
 
 from .refusals import EVERY, assert_one_sentence, assert_refused, fill
 
@@ -144,13 +145,13 @@ def test_some_images_without_a_pose_are_listed_and_the_rest_stays(
     from imaging.session.calibration import read_calibration
 
     record = read_calibration(toy)
-    partial = record.model_copy(update={"views": record.views[1:], "unregistered": ("cam0/0000",)})
+    partial = record.model_copy(update={"views": record.views[1:], "unregistered": (ViewId(0, "cam0"),)})
     monkeypatch.setattr("calib.calibrate.calibrate", lambda session, **options: partial)
     code, out, err = rig("calibrate", str(toy), "--json")
     assert code == 3
     assert_one_sentence(err)
-    assert "cam0/0000" in err
-    assert json.loads(out)["unregistered"] == ["cam0/0000"]
+    assert "0000/cam0" in err
+    assert json.loads(out)["unregistered"] == ["0000/cam0"]
     assert json.loads(out)["missing"] in err
 
 
@@ -174,7 +175,7 @@ def test_a_session_that_is_not_calibrated(rig, toy: Path, tmp_path: Path, name: 
 
 @pytest.mark.parametrize(
     ("unregistered", "words"),
-    [((), "run `rig calibrate` in full"), (("cam0/0000", "cam1/0000"), "found none for its 2 images")],
+    [((), "run `rig calibrate` in full"), (("0000/cam0", "0000/cam1"), "found none for its 2 images")],
 )
 def test_a_calibration_without_poses_says_what_there_is_to_do(
     rig, toy: Path, tmp_path: Path, unregistered: tuple[str, ...], words: str

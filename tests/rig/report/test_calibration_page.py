@@ -68,7 +68,13 @@ def test_nothing_from_a_file_is_ever_markup(toy: Path) -> None:
         camera["response"]["evidence"] = evil
     for rung in record["rungs"]:
         rung |= {"name": evil, "reason": evil, "unit": evil}
-    edited(path, cameras=record["cameras"], rungs=record["rungs"], unregistered=[evil], versions={evil: evil})
+    edited(
+        path,
+        cameras=record["cameras"],
+        rungs=record["rungs"],
+        unregistered=[f"0000/{evil}"],
+        versions={evil: evil},
+    )
     page = Page.read(calibration_report(toy, quiet))
     assert_self_contained(page)
     assert page.text.count("<script>alert('x')</script>") >= 10
@@ -77,11 +83,11 @@ def test_nothing_from_a_file_is_ever_markup(toy: Path) -> None:
 def test_an_image_without_a_pose_is_named(toy: Path) -> None:
     path = toy / "calibration" / "calibration.json"
     record = store.read_json(path)
-    edited(path, views=record["views"][1:], unregistered=["cam0/0000"])
+    edited(path, views=record["views"][1:], unregistered=["0000/cam0"])
     text = Page.read(calibration_report(toy, quiet)).text
     assert "5 of 6 images with a pose" in text
     assert "cam0: 2 of 3 images with a pose" in text
-    assert "Without a pose: cam0/0000" in text
+    assert "Without a pose: 0000/cam0" in text
 
 
 @pytest.mark.parametrize(("error", "grade"), [(0.3, "pass"), (1.0, "warn"), (2.0, "fail")])

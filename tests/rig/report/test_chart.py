@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from imaging.session.view_id import ViewId
 from rig.report.charts.chart import (
     BOTTOM,
     HEIGHT,
@@ -140,7 +141,7 @@ def test_cameras_that_look_straight_down_have_a_ground_too() -> None:
 
 
 def test_the_view_from_above_shows_left_to_the_left_and_far_up() -> None:
-    poses = {(0, "left"): look_from([-2, -5, 1], [0, 0, 1]), (0, "right"): look_from([2, -5, 1], [0, 0, 1])}
+    poses = {ViewId(0, name): look_from([x, -5, 1], [0, 0, 1]) for name, x in (("left", -2), ("right", 2))}
     points = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 3.0], [-0.1, 0.2, 1.0]])
     svg = svg_of(top_view(poses, points, "above"))
     eyes = {
@@ -148,7 +149,7 @@ def test_the_view_from_above_shows_left_to_the_left_and_far_up() -> None:
         for group in svg
         if group.tag.endswith("g")
     }
-    assert eyes["left, frame 0"][0] < eyes["right, frame 0"][0]
+    assert eyes["0000/left"][0] < eyes["0000/right"][0]
     (cloud,) = [part for part in svg if part.get("class") == "cloud"]
     height = float(re.match(r"M[\d.]+ ([\d.]+)h0", cloud.get("d"))[1])
-    assert height < eyes["left, frame 0"][1]
+    assert height < eyes["0000/left"][1]

@@ -10,6 +10,7 @@ import pytest
 from imaging.pose import Pose
 from imaging.session.calibration import BoardEvidence, BoardPlace, CalibrationRecord, read_calibration
 from imaging.session.records import Board
+from imaging.session.view_id import ViewId
 from rig.report.charts.board_view import board_figures
 from rig.report.charts.pose_charts import pose_topic
 from rig.report.charts.rig_view import STEPS, turntable
@@ -20,7 +21,7 @@ from .drawings import NOTHING, changed, drawings, of_class, quiet
 
 def test_the_turntable_is_one_scene_from_all_sides(toy: Path) -> None:
     record = read_calibration(toy)
-    poses = {(view.frame, view.camera): view.cam_from_world.matrix() for view in record.views}
+    poses = {view.id: view.cam_from_world.matrix() for view in record.views}
     lenses = {camera.name: camera.lens for camera in record.cameras}
     points = np.random.default_rng(0).normal(0, 1, (50, 3))
     markup = turntable(poses, lenses, points, metric=True)
@@ -49,7 +50,7 @@ def test_every_button_of_the_turntable_shows_its_drawing(toy: Path) -> None:
 
 
 def test_a_single_view_without_points_can_be_turned() -> None:
-    markup = turntable({(0, "cam"): np.eye(4)}, {}, np.zeros((0, 3)), metric=False)
+    markup = turntable({ViewId(0, "cam"): np.eye(4)}, {}, np.zeros((0, 3)), metric=False)
     assert len(drawings(markup)) == STEPS
     assert "nan" not in markup
 
@@ -60,7 +61,7 @@ def test_many_views_are_thinned_and_the_drawing_stays_small() -> None:
     for index in range(1000):
         pose = np.eye(4)
         pose[:3, 3] = rng.normal(0, 3, 3)
-        poses[index // 30, f"cam{index % 30}"] = pose
+        poses[ViewId(index // 30, f"cam{index % 30}")] = pose
     markup = turntable(poses, {}, rng.normal(0, 5, (100_000, 3)), metric=True)
     assert len(markup) < 2e6
     assert len(of_class(drawings(markup)[0], "camera")) == 200

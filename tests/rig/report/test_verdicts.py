@@ -17,6 +17,7 @@ from imaging.session.calibration import (
 )
 from imaging.session.records import Rung
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 from rig.commands.calibrate import poses_result
 from rig.report.charts.residuals import CameraResiduals, Residuals
 from rig.report.pages.calibration import calibration_report
@@ -33,12 +34,13 @@ def test_a_camera_and_a_view_that_miss_are_named(toy: Path) -> None:
 
     record = read_calibration(toy)
     found = Residuals(
-        {"a": own(0.1), "b": own(0.1), "c": own(1.0)}, {("a", 0): 0.1, ("a", 1): 0.1, ("b", 0): 0.9}
+        {"a": own(0.1), "b": own(0.1), "c": own(1.0)},
+        {ViewId(0, "a"): 0.1, ViewId(1, "a"): 0.1, ViewId(0, "b"): 0.9},
     )
     named = list(outliers(record, found))
     assert len(named) == 2
     assert named[0].startswith("Camera c misses scene points by 1.41 px rms, the others by 0.14 px")
-    assert named[1].startswith("View b/0000 misses by 0.90 px rms")
+    assert named[1].startswith("View 0000/b misses by 0.90 px rms")
     even = Residuals({"a": own(0.1), "b": own(0.1), "c": own(0.15)}, {})
     assert not list(outliers(record, even))
 
@@ -48,14 +50,12 @@ def test_a_view_that_is_less_sure_is_named_and_heads_its_table(toy: Path) -> Non
     views = [v.model_copy(update={"error": PoseError(rotation=0.01, translation=0.1)}) for v in record.views]
     views[4] = views[4].model_copy(update={"error": PoseError(rotation=0.2, translation=0.3)})
     record = changed(record, views=tuple(views))
-    name = f"{views[4].camera}/{views[4].frame:04d}"
+    name = str(views[4].id)
     assert any(name in line for line in outliers(record, NOTHING))
     store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
     page = Page.read(calibration_report(toy, quiet))
     table = page.text[page.text.index("The least sure views") :]
-    assert table.index(name) < min(
-        table.index(f"{v.camera}/{v.frame:04d}") for i, v in enumerate(views) if i != 4
-    )
+    assert table.index(name) < min(table.index(str(v.id)) for i, v in enumerate(views) if i != 4)
 
 
 def test_what_lacks_is_asked_for_and_nothing_else(toy: Path) -> None:
@@ -72,12 +72,12 @@ def test_what_lacks_is_asked_for_and_nothing_else(toy: Path) -> None:
         assert words not in told
     store.write_json(toy / "session.json", store.read_json(toy / "session.json") | {"origin": "import"})
     assert "rig capture" not in "\n".join(next_shots(Session.open(toy), record))
-    lost = changed(record, views=record.views[1:], unregistered=("cam0/0000",))
-    assert "cam0/0000 got no pose" in "\n".join(next_shots(session, lost))
+    lost = changed(record, views=record.views[1:], unregistered=(ViewId(0, "cam0"),))
+    assert "0000/cam0 got no pose" in "\n".join(next_shots(session, lost))
     blind = changed(
         record,
         views=tuple(view for view in record.views if view.camera == "cam0"),
-        unregistered=("cam1/0000", "cam1/0001", "cam1/0002"),
+        unregistered=tuple(ViewId(frame, "cam1") for frame in range(3)),
     )
     assert "cam1 has no pose at all" in "\n".join(next_shots(session, blind))
 
@@ -86,7 +86,7 @@ def test_what_the_rig_alone_placed_is_told(toy: Path) -> None:
     record = read_calibration(toy)
     first = record.views[0].model_copy(update={"by_rig": True, "points": 0})
     record = changed(record, views=(first, *record.views[1:]))
-    (asked,) = (words for words in next_shots(Session.open(toy), record) if "cam0/0000" in words)
+    (asked,) = (words for words in next_shots(Session.open(toy), record) if "0000/cam0" in words)
     assert "its pose is the rig's" in asked
     graded = {verdict.text.split(":")[0]: verdict for verdict in verdicts(record, NOTHING)}
     assert graded["cam0"].grade == "warn"
@@ -142,7 +142,7 @@ def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> 
     told = "\n".join(next_shots(Session.open(toy), record))
     assert "corners of cam0 (upper right known to 0.90 px, the middle to 0.10 px)" in told
     assert "--board" not in told
-    assert any("cam0/0007" in line for line in outliers(record, NOTHING))
+    assert any("0007/cam0" in line for line in outliers(record, NOTHING))
     store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
     page = Page.read(calibration_report(toy, quiet))
     assert_self_contained(page)
@@ -155,12 +155,12 @@ def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> 
 
 def test_a_long_list_of_images_without_a_pose_is_cut_short(toy: Path) -> None:
     record = read_calibration(toy)
-    lost = tuple(f"cam0/{frame:04d}" for frame in range(100, 140))
+    lost = tuple(ViewId(frame, "cam0") for frame in range(100, 140))
     store.write_json(
         toy / "calibration" / "calibration.json", changed(record, unregistered=lost).model_dump(mode="json")
     )
     text = Page.read(calibration_report(toy, quiet)).text
-    assert "cam0/0123 and 16 more." in text
+    assert "0123/cam0 and 16 more." in text
     assert "cam0: 3 of 43 images with a pose" in text
 
 
@@ -169,7 +169,7 @@ def test_of_a_camera_whose_response_is_all_that_was_measured_it_is_said() -> Non
     camera = CameraCalibration(name="a", serial="1", response=response)
     record = CalibrationRecord(
         created="2026-01-01T00:00:00Z", versions={}, shots_sha256="", cameras=(camera,), views=(),
-        unregistered=("a/0000",), exposure_scale={},
+        unregistered=(ViewId(0, "a"),), exposure_scale={},
     )  # fmt: skip
     _, own = verdicts(record, NOTHING)
     assert own.text == "a: response measured, with overlapping exposures agreeing to 2 %"

@@ -127,8 +127,7 @@ def test_photos_beside_the_model_come_without_a_pose_and_absent_ones_are_missing
     record = read_calibration(session.folder)
     assert (result.shots, result.views) == (4, 3)
     (alone,) = record.unregistered
-    camera, frame = alone.split("/")
-    assert names[camera, int(frame)] == "later.png"
+    assert names[alone.camera, alone.frame] == "later.png"
     assert len(read_points(session.folder / "calibration" / "colmap").xyz) == 40
 
 

@@ -128,11 +128,11 @@ def test_views_are_brackets_of_one_camera_that_see_what_their_axes_say(tmp_path,
     result, session, record = imported(form(tmp_path / "h"))
     assert (result.layout, result.cameras, result.frames, result.views) == ("hdr-nerf", 1, 4, 4)
     (camera,) = session.record.cameras
-    for (frame, _), group in brackets(session.shots()).items():
+    for view, group in brackets(session.shots()).items():
         assert [shot.reported.time for shot in group] == list(TIMES)
         assert len({Path(shot.source).stem.rsplit("_", 1)[0] for shot in group}) == 1
-        pixels = seen_at(record, camera.name, frame, POINTS)
-        np.testing.assert_allclose(pixels, expected_pixels(CENTRES[frame]), atol=1e-6)
+        pixels = seen_at(record, camera.name, view.frame, POINTS)
+        np.testing.assert_allclose(pixels, expected_pixels(CENTRES[view.frame]), atol=1e-6)
     assert {shot.file: shot.reported.time for shot in session.shots()} == record.exposure_scale
 
 
