@@ -10,6 +10,7 @@ import pytest
 
 from imaging.lens import Lens, fisheye_angle
 from imaging.session.calibration import read_calibration
+from imaging.session.view_id import ViewId
 from rig.report.charts.lens_charts import field, heat_map, lens_topic
 from rig.report.charts.residuals import CameraResiduals, Residuals, read_residuals
 from rig.report.sections.calibrated import _across
@@ -29,7 +30,7 @@ def test_residuals_are_seen_less_projected(toy: Path) -> None:
         np.testing.assert_allclose(own.miss[right], np.broadcast_to(MISS, own.miss[right].shape), atol=1e-6)
         left = own.miss[~right]
         assert abs(left.mean(0)[0]) < 0.1 * MISS[0]
-    assert found.views["cam0", 0] == pytest.approx(math.hypot(*MISS), rel=1e-6)
+    assert found.views[ViewId(0, "cam0")] == pytest.approx(math.hypot(*MISS), rel=1e-6)
 
 
 def test_without_a_model_there_are_no_residuals(tmp_path: Path) -> None:

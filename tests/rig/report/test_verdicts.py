@@ -97,12 +97,12 @@ def test_what_the_rig_alone_placed_is_told(toy: Path) -> None:
 def test_what_the_rig_placed_because_others_contradicted_it_is_not_called_unrecognised(toy: Path) -> None:
     record = read_calibration(toy)
     first = record.views[0].model_copy(update={"by_rig": True, "points": 0})
-    record = changed(record, views=(first, *record.views[1:]), contradicted=("cam0/0000",))
-    (asked,) = (words for words in next_shots(Session.open(toy), record) if "cam0/0000" in words)
-    assert asked.startswith("cam0/0000 contradicts other views about where it stands")
+    record = changed(record, views=(first, *record.views[1:]), contradicted=(ViewId(0, "cam0"),))
+    (asked,) = (words for words in next_shots(Session.open(toy), record) if "0000/cam0" in words)
+    assert asked.startswith("0000/cam0 contradicts other views about where it stands")
     outcome = poses_result(toy, record)
-    (line,) = (line for line in outcome.lines if "cam0/0000" in line)
-    assert line.endswith("cam0/0000 contradicts other images about where it stands: its pose is the rig's")
+    (line,) = (line for line in outcome.lines if "0000/cam0" in line)
+    assert line.endswith("0000/cam0 contradicts other images about where it stands: its pose is the rig's")
     assert outcome.missing is None
 
 
@@ -128,7 +128,7 @@ def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> 
         "views": 30,
         "corners": 500,
         "rms_px": 0.1,
-        "outliers": ["the board misses by 3.00 px in view cam0/0007, 0.10 px in the others."],
+        "outliers": ["the board misses by 3.00 px in view 0007/cam0, 0.10 px in the others."],
     }
     cameras = [
         camera.model_copy(
