@@ -10,7 +10,7 @@ from calib.boards.measure import Measured as MeasuredBoard
 from calib.boards.measure import measure as measure_board
 from calib.colour.measure import Charts, measure_charts
 from calib.colour.recorded import CHART_RUNGS, balance, charts_of, rebalanced, with_balance, with_charts
-from calib.data.views import Progress, View, scene_views
+from calib.data.views import View, scene_views
 from calib.exports import pictures
 from calib.exports.output import write_calibration
 from calib.light import radiometry, tracks, vignetting
@@ -27,6 +27,7 @@ from calib.view_images import Look, look
 from imaging.compute.cores import available_cores
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files import store
+from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, is_stale, read_calibration
 from imaging.session.records import Board, ShotRecord
 from imaging.session.session import Session
@@ -48,7 +49,7 @@ def calibrate(
     only: Part | None = None,
     board: Board | None = None,
     chart: bool = False,
-    progress: Progress = lambda message, done, total: None,
+    progress: Progress = unreported,
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder; returns what was written.
 

@@ -10,7 +10,7 @@ from usb.backend import IBackend
 
 from capture.bracket.exposure_choices import common_isos
 from capture.bracket.planner import Wanted
-from capture.record.recorder import CaptureResult, Progress
+from capture.record.recorder import CaptureResult
 from capture.record.shooting import Say, nothing_beside, shoot
 from capture.record.source import CaptureRequest, Operator, Source, Stops
 from capture.rigfile.rigfile import RigFile
@@ -20,6 +20,7 @@ from drivers.discovery import find_cameras
 from drivers.usb import default_backend
 from imaging.errors import CameraError, CaptureError, InputError
 from imaging.files.dng import Compression
+from imaging.progress import Progress, unreported
 from imaging.session.records import CameraRecord, Subject
 
 
@@ -60,7 +61,7 @@ def capture_rig(
     positions: int | None = None,
     backend: IBackend | None = None,
     clock: Clock | None = None,
-    progress: Progress = lambda message, done, total: None,
+    progress: Progress = unreported,
     say: Say = lambda line: None,
 ) -> CaptureResult:
     """Shoot with the connected cameras that a rig file names into the session folder `out`.

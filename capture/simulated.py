@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from capture.bracket.planner import Wanted
-from capture.record.recorder import CaptureResult, Progress, finished, planned_shots
+from capture.record.recorder import CaptureResult, finished, planned_shots
 from capture.record.shooting import Say, shoot
 from capture.record.source import CaptureRequest, Source, Stops
 from drivers.sim.bus_rig import BusRig
@@ -17,6 +17,7 @@ from drivers.sim.truth import write_truth
 from imaging.errors import PartialError, StorageError
 from imaging.files import store
 from imaging.files.dng import Compression
+from imaging.progress import Progress, unreported
 from imaging.session.records import Board, PlanRecord, Subject
 from imaging.session.session import Session
 
@@ -33,7 +34,7 @@ def capture_simulated(
     resume: bool = False,
     compression: Compression = "none",
     mix: Mix | None = None,
-    progress: Progress = lambda message, done, total: None,
+    progress: Progress = unreported,
     say: Say = lambda line: None,
 ) -> CaptureResult:
     """Shoot with the simulated rig `name` into the session folder `out`, and write the truth beside it.

@@ -11,8 +11,9 @@ import torch
 
 from imaging import metrics
 from imaging.files import store
+from imaging.progress import Progress, unreported
 from recon.data.holdout import FEWEST_FOR_HOLDOUT
-from recon.data.pixels import Progress, Shot
+from recon.data.pixels import Shot
 from recon.data.tone import encode
 from recon.data.truth import calibration_errors, has_truth, response_rmse, true_radiance
 from recon.observe.mixed import Mixed
@@ -37,7 +38,7 @@ LOOKED_AT = (
 Float = npt.NDArray[np.float32]
 
 
-def evaluate(folder: str | Path, progress: Progress | None = None) -> dict[str, Any]:
+def evaluate(folder: str | Path, progress: Progress = unreported) -> dict[str, Any]:
     """Evaluate SESSION/reconstructions/NAME: the metrics, which metrics.json has too.
 
     renders/ and references/ hold the pictures that are compared (`recon.perceptual`).
@@ -83,21 +84,19 @@ def evaluate(folder: str | Path, progress: Progress | None = None) -> dict[str, 
     }
     if seconds:
         result["render_fps"] = 1 / float(np.median(seconds))
-    if progress:
-        progress("rendering held-out views", len(views), len(views))
+    progress("rendering held-out views", len(views), len(views))
     store.write_json(folder / METRICS, result)
     return result
 
 
 def measured(
-    opened: Opened, progress: Progress | None = None
+    opened: Opened, progress: Progress = unreported
 ) -> tuple[list[Float], list[float], list[dict[str, Any]], dict[str, Any]]:
     """Of each reported view light [H, W, 3], seconds a render and figures; and what is pooled over all."""
     views = opened.dataset.reported
     renders, seconds = [], []
     for done, view in enumerate(views):
-        if progress:
-            progress("rendering held-out views", done, len(views))
+        progress("rendering held-out views", done, len(views))
         started = time.perf_counter()
         renders.append(opened.render(view.lens))
         seconds.append(time.perf_counter() - started)

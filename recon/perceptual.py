@@ -20,8 +20,8 @@ from imaging.colour_difference import delta_e
 from imaging.files import store
 from imaging.files.exr import write_exr
 from imaging.files.photo import encode_png
+from imaging.progress import Progress, unreported
 from recon.data.dataset import View
-from recon.data.pixels import Progress
 from recon.render import attributes, stem
 from recon.result.display import displayed
 from recon.result.scene import Opened
@@ -51,7 +51,7 @@ def compare_pictures(
     light: list[Float],
     truth: list[Float] | None,
     scale: float,
-    progress: Progress | None = None,
+    progress: Progress = unreported,
 ) -> list[dict[str, float]]:
     """Write renders/ and references/ of the reported views; a row of figures for each of them.
 
@@ -61,8 +61,7 @@ def compare_pictures(
     """
     rows = []
     for turn, view in enumerate(opened.dataset.reported):
-        if progress:
-            progress("comparing pictures", turn, len(light))
+        progress("comparing pictures", turn, len(light))
         header = attributes(opened.record, view)
         write_exr(folder / RENDERS / f"{stem(view)}.exr", light[turn], attributes=header)
         goal = None

@@ -11,10 +11,10 @@ import torch
 
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
+from imaging.progress import Progress, unreported
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset, load
 from recon.data.light import light_of, radiance_image
-from recon.data.pixels import Progress
 from recon.decide.budget import Budget
 from recon.decide.corrections import refinement_for
 from recon.decide.countdown import Countdown
@@ -60,7 +60,7 @@ def reconstruct(
     replace: bool = False,
     shelf: str = "reconstructions",
     early_stop: bool = False,
-    progress: Progress = lambda message, done, total: None,
+    progress: Progress = unreported,
     tell: Callable[[str], None] = lambda line: None,
     clock: Callable[[], float] = time.monotonic,
     countdown: Countdown | None = None,

@@ -11,7 +11,7 @@ from imaging.colour import SPACE_PRIMARIES, Space, space_from_rec709
 from imaging.files import store
 from imaging.files.exr import write_exr
 from imaging.files.photo import encode_png
-from recon.data.pixels import Progress
+from imaging.progress import Progress, unreported
 from recon.result.display import displayed
 from recon.result.model import ModelRecord
 from recon.result.scene import open_scene
@@ -25,7 +25,7 @@ def render(
     stops: Sequence[float] = (0.0,),
     exposure: float | None = None,
     space: Space = "rec709",
-    progress: Progress | None = None,
+    progress: Progress = unreported,
 ) -> list[Path]:
     """Render views of a reconstruction into `out`; the files written, EXR first.
 
@@ -44,8 +44,7 @@ def render(
     files, pictures = [], []
     store.make_folder(out)
     for done, view in enumerate(chosen):
-        if progress:
-            progress("rendering", done, len(chosen))
+        progress("rendering", done, len(chosen))
         image = scene.radiance(view.splat_camera)
         path = out / f"{stem(view)}.exr"
         write_exr(
@@ -59,8 +58,7 @@ def render(
             path = out / (f"{stem(view)}.png" if len(stops) == 1 else f"{stem(view)}_{step:+g}ev.png")
             store.write_bytes(path, encode_png(displayed(image, 2.0 ** (shown + step))))
             pictures.append(path)
-    if progress:
-        progress("rendering", len(chosen), len(chosen))
+    progress("rendering", len(chosen), len(chosen))
     return files + pictures
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from imaging.extreme_case import Extreme
-from rig.terminal.progress import Progress, unreported
+from imaging.progress import Progress, unreported
 
 
 def extremes(quick: bool, seed: int = 0, progress: Progress = unreported) -> Iterator[Extreme]:

@@ -15,6 +15,7 @@ from drivers.sim.camera.lens import project
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.scene.board import Board as Shown
 from drivers.sim.scene.board import board_from_rig
+from imaging.progress import unreported
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 
@@ -25,10 +26,6 @@ EDGE = 5.0
 FEWEST = 6
 SHOWN = Shown()
 BOARD = Board(**SHOWN.description())
-
-
-def silent(message: str, done: int, total: int) -> None:
-    """Shows nothing."""
 
 
 def rig_of(seed: int) -> SimulatedRig:
@@ -71,7 +68,7 @@ def detected(rig: SimulatedRig, frames: int) -> dict[ViewId, Corners]:
     names = [mount.name for mount in rig.mounts]
     views = [ViewId(frame, name) for name in names for frame in range(frames)]
     pictures = {view: picture(view) for view in views}
-    return find_all(BOARD, views, lambda view: pictures[view], silent)[0]
+    return find_all(BOARD, views, lambda view: pictures[view], unreported)[0]
 
 
 def relative(rig: SimulatedRig, poses: Mapping[str, Array]) -> list[tuple[str, float, float]]:
@@ -88,7 +85,7 @@ def relative(rig: SimulatedRig, poses: Mapping[str, Array]) -> list[tuple[str, f
 
 
 def solved(rig: SimulatedRig, seen: Mapping[ViewId, Corners]) -> Group:
-    return solve_group(BOARD, seen, {mount.name: (WIDTH, HEIGHT) for mount in rig.mounts}, silent)
+    return solve_group(BOARD, seen, {mount.name: (WIDTH, HEIGHT) for mount in rig.mounts}, unreported)
 
 
 def trial(seed: int, rendered: bool) -> dict[str, Any]:

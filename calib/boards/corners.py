@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.views import Progress
 from imaging.errors import CalibrationError
+from imaging.progress import Progress
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 

@@ -8,9 +8,9 @@ import numpy.typing as npt
 
 from calib.boards.corners import Corners
 from calib.boards.rig import Solved, solve
-from calib.data.views import Progress
 from calib.poses.bundle_adjustment import Free
 from calib.poses.fisheye import may_be_fisheye
+from imaging.progress import Progress
 from imaging.session.records import Board, Rung
 from imaging.session.view_id import ViewId
 

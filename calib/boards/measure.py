@@ -9,13 +9,14 @@ import numpy as np
 from calib.boards import ladder, rig, start, uncertainty
 from calib.boards.corners import Corners, Picture, find_all
 from calib.data.previews import luminance
-from calib.data.views import Progress, View, read_view, views_of
+from calib.data.views import View, read_view, views_of
 from calib.poses.sfm import pose_of
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.merge.bracket import merge_bracket
 from imaging.pose import Pose
+from imaging.progress import Progress
 from imaging.session.calibration import BoardEvidence, BoardPlace, LensError, PoseError, Response
 from imaging.session.records import Board, Rung
 from imaging.session.session import Session

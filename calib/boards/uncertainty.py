@@ -15,11 +15,11 @@ import numpy.typing as npt
 from calib.boards.corners import Corners
 from calib.boards.ladder import richest
 from calib.boards.rig import Solved, solve
-from calib.data.views import Progress
 from calib.poses.bundle_adjustment import Free
 from imaging import lens as optics
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
+from imaging.progress import Progress
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 

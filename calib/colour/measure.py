@@ -12,13 +12,14 @@ import numpy.typing as npt
 from calib.colour.chart import NO_FALLOFF, Found, Missed, best, half, locate
 from calib.colour.fit import Fit, Model, Patches, fit, held_out, of_camera
 from calib.colour.reference import EDITION, chart
-from calib.data.views import Progress, View, read_view
+from calib.data.views import View, read_view
 from calib.light.radiometry import Light
 from calib.sensor.metadata import Sensor
 from imaging.errors import CalibrationError
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import read_linear
 from imaging.mosaic import Matrix, as_matrix
+from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord, ChartEvidence, ChartPatch
 from imaging.session.records import Rung
 from imaging.session.session import Session

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from calib.data.matching import match
 from calib.data.previews import enlargement
-from calib.data.views import Progress
 from imaging.files.colmap import pycolmap
+from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 
 Float = npt.NDArray[np.float32]

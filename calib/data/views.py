@@ -1,6 +1,6 @@
 """What a session holds, as calibration sees it: one view per camera and frame, with its bracket."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from imaging.errors import CalibrationError, InputError
@@ -10,9 +10,6 @@ from imaging.session.calibration import Response
 from imaging.session.records import CameraRecord, ShotRecord, Subject
 from imaging.session.session import Session, brackets
 from imaging.session.view_id import ViewId
-
-Progress = Callable[[str, int, int], None]
-"""Called with a message, the number of steps done and the number of all."""
 
 
 @dataclass(frozen=True)

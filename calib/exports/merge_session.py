@@ -14,7 +14,7 @@ hidden in all of them is merged as if it were not, and flagged: it is light, and
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -33,6 +33,7 @@ from imaging.merge.linear_frame import Bool, LinearFrame, read_linear
 from imaging.merge.masks import mask_of, without
 from imaging.merge.picture import BITS, CLIPPED, DARK, GHOST, HIDDEN, picture_of
 from imaging.merge.ratios import overlap, ratio
+from imaging.progress import Progress, unreported
 from imaging.session.calibration import (
     CalibrationRecord,
     CameraCalibration,
@@ -43,8 +44,6 @@ from imaging.session.calibration import (
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 from imaging.session.view_id import ViewId
-
-Progress = Callable[[str, int, int], None]
 
 VERSION = 4
 """Of what is written; another number makes every file anew."""
@@ -85,7 +84,7 @@ def merge_session(
     frame: int | None = None,
     camera: str | None = None,
     space: Space = "rec709",
-    progress: Progress = lambda message, done, total: None,
+    progress: Progress = unreported,
 ) -> list[MergedView]:
     """Merge the brackets of the scene (of one frame, of one camera) into EXR files under `out`.
 

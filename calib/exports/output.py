@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable
 
-from calib.data.views import Progress
 from calib.exports.formats import write_exports
 from calib.exports.pictures import Picture, PointColours
 from calib.poses.sfm import Model
 from imaging.files import store
 from imaging.files.photo import encode_png
+from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId

@@ -6,10 +6,11 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.data.views import Progress, View, read_view
+from calib.data.views import View, read_view
 from imaging.merge.linear_frame import LinearFrame
 from imaging.merge.masks import masked
 from imaging.merge.ratios import LABEL_SIGMA, Linearity, Overlap, Ratio, linearity, overlap, ratio, solve
+from imaging.progress import Progress
 from imaging.session.calibration import Response
 from imaging.session.records import Rung, ShotRecord
 from imaging.session.session import Session

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.data.views import Progress, View
+from calib.data.views import View
 from calib.light import exposures, response
 from calib.light.codes import Patches, Samples, patches, sample
 from calib.light.track_codes import sample_tracks
@@ -14,6 +14,7 @@ from imaging.dial_settings import meant
 from imaging.files.photo import read_photo
 from imaging.merge.masks import mask_of
 from imaging.merge.ratios import Linearity
+from imaging.progress import Progress
 from imaging.session.calibration import Response
 from imaging.session.records import Rung, ShotRecord
 from imaging.session.session import Session

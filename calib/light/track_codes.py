@@ -15,12 +15,13 @@ from scipy import ndimage
 from calib.data.features import FEWEST_MATCHES, Features, extract, unmasked
 from calib.data.matching import match
 from calib.data.previews import preview
-from calib.data.views import Progress, View
+from calib.data.views import View
 from calib.light.codes import CLIPPED, HIGHEST, LOWEST, Samples
 from imaging.files.photo import read_photo
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import Bool, from_codes
 from imaging.merge.masks import mask_of
+from imaging.progress import Progress
 from imaging.session.calibration import Response
 from imaging.session.session import Session
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from calib.data.views import Progress
 from calib.poses.bundle_adjustment import Array, Free, adjust, lens_of, misses
 from calib.poses.fisheye import may_be_fisheye
 from imaging import lens as optics
 from imaging.files.colmap import pycolmap
+from imaging.progress import Progress
 from imaging.session.records import ONE_OF_SEVERAL, Rung
 
 FEWEST_VIEWS = 4

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from calib.data.views import Progress
+from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]

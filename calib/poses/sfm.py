@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.data.features import FEWEST_MATCHES, Features, fill_database
-from calib.data.views import Progress
 from calib.poses import uncertainty as spreads
 from calib.poses.bundle_adjustment import Free, adjust, cut, lens_of, misses
 from calib.poses.contradictions import settle
@@ -20,6 +19,7 @@ from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.pose import Pose
+from imaging.progress import Progress
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.views import Progress, View
+from calib.data.views import View
 from calib.sensor import brackets, emva
 from calib.sensor.brackets import Blind
 from calib.sensor.emva import Frames, Nominal
@@ -19,6 +19,7 @@ from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files.raw import read_raw
 from imaging.merge.masks import mask_of
+from imaging.progress import Progress
 from imaging.sensor import Measured, SensorCalibration
 from imaging.session.records import CameraRecord, ShotRecord
 from imaging.session.session import Session

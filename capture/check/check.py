@@ -14,9 +14,10 @@ from capture.check.repair import RepairReport, repair
 from capture.check.shot_index import read_index, stray_files
 from capture.check.warnings import warnings
 from capture.pictures.read import Picture
-from capture.record.recorder import Progress, leftovers, planned_shots
+from capture.record.recorder import leftovers, planned_shots
 from imaging.errors import InputError
 from imaging.exposure import Exposure
+from imaging.progress import Progress, unreported
 from imaging.session.records import PlanRecord, ShotRecord
 from imaging.session.session import Session
 
@@ -29,7 +30,7 @@ What holds where no plan says another."""
 _MENDS = {"captured": "take it again with rig capture --resume", "imported": "import the photographs again"}
 
 
-def check(session: str | Path, progress: Progress = lambda message, done, total: None) -> CheckReport:
+def check(session: str | Path, progress: Progress = unreported) -> CheckReport:
     """Read every file of a session and hold it against its record, the plans and the rest of its bracket.
 
     Nothing is changed, not even the record of a shot whose exposure is found to be another than its label:

@@ -8,11 +8,11 @@ from pathlib import Path
 from capture.check.findings import Model
 from capture.check.shot_index import read_index, stray_files
 from capture.pictures.read import read_picture
-from capture.record.recorder import Progress
 from capture.record.shot_files import ShotId, mask_file, shot_file
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.merge.masks import read_mask
+from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
@@ -31,7 +31,7 @@ class RepairReport(Model):
     backup: str | None
 
 
-def repair(session: Path, progress: Progress = lambda message, done, total: None) -> RepairReport:
+def repair(session: Path, progress: Progress = unreported) -> RepairReport:
     """Drop the records whose file is not there, add the whole files that have no record.
 
     No file is deleted or changed but shots.jsonl, whose old state is kept beside it. InputError if

@@ -8,12 +8,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from capture.imports.originals import Original, Progress, shown
+from capture.imports.originals import Original, shown
 from capture.record.new_session import begin, is_vacant
 from capture.record.shot_files import ShotId, mask_file, shot_file
 from imaging.errors import InputError, StorageError
 from imaging.files import store
 from imaging.merge.masks import read_mask
+from imaging.progress import Progress
 from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,13 +11,12 @@ from capture.imports.exposure_list import read_exposure_list
 from capture.pictures.read import Kind, Picture, kind_of, read_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
+from imaging.progress import Progress
 
 FOREIGN = dict.fromkeys(
     (".heic", ".heif", ".hif", ".avif"), "convert HEIC to JPEG or TIFF, or set the camera to JPEG"
 ) | dict.fromkeys((".mp4", ".mov"), "extract photographs from a video first, as ffmpeg does")
 """What to do about pictures of kinds that are not read, by their suffix."""
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,12 @@ from capture.imports.grouping import Identity, sort_into_cameras
 from capture.imports.layouts import detect, read_layout
 from capture.imports.layouts.given import Given, LayoutName
 from capture.imports.masks import masks_asked, told_masks
-from capture.imports.originals import FOREIGN, Original, Progress, survey
+from capture.imports.originals import FOREIGN, Original, survey
 from capture.record.new_session import folder_made
 from capture.record.shot_files import ShotId
 from imaging.errors import InputError, PartialError
 from imaging.exposure import Exposure
+from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer
 from imaging.session.records import PlanRecord
 
@@ -60,7 +61,7 @@ def import_photos(
     together: Together | None = None,
     exposures: str | Path | None = None,
     masks: str | Path | None = None,
-    progress: Progress = lambda message, done, total: None,
+    progress: Progress = unreported,
 ) -> ImportResult:
     """Make a session at `out` of the photographs in `folder` and its subfolders; these stay untouched.
 

@@ -25,10 +25,9 @@ from imaging.errors import CameraError, CaptureError, PartialError, RigError, St
 from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.dng import Compression
+from imaging.progress import Progress, unreported
 from imaging.session.records import CameraRecord, PlanRecord, ShotRecord
 from imaging.session.session import Session
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ def record(
     clock: Clock = THIS_MACHINE,
     move_to: Callable[[int], None] = lambda frame: None,
     compression: Compression = "none",
-    progress: Progress = lambda message, done, total: None,
+    progress: Progress = unreported,
     tolerance: float = math.inf,
     leader: str | None = None,
 ) -> CaptureResult:

@@ -10,11 +10,12 @@ from capture.bracket.automatic import meter_rig
 from capture.bracket.metering import Metering
 from capture.bracket.planner import Plan
 from capture.record.new_session import begin, folder_made, is_vacant
-from capture.record.recorder import CaptureResult, Progress, finished, planned_shots, record
+from capture.record.recorder import CaptureResult, finished, planned_shots, record
 from capture.record.resume import continued, must_be_the_same
 from capture.record.session_plan import like, metered_at, plan_for
 from capture.record.source import CaptureRequest, Source
 from imaging.errors import CaptureError, InputError
+from imaging.progress import Progress, unreported
 from imaging.session.lock import sole_writer
 from imaging.session.records import PlanRecord, SessionRecord
 from imaging.session.session import Session
@@ -27,7 +28,7 @@ def shoot(
     out: Path,
     request: CaptureRequest,
     *,
-    progress: Progress = lambda message, done, total: None,
+    progress: Progress = unreported,
     say: Say = lambda line: None,
 ) -> CaptureResult:
     """Shoot what is asked for into the session folder `out`.

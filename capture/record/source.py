@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from capture.bracket.planner import Wanted
-from capture.record.recorder import Progress
 from drivers.camera import Camera
 from drivers.clock import Clock
 from imaging.exposure import Exposure
 from imaging.files.dng import Compression
+from imaging.progress import Progress
 from imaging.session.records import Board, CameraRecord, PlanRecord, Subject
 from imaging.session.session import Session
 

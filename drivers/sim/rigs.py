@@ -23,8 +23,6 @@ from imaging.exposure import Exposure
 from imaging.session.records import CameraRecord, Subject
 
 Array = npt.NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
-
 # Lamp and shadows of the scene both fit: exposures 4 EV apart for a RAW sensor, 7/3 EV for 8-bit codes.
 RAW_BRACKET = tuple(Exposure(time=time, f_number=4.0, iso=100.0) for time in (1 / 1000, 1 / 60, 1 / 4))
 LDR_BRACKET = tuple(

@@ -15,12 +15,13 @@ import numpy.typing as npt
 from drivers.sim.camera import response, shutter
 from drivers.sim.camera.camera import Body, applied_exposure
 from drivers.sim.camera.sensor import Sensor
-from drivers.sim.rigs import Progress, SimulatedRig
+from drivers.sim.rigs import SimulatedRig
 from drivers.sim.scene.subjects import LIGHT
 from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.exr import write_exr
 from imaging.pose import Pose
+from imaging.progress import Progress, unreported
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
@@ -46,9 +47,7 @@ def pose_of(motion: npt.NDArray[np.float64]) -> Pose:
     return Pose(quaternion=(q[0], q[1], q[2], q[3]), translation=(t[0], t[1], t[2]))
 
 
-def write_truth(
-    rig: SimulatedRig, session: Path, progress: Progress = lambda message, done, total: None
-) -> None:
+def write_truth(rig: SimulatedRig, session: Path, progress: Progress = unreported) -> None:
     """Write `truth/` for the frames that the session has shots of, or for all if it has none yet.
 
     Radiance that an earlier run of the session has written stays: the seed makes it the same.

@@ -16,13 +16,14 @@ from imaging.errors import ReconstructionError
 from imaging.files import store
 from imaging.files.colmap import SparsePoints, read_points, read_tracks
 from imaging.lens import Lens
+from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, Response, ViewCalibration, read_calibration
 from imaging.session.falloff import falloff
 from imaging.session.records import CameraRecord, ShotRecord
 from imaging.session.session import SPLIT, Session, brackets
 from imaging.session.view_id import ViewId
 from recon.data.holdout import held_out, tested_views, used_shots
-from recon.data.pixels import Progress, Shot, read_shot
+from recon.data.pixels import Shot, read_shot
 from recon.data.world import SAME, WorldTransform
 from recon.splat import SplatCamera
 
@@ -152,7 +153,7 @@ class Dataset:
         return float(max(1.1 * np.linalg.norm(centres - centres.mean(0), axis=1).max(), 1e-6))
 
 
-def load(session: Path, *, max_width: int | None = None, progress: Progress | None = None) -> Dataset:
+def load(session: Path, *, max_width: int | None = None, progress: Progress = unreported) -> Dataset:
     """Read every view that its own picture placed; images wider than `max_width` are scaled down.
 
     A session whose data set says what it tests on (split.json) holds out just that.
@@ -207,7 +208,7 @@ def read_views(
     world: WorldTransform,
     *,
     max_width: int | None,
-    progress: Progress | None,
+    progress: Progress,
 ) -> Dataset:
     """The shots of each view as a data set, `out` of them held out; all have a pose.
 
@@ -217,8 +218,7 @@ def read_views(
     kinds = {session.camera(view.camera).kind for view in groups}
     views = []
     for done, (place, group) in enumerate(sorted(groups.items())):
-        if progress:
-            progress("reading images", done, len(groups))
+        progress("reading images", done, len(groups))
         view = _view(session, calibration, poses[place], session.camera(place.camera), group, max_width)
         views.append(replace(view, lens=world.camera(view.lens)))
     return Dataset(

@@ -1,7 +1,7 @@
 """The pixels of one shot: a file of any kind read as numbers between 0 and 1, scaled down if asked."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -31,8 +31,6 @@ from imaging.merge.masks import read_mask
 from imaging.sensor import SensorCalibration
 from imaging.session.calibration import Response
 from recon.data.tone import encode
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)

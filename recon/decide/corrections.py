@@ -5,11 +5,11 @@ from typing import get_args
 
 import numpy as np
 
+from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import ONE_OF_SEVERAL, Rung
 from recon.data.dataset import Dataset, View, load
 from recon.data.geometry import inside, project
-from recon.data.pixels import Progress
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
 from recon.decide.trials import Trials, no_trial, room

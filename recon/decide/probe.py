@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
-from recon.data.pixels import Progress
 from recon.train.learning_rates import rate_factor
 from recon.train.ranks import Ranks
 from recon.train.schedule import Schedule
@@ -61,7 +61,7 @@ def probe(
     seconds: float | None,
     *,
     ranks: Ranks = _ALONE,
-    progress: Progress | None = None,
+    progress: Progress = unreported,
     clock: Callable[[], float] = time.monotonic,
 ) -> Probe:
     """Train to the end of a schedule of some dozen iterations, and throw it away.
@@ -71,8 +71,7 @@ def probe(
     None where time is no matter. If that is too short for it, a few iterations have to do.
     """
 
-    if progress:
-        progress("probing the scene", 0, 1)
+    progress("probing the scene", 0, 1)
     count = max(SHORTEST, int(SHARE * plan.iterations))
     if seconds is not None:
         pace = _pace_at_once(begin, dataset, plan, ranks, clock)

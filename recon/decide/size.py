@@ -12,9 +12,9 @@ import numpy.typing as npt
 import torch
 
 from imaging.merge.linear_frame import Bool, Float
+from imaging.progress import Progress
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
-from recon.data.pixels import Progress
 from recon.decide.held_out_evidence import fitted_view
 from recon.decide.presets import START_SHARE
 from recon.decide.settings import Settings

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 from recon.data.dataset import Dataset, View
 from recon.data.holdout import held_out
 from recon.data.light import Light, light_of, radiance_image
-from recon.data.pixels import Progress
 from recon.decide.overrides import Overrides
 from recon.decide.settings import Settings
 from recon.methods import METHODS

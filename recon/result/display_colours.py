@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from imaging.colour import srgb_encode
-from recon.data.pixels import Progress
+from imaging.progress import Progress
 from recon.result.display import displayed
 from recon.scene.appearance import PlainHarmonics, Rate
 from recon.scene.gaussians import GEOMETRY, Gaussians, Renderer

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from imaging.files import store
 from imaging.pose import Pose
+from imaging.progress import Progress
 from imaging.session.records import Rung
 from imaging.session.session import Session
 from recon.data.dataset import Dataset, View, photographs_sha256
-from recon.data.pixels import Progress
 from recon.decide.prediction import ENOUGH, Prediction, enough
 from recon.decide.presets import QUALITIES
 from recon.decide.settings import Settings

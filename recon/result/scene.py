@@ -9,10 +9,10 @@ import numpy.typing as npt
 import torch
 
 from imaging.errors import ReconstructionError
+from imaging.progress import Progress, unreported
 from imaging.session.records import ShotRecord
 from imaging.session.session import SESSION, Session
 from recon.data.dataset import Dataset, View, photographs_sha256, read_views
-from recon.data.pixels import Progress
 from recon.methods import APPEARANCES
 from recon.observe.photographs import Display
 from recon.observe.refinement import Refinement
@@ -124,7 +124,7 @@ def _scene(folder: Path, record: ModelRecord, checkpoint: Checkpoint) -> Scene:
     return Scene(folder, record, Gaussians(checkpoint.part("gaussians")), renderer)
 
 
-def open_model(folder: Path, progress: Progress | None = None) -> Opened:
+def open_model(folder: Path, progress: Progress = unreported) -> Opened:
     """Open a finished reconstruction with the photographs of its session, SESSION/reconstructions/NAME.
 
     They are read by the calibration that it was trained on, which it holds itself. ReconstructionError if the
@@ -139,7 +139,7 @@ def open_model(folder: Path, progress: Progress | None = None) -> Opened:
     return Opened(_scene(folder, record, checkpoint), refinement.corrected(), training)
 
 
-def _dataset(folder: Path, record: ModelRecord, progress: Progress | None) -> Dataset:
+def _dataset(folder: Path, record: ModelRecord, progress: Progress) -> Dataset:
     """The photographs of the scene's views, in the scene's parts."""
     place = folder.resolve().parent.parent
     if not (place / SESSION).is_file():

@@ -5,8 +5,8 @@ from pathlib import Path
 import torch
 
 from imaging.files import store
+from imaging.progress import Progress
 from recon.data.dataset import Dataset
-from recon.data.pixels import Progress
 from recon.data.world import Vector
 from recon.observe.photographs import Display
 from recon.result.display_colours import display_colours, steps_after

@@ -11,10 +11,11 @@ import torch
 
 from imaging.cfa import Cfa, mosaic
 from imaging.extreme_case import Extreme
+from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, Response
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import light_of, radiance_image
-from recon.data.pixels import Progress, Shot
+from recon.data.pixels import Shot
 from recon.data.tone import encode
 from recon.methods import METHODS
 from recon.splat import Limits, SplatCamera, rasterize
@@ -44,11 +45,10 @@ MEDIAN, CHANGE, BLACK, WHITE = 0.5, 0.05, 0.02, 0.1
 changes; of the light in black frames, and of what white ones lack, both relative to white."""
 
 
-def methods(seed: int = 0, progress: Progress | None = None) -> Iterator[Extreme]:
+def methods(seed: int = 0, progress: Progress = unreported) -> Iterator[Extreme]:
     """Each method as usual, in other units of light, at exposures far apart, in the dark, all white."""
     for done, (name, kind) in enumerate(CASES):
-        if progress:
-            progress(f"methods: {name} from {kind}", done, len(CASES))
+        progress(f"methods: {name} from {kind}", done, len(CASES))
         of = f"{name} from {kind}"
         usual, true = learned(name, kind, seed, USUAL)
         yield _row(f"{of}, as usual", "held-out light, median", _miss(usual, true), MEDIAN)

@@ -14,7 +14,7 @@ import torch
 
 from imaging.compute import threads
 from imaging.extreme_case import Extreme
-from recon.data.pixels import Progress
+from imaging.progress import Progress, unreported
 from recon.splat import Limits, Render, SplatCamera, rasterize
 from recon.splat.moved import DELTA
 from recon.splat.torch_threads import torch_on_one_thread
@@ -29,14 +29,13 @@ LAYERS = 1e-2
 """Of what a million faint layers before one pixel let through: their alphas alone have 24 bits."""
 
 
-def splatting(quick: bool, seed: int = 0, progress: Progress | None = None) -> Iterator[Extreme]:
+def splatting(quick: bool, seed: int = 0, progress: Progress = unreported) -> Iterator[Extreme]:
     """Every scene's image and gradients, a million layers by hand, and what may not change a bit."""
     scenes = cases(quick, seed)
     if quick:  # what another unit of light changes is asked below, to the bit
         scenes = {name: make for name, make in scenes.items() if " times 2^" not in name}
     for done, (name, make) in enumerate(scenes.items()):
-        if progress:
-            progress(f"splatting: {name}", done, len(scenes))
+        progress(f"splatting: {name}", done, len(scenes))
         case = make()
         with torch_on_one_thread():  # the oracle's operations are too small to share
             found = accuracy(case, seed)

@@ -10,8 +10,8 @@ import numpy as np
 
 from imaging.compute import threads
 from imaging.files import store
+from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset, load
-from recon.data.pixels import Progress
 from recon.evaluate import measured
 from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS
@@ -38,19 +38,18 @@ def train_point(
     choice: Choice,
     trade: Trade,
     at_once: int = 1,
-    progress: Progress | None = None,
+    progress: Progress = unreported,
     until: float | None = None,
 ) -> Point:
     """Train a choice and measure it at the trade's own size; what was trained is removed.
 
     until: reading of `time.monotonic` at which it is given up, by OutOfTime.
     """
-    heard = progress or _unheard
 
     def watched(message: str, done: int, total: int) -> None:
         if until is not None and time.monotonic() > until:
             raise OutOfTime
-        heard(message, done, total)
+        progress(message, done, total)
 
     key = key_of(choice, trade)
     name = f"point-{key}"
@@ -98,10 +97,6 @@ def train_point(
         )
     finally:  # its scene can be made again by its command
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _unheard(message: str, done: int, total: int) -> None:
-    """Progress of a process that has nobody to tell."""
 
 
 MEASURES = ("raw_psnr", "ldr_psnr_oe", "hdr_psnr_mu")

@@ -12,9 +12,9 @@ from pathlib import Path
 from imaging.compute.cores import available_cores
 from imaging.errors import ReconstructionError, RigError
 from imaging.files import store
+from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.data.holdout import FEWEST_FOR_HOLDOUT
-from recon.data.pixels import Progress
 from recon.decide.method_choice import chosen_method
 from recon.decide.presets import QUALITIES
 from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
@@ -29,7 +29,7 @@ def sweep(
     budget: float,
     workers: int = 1,
     seed: int = 0,
-    progress: Progress = lambda message, done, total: None,
+    progress: Progress = unreported,
     say: Callable[[str], None] = lambda line: None,
     until: float | None = None,
 ) -> Trade:

@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 
 from imaging.errors import ReconstructionError
 from imaging.merge.linear_frame import Bool, Float
+from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.data.geometry import lift, project
-from recon.data.pixels import Progress
 from recon.scene.appearance import Appearance
 from recon.scene.gaussians import Gaussians
 from recon.train.plane_sweep import sample, sweep
@@ -40,7 +40,7 @@ def start_points(
     images: list[tuple[Float, Bool]],
     count: int,
     rng: np.random.Generator,
-    progress: Progress | None = None,
+    progress: Progress = unreported,
     over: Callable[[], bool] | None = None,
 ) -> Start:
     """At most `count` coloured points: SfM points (as many as fit), then points of the plane sweep.
@@ -78,7 +78,7 @@ def start_points(
     return Start(xyz[seen], rgb[seen], int(seen[: len(sparse)].sum()), len(skipped))
 
 
-def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress | None) -> Array:
+def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress) -> Array:
     """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
     points = [np.zeros((0, 3))]
     for found in sweep(dataset.train, [rgb for rgb, _ in images], None, progress=progress):

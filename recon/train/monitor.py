@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from imaging.progress import Progress
 from recon.data.dataset import View
-from recon.data.pixels import Progress
 from recon.train.interrupt import Interrupt
 from recon.train.live_curve import Moment, chosen_views, period
 from recon.train.ranks import Ranks
@@ -29,7 +29,7 @@ class Monitor:
     held_out: Sequence[View]
     log: Callable[[dict[str, Any]], None]
     save: Callable[[], None]
-    progress: Progress | None
+    progress: Progress
     ranks: Ranks
     steers: Sequence[Steer]
     interrupt: Interrupt
@@ -90,8 +90,7 @@ class Monitor:
             "seconds": round(training.seconds, 3),
         }
         self.log(line | ({"held_out_db": round(training.curve[-1].db, 4)} if measured else {}))
-        if self.progress:
-            self.progress(_state(training, loss), training.iteration, self.schedule.total)
+        self.progress(_state(training, loss), training.iteration, self.schedule.total)
 
     def _wish(self) -> int:
         """What the first of the steers that wants a change wants; 0: none does."""

@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.compute.threads import thread_count
+from imaging.progress import Progress, unreported
 from recon.data.dataset import View
 from recon.data.geometry import inside, lift, project, project_camera, rays
-from recon.data.pixels import Progress
 
 Float = npt.NDArray[np.float32]
 Bool = npt.NDArray[np.bool_]
@@ -50,7 +50,7 @@ def sweep(
     points: npt.NDArray[np.float64] | None,
     *,
     width: int = 160,
-    progress: Progress | None = None,
+    progress: Progress = unreported,
     over: Callable[[], bool] | None = None,
     skipped: list[int] | None = None,
 ) -> list[DepthMap]:
@@ -77,8 +77,7 @@ def sweep(
     order = sorted(range(len(views)), key=lambda index: index * GOLDEN % 1)
     with ThreadPoolExecutor(thread_count()) as pool:
         for done, (index, found) in enumerate(zip(order, pool.map(one, order), strict=True)):
-            if progress:
-                progress("sweeping depth", done, len(views))
+            progress("sweeping depth", done, len(views))
             raw[index] = found
     maps = []
     for index, view in enumerate(views):

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset, View
-from recon.data.pixels import Progress
 from recon.observe.refinement import RATES
 from recon.scene.gaussians import Renderer
 from recon.splat import SplatStats
@@ -31,7 +31,7 @@ def train(
     *,
     log: Callable[[dict[str, Any]], None],
     save: Callable[[], None],
-    progress: Progress | None = None,
+    progress: Progress = unreported,
     until: int | None = None,
     ranks: Ranks = _ALONE,
     steers: Sequence[Steer] = (),

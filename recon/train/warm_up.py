@@ -1,15 +1,13 @@
 """Compile every kernel before the work begins, so that the wait has a name."""
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
 
 from imaging.compute.jit import cache_folder
+from imaging.progress import Progress
 from recon.observe.ssim import photometric_loss
 from recon.splat import Limits, SplatCamera, SplatStats, rasterize
 
-Progress = Callable[[str, int, int], None]
 _CPU = torch.device("cpu")
 
 

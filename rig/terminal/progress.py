@@ -7,7 +7,7 @@ is drawn by a thread, so that it moves while a stage is silent.
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol, TextIO
@@ -17,14 +17,6 @@ from rig.terminal.text import plain
 
 GRACE, INTERVAL = 1.0, 5.0
 """Seconds until the first plain line of a stage, and between two of them."""
-
-
-Progress = Callable[[str, int, int], None]
-"""What a stage calls: message, done, total."""
-
-
-def unreported(message: str, done: int, total: int) -> None:
-    """Progress that nobody looks at."""
 
 
 class StatusLine(Protocol):

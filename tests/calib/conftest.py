@@ -13,12 +13,9 @@ from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.photo import encode_jpeg
 from imaging.mosaic import RawMosaic
+from imaging.progress import unreported
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
-
-
-def silent(message: str, done: int, total: int) -> None:
-    """A progress meter that shows nothing."""
 
 
 @pytest.fixture(scope="session")
@@ -29,7 +26,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("arm") / "session"
     capture_simulated("demo", folder, seed=1, frames=3)
-    calibrate(folder, progress=silent)
+    calibrate(folder, progress=unreported)
     return folder
 
 

@@ -17,12 +17,11 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.colmap import pycolmap, read_points
 from imaging.pose import Pose
+from imaging.progress import unreported
 from imaging.session.calibration import is_stale, read_calibration
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from recon.data.truth import calibration_errors
-
-from .conftest import silent
 
 TRUE_POSE_DEG, TRUE_POSE_RELATIVE = 0.1, 0.01
 
@@ -134,7 +133,7 @@ def test_new_shots_make_it_stale(own_arm: Path) -> None:
     shots.write_bytes(shots.read_bytes()[: -len(shots.read_bytes().splitlines(keepends=True)[-1])])
     assert is_stale(own_arm, record)
     with pytest.raises(InputError, match="without --only"):
-        calibrate(own_arm, only="response", progress=silent)
+        calibrate(own_arm, only="response", progress=unreported)
 
 
 @pytest.mark.parametrize("part", ["response", "sensor", "colour"])
@@ -156,7 +155,7 @@ def test_one_part_is_measured_again_and_the_rest_stays(own_arm: Path, part: str)
     )
     path = own_arm / "calibration" / "calibration.json"
     store.write_json(path, spoiled.model_dump(mode="json"))
-    after = calibrate(own_arm, only=part, progress=silent)
+    after = calibrate(own_arm, only=part, progress=unreported)
     assert after == read_calibration(own_arm)
     assert after.views == before.views
     for then, now in zip(before.cameras, after.cameras, strict=True):
@@ -169,7 +168,7 @@ def test_one_part_is_measured_again_and_the_rest_stays(own_arm: Path, part: str)
 
 def test_response_alone_needs_no_poses(own_arm: Path) -> None:
     shutil.rmtree(own_arm / "calibration")
-    record = calibrate(own_arm, only="response", progress=silent)
+    record = calibrate(own_arm, only="response", progress=unreported)
     assert record.views == ()
     assert record.unregistered == ()
     assert calibration_errors(own_arm, record)["exposure_ratio_error_max"] < 2e-3
@@ -227,13 +226,13 @@ def test_stopped_half_way_the_old_calibration_stays(
 
 
 def test_the_same_session_gives_the_same_calibration(small: Path) -> None:
-    first, second = (calibrate(small, progress=silent) for _ in range(2))
+    first, second = (calibrate(small, progress=unreported) for _ in range(2))
     assert len(first.views) == 6
     assert second.model_copy(update={"created": first.created}) == first
 
 
 def test_a_camera_without_a_shot_is_listed_with_nothing_known(small: Path) -> None:
-    record = calibrate(small, progress=silent)
+    record = calibrate(small, progress=unreported)
     assert record.camera("cam3").lens is None
     assert record.camera("cam3").cam_from_rig is None
     assert {view.camera for view in record.views} == {"cam0", "cam1", "cam2"}

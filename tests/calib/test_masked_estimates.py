@@ -18,11 +18,12 @@ from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.merge.linear_frame import decode
 from imaging.mosaic import RawMosaic
+from imaging.progress import unreported
 from imaging.session.session import Session
 from tests.calib.light.test_response import smooth
 from tests.calib.sensor.conftest import MODEL
 
-from .conftest import make_session, silent
+from .conftest import make_session
 
 TIMES = (1.0, 0.25, 0.0625)
 TRUE = np.array([1.0, 0.25 * 1.08, 0.0625 * 0.95])
@@ -62,7 +63,7 @@ def ratio_errors(folder: Path) -> tuple[np.ndarray, float]:
     """ln of the ratios of the exposures over the true ones, and the standard error that is told."""
     session = Session.open(folder)
     views = scene_views(session)
-    found = exposures.estimate(session, views, silent)
+    found = exposures.estimate(session, views, unreported)
     logs = np.log([[found.scale[shot.file] for shot in view.shots] for view in views]) - np.log(TRUE)
     (rung,) = [rung for rung in found.rungs if rung.name == "exposure_ratios"]
     assert rung.standard_error is not None
@@ -104,7 +105,7 @@ def developed(*, rubbish: bool) -> list[list[tuple[np.ndarray, Exposure]]]:
 def curve_error(folder: Path) -> float:
     """Largest departure of the response from sRGB between codes 40 and 240, ln of light; inf: none found."""
     session = Session.open(folder)
-    response = radiometry.measure(session, scene_views(session), silent).responses["cam"]
+    response = radiometry.measure(session, scene_views(session), unreported).responses["cam"]
     if response.kind not in ("curve", "srgb") or response.residual is None:
         return float("inf")
     codes = np.linspace(40, 240, 41)[:, None].repeat(3, 1) / 255
@@ -173,7 +174,7 @@ def test_no_brightness_and_no_verdict_comes_from_behind_a_mask(tmp_path: Path) -
     session = Session.open(folder)
     (view,) = scene_views(session)
     scale = {view.shots[0].file: 1.0}
-    response = radiometry.measure(session, [view], silent).responses["cam"]
+    response = radiometry.measure(session, [view], unreported).responses["cam"]
     seen = look(session, view, scale, response, None, 1)
     assert seen.blank == "saturated"
     assert not np.isfinite(seen.brightness).any()

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 
+from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.session import Session
 from rig.report.charts.topic import Tile
@@ -11,7 +12,6 @@ from rig.report.page import Page, now, write_page
 from rig.report.sections.calibrated import calibrated, is_stale
 from rig.report.sections.captured import captured
 from rig.report.sections.provenance import provenance
-from rig.terminal.progress import Progress, unreported
 from rig.terminal.text import number
 
 

@@ -4,6 +4,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from imaging.files import store
+from imaging.progress import Progress, unreported
 from imaging.session.session import Session
 from recon.result.scene import open_model
 from rig.report.page import Page, now, write_page
@@ -12,7 +13,6 @@ from rig.report.sections.captured import captured
 from rig.report.sections.comparisons import pictures
 from rig.report.sections.provenance import provenance
 from rig.report.sections.quality import quality, tiles
-from rig.terminal.progress import Progress, unreported
 
 
 def reconstruction_report(folder: str | Path, progress: Progress = unreported) -> Path:

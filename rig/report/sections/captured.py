@@ -7,12 +7,12 @@ from statistics import median
 
 from capture.check.warnings import lost_highlights
 from imaging.exposure import Exposure
+from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 from rig.report.charts.calibration_charts import label_ratio
 from rig.report.sections.shots import ShotPreviews, Thumbnail, read_previews
-from rig.terminal.progress import Progress
 from rig.terminal.text import counted, number
 
 DARK_IN_LONGEST = 0.25

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from imaging.colour import srgb_encode
 from imaging.demosaic import demosaic
 from imaging.merge.linear_frame import decode
+from imaging.progress import Progress
 from recon.data.dataset import View
 from recon.data.pixels import Shot
 from recon.data.truth import has_truth, true_radiance
@@ -26,7 +27,6 @@ from rig.report.charts.pictures import (
     three_exposures,
 )
 from rig.report.sections.shots import compressed
-from rig.terminal.progress import Progress
 
 MOST_VIEWS = 6
 WIDTH = 480

@@ -14,10 +14,10 @@ from imaging.errors import RigError
 from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_light
 from imaging.files.raw import read_raw
+from imaging.progress import Progress
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 from rig.report.charts.pictures import developed, fitted, jpeg_uri, three_exposures
-from rig.terminal.progress import Progress
 
 Float = npt.NDArray[np.float32]
 Bool = npt.NDArray[np.bool_]

@@ -5,12 +5,9 @@ import pytest
 
 from calib.boards.corners import PRINTS, Picture, Print, find, find_all
 from imaging.errors import CalibrationError
+from imaging.progress import unreported
 from imaging.session.records import Board
 from tests.calib.boards.conftest import Stage
-
-
-def silent(message: str, done: int, total: int) -> None:
-    pass
 
 
 def picture(stage: Stage, camera: int, frame: int) -> Picture:
@@ -69,7 +66,7 @@ def test_any_print_of_the_board_is_recognised(printed: Print) -> None:
     layout.setLegacyPattern(printed.legacy)
     image = np.pad(np.asarray(layout.generateImage((700, 600))), 40, constant_values=255)
     image = 255 - image if printed.inverted else image
-    found, recognised = find_all(board, [("a", 0)], lambda key: np.asarray(image, np.uint8), silent)
+    found, recognised = find_all(board, [("a", 0)], lambda key: np.asarray(image, np.uint8), unreported)
     assert recognised == printed
     corners = found["a", 0]
     assert corners.ids.tolist() == list(range(30))
@@ -86,7 +83,7 @@ def test_swapped_columns_and_rows_are_named() -> None:
     wrong = stage_board.model_copy(update={"columns": 5, "rows": 7})
     padded = np.pad(np.asarray(image, np.uint8), 40, constant_values=255)
     with pytest.raises(CalibrationError, match="swap columns and rows"):
-        find_all(wrong, [("a", 0)], lambda key: padded, silent)
+        find_all(wrong, [("a", 0)], lambda key: padded, unreported)
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])
@@ -94,7 +91,7 @@ def test_pictures_without_a_board_are_refused(level: int) -> None:
     board = Board(columns=7, rows=5, square=0.03, marker=0.022)
     blank = np.full((240, 320), level, np.uint8)
     with pytest.raises(CalibrationError, match="correct its description, or show it larger"):
-        find_all(board, [("a", 0), ("b", 0)], lambda key: blank, silent)
+        find_all(board, [("a", 0), ("b", 0)], lambda key: blank, unreported)
 
 
 @pytest.mark.parametrize(

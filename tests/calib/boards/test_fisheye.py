@@ -13,12 +13,9 @@ from calib.poses.bundle_adjustment import opencv_parameters, set_model
 from calib.poses.fisheye import may_be_fisheye, nearest_terms
 from calib.poses.known_rig import camera_of
 from imaging.lens import Lens
+from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of
-
-
-def silent(message: str, done: int, total: int) -> None:
-    pass
 
 
 def two(seen: dict[ViewId, Corners]) -> dict[ViewId, Corners]:
@@ -29,7 +26,7 @@ def test_a_fisheye_is_taken_and_known_to_a_fraction_of_a_pixel() -> None:
     """120 degrees across the diagonal; corners good to 0.06 px, one in a hundred wrong."""
     stage = stage_of(3, lens="fisheye")
     seen = two(stage.seen(16, wrong=0.01))
-    group = solve_group(stage.board, seen, dict.fromkeys(("cam0", "cam1"), (WIDTH, HEIGHT)), silent)
+    group = solve_group(stage.board, seen, dict.fromkeys(("cam0", "cam1"), (WIDTH, HEIGHT)), unreported)
     assert group.solved is not None
     assert group.doubt is not None
     assert group.rungs[-1].name == "lens_fisheye"
@@ -61,7 +58,7 @@ def test_a_wide_lens_with_radial_terms_stays_what_it_is(stage: Stage) -> None:
     seen = two(wide.seen(12))
     start = begin(wide.board, seen, dict.fromkeys(("cam0", "cam1"), (WIDTH, HEIGHT)))
     kept, solved = rig.clean(wide.board, seen, start, ladder.RICHEST)
-    free, rungs = ladder.climb(wide.board, kept, solved, silent)
+    free, rungs = ladder.climb(wide.board, kept, solved, unreported)
     assert (rungs[-1].name, rungs[-1].taken) == ("lens_fisheye", False)
     assert free.model in ("SIMPLE_RADIAL", "RADIAL", "OPENCV")
     usual = stage.rig.mounts[0].optics.lens

@@ -11,14 +11,11 @@ from calib.boards.start import begin
 from drivers.sim.camera.lens import project
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
+from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 from tests.calib.boards.conftest import HEIGHT, WIDTH, Stage, stage_of
 
 Array = npt.NDArray[np.float64]
-
-
-def silent(message: str, done: int, total: int) -> None:
-    pass
 
 
 def errors_of(stage: Stage, mounted: dict[str, Array]) -> tuple[list[float], list[float]]:
@@ -37,7 +34,7 @@ def errors_of(stage: Stage, mounted: dict[str, Array]) -> tuple[list[float], lis
 
 def test_a_board_places_the_rig_to_the_figures(stage: Stage) -> None:
     """25 partial views of 4 cameras, corners good to 0.06 px, one in a hundred wrong."""
-    group = solve_group(stage.board, stage.seen(25, wrong=0.01), stage.sizes, silent)
+    group = solve_group(stage.board, stage.seen(25, wrong=0.01), stage.sizes, unreported)
     assert group.solved is not None
     assert group.doubt is not None
     turns, shifts = errors_of(stage, group.solved.cam_from_rig)
@@ -66,7 +63,7 @@ def test_the_true_rig_lies_within_what_is_stated() -> None:
     inside, stated = [], []
     for seed in range(40, 44):
         stage = stage_of(seed)
-        group = solve_group(stage.board, stage.seen(14, wrong=0.005), stage.sizes, silent)
+        group = solve_group(stage.board, stage.seen(14, wrong=0.005), stage.sizes, unreported)
         assert group.solved is not None
         assert group.doubt is not None
         turns, shifts = errors_of(stage, group.solved.cam_from_rig)
@@ -99,7 +96,7 @@ def test_cameras_that_share_no_view_are_named(stage: Stage) -> None:
         for view, corners in stage.seen(20).items()
         if (view.camera in ("cam0", "cam1")) == (view.frame % 2 == 0)
     }
-    group = solve_group(stage.board, seen, stage.sizes, silent)
+    group = solve_group(stage.board, seen, stage.sizes, unreported)
     assert len(group.isolated) == 2
     assert group.solved is not None
     assert set(group.solved.cam_from_rig).isdisjoint(group.isolated)
@@ -133,7 +130,7 @@ def test_a_richer_lens_is_taken_when_it_is_there(stage: Stage) -> None:
             ids = np.flatnonzero((plain > 0).all(1) & (plain < (WIDTH, HEIGHT)).all(1) & (corners[:, 2] > 0))
             if len(ids) >= 6:
                 seen[ViewId(frame, mount.name)] = Corners(ids, points[ids])
-    group = solve_group(stage.board, seen, stage.sizes, silent)
+    group = solve_group(stage.board, seen, stage.sizes, unreported)
     assert {"lens_radial_1", "lens_radial_2", "lens_tangential"} <= {r.name for r in group.rungs if r.taken}
     assert group.solved is not None
     for lens in group.solved.lenses.values():
@@ -151,7 +148,7 @@ def test_a_lens_that_changes_meanwhile_is_found_by_halves(stage: Stage) -> None:
         )
         for view, corners in stage.seen(16).items()
     }
-    group = solve_group(stage.board, seen, stage.sizes, silent)
+    group = solve_group(stage.board, seen, stage.sizes, unreported)
     assert group.doubt is not None
     ratios = group.doubt.halves
     assert max(ratios, key=lambda name: ratios[name]) == "cam2"
@@ -160,7 +157,7 @@ def test_a_lens_that_changes_meanwhile_is_found_by_halves(stage: Stage) -> None:
 
 def test_the_same_corners_give_the_same_rig(stage: Stage) -> None:
     seen = stage.seen(8)
-    one, other = (solve_group(stage.board, seen, stage.sizes, silent) for _ in range(2))
+    one, other = (solve_group(stage.board, seen, stage.sizes, unreported) for _ in range(2))
     assert one.solved is not None
     assert other.solved is not None
     for name, pose in one.solved.cam_from_rig.items():
@@ -197,7 +194,7 @@ def test_corners_with_large_errors_still_give_a_calibration(
         near = np.linalg.norm(corners.points - middle, axis=1) < 0.3 * WIDTH
         if near.sum() >= 6:
             seen[key] = Corners(corners.ids[near], corners.points[near])
-    group = solve_group(stage.board, seen, stage.sizes, silent)
+    group = solve_group(stage.board, seen, stage.sizes, unreported)
     assert group.solved is not None
     assert group.doubt is not None
     for name in group.solved.cam_from_rig:
@@ -208,7 +205,7 @@ def test_corners_with_large_errors_still_give_a_calibration(
 def test_frames_drawn_that_give_no_lens_are_counted(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uncertainty, "DRAWS", 6)
     seen = stage.seen(7)
-    group = solve_group(stage.board, seen, stage.sizes, silent)
+    group = solve_group(stage.board, seen, stage.sizes, unreported)
     assert group.solved is not None
     calls = []
     whole = rig.solve
@@ -220,10 +217,10 @@ def test_frames_drawn_that_give_no_lens_are_counted(stage: Stage, monkeypatch: p
         return whole(*given, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(uncertainty, "solve", failing)
-    doubt = uncertainty.bootstrap(stage.board, seen, group.solved, ladder.RICHEST, 0, silent)
+    doubt = uncertainty.bootstrap(stage.board, seen, group.solved, ladder.RICHEST, 0, unreported)
     assert doubt.failed == 2
     assert doubt.draws == 4
     calls[:] = [1, 1]  # the next one, of all frames together, fails
-    doubt = uncertainty.bootstrap(stage.board, seen, group.solved, ladder.RICHEST, 0, silent)
+    doubt = uncertainty.bootstrap(stage.board, seen, group.solved, ladder.RICHEST, 0, unreported)
     assert doubt.draws == 0
     assert doubt.lenses == {}

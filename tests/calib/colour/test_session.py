@@ -19,9 +19,10 @@ from imaging.colour_difference import delta_e
 from imaging.errors import CalibrationError, InputError
 from imaging.exposure import Exposure
 from imaging.mosaic import Matrix, RawMosaic, as_matrix
+from imaging.progress import unreported
 from imaging.session.calibration import CalibrationRecord, read_calibration
 from imaging.session.records import CameraRecord
-from tests.calib.conftest import make_session, silent
+from tests.calib.conftest import make_session
 
 from .charts import painted, photograph, square_on
 
@@ -77,7 +78,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Path:
         wall_view(lit, 50),
     ]
     made(folder, views, ["a", "a", "a", "b", "b"])
-    calibrate(folder, only="colour", chart=True, progress=silent)
+    calibrate(folder, only="colour", chart=True, progress=unreported)
     return folder
 
 
@@ -143,7 +144,7 @@ def test_balance_is_kept_relative_to_the_cameras_of_the_chart(seen: Path) -> Non
 def test_colours_of_the_files_come_back_without_the_chart(seen: Path) -> None:
     before = json.loads((seen / "calibration" / "calibration.json").read_text())
     try:
-        record = calibrate(seen, only="colour", progress=silent)
+        record = calibrate(seen, only="colour", progress=unreported)
         assert record.camera("a").chart is None
         assert np.array(record.camera("a").camera_from_rec709) == pytest.approx(
             FILES / FILES[1].sum(), abs=1e-4
@@ -156,16 +157,16 @@ def test_colours_of_the_files_come_back_without_the_chart(seen: Path) -> None:
 def test_no_chart_and_no_use_of_one_are_refused(seen: Path, tmp_path: Path) -> None:
     blank = made(tmp_path / "blank", [wall_view(TRUE, 1)], ["a"])
     with pytest.raises(CalibrationError, match=r"no colour chart found \(views searched: 1; nothing looks"):
-        calibrate(blank, only="colour", chart=True, progress=silent)
+        calibrate(blank, only="colour", chart=True, progress=unreported)
     assert not (blank / "calibration").exists()
     with pytest.raises(InputError, match="not of response"):
-        calibrate(seen, only="response", chart=True, progress=silent)
+        calibrate(seen, only="response", chart=True, progress=unreported)
     photos = make_session(
         tmp_path / "photos",
         [[(np.full((64, 96, 3), 99, np.uint8), Exposure(time=1.0, f_number=1.0, iso=100.0))]],
     )
     with pytest.raises(CalibrationError, match="has no RAW view"):
-        calibrate(photos, only="colour", chart=True, progress=silent)
+        calibrate(photos, only="colour", chart=True, progress=unreported)
 
 
 def found_of(camera: np.ndarray, seed: int) -> Found:

@@ -12,15 +12,12 @@ from calib.light import radiometry
 from calib.light.track_codes import _agreeing, _codes_at, sample_tracks
 from capture.imports.photos import import_photos
 from imaging.files import store
+from imaging.progress import unreported
 from imaging.session.records import SplitRecord
 from imaging.session.session import SPLIT, Session
 
 ERROR = 0.05
 """Median disagreement of the light that two views see of a point, natural log: patches, gloss, edges."""
-
-
-def silent(message: str, done: int, total: int) -> None:
-    """No progress."""
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +58,7 @@ def true_log(codes: np.ndarray) -> np.ndarray:
 
 
 def test_views_agree_on_the_light_of_the_points_that_they_share(session, single):
-    found = sample_tracks(Session.open(session), single, labels_of(single), silent)
+    found = sample_tracks(Session.open(session), single, labels_of(single), unreported)
     assert found is not None
     light = true_log(found.codes) - found.log_k[..., None]
     seen = np.isfinite(light[..., 1]).sum(1) >= 2
@@ -78,8 +75,8 @@ def test_views_agree_on_the_light_of_the_points_that_they_share(session, single)
 def test_exposures_that_hardly_differ_tell_nothing(session, single):
     labels = {file: 1.0 + 0.1 * index for index, file in enumerate(labels_of(single))}
     labels = {file: min(label, 1.3) for file, label in labels.items()}
-    assert sample_tracks(Session.open(session), single, labels, silent) is None
-    assert sample_tracks(Session.open(session), single[:1], labels_of(single), silent) is None
+    assert sample_tracks(Session.open(session), single, labels, unreported) is None
+    assert sample_tracks(Session.open(session), single[:1], labels_of(single), unreported) is None
 
 
 def test_a_response_is_measured_where_no_view_has_a_bracket_and_only_from_what_is_for_training(
@@ -94,7 +91,7 @@ def test_a_response_is_measured_where_no_view_has_a_bracket_and_only_from_what_i
     monkeypatch.setattr(
         "calib.light.track_codes.read_photo", lambda path: (read.append(path), read_photo(path))[1]
     )
-    light = radiometry.measure(opened, scene_views(opened), silent)
+    light = radiometry.measure(opened, scene_views(opened), unreported)
     assert sorted(read) == sorted(session / file for file in split.train)
     (response,) = light.responses.values()
     assert response.residual is not None
@@ -120,9 +117,9 @@ def test_what_a_mask_hides_is_no_point(session: Path, single: list[View], tmp_pa
         return View(view.camera, view.frame, (view.shots[0].model_copy(update={"mask": f"masks/{name}"}),))
 
     labels = labels_of(few)
-    whole = sample_tracks(opened, [hidden(few[0], "all.png"), *few[1:]], labels, silent)
-    without = sample_tracks(opened, few[1:], labels, silent)
-    half = sample_tracks(opened, [hidden(view, "half.png") for view in few], labels, silent)
+    whole = sample_tracks(opened, [hidden(few[0], "all.png"), *few[1:]], labels, unreported)
+    without = sample_tracks(opened, few[1:], labels, unreported)
+    half = sample_tracks(opened, [hidden(view, "half.png") for view in few], labels, unreported)
     assert whole is not None
     assert without is not None
     assert half is not None

@@ -13,8 +13,8 @@ from calib.poses.contradictions import settle, unconfirmed
 from calib.poses.sfm import Model, solve
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
+from imaging.progress import unreported
 from imaging.session.view_id import ViewId
-from tests.calib.conftest import silent
 
 Array = np.ndarray
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
@@ -68,7 +68,7 @@ def pillar(alike: bool, lit: bool) -> tuple[dict, dict, Array]:
 def placed(features: Mapping, brightness: Mapping) -> tuple[Model, Mapping]:
     """The model, and the pairs of views that match."""
     with patch("calib.poses.sfm.settle", wraps=settle) as settled:
-        model = solve(features, {"cam": LENS}, [], 1, silent, focal_known={"cam"}, brightness=brightness)
+        model = solve(features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness)
     return model, settled.call_args.args[2]
 
 

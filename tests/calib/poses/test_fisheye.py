@@ -14,6 +14,7 @@ from drivers.sim.camera import lens as simulated
 from imaging import lens as optics
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
+from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 
 WIDTH, HEIGHT, COUNT = 640, 480, 500
@@ -22,10 +23,6 @@ TRUE = Lens(
     k1=0.03, k2=-0.015, k3=0.002, k4=-0.0005,
 )  # fmt: skip
 GUESS = Lens(model="SIMPLE_RADIAL", width=WIDTH, height=HEIGHT, fx=420, fy=420, cx=320, cy=240)
-
-
-def silent(message: str, done: int, total: int) -> None:
-    pass
 
 
 def pose(frame: int) -> np.ndarray:
@@ -59,7 +56,7 @@ def views(frames: int) -> dict[ViewId, Features]:
 def test_a_fisheye_is_found_with_its_corners() -> None:
     """A first pass with radial terms loses the corners: without the second the lens is 10 px off there."""
     features = views(6)
-    model = solve(features, {"cam": GUESS}, [], 1, silent, focal_known={"cam"})
+    model = solve(features, {"cam": GUESS}, [], 1, unreported, focal_known={"cam"})
     rungs = {rung.name: rung for rung in model.rungs}
     assert len(rungs) == len(model.rungs)
     assert rungs["lens_fisheye"].taken
@@ -117,7 +114,7 @@ def test_terms_that_fold_a_lens_over_within_its_image_are_not_taken(monkeypatch:
     monkeypatch.setattr(lens_ladder, "_held_out", lambda *rest: next(losses))
     monkeypatch.setattr(lens_ladder, "_judges", lambda reconstruction: folding)
     monkeypatch.setattr(lens_ladder, "FEWEST_VIEWS", 0)
-    found, rungs = lens_ladder.climb(folding, free, 1.0, 1, silent)
+    found, rungs = lens_ladder.climb(folding, free, 1.0, 1, unreported)
     assert found == free
     assert rungs[-1].name == "lens_fisheye_far"
     assert "fold a lens over" in rungs[-1].reason

@@ -14,15 +14,12 @@ from calib.calibrate import calibrate
 from imaging.files import store
 from imaging.lens import Lens
 from imaging.pose import Pose
+from imaging.progress import unreported
 from imaging.session.calibration import BoardEvidence, CalibrationRecord, LensError, PoseError
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
-
-
-def silent(message: str, done: int, total: int) -> None:
-    """A progress meter that shows nothing."""
 
 
 def truth_of(session: Path) -> dict[str, dict[str, object]]:
@@ -62,7 +59,7 @@ def test_measured_positions_give_the_scale(own_arm: Path) -> None:
         if camera["name"] != "cam2":  # two of them would do
             camera["position"] = centre(mounted(truth[camera["name"]])).tolist()
     store.write_json(own_arm / "session.json", identity)
-    record = calibrate(own_arm, progress=silent)
+    record = calibrate(own_arm, progress=unreported)
     assert record.unit == "m"
     ratios = [
         distance / float(np.linalg.norm(centre(mounted(truth[name])) - centre(mounted(truth["cam0"]))))
@@ -94,7 +91,7 @@ def test_what_a_board_knows_well_stays_as_it_is(own_arm: Path, monkeypatch: pyte
         sure_rig=True,
     )
     monkeypatch.setattr(calibrating, "measure_board", lambda *args: board)
-    record = calibrate(own_arm, progress=silent)
+    record = calibrate(own_arm, progress=unreported)
     assert record.unit == "m"
     assert record.board == board.evidence
     reference = record.camera("cam0")

@@ -8,6 +8,7 @@ import pytest
 from calib.poses import lens_ladder
 from calib.poses.bundle_adjustment import Free
 from imaging.files.colmap import pycolmap
+from imaging.progress import unreported
 
 NOISE = 0.3
 """px, of a standard deviation."""
@@ -31,7 +32,7 @@ def views(seed: int, radial: float, frames: int = 6) -> Any:
 
 def terms(seed: int, radial: float, frames: int = 6) -> list[str]:
     """Those that are taken."""
-    _, rungs = lens_ladder.climb(views(seed, radial, frames), Free(), NOISE, 1, lambda *_: None)
+    _, rungs = lens_ladder.climb(views(seed, radial, frames), Free(), NOISE, 1, unreported)
     return [rung.name for rung in rungs if rung.taken]
 
 
@@ -60,7 +61,7 @@ def test_a_straight_lens_stays_straight(seed):
 
 
 def test_three_views_judge_nothing():
-    free, (rung,) = lens_ladder.climb(views(0, -0.5, frames=3), Free(), NOISE, 1, lambda *_: None)
+    free, (rung,) = lens_ladder.climb(views(0, -0.5, frames=3), Free(), NOISE, 1, unreported)
     assert free == Free()
     assert not rung.taken
     assert "fewer than 4 views" in rung.reason

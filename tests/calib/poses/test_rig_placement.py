@@ -17,11 +17,11 @@ from imaging.files import store
 from imaging.files.dng import write_dng
 from imaging.files.raw import read_raw
 from imaging.pose import Pose
+from imaging.progress import unreported
 from imaging.session.calibration import read_calibration
 from imaging.session.view_id import ViewId
 from recon.data.dataset import load
 from recon.data.truth import calibration_errors
-from tests.calib.conftest import silent
 
 from .test_sfm import GUESS, arc, seen
 
@@ -44,7 +44,7 @@ def model() -> Model:
         for name in RIGS
     }
     features[LOST] = Features(np.empty((0, 2)), np.empty((0, 128), np.float32))
-    return solve(features, {"left": GUESS, "right": GUESS}, [list(RIGS)], 1, silent)
+    return solve(features, {"left": GUESS, "right": GUESS}, [list(RIGS)], 1, unreported)
 
 
 def test_a_lost_view_is_placed_within_its_stated_error(model: Model) -> None:
@@ -115,7 +115,7 @@ def test_black_pictures_of_one_camera_are_listed_as_placed_by_the_rig(
         {"cam0": (0.0, 0.0, 0.0), "cam1": (0.0, 0.0, 0.0)}, {"cam0": 1.0, "cam1": 1.0}, ()
     )
     monkeypatch.setattr(vignetting, "estimate", lambda *rest: none)
-    record = calibrate(own_arm, progress=silent)
+    record = calibrate(own_arm, progress=unreported)
     assert record.unregistered == ()
     (lost,) = (view for view in record.views if view.by_rig)
     assert (lost.camera, lost.frame, lost.points) == ("cam1", 1, 0)

@@ -8,6 +8,7 @@ from calib.data.matching import match
 from calib.poses.sfm import centres, solve
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
+from imaging.progress import unreported
 from imaging.session.view_id import ViewId
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 620.0
@@ -18,10 +19,6 @@ NO_INDEX = np.empty((0, 2), np.uint32)
 RNG = np.random.default_rng(7)
 POINTS = RNG.uniform(-1, 1, (600, 3)) * (1.2, 0.9, 0.7)
 DESCRIPTORS = RNG.normal(size=(600, 128)).astype(np.float32)
-
-
-def silent(message, done, total):
-    pass
 
 
 def turned(degrees):
@@ -61,7 +58,7 @@ def test_a_rig_on_an_arc_is_placed():
         for name, shift in (("left", (0.15, 0, 0)), ("right", (-0.15, 0, 0))):
             features[ViewId(frame, name)] = seen(rotation, translation + shift, seed=frame)
             truth[ViewId(frame, name)] = (rotation, translation + shift)
-    model = solve(features, {"left": GUESS, "right": GUESS}, [["left", "right"]], 1, silent)
+    model = solve(features, {"left": GUESS, "right": GUESS}, [["left", "right"]], 1, unreported)
     assert model.rigged
     assert set(model.poses) == set(features)
     assert model.lenses["left"].fx == pytest.approx(FOCAL, rel=0.02)
@@ -93,7 +90,7 @@ def test_a_rig_on_an_arc_is_placed():
 def test_a_lens_is_bent_only_where_it_is(k1, views):
     """Five views tell of -0.06 by 0.6 to 3 standard errors only, as chance has it."""
     features = {ViewId(i, "cam"): seen(*pose, seed=i, k1=k1) for i, pose in enumerate(arc(views))}
-    model = solve(features, {"cam": GUESS}, [], 1, silent, focal_known={"cam"})
+    model = solve(features, {"cam": GUESS}, [], 1, unreported, focal_known={"cam"})
     (rung,) = [rung for rung in model.rungs if rung.name == "lens_radial_1"]
     assert rung.taken == (k1 != 0)
     assert model.lenses["cam"].k1 == pytest.approx(k1, abs=0.01 if k1 else 0)
@@ -102,7 +99,7 @@ def test_a_lens_is_bent_only_where_it_is(k1, views):
 
 def test_two_views_are_enough():
     features = {ViewId(i, "cam"): seen(*pose, seed=i) for i, pose in enumerate(arc(4)[::3])}
-    assert len(solve(features, {"cam": GUESS}, [], 1, silent, focal_known={"cam"}).poses) == 2
+    assert len(solve(features, {"cam": GUESS}, [], 1, unreported, focal_known={"cam"}).poses) == 2
 
 
 def test_a_turn_is_told_from_a_flat_scene():
@@ -142,5 +139,5 @@ def test_a_turn_is_told_from_a_flat_scene():
 )  # fmt: skip
 def test_the_cause_is_named_when_nothing_can_be_placed(features, cause):
     with pytest.raises(CalibrationError, match=cause) as refused:
-        solve(features, {"cam": GUESS}, [], 1, silent)
+        solve(features, {"cam": GUESS}, [], 1, unreported)
     assert "\n" not in str(refused.value)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from imaging.progress import unreported
 from imaging.session.calibration import PoseError
 from imaging.session.records import Rung
 from recon.data.dataset import load
@@ -21,12 +22,10 @@ def settings(**changed) -> Settings:
 
 
 def test_most_rungs_are_decided_without_a_trial(toy_long, toy_dataset):
-    reasons = [rung.reason for rung in decided(toy_dataset, settings(), lambda *_: None)]
+    reasons = [rung.reason for rung in decided(toy_dataset, settings(), unreported)]
     assert all("5 training views are too few" in reason for reason in reasons)
-    assert all(
-        "draft" in rung.reason for rung in decided(toy_long, settings(quality="draft"), lambda *_: None)
-    )
-    assert all("budget" in rung.reason for rung in decided(toy_long, settings(budget=60.0), lambda *_: None))
+    assert all("draft" in rung.reason for rung in decided(toy_long, settings(quality="draft"), unreported))
+    assert all("budget" in rung.reason for rung in decided(toy_long, settings(budget=60.0), unreported))
 
 
 def test_a_calibration_that_is_sure_of_itself_needs_no_trial(toy_long):
@@ -42,7 +41,7 @@ def test_a_calibration_that_is_sure_of_itself_needs_no_trial(toy_long):
         toy_long, calibration=toy_long.calibration.model_copy(update={"views": views, "rungs": rungs})
     )
     assert pose_error_px(sure) == pytest.approx(0.05, rel=0.05)
-    found = decided(sure, settings(), lambda *_: None)
+    found = decided(sure, settings(), unreported)
     assert [rung.taken for rung in found] == [False] * 3
     assert "0.05 px" in found[0].reason
     assert "0.2 %" in found[1].reason
@@ -62,7 +61,7 @@ def test_exposures_of_photographs_are_as_sure_as_their_curve(toy_ldr, judged, kn
     labels = _rung("exposure_labels", 1e-4 if judged else None, 1e-4, taken=False)
     calibration = dataset.calibration.model_copy(update={"rungs": (labels,)})
     sure = replace(dataset, train=tuple(map(measured, dataset.train)), calibration=calibration)
-    found = decided(sure, settings(method="hdr-gs"), lambda *_: None)[1]
+    found = decided(sure, settings(method="hdr-gs"), unreported)[1]
     assert known in found.reason
     assert not found.taken
 
@@ -70,7 +69,7 @@ def test_exposures_of_photographs_are_as_sure_as_their_curve(toy_ldr, judged, kn
 def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch):
     monkeypatch.setattr("recon.decide.corrections.TRIAL_LOOKS", 2)
     monkeypatch.setattr("recon.decide.corrections.TRIAL_GAUSSIANS", 200)
-    found = tried(toy_long, ["poses"], settings(), lambda *_: None)["poses"]
+    found = tried(toy_long, ["poses"], settings(), unreported)["poses"]
     assert found.name == "refine poses"
     assert found.gain is not None
     assert found.standard_error is not None

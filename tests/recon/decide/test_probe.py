@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from imaging.files import store
+from imaging.progress import unreported
 from recon.data.light import light_of, radiance_image
 from recon.decide.corrections import decided as corrections
 from recon.decide.presets import QUALITIES, Quality
@@ -82,5 +83,5 @@ def test_other_budgets_leave_time_for_corrections(toy_long, monkeypatch, amount,
     monkeypatch.setattr("recon.decide.corrections.TRIAL_LOOKS", 1)
     monkeypatch.setattr("recon.decide.corrections.TRIAL_GAUSSIANS", 100)
     wanted = settings(iterations=5, budget=amount, budget_unit=unit)
-    found = corrections(toy_long, wanted, lambda *_: None)
+    found = corrections(toy_long, wanted, unreported)
     assert all(rung.gain is not None for rung in found)

@@ -11,6 +11,7 @@ import recon.decide.size as module
 from bench.support import oracle
 from drivers.sim import rigs
 from imaging.files import store
+from imaging.progress import unreported
 from recon.data.dataset import load
 from recon.data.light import radiance_image
 from recon.decide.overrides import Overrides
@@ -28,10 +29,6 @@ from recon.train.initialisation import Start, start_points
 from recon.train.ranks import Ranks
 
 QUICK = Quality(80, 800, 64)
-
-
-def unheard(message: str, done: int, total: int) -> None:
-    pass
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +57,7 @@ def decide(dataset, wanted):
     rng, refined = np.random.Generator(np.random.PCG64(0)), Refinement.of(dataset, ())
     colour = degree_for(dataset, wanted, images, Ranks())
     points = start_points(dataset, images, most_for(dataset, wanted, colour[0]) // 2, rng)
-    return size_for(dataset, wanted, colour, refined, points, Ranks(), unheard, "cpu")
+    return size_for(dataset, wanted, colour, refined, points, Ranks(), unreported, "cpu")
 
 
 def test_the_fewest_lie_where_the_curve_crosses_the_line(monkeypatch):
@@ -152,7 +149,7 @@ def test_as_few_as_are_as_good(many, monkeypatch):
     """All halvings are taken where none loses."""
     monkeypatch.setattr(module.Ladder, "db", lambda self, count: np.full(4, 30.0))
     wanted, refined = settings(max_gaussians=1600), Refinement.of(many, ())
-    number, count = decided(many, wanted, 1, refined, None, unheard, "cpu")
+    number, count = decided(many, wanted, 1, refined, None, unreported, "cpu")
     assert count == 1600 // 2**module.MOST_HALVINGS == 50
     assert number.taken
 
@@ -200,12 +197,12 @@ def test_the_first_process_decides(many, monkeypatch):
     monkeypatch.setattr(module, "decided", lambda *_: pytest.fail("decided twice"))
     images, refined, second = [radiance_image(view) for view in many.train], Refinement.of(many, ()), Second()
     colour = degree_for(many, settings(), images, second)
-    size = size_for(many, settings(), colour, refined, None, second, unheard, "cpu")
+    size = size_for(many, settings(), colour, refined, None, second, unreported, "cpu")
     assert (size.gaussians, size.degree) == (1234, 1)
 
 
 def test_trials_see_no_view_that_judges_and_none_that_is_held_out(many):
-    trials = Trials.of(many, settings(), 500, unheard)
+    trials = Trials.of(many, settings(), 500, unreported)
     trained, judged = ({view.name for view in views} for views in (trials.part.train, trials.judged))
     assert len(judged) >= 4
     assert not trained & judged

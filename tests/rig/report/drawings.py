@@ -11,10 +11,6 @@ from rig.report.charts.residuals import Residuals
 NOTHING = Residuals({}, {})
 
 
-def quiet(message: str, done: int, total: int) -> None:
-    """No progress."""
-
-
 def drawings(markup: str) -> list[ElementTree.Element]:
     return [ElementTree.fromstring(text) for text in re.findall(r"<svg.*?</svg>", markup, re.DOTALL)]
 

@@ -7,6 +7,7 @@ import pytest
 
 from calib.sensor import metadata
 from imaging.files import store
+from imaging.progress import unreported
 from imaging.session.calibration import (
     CalibrationRecord,
     CameraCalibration,
@@ -24,7 +25,7 @@ from rig.report.pages.calibration import calibration_report
 from rig.report.sections.next_shots import next_shots
 from rig.report.sections.verdicts import outliers, verdicts
 
-from .drawings import NOTHING, SENSOR, changed, quiet, with_sensor
+from .drawings import NOTHING, SENSOR, changed, with_sensor
 from .pages import Page, assert_self_contained
 
 
@@ -53,7 +54,7 @@ def test_a_view_that_is_less_sure_is_named_and_heads_its_table(toy: Path) -> Non
     name = str(views[4].id)
     assert any(name in line for line in outliers(record, NOTHING))
     store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
-    page = Page.read(calibration_report(toy, quiet))
+    page = Page.read(calibration_report(toy, unreported))
     table = page.text[page.text.index("The least sure views") :]
     assert table.index(name) < min(table.index(str(v.id)) for i, v in enumerate(views) if i != 4)
 
@@ -144,7 +145,7 @@ def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> 
     assert "--board" not in told
     assert any("0007/cam0" in line for line in outliers(record, NOTHING))
     store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
-    page = Page.read(calibration_report(toy, quiet))
+    page = Page.read(calibration_report(toy, unreported))
     assert_self_contained(page)
     assert "Projection uncertainty" in page.text
     assert (
@@ -159,7 +160,7 @@ def test_a_long_list_of_images_without_a_pose_is_cut_short(toy: Path) -> None:
     store.write_json(
         toy / "calibration" / "calibration.json", changed(record, unregistered=lost).model_dump(mode="json")
     )
-    text = Page.read(calibration_report(toy, quiet)).text
+    text = Page.read(calibration_report(toy, unreported)).text
     assert "0123/cam0 and 16 more." in text
     assert "cam0: 3 of 43 images with a pose" in text
 
