@@ -1,4 +1,4 @@
-"""The errors that a user may see; each message is one sentence: what, where, the mend.
+"""The errors that a user may see; each message is one sentence: what, where, how to fix it.
 
     RigError                exit 2: the input or the usage is at fault, nothing usable came out
     ├── InputError          a file, folder or option that cannot be used

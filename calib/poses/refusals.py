@@ -28,10 +28,10 @@ def refuse_hopeless(features: Mapping[ViewId, Features], blank: Mapping[ViewId, 
     if len(features) - len(lost) < 2:
         causes = list(lost.values())
         cause = max(sorted(set(causes)), key=causes.count)
-        mend = {"black": "expose longer or light the scene", "saturated": "expose shorter"}
+        fixes = {"black": "expose longer or light the scene", "saturated": "expose shorter"}
         raise CalibrationError(
             f"{len(lost)} of {len(features)} views show nothing to hold on to, {causes.count(cause)} of them "
-            f"are {cause}: {mend.get(cause, 'focus, hold still, or put texture into the scene')}."
+            f"are {cause}: {fixes.get(cause, 'focus, hold still, or put texture into the scene')}."
         )
 
 

@@ -35,7 +35,7 @@ class Model(BaseModel):
 
 
 class Problem(Model):
-    """Something that is wrong: `message` is one sentence that ends with the mend.
+    """Something that is wrong: `message` is one sentence that ends with how to fix it.
 
     file: relative to the session; "" if it is about no file.
     """

@@ -47,7 +47,7 @@ class ImportResult:
         if self.missing:
             raise PartialError(
                 f"{self.session}: {len(self.missing)} of {self.shots + len(self.missing)} photos are missing "
-                f"({'; '.join(self.missing)}): mend those files and import again into a new folder."
+                f"({'; '.join(self.missing)}): repair those files and import again into a new folder."
             )
 
 

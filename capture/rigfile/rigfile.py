@@ -229,8 +229,8 @@ def _told(path: Path, error: ErrorDetails, lines: Mapping[KeyPath, int]) -> str:
     if kind == "extra_forbidden":
         known = _known(keys[:-1])
         near = difflib.get_close_matches(key, known, 1)
-        mend = f"did you mean {near[0]}?" if near else f"the keys here are {', '.join(known)}."
-        return f"{where}: there is no key {key!r}; {mend}"
+        fix = f"did you mean {near[0]}?" if near else f"the keys here are {', '.join(known)}."
+        return f"{where}: there is no key {key!r}; {fix}"
     if keys == ("camera",) and kind in ("missing", "too_short"):
         return f"{path} names no camera: add a [[camera]] with name and serial, or write it with rig init."
     if kind == "missing":

@@ -137,7 +137,7 @@ class StreamChannel:
     def next_frame(self, timeout: float) -> Frame:
         """The next frame, complete or not, that begins within `timeout` s. CameraTimeout if none does.
 
-        EndpointStalled, which is mended then, if the camera halted the stream instead.
+        EndpointStalled, which is cleared then, if the camera halted the stream instead.
         """
         leader = self._leader(timeout)
         payload = np.empty(self._payload, np.uint8)

@@ -266,6 +266,6 @@ def _stored(path: Path, name: str, plane: npt.NDArray[Any], half: bool) -> npt.N
     with np.errstate(over="ignore"):
         stored = np.ascontiguousarray(plane, dtype=kind)
     if np.any(np.isinf(stored) & np.isfinite(plane)):
-        mend = "write it as float" if half else "scale it down"
-        raise InputError(f"{path}: channel {name} exceeds {np.finfo(kind).max:g}, the largest value: {mend}.")
+        fix = "write it as float" if half else "scale it down"
+        raise InputError(f"{path}: channel {name} exceeds {np.finfo(kind).max:g}, the largest value: {fix}.")
     return stored

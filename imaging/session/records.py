@@ -120,7 +120,7 @@ class PlanRecord(Record):
     asked: str | None = None
     """The bracket in the words in which it was asked for: whoever goes on with the plan asks for the same."""
     board: Board | None = None
-    """What is shown, of a plan of kind board; None: to be told when it is calibrated."""
+    """What is shown, of a plan of kind board; None: `rig calibrate` has to be given it."""
     tolerance: float | None = Field(default=None, gt=0)
     """Seconds between the shutters of a step that are still together; None: the rig's file does not say."""
 

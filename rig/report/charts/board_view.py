@@ -39,7 +39,7 @@ def board_figures(record: CalibrationRecord) -> Iterable[Figure]:
         if boards:
             yield Figure(
                 f"The board before {', '.join(names) if len(names) <= 4 else counted(len(names), 'camera')}",
-                "Each rectangle is the board at one frame. It tells the most when held near and far, tilted "
+                "Each rectangle is the board at one frame. It is most use held near and far, tilted "
                 "to all sides, and in the corners of every image.",
                 turntable(
                     {ViewId(0, name): pose for name, pose in cameras.items()},

@@ -63,9 +63,9 @@ def _figures(record: CalibrationRecord, residuals: Residuals) -> Iterable[Figure
         top = max((float(one) for _, values, _ in unsure for one in values[np.isfinite(values)]), default=0.0)
         yield Figure(
             "Projection uncertainty",
-            "Standard error, px, of where a far point lands in the image, when the camera's own turn is not "
-            "counted: what the board does not tell of the lens. Large in corners that it never reached, and "
-            "unknown (?) where its frames do not even tell that the lens sees that far."
+            "Standard error, px, of where a far point lands in the image, with the camera's own rotation "
+            "left out: what the board leaves unknown of the lens. Large in corners that it never reached, "
+            "and unknown (?) where its frames do not even show that the lens sees that far."
             + _chosen(len(unsure), len(maps), "the least sure"),
             _small([heat_map(name, values, lens, top) for name, values, lens in sorted(unsure)]),
             wide=True,
@@ -239,7 +239,7 @@ def _tables(record: CalibrationRecord) -> Iterable[Table]:
         yield Table(
             "Places in the rig",
             "Where each camera stands in the rig's frame, and how far it is turned from it. Standard errors "
-            + ("are those of the board." if kept else "are those of its views, as the scene tells them."),
+            + ("are those of the board." if kept else "are those of its views, from the scene."),
             ("Camera", f"#x, {unit}", f"#y, {unit}", f"#z, {unit}", "#Turned, °", f"#Standard error, {unit}",
              "#Standard error, °"),
             tuple(_place(camera, scale) for camera in mounted),

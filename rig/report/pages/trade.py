@@ -71,8 +71,8 @@ def trade_off(trade: Trade) -> TradeSection:
         lead="All scenes are measured on the same held-out views at the same size, whatever they were "
         "trained at. A dot is a training of its own: a moment of a longer one would look worse than it is, "
         "since its learning rates are still high.",
-        caution=f"Up to {several} trainings shared the machine, so their seconds tell nothing of one that "
-        "has it alone: processor time is drawn instead."
+        caution=f"Up to {several} trainings shared the machine, so their seconds say little of one that "
+        "has it to itself: processor time is drawn instead."
         if several > 1
         else "",
         figures=tuple(figures(trade)),
@@ -93,9 +93,9 @@ def _tables(trade: Trade) -> Iterable[Table]:
     if standard is not None:
         yield Table(
             "What each setting buys",
-            "One thing changed of the preset standard; the error is that of the mean over held-out views, "
-            "paired. A difference within twice its error may be chance. The time of standard has its trials "
-            "in it, whose outcome the others are given.",
+            "The preset standard with one thing changed; the error is that of the mean over held-out views, "
+            "paired. A difference within twice its error may be chance. The time of standard includes its "
+            "trials, whose results the others are given.",
             ("Changed", "#To", "#From", "#Gain, dB", "#Time", "#Size"),
             tuple(_changes(trade, standard)),
         )

@@ -1,4 +1,4 @@
-"""What to shoot next: sentences that follow from what a calibration could not tell, or told badly."""
+"""What to shoot next: sentences that follow from what a calibration could not measure, or not well."""
 
 from collections.abc import Iterable, Sequence
 
@@ -146,7 +146,7 @@ def _board(session: Session, record: CalibrationRecord) -> Iterable[str]:
         yield f"The board did not reach the corners of {_named(edges)}: hold it there too."
     if any(rung.name == "board_rig" and not rung.taken for rung in record.rungs):
         yield (
-            "The board does not tell the rig well enough to be kept: hold it where several cameras see it "
+            "The board does not determine the rig well enough: hold it where several cameras see it "
             "at once, nearer, and in more frames."
         )
 

@@ -19,8 +19,8 @@ from rig.terminal.text import counted, duration, number, size
 
 ENDINGS = {
     "early stop": "before its schedule did, since held-out views hardly got better",
-    "goal": "when held-out views were as good as was asked for",
-    "interrupted": "by Ctrl-C; the same command goes on from there",
+    "goal": "when held-out views were as good as asked for",
+    "interrupted": "by Ctrl-C; the same command continues from there",
 }
 
 
@@ -32,7 +32,7 @@ FILES = {
     "refinement.json": "What training corrected in the calibration",
     "metrics.json": "The metrics of this page",
     "train.jsonl": "The training's log",
-    "checkpoint.safetensors": "Every parameter, to render with and to go on from",
+    "checkpoint.safetensors": "Every parameter, to render with and to continue from",
 }
 
 
