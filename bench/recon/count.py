@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-import recon.reconstruct
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache, session
+from recon.decide import decisions
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.size import COLOUR, COUNT
@@ -41,16 +41,16 @@ MEASURES = {"truth": "hdr_psnr_mu_aligned", "pictures": "raw_psnr"}
 def train(folder: Path, quality: Quality, seed: int, overrides: Overrides) -> dict[str, Any]:
     """One training: metrics, seconds of the processor in all and of the trials, and what was decided."""
     spent: list[float] = []
-    decide = recon.reconstruct.size_for
+    decide = decisions.gaussians_for
 
     def timed(*arguments: Any) -> Any:
         began = time.process_time()
-        size = decide(*arguments)
+        chosen = decide(*arguments)
         spent.append(time.process_time() - began)
-        return size
+        return chosen
 
     warm_up(lambda message, done, total: None)
-    with mock.patch.dict(QUALITIES, standard=quality), mock.patch("recon.reconstruct.size_for", timed):
+    with mock.patch.dict(QUALITIES, standard=quality), mock.patch.object(decisions, "gaussians_for", timed):
         began = time.process_time()
         made = reconstruct(folder, seed=seed, overrides=overrides, name="count")
         used = time.process_time() - began

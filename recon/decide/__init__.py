@@ -1,1 +1,17 @@
-"""Which training runs: method, size, degree, corrections, budget. Each leaves its evidence as a rung."""
+"""Which training runs. Nothing below trains a scene: it decides one, and leaves the evidence as rungs.
+
+A rung is one decision in a record: what it is about, whether it was taken, why, and by how much it gained.
+The order, which `decisions.py` has as code:
+
+1. method: by the kind of the images and whether a tone curve can be told from the light (`method_choice`);
+   with preset, budget and overrides it makes the `settings` that were asked for.
+2. iterations at most: as asked for, with early stop as many as were worth it in other scenes (`prediction`).
+3. report: whether a budget of time has room for it, and for any training at all (`countdown`).
+4. degree of the harmonics: by what scene points look like from all sides (`view_dependence`).
+5. most Gaussians: by the budget, or by how many samples the training views hold (`size`).
+6. starting points: with the depths of as many views as the time has room for.
+7. trials: whether short trainings may decide what follows (`trials`, `probe`).
+8. corrections of the calibration: by its own errors, else by trials (`corrections`).
+9. number of Gaussians: by trials that halve it (`size`).
+10. iterations, and the predicted quality: by a training in miniature (`probe`, `prediction`).
+"""

@@ -12,7 +12,7 @@ from recon.data.dataset import Dataset, View, load
 from recon.data.geometry import inside, project
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
-from recon.decide.trials import Trials, no_trial, room
+from recon.decide.trials import Trials, room
 from recon.methods import vanilla
 from recon.observe.refinement import Refined, Refinement
 from recon.train.ranks import Ranks
@@ -33,33 +33,40 @@ TRIAL_SHARE = 0.2
 UNIT = "dB of the residuals of views held out of a trial"
 
 
-def refinement_for(dataset: Dataset, settings: Settings, ranks: Ranks, progress: Progress) -> Refinement:
-    """What a training with these settings corrects: as asked, else as decided; the same on all ranks."""
+def refinement_for(
+    dataset: Dataset, settings: Settings, against_trials: str | None, ranks: Ranks, progress: Progress
+) -> Refinement:
+    """What a training with these settings corrects: as asked, else by evidence; the same on all ranks.
+
+    against_trials: why none is made; None: they are.
+    """
     asked = settings.overrides.refine
     if asked is not None:
         rungs = [
             _rung(name, name in asked, "asked for" if name in asked else "not asked for") for name in ALL
         ]
     elif ranks.first:
-        rungs = decided(dataset, settings, progress)
+        rungs = rungs_by_evidence(dataset, settings, against_trials, progress)
     else:
         rungs = [_rung(name, False, "as the first process decided") for name in ALL]
     taken = [name for name, rung in zip(ALL, rungs, strict=True) if ranks.told(float(rung.taken))]
     return Refinement.of(dataset, taken, tuple(rungs))
 
 
-def decided(dataset: Dataset, settings: Settings, progress: Progress) -> list[Rung]:
-    """A rung for each correction, in order: by what is known, else by a trial, else not taken."""
-    known = {name: _known(name, dataset, settings.method) for name in ALL}
-    unknown = [name for name in ALL if known[name] is None]
-    if unknown and (why_not := no_trial(dataset, settings)):
-        known |= {name: _rung(name, False, why_not) for name in unknown}
-    elif unknown:
+def rungs_by_evidence(
+    dataset: Dataset, settings: Settings, against_trials: str | None, progress: Progress
+) -> list[Rung]:
+    """A rung for each correction, in order: by the calibration, else by a trial, else not taken."""
+    rungs = {name: _without_trial(name, dataset, settings.method) for name in ALL}
+    undecided = [name for name in ALL if rungs[name] is None]
+    if undecided and against_trials is not None:
+        rungs |= {name: _rung(name, False, against_trials) for name in undecided}
+    elif undecided:
         small = dataset
         if settings.max_width > TRIAL_WIDTH:
             small = load(dataset.session, max_width=TRIAL_WIDTH, progress=progress)
-        known |= tried(small, unknown, settings, progress)
-    return [rung for rung in known.values() if rung is not None]
+        rungs |= tried(small, undecided, settings, progress)
+    return [rung for rung in rungs.values() if rung is not None]
 
 
 def tried(
@@ -67,7 +74,7 @@ def tried(
 ) -> dict[Refined, Rung]:
     """A short training without corrections and one with each of `names`, judged on views that none saw."""
     most = min(TRIAL_GAUSSIANS, room(dataset))
-    trials = Trials.of(dataset, settings, most // 2, progress)
+    trials = Trials.from_new_points(dataset, settings, most // 2, progress)
     part, judged, extent = trials.part, trials.judged, trials.part.extent
     looks = round(TRIAL_SHARE * settings.iterations * settings.batch)
     iterations = max(TRIAL_LOOKS * len(part.train), looks)
@@ -94,7 +101,7 @@ def tried(
     return rungs
 
 
-def _known(name: Refined, dataset: Dataset, method: str) -> Rung | None:
+def _without_trial(name: Refined, dataset: Dataset, method: str) -> Rung | None:
     """The rung, where it is decided without a trial."""
     calibration = dataset.calibration
     if name == "poses":

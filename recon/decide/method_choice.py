@@ -2,14 +2,31 @@
 
 import numpy as np
 
+from imaging.errors import ReconstructionError
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
+from recon.decide.presets import MethodName
 from recon.methods import hdr_gs, nh_3dgs, vanilla
 from recon.observe.calibrated_curves import Curves
 from recon.observe.tone_grid import EXACT
 
 STOP_APART = 0.99
 """Stops between exposures from which a bracket counts as one (a little less than one, for rounding)."""
+
+
+def method_for(dataset: Dataset, asked: MethodName) -> tuple[str, tuple[Rung, ...]]:
+    """The method as asked for, or chosen, and the reasons; ReconstructionError where it does not fit."""
+    if asked == "auto":
+        return chosen_method(dataset)
+    if asked == hdr_gs.NAME and dataset.kind != "ldr":
+        raise ReconstructionError(
+            f"{dataset.session} holds linear images, which have no tone curve to learn: use --method nh-3dgs."
+        )
+    if asked == nh_3dgs.NAME and dataset.kind == "ldr":
+        raise ReconstructionError(
+            f"{dataset.session} holds developed photographs, no linear light: use --method hdr-gs or vanilla."
+        )
+    return asked, (_rung("method", True, "asked for"),)
 
 
 def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:

@@ -1,5 +1,6 @@
 """What decides a training besides the session."""
 
+import math
 from typing import Literal
 
 from imaging.record import Record
@@ -7,6 +8,7 @@ from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.decide.budget import Budget, Unit
 from recon.decide.overrides import Overrides
+from recon.decide.presets import QUALITIES, START_SHARE, QualityName
 from recon.methods import METHODS
 from recon.methods.method import Method
 from recon.train.densification import DensityRules
@@ -42,6 +44,11 @@ class Settings(Record):
         """Whether held-out views may end the training."""
         return self.early_stop or (self.budget is not None and self.budget_unit == "dB")
 
+    @property
+    def start_share(self) -> float:
+        """Share of the Gaussians that training begins with; the rest it grows."""
+        return START_SHARE if self.overrides.growth is None else 1 - self.overrides.growth
+
     def words(self) -> dict[str, str]:
         """What a person asked for, by name."""
         return {
@@ -72,3 +79,41 @@ class Settings(Record):
             measure=True,
             rate_factor=rate_factor(self.iterations * self.batch),
         )
+
+
+def asked_for(
+    dataset: Dataset,
+    method: str,
+    quality: QualityName,
+    budget: Budget | None,
+    overrides: Overrides,
+    *,
+    seed: int,
+    early_stop: bool,
+    processes: int,
+) -> Settings:
+    """The settings as asked for: a size in the budget, else what was set, else the preset.
+
+    With several processes a step takes a view of each, and there are so many times fewer.
+    """
+    preset = QUALITIES[quality]
+    gaussians = overrides.gaussians or preset.gaussians
+    if budget is not None and budget.gaussians is not None:
+        # More Gaussians than pixels cannot be told apart.
+        pixels = sum(view.lens.width * view.lens.height for view in dataset.train)
+        gaussians = min(budget.gaussians, pixels)
+    return Settings.model_validate(
+        {
+            "method": method,
+            "quality": quality,
+            "seed": seed,
+            "iterations": math.ceil((overrides.iterations or preset.iterations) / processes),
+            "batch": processes,
+            "max_gaussians": gaussians,
+            "max_width": overrides.width or preset.width,
+            "budget": None if budget is None else budget.amount,
+            "budget_unit": "s" if budget is None else budget.unit,
+            "early_stop": early_stop,
+            "overrides": overrides,
+        }
+    )

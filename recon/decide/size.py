@@ -18,7 +18,7 @@ from recon.data.dataset import Dataset
 from recon.decide.held_out_evidence import fitted_view
 from recon.decide.presets import START_SHARE
 from recon.decide.settings import Settings
-from recon.decide.trials import SAMPLES, Trials, no_trial, room
+from recon.decide.trials import SAMPLES, Trials, room
 from recon.decide.view_dependence import FEWEST_POINTS, FEWEST_VIEWS, Gains, gains, looks
 from recon.observe.refinement import Refinement
 from recon.scene.harmonics import DEGREE
@@ -51,15 +51,6 @@ COLOUR_UNIT = "dB of the luminance of scene points, each look predicted from all
 _ALONE = Ranks()
 
 Array = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Size:
-    """What was decided. gaussians: at most; degree: of the harmonics."""
-
-    gaussians: int
-    degree: int
-    rungs: tuple[Rung, ...]
 
 
 def degree_for(
@@ -113,27 +104,28 @@ def lowest(found: Gains) -> int:
     return DEGREE
 
 
-def size_for(
+def gaussians_for(
     dataset: Dataset,
     settings: Settings,
-    colour: tuple[int, Rung],
+    against_trials: str | None,
+    degree: int,
     refined: Refinement,
     points: Start,
     ranks: Ranks,
     progress: Progress,
     device: torch.device,
-) -> Size:
-    """The size of a training with these settings; as asked, else as decided; the same on all ranks.
+) -> tuple[int, Rung]:
+    """The number of Gaussians, and why: as asked, else by evidence; the same number on all ranks.
 
-    colour: as `degree_for` has it. points: what a training of `most_for` Gaussians would start from.
+    against_trials: why none is made; None: they are. points: what a training of `most_for` Gaussians would
+    start from.
     """
-    degree, why = colour
     if not ranks.first:  # only the first one writes why
-        return Size(int(ranks.told(0)), degree, ())
-    number, gaussians = decided(dataset, settings, degree, refined, points, progress, device)
-    gaussians = int(ranks.told(gaussians))
-    why = why.model_copy(update={"parameters": (why.parameters or 0) * gaussians})
-    return Size(gaussians, degree, (number, why))
+        return int(ranks.told(0)), Rung(name=COUNT, taken=False, reason="as the first process decided")
+    count, rung = count_by_evidence(
+        dataset, settings, against_trials, degree, refined, points, progress, device
+    )
+    return int(ranks.told(count)), rung
 
 
 def most_for(dataset: Dataset, settings: Settings, degree: int) -> int:
@@ -147,28 +139,28 @@ def _asked(settings: Settings) -> bool:
     return settings.overrides.gaussians is not None or settings.budget_unit in ("Gaussians", "bytes")
 
 
-def decided(
+def count_by_evidence(
     dataset: Dataset,
     settings: Settings,
+    against_trials: str | None,
     degree: int,
     refined: Refinement,
     points: Start,
     progress: Progress,
     device: torch.device,
-) -> tuple[Rung, int]:
+) -> tuple[int, Rung]:
     """The number of Gaussians, and why: as asked, else by trials, else by the samples there are."""
-    why_not = no_trial(dataset, settings)
     most = most_for(dataset, settings, degree)
-    if not why_not and not _asked(settings):
-        trials = Trials.of(dataset, settings, points, progress)
-        return Ladder(trials, refined, most, degree, device).climbed()
-    reason = f"at most {most:,}, {why_not}"
     if _asked(settings):
         reason = f"at most {most:,}, as asked for"
-    elif most < settings.max_gaussians:
-        reason += f"; one for every {SAMPLES} samples of the training views, which can tell no more apart"
+    elif against_trials is None:
+        return Ladder(Trials.of(dataset, settings, points, progress), refined, most, degree, device).climbed()
+    else:
+        reason = f"at most {most:,}, {against_trials}"
+        if most < settings.max_gaussians:
+            reason += f"; one for every {SAMPLES} samples of the training views, which can tell no more apart"
     taken = most < settings.max_gaussians
-    return Rung(name=COUNT, taken=taken, reason=reason, parameters=PLAIN * most), most
+    return most, Rung(name=COUNT, taken=taken, reason=reason, parameters=PLAIN * most)
 
 
 @dataclass
@@ -182,7 +174,7 @@ class Ladder:
     device: torch.device
     heard: dict[int, Array] = field(default_factory=dict)
 
-    def climbed(self) -> tuple[Rung, int]:
+    def climbed(self) -> tuple[int, Rung]:
         """The fewest Gaussians that lose little, and why."""
         counts = [self.most]
         means = [float(self.db(self.most).mean())]
@@ -203,7 +195,7 @@ class Ladder:
             f"trainings of {self.iterations} iterations: {told}",
             parameters=PLAIN * count,
         )
-        return number, count
+        return count, number
 
     @property
     def iterations(self) -> int:

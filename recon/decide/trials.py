@@ -34,18 +34,16 @@ SAMPLES = 2
 _CPU = torch.device("cpu")
 
 
-def no_trial(dataset: Dataset, settings: Settings) -> str:
-    """Why no trial is made; empty if one is."""
+def reason_against_trials(dataset: Dataset, settings: Settings) -> str | None:
+    """Why nothing is decided by trials, whatever time there is; None: it may be."""
     if settings.overrides.model_copy(update={"refine": None}) != Overrides():
         return "not tried, since settings were fixed by hand"
-    if settings.budget is not None and settings.budget_unit == "s":
-        return "not tried, since a trial would take its time from the budget"
     if settings.quality == "draft":
         return "not tried, since a draft is no longer than a trial"
     if len(_out(dataset)) < FEWEST_VIEWS:
         count = len(dataset.train)
         return f"not tried, since {count} training views are too few to hold {FEWEST_VIEWS} of them out"
-    return ""
+    return None
 
 
 def room(dataset: Dataset) -> int:
@@ -64,6 +62,14 @@ def _out(dataset: Dataset) -> set[ViewId]:
     return held_out((view.id for view in dataset.train), HELD_OUT)
 
 
+def _parted(dataset: Dataset) -> Dataset:
+    """The training views as a data set of their own, of which one view in `HELD_OUT` judges."""
+    out = _out(dataset)
+    trained = tuple(view for view in dataset.train if view.id not in out)
+    judged = tuple(view for view in dataset.train if view.id in out)
+    return replace(dataset, train=trained, held_out=judged)
+
+
 @dataclass(frozen=True)
 class Trials:
     """What trials of one session have in common.
@@ -79,16 +85,21 @@ class Trials:
     progress: Progress
 
     @classmethod
-    def of(cls, dataset: Dataset, settings: Settings, points: int | Start, progress: Progress) -> "Trials":
-        """Trials of a data set's training views, from at most so many points, or from these."""
-        out = _out(dataset)
-        trained = tuple(view for view in dataset.train if view.id not in out)
-        judged = tuple(view for view in dataset.train if view.id in out)
-        part = replace(dataset, train=trained, held_out=judged)
-        images = [radiance_image(view) for view in trained]
-        if isinstance(points, int):
-            rng = np.random.Generator(np.random.PCG64([settings.seed, 0x7121A1]))
-            points = start_points(part, images, points, rng, progress)
+    def of(cls, dataset: Dataset, settings: Settings, points: Start, progress: Progress) -> "Trials":
+        """Trials of a data set's training views, from given points."""
+        part = _parted(dataset)
+        light = light_of(part, [radiance_image(view) for view in part.train])
+        return cls(part, light, points, settings, progress)
+
+    @classmethod
+    def from_new_points(
+        cls, dataset: Dataset, settings: Settings, count: int, progress: Progress
+    ) -> "Trials":
+        """The same from at most `count` points, found in those views that do not judge."""
+        part = _parted(dataset)
+        images = [radiance_image(view) for view in part.train]
+        rng = np.random.Generator(np.random.PCG64([settings.seed, 0x7121A1]))
+        points = start_points(part, images, count, rng, progress)
         return cls(part, light_of(part, images), points, settings, progress)
 
     def trained(

@@ -9,8 +9,9 @@ from imaging.progress import unreported
 from imaging.session.calibration import PoseError
 from imaging.session.records import Rung
 from recon.data.dataset import load
-from recon.decide.corrections import decided, pose_error_px, tried
+from recon.decide.corrections import pose_error_px, rungs_by_evidence, tried
 from recon.decide.settings import Settings
+from recon.decide.trials import reason_against_trials
 
 
 def settings(**changed) -> Settings:
@@ -21,11 +22,16 @@ def settings(**changed) -> Settings:
     )
 
 
+def rungs_of(dataset, wanted):
+    """As decided where there is time enough."""
+    return rungs_by_evidence(dataset, wanted, reason_against_trials(dataset, wanted), unreported)
+
+
 def test_most_rungs_are_decided_without_a_trial(toy_long, toy_dataset):
-    reasons = [rung.reason for rung in decided(toy_dataset, settings(), unreported)]
-    assert all("5 training views are too few" in reason for reason in reasons)
-    assert all("draft" in rung.reason for rung in decided(toy_long, settings(quality="draft"), unreported))
-    assert all("budget" in rung.reason for rung in decided(toy_long, settings(budget=60.0), unreported))
+    assert all("5 training views are too few" in rung.reason for rung in rungs_of(toy_dataset, settings()))
+    assert all("draft" in rung.reason for rung in rungs_of(toy_long, settings(quality="draft")))
+    without = rungs_by_evidence(toy_long, settings(), "for want of time", unreported)
+    assert [(rung.taken, rung.reason) for rung in without] == [(False, "for want of time")] * 3
 
 
 def test_a_calibration_that_is_sure_of_itself_needs_no_trial(toy_long):
@@ -41,7 +47,7 @@ def test_a_calibration_that_is_sure_of_itself_needs_no_trial(toy_long):
         toy_long, calibration=toy_long.calibration.model_copy(update={"views": views, "rungs": rungs})
     )
     assert pose_error_px(sure) == pytest.approx(0.05, rel=0.05)
-    found = decided(sure, settings(), unreported)
+    found = rungs_of(sure, settings())
     assert [rung.taken for rung in found] == [False] * 3
     assert "0.05 px" in found[0].reason
     assert "0.2 %" in found[1].reason
@@ -61,7 +67,7 @@ def test_exposures_of_photographs_are_as_sure_as_their_curve(toy_ldr, judged, kn
     labels = _rung("exposure_labels", 1e-4 if judged else None, 1e-4, taken=False)
     calibration = dataset.calibration.model_copy(update={"rungs": (labels,)})
     sure = replace(dataset, train=tuple(map(measured, dataset.train)), calibration=calibration)
-    found = decided(sure, settings(method="hdr-gs"), unreported)[1]
+    found = rungs_of(sure, settings(method="hdr-gs"))[1]
     assert known in found.reason
     assert not found.taken
 

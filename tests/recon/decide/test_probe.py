@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from imaging.files import store
-from imaging.progress import unreported
 from recon.data.light import light_of, radiance_image
-from recon.decide.corrections import decided as corrections
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.probe import has_time_for_trials
 from recon.methods import nh_3dgs
@@ -20,7 +18,7 @@ from recon.train.densification import DensityRules
 from recon.train.initialisation import gaussians_at, start_points
 from recon.train.training import Plan, Training
 
-from .test_corrections import settings
+from .test_corrections import rungs_of, settings
 
 SHORT, LONG = Plan(20, DensityRules(400), 0), Plan(2000, DensityRules(400), 0)
 
@@ -70,7 +68,7 @@ def test_a_time_with_room_for_trials_trains_what_no_budget_does(sixteen):
 
 
 def test_a_time_without_room_leaves_them_out_and_says_so(sixteen, monkeypatch):
-    monkeypatch.setattr("recon.reconstruct.has_time_for_trials", lambda *_, **__: False)
+    monkeypatch.setattr("recon.decide.decisions.has_time_for_trials", lambda *_, **__: False)
     said = []
     record = read_model(reconstruct(sixteen, budget=600.0, tell=said.append))
     assert not any("held out of both" in rung.reason for rung in record.rungs)
@@ -83,5 +81,4 @@ def test_other_budgets_leave_time_for_corrections(toy_long, monkeypatch, amount,
     monkeypatch.setattr("recon.decide.corrections.TRIAL_LOOKS", 1)
     monkeypatch.setattr("recon.decide.corrections.TRIAL_GAUSSIANS", 100)
     wanted = settings(iterations=5, budget=amount, budget_unit=unit)
-    found = corrections(toy_long, wanted, unreported)
-    assert all(rung.gain is not None for rung in found)
+    assert all(rung.gain is not None for rung in rungs_of(toy_long, wanted))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 import recon.decide.size as module
 from bench.support import oracle
@@ -17,8 +18,18 @@ from recon.data.light import radiance_image
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.settings import Settings
-from recon.decide.size import COLOUR, COUNT, decided, degree_for, fewer, fewest, lowest, most_for, size_for
-from recon.decide.trials import Trials
+from recon.decide.size import (
+    COLOUR,
+    COUNT,
+    count_by_evidence,
+    degree_for,
+    fewer,
+    fewest,
+    gaussians_for,
+    lowest,
+    most_for,
+)
+from recon.decide.trials import Trials, reason_against_trials
 from recon.decide.view_dependence import Gains
 from recon.observe.refinement import Refinement
 from recon.reconstruct import reconstruct
@@ -53,11 +64,16 @@ def settings(**changed) -> Settings:
 
 
 def decide(dataset, wanted):
+    """The number of Gaussians, the degree, and the rung of each."""
     images = [radiance_image(view) for view in dataset.train]
     rng, refined = np.random.Generator(np.random.PCG64(0)), Refinement.of(dataset, ())
-    colour = degree_for(dataset, wanted, images, Ranks())
-    points = start_points(dataset, images, most_for(dataset, wanted, colour[0]) // 2, rng)
-    return size_for(dataset, wanted, colour, refined, points, Ranks(), unreported, "cpu")
+    degree, colour = degree_for(dataset, wanted, images, Ranks())
+    points = start_points(dataset, images, most_for(dataset, wanted, degree) // 2, rng)
+    against = reason_against_trials(dataset, wanted)
+    count, number = gaussians_for(
+        dataset, wanted, against, degree, refined, points, Ranks(), unreported, torch.device("cpu")
+    )
+    return count, degree, number, colour
 
 
 def test_the_fewest_lie_where_the_curve_crosses_the_line(monkeypatch):
@@ -82,12 +98,11 @@ def test_fewer_points_are_those_of_the_surfaces_first():
 
 
 def test_a_few_small_pictures_get_few_gaussians_of_one_colour(toy_dataset):
-    size = decide(toy_dataset, settings())
-    assert size.gaussians == 5 * 64 * 48 // 2
-    number, colour = size.rungs
+    count, degree, number, colour = decide(toy_dataset, settings())
+    assert count == 5 * 64 * 48 // 2
     assert (number.name, number.taken) == (COUNT, True)
     assert "5 training views are too few" in number.reason
-    assert (colour.name, colour.taken, colour.gain, size.degree) == (COLOUR, False, None, 0)
+    assert (colour.name, colour.taken, colour.gain, degree) == (COLOUR, False, None, 0)
     assert colour.parameters == 0
 
 
@@ -100,16 +115,16 @@ def test_a_few_small_pictures_get_few_gaussians_of_one_colour(toy_dataset):
     ids=["set", "budget"],
 )
 def test_what_is_asked_for_is_obeyed(toy_dataset, wanted):
-    size = decide(toy_dataset, wanted)
-    assert size.gaussians == 9000
-    assert size.rungs[0].reason == "at most 9,000, as asked for"
-    assert not size.rungs[0].taken
+    count, _, number, _ = decide(toy_dataset, wanted)
+    assert count == 9000
+    assert number.reason == "at most 9,000, as asked for"
+    assert not number.taken
 
 
 def test_a_degree_that_is_asked_for_is_obeyed(toy_dataset):
-    size = decide(toy_dataset, settings(overrides=Overrides(degree=0)))
-    assert size.degree == 0
-    assert not size.rungs[1].taken
+    _, degree, _, colour = decide(toy_dataset, settings(overrides=Overrides(degree=0)))
+    assert degree == 0
+    assert not colour.taken
 
 
 def test_colours_follow_the_direction_where_things_gloss(many):
@@ -149,7 +164,7 @@ def test_as_few_as_are_as_good(many, monkeypatch):
     """All halvings are taken where none loses."""
     monkeypatch.setattr(module.Ladder, "db", lambda self, count: np.full(4, 30.0))
     wanted, refined = settings(max_gaussians=1600), Refinement.of(many, ())
-    number, count = decided(many, wanted, 1, refined, None, unreported, "cpu")
+    count, number = count_by_evidence(many, wanted, None, 1, refined, None, unreported, "cpu")
     assert count == 1600 // 2**module.MOST_HALVINGS == 50
     assert number.taken
 
@@ -175,7 +190,7 @@ def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypat
 
     with pytest.raises(KeyboardInterrupt):
         reconstruct(long, overrides=overrides, name="twice", progress=interrupt)
-    monkeypatch.setattr("recon.reconstruct.size_for", lambda *_: pytest.fail("tried again"))
+    monkeypatch.setattr("recon.reconstruct.decide", lambda *_: pytest.fail("tried again"))
     again = reconstruct(long, overrides=overrides, name="twice")
     assert (again / "splats.ply").read_bytes() == (whole / "splats.ply").read_bytes()
     assert store.read_json(again / "model.json")["rungs"] == store.read_json(whole / "model.json")["rungs"]
@@ -194,15 +209,15 @@ class Second(Ranks):
 
 
 def test_the_first_process_decides(many, monkeypatch):
-    monkeypatch.setattr(module, "decided", lambda *_: pytest.fail("decided twice"))
+    monkeypatch.setattr(module, "count_by_evidence", lambda *_: pytest.fail("decided twice"))
     images, refined, second = [radiance_image(view) for view in many.train], Refinement.of(many, ()), Second()
-    colour = degree_for(many, settings(), images, second)
-    size = size_for(many, settings(), colour, refined, None, second, unreported, "cpu")
-    assert (size.gaussians, size.degree) == (1234, 1)
+    degree, _ = degree_for(many, settings(), images, second)
+    count, _ = gaussians_for(many, settings(), None, degree, refined, None, second, unreported, "cpu")
+    assert (count, degree) == (1234, 1)
 
 
 def test_trials_see_no_view_that_judges_and_none_that_is_held_out(many):
-    trials = Trials.of(many, settings(), 500, unreported)
+    trials = Trials.from_new_points(many, settings(), 500, unreported)
     trained, judged = ({view.name for view in views} for views in (trials.part.train, trials.judged))
     assert len(judged) >= 4
     assert not trained & judged

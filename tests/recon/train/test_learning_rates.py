@@ -62,7 +62,7 @@ def test_a_trial_has_the_rates_of_its_length(toy_dataset, monkeypatch):
         {"method": "nh-3dgs", "quality": "draft", "seed": 3, "max_gaussians": 500, "max_width": 64}
         | {"iterations": 2000}
     )
-    some = trials.Trials.of(toy_dataset, settings, 50, lambda message, done, total: None)
+    some = trials.Trials.from_new_points(toy_dataset, settings, 50, lambda message, done, total: None)
     some.trained(40, 100, "a trial")
     assert plans == [Plan(40, DensityRules(100), 3, rate_factor=rate_factor(40))]
 

@@ -1,0 +1,231 @@
+"""The decisions of a training, in order, from what was asked for to what is trained.
+
+Each is a function of one shape: it looks at the case and at what was decided before it, and returns that with
+its own choice, and the rung it leaves, added. `ORDER` is the page to read.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import torch
+
+from imaging.merge.linear_frame import Bool, Float
+from imaging.progress import Progress
+from imaging.session.records import Rung
+from recon.data.dataset import Dataset
+from recon.data.light import Light, light_of, radiance_image
+from recon.decide.corrections import refinement_for
+from recon.decide.countdown import Countdown
+from recon.decide.prediction import Prediction, enough, predicted
+from recon.decide.probe import FEWEST, has_time_for_trials, probe
+from recon.decide.settings import Settings
+from recon.decide.size import degree_for, fewer, gaussians_for, most_for
+from recon.decide.trials import reason_against_trials
+from recon.observe.refinement import Refinement
+from recon.train.initialisation import Start, gaussians_at, start_points
+from recon.train.ranks import Ranks
+from recon.train.training import Training
+
+NO_TIME = "not tried, since a trial would take its time from the budget"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A reconstruction under way: what it is of, and what it runs on.
+
+    asked: the settings asked for, the method among them. countdown: of a budget of time. say: hears what has
+    no room, and what is predicted.
+    """
+
+    dataset: Dataset
+    asked: Settings
+    device: torch.device
+    ranks: Ranks
+    countdown: Countdown | None
+    progress: Progress
+    say: Callable[[str], None]
+    clock: Callable[[], float]
+
+
+@dataclass(frozen=True)
+class Case(Run):
+    """What every decision may look at: the run, and the views.
+
+    images: the radiance images of the training views; look: seconds that they took.
+    """
+
+    images: list[tuple[Float, Bool]]
+    light: Light
+    look: float
+
+    @classmethod
+    def of(cls, run: Run) -> "Case":
+        """Look at the training views for the first time."""
+        began = run.clock()
+        images = [radiance_image(view) for view in run.dataset.train]
+        look = run.ranks.told(run.clock() - began)
+        return cls(**vars(run), images=images, light=light_of(run.dataset, images), look=look)
+
+    def seconds_left(self) -> float | None:
+        """Until training has to be over, the same on all ranks; None where time is no matter."""
+        return None if self.countdown is None else self.ranks.told(self.countdown.left())
+
+
+@dataclass(frozen=True)
+class Decisions:
+    """What is decided so far.
+
+    settings: those asked for, with what was decided in place of it. points: to start from. against_trials:
+    why none is made; None: they are. rungs: the evidence for the size; that for the corrections is in
+    `refinement`.
+    """
+
+    settings: Settings
+    refinement: Refinement
+    rungs: tuple[Rung, ...] = ()
+    prediction: Prediction | None = None
+    points: Start | None = None
+    against_trials: str | None = None
+
+    def setting(self, **changed: int) -> "Decisions":
+        """The same with other settings."""
+        return replace(self, settings=self.settings.model_copy(update=changed))
+
+    def training(self, case: Case) -> Training:
+        """A training as decided by now, not yet begun."""
+        assert self.points is not None
+        dataset = case.dataset
+        method = self.settings.composed(dataset, case.light)
+        gaussians = gaussians_at(self.points, method.appearance, method.observation.units)
+        refinement = Refinement.of(dataset, self.refinement.parameters, self.refinement.rungs)
+        return Training.begin(method, case.light, gaussians, dataset.extent, case.device, refinement)
+
+
+def decide(case: Case) -> Decisions:
+    """Everything that is decided before a training begins; trials are made on the way."""
+    decided = Decisions(case.asked, Refinement.of(case.dataset, ()))
+    for decision in ORDER:
+        decided = decision(case, decided)
+    return decided
+
+
+def longest(case: Case, decided: Decisions) -> Decisions:
+    """Looks at how much other scenes gained by how many iterations; chooses how many there are at most."""
+    return decided.setting(iterations=iterations_at_most(case.asked))
+
+
+def report(case: Case, decided: Decisions) -> Decisions:
+    """Looks at how long the views took; chooses whether the budget of time has room for the report.
+
+    InputError where it has no room for a training.
+    """
+    if case.countdown is not None:
+        case.countdown.plan(case.look, len(case.dataset.train), len(case.dataset.held_out))
+        case.countdown.require(case.look, FEWEST)
+    return decided
+
+
+def degree(case: Case, decided: Decisions) -> Decisions:
+    """Looks at scene points from all sides; chooses the degree of the harmonics, and leaves its rung."""
+    chosen, rung = degree_for(case.dataset, case.asked, case.images, case.ranks)
+    return replace(decided.setting(degree=chosen), rungs=(rung,))
+
+
+def most_gaussians(case: Case, decided: Decisions) -> Decisions:
+    """Looks at preset, budget and samples of the views; chooses how many Gaussians there are at most."""
+    return decided.setting(max_gaussians=most_for(case.dataset, case.asked, decided.settings.degree or 0))
+
+
+def start(case: Case, decided: Decisions) -> Decisions:
+    """Looks at the time there is; chooses how many views are swept for depth, and the points of the start."""
+    asked, countdown = case.asked, case.countdown
+    count = int(asked.start_share * decided.settings.max_gaussians)
+    rng = np.random.Generator(np.random.PCG64([asked.seed, 0x57A27]))
+    # Several processes have to begin with the same points, whichever is slower.
+    over = countdown.start_over() if countdown is not None and case.ranks.count == 1 else None
+    points = start_points(case.dataset, case.images, count, rng, case.progress, over)
+    if countdown is not None and points.left_out:
+        few = f"{points.left_out} of {len(case.dataset.train)} views"
+        case.say(f"{countdown.seconds:g} s leave no room for the depths of {few}.")
+    return replace(decided, points=points)
+
+
+def trials(case: Case, decided: Decisions) -> Decisions:
+    """Looks at preset, overrides, views and speed; chooses whether trials may decide what follows."""
+    reason, seconds = reason_against_trials(case.dataset, case.asked), case.seconds_left()
+    if reason is None and case.countdown is not None and seconds is not None:
+        begin, plan = partial(decided.training, case), decided.settings.plan()
+        if not has_time_for_trials(begin, case.dataset, plan, seconds, ranks=case.ranks, clock=case.clock):
+            case.say(f"{case.countdown.seconds:g} s leave no room for trials of what the scene needs.")
+            reason = NO_TIME
+    return replace(decided, against_trials=reason)
+
+
+def corrections(case: Case, decided: Decisions) -> Decisions:
+    """Looks at the errors of the calibration, else at trials; chooses what training corrects in it."""
+    refinement = refinement_for(case.dataset, case.asked, decided.against_trials, case.ranks, case.progress)
+    return replace(decided, refinement=refinement)
+
+
+def gaussians(case: Case, decided: Decisions) -> Decisions:
+    """Looks at trials, or at the samples of the views; chooses how many Gaussians the scene is given."""
+    asked, points, colours = case.asked, decided.points, decided.settings.degree or 0
+    assert points is not None
+    count, rung = gaussians_for(
+        case.dataset, asked, decided.against_trials, colours, decided.refinement, points,
+        case.ranks, case.progress, case.device,
+    )  # fmt: skip
+    (colour,) = decided.rungs
+    colour = colour.model_copy(update={"parameters": (colour.parameters or 0) * count})
+    points = fewer(points, int(asked.start_share * count), asked.seed)
+    return replace(decided.setting(max_gaussians=count), points=points, rungs=(rung, colour))
+
+
+def iterations(case: Case, decided: Decisions) -> Decisions:
+    """Looks at a training in miniature, where there is a budget; chooses how many iterations fit into it.
+
+    Leaves a prediction of the quality. InputError where too few iterations fit.
+    """
+    if case.asked.budget is None:
+        return decided
+    most, countdown, begin = decided.settings.iterations, case.countdown, partial(decided.training, case)
+    miniature = probe(
+        begin, case.dataset, decided.settings.plan(), case.seconds_left(),
+        ranks=case.ranks, progress=case.progress, clock=case.clock,
+    )  # fmt: skip
+    if countdown is not None:
+        left = case.ranks.told(countdown.left())
+        fitting = miniature.iterations_within(left)
+        if fitting < min(FEWEST, most):
+            countdown.require(max(miniature.seconds_for(FEWEST), left + 1.0), FEWEST)
+        decided = decided.setting(iterations=min(most, fitting))
+    if miniature.db is None:
+        return decided
+    length = decided.settings.iterations * decided.settings.batch
+    guess = predicted(miniature.db, miniature.iterations, length, timed=countdown is not None)
+    if case.ranks.first:
+        case.say(f"predicted: held-out {guess.db:.1f} dB ({guess.low:.1f} to {guess.high:.1f})")
+    return replace(decided, prediction=guess)
+
+
+ORDER: tuple[Callable[[Case, Decisions], Decisions], ...] = (
+    longest,
+    report,
+    degree,
+    most_gaussians,
+    start,
+    trials,
+    corrections,
+    gaussians,
+    iterations,
+)
+
+
+def iterations_at_most(asked: Settings) -> int:
+    """As many as were asked for; with early stop as many of them as were worth it in other scenes."""
+    if not asked.early_stop:
+        return asked.iterations
+    return math.ceil(enough(asked.iterations * asked.batch) / asked.batch)

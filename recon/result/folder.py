@@ -1,0 +1,83 @@
+"""The folder of a scene while it is trained: its log, its checkpoint, and in the end the scene."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from imaging.files import store
+from imaging.progress import Progress
+from imaging.session.records import Rung
+from recon.data.dataset import Dataset
+from recon.decide.prediction import Prediction
+from recon.decide.settings import Settings
+from recon.result.model import CHECKPOINT, LOG, MODEL, REFINEMENT
+from recon.result.save import write_scene
+from recon.scene.checkpoint import write_checkpoint
+from recon.train.resume import checkpoint_of
+from recon.train.training import Training
+
+
+@dataclass
+class SceneFolder:
+    """What one training writes.
+
+    asked, settings: as asked for, and as decided. method_rungs: of the method and its image formation;
+    size_rungs: of degree and number of the Gaussians. reserve: seconds that a budget of time keeps for what
+    follows training. saved_at: the iteration of the checkpoint; None until there is one.
+    """
+
+    folder: Path
+    dataset: Dataset
+    training: Training
+    asked: Settings
+    settings: Settings
+    method_rungs: tuple[Rung, ...]
+    size_rungs: tuple[Rung, ...]
+    prediction: Prediction | None
+    reserve: float
+    progress: Progress
+    saved_at: int | None = None
+    _lines: list[dict[str, Any]] = field(default_factory=list, init=False)
+
+    def go_on(self) -> None:
+        """Keep the log up to where the training is; remove what was said of an earlier state."""
+        for name in (MODEL, REFINEMENT, "metrics.json"):
+            store.discard(self.folder / name)
+        before = store.read_lines(self.folder / LOG)
+        store.write_bytes(self.folder / LOG, b"")
+        for line in before:
+            if line["iteration"] <= self.training.iteration:
+                self.log(line)
+
+    def log(self, line: dict[str, Any]) -> None:
+        """Add a line to the log."""
+        self._lines.append(line)
+        store.append_line(self.folder / LOG, line)
+
+    def save(self) -> None:
+        """Write the checkpoint that the training can go on from."""
+        facts = {
+            "asked": self.asked.model_dump(mode="json"),
+            "settings": self.settings.model_dump(mode="json"),
+            "size": [rung.model_dump(mode="json") for rung in self.size_rungs],
+            "calibration_sha256": self.dataset.calibration_sha256,
+            "reserve": self.reserve,
+            "predicted": self.prediction and self.prediction.model_dump(mode="json"),
+        }
+        write_checkpoint(self.folder / CHECKPOINT, checkpoint_of(self.training, facts))
+        self.saved_at = self.training.iteration
+
+    def write(self) -> None:
+        """Write the scene as it is now, model.json last."""
+        loss = float(self._lines[-1]["loss"]) if self._lines else None
+        rungs = (*self.method_rungs, *self.size_rungs)
+        write_scene(
+            self.folder,
+            self.dataset,
+            self.training,
+            self.settings,
+            loss,
+            rungs,
+            self.prediction,
+            self.progress,
+        )
