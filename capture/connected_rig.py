@@ -125,13 +125,13 @@ def connected_source(
 
 def _source(
     rig: RigFile,
-    known: Mapping[str, tuple[Camera, CameraIdentity]],
+    named: Mapping[str, tuple[Camera, CameraIdentity]],
     operator: Operator,
     positions: int | None,
     clock: Clock,
 ) -> Source:
     tables = rig.tables
-    cameras = {name: camera for name, (camera, _) in known.items()}
+    cameras = {name: camera for name, (camera, _) in named.items()}
     able = {name: camera.capabilities() for name, camera in cameras.items()}
     for index, table in enumerate(tables.camera):
         if obstacle := able[table.name].obstacle:
@@ -144,9 +144,9 @@ def _source(
         CameraRecord(
             name=table.name,
             serial=table.serial,
-            make=known[table.name][1].make,
-            model=known[table.name][1].model,
-            kind=known[table.name][1].kind,
+            make=named[table.name][1].make,
+            model=named[table.name][1].model,
+            kind=named[table.name][1].kind,
             rig=table.rig,
             position=table.position,
         )
@@ -181,7 +181,7 @@ def _identified(
 
     CaptureError if one is not there, or two have the serial number of one.
     """
-    found: dict[str, tuple[Camera, CameraIdentity]] = {}
+    by_serial: dict[str, tuple[Camera, CameraIdentity]] = {}
     refused: list[str] = []
     for camera in cameras:
         try:
@@ -189,23 +189,23 @@ def _identified(
         except CameraError as error:
             refused.append(str(error).rstrip("."))
             continue
-        if identity.serial in found:
+        if identity.serial in by_serial:
             raise CaptureError(
                 f"two cameras have the serial number {identity.serial!r} and cannot be told apart: "
                 "unplug one of them."
             )
-        found[identity.serial] = (camera, identity)
-    known: dict[str, tuple[Camera, CameraIdentity]] = {}
+        by_serial[identity.serial] = (camera, identity)
+    by_name: dict[str, tuple[Camera, CameraIdentity]] = {}
     for index, table in enumerate(rig.tables.camera):
-        if table.serial not in found:
-            there = "; ".join([", ".join(sorted(found)) or "none", *refused])
+        if table.serial not in by_serial:
+            there = "; ".join([", ".join(sorted(by_serial)) or "none", *refused])
             raise CaptureError(
                 f"{rig.at('camera', index, 'serial')}: {table.name} with the serial number {table.serial!r} "
                 f"is not among the connected cameras ({there}): connect it, or correct the file."
             )
-        known[table.name] = found[table.serial]
+        by_name[table.name] = by_serial[table.serial]
     named = {table.serial for table in rig.tables.camera}
-    return known, [identity for serial, (_, identity) in sorted(found.items()) if serial not in named]
+    return by_name, [identity for serial, (_, identity) in sorted(by_serial.items()) if serial not in named]
 
 
 def _wire(rig: RigFile, cameras: Mapping[str, Camera]) -> None:

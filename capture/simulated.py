@@ -69,7 +69,7 @@ def simulated_source(name: str, seed: int = 0, mix: Mix | None = None) -> Iterat
         origin=f"sim:{name}",
         seed=seed,
         records=records,
-        cameras={one.name: camera for one, camera in zip(records, bus.cameras(), strict=True)},
+        cameras={record.name: camera for record, camera in zip(records, bus.cameras(), strict=True)},
         clock=bus.clock,
         operator=rig,
         bracket=rig.bracket,
@@ -122,6 +122,11 @@ def _list_faults(out: Path, bus: BusRig) -> None:
     """What went wrong on the bus in this run, behind what did in earlier ones."""
     if bus.plan.log:
         store.make_folder(out / "truth")
-    for one in bus.plan.log:
-        told = {"time": round(one.time, 6), "serial": one.serial, "operation": one.operation, "nth": one.nth}
-        store.append_line(out / "truth" / "faults.jsonl", told | {"fault": str(one.fault)})
+    for fault in bus.plan.log:
+        line = {
+            "time": round(fault.time, 6),
+            "serial": fault.serial,
+            "operation": fault.operation,
+            "nth": fault.nth,
+        }
+        store.append_line(out / "truth" / "faults.jsonl", line | {"fault": str(fault.fault)})

@@ -36,7 +36,7 @@ def plan_automatically(
     metering, exposures = _metered(cameras, like, wanted, frames, move_to)
     if any(isinstance(target.noise, CodeNoise) for target in metering.targets):
         useful = tuple(
-            one for one in exposures if one.iso == exposures[0].iso
+            exposure for exposure in exposures if exposure.iso == exposures[0].iso
         )  # how noisy others are is unknown
     else:
         useful = without_idle_isos(metering.targets, exposures, wanted.snr)

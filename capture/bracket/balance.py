@@ -59,7 +59,7 @@ class Reach:
         points = points[((points >= self.low) & (points <= self.high)).any(axis=1)]
         above, below = points > self.high, points < self.low
         between = above[:, None, :] & below[:, :, None]
-        above_any, below_any, between_any = (np.asarray(one.any(axis=0)) for one in (above, below, between))
+        above_any, below_any, between_any = (np.asarray(cut.any(axis=0)) for cut in (above, below, between))
         return above_any, below_any, between_any
 
     def worth(self) -> Values:

@@ -58,14 +58,14 @@ class CodeLook:
 
     def targets(self, name: str) -> list[Target]:
         """The range of each channel."""
-        ascending = sorted(self._probes, key=lambda one: one.stops)
+        ascending = sorted(self._probes, key=lambda exposure: exposure.stops)
         shortest, longest = ascending[0], ascending[-1]
         noise = self._noise(ascending)
-        one, other = (self._radiance(ascending, take, noise) for take in range(TAKES))
+        first, other = (self._radiance(ascending, take, noise) for take in range(TAKES))
         targets = []
         for channel, letter in enumerate("RGB"):
-            dark = percentile(one[:, channel], other[:, channel], DARK_PERCENTILE)
-            bright = percentile(one[:, channel], other[:, channel], BRIGHT_PERCENTILE)
+            dark = percentile(first[:, channel], other[:, channel], DARK_PERCENTILE)
+            bright = percentile(first[:, channel], other[:, channel], BRIGHT_PERCENTILE)
             below = (self._all(longest)[:, channel] < DARKEST).mean()
             above = (self._all(shortest)[:, channel] > BRIGHTEST).mean()
             targets.append(
@@ -96,18 +96,18 @@ class CodeLook:
         """The tone curve, from what becomes of a pixel's code from one probe to the next."""
         lower, upper, stops = ([np.zeros(0)] for _ in range(3))
         for shorter, longer in pairwise(ascending):
-            one, other = self._take(shorter, 0).ravel(), self._take(longer, 0).ravel()
-            tight = np.flatnonzero((one >= DARKEST) & (other <= BRIGHTEST) & (other > one))
+            short, other = self._take(shorter, 0).ravel(), self._take(longer, 0).ravel()
+            tight = np.flatnonzero((short >= DARKEST) & (other <= BRIGHTEST) & (other > short))
             tight = tight[:: max(1, math.ceil(len(tight) / PAIRS))]
-            lower.append(one[tight].astype(np.float64))
+            lower.append(short[tight].astype(np.float64))
             upper.append(other[tight].astype(np.float64))
             stops.append(np.full(len(tight), longer.stops - shorter.stops))
         return CodeNoise.of(np.concatenate(lower), np.concatenate(upper), np.concatenate(stops))
 
     def _radiance(self, ascending: list[Exposure], take: int, noise: CodeNoise) -> Values:
         """Radiance [N, 3] by the brightest trusted code; a bound at either end of what was probed."""
-        found = np.full(self._take(ascending[0], take).shape, noise.brightest(ascending[0]))
+        radiance = np.full(self._take(ascending[0], take).shape, noise.brightest(ascending[0]))
         for exposure in ascending:
             codes = self._take(exposure, take)
-            np.copyto(found, noise.light_of(codes) / exposure.scale, where=codes <= BRIGHTEST)
-        return np.stack([without_hot_pixels(found[..., channel]).ravel() for channel in range(3)], axis=-1)
+            np.copyto(radiance, noise.light_of(codes) / exposure.scale, where=codes <= BRIGHTEST)
+        return np.stack([without_hot_pixels(radiance[..., channel]).ravel() for channel in range(3)], axis=-1)

@@ -8,16 +8,16 @@ TOLERANCE_STOPS = 1 / 6
 """Half of the third of a stop that cameras are set in: more is another exposure, not rounding."""
 
 
-def stops_apart(one: Exposure, other: Exposure) -> float:
+def stops_apart(exposure: Exposure, other: Exposure) -> float:
     """Stops by which `one` is brighter than `other`.
 
     An f-number or ISO that only one of them states is left out: it is unknown, not different.
     """
-    apart = math.log2(one.time / other.time)
-    if one.iso is not None and other.iso is not None:
-        apart += math.log2(one.iso / other.iso)
-    if one.f_number is not None and other.f_number is not None:
-        apart -= 2 * math.log2(one.f_number / other.f_number)
+    apart = math.log2(exposure.time / other.time)
+    if exposure.iso is not None and other.iso is not None:
+        apart += math.log2(exposure.iso / other.iso)
+    if exposure.f_number is not None and other.f_number is not None:
+        apart -= 2 * math.log2(exposure.f_number / other.f_number)
     return apart
 
 

@@ -24,7 +24,7 @@ def common_times(capabilities: Iterable[Capabilities]) -> tuple[float, ...]:
 
 def common_isos(capabilities: Iterable[Capabilities]) -> tuple[float | None, ...]:
     """ISO speeds that every camera has, ascending; (None,) if one of them names none."""
-    first, *others = (set(one.isos) for one in capabilities)
+    first, *others = (set(able.isos) for able in capabilities)
     shared = first.intersection(*others)
     return tuple(sorted(shared)) or (None,)
 

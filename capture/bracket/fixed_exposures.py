@@ -88,4 +88,4 @@ def flat_levels(targets: Sequence[Target], exposures: Sequence[Exposure]) -> tup
 
 
 def _nearest(times: Sequence[float], time: float) -> float:
-    return min(times, key=lambda one: abs(math.log2(one / time)))
+    return min(times, key=lambda choice: abs(math.log2(choice / time)))

@@ -61,8 +61,8 @@ def meter(
                 ready = {name: camera for name, camera in cameras.items() if name not in failed}
                 taken, errors = expose(ready, exposure)
                 failed.update({name: str(error) for name, error in errors.items()})
-                for name, one in taken.items():
-                    frame = _decoded(one.frame, name)
+                for name, captured in taken.items():
+                    frame = _decoded(captured.frame, name)
                     look = looks.setdefault(name, RawLook() if isinstance(frame, RawMosaic) else CodeLook())
                     if isinstance(look, RawLook) and isinstance(frame, RawMosaic):
                         look.add(exposure, position, take, frame)
@@ -88,14 +88,14 @@ def meter(
         probe(exposures[high])
     if not looks:
         raise CaptureError(f"no camera gave a picture to meter: {'; '.join(failed.values())}")
-    seen = [name for name in cameras if name in looks]  # in the rig's order, whoever answered first
-    targets = [target for name in seen for target in looks[name].targets(name)]
+    metered = [name for name in cameras if name in looks]  # in the rig's order, whoever answered first
+    targets = [target for name in metered for target in looks[name].targets(name)]
     _must_be_seen(targets, looks, exposures[low], exposures[high])
     for name in looks:
         if not any(target.bright > target.dark for target in targets if target.camera == name):
             failed[name] = f"it sees no light at {exposures[high]}"
     targets = [target for target in targets if target.camera not in failed]
-    return Metering(tuple(targets), tuple(sorted(probes, key=lambda one: one.stops)), failed)
+    return Metering(tuple(targets), tuple(sorted(probes, key=lambda exposure: exposure.stops)), failed)
 
 
 def _decoded(frame: RawMosaic | CameraFile, name: str) -> RawMosaic | Photo:
@@ -110,7 +110,7 @@ def _away(stops: Sequence[float], index: int, by: float) -> int:
     """The index nearest to so many stops further on, and always another than `index`."""
     wanted = stops[index] + by
     beyond = range(index) if by < 0 else range(index + 1, len(stops))
-    return min(beyond, key=lambda one: abs(stops[one] - wanted))
+    return min(beyond, key=lambda candidate: abs(stops[candidate] - wanted))
 
 
 def _must_be_seen(

@@ -21,15 +21,15 @@ HOT = 4.0
 Pixel = TypeVar("Pixel", bound=np.generic)
 
 
-def percentile(one: Values, other: Values, rank: float) -> float:
+def percentile(first: Values, other: Values, rank: float) -> float:
     """A percentile of the truth behind two noisy takes [n] of it: ranked in one, measured in the other.
 
     The median over all ranks beyond the percentile, which errs outwards as far as misjudged ranks err
     inwards; twice, with the takes exchanged, and averaged.
     """
-    ranks = slice(0, math.ceil(min(rank, 100.0 - rank) / 100.0 * (len(one) - 1)) + 1)
+    ranks = slice(0, math.ceil(min(rank, 100.0 - rank) / 100.0 * (len(first) - 1)) + 1)
     sign = 1.0 if rank < 50.0 else -1.0
-    pairs = ((one, other), (other, one))
+    pairs = ((first, other), (other, first))
     return float(np.mean([np.median(b[np.argsort(sign * a, kind="stable")[ranks]]) for a, b in pairs]))
 
 

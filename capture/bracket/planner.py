@@ -136,7 +136,7 @@ def _balanced(
     count = len(plan.exposures)
     if count == 1:
         return plan
-    reaches = [Reach.of(one.noise, (one.dark, one.bright), exposures, snr, SLACK) for one in targets]
+    reaches = [Reach.of(goal.noise, (goal.dark, goal.bright), exposures, snr, SLACK) for goal in targets]
     times = np.array([exposure.time for exposure in exposures])
     longest = min(most, BALANCE * plan.total) * (1 + 1e-9)  # sums round differently in another order
     chosen = balance(reaches, times, count, longest)
@@ -164,7 +164,7 @@ class _Open:
 
     def next(self) -> tuple[int, float, float] | None:
         """The shortest exposure that goes on from `reach`, if there is one."""
-        first = next((one for one in self.useful if one[1] <= self.reach), None)
+        first = next((reach for reach in self.useful if reach[1] <= self.reach), None)
         return first if first and (first[2] > self.reach or first[2] >= self.target.bright) else None
 
 
@@ -174,19 +174,19 @@ def _cover(targets: Sequence[Target], exposures: Sequence[Exposure], snr: float)
     missed: list[Shortfall] = []
     chosen: set[int] = set()
     while True:
-        for one in waiting:
-            while one.reach < math.inf and one.next() is None:
-                missed.append(_skip(one))
-        needs = [need for one in waiting if one.reach < math.inf and (need := one.next())]
+        for opened in waiting:
+            while opened.reach < math.inf and opened.next() is None:
+                missed.append(_skip(opened))
+        needs = [need for opened in waiting if opened.reach < math.inf and (need := opened.next())]
         if not needs:
             break
         # The target that needs the longest exposure cannot do with less; more would reach less far up.
         index = max(need[0] for need in needs)
         chosen.add(index)
-        for one in waiting:
-            for number, low, high in one.useful:
-                if number == index and low <= one.reach <= high:
-                    one.reach = math.inf if high >= one.target.bright else high
+        for opened in waiting:
+            for number, low, high in opened.useful:
+                if number == index and low <= opened.reach <= high:
+                    opened.reach = math.inf if high >= opened.target.bright else high
     if not chosen:  # nothing is shown as wanted: the most light that does not clip is the best there is
         fit = [
             index
@@ -194,7 +194,7 @@ def _cover(targets: Sequence[Target], exposures: Sequence[Exposure], snr: float)
             if all(target.noise.brightest(exposure) >= target.bright for target in targets)
         ]
         chosen.add(max(fit, default=0))
-    missed = [_unbounded(one, targets) for one in _joined(missed)]
+    missed = [_unbounded(shortfall, targets) for shortfall in _joined(missed)]
     missed += _unknown(targets, missed)
     return Plan(tuple(exposures[index] for index in sorted(chosen)), tuple(missed))
 
@@ -206,7 +206,7 @@ def _useful(target: Target, exposures: Sequence[Exposure], snr: float) -> list[t
         (index, noise.darkest(snr, exposure) * trusted, noise.brightest(exposure) / trusted)
         for index, exposure in enumerate(exposures)
     ]
-    useful = [one for one in ends if one[1] < one[2]]
+    useful = [end for end in ends if end[1] < end[2]]
     if not useful:
         most = max(noise.snr(high / trusted, exposures[index]) for index, _, high in ends)
         raise CaptureError(
@@ -216,38 +216,40 @@ def _useful(target: Target, exposures: Sequence[Exposure], snr: float) -> list[t
     return useful
 
 
-def _skip(one: _Open) -> Shortfall:
+def _skip(opened: _Open) -> Shortfall:
     """Go on where the next exposure begins to be good, or give the rest up."""
-    start, bright, name = one.reach, one.target.bright, str(one.target)
-    further = min((low for _, low, _ in one.useful if low > start), default=None)
-    one.reach = further if further is not None and further <= bright else math.inf
+    start, bright, name = opened.reach, opened.target.bright, str(opened.target)
+    further = min((low for _, low, _ in opened.useful if low > start), default=None)
+    opened.reach = further if further is not None and further <= bright else math.inf
     if further is None:
-        return Shortfall(name, "bright", math.log2(bright / max(high for _, _, high in one.useful)))
-    return Shortfall(name, "dark" if start == one.target.dark else "middle", math.log2(further / start))
+        return Shortfall(name, "bright", math.log2(bright / max(high for _, _, high in opened.useful)))
+    return Shortfall(name, "dark" if start == opened.target.dark else "middle", math.log2(further / start))
 
 
 def _joined(missed: Sequence[Shortfall]) -> list[Shortfall]:
     """One shortfall for all the gaps in the middle of a target."""
     stops: dict[tuple[str, Literal["dark", "middle", "bright"]], float] = {}
-    for one in missed:
-        stops[one.target, one.part] = stops.get((one.target, one.part), 0.0) + one.stops
+    for shortfall in missed:
+        stops[shortfall.target, shortfall.part] = (
+            stops.get((shortfall.target, shortfall.part), 0.0) + shortfall.stops
+        )
     return [Shortfall(target, part, size) for (target, part), size in stops.items()]
 
 
-def _unbounded(one: Shortfall, targets: Sequence[Target]) -> Shortfall:
+def _unbounded(shortfall: Shortfall, targets: Sequence[Target]) -> Shortfall:
     """A shortfall at an end that the meter did not find is at least as large."""
-    target = next(target for target in targets if str(target) == one.target)
+    target = next(target for target in targets if str(target) == shortfall.target)
     endless = {"dark": not target.no_darker, "middle": False, "bright": not target.no_brighter}
-    return replace(one, at_least=endless[one.part])
+    return replace(shortfall, at_least=endless[shortfall.part])
 
 
 def _unknown(targets: Sequence[Target], missed: Sequence[Shortfall]) -> list[Shortfall]:
     """An end that the meter did not find is a shortfall even where the plan reaches all that is known."""
-    told = {(one.target, one.part) for one in missed}
+    listed = {(shortfall.target, shortfall.part) for shortfall in missed}
     ends: list[Shortfall] = []
     for target in targets:
-        if not target.no_darker and (str(target), "dark") not in told:
+        if not target.no_darker and (str(target), "dark") not in listed:
             ends.append(Shortfall(str(target), "dark", 0.0, at_least=True))
-        if not target.no_brighter and (str(target), "bright") not in told:
+        if not target.no_brighter and (str(target), "bright") not in listed:
             ends.append(Shortfall(str(target), "bright", 0.0, at_least=True))
     return ends

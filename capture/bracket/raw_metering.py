@@ -68,7 +68,7 @@ class RawLook:
 
     def targets(self, name: str) -> list[Target]:
         """The range of each channel, from the merged probes."""
-        ascending = [self._probes[one] for one in sorted(self._probes, key=lambda one: one.stops)]
+        ascending = [self._probes[key] for key in sorted(self._probes, key=lambda key: key.stops)]
         shortest, longest = ascending[0], ascending[-1]
         noise = RawNoise.of(next(iter(shortest.values())))
         positions = sorted({position for position, _ in shortest})
@@ -82,25 +82,25 @@ class RawLook:
                 )
                 for position in positions
             ]
-            takes.append(np.concatenate([_without_hot_pixels(one.radiance).ravel() for one in merged]))
+            takes.append(np.concatenate([_without_hot_pixels(frame.radiance).ravel() for frame in merged]))
         slope, floor = noise.profile(_exposure(longest))
         scale = _exposure(longest).scale
         unseen = PRESENT * (PRESENT * slope + math.sqrt(PRESENT**2 * slope**2 + 4 * floor)) / 2 / scale
         targets = []
         for channel, letter in enumerate("RGB"):
-            one, other = (values[channels == channel] for values in takes)
-            dark = percentile(one, other, DARK_PERCENTILE)
-            bright = percentile(one, other, BRIGHT_PERCENTILE)
+            first, other = (values[channels == channel] for values in takes)
+            dark = percentile(first, other, DARK_PERCENTILE)
+            bright = percentile(first, other, BRIGHT_PERCENTILE)
             # Where nothing stands out of the noise, the light is below what would have.
-            seen = dark >= unseen
+            visible = dark >= unseen
             targets.append(
                 Target(
                     camera=name,
                     channel=letter,
                     noise=noise,
-                    dark=dark if seen else unseen,
-                    bright=max(bright, dark if seen else unseen),
-                    no_darker=seen,
+                    dark=dark if visible else unseen,
+                    bright=max(bright, dark if visible else unseen),
+                    no_darker=visible,
                     no_brighter=_clipped(shortest, channel) <= BRIGHT_SHARE,
                 )
             )

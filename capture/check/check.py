@@ -62,17 +62,17 @@ def check(session: str | Path, progress: Progress = unreported) -> CheckReport:
             kind, what = failed[shot.file]
             problems.append(_problem(kind, shot, f"{what}: {again}, or drop it with rig check --repair."))
             continue
-        found = list(_against_record(shot, read[shot.file]))
-        if not any(problem.kind == "altered" for problem in found):
+        differences = list(_against_record(shot, read[shot.file]))
+        if not any(problem.kind == "altered" for problem in differences):
             pictures.append((shot, read[shot.file]))
-        problems.extend(found)
+        problems.extend(differences)
     problems.extend(_missing(plans, shots, again))
     problems.extend(mask_problems(opened, shots, again))
     problems.extend(_duplicates(shots))
     problems.extend(_unrecorded(opened, shots))
     together = {plan.plan: plan.tolerance for plan in plans if plan.tolerance is not None}
     problems.extend(_skewed(shots, together))
-    looks = [own.look for _, own in pictures]
+    looks = [content.look for _, content in pictures]
     return CheckReport(
         session=str(session),
         planned=sum(len(planned_shots(plan)) for plan in plans),
@@ -83,7 +83,7 @@ def check(session: str | Path, progress: Progress = unreported) -> CheckReport:
         warnings=(*warnings(looks, opened.record.cameras), *_taken_again(shots, together)),
         looks=tuple(looks),
         skews=tuple(_skews(shots)),
-        thumbnails={shot.file: own.thumbnail for shot, own in pictures},
+        thumbnails={shot.file: content.thumbnail for shot, content in pictures},
     )
 
 
@@ -197,8 +197,8 @@ def _skewed(shots: Iterable[ShotRecord], together: Mapping[str, float]) -> Itera
 
 def _taken_again(shots: Iterable[ShotRecord], together: Mapping[str, float]) -> Iterator[Problem]:
     """Shots that came late because they had to be repeated, which no trigger would have helped."""
-    for _, own in _steps(shots):
-        for shot in own if len(own) > 1 else ():
+    for _, step_shots in _steps(shots):
+        for shot in step_shots if len(step_shots) > 1 else ():
             if shot.retries and (shot.skew or 0.0) > together.get(shot.plan, SKEW_TOLERANCE):
                 yield _problem(
                     "skew",
@@ -218,9 +218,9 @@ def _steps(shots: Iterable[ShotRecord]) -> Iterator[tuple[tuple[str, int, int], 
 
 def _skews(shots: Iterable[ShotRecord]) -> Iterator[StepSkew]:
     """The spread of the shutters of each step that says it."""
-    for (plan, frame, step), own in _steps(shot for shot in shots if shot.skew is not None):
-        skew = max(shot.skew or 0.0 for shot in own)
-        yield StepSkew(kind=own[0].kind, plan=plan, frame=frame, step=step, skew=skew)
+    for (plan, frame, step), step_shots in _steps(shot for shot in shots if shot.skew is not None):
+        skew = max(shot.skew or 0.0 for shot in step_shots)
+        yield StepSkew(kind=step_shots[0].kind, plan=plan, frame=frame, step=step, skew=skew)
 
 
 def _exposed(pictures: Sequence[tuple[ShotRecord, Read]]) -> Iterator[Exposed]:

@@ -57,8 +57,8 @@ class Codes:
 
 def codes_of(bracket: Sequence[Patches], labels: Array) -> Codes:
     """Smooth patches of all brightnesses of one bracket, its exposures in order of `labels`."""
-    mean = np.stack([one.mean for one in bracket]).astype(np.float64)
-    low, high = np.stack([one.low for one in bracket]), np.stack([one.high for one in bracket])
+    mean = np.stack([codes.mean for codes in bracket]).astype(np.float64)
+    low, high = np.stack([codes.low for codes in bracket]), np.stack([codes.high for codes in bracket])
     floor = max(LOWEST, _fog(mean, labels) + ABOVE)
     inside = (mean >= floor) & (mean <= HIGHEST) & (low >= 0.5) & (high <= 254.5)
     usable = inside.sum(0) >= 2
@@ -73,7 +73,7 @@ def codes_of(bracket: Sequence[Patches], labels: Array) -> Codes:
     place = np.clip(np.searchsorted(edges, level) - 1, 0, BINS - 1)
     chosen = [np.flatnonzero(place == index) for index in range(BINS)]
     # As many of each brightness, evenly from its places, since no chance is to change a proof.
-    picked = np.concatenate([own[:: max(1, -(-len(own) * BINS // MOST))] for own in chosen])
+    picked = np.concatenate([sites[:: max(1, -(-len(sites) * BINS // MOST))] for sites in chosen])
     parts = (row * GROUPS // usable.shape[0]) * GROUPS + column * GROUPS // usable.shape[1]
     code = np.where(inside, mean, np.nan)[:, row[picked], column[picked]].T
     return Codes(code, parts[picked], labels)
@@ -127,11 +127,11 @@ def curves(brackets: Sequence[Codes]) -> Curves | None:
     first = np.cumsum([0, *(len(codes.labels) for codes in brackets)])
     pairs = [_pairs(codes, int(start)) for codes, start in zip(brackets, first, strict=False)]
     joined = _Pairs(
-        np.concatenate([one.long for one in pairs]),
-        np.concatenate([one.short for one in pairs]),
-        np.concatenate([one.step for one in pairs]),
-        np.concatenate([one.from_step for one in pairs]),
-        np.concatenate([one.to_step for one in pairs]),
+        np.concatenate([pair.long for pair in pairs]),
+        np.concatenate([pair.short for pair in pairs]),
+        np.concatenate([pair.step for pair in pairs]),
+        np.concatenate([pair.from_step for pair in pairs]),
+        np.concatenate([pair.to_step for pair in pairs]),
     )
     # An exposure that shares hardly a patch with any other must not hold the trend of the labels.
     for _ in range(len(labels)):
@@ -148,9 +148,9 @@ def curves(brackets: Sequence[Codes]) -> Curves | None:
     return Curves(*(_fit(joined, labels[used], weight) for weight in SMOOTHNESS))
 
 
-def edges(codes: Codes, known: Curves) -> dict[tuple[int, int], Ratio]:
+def edges(codes: Codes, curves: Curves) -> dict[tuple[int, int], Ratio]:
     """Exposure ratios between the neighbours of one bracket: [longer, shorter] by their place in `labels`."""
-    found = {}
+    ratios = {}
     order = np.argsort(codes.labels, kind="stable")
     for shorter, longer in pairwise(order.tolist()):
         both = np.isfinite(codes.code[:, longer]) & np.isfinite(codes.code[:, shorter])
@@ -159,15 +159,15 @@ def edges(codes: Codes, known: Curves) -> dict[tuple[int, int], Ratio]:
         values = [
             np.interp(codes.code[both, longer], np.arange(256.0), curve)
             - np.interp(codes.code[both, shorter], np.arange(256.0), curve)
-            for curve in (known.fitted, known.stiff)
+            for curve in (curves.fitted, curves.stiff)
         ]
         middle, weight = _middle(values[0])
         spread = _spread(values[0], weight, codes.group[both])
         if spread is None:
             continue
         error = float(np.sqrt(spread**2 + FLOOR**2 + (middle - _middle(values[1])[0]) ** 2))
-        found[longer, shorter] = Ratio(middle, error)
-    return found
+        ratios[longer, shorter] = Ratio(middle, error)
+    return ratios
 
 
 def _middle(values: Array) -> tuple[float, Array]:

@@ -92,8 +92,8 @@ def examine_all(
         brackets = list(pool.map(one, groups.values()))
     finally:
         pool.shutdown(cancel_futures=True)
-    read = {file: own for bracket in brackets for file, own in bracket.read.items()}
-    failed = {file: own for bracket in brackets for file, own in bracket.failed.items()}
+    read = {file: content for bracket in brackets for file, content in bracket.read.items()}
+    failed = {file: reason for bracket in brackets for file, reason in bracket.failed.items()}
     for file, estimate in _developed(brackets):
         read[file] = replace(read[file], look=_with(read[file].look, estimate))
     return read, failed
@@ -108,25 +108,25 @@ def _examine(
     for shot in sorted(group, key=lambda shot: shot.step):
         with lock:
             started(shot)
-        found = _read(session, shot)
-        if isinstance(found, Examined):
-            examined.append((shot, found))
+        content = _read(session, shot)
+        if isinstance(content, Examined):
+            examined.append((shot, content))
             digests[shot.file] = store.sha256(session.file(shot))
         else:
-            failed[shot.file] = found
-    looks = {shot.file: _look(shot, one.picture) for shot, one in examined}
+            failed[shot.file] = content
+    looks = {shot.file: _look(shot, content.picture) for shot, content in examined}
     undecided = None
     if group[0].kind in COMPARED:
         same = [
-            _Comparable(shot, one.picture, one.seen)
-            for shot, one in examined
-            if one.seen is not None and digests[shot.file] == shot.sha256
+            _Comparable(shot, content.picture, content.seen)
+            for shot, content in examined
+            if content.seen is not None and digests[shot.file] == shot.sha256
         ]
         looks |= _compared(same, looks)
         undecided = _estimated(same, looks)
     read = {
-        shot.file: Read(one.picture, digests[shot.file], looks[shot.file], one.thumbnail)
-        for shot, one in examined
+        shot.file: Read(content.picture, digests[shot.file], looks[shot.file], content.thumbnail)
+        for shot, content in examined
     }
     return _Bracket(read, failed, undecided)
 
@@ -175,11 +175,11 @@ def label(look: ShotLook) -> Exposure | None:
 
 def _compared(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> dict[str, ShotLook]:
     """Focus and motion of the shots of one bracket."""
-    details = {shot.file: focus.detail(seen) for shot, _, seen in shots}
-    found = {}
+    details = {shot.file: focus.detail(reduced) for shot, _, reduced in shots}
+    facts = {}
     for file, detail in details.items():
         others = [other for name, other in details.items() if name != file]
-        found[file] = looks[file].model_copy(
+        facts[file] = looks[file].model_copy(
             update={
                 "sharpness": focus.sharpness(detail),
                 "relative_sharpness": focus.against(detail, others),
@@ -191,39 +191,41 @@ def _compared(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> dict[
             continue
         moved = motion.compare(longer.seen, shorter.seen)
         if moved is not None:
-            seen = {"shift": moved.shift, "shift_error": moved.error, "moved": moved.moved}
-            found[shot.file] = found[shot.file].model_copy(update=seen)
-    return found
+            motion_facts = {"shift": moved.shift, "shift_error": moved.error, "moved": moved.moved}
+            facts[shot.file] = facts[shot.file].model_copy(update=motion_facts)
+    return facts
 
 
 def _longest_first(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> list[_Comparable]:
     """By label; where labels lack, by brightness."""
-    labels = [label(looks[one.shot.file]) for one in shots]
+    labels = [label(looks[frame.shot.file]) for frame in shots]
     if all(labels):
-        scale = {one.shot.file: own.scale for one, own in zip(shots, labels, strict=True) if own}
+        scale = {frame.shot.file: stated.scale for frame, stated in zip(shots, labels, strict=True) if stated}
     else:
-        scale = {one.shot.file: float(one.seen.green.mean()) for one in shots}
-    return sorted(shots, key=lambda one: -scale[one.shot.file])
+        scale = {frame.shot.file: float(frame.seen.green.mean()) for frame in shots}
+    return sorted(shots, key=lambda frame: -scale[frame.shot.file])
 
 
 def _estimated(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> _Undecided | None:
     """Estimates of a RAW bracket go into `looks`; of a developed one the codes are kept for later."""
-    known = [(one, own) for one in shots if (own := label(looks[one.shot.file])) is not None]
-    if len(known) < 2 or len({one.picture.kind for one, _ in known}) > 1:
+    labelled = [
+        (frame, exposure) for frame in shots if (exposure := label(looks[frame.shot.file])) is not None
+    ]
+    if len(labelled) < 2 or len({frame.picture.kind for frame, _ in labelled}) > 1:
         return None
-    if len({(one.picture.width, one.picture.height) for one, _ in known}) > 1:
+    if len({(frame.picture.width, frame.picture.height) for frame, _ in labelled}) > 1:
         return None
-    if any((looks[one.shot.file].moved or 0.0) > ELSEWHERE for one, _ in known):
+    if any((looks[frame.shot.file].moved or 0.0) > ELSEWHERE for frame, _ in labelled):
         return None
-    files, exposures = [one.shot.file for one, _ in known], [own for _, own in known]
-    frames = [one.seen.linear for one, _ in known if one.seen.linear is not None]
-    if len(frames) == len(known):
-        edges = raw_edges(frames, np.log([own.scale for own in exposures]))
+    files, exposures = [frame.shot.file for frame, _ in labelled], [exposure for _, exposure in labelled]
+    frames = [frame.seen.linear for frame, _ in labelled if frame.seen.linear is not None]
+    if len(frames) == len(labelled):
+        edges = raw_edges(frames, np.log([exposure.scale for exposure in exposures]))
         for file, estimate in zip(files, estimates(exposures, edges), strict=True):
             looks[file] = _with(looks[file], estimate)
         return None
-    patches = [one.seen.patches for one, _ in known if one.seen.patches is not None]
-    if len(patches) < len(known):
+    patches = [frame.seen.patches for frame, _ in labelled if frame.seen.patches is not None]
+    if len(patches) < len(labelled):
         return None
     return _Undecided(
         shots[0].shot.camera, files, exposures, developed_ratios.codes_of(patches, meant(exposures))
@@ -236,13 +238,15 @@ def _developed(brackets: Sequence[_Bracket]) -> Iterable[tuple[str, Estimate | N
     for bracket in brackets:
         if bracket.undecided is not None:
             by_camera.setdefault(bracket.undecided.camera, []).append(bracket.undecided)
-    for own in by_camera.values():
-        curves = developed_ratios.curves([one.codes for one in own[:: -(-len(own) // MOST_CURVED)]])
+    for of_camera in by_camera.values():
+        curves = developed_ratios.curves(
+            [waiting.codes for waiting in of_camera[:: -(-len(of_camera) // MOST_CURVED)]]
+        )
         if curves is None:
             continue
-        for one in own:
-            found = estimates(one.labels, developed_ratios.edges(one.codes, curves))
-            yield from zip(one.files, found, strict=True)
+        for waiting in of_camera:
+            estimated = estimates(waiting.labels, developed_ratios.edges(waiting.codes, curves))
+            yield from zip(waiting.files, estimated, strict=True)
 
 
 def _with(look: ShotLook, estimate: Estimate | None) -> ShotLook:

@@ -43,26 +43,26 @@ class Estimate:
 def raw_edges(frames: Sequence[LinearFrame], labels: Array) -> dict[tuple[int, int], Ratio]:
     """Exposure ratios between the frames [longer, shorter] of a bracket, linear as the sensor saw them."""
     order = np.argsort(labels, kind="stable").tolist()
-    found = {}
+    ratios = {}
     for (i, shorter), (j, longer) in combinations(enumerate(order), 2):
         if j - i <= NEIGHBOURS and frames[longer].signal.shape == frames[shorter].signal.shape:
             edge = ratio([overlap(frames[longer], frames[shorter])])
             if edge is not None:
-                found[longer, shorter] = edge
-    return found
+                ratios[longer, shorter] = edge
+    return ratios
 
 
 def estimates(exposures: Sequence[Exposure], edges: Mapping[tuple[int, int], Ratio]) -> list[Estimate | None]:
     """The exposures of a bracket from their labels and the ratios between them, as logarithms."""
     if not edges:
         return [None] * len(exposures)
-    found: list[Estimate | None] = [None] * len(exposures)
+    results: list[Estimate | None] = [None] * len(exposures)
     for group in _linked(len(exposures), edges):
         place = {step: index for index, step in enumerate(group)}
-        own = {(place[a], place[b]): edge for (a, b), edge in edges.items() if a in place}
-        for step, estimate in zip(group, _solved([exposures[step] for step in group], own), strict=True):
-            found[step] = estimate
-    return found
+        within = {(place[a], place[b]): edge for (a, b), edge in edges.items() if a in place}
+        for step, estimate in zip(group, _solved([exposures[step] for step in group], within), strict=True):
+            results[step] = estimate
+    return results
 
 
 def _linked(count: int, edges: Mapping[tuple[int, int], Ratio]) -> list[list[int]]:
@@ -70,22 +70,22 @@ def _linked(count: int, edges: Mapping[tuple[int, int], Ratio]) -> list[list[int
     rows, columns = zip(*edges, strict=True)
     number, group = connected_components(coo_array((np.ones(len(rows)), (rows, columns)), (count, count)))
     groups = [np.flatnonzero(group == index).tolist() for index in range(number)]
-    return [own for own in groups if len(own) > 1]
+    return [group for group in groups if len(group) > 1]
 
 
 def _solved(exposures: Sequence[Exposure], edges: Mapping[tuple[int, int], Ratio]) -> list[Estimate | None]:
     labels = np.log([exposure.scale for exposure in exposures])
     # A shutter's round name may be meant as it is, or for a power of two: whichever explains the pictures.
     trials = [(base, *solve(base, edges)) for base in (labels, meant(exposures))]
-    base, scales, errors = min(trials, key=lambda one: float(np.minimum(np.abs(one[1] - one[0]), 0.3).sum()))
-    found: list[Estimate | None] = []
+    base, scales, errors = min(trials, key=lambda fit: float(np.minimum(np.abs(fit[1] - fit[0]), 0.3).sum()))
+    results: list[Estimate | None] = []
     for exposure, label, intended, scale, error in zip(
         exposures, labels.tolist(), base.tolist(), scales.tolist(), errors.tolist(), strict=True
     ):
         estimated = exposure.with_time(exposure.time * math.exp(scale - label))
         stops = [value / math.log(2) for value in (scale - label, scale - intended, error)]
-        found.append(Estimate(estimated, *stops) if error <= TRUSTED else None)
-    return found
+        results.append(Estimate(estimated, *stops) if error <= TRUSTED else None)
+    return results
 
 
 def meant(exposures: Sequence[Exposure]) -> Array:

@@ -48,13 +48,13 @@ class Detail:
     usable: Bool
 
 
-def detail(seen: Seen) -> Detail:
+def detail(picture: Seen) -> Detail:
     """The detail of a picture, float32 [H/2, W/2] each."""
-    green = np.maximum(seen.green, -1.0)
+    green = np.maximum(picture.green, -1.0)
     once, twice, thrice = (cv2.GaussianBlur(green, (0, 0), sigma) for sigma in BLURS)
-    variance = seen.noise.variance(thrice)
+    variance = picture.noise.variance(thrice)
     relative = 1.0 / np.maximum(thrice, 1e-3) ** 2
-    far = cv2.dilate(seen.clipped.astype(np.uint8), np.ones((REACH, REACH), np.uint8)) == 0
+    far = cv2.dilate(picture.clipped.astype(np.uint8), np.ones((REACH, REACH), np.uint8)) == 0
     return Detail(
         ((green - once) ** 2 - _FINE * variance) * relative,
         ((twice - thrice) ** 2 - _COARSE * variance) * relative,
@@ -63,27 +63,27 @@ def detail(seen: Seen) -> Detail:
     )
 
 
-def sharpness(seen: Detail, where: Bool | None = None) -> float | None:
+def sharpness(picture: Detail, where: Bool | None = None) -> float | None:
     """Fine over coarse detail, amplitudes, where the picture (and `where`) allows; None: too little to tell.
 
     About 0.7 to 0.9 in focus, 0.2 under a blur of two photosites.
     """
-    usable = seen.usable if where is None else seen.usable & where
+    usable = picture.usable if where is None else picture.usable & where
     if usable.mean() < FEWEST:
         return None
-    coarse, noise = float(seen.coarse[usable].sum()), float(seen.noise[usable].sum())
+    coarse, noise = float(picture.coarse[usable].sum()), float(picture.noise[usable].sum())
     if coarse < TEXTURE * noise:
         return None
-    return float(np.sqrt(max(float(seen.fine[usable].sum()), 0.0) / coarse))
+    return float(np.sqrt(max(float(picture.fine[usable].sum()), 0.0) / coarse))
 
 
-def against(one: Detail, others: list[Detail]) -> float | None:
+def against(picture: Detail, others: list[Detail]) -> float | None:
     """Sharpness over that of others of the same view where both are well exposed, the median."""
     ratios = []
     for other in others:
-        if other.usable.shape != one.usable.shape:
+        if other.usable.shape != picture.usable.shape:
             continue
-        mine, theirs = sharpness(one, other.usable), sharpness(other, one.usable)
+        mine, theirs = sharpness(picture, other.usable), sharpness(other, picture.usable)
         if mine is not None and theirs:
             ratios.append(mine / theirs)
     return float(np.median(ratios)) if ratios else None

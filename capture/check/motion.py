@@ -68,13 +68,13 @@ def compare(longer: Seen, shorter: Seen) -> Motion | None:
     pair = _pair(longer, shorter)
     if pair is None:
         return None
-    found = _shift(pair, np.zeros(2))
-    if found is None:
+    measured = _shift(pair, np.zeros(2))
+    if measured is None:
         return None
     if shorter.patches is not None:
-        pair = _matched(pair, longer.green, shorter.green, np.array(found[0]))
-        found = _shift(pair, np.array(found[0])) or found
-    shift, error = found
+        pair = _matched(pair, longer.green, shorter.green, np.array(measured[0]))
+        measured = _shift(pair, np.array(measured[0])) or measured
+    shift, error = measured
     # Samples are two pixels wide.
     return Motion((2 * shift[0], 2 * shift[1]), 2 * error, _moved(pair, shift))
 
@@ -82,7 +82,7 @@ def compare(longer: Seen, shorter: Seen) -> Motion | None:
 def _pair(longer: Seen, shorter: Seen) -> _Pair | None:
     if longer.green.shape != shorter.green.shape or min(longer.green.shape) < 16:
         return None
-    long, short = (cv2.GaussianBlur(seen.green, (0, 0), 1.0) for seen in (longer, shorter))
+    long, short = (cv2.GaussianBlur(picture.green, (0, 0), 1.0) for picture in (longer, shorter))
     clipped = cv2.dilate((longer.clipped | shorter.clipped).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     usable = ~clipped & (long > DARKEST) & (long < BRIGHTEST)
     if usable.mean() < FEWEST:
@@ -100,8 +100,10 @@ def _pair(longer: Seen, shorter: Seen) -> _Pair | None:
     return _Pair(logs[0], logs[1], relative.astype(np.float32), usable, different)
 
 
-def _relative(seen: Seen, light: Float) -> Float:
-    return np.asarray(np.sqrt(seen.noise.variance(light) / (4 * np.pi)) / np.maximum(light, 1e-6), np.float32)
+def _relative(picture: Seen, light: Float) -> Float:
+    return np.asarray(
+        np.sqrt(picture.noise.variance(light) / (4 * np.pi)) / np.maximum(light, 1e-6), np.float32
+    )
 
 
 def _matched(pair: _Pair, long: Float, short: Float, shift: npt.NDArray[np.float64]) -> _Pair:
@@ -109,12 +111,12 @@ def _matched(pair: _Pair, long: Float, short: Float, shift: npt.NDArray[np.float
     there, usable = _moved_back(pair._replace(short=short), shift)
     edges = np.unique(np.quantile(there[usable], np.linspace(0.0, 1.0, BINS + 1)))
     place = np.clip(np.searchsorted(edges, there[usable]) - 1, 0, max(len(edges) - 2, 0))
-    values, own = long[usable], there[usable]
-    known = [place == index for index in range(len(edges) - 1) if np.any(place == index)]
-    if len(known) < 3:
+    values, codes = long[usable], there[usable]
+    bins = [place == index for index in range(len(edges) - 1) if np.any(place == index)]
+    if len(bins) < 3:
         return pair
-    middles = [float(np.median(own[one])) for one in known]
-    medians = np.maximum.accumulate([float(np.median(values[one])) for one in known])
+    middles = [float(np.median(codes[chosen])) for chosen in bins]
+    medians = np.maximum.accumulate([float(np.median(values[chosen])) for chosen in bins])
     # Before it is blurred, as the longer is: blurring does not commute with a curve.
     light = np.asarray(np.interp(short, middles, medians), np.float32)
     return pair._replace(short=np.log(np.maximum(cv2.GaussianBlur(light, (0, 0), 1.0), 1e-6)))
@@ -175,12 +177,12 @@ def _step(pair: _Pair, shift: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.f
     rows, columns = np.nonzero(usable)
     high, wide = usable.shape
     tile = (rows * TILES // high) * TILES + columns * TILES // wide
-    own = weight[usable]
-    design = np.stack([right[usable], down[usable], np.ones(len(own), np.float32)], 1).astype(np.float64)
+    weights = weight[usable]
+    design = np.stack([right[usable], down[usable], np.ones(len(weights), np.float32)], 1).astype(np.float64)
     normal, goal = np.zeros((TILES * TILES, 3, 3)), np.zeros((TILES * TILES, 3))
     for index in np.unique(tile):
         mine = tile == index
-        weighted = design[mine] * own[mine, None]
+        weighted = design[mine] * weights[mine, None]
         normal[index] = design[mine].T @ weighted
         goal[index] = weighted.T @ residual[usable][mine]
     total = normal.sum(0)
@@ -217,14 +219,14 @@ def _moved(pair: _Pair, shift: tuple[float, float]) -> float:
         return np.asarray(cut.mean((1, 3), dtype=np.float64))
 
     share = blocks(usable)
-    known = share > 0.6
-    if not known.any():
+    reliable = share > 0.6
+    if not reliable.any():
         return 0.0
     inside = np.maximum(share, 1e-9)
     difference = blocks(np.where(usable, pair.long - short, 0.0)) / inside
-    difference -= np.median(difference[known])
+    difference -= np.median(difference[reliable])
     # The blur before makes neighbours alike: a block holds fewer samples than it has.
     noise = blocks(np.where(usable, pair.sigma, 0.0)) / inside
-    other = known & (np.abs(difference) > np.maximum(pair.different, SURE * noise))
+    other = reliable & (np.abs(difference) > np.maximum(pair.different, SURE * noise))
     company = cv2.filter2D(other.astype(np.float32), -1, np.ones((3, 3), np.float32)) >= 3
-    return float((other & company).sum() / known.sum())
+    return float((other & company).sum() / reliable.sum())

@@ -43,13 +43,13 @@ def repair(session: Path, progress: Progress = unreported) -> RepairReport:
         kept = _one_a_file([shot for shot in shots if _is_there(opened, shot)])
         strays = stray_files(opened, kept)
         added: list[ShotRecord] = []
-        left: list[str] = []
+        unrepaired: list[str] = []
         for number, file in enumerate(strays):
             progress(f"reading {file}", number, len(strays))
             try:
                 added.append(_shot_of(opened, file, [*kept, *added]))
             except InputError as error:
-                left.append(str(error))
+                unrepaired.append(str(error))
         progress("read", len(strays), len(strays))
         dropped = [shot.file for shot in shots if shot not in kept]
         backup = _rewrite(session, [*kept, *added]) if dropped or damaged or added else None
@@ -57,7 +57,7 @@ def repair(session: Path, progress: Progress = unreported) -> RepairReport:
         session=str(session),
         dropped=(*damaged, *dropped),
         added=tuple(shot.file for shot in added),
-        left=tuple(left),
+        left=tuple(unrepaired),
         backup=backup,
     )
 
@@ -79,7 +79,7 @@ def _one_a_file(shots: list[ShotRecord]) -> list[ShotRecord]:
     return list(owner.values())
 
 
-def _shot_of(session: Session, file: str, known: list[ShotRecord]) -> ShotRecord:
+def _shot_of(session: Session, file: str, shots: list[ShotRecord]) -> ShotRecord:
     """The record of a file by its name, the plans and its own metadata; InputError if it is no shot."""
     place = re.fullmatch(r"raw/(\d{4,9})/(.+)_(\d{1,9})\.\w+", file)
     if place is None:
@@ -96,7 +96,7 @@ def _shot_of(session: Session, file: str, known: list[ShotRecord]) -> ShotRecord
     )
     if plan is None:
         raise InputError(f"{file} is in no plan of the session: move it away.")
-    if (plan.plan, name, frame, step) in {shot.identity for shot in known}:
+    if (plan.plan, name, frame, step) in {shot.identity for shot in shots}:
         raise InputError(f"{file} stands for a shot that has another file already: move one of them away.")
     path = store.inside(session.folder, file)
     picture = read_picture(path)
@@ -124,10 +124,10 @@ def _shot_of(session: Session, file: str, known: list[ShotRecord]) -> ShotRecord
 
 def _mask_of(session: Session, shot_id: ShotId, height: int, width: int) -> str | None:
     """The mask that an import laid down for a shot; InputError if it is damaged."""
-    found = sorted(session.folder.glob(f"{escape(mask_file(shot_id, ''))}.*"))
-    if not found:
+    files = sorted(session.folder.glob(f"{escape(mask_file(shot_id, ''))}.*"))
+    if not files:
         return None
-    file = found[0].relative_to(session.folder).as_posix()
+    file = files[0].relative_to(session.folder).as_posix()
     read_mask(store.inside(session.folder, file), height, width)
     return file
 

@@ -35,6 +35,6 @@ def stray_files(session: Session, shots: list[ShotRecord]) -> list[str]:
     """Files below raw/ that no record names, relative to the session, in order; links are not followed."""
     named = {shot.file for shot in shots}
     raw = session.folder / "raw"
-    found = [Path(place) / name for place, _, names in os.walk(raw) for name in names]
-    relative = sorted(path.relative_to(session.folder).as_posix() for path in found)
+    files = [Path(place) / name for place, _, names in os.walk(raw) for name in names]
+    relative = sorted(path.relative_to(session.folder).as_posix() for path in files)
     return [name for name in relative if name not in named and not name.endswith(".part")]

@@ -39,8 +39,8 @@ def warnings(looks: Looks, cameras: Sequence[CameraRecord]) -> Iterator[Problem]
     yield from blurred
     yield from _soft_cameras(compared, cameras)
     # What is blurred in one exposure differs from the others without having moved.
-    known = {(problem.camera, problem.frame) for problem in blurred}
-    yield from _moved([look for look in compared if (look.camera, look.frame) not in known])
+    blurred_frames = {(problem.camera, problem.frame) for problem in blurred}
+    yield from _moved([look for look in compared if (look.camera, look.frame) not in blurred_frames])
 
 
 def lost_highlights(shots: Sequence[tuple[float, float]]) -> str | None:
@@ -63,9 +63,9 @@ def lost_highlights(shots: Sequence[tuple[float, float]]) -> str | None:
 
 def _clipped(looks: Looks) -> Iterator[Problem]:
     shots = [
-        (own.scale, _share(look))
+        (exposure.scale, _share(look))
         for look in looks
-        if look.kind == "scene" and (own := label(look)) is not None
+        if look.kind == "scene" and (exposure := label(look)) is not None
     ]
     message = lost_highlights(shots)
     if message is not None:
@@ -111,8 +111,8 @@ def _darks_and_flats(looks: Looks) -> Iterator[Problem]:
 
 def _labels(looks: Looks) -> Iterator[Problem]:
     """Exposures that are not what their labels say; one sentence for a step that is always off."""
-    known = [look for look in looks if look.off is not None]
-    for (camera, _), group in _grouped(known, lambda look: (look.camera, str(label(look)))).items():
+    estimated = [look for look in looks if look.off is not None]
+    for (camera, _), group in _grouped(estimated, lambda look: (look.camera, str(label(look)))).items():
         wrong = [look for look in group if doubted(look)]
         if not wrong:
             continue
@@ -151,15 +151,15 @@ def _blurred(looks: Looks) -> Iterator[Problem]:
         for key, group in _grouped(looks, _step).items()
         if len(values := [look.sharpness for look in group if look.sharpness is not None]) >= FEWEST_FRAMES
     }
-    found = []
+    problems = []
     for look in looks:
         against = [look.relative_sharpness] if look.relative_sharpness is not None else []
         if look.sharpness is not None and usual.get(_step(look)):
             against.append(look.sharpness / usual[_step(look)])
         if against and min(against) < SOFT:
-            found.append((look, min(against)))
-    for group in _grouped((look for look, _ in found), lambda look: (look.camera, look.frame)).values():
-        least = min(value for look, value in found if look in group)
+            problems.append((look, min(against)))
+    for group in _grouped((look for look, _ in problems), lambda look: (look.camera, look.frame)).values():
+        least = min(value for look, value in problems if look in group)
         files = group[0].file if len(group) == 1 else f"{len(group)} shots from {group[0].file} on"
         verb = "has" if len(group) == 1 else "have"
         yield _problem(
@@ -180,9 +180,11 @@ def _soft_cameras(looks: Looks, cameras: Sequence[CameraRecord]) -> Iterator[Pro
     ratios: dict[str, list[float]] = {}
     sharp = [look for look in looks if look.sharpness is not None and look.camera in models]
     for group in _grouped(sharp, lambda look: (look.kind, look.step, models[look.camera])).values():
-        own = {camera: _sharpness(mine) for camera, mine in _grouped(group, lambda look: look.camera).items()}
-        for camera, value in own.items():
-            rest = [other for name, other in own.items() if name != camera]
+        sharp_of = {
+            camera: _sharpness(mine) for camera, mine in _grouped(group, lambda look: look.camera).items()
+        }
+        for camera, value in sharp_of.items():
+            rest = [other for name, other in sharp_of.items() if name != camera]
             if rest and median(rest) > 0:
                 ratios.setdefault(camera, []).append(value / median(rest))
     for camera, values in ratios.items():

@@ -50,17 +50,17 @@ def match_frames(
     cameras: Sequence[CameraRecord], brackets: Sequence[Sequence[Bracket]], together: Together | None
 ) -> Matched:
     """Number the frames of all cameras; guessed by time, else by order, when `together` is None."""
-    in_order = tuple(tuple(range(len(own))) for own in brackets)
+    in_order = tuple(tuple(range(len(camera_brackets))) for camera_brackets in brackets)
     if len(cameras) < 2:
         return Matched(in_order, (None,) * len(cameras), ())
-    times = [_starts(own) for own in brackets]
-    clocked = [own for own in times if own is not None]
+    times = [_starts(camera_brackets) for camera_brackets in brackets]
+    clocked = [starts for starts in times if starts is not None]
     if together in (None, "time") and len(clocked) == len(cameras):
         return _by_time(cameras, clocked)
     if together == "never":
-        return _apart([len(own) for own in brackets])
+        return _apart([len(camera_brackets) for camera_brackets in brackets])
     names = [camera.name for camera in cameras]
-    counts = {len(own) for own in brackets}
+    counts = {len(camera_brackets) for camera_brackets in brackets}
     lacking = "since not all files tell their time, " if together != "order" else ""
     short = "" if len(counts) == 1 else ", although they have different numbers of them"
     why = (
@@ -75,10 +75,10 @@ def _starts(brackets: Sequence[Bracket]) -> Array | None:
     starts = []
     for bracket in brackets:
         taken = [photo.picture.metadata.captured_at for photo in bracket if photo.picture is not None]
-        known = [moment.replace(tzinfo=None) for moment in taken if moment is not None]
-        if not known:
+        moments = [moment.replace(tzinfo=None) for moment in taken if moment is not None]
+        if not moments:
             return None
-        starts.append((min(known) - datetime(1970, 1, 1)).total_seconds())
+        starts.append((min(moments) - datetime(1970, 1, 1)).total_seconds())
     return np.array(starts) if all(a <= b for a, b in pairwise(starts)) else None
 
 
@@ -88,10 +88,10 @@ def _apart(counts: Sequence[int]) -> Matched:
     return Matched(frames, (None,) * len(counts), ())
 
 
-def _same_body(one: CameraRecord, other: CameraRecord) -> bool:
+def _same_body(body: CameraRecord, other: CameraRecord) -> bool:
     """Whether two cameras of a session differ in the size of their pictures alone, as when one is turned."""
-    unknown = all(camera.serial.startswith(f"{camera.make} {camera.model} ") for camera in (one, other))
-    return one.serial == other.serial or (unknown and (one.make, one.model) == (other.make, other.model))
+    unknown = all(camera.serial.startswith(f"{camera.make} {camera.model} ") for camera in (body, other))
+    return body.serial == other.serial or (unknown and (body.make, body.model) == (other.make, other.model))
 
 
 def _by_time(cameras: Sequence[CameraRecord], times: Sequence[Array]) -> Matched:
@@ -100,28 +100,28 @@ def _by_time(cameras: Sequence[CameraRecord], times: Sequence[Array]) -> Matched
     frames: dict[int, tuple[int, ...]] = {}
     rigs: dict[int, int | None] = {}
     why = []
-    left = sorted(range(len(times)), key=lambda index: -len(times[index]))
+    remaining = sorted(range(len(times)), key=lambda index: -len(times[index]))
     first = 0
-    while left:
-        leader = left.pop(0)
+    while remaining:
+        leader = remaining.pop(0)
         offsets = {leader: 0.0}
         reach = _reach([times[leader]])
-        for other in list(left):
+        for other in list(remaining):
             if any(_same_body(cameras[other], cameras[member]) for member in offsets):
                 continue  # which cannot have been there twice
             offset = clock_offset(times[leader], times[other])
             if offset is not None:
                 offsets[other] = offset
                 reach = min(reach, _reach([times[leader], times[other]]))
-                left.remove(other)
+                remaining.remove(other)
         group = _instants({index: times[index] - offset for index, offset in offsets.items()}, 2 * reach)
-        count = 1 + max(max(own) for own in group.values())
-        for index, own in group.items():
-            frames[index] = tuple(first + frame for frame in own)
+        count = 1 + max(max(places) for places in group.values())
+        for index, places in group.items():
+            frames[index] = tuple(first + frame for frame in places)
             rigs[index] = first if len(group) > 1 else None
         first += count
         if len(group) > 1:
-            why.append(_told(names, offsets, {index: count - len(own) for index, own in group.items()}))
+            why.append(_told(names, offsets, {index: count - len(places) for index, places in group.items()}))
         elif len(names) > 1:
             why.append(
                 f"{names[leader]} was fired at times of its own, so that its frames are its own; "
@@ -148,7 +148,7 @@ def _told(names: Sequence[str], offsets: dict[int, float], missed: dict[int, int
 
 def _reach(times: Sequence[Array]) -> float:
     """Seconds within which two brackets coincide."""
-    gaps = [float(np.diff(own).min()) for own in times if len(own) > 1]
+    gaps = [float(np.diff(starts).min()) for starts in times if len(starts) > 1]
     return min([JITTER, *(SHARE_OF_GAP * gap for gap in gaps)])
 
 
@@ -175,7 +175,7 @@ def clock_offset(leader: Array, other: Array) -> float | None:
 
 def _instants(times: dict[int, Array], span: float) -> dict[int, list[int]]:
     """The frame of each time, all cameras together; times of one frame lie within `span` seconds."""
-    events = sorted((float(time), index) for index, own in times.items() for time in own)
+    events = sorted((float(time), index) for index, starts in times.items() for time in starts)
     frames: dict[int, list[int]] = {index: [] for index in times}
     frame, begun, present = -1, -np.inf, set(times)
     for time, index in events:

@@ -56,9 +56,9 @@ def begin_or_continue(
 
 def append_plans(session: Session, plans: Sequence[PlanRecord]) -> None:
     """Add the plans that are not there yet."""
-    known = {plan.plan for plan in session.plans()}
+    recorded = {plan.plan for plan in session.plans()}
     for plan in plans:
-        if plan.plan not in known:
+        if plan.plan not in recorded:
             session.append_plan(plan)
 
 

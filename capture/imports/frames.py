@@ -29,17 +29,21 @@ def frames_in_time(
 
     Cameras that were fired together become a rig. Returned with a sentence for each guess.
     """
-    split = [split_into_brackets(one, count) for one in series]
-    matched = match_frames([one.camera for one in series], [own for own, _ in split], together)
+    split = [split_into_brackets(sequence, count) for sequence in series]
+    matched = match_frames(
+        [sequence.camera for sequence in series], [brackets for brackets, _ in split], together
+    )
     numbered = [
         Numbered(
-            one.camera if rig is None else one.camera.model_copy(update={"rig": f"rig{rig}"}),
+            sequence.camera if rig is None else sequence.camera.model_copy(update={"rig": f"rig{rig}"}),
             dict(zip(frames, brackets, strict=True)),
             why,
         )
-        for one, (brackets, why), frames, rig in zip(series, split, matched.frames, matched.rigs, strict=True)
+        for sequence, (brackets, why), frames, rig in zip(
+            series, split, matched.frames, matched.rigs, strict=True
+        )
     ]
-    return numbered, [*(one.why for one in numbered), *matched.why]
+    return numbered, [*(entry.why for entry in numbered), *matched.why]
 
 
 def frames_of_layout(
@@ -54,31 +58,31 @@ def frames_of_layout(
         photo.cam_from_world or photo.frame is not None for photo in given.photos
     ):
         return frames_in_time(series, count, together)
-    told = {photo.path: photo for photo in given.photos}
+    photo_of = {photo.path: photo for photo in given.photos}
     numbered: list[Numbered] = []
-    for one in series:
+    for sequence in series:
         # Frames that the layout does not number come after all others: nothing says that two cameras
         # were there at one moment.
-        first = 1 + max((frame for own in numbered for frame in own.brackets), default=-1)
+        first = 1 + max((frame for earlier in numbered for frame in earlier.brackets), default=-1)
         brackets: dict[int, Bracket] = {}
         if count is not None:
-            others, why = split_into_brackets(one, count)
+            others, why = split_into_brackets(sequence, count)
         else:
-            brackets = _numbered_by_layout(one, told)
-            rest = [photo for photo in one.originals if told[photo.path].frame is None]
-            others, why = _by_pose(rest, told), ""
+            brackets = _numbered_by_layout(sequence, photo_of)
+            rest = [photo for photo in sequence.originals if photo_of[photo.path].frame is None]
+            others, why = _by_pose(rest, photo_of), ""
         start = max([first, *(frame + 1 for frame in brackets)])
         brackets |= dict(enumerate(others, start=start))
-        rig = given.rigs.get(told[one.originals[0].path].camera)
-        camera = one.camera if rig is None else one.camera.model_copy(update={"rig": rig[0]})
+        rig = given.rigs.get(photo_of[sequence.originals[0].path].camera)
+        camera = sequence.camera if rig is None else sequence.camera.model_copy(update={"rig": rig[0]})
         numbered.append(Numbered(camera, brackets, why or _told(camera.name, brackets, given.teller)))
-    return numbered, [one.why for one in numbered]
+    return numbered, [entry.why for entry in numbered]
 
 
-def _numbered_by_layout(series: Series, told: Mapping[Path, GivenPhoto]) -> dict[int, Bracket]:
+def _numbered_by_layout(series: Series, photo_of: Mapping[Path, GivenPhoto]) -> dict[int, Bracket]:
     brackets: dict[int, Bracket] = {}
     for original in series.originals:
-        frame = told[original.path].frame
+        frame = photo_of[original.path].frame
         if frame is not None:
             brackets.setdefault(frame, []).append(original)
     return dict(sorted(brackets.items()))
@@ -95,21 +99,21 @@ def _told(name: str, brackets: Mapping[int, Bracket], source: str) -> str:
     return f"{name}: {what}, as {source} has them; --bracket N groups every N photos."
 
 
-def _by_pose(originals: Sequence[Original], told: Mapping[Path, GivenPhoto]) -> list[Bracket]:
+def _by_pose(originals: Sequence[Original], photo_of: Mapping[Path, GivenPhoto]) -> list[Bracket]:
     brackets: list[Bracket] = []
     for original in originals:
-        if brackets and _same_place(brackets[-1], original, told):
+        if brackets and _same_place(brackets[-1], original, photo_of):
             brackets[-1].append(original)
         else:
             brackets.append([original])
     return brackets
 
 
-def _same_place(bracket: Bracket, original: Original, told: Mapping[Path, GivenPhoto]) -> bool:
+def _same_place(bracket: Bracket, original: Original, photo_of: Mapping[Path, GivenPhoto]) -> bool:
     """Whether a photograph has the pose of a bracket and an exposure that is not in it yet."""
-    before, after = told[bracket[0].path].cam_from_world, told[original.path].cam_from_world
-    exposures = [one.exposure for one in (*bracket, original)]
+    before, after = photo_of[bracket[0].path].cam_from_world, photo_of[original.path].cam_from_world
+    exposures = [photo.exposure for photo in (*bracket, original)]
     if before is None or after is None or None in exposures or exposures[-1] in exposures[:-1]:
         return False
-    one, other = before.matrix(), after.matrix()
-    return bool(np.abs(one - other).max() <= 1e-9 * max(1.0, float(np.abs(one).max())))
+    here, other = before.matrix(), after.matrix()
+    return bool(np.abs(here - other).max() <= 1e-9 * max(1.0, float(np.abs(here).max())))

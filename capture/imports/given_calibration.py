@@ -35,9 +35,9 @@ def has_poses(given: Given | None) -> bool:
 
 def check_sizes(given: Given, originals: Sequence[Original]) -> None:
     """InputError for the first photograph whose shape is not that of its lens."""
-    told = {photo.path: photo for photo in given.photos}
+    photo_of = {photo.path: photo for photo in given.photos}
     for original in originals:
-        lens = told[original.path].lens
+        lens = photo_of[original.path].lens
         if original.picture is None or lens is None:
             continue
         width, height = original.picture.width, original.picture.height
@@ -54,7 +54,7 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
     One pose a view: that of the first of its photographs that has one. The COLMAP model that is
     written has the layout's points, where it has some, and each view as one image.
     """
-    told = {photo.path: photo for photo in given.photos}
+    photo_of = {photo.path: photo for photo in given.photos}
     shots = {shot.identity: shot for shot in session.shots()}
     taken = [
         (place, shots[place.plan, *place.shot_id])
@@ -63,19 +63,19 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
     ]
     posed: dict[ViewId, GivenPhoto] = {}
     for place, _ in taken:
-        photo = told[place.original.path]
+        photo = photo_of[place.original.path]
         if photo.cam_from_world is not None:
             posed.setdefault(place.shot_id.view, photo)
-    lenses = _lenses(taken, told)
+    lenses = _lenses(taken, photo_of)
     names = {place.original.path: shot.view.image_name for place, shot in taken if shot.view in posed}
     model = _with_points(given, names) or _model_of(posed, lenses, given)
-    seen = {image.name: image.num_points3D for image in model.images.values()}
+    points_of = {image.name: image.num_points3D for image in model.images.values()}
     views = tuple(
         ViewCalibration(
             camera=view.camera,
             frame=view.frame,
             cam_from_world=photo.cam_from_world,
-            points=seen.get(view.image_name, 0),
+            points=points_of.get(view.image_name, 0),
         )
         for view, photo in sorted(posed.items())
         if photo.cam_from_world is not None
@@ -98,7 +98,7 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
         views=views,
         unregistered=tuple(sorted(every - posed.keys())),
         points=int(model.num_points3D()),
-        reprojection_px=float(model.compute_mean_reprojection_error()) if any(seen.values()) else None,
+        reprojection_px=float(model.compute_mean_reprojection_error()) if any(points_of.values()) else None,
         exposure_scale={shot.file: _scale(session, shot) for _, shot in taken},
         rungs=(Rung(name="poses", taken=True, reason=f"given by {given.teller}, not measured"),),
     )
@@ -118,11 +118,11 @@ def write_truth(session: Session, given: Given, places: Sequence[Place]) -> list
 
     Any view may be held out later, and then its true light is asked for.
     """
-    told = {photo.path: photo for photo in given.photos}
+    photo_of = {photo.path: photo for photo in given.photos}
     views: dict[ViewId, tuple[int, int]] = {}
     for place in places:
         picture = place.original.picture
-        if picture is not None and told[place.original.path].cam_from_world is not None:
+        if picture is not None and photo_of[place.original.path].cam_from_world is not None:
             views[place.shot_id.view] = (picture.width, picture.height)
     lit = [view for view in views if view.frame in given.truth]
     if not given.truth:
@@ -146,11 +146,13 @@ def write_truth(session: Session, given: Given, places: Sequence[Place]) -> list
     return [f"The true light of {len(views)} views is kept in truth/, for rig evaluate alone."]
 
 
-def _lenses(taken: Sequence[tuple[Place, ShotRecord]], told: Mapping[Path, GivenPhoto]) -> dict[str, Lens]:
+def _lenses(
+    taken: Sequence[tuple[Place, ShotRecord]], photo_of: Mapping[Path, GivenPhoto]
+) -> dict[str, Lens]:
     """The lens of each camera at the size of its photographs."""
     lenses: dict[str, Lens] = {}
     for place, shot in taken:
-        lens = told[place.original.path].lens
+        lens = photo_of[place.original.path].lens
         if lens is not None and shot.camera not in lenses:
             same = (lens.width, lens.height) == (shot.width, shot.height)
             lenses[shot.camera] = lens if same else lens.resized(shot.width, shot.height)
@@ -173,8 +175,8 @@ def _response(camera: CameraRecord) -> Response:
 
 def _scale(session: Session, shot: ShotRecord) -> float:
     """As a calibration has it: linear EXR is radiance, and what tells no exposure counts as 1 s."""
-    known = shot.exposure is not None and session.camera(shot.camera).kind != "hdr"
-    return shot.exposure.scale if known and shot.exposure is not None else 1.0
+    is_exposed = shot.exposure is not None and session.camera(shot.camera).kind != "hdr"
+    return shot.exposure.scale if is_exposed and shot.exposure is not None else 1.0
 
 
 def _with_points(given: Given, names: Mapping[Path, str]) -> Any | None:

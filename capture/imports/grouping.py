@@ -68,8 +68,8 @@ def sort_into_cameras(
         ordered = sorted(mine, key=lambda original: place[original.path])
         series.append(Series(camera, tuple(ordered if lenses else _in_time(ordered))))
         photos = "1 photo is" if len(mine) == 1 else f"{len(mine)} photos are"
-        told = "as given" if by is not None else "--cameras sorts them otherwise"
-        guesses.append(f"{photos} of the camera {camera.name}, by {_reason(key, by)}; {told}.")
+        how = "as given" if by is not None else "--cameras sorts them otherwise"
+        guesses.append(f"{photos} of the camera {camera.name}, by {_reason(key, by)}; {how}.")
     return series, guesses
 
 
@@ -159,10 +159,10 @@ def split_into_brackets(series: Series, count: int | None) -> tuple[list[Bracket
         )
     singles = len([bracket for bracket in brackets if len(bracket) == 1])
     again = " and then repeat" if len(brackets) - singles > 1 else ""
-    found = " and ".join(_counted(len([b for b in brackets if len(b) == size]), size) for size in sizes)
+    groups = " and ".join(_counted(len([b for b in brackets if len(b) == size]), size) for size in sizes)
     rest = f" and {singles} single photos" if singles else ""
     return brackets, (
-        f"{name}: {found}{rest}, because the exposures differ by half a stop or more{again}; "
+        f"{name}: {groups}{rest}, because the exposures differ by half a stop or more{again}; "
         "--bracket N groups every N photos instead."
     )
 
@@ -224,7 +224,7 @@ def _repeats(stops: npt.NDArray[np.float64], moved: bool) -> bool:
     if not len(complete):
         return False
     pattern = complete[0]
-    if min(abs(one - other) for one, other in combinations(pattern, 2)) < DISTINCT_STOPS - 1e-3:
+    if min(abs(stop - other) for stop, other in combinations(pattern, 2)) < DISTINCT_STOPS - 1e-3:
         return False
     for row in stops:
         apart = (row - pattern)[~np.isnan(row)]

@@ -11,16 +11,18 @@ def masks_beside(photos: Iterable[Path], root: Path, masks: Path) -> dict[Path, 
     """The masks in a folder, by photograph: that of a/b.jpg is a/b.jpg.png, as COLMAP has it,
     or a/b.png.
     """
-    found = {}
+    mask_of = {}
     for photo in photos:
         if photo.is_relative_to(root):
-            own = masks / photo.relative_to(root)
+            mask = masks / photo.relative_to(root)
             there = [
-                path for path in (own.with_name(f"{own.name}.png"), own.with_suffix(".png")) if path.is_file()
+                path
+                for path in (mask.with_name(f"{mask.name}.png"), mask.with_suffix(".png"))
+                if path.is_file()
             ]
             if there:
-                found[photo] = there[0]
-    return found
+                mask_of[photo] = there[0]
+    return mask_of
 
 
 def masks_asked(photos: list[Path], folder: Path, masks: Path) -> tuple[dict[Path, Path], str]:
@@ -34,11 +36,11 @@ def masks_asked(photos: list[Path], folder: Path, masks: Path) -> tuple[dict[Pat
         photo.is_relative_to(masks) for photo in photos
     ):
         raise InputError(f"{masks} lies among the photographs of {folder}: move it beside that folder.")
-    found = masks_beside(photos, folder, masks)
-    if not found:
+    mask_of = masks_beside(photos, folder, masks)
+    if not mask_of:
         example = shown(photos[0].relative_to(folder).with_suffix(".png")) if photos else "a photo's name"
         raise InputError(f"{masks} holds no mask of any photo: name them as the photos, such as {example}.")
-    return found, told_masks(found, len(photos))
+    return mask_of, told_masks(mask_of, len(photos))
 
 
 def told_masks(masks: Mapping[Path, Path], photos: int) -> str:

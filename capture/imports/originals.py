@@ -61,15 +61,15 @@ def survey(
     else:
         others, paths = [], list(named)
     notes: list[str] = []
-    listed = {path: told for path, told in (named or {}).items() if told is not None}
+    listed = {path: exposure for path, exposure in (named or {}).items() if exposure is not None}
     listed |= _listed(folder, others, notes) if exposures is None else _given(folder, exposures, paths, notes)
     others = [path for path in others if exposures is None or path.resolve() != exposures.resolve()]
     if others:
         names = ", ".join(shown(path.relative_to(folder)) for path in others[:3])
         more = "" if len(others) <= 3 else " and others"
-        told = f"{_files(len(others))} left aside as no picture that rig reads: {names}{more}."
+        note = f"{_files(len(others))} left aside as no picture that rig reads: {names}{more}."
         foreign = sorted({path.suffix.lower() for path in others} & FOREIGN.keys())
-        notes.append(told.rstrip(".") + f"; {FOREIGN[foreign[0]]}." if foreign else told)
+        notes.append(note.rstrip(".") + f"; {FOREIGN[foreign[0]]}." if foreign else note)
     if beside:
         notes.append(f"{_files(len(beside))} left aside because a RAW file of the same name is there.")
     originals: list[Original] = []
@@ -149,7 +149,7 @@ def _unknown(originals: list[Original], listed: Mapping[Path, Exposure]) -> list
 
 
 def _transparent(originals: list[Original]) -> list[str]:
-    glassy = [one for one in originals if one.picture is not None and one.picture.transparent > 0]
+    glassy = [photo for photo in originals if photo.picture is not None and photo.picture.transparent > 0]
     if not glassy:
         return []
     count = "1 photo is" if len(glassy) == 1 else f"{len(glassy)} photos are"
@@ -160,7 +160,9 @@ def _transparent(originals: list[Original]) -> list[str]:
 
 
 def _profiles(originals: list[Original]) -> list[str]:
-    names = [one.picture.profile for one in originals if one.picture is not None and one.picture.profile]
+    names = [
+        photo.picture.profile for photo in originals if photo.picture is not None and photo.picture.profile
+    ]
     return [
         f"{names.count(name)} of {len(originals)} photos are in {name}, as their files say; "
         "rig reads them converted to sRGB."

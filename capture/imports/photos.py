@@ -83,16 +83,16 @@ def import_photos(
     name = layout or detect(folder)
     given = read_layout(folder, name)
     named = None if given is None else {photo.path: photo.exposure for photo in given.photos}
-    found = survey(folder, progress, named=named, exposures=exposures)
+    surveyed = survey(folder, progress, named=named, exposures=exposures)
     lost = () if given is None else given.missing
-    if not any(original.picture for original in found.originals):
-        raise _nothing_usable(folder, found.originals, lost)
-    notes = [*found.notes]
+    if not any(original.picture for original in surveyed.originals):
+        raise _nothing_usable(folder, surveyed.originals, lost)
+    notes = [*surveyed.notes]
     if given is not None:
-        check_sizes(given, found.originals)
+        check_sizes(given, surveyed.originals)
         notes = [_told_layout(given, layout), *given.notes, *notes]
     labels = None if given is None else {photo.path: photo.camera for photo in given.photos}
-    sorted_series, guesses = sort_into_cameras(folder, found.originals, cameras, labels)
+    sorted_series, guesses = sort_into_cameras(folder, surveyed.originals, cameras, labels)
     numbered, why = (
         frames_in_time(sorted_series, bracket, together)
         if given is None
@@ -100,19 +100,19 @@ def import_photos(
     )
     guesses += why
     covers = {} if given is None else {photo.path: photo.mask for photo in given.photos if photo.mask}
-    paths = [original.path for original in found.originals]
+    paths = [original.path for original in surveyed.originals]
     if masks is not None:
-        covers, told = masks_asked(paths, folder, masks)
-        notes.append(told)
+        covers, mask_note = masks_asked(paths, folder, masks)
+        notes.append(mask_note)
     elif covers:
         notes.append(told_masks(covers, len(paths)))
     places: list[Place] = []
     plans: list[PlanRecord] = []
-    for one in numbered:
-        new_plans = _plans(one)
+    for entry in numbered:
+        new_plans = _plans(entry)
         plans.extend(new_plans)
-        places.extend(_places(one, new_plans, covers))
-    records = tuple(one.camera for one in numbered)
+        places.extend(_places(entry, new_plans, covers))
+    records = tuple(entry.camera for entry in numbered)
     last = CALIBRATION if has_poses(given) else "session.json"
     with folder_made(out), sole_writer(out):
         session, begun_here = begin_or_continue(out, records, plans, places, last)
@@ -131,7 +131,7 @@ def import_photos(
             if begun_here and not isinstance(error, KeyboardInterrupt):
                 take_back(out)
             raise
-    unreadable = [original.error for original in found.originals if original.error is not None]
+    unreadable = [original.error for original in surveyed.originals if original.error is not None]
     return ImportResult(
         session=out,
         layout=name,
@@ -146,8 +146,8 @@ def import_photos(
 
 def _told_layout(given: Given, asked: LayoutName | None) -> str:
     what = f"Lenses and poses are those of {given.teller}" if has_poses(given) else "There are no poses"
-    told = "as given" if asked is not None else "--layout photos takes the photographs alone"
-    return f"{what}, the folder being read in the layout of {given.layout}; {told}."
+    reason = "as given" if asked is not None else "--layout photos takes the photographs alone"
+    return f"{what}, the folder being read in the layout of {given.layout}; {reason}."
 
 
 def _check_folders(folder: Path, out: Path, bracket: int | None) -> None:
@@ -168,28 +168,28 @@ def _nothing_usable(folder: Path, originals: Sequence[Original], lost: Sequence[
     if lost:
         return InputError(f"{lost[0]}, and no other photograph is: copy the photographs to {folder}.")
     if not originals:
-        found = {path.suffix.lower() for path in folder.rglob("*")} & FOREIGN.keys()
-        fix = FOREIGN[min(found)] if found else "name a folder of photographs"
+        suffixes = {path.suffix.lower() for path in folder.rglob("*")} & FOREIGN.keys()
+        fix = FOREIGN[min(suffixes)] if suffixes else "name a folder of photographs"
         return InputError(f"{folder} holds no RAW, JPEG, PNG, TIFF, EXR or HDR file: {fix}.")
     names = "; ".join(str(original.error) for original in originals[:3])
     more = f"; and {len(originals) - 3} more" if len(originals) > 3 else ""
     return InputError(f"{folder} holds no photograph that can be read ({names}{more}): copy them again.")
 
 
-def _plans(one: Numbered) -> list[PlanRecord]:
+def _plans(entry: Numbered) -> list[PlanRecord]:
     """One plan for each length of bracket."""
     plans = []
-    for size in sorted({len(bracket) for bracket in one.brackets.values()}):
-        mine = {frame: bracket for frame, bracket in one.brackets.items() if len(bracket) == size}
+    for size in sorted({len(bracket) for bracket in entry.brackets.values()}):
+        mine = {frame: bracket for frame, bracket in entry.brackets.items() if len(bracket) == size}
         plans.append(
             PlanRecord(
-                plan=f"{ORIGIN}-{one.camera.name}-{size}",
+                plan=f"{ORIGIN}-{entry.camera.name}-{size}",
                 kind="scene",
                 created=datetime.now(UTC),
                 bracket=tuple(_agreed([bracket[step] for bracket in mine.values()]) for step in range(size)),
                 frames=tuple(mine),
-                cameras=(one.camera.name,),
-                reason=one.why,
+                cameras=(entry.camera.name,),
+                reason=entry.why,
             )
         )
     return plans
@@ -199,14 +199,14 @@ def _agreed(originals: Sequence[Original]) -> Exposure | None:
     """The exposure that all of them have; None where they differ or one is unknown."""
     readable = [original.exposure for original in originals if original.picture is not None]
     first = readable[0] if readable else None
-    same = first is not None and all(one is not None and not deviates(one, first) for one in readable)
+    same = first is not None and all(other is not None and not deviates(other, first) for other in readable)
     return first if same else None
 
 
-def _places(one: Numbered, plans: Sequence[PlanRecord], masks: Mapping[Path, Path]) -> list[Place]:
+def _places(entry: Numbered, plans: Sequence[PlanRecord], masks: Mapping[Path, Path]) -> list[Place]:
     plan_of = {frame: plan.plan for plan in plans for frame in plan.frames}
     return [
-        Place(original, ShotId(one.camera.name, frame, step), plan_of[frame], masks.get(original.path))
-        for frame, bracket in one.brackets.items()
+        Place(original, ShotId(entry.camera.name, frame, step), plan_of[frame], masks.get(original.path))
+        for frame, bracket in entry.brackets.items()
         for step, original in enumerate(bracket)
     ]

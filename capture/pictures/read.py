@@ -81,14 +81,14 @@ def examine(path: Path, counts: Bool | None = None) -> Examined:
         frame = from_raw(content, 1.0)
         picture = _of_mosaic(content, frame)
         masked = without(frame, _fitting(counts, picture))
-        seen = reduced.of_raw(masked, content.cfa) if _large(picture) else None
-        return Examined(picture, seen, thumbnails.of_raw(frame, content))
+        small = reduced.of_raw(masked, content.cfa) if _large(picture) else None
+        return Examined(picture, small, thumbnails.of_raw(frame, content))
     picture = _shares(path, content)
     if isinstance(content, Photo):
-        seen = reduced.of_photo(content.pixels, _fitting(counts, picture)) if _large(picture) else None
-        return Examined(picture, seen, thumbnails.of_photo(content.pixels))
-    seen = reduced.of_light(content, _fitting(counts, picture)) if _large(picture) else None
-    return Examined(picture, seen, thumbnails.of_light(content))
+        small = reduced.of_photo(content.pixels, _fitting(counts, picture)) if _large(picture) else None
+        return Examined(picture, small, thumbnails.of_photo(content.pixels))
+    small = reduced.of_light(content, _fitting(counts, picture)) if _large(picture) else None
+    return Examined(picture, small, thumbnails.of_light(content))
 
 
 def _fitting(counts: Bool | None, picture: Picture) -> Bool | None:
@@ -128,9 +128,9 @@ def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> Picture:
     saturated, signal = frame.saturated, frame.signal
     clipped, sites = [0, 0, 0], [0, 0, 0]
     for (row, column), channel in np.ndenumerate(mosaic.cfa.pattern):
-        own = saturated[row::2, column::2]
-        clipped[int(channel)] += int(np.count_nonzero(own))
-        sites[int(channel)] += own.size
+        plane = saturated[row::2, column::2]
+        clipped[int(channel)] += int(np.count_nonzero(plane))
+        sites[int(channel)] += plane.size
     red, green, blue = (count / max(every, 1) for count, every in zip(clipped, sites, strict=True))
     black, lit = np.count_nonzero(signal <= 0) / signal.size, np.count_nonzero(signal > LIT) / signal.size
     return Picture("raw", width, height, mosaic.metadata, (red, green, blue), black, lit)

@@ -119,14 +119,14 @@ def record(
     return run.result()
 
 
-def _must_be(camera: Camera, known: CameraRecord) -> None:
+def _must_be(camera: Camera, recorded: CameraRecord) -> None:
     """Cables get swapped: names stand for serial numbers. A camera that does not answer fails later."""
     with suppress(CameraError):
         serial = camera.identify().serial
-        if serial != known.serial:
+        if serial != recorded.serial:
             raise CaptureError(
-                f"the camera in the place of {known.name} has the serial number {serial!r}, "
-                f"not {known.serial!r}: "
+                f"the camera in the place of {recorded.name} has the serial number {serial!r}, "
+                f"not {recorded.serial!r}: "
                 "connect the one that began the session, or begin a new one."
             )
 

@@ -32,9 +32,9 @@ def must_be_the_same(session: Session, wanted: SessionRecord) -> None:
                 "resume it with the version of rig that began it, or name a new folder."
             )
         return
-    known, given = ({one.name: _told(one) for one in record.cameras} for record in (there, wanted))
-    for name in {**known, **given}:
-        had, has = (cameras.get(name, f"no camera {name}") for cameras in (known, given))
+    recorded, given = ({each.name: _told(each) for each in record.cameras} for record in (there, wanted))
+    for name in {**recorded, **given}:
+        had, has = (cameras.get(name, f"no camera {name}") for cameras in (recorded, given))
         if had != has:
             raise InputError(
                 f"{session.folder} was captured with {had}, and {wanted.origin} now has {has}: "
@@ -61,45 +61,43 @@ def continued(
     say: Callable[[str], None],
 ) -> PlanRecord | None:
     """The last plan of that kind, None if there is none; InputError where the request contradicts it."""
-    known = next((plan for plan in reversed(plans) if plan.kind == request.kind), None)
-    if known is None:
+    last = next((plan for plan in reversed(plans) if plan.kind == request.kind), None)
+    if last is None:
         return None
-    within = source.positions is None or known.kind != "scene" or max(known.frames) < source.positions
-    if not (within and set(known.cameras) <= set(source.cameras) and all(known.bracket)):
+    within = source.positions is None or last.kind != "scene" or max(last.frames) < source.positions
+    if not (within and set(last.cameras) <= set(source.cameras) and all(last.bracket)):
         raise InputError(
             f"{session.folder / 'plans.jsonl'} plans shots that the rig cannot take: restore the file."
         )
-    if request.frames is not None and request.frames != len(known.frames):
+    if request.frames is not None and request.frames != len(last.frames):
         raise InputError(
-            f"{session.folder} was planned with {len(known.frames)} frames, not {request.frames}: "
+            f"{session.folder} was planned with {len(last.frames)} frames, not {request.frames}: "
             "resume it with the same number, or name a new folder."
         )
-    _must_be_the_bracket(session, source, request, known)
+    _must_be_the_bracket(session, source, request, last)
     usual = asked_for(source.bracket) if request.kind == "scene" and request.bracket is None else None
-    if usual is not None and usual != known.asked:
+    if usual is not None and usual != last.asked:
         say(
-            f"{session.folder} goes on as it was planned, with {_bracket(known)}; "
+            f"{session.folder} goes on as it was planned, with {_bracket(last)}; "
             f"{source.called} says {usual}."
         )
-    return known
+    return last
 
 
-def _must_be_the_bracket(
-    session: Session, source: Source, request: CaptureRequest, known: PlanRecord
-) -> None:
+def _must_be_the_bracket(session: Session, source: Source, request: CaptureRequest, plan: PlanRecord) -> None:
     """InputError if a bracket is asked for that is not the one of the plan."""
     asked = request.bracket
-    if asked is None or asked_for(asked) == known.asked:
+    if asked is None or asked_for(asked) == plan.asked:
         return
     middle = source.middle
     if (
         middle
         and not isinstance(asked, Wanted)
-        and exposures_around(middle, asked, source.cameras) == known.bracket
+        and exposures_around(middle, asked, source.cameras) == plan.bracket
     ):
         return
     raise InputError(
-        f"{session.folder} was planned with the bracket {_bracket(known)}: "
+        f"{session.folder} was planned with the bracket {_bracket(plan)}: "
         f"leave --bracket out to resume it, or name a new folder for {asked_for(asked)}."
     )
 

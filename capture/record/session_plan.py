@@ -88,7 +88,7 @@ def asked_for(bracket: tuple[Exposure, ...] | Stops | Wanted | None) -> str | No
     if isinstance(bracket, Wanted):
         limits = [f"{name} {value:g}" for name, value in asdict(bracket).items() if value is not None]
         return ", ".join(["auto", *limits]).replace("_", " ")
-    stops = [one for one in bracket or () if isinstance(one, int | float)]
+    stops = [stop for stop in bracket or () if isinstance(stop, int | float)]
     return f"stops {', '.join(f'{stop:g}' for stop in stops)}" if stops else None
 
 
@@ -116,10 +116,10 @@ def _given(
     source: Source, kind: Subject, bracket: tuple[Exposure, ...] | Stops, frames: Sequence[int]
 ) -> tuple[Exposure, ...]:
     """Exposures as they are, or stops around the middle one, which is metered where nobody gives it."""
-    exposures = tuple(one for one in bracket if isinstance(one, Exposure))
+    exposures = tuple(exposure for exposure in bracket if isinstance(exposure, Exposure))
     if exposures:
         return exposures
-    stops = [one for one in bracket if not isinstance(one, Exposure)]
+    stops = [stop for stop in bracket if not isinstance(stop, Exposure)]
     middle = source.middle
     if middle is None:
         if kind == "dark":
@@ -148,7 +148,7 @@ def _darks(
 
 
 def _is_exact(bracket: tuple[Exposure, ...] | Stops) -> bool:
-    return any(isinstance(one, Exposure) for one in bracket)
+    return any(isinstance(exposure, Exposure) for exposure in bracket)
 
 
 def _frames(source: Source, request: CaptureRequest, plans: Sequence[PlanRecord]) -> tuple[int, ...]:

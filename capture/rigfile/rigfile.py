@@ -48,10 +48,10 @@ def _stops(value: Any) -> tuple[float, ...] | Literal["auto"]:
     if value == "auto":
         return "auto"
     try:
-        stops = tuple(_number(one) for one in value) if isinstance(value, list) else ()
+        stops = tuple(_number(stop) for stop in value) if isinstance(value, list) else ()
     except ValueError:
         stops = ()
-    if not stops or not all(abs(one) <= 30 for one in stops):
+    if not stops or not all(abs(stop) <= 30 for stop in stops):
         raise ValueError('"auto", or stops around the middle exposure as [-4, -2, 0, 2, 4]')
     if len(set(stops)) < len(stops):
         raise ValueError("made of stops that all differ")
@@ -60,7 +60,7 @@ def _stops(value: Any) -> tuple[float, ...] | Literal["auto"]:
 
 def _place(value: Any) -> tuple[float, ...]:
     try:
-        place = tuple(_number(one) for one in value) if isinstance(value, list) else ()
+        place = tuple(_number(coordinate) for coordinate in value) if isinstance(value, list) else ()
     except ValueError:
         place = ()
     if len(place) != 3:
@@ -183,10 +183,10 @@ def read_rig_file(path: str | Path) -> RigFile:
         # counted, and the cameras may seem too few.
         first = min(
             error.errors(),
-            key=lambda one: (
-                one["type"] != "extra_forbidden",
-                one["type"] == "too_short",
-                line_of(lines, one["loc"]),
+            key=lambda error: (
+                error["type"] != "extra_forbidden",
+                error["type"] == "too_short",
+                line_of(lines, error["loc"]),
             ),
         )
         raise InputError(_told(path, first, lines)) from None
@@ -215,8 +215,8 @@ def _text(path: Path) -> str:
 
 def _syntax(path: Path, text: str, message: str) -> str:
     """What is no TOML, with the line that `tomllib` names in its message."""
-    found = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message, re.DOTALL)
-    what, line = (found[1], found[2]) if found else (message, None)
+    position = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message, re.DOTALL)
+    what, line = (position[1], position[2]) if position else (message, None)
     number = int(line) if line else text.rstrip().count("\n") + 1
     return f"{path}, line {number}: this is no TOML ({what[:1].lower()}{what[1:]}); correct the line."
 
@@ -227,9 +227,9 @@ def _told(path: Path, error: ErrorDetails, lines: Mapping[KeyPath, int]) -> str:
     where = f"{path}, line {line_of(lines, keys)}"
     key = str(keys[-1])
     if kind == "extra_forbidden":
-        known = _known(keys[:-1])
-        near = difflib.get_close_matches(key, known, 1)
-        fix = f"did you mean {near[0]}?" if near else f"the keys here are {', '.join(known)}."
+        allowed = _known(keys[:-1])
+        near = difflib.get_close_matches(key, allowed, 1)
+        fix = f"did you mean {near[0]}?" if near else f"the keys here are {', '.join(allowed)}."
         return f"{where}: there is no key {key!r}; {fix}"
     if keys == ("camera",) and kind in ("missing", "too_short"):
         return f"{path} names no camera: add a [[camera]] with name and serial, or write it with rig init."
@@ -259,7 +259,7 @@ def _known(table: KeyPath) -> list[str]:
     model: type[BaseModel] = RigTables
     for name in (name for name in table if isinstance(name, str)):
         kind = model.model_fields[name].annotation
-        model = next(one for one in (kind, *get_args(kind)) if isinstance(one, type))
+        model = next(choice for choice in (kind, *get_args(kind)) if isinstance(choice, type))
     return list(model.model_fields)
 
 

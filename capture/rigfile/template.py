@@ -52,13 +52,13 @@ def rig_file_text(listed: Sequence[Listed], board: Board | None = None) -> str:
     if two have one serial number.
     """
     able = sorted(
-        (one for one in listed if not one.trouble),
-        key=lambda one: one.identity.serial if one.identity else "",
+        (camera for camera in listed if not camera.trouble),
+        key=lambda camera: camera.identity.serial if camera.identity else "",
     )
-    serials = [one.identity.serial for one in able if one.identity]
+    serials = [camera.identity.serial for camera in able if camera.identity]
     if not serials:
-        told = f"can be used ({listed[0].trouble.rstrip('.')})" if listed else "is connected"
-        raise CaptureError(f"no camera {told}: connect the rig; rig doctor shows what is missing.")
+        reason = f"can be used ({listed[0].trouble.rstrip('.')})" if listed else "is connected"
+        raise CaptureError(f"no camera {reason}: connect the rig; rig doctor shows what is missing.")
     for serial in serials:
         if serials.count(serial) > 1 or not serial:
             raise CaptureError(
@@ -66,14 +66,14 @@ def rig_file_text(listed: Sequence[Listed], board: Board | None = None) -> str:
                 "apart: unplug all but one of them."
             )
     parts = [_HEAD.format(f_number=_f_number(able), leader="cam0", board=_board(board))]
-    parts += [_camera(f"cam{index}", one, alone=len(able) == 1) for index, one in enumerate(able)]
-    parts += [f"\n# Left out: {_printable(one.trouble)}\n" for one in listed if one.trouble]
+    parts += [_camera(f"cam{index}", camera, alone=len(able) == 1) for index, camera in enumerate(able)]
+    parts += [f"\n# Left out: {_printable(camera.trouble)}\n" for camera in listed if camera.trouble]
     return "".join(parts)
 
 
-def _board(known: Board | None) -> str:
+def _board(described: Board | None) -> str:
     """The table of a board, in comments if it is but an example."""
-    board = EXAMPLE if known is None else known
+    board = EXAMPLE if described is None else described
     lines = (
         "[board]                   # what rig capture --board shows: a ChArUco board, sizes in metres",
         f"columns = {board.columns}               # squares along x, as its generator counts them",
@@ -82,27 +82,27 @@ def _board(known: Board | None) -> str:
         f"marker = {board.marker:g}",
         f'dictionary = "{board.dictionary}"',
     )
-    return "".join(f"{'# ' if known is None else ''}{line}\n" for line in lines)
+    return "".join(f"{'# ' if described is None else ''}{line}\n" for line in lines)
 
 
 def _f_number(able: Sequence[Listed]) -> str:
     """The f-number next to f/8 that all have: deep focus, hardly any diffraction."""
-    first, *others = (set(one.capabilities.f_numbers) if one.capabilities else set() for one in able)
+    first, *others = (set(camera.capabilities.f_numbers) if camera.capabilities else set() for camera in able)
     shared = first.intersection(*others)
     says = "of all exposures, so that sharpness stays"
     if not shared:
         return f"# f_number = 8            # {says}; for lenses that can be set"
-    return f"f_number = {min(shared, key=lambda one: abs(one - 8.0)):<16g} # {says}"
+    return f"f_number = {min(shared, key=lambda f_number: abs(f_number - 8.0)):<16g} # {says}"
 
 
-def _camera(name: str, one: Listed, *, alone: bool) -> str:
-    assert one.identity is not None
-    able = one.capabilities
+def _camera(name: str, camera: Listed, *, alone: bool) -> str:
+    assert camera.identity is not None
+    able = camera.capabilities
     size = f", {able.width} x {able.height}" if able and able.width else ""
-    about = f"{one.identity.make} {one.identity.model}, {one.protocol}{size}"
+    about = f"{camera.identity.make} {camera.identity.model}, {camera.protocol}{size}"
     place = "# position = [0.2, 0.0, 0.0]  # in its rig, in metres, in any axes\n"
     rig = "" if alone else f'rig = "rig"\n{place}'
-    table = f"name = {_quoted(name)}\nserial = {_quoted(one.identity.serial)}\n{rig}"
+    table = f"name = {_quoted(name)}\nserial = {_quoted(camera.identity.serial)}\n{rig}"
     return f"\n[[camera]]  # {_printable(about)}\n{table}"
 
 

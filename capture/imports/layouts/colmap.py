@@ -86,8 +86,8 @@ def read(folder: Path) -> Given:
             continue
         lens = lenses[image.camera_id]
         pose = pose_of_image(image, place) if lens is not None and image.has_pose else None
-        own = masks.get(path)
-        photos[path] = GivenPhoto(path, str(image.camera_id), lens, pose, frame=frames.get(key), mask=own)
+        mask = masks.get(path)
+        photos[path] = GivenPhoto(path, str(image.camera_id), lens, pose, frame=frames.get(key), mask=mask)
     rest = [path for path in pictures_in(root) if path not in photos] if root.name == "images" else []
     if rest:
         count = "1 photo" if len(rest) == 1 else f"{len(rest)} photos"

@@ -25,9 +25,9 @@ class _Walk:
 
     def read(self, shape: str) -> Any:
         """The first of the little-endian values of a struct format."""
-        own = struct.Struct("<" + shape)
-        value = own.unpack_from(self.data, self.at)[0]
-        self.at += own.size
+        fields = struct.Struct("<" + shape)
+        value = fields.unpack_from(self.data, self.at)[0]
+        self.at += fields.size
         return value
 
     def skip(self, count: int) -> None:

@@ -91,7 +91,7 @@ def _rendered(folder: Path) -> Given:
     photos: list[GivenPhoto] = []
     truth: dict[int, Path] = {}
     missing: list[str] = []
-    seen: set[str] = set()
+    names: set[str] = set()
     frame = 0
     for split in ("train", "test"):
         source = folder / f"transforms_{split}.json"
@@ -99,13 +99,13 @@ def _rendered(folder: Path) -> Given:
             continue
         times = _times(folder / f"exposure_{split}.json")
         for number, entry in enumerate(entries(source)):
-            if entry.file_path in seen:
+            if entry.file_path in names:
                 raise InputError(
                     f"{entry.where} names {entry.file_path!r} a second time: take one of both out."
                 )
-            seen.add(entry.file_path)
-            found, lost = _exposures(folder, entry, times, frame, split == "test")
-            photos += found
+            names.add(entry.file_path)
+            exposed, lost = _exposures(folder, entry, times, frame, split == "test")
+            photos += exposed
             missing += lost
             light = folder / f"{split}_hdr" / f"hdr_{number:03d}.exr"
             if light.is_file():
@@ -289,6 +289,9 @@ def _times_of(folder: Path, root: Path, views: dict[str, list[Path]]) -> tuple[d
         times = {
             path: time for group in views.values() for path, time in zip(group, RENDERED_TIMES, strict=True)
         }
-        told = ", ".join(f"{time:g}" for time in RENDERED_TIMES)
-        return times, f"The exposures are taken to be {told} s, as in HDR-GS; --exposures FILE tells others."
+        listed = ", ".join(f"{time:g}" for time in RENDERED_TIMES)
+        return (
+            times,
+            f"The exposures are taken to be {listed} s, as in HDR-GS; --exposures FILE tells others.",
+        )
     return {}, "No file tells the exposures; --exposures FILE does."
