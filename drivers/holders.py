@@ -16,16 +16,16 @@ def node_of(device: Any) -> Path:
 
 def holders(device: Any) -> list[str]:
     """Names of other programs that have the device open, as far as this user may see them."""
-    node, found = str(node_of(device)), set()
+    node, names = str(node_of(device)), set()
     for process in _numbered(PROCESSES):
         if process.name == str(os.getpid()):
             continue
         try:
             if any(os.readlink(link) == node for link in (process / "fd").iterdir()):
-                found.add((process / "comm").read_text().strip())
+                names.add((process / "comm").read_text().strip())
         except OSError:  # another user's, or gone
             continue
-    return sorted(found)
+    return sorted(names)
 
 
 def _numbered(folder: Path) -> Iterable[Path]:

@@ -37,7 +37,7 @@ def examine() -> list[Finding]:
         return [Finding("libusb", "not found: no camera can be reached", fix)]
     findings = [Finding("libusb", "found"), _rules(), _memory()]
     try:
-        cameras = [one for kind in (STILL_IMAGE, U3V_CONTROL) for one in find(kind, backend)]
+        cameras = [device for kind in (STILL_IMAGE, U3V_CONTROL) for device in find(kind, backend)]
     except CameraError as error:
         return [*findings, Finding("USB", str(error), "Connect the machine's USB, or leave the container.")]
     return findings + ([_node(camera) for camera in cameras] or [Finding("cameras", "none on the USB")])

@@ -55,10 +55,10 @@ def default_backend() -> IBackend:
 
 def find(kind: InterfaceKind, backend: IBackend) -> list["UsbDevice"]:
     """Every connected device with an interface of that kind, in order of bus and address; none is opened."""
-    with told("The USB"):
+    with errors_translated("The USB"):
         devices = list(usb.core.find(find_all=True, backend=backend) or ())
-    found = [UsbDevice(device, interface) for device in devices for interface in _interfaces(device, kind)]
-    return sorted(found, key=lambda one: (one.device.bus or 0, one.device.address or 0))
+    matching = [UsbDevice(device, interface) for device in devices for interface in _interfaces(device, kind)]
+    return sorted(matching, key=lambda match: (match.device.bus or 0, match.device.address or 0))
 
 
 def _interfaces(device: Any, kind: InterfaceKind) -> Iterator[Any]:
@@ -86,13 +86,14 @@ class UsbDevice:
     @property
     def where(self) -> str:
         """For messages: `USB 001:007 (04b0:0444)`."""
-        one = self.device
-        return f"USB {one.bus or 0:03d}:{one.address or 0:03d} ({one.idVendor:04x}:{one.idProduct:04x})"
+        device = self.device
+        place = f"{device.bus or 0:03d}:{device.address or 0:03d}"
+        return f"USB {place} ({device.idVendor:04x}:{device.idProduct:04x})"
 
     def serial(self) -> str | None:
         """The serial number of the USB descriptor, if there is one and it can be read."""
         try:
-            with told(self.where):
+            with errors_translated(self.where):
                 return usb.util.get_string(self.device, self.device.iSerialNumber) or None
         except (CameraError, ValueError):
             return None
@@ -100,7 +101,7 @@ class UsbDevice:
     def open(self) -> "UsbPipe":
         """Claim the interface. CameraPermission, CameraClaimed, CameraLost."""
         try:
-            with told(self.where):
+            with errors_translated(self.where):
                 return UsbPipe(self)
         except CameraClaimed as error:
             programs = holders(self.device)
@@ -119,11 +120,11 @@ class UsbPipe:
     transfer), CameraClaimed, CameraPermission. Time-outs in seconds.
     """
 
-    def __init__(self, found: UsbDevice) -> None:
-        self.found, self.where = found, found.where
-        self._device, self._number = found.device, found.interface.bInterfaceNumber
+    def __init__(self, device: UsbDevice) -> None:
+        self.found, self.where = device, device.where
+        self._device, self._number = device.device, device.interface.bInterfaceNumber
         usb.util.claim_interface(self._device, self._number)
-        self.endpoints: tuple[Any, ...] = tuple(found.interface)
+        self.endpoints: tuple[Any, ...] = tuple(device.interface)
 
     def endpoint(self, *, into_host: bool, interrupt: bool = False) -> Any:
         """The first endpoint of a direction and kind; CameraProtocol if the interface has none."""
@@ -143,22 +144,22 @@ class UsbPipe:
     def read(self, endpoint: Any, size: int, timeout: float) -> bytes:
         """What arrives in one transfer, at most `size` bytes, rounded up to whole packets."""
         packet = endpoint.wMaxPacketSize or 1
-        with told(self.where):
+        with errors_translated(self.where):
             return bytes(endpoint.read(-(-size // packet) * packet, milliseconds(timeout)))
 
     def read_into(self, endpoint: Any, buffer: Any, timeout: float) -> int:
         """Fill an `array.array('B')`, whole packets long; returns how many bytes came."""
-        with told(self.where):
+        with errors_translated(self.where):
             return int(endpoint.read(buffer, milliseconds(timeout)))
 
     def write(self, endpoint: Any, data: bytes, timeout: float) -> int:
         """One transfer; returns how many bytes went. An empty one is a zero-length packet."""
-        with told(self.where):
+        with errors_translated(self.where):
             return int(endpoint.write(data, milliseconds(timeout)))
 
     def control_in(self, request_type: int, request: int, value: int, size: int, timeout: float) -> bytes:
         """A control transfer to the host, on this interface."""
-        with told(self.where):
+        with errors_translated(self.where):
             answer = self._device.ctrl_transfer(
                 request_type, request, value, self._number, size, milliseconds(timeout)
             )
@@ -166,19 +167,19 @@ class UsbPipe:
 
     def control_out(self, request_type: int, request: int, value: int, data: bytes, timeout: float) -> None:
         """A control transfer to the camera, on this interface."""
-        with told(self.where):
+        with errors_translated(self.where):
             self._device.ctrl_transfer(
                 request_type, request, value, self._number, data, milliseconds(timeout)
             )
 
     def clear_halt(self, endpoint: Any) -> None:
         """Let a halted endpoint go on."""
-        with told(self.where):
+        with errors_translated(self.where):
             endpoint.clear_halt()
 
     def reset(self) -> None:
         """Reset the device; it has to be found and opened again."""
-        with told(self.where):
+        with errors_translated(self.where):
             self._device.reset()
 
     def close(self) -> None:
@@ -207,7 +208,7 @@ _BY_NUMBER: dict[int, Callable[[str], CameraError]] = {
 
 
 @contextmanager
-def told(where: str) -> Iterator[None]:
+def errors_translated(where: str) -> Iterator[None]:
     """Turn pyusb's errors into ours."""
     try:
         yield

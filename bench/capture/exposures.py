@@ -77,7 +77,7 @@ def wrong_shutters(seed: int) -> Callable[[Body, int, Exposure], tuple[Exposure,
     return applied
 
 
-def shots(device: SimulatedCamera, labels: Sequence[Exposure]) -> list[reduced.Seen]:
+def shots(device: SimulatedCamera, labels: Sequence[Exposure]) -> list[reduced.ReducedPicture]:
     """The bracket as `rig check` sees it."""
     seen = []
     for label in labels:
@@ -112,14 +112,16 @@ def brackets(
     return found
 
 
-def _raw(own: Sequence[Sequence[reduced.Seen]], labels: Sequence[Exposure]) -> list[list[Estimate | None]]:
+def _raw(
+    own: Sequence[Sequence[reduced.ReducedPicture]], labels: Sequence[Exposure]
+) -> list[list[Estimate | None]]:
     scale = np.log([label.scale for label in labels])
     linear = [[one.linear for one in seen if one.linear is not None] for seen in own]
     return [estimates(labels, raw_edges(frames, scale)) for frames in linear]
 
 
 def _developed(
-    own: Sequence[Sequence[reduced.Seen]], labels: Sequence[Exposure]
+    own: Sequence[Sequence[reduced.ReducedPicture]], labels: Sequence[Exposure]
 ) -> list[list[Estimate | None]]:
     patches = [[one.patches for one in seen if one.patches is not None] for seen in own]
     codes = [developed_ratios.codes_of(one, meant(labels)) for one in patches]

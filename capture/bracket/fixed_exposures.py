@@ -17,7 +17,7 @@ FULL = 0.9
 """The brightest level of a flat, white 1: further up noise begins to be cut off."""
 STILL = 1 / 30
 """Seconds within which a board that is held by hand stands still enough for its corners."""
-SEEN = 10.0
+VISIBLE = 10.0
 """dB at which the dark end of a single exposure counts as seen."""
 
 
@@ -62,7 +62,7 @@ def middle_exposure(targets: Sequence[Target], exposures: Sequence[Exposure]) ->
     """The exposure with as many stops to spare, or missing, above what all cameras see as below it."""
 
     def off(exposure: Exposure) -> float:
-        below = min(math.log2(target.dark / target.noise.darkest(SEEN, exposure)) for target in targets)
+        below = min(math.log2(target.dark / target.noise.darkest(VISIBLE, exposure)) for target in targets)
         return abs(worths(targets, exposure)["rig"].headroom - below)
 
     return min(exposures, key=off)

@@ -14,7 +14,7 @@ from capture.check import developed_ratios, focus, motion
 from capture.check.exposure_estimates import Estimate, estimates, meant, raw_edges
 from capture.check.findings import ProblemKind, ShotLook
 from capture.pictures.read import Examined, Picture, examine
-from capture.pictures.reduced import Seen
+from capture.pictures.reduced import ReducedPicture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import store
@@ -49,7 +49,7 @@ class _Comparable(NamedTuple):
 
     shot: ShotRecord
     picture: Picture
-    seen: Seen
+    reduced: ReducedPicture
 
 
 Failure = tuple[ProblemKind, str]
@@ -118,9 +118,9 @@ def _examine(
     undecided = None
     if group[0].kind in COMPARED:
         same = [
-            _Comparable(shot, content.picture, content.seen)
+            _Comparable(shot, content.picture, content.reduced)
             for shot, content in examined
-            if content.seen is not None and digests[shot.file] == shot.sha256
+            if content.reduced is not None and digests[shot.file] == shot.sha256
         ]
         looks |= _compared(same, looks)
         undecided = _estimated(same, looks)
@@ -189,7 +189,7 @@ def _compared(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> dict[
         shot = shorter.shot
         if longer.picture.kind != shorter.picture.kind:
             continue
-        moved = motion.compare(longer.seen, shorter.seen)
+        moved = motion.compare(longer.reduced, shorter.reduced)
         if moved is not None:
             motion_facts = {"shift": moved.shift, "shift_error": moved.error, "moved": moved.moved}
             facts[shot.file] = facts[shot.file].model_copy(update=motion_facts)
@@ -202,7 +202,7 @@ def _longest_first(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> 
     if all(labels):
         scale = {frame.shot.file: stated.scale for frame, stated in zip(shots, labels, strict=True) if stated}
     else:
-        scale = {frame.shot.file: float(frame.seen.green.mean()) for frame in shots}
+        scale = {frame.shot.file: float(frame.reduced.green.mean()) for frame in shots}
     return sorted(shots, key=lambda frame: -scale[frame.shot.file])
 
 
@@ -218,13 +218,13 @@ def _estimated(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> _Und
     if any((looks[frame.shot.file].moved or 0.0) > ELSEWHERE for frame, _ in labelled):
         return None
     files, exposures = [frame.shot.file for frame, _ in labelled], [exposure for _, exposure in labelled]
-    frames = [frame.seen.linear for frame, _ in labelled if frame.seen.linear is not None]
+    frames = [frame.reduced.linear for frame, _ in labelled if frame.reduced.linear is not None]
     if len(frames) == len(labelled):
         edges = raw_edges(frames, np.log([exposure.scale for exposure in exposures]))
         for file, estimate in zip(files, estimates(exposures, edges), strict=True):
             looks[file] = _with(looks[file], estimate)
         return None
-    patches = [frame.seen.patches for frame, _ in labelled if frame.seen.patches is not None]
+    patches = [frame.reduced.patches for frame, _ in labelled if frame.reduced.patches is not None]
     if len(patches) < len(labelled):
         return None
     return _Undecided(

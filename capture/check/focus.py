@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from capture.pictures.reduced import Bool, Float, Seen
+from capture.pictures.reduced import Bool, Float, ReducedPicture
 
 BLURS = (0.7, 1.4, 2.8)
-"""Standard deviations, in samples of `Seen.green`, between which detail is fine, and coarse."""
+"""Standard deviations, in samples of `ReducedPicture.green`, between which detail is fine, and coarse."""
 REACH = 15
 """Samples around a clipped one that say nothing of detail."""
 DARKEST = 0.01
@@ -48,7 +48,7 @@ class Detail:
     usable: Bool
 
 
-def detail(picture: Seen) -> Detail:
+def detail(picture: ReducedPicture) -> Detail:
     """The detail of a picture, float32 [H/2, W/2] each."""
     green = np.maximum(picture.green, -1.0)
     once, twice, thrice = (cv2.GaussianBlur(green, (0, 0), sigma) for sigma in BLURS)

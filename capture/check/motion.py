@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from capture.pictures.reduced import Bool, Float, Seen
+from capture.pictures.reduced import Bool, Float, ReducedPicture
 
 DARKEST, BRIGHTEST = 0.02, 0.9
 """Levels of the longer exposure between which the two are compared."""
@@ -63,7 +63,7 @@ class _Pair(NamedTuple):
     different: float
 
 
-def compare(longer: Seen, shorter: Seen) -> Motion | None:
+def compare(longer: ReducedPicture, shorter: ReducedPicture) -> Motion | None:
     """Compare two exposures of one view; None where they share too little to tell."""
     pair = _pair(longer, shorter)
     if pair is None:
@@ -79,7 +79,7 @@ def compare(longer: Seen, shorter: Seen) -> Motion | None:
     return Motion((2 * shift[0], 2 * shift[1]), 2 * error, _moved(pair, shift))
 
 
-def _pair(longer: Seen, shorter: Seen) -> _Pair | None:
+def _pair(longer: ReducedPicture, shorter: ReducedPicture) -> _Pair | None:
     if longer.green.shape != shorter.green.shape or min(longer.green.shape) < 16:
         return None
     long, short = (cv2.GaussianBlur(picture.green, (0, 0), 1.0) for picture in (longer, shorter))
@@ -100,7 +100,7 @@ def _pair(longer: Seen, shorter: Seen) -> _Pair | None:
     return _Pair(logs[0], logs[1], relative.astype(np.float32), usable, different)
 
 
-def _relative(picture: Seen, light: Float) -> Float:
+def _relative(picture: ReducedPicture, light: Float) -> Float:
     return np.asarray(
         np.sqrt(picture.noise.variance(light) / (4 * np.pi)) / np.maximum(light, 1e-6), np.float32
     )

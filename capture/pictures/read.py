@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.pictures import reduced, thumbnails
+from capture.pictures.reduced import ReducedPicture
 from imaging.colour import srgb_encode
 from imaging.errors import InputError
 from imaging.files.photo import Photo, is_photo, read_metadata, read_photo
@@ -52,7 +53,7 @@ class Examined:
     """A picture, what of it is compared with others (None: it is too small), and a thumbnail as JPEG."""
 
     picture: Picture
-    seen: reduced.Seen | None
+    reduced: ReducedPicture | None
     thumbnail: bytes
 
 

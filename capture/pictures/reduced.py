@@ -40,7 +40,7 @@ class Patches:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ReducedPicture:
     """A picture for examination.
 
     green: float32 [H/2, W/2], green light of each 2x2 pixels, 1 is white; clipped: whether any of them is,
@@ -55,7 +55,7 @@ class Seen:
     patches: Patches | None
 
 
-def of_raw(frame: LinearFrame, cfa: Cfa) -> Seen:
+def of_raw(frame: LinearFrame, cfa: Cfa) -> ReducedPicture:
     """A RAW frame; the two greens of each tile are one sample. What is not valid in it tells nothing."""
     noise = frame.noise if isinstance(frame.noise, SensorSignalNoise) else TYPICAL
     height, width = (side // 2 * 2 for side in frame.signal.shape)
@@ -63,7 +63,7 @@ def of_raw(frame: LinearFrame, cfa: Cfa) -> Seen:
     green = [frame.signal[row:height:2, column:width:2] for row, column in sites]
     useless = frame.saturated | ~frame.valid
     clipped = [useless[row:height:2, column:width:2] for row, column in sites]
-    return Seen(
+    return ReducedPicture(
         np.asarray((green[0] + green[1]) / 2, np.float32),
         clipped[0] | clipped[1],
         SensorSignalNoise(noise.slope / 2, noise.floor / 2),
@@ -72,7 +72,7 @@ def of_raw(frame: LinearFrame, cfa: Cfa) -> Seen:
     )
 
 
-def of_photo(pixels: Float, counts: Bool | None = None) -> Seen:
+def of_photo(pixels: Float, counts: Bool | None = None) -> ReducedPicture:
     """A developed photograph [H, W, 3], 0..1, taken for sRGB until its curve is known.
 
     counts: bool [H, W], which pixels a mask lets through; None: all.
@@ -86,10 +86,12 @@ def of_photo(pixels: Float, counts: Bool | None = None) -> Seen:
     for row, column in product((0, 1), repeat=2):
         clipped |= codes[row : 2 * height : 2, column : 2 * width : 2] >= TOP_CODE
     clipped |= _hidden(counts, green)
-    return Seen(green, clipped, SensorSignalNoise(slope, slope / 255), None, _patches(codes, counts))
+    return ReducedPicture(
+        green, clipped, SensorSignalNoise(slope, slope / 255), None, _patches(codes, counts)
+    )
 
 
-def of_light(light: Float, counts: Bool | None = None) -> Seen:
+def of_light(light: Float, counts: Bool | None = None) -> ReducedPicture:
     """Linear light [H, W, 3], which is merged already: brought to where 1 is its brightest percentile.
 
     counts: as of `of_photo`.
@@ -98,7 +100,9 @@ def of_light(light: Float, counts: Bool | None = None) -> Seen:
     shown = finite if counts is None or not counts.any() else finite[counts]
     top = max(float(np.percentile(shown, 99.0)), 1e-30)
     green = _halved(np.asarray(finite / top, np.float32))
-    return Seen(green, (green >= 1.0) | _hidden(counts, green), SensorSignalNoise(1e-6, 1e-10), None, None)
+    return ReducedPicture(
+        green, (green >= 1.0) | _hidden(counts, green), SensorSignalNoise(1e-6, 1e-10), None, None
+    )
 
 
 def _halved(image: Float) -> Float:

@@ -60,7 +60,7 @@ class StoredShot:
 
 def find_cameras(backend: IBackend, clock: Clock) -> list["PtpCamera"]:
     """Every connected PTP camera, none of them opened: the first question to one opens it."""
-    return [PtpCamera(found, backend, clock) for found in usb.find(usb.STILL_IMAGE, backend)]
+    return [PtpCamera(device, backend, clock) for device in usb.find(usb.STILL_IMAGE, backend)]
 
 
 class PtpCamera:
@@ -70,8 +70,8 @@ class PtpCamera:
     certain: whether what was last set has one meaning, or a file has told which one it is.
     """
 
-    def __init__(self, found: usb.UsbDevice, backend: IBackend, clock: Clock) -> None:
-        self._connection, self._clock = Connection(found, backend, clock), clock
+    def __init__(self, device: usb.UsbDevice, backend: IBackend, clock: Clock) -> None:
+        self._connection, self._clock = Connection(device, backend, clock), clock
         self._body: StandardBody | None = None
         self._wanted: Exposure | None = None
         self._choices: list[tuple[Dial, Choice]] = []
@@ -116,9 +116,9 @@ class PtpCamera:
         `certain`. CameraRefused if the camera is not at manual exposure.
         """
         self._shot = self._listening = None
-        found = self._again(lambda body: self._set(body, exposure))
+        applied = self._again(lambda body: self._set(body, exposure))
         self._wanted = exposure
-        return found
+        return applied
 
     def arm(self) -> None:
         """Wait until the camera takes orders, and forget what it told of earlier shots."""
@@ -138,7 +138,7 @@ class PtpCamera:
         body = self._connected()
         self._shot, self._failed = None, True
         time = next(choice.value for dial, choice in self._choices if dial is body.time)
-        known, self._listening = frozenset(body.known), None
+        before, self._listening = frozenset(body.known), None
         try:
             try:
                 body.release(_PROMPT)
@@ -149,7 +149,7 @@ class PtpCamera:
         except CameraLost:
             self._drop()
             raise
-        self._shot = _Shot(time, self._clock.now() + time, known, body)
+        self._shot = _Shot(time, self._clock.now() + time, before, body)
         return self._clock.now()
 
     def collect(self) -> CameraFile:

@@ -43,12 +43,12 @@ def body_for(session: PtpSession, usb_vendor: int) -> StandardBody:
 class Connection:
     """The way to one camera. `identity` is None before it was first opened."""
 
-    def __init__(self, found: usb.UsbDevice, backend: IBackend, clock: Clock) -> None:
-        self._found: usb.UsbDevice | None = found
+    def __init__(self, device: usb.UsbDevice, backend: IBackend, clock: Clock) -> None:
+        self._found: usb.UsbDevice | None = device
         self._backend, self._clock = backend, clock
-        self._usb = (found.device.idVendor, found.device.idProduct)
+        self._usb = (device.device.idVendor, device.device.idProduct)
         self._usb_serial: str | None = None
-        self.where = found.where
+        self.where = device.where
         self.identity: CameraIdentity | None = None
 
     def open(self) -> StandardBody:
@@ -70,10 +70,10 @@ class Connection:
         """The camera wherever it is; what kept it from being opened there, if it does not come back."""
         end, refused = self._clock.now() + REPLUG_SECONDS, None
         while True:
-            for found in usb.find(usb.STILL_IMAGE, self._backend):
-                if self._may_be(found):
+            for device in usb.find(usb.STILL_IMAGE, self._backend):
+                if self._may_be(device):
                     try:
-                        return self._opened(found)
+                        return self._opened(device)
                     except CameraError as error:
                         refused = error
             if self._clock.now() >= end:
@@ -83,37 +83,37 @@ class Connection:
                 raise CameraLost(f"Camera {name} is no longer there: plug it in again and wake it up.")
             self._clock.sleep(_LOOK_EVERY)
 
-    def _may_be(self, found: usb.UsbDevice) -> bool:
+    def _may_be(self, device: usb.UsbDevice) -> bool:
         """Whether it looks the same from outside; others may be in use and are left alone.
 
         One that never told its serial number in any way cannot be told from its likes.
         """
-        same = (found.device.idVendor, found.device.idProduct) == self._usb
+        same = (device.device.idVendor, device.device.idProduct) == self._usb
         if self._usb_serial is None:
             return same and self.identity is not None
-        return same and found.serial() == self._usb_serial
+        return same and device.serial() == self._usb_serial
 
-    def _opened(self, found: usb.UsbDevice) -> StandardBody:
+    def _opened(self, device: usb.UsbDevice) -> StandardBody:
         """CameraLost if it is another camera than this connection's."""
-        usb_serial = found.serial()
+        usb_serial = device.serial()
         if self.identity is None and usb_serial is not None:
             # Known from now on, so that a plug pulled before the first answer does not cost the camera.
             self._usb_serial = usb_serial
         try:
-            pipe = found.open()
+            pipe = device.open()
         except CameraError:
-            dispose_resources(found.device)  # asking for the serial number opened it
+            dispose_resources(device.device)  # asking for the serial number opened it
             raise
         try:
             session = PtpSession(Transport(pipe, self._clock), self._clock)
             info = session.open()
-            serial = info.serial or usb_serial or found.where
+            serial = info.serial or usb_serial or device.where
             if self.identity is not None and serial != self.identity.serial:
-                raise CameraLost(f"{found.where} is camera {serial}, not {self.identity.serial}.")
+                raise CameraLost(f"{device.where} is camera {serial}, not {self.identity.serial}.")
             body = body_for(session, self._usb[0])
             kind: Literal["raw", "ldr"] = "raw" if body.delivers_raw() else "ldr"
             self.identity = CameraIdentity(serial, info.manufacturer, info.model, kind)
-            self._usb_serial, self.where = usb_serial, found.where
+            self._usb_serial, self.where = usb_serial, device.where
             body.enter()
         except BaseException:
             pipe.close()

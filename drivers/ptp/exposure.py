@@ -108,7 +108,7 @@ class Dial:
     def learn(self, choice: Choice, value: float) -> None:
         """A file says what a code really was: remember it, if it is one of the things it can mean."""
         candidates = self._coding.candidates(choice.code)
-        nearest = min(candidates, key=lambda one: apart(one, value), default=value)
+        nearest = min(candidates, key=lambda candidate: apart(candidate, value), default=value)
         if candidates and apart(nearest, value) <= SAME:
             self._confirmed[choice.code] = nearest
 
@@ -123,7 +123,9 @@ class Dial:
             raise CameraRefused(
                 f"The camera offers no number for property 0x{self.code:04X}: switch it to manual exposure."
             )
-        wanted = min(choices, key=lambda choice: min(apart(one, value) for one in self._values(choice)))
+        wanted = min(
+            choices, key=lambda choice: min(apart(candidate, value) for candidate in self._values(choice))
+        )
         for _ in range(2):
             if description.current == wanted.code or not description.writable:
                 break
@@ -134,16 +136,16 @@ class Dial:
                 description = self._properties.describe(self.code)
                 if description.current == wanted.code:
                     break
-        found = self._choice(description.current)
-        if found is None:
+        current = self._choice(description.current)
+        if current is None:
             raise CameraRefused(
                 f"The camera went to code {description.current} of property 0x{self.code:04X}, "
                 "which is no number: switch it to manual exposure."
             )
-        if found.code == wanted.code and not found.certain:
-            nearest = min(self._values(found), key=lambda one: apart(one, value))
-            return Choice(found.code, nearest, certain=False)
-        return found
+        if current.code == wanted.code and not current.certain:
+            nearest = min(self._values(current), key=lambda candidate: apart(candidate, value))
+            return Choice(current.code, nearest, certain=False)
+        return current
 
     def _choices(self, description: DevicePropDesc) -> tuple[Choice, ...]:
         codes: Iterable[Value] = (description.current,)
@@ -156,18 +158,18 @@ class Dial:
                     codes = range(low, high + 1, max(step, 1))[:4096]
                 case _ if self._coding.standard:
                     codes = self._within(description.form)
-        found = {choice.code: choice for choice in map(self._choice, codes) if choice is not None}
-        return tuple(sorted(found.values(), key=lambda choice: choice.value))
+        choices = {choice.code: choice for choice in map(self._choice, codes) if choice is not None}
+        return tuple(sorted(choices.values(), key=lambda choice: choice.value))
 
     def _within(self, form: RangeForm | EnumForm | None) -> Iterable[int]:
         """The standard codes, between the ends of a range if the camera gave one."""
         if not isinstance(form, RangeForm):
             return self._coding.standard
         ends = [self._coding.decode(end) for end in (form.minimum, form.maximum) if isinstance(end, int)]
-        known = sorted(end for end in ends if end is not None)
-        if len(known) < 2:
+        limits = sorted(end for end in ends if end is not None)
+        if len(limits) < 2:
             return self._coding.standard
-        low, high = known[0] * 0.999, known[-1] * 1.001
+        low, high = limits[0] * 0.999, limits[-1] * 1.001
         return [code for code in self._coding.standard if low <= (self._coding.decode(code) or 0.0) <= high]
 
     def _choice(self, code: Value) -> Choice | None:
@@ -185,6 +187,6 @@ class Dial:
         return (choice.value,) if choice.certain else self._coding.candidates(choice.code)
 
 
-def apart(one: float, other: float) -> float:
+def apart(value: float, other: float) -> float:
     """Stops between two positive values."""
-    return abs(math.log2(one / other))
+    return abs(math.log2(value / other))

@@ -17,27 +17,27 @@ _SUFFIXES = {
 }
 
 
-def suffix(one: Download) -> str:
+def suffix(file: Download) -> str:
     """What the file is, by its name, by its format where the name does not say; empty if neither does."""
-    named = PurePath(one.info.filename).suffix.lower()
+    named = PurePath(file.info.filename).suffix.lower()
     if named in raw.SUFFIXES or named in photo.SUFFIXES:
         return named
-    return _SUFFIXES.get(FormatCode(one.info.format), "") if one.info.format in _SUFFIXES else ""
+    return _SUFFIXES.get(FormatCode(file.info.format), "") if file.info.format in _SUFFIXES else ""
 
 
 def best_of(objects: list[Download]) -> Download:
     """The RAW file if there is one, else the photograph; CameraProtocol if there is neither."""
     for suffixes in (raw.SUFFIXES, photo.SUFFIXES):
-        for one in objects:
-            if suffix(one) in suffixes:
-                return one
-    names = ", ".join(one.info.filename for one in objects) or "nothing"
+        for file in objects:
+            if suffix(file) in suffixes:
+                return file
+    names = ", ".join(file.info.filename for file in objects) or "nothing"
     raise CameraProtocol(f"The camera delivered no picture that rig reads ({names}): set it to RAW.")
 
 
-def whole_file(data: bytes, one: Download) -> CameraFile:
+def whole_file(data: bytes, file: Download) -> CameraFile:
     """A downloaded file, read to its end while the camera still has it; InputError if it is damaged."""
-    kind = suffix(one)
+    kind = suffix(file)
     if kind in raw.SUFFIXES:
         mosaic = raw.decode_raw(data, kind)
         height, width = mosaic.pixels.shape

@@ -70,8 +70,8 @@ class RefusedWith(CameraRefused):
     """The camera refused with a response code, `code`."""
 
     def __init__(self, where: str, operation: int, code: int) -> None:
-        known = code in ResponseCode.__members__.values()
-        reason = ResponseCode(code).name.lower().replace("_", " ") if known else f"code 0x{code:04X}"
+        is_standard = code in ResponseCode.__members__.values()
+        reason = ResponseCode(code).name.lower().replace("_", " ") if is_standard else f"code 0x{code:04X}"
         fix = "free its card" if code == ResponseCode.STORE_FULL else "check its mode dial and menus"
         super().__init__(f"{where} refused operation 0x{operation:04X} ({reason}): {fix}.")
         self.code = code
@@ -160,11 +160,13 @@ class PtpSession:
 
     def describe(self, code: int) -> DevicePropDesc:
         """A property: its type, value and choices."""
-        found = DevicePropDesc.unpack(self.get(Operation.GET_DEVICE_PROP_DESC, code))
-        if found.code != code:
-            raise CameraProtocol(f"{self.where} described property 0x{found.code:04X}, not 0x{code:04X}.")
-        self._types[code] = found.data_type
-        return found
+        description = DevicePropDesc.unpack(self.get(Operation.GET_DEVICE_PROP_DESC, code))
+        if description.code != code:
+            raise CameraProtocol(
+                f"{self.where} described property 0x{description.code:04X}, not 0x{code:04X}."
+            )
+        self._types[code] = description.data_type
+        return description
 
     def write_property(self, code: int, value: Value) -> None:
         """Set a property; CameraRefused if the value does not fit its type or the camera will not."""
@@ -193,30 +195,32 @@ class PtpSession:
         """What an object is."""
         return ObjectInfo.unpack(self.get(Operation.GET_OBJECT_INFO, handle))
 
-    def download(self, one: Download) -> bytes:
+    def download(self, file: Download) -> bytes:
         """All of an object; in pieces where the camera can, so that an error costs one piece.
 
         After an error, also in another session, the same Download goes on where it stopped.
         """
-        size = one.info.size
+        size = file.info.size
         if size == UNKNOWN_LENGTH or not self.supports(Operation.GET_PARTIAL_OBJECT):
             most = 1 << 32 if size == UNKNOWN_LENGTH else max(size, 1)
-            data = self.get(Operation.GET_OBJECT, one.handle, most=most)
-            one.data[:] = data
+            data = self.get(Operation.GET_OBJECT, file.handle, most=most)
+            file.data[:] = data
         else:
-            self.pieces(one, lambda offset, count: self._piece(one.handle, offset, count))
-        if size != UNKNOWN_LENGTH and len(one.data) != size:
-            raise CameraProtocol(f"{self.where} sent {len(one.data)} of {size} bytes of {one.info.filename}.")
-        return bytes(one.data)
+            self.pieces(file, lambda offset, count: self._piece(file.handle, offset, count))
+        if size != UNKNOWN_LENGTH and len(file.data) != size:
+            raise CameraProtocol(
+                f"{self.where} sent {len(file.data)} of {size} bytes of {file.info.filename}."
+            )
+        return bytes(file.data)
 
-    def pieces(self, one: Download, fetch: Callable[[int, int], bytes]) -> None:
+    def pieces(self, file: Download, fetch: Callable[[int, int], bytes]) -> None:
         """Fill a Download by `fetch(offset, count)`, which may return less; CameraProtocol if it is empty."""
-        while len(one.data) < one.info.size:
-            count = min(PIECE, one.info.size - len(one.data))
-            piece = fetch(len(one.data), count)
+        while len(file.data) < file.info.size:
+            count = min(PIECE, file.info.size - len(file.data))
+            piece = fetch(len(file.data), count)
             if not 0 < len(piece) <= count:
                 raise CameraProtocol(f"{self.where} sent {len(piece)} bytes where {count} were asked for.")
-            one.data += piece
+            file.data += piece
 
     def events(self, timeout: float) -> list[Event]:
         """Events that came, or come within `timeout` seconds."""

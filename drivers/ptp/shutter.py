@@ -75,8 +75,8 @@ def _ticks(code: int) -> float | None:
 
 @lru_cache(maxsize=4096)
 def _tick_candidates(code: int) -> tuple[float, ...]:
-    found = _ticks(code)
-    return _as_ticks(_ALL, code) or (() if found is None else (found,))
+    time = _ticks(code)
+    return _as_ticks(_ALL, code) or (() if time is None else (time,))
 
 
 TICKS = Coding(_ticks, _tick_candidates)

@@ -119,16 +119,16 @@ class Transport:
 
         Bytes that are no event are dropped: events only ever hasten what asking also tells. CameraLost.
         """
-        found: list[Event] = []
+        events: list[Event] = []
         if self._interrupt is None:
             self._clock.sleep(timeout)
-            return found
+            return events
         try:
             for _ in range(_MOST_EVENTS):
-                event = self._event(0.001 if found else timeout)
+                event = self._event(0.001 if events else timeout)
                 if event is not None:
-                    found.append(event)
-            if not found:
+                    events.append(event)
+            if not events:
                 self._clock.sleep(timeout)
         except CameraTimeout:
             pass
@@ -138,7 +138,7 @@ class Transport:
         except CameraProtocol:
             self._event_bytes = b""
             self._clock.sleep(timeout)
-        return found
+        return events
 
     def close(self) -> None:
         """Let go of the interface."""

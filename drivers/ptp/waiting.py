@@ -18,7 +18,7 @@ def deadline(exposure: float) -> float:
     return 2 * exposure + 30.0
 
 
-def wait_for_objects(session: PtpSession, known: set[int], exposure: float) -> list[Download]:
+def wait_for_objects(session: PtpSession, ignored: set[int], exposure: float) -> list[Download]:
     """All files of the shot just begun, that is those not in `known`, to which they are added.
 
     ObjectAdded and CaptureComplete may come in either order, late or never: some time after the exposure
@@ -27,16 +27,16 @@ def wait_for_objects(session: PtpSession, known: set[int], exposure: float) -> l
     clock = session.clock
     start = news = clock.now()
     ask_at, events = start + exposure + _ASK_AFTER, 0
-    found: list[Download] = []
+    files: list[Download] = []
     complete = False
     while True:
         now = clock.now()
-        if found and now - news >= (GRACE if complete else LATE):
-            return found
+        if files and now - news >= (GRACE if complete else LATE):
+            return files
         if now >= start + deadline(exposure):
             raise CameraTimeout(f"{session.where} delivered no picture: check its card, focus and mode dial.")
-        if now >= ask_at or (complete and not found and now - news >= GRACE):
-            added = [handle for handle in _asked(session) if handle not in known]
+        if now >= ask_at or (complete and not files and now - news >= GRACE):
+            added = [handle for handle in _asked(session) if handle not in ignored]
             ask_at = clock.now() + _ASK_EVERY
         else:
             added = []
@@ -51,17 +51,17 @@ def wait_for_objects(session: PtpSession, known: set[int], exposure: float) -> l
         if events > _MOST_EVENTS:
             raise CameraProtocol(f"{session.where} sends events without end: switch it off and on.")
         for handle in added:
-            if handle not in known:
-                found.extend(_files(session, handle))
-                known.add(handle)
+            if handle not in ignored:
+                files.extend(_files(session, handle))
+                ignored.add(handle)
                 news = clock.now()
 
 
-def drain(session: PtpSession, known: set[int]) -> None:
+def drain(session: PtpSession, ignored: set[int]) -> None:
     """Forget the events of earlier shots."""
     for event in session.events(0.001):
         if event.code == EventCode.OBJECT_ADDED and event.parameters:
-            known.add(event.parameters[0])
+            ignored.add(event.parameters[0])
 
 
 def _asked(session: PtpSession) -> tuple[int, ...]:

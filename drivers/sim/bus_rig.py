@@ -38,5 +38,5 @@ class BusRig:
 
     def cameras(self) -> list[Camera]:
         """Every camera through its driver, in the order of the rig's records."""
-        found = {camera.identify().serial: camera for camera in find_cameras(self.backend, self.clock)}
-        return [found[serial] for serial in self._serials]
+        by_serial = {camera.identify().serial: camera for camera in find_cameras(self.backend, self.clock)}
+        return [by_serial[serial] for serial in self._serials]

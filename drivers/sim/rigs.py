@@ -94,11 +94,11 @@ def simulate(
     if name not in _RIGS:
         raise InputError(f"there is no simulated rig {name!r}: choose one of {', '.join(_RIGS)}.")
     settings = _RIGS[name]
-    known = {known.name for known in fields(Settings)} - {"kind"}
-    if unknown := sorted(set(overrides) - known):
+    names = {setting.name for setting in fields(Settings)} - {"kind"}
+    if unknown := sorted(set(overrides) - names):
         raise InputError(
             f"the simulated rig {name} has no setting {unknown[0]!r}: "
-            f"choose among {', '.join(sorted(known))}."
+            f"choose among {', '.join(sorted(names))}."
         )
     return SimulatedRig(name, seed, replace(settings, **overrides), clock)
 
@@ -219,9 +219,9 @@ class SimulatedRig:
         pose = self.cam_from_world(camera, frame, subject)
         if subject == "scene":
             return self.scene.render(lens, pose, samples)
-        seen = self.board.render(lens, pose @ np.linalg.inv(self.board_from_world(frame)), samples)
+        image = self.board.render(lens, pose @ np.linalg.inv(self.board_from_world(frame)), samples)
         light = np.float32(LIGHT * self.settings.light)
-        return np.repeat((light * seen)[..., None], 3, axis=2)
+        return np.repeat((light * image)[..., None], 3, axis=2)
 
     def _view(self, index: int) -> Callable[[int], npt.NDArray[np.float32]]:
         return lambda frame: self.radiance(index, frame, self._shown.get(frame, "scene"))

@@ -112,13 +112,13 @@ def _subjects(rig: SimulatedRig, names: list[str], shots: list[ShotRecord]) -> d
         kind: sorted({shot.frame for shot in shots if shot.kind == kind})
         for kind in ("dark", "flat", "board")
     }
-    told: dict[str, Any] = {}
+    facts: dict[str, Any] = {}
     if frames["dark"]:
-        told["dark"] = {"frames": frames["dark"]}
+        facts["dark"] = {"frames": frames["dark"]}
     if frames["flat"]:
-        told["flat"] = {"frames": frames["flat"], "radiance": LIGHT * rig.settings.light}
+        facts["flat"] = {"frames": frames["flat"], "radiance": LIGHT * rig.settings.light}
     if frames["board"]:
-        told["board"] = rig.board.description() | {
+        facts["board"] = rig.board.description() | {
             "frames": [
                 {
                     "frame": frame,
@@ -131,7 +131,7 @@ def _subjects(rig: SimulatedRig, names: list[str], shots: list[ShotRecord]) -> d
                 for frame in frames["board"]
             ]
         }
-    return told
+    return facts
 
 
 def _camera(rig: SimulatedRig, index: int) -> dict[str, Any]:

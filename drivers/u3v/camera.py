@@ -72,8 +72,8 @@ class U3vCamera:
 
     def identify(self) -> CameraIdentity:
         """Who it is: the serial number that USB shows, maker and model from its registers."""
-        told = self._again(lambda session: session.bootstrap)
-        return CameraIdentity(self.serial, told.manufacturer, told.model, "raw")
+        bootstrap = self._again(lambda session: session.bootstrap)
+        return CameraIdentity(self.serial, bootstrap.manufacturer, bootstrap.model, "raw")
 
     def capabilities(self) -> Capabilities:
         """Size and bits as set; times and ISOs as ladders of third stops over what it can be set to."""
@@ -265,10 +265,10 @@ class U3vCamera:
 
     def _latched(self, session: Session) -> Latch | None:
         """Its clock now, about as sure as ever since it was opened."""
-        found = latch(session.control, session.nodes, self._clock, self._surest)
-        if found is not None and (self._surest is None or found.uncertainty < self._surest.uncertainty):
-            self._surest = found
-        return found
+        reading = latch(session.control, session.nodes, self._clock, self._surest)
+        if reading is not None and (self._surest is None or reading.uncertainty < self._surest.uncertainty):
+            self._surest = reading
+        return reading
 
     def _next_frame(self, session: Session, time: float) -> Frame:
         """The next frame; CameraTimeout says so if its line has not triggered it."""
@@ -285,10 +285,10 @@ class U3vCamera:
 
     def _timed(self, mosaic: RawMosaic, stamp: int, after: Latch | None) -> RawMosaic:
         """A frame that says when its shutter opened, if its stamp makes sense."""
-        told = mosaic.metadata
-        assert told.exposure is not None
-        found = opening(self._before, after, stamp, told.exposure.time)
-        return mosaic if found is None else replace(mosaic, metadata=replace(told, opened=found.time))
+        metadata = mosaic.metadata
+        assert metadata.exposure is not None
+        moment = opening(self._before, after, stamp, metadata.exposure.time)
+        return mosaic if moment is None else replace(mosaic, metadata=replace(metadata, opened=moment.time))
 
     def _finish(self, session: Session) -> None:
         settings.stop(session.nodes)
@@ -315,14 +315,14 @@ class U3vCamera:
         if pixels.code not in self._levels:
             white = settings.white_level(nodes, pixels)
             self._levels[pixels.code] = settings.black_levels(nodes, pixels), white
-        told = session.bootstrap
+        bootstrap = session.bootstrap
         return RawMosaic(
             pixels=unpack(image, pixels, leader.width, leader.height, leader.padding),
             cfa=pixels.cfa,
             black=self._levels[pixels.code][0],
             white=self._levels[pixels.code][1],
             metadata=FrameMetadata(
-                make=told.manufacturer, model=told.model, serial=self.serial, exposure=exposure
+                make=bootstrap.manufacturer, model=bootstrap.model, serial=self.serial, exposure=exposure
             ),
         )
 

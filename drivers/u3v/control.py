@@ -123,8 +123,8 @@ class ControlChannel:
         self._pipe.write(self._out, packet, self._patience)
         began = self._clock.now()
         deadline = began + self._patience
-        while (left := deadline - self._clock.now()) > 0:
-            data = self._pipe.read(self._in, self._answer_limit, left)
+        while (remaining := deadline - self._clock.now()) > 0:
+            data = self._pipe.read(self._in, self._answer_limit, remaining)
             if not data:
                 continue  # The zero-length packet that ended the transfer before.
             try:

@@ -41,14 +41,14 @@ def apply(nodes: NodeMap, name: str, wiring: Wiring) -> None:
 
 def _listen(nodes: NodeMap, name: str, line: str) -> None:
     """Have the rising edge of an input line start each frame."""
-    offered = tuple(one for one in nodes.entries("TriggerSource") if one.startswith("Line"))
+    offered = tuple(source for source in nodes.entries("TriggerSource") if source.startswith("Line"))
     if line not in offered:
         raise CameraRefused(f"{name} cannot be triggered by {line}: {_choice(offered)}.")
     if line in nodes.entries("LineSelector"):
         nodes.set("LineSelector", line)
         set_if_there(nodes, "LineMode", "Input")
         if nodes.available("LineMode") and nodes.text("LineMode") != "Input":
-            others = tuple(one for one in offered if one != line)
+            others = tuple(other for other in offered if other != line)
             raise CameraRefused(f"{name} has {line} as an output only: {_choice(others)}.")
     enable(nodes, line)
 
@@ -62,7 +62,7 @@ def _drive(nodes: NodeMap, name: str, line: str) -> None:
         is_output = not nodes.available("LineMode") or nodes.text("LineMode") == "Output"
         if is_output and set_if_there(nodes, "LineSource", "ExposureActive"):
             return
-    others = tuple(one for one in lines if one != line)
+    others = tuple(other for other in lines if other != line)
     raise CameraRefused(f"{name} cannot show on {line} that it exposes: {_choice(others)}.")
 
 

@@ -66,8 +66,8 @@ FORMATS: tuple[PixelFormat, ...] = (
     PixelFormat("Mono16", 0x01100007, 16, "plain", None),
     PixelFormat("Mono12p", 0x010C0047, 12, "p", None),
 )
-BY_CODE = {one.code: one for one in FORMATS}
-BY_NAME = {one.name: one for one in FORMATS}
+BY_CODE = {pixel_format.code: pixel_format for pixel_format in FORMATS}
+BY_NAME = {pixel_format.name: pixel_format for pixel_format in FORMATS}
 
 
 def format_of(code: int) -> PixelFormat:

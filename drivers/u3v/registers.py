@@ -147,7 +147,7 @@ def read_xml(control: ControlChannel, manifest: int) -> bytes:
         ]
     except CameraProtocol as error:
         raise _damaged(control, str(error)) from error
-    entry = max(entries, key=lambda one: one.version)
+    entry = max(entries, key=lambda manifest: manifest.version)
     if not 0 < entry.size <= _LARGEST_XML:
         raise _damaged(control, f"its description has {entry.size} bytes")
     data = control.read(entry.address, entry.size)

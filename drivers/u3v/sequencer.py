@@ -34,7 +34,7 @@ def program(nodes: NodeMap, exposures: Sequence[Exposure]) -> tuple[Exposure, ..
         )
     nodes.set("SequencerMode", "Off")
     nodes.set("SequencerConfigurationMode", "On")
-    source = next(one for one in _NEXT if one in nodes.entries("SequencerTriggerSource"))
+    source = next(candidate for candidate in _NEXT if candidate in nodes.entries("SequencerTriggerSource"))
     stored = []
     for index, exposure in enumerate(exposures):
         nodes.set("SequencerSetSelector", index)

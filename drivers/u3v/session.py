@@ -16,12 +16,12 @@ from imaging.errors import CameraError
 
 def connected(backend: IBackend) -> dict[str, UsbDevice]:
     """The devices by serial number, by bus and address; those that may not be opened are left out."""
-    found: dict[str, UsbDevice] = {}
+    by_serial: dict[str, UsbDevice] = {}
     for device in find(U3V_CONTROL, backend):
         serial = device.serial()
         if serial is not None:
-            found.setdefault(serial, device)
-    return found
+            by_serial.setdefault(serial, device)
+    return by_serial
 
 
 class Session:
@@ -55,9 +55,13 @@ class Session:
         """The streaming interface of the same device, so that both share what was opened."""
         wanted = (U3V_STREAM.number, U3V_STREAM.subclass, U3V_STREAM.protocol)
         for configuration in device:
-            for one in configuration:
-                if wanted == (one.bInterfaceClass, one.bInterfaceSubClass, one.bInterfaceProtocol):
-                    return one
+            for interface in configuration:
+                if wanted == (
+                    interface.bInterfaceClass,
+                    interface.bInterfaceSubClass,
+                    interface.bInterfaceProtocol,
+                ):
+                    return interface
         raise CameraRefused(f"{self.where} has no streaming interface: it is no camera that can be used.")
 
 

@@ -75,7 +75,7 @@ def _choose_format(nodes: NodeMap, name: str) -> PixelFormat:
             f"{name} {'is monochrome' if monochrome else 'sends no Bayer mosaic'} "
             f"(it offers {', '.join(offered)}): connect a camera with a Bayer mosaic in its place."
         )
-    best = max(bayer, key=lambda one: (one.bits, _PACKINGS[one.packing]))
+    best = max(bayer, key=lambda pixel_format: (pixel_format.bits, _PACKINGS[pixel_format.packing]))
     nodes.set("PixelFormat", best.name)
     return best
 
@@ -147,5 +147,5 @@ def white_level(nodes: NodeMap, pixels: PixelFormat) -> int:
     most = (1 << pixels.bits) - 1
     if not nodes.available("PixelDynamicRangeMax"):
         return most
-    told = int(nodes.number("PixelDynamicRangeMax"))
-    return told if 0 < told <= most else most
+    stated = int(nodes.number("PixelDynamicRangeMax"))
+    return stated if 0 < stated <= most else most

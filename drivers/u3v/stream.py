@@ -195,13 +195,13 @@ class StreamChannel:
         """The next leader; whatever else comes before it belongs to a frame that is lost."""
         deadline = self._clock.now() + timeout
         while self._early is None:
-            left = deadline - self._clock.now()
-            if left <= 0:
+            remaining = deadline - self._clock.now()
+            if remaining <= 0:
                 raise CameraTimeout(
                     f"{self._pipe.where} sent no frame within {timeout:.3g} s: check trigger and exposure."
                 )
             try:
-                self._early = self._last_leader(self._read(_LARGEST_TRANSFER, left))
+                self._early = self._last_leader(self._read(_LARGEST_TRANSFER, remaining))
             except EndpointStalled:
                 self._pipe.clear_halt(self._endpoint)
                 raise
@@ -224,12 +224,12 @@ class StreamChannel:
         """The frame's trailer if `data` is that; the leader of the next frame is kept for later."""
         if len(data) > 1024:
             return None
-        told = data.tobytes()
-        trailer = Trailer.parse(told)
+        payload = data.tobytes()
+        trailer = Trailer.parse(payload)
         if trailer is not None and trailer.block == leader.block:
             return trailer
         if len(data) == LEADER_SIZE:
-            self._early = Leader.parse(told)
+            self._early = Leader.parse(payload)
         return None
 
     def _closed(self, leader: Leader, payload: npt.NDArray[np.uint8], trailer: Trailer) -> Frame:

@@ -42,12 +42,12 @@ class Opening:
     uncertainty: float
 
 
-def latch(control: ControlChannel, nodes: NodeMap, clock: Clock, known: Latch | None = None) -> Latch | None:
+def latch(control: ControlChannel, nodes: NodeMap, clock: Clock, surest: Latch | None = None) -> Latch | None:
     """The device's clock now, by its registers, or else by its features; None if it has neither.
 
-    known: an earlier one; one that is nearly as sure will do.
+    surest: an earlier one; one that is nearly as sure will do.
     """
-    enough = 0.0 if known is None else _AS_SHORT * known.uncertainty
+    enough = 0.0 if surest is None else _AS_SHORT * surest.uncertainty
     try:
         return _shortest(lambda: _latch_register(control, clock), enough)
     except CameraRefused:
@@ -97,5 +97,5 @@ def _shortest(attempt: Callable[[], Latch], enough: float) -> Latch:
     for _ in range(_TRIES - 1):
         if best.uncertainty <= enough:
             break
-        best = min(best, attempt(), key=lambda one: one.uncertainty)
+        best = min(best, attempt(), key=lambda reading: reading.uncertainty)
     return best

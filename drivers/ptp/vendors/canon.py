@@ -107,8 +107,8 @@ class CanonBody(StandardBody):
         if self.session.supports(CanonOperation.KEEP_DEVICE_ON):
             self.session.run(CanonOperation.KEEP_DEVICE_ON, repeatable=True)
         self._listen()
-        for one in self._added:
-            self.discard(one)
+        for file in self._added:
+            self.discard(file)
         self._added.clear()
         super().wait_ready()
 
@@ -132,26 +132,26 @@ class CanonBody(StandardBody):
         clock = self.session.clock
         end = clock.now() + deadline(exposure)
         clock.sleep(exposure)  # whoever asks meanwhile learns nothing
-        found, news = [], clock.now()
+        files, news = [], clock.now()
         while clock.now() < end:
             self._listen()
             if self._added:
-                found += self._added
+                files += self._added
                 self._added, news = [], clock.now()
-            if found and clock.now() - news >= GRACE:
-                return found
+            if files and clock.now() - news >= GRACE:
+                return files
             clock.sleep(_PAUSE)
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
-    def fetch(self, one: Download) -> bytes:
+    def fetch(self, file: Download) -> bytes:
         """In pieces of 1 MiB at most."""
-        self.session.pieces(one, lambda offset, count: self._piece(one.handle, offset, count))
-        return bytes(one.data)
+        self.session.pieces(file, lambda offset, count: self._piece(file.handle, offset, count))
+        return bytes(file.data)
 
-    def discard(self, one: Download) -> None:
+    def discard(self, file: Download) -> None:
         """TransferComplete, else the next shot finds the camera busy."""
         with suppress(CameraRefused):
-            self.session.run(CanonOperation.TRANSFER_COMPLETE, one.handle, repeatable=True)
+            self.session.run(CanonOperation.TRANSFER_COMPLETE, file.handle, repeatable=True)
 
     def _piece(self, handle: int, offset: int, count: int) -> bytes:
         return self.session.get(CanonOperation.GET_PARTIAL_OBJECT, handle, offset, count, most=count)
@@ -171,14 +171,16 @@ class CanonBody(StandardBody):
         if kind in (CanonEvent.OBJECT_ADDED_EX, CanonEvent.REQUEST_OBJECT_TRANSFER):
             self._added.append(unpack_object(kind, payload))
         elif kind == CanonEvent.PROP_VALUE_CHANGED and 4 < len(payload) <= 8:
-            one = self._known(int.from_bytes(payload[:4], "little"))
-            self._properties[one.code] = replace(one, current=int.from_bytes(payload[4:], "little"))
+            description = self._known(int.from_bytes(payload[:4], "little"))
+            self._properties[description.code] = replace(
+                description, current=int.from_bytes(payload[4:], "little")
+            )
         elif kind == CanonEvent.AVAILABLE_LIST_CHANGED and len(payload) >= 12:
             reader = Reader(payload)
-            one, form, count = self._known(reader.u32()), reader.u32(), reader.u32()
+            description, form, count = self._known(reader.u32()), reader.u32(), reader.u32()
             if form == _LIST and reader.left >= 4 * count:
                 choices = EnumForm(tuple(reader.u32() for _ in range(count)))
-                self._properties[one.code] = replace(one, form=choices)
+                self._properties[description.code] = replace(description, form=choices)
 
     def _known(self, code: int) -> DevicePropDesc:
         return self._properties.get(code) or DevicePropDesc(code, DataType.UINT32, True, 0, 0)

@@ -62,8 +62,10 @@ class NikonBody(StandardBody):
     def enter(self) -> None:
         """Remote mode, memory as the destination, NEF as the format."""
         if self.session.supports(NikonOperation.GET_VENDOR_PROP_CODES):
-            own = Reader(self.session.get(NikonOperation.GET_VENDOR_PROP_CODES)).array(DataType.UINT16)
-            self.listed = (*self.listed, *own)
+            vendor_codes = Reader(self.session.get(NikonOperation.GET_VENDOR_PROP_CODES)).array(
+                DataType.UINT16
+            )
+            self.listed = (*self.listed, *vendor_codes)
         super().enter()
         if self.session.supports(NikonOperation.CHANGE_CAMERA_MODE):
             self.session.run(NikonOperation.CHANGE_CAMERA_MODE, 1, repeatable=True)
@@ -137,17 +139,17 @@ class NikonBody(StandardBody):
             clock.sleep(_PAUSE)
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
-    def fetch(self, one: Download) -> bytes:
+    def fetch(self, file: Download) -> bytes:
         """From memory in one go, from a card in pieces."""
-        if one.handle != MEMORY_HANDLE:
-            return super().fetch(one)
-        most = 1 << 32 if one.info.size == UNKNOWN_LENGTH else max(one.info.size, 1)
-        return self.session.get(Operation.GET_OBJECT, one.handle, timeout=READY_TIMEOUT, most=most)
+        if file.handle != MEMORY_HANDLE:
+            return super().fetch(file)
+        most = 1 << 32 if file.info.size == UNKNOWN_LENGTH else max(file.info.size, 1)
+        return self.session.get(Operation.GET_OBJECT, file.handle, timeout=READY_TIMEOUT, most=most)
 
-    def discard(self, one: Download) -> None:
+    def discard(self, file: Download) -> None:
         """Delete it from memory, else the next shot finds the camera busy."""
-        if one.handle == MEMORY_HANDLE:
-            self._forget(one.handle)
+        if file.handle == MEMORY_HANDLE:
+            self._forget(file.handle)
 
     def _forget(self, handle: int) -> None:
         with suppress(CameraRefused):  # there is none

@@ -31,11 +31,11 @@ def unpack_properties(data: bytes) -> dict[int, DevicePropDesc]:
     """The blob of GetAllExtDevicePropInfo by property code; CameraProtocol."""
     reader = Reader(data)
     reader.u64()  # count and padding; bodies send more or fewer than they say
-    found = {}
+    properties = {}
     while reader.left:
-        one = _unpack_property(reader)
-        found[one.code] = one
-    return found
+        description = _unpack_property(reader)
+        properties[description.code] = description
+    return properties
 
 
 def _unpack_property(reader: Reader) -> DevicePropDesc:
@@ -85,12 +85,12 @@ class SonyBody(StandardBody):
 
     def describe(self, code: int) -> DevicePropDesc:
         """A property out of the blob; CameraRefused if it is not in it."""
-        found = self._everything().get(code)
-        if found is None:
+        description = self._everything().get(code)
+        if description is None:
             raise CameraRefused(
                 f"{self.session.where} says nothing of property 0x{code:04X}: turn its mode dial to M."
             )
-        return found
+        return description
 
     def write(self, code: int, value: Value) -> None:
         """Set a property to a value."""
@@ -135,26 +135,35 @@ class SonyBody(StandardBody):
             clock.sleep(_PAUSE)
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
-    def fetch(self, one: Download) -> bytes:
+    def fetch(self, file: Download) -> bytes:
         """In one go, which also frees the memory."""
-        most = 1 << 32 if one.info.size == UNKNOWN_LENGTH else max(one.info.size, 1)
-        one.data[:] = self.session.get(Operation.GET_OBJECT, one.handle, timeout=READY_TIMEOUT, most=most)
-        return bytes(one.data)
+        most = 1 << 32 if file.info.size == UNKNOWN_LENGTH else max(file.info.size, 1)
+        file.data[:] = self.session.get(Operation.GET_OBJECT, file.handle, timeout=READY_TIMEOUT, most=most)
+        return bytes(file.data)
 
-    def discard(self, one: Download) -> None:
+    def discard(self, file: Download) -> None:
         """Reading is what frees the memory."""
-        if not one.data:
-            self.fetch(one)
+        if not file.data:
+            self.fetch(file)
 
     def _everything(self) -> dict[int, DevicePropDesc]:
         blob = self.session.get(SonyOperation.GET_ALL_EXT_DEVICE_PROP_INFO, timeout=QUICK_TIMEOUT)
         return unpack_properties(blob)
 
-    def _choose(self, one: DevicePropDesc | None, wanted: int) -> None:
+    def _choose(self, description: DevicePropDesc | None, wanted: int) -> None:
         """Set a property, if the body has it, lets it be set and lists the value."""
-        offered = one.form.values if one is not None and isinstance(one.form, EnumForm) else ()
-        if one is not None and wanted in offered and one.writable and one.current != wanted:
-            self.write(one.code, wanted)
+        offered = (
+            description.form.values
+            if description is not None and isinstance(description.form, EnumForm)
+            else ()
+        )
+        if (
+            description is not None
+            and wanted in offered
+            and description.writable
+            and description.current != wanted
+        ):
+            self.write(description.code, wanted)
 
     def _in_memory(self) -> int:
         value = self.describe(SonyProperty.OBJECT_IN_MEMORY).current

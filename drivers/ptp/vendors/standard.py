@@ -87,11 +87,11 @@ class StandardBody:
         """All objects of the shot that was begun; `exposure` is its time in seconds."""
         return wait_for_objects(self.session, self.known, exposure)
 
-    def fetch(self, one: Download) -> bytes:
+    def fetch(self, file: Download) -> bytes:
         """The bytes of an object; goes on where it stopped."""
-        return self.session.download(one)
+        return self.session.download(file)
 
-    def discard(self, one: Download) -> None:
+    def discard(self, file: Download) -> None:
         """Tell the camera that an object is fetched, or not wanted; on a card it stays."""
 
     def _dial(self, setting: tuple[int, Coding]) -> Dial | None:

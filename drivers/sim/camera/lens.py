@@ -52,9 +52,9 @@ def undistort_fisheye(u: float, v: float, k1: float, k2: float, k3: float, k4: f
     angle = radius
     for _ in range(30):
         q = angle * angle
-        found = angle * (1.0 + q * (k1 + q * (k2 + q * (k3 + q * k4))))
+        distorted = angle * (1.0 + q * (k1 + q * (k2 + q * (k3 + q * k4))))
         slope = 1.0 + q * (3.0 * k1 + q * (5.0 * k2 + q * (7.0 * k3 + q * 9.0 * k4)))
-        step = (found - radius) / slope
+        step = (distorted - radius) / slope
         angle -= step
         if abs(step) < 1e-15:
             break

@@ -76,19 +76,27 @@ class Canon(Manner):
         super().begin()
         self._records = []
 
-    def announce(self, one: Announcement) -> None:
+    def announce(self, announcement: Announcement) -> None:
         """A record of the object; that the capture is complete is not told."""
-        info = self.shooting.store.object_info(one.handle)
-        if one.news is not News.OBJECT_ADDED or info is None:
+        info = self.shooting.store.object_info(announcement.handle)
+        if announcement.news is not News.OBJECT_ADDED or info is None:
             return
         self._count_shots()
         name = info.filename.encode("ascii") + b"\0"
-        if one.handle == MEMORY_HANDLE:
-            fields = struct.pack("<IIIII", one.handle, info.format, 0, info.size, 0)
+        if announcement.handle == MEMORY_HANDLE:
+            fields = struct.pack("<IIIII", announcement.handle, info.format, 0, info.size, 0)
             self._record(CanonEvent.REQUEST_OBJECT_TRANSFER, fields + name)
         else:
             fields = struct.pack(
-                "<IIIIIIII", one.handle, STORAGE, info.format, 0, 0, info.size, info.parent, one.handle
+                "<IIIIIIII",
+                announcement.handle,
+                STORAGE,
+                info.format,
+                0,
+                0,
+                info.size,
+                info.parent,
+                announcement.handle,
             )
             self._record(CanonEvent.OBJECT_ADDED_EX, fields + name)
 
@@ -198,8 +206,12 @@ class Canon(Manner):
 
     def _device_info_ex(self, request: Request) -> Reply:
         events = pack_array(DataType.UINT32, tuple(CanonEvent))
-        own = (CanonProperty.AVAILABLE_SHOTS, CanonProperty.CAPTURE_DESTINATION, CanonProperty.IMAGE_FORMAT)
-        codes = (*self.shooting.dials, *own)
+        makers = (
+            CanonProperty.AVAILABLE_SHOTS,
+            CanonProperty.CAPTURE_DESTINATION,
+            CanonProperty.IMAGE_FORMAT,
+        )
+        codes = (*self.shooting.dials, *makers)
         lists = events + pack_array(DataType.UINT32, codes) + pack_array(DataType.UINT32, ())
         return Reply(data=struct.pack("<I", 4 + len(lists)) + lists)
 

@@ -28,11 +28,13 @@ class Dial:
 
     def offering(self, labels: tuple[float, ...]) -> "Dial":
         """The dial with those of its positions whose labels are given."""
-        return replace(self, positions=tuple(one for one in self.positions if one[1] in labels))
+        return replace(
+            self, positions=tuple(position for position in self.positions if position[1] in labels)
+        )
 
     def number(self, label: float) -> int:
         """What the property holds at a label, or at the one nearest to it."""
-        return min(self.positions, key=lambda one: max(one[1] / label, label / one[1]))[0]
+        return min(self.positions, key=lambda position: max(position[1] / label, label / position[1]))[0]
 
     def label(self, number: int) -> float | None:
         """What a number stands for, the shortest time if for several; None if it is no position."""

@@ -51,12 +51,12 @@ class Nikon(Manner):
         super().begin()
         self._events = []
 
-    def announce(self, one: Announcement) -> None:
+    def announce(self, announcement: Announcement) -> None:
         """Keep it until the host asks."""
-        in_memory = one.handle == MEMORY_HANDLE
-        if one.news is News.OBJECT_ADDED:
+        in_memory = announcement.handle == MEMORY_HANDLE
+        if announcement.news is News.OBJECT_ADDED:
             code = NikonEvent.OBJECT_ADDED_IN_SDRAM if in_memory else EventCode.OBJECT_ADDED
-            self._events.append((code, one.handle))
+            self._events.append((code, announcement.handle))
         elif in_memory:
             self._events.append((NikonEvent.CAPTURE_COMPLETE_REC_IN_SDRAM, 0))
         else:
@@ -66,7 +66,7 @@ class Nikon(Manner):
         """A shutter time set is told with both its properties."""
         if code in (NikonProperty.SHUTTER_SPEED, PropertyCode.EXPOSURE_TIME):
             both = (NikonProperty.SHUTTER_SPEED, PropertyCode.EXPOSURE_TIME)
-            self._events += [(EventCode.DEVICE_PROP_CHANGED, one) for one in both]
+            self._events += [(EventCode.DEVICE_PROP_CHANGED, code) for code in both]
 
     def _get_event(self, request: Request) -> Reply:
         events, self._events = self._events, []
@@ -77,8 +77,8 @@ class Nikon(Manner):
         return Reply(ResponseCode.DEVICE_BUSY if self.shooting.shooting else ResponseCode.OK)
 
     def _vendor_codes(self, request: Request) -> Reply:
-        own = tuple(code for code in self.properties.codes() if code >= _STANDARD_BELOW)
-        return Reply(data=pack_array(DataType.UINT16, own))
+        vendor_codes = tuple(code for code in self.properties.codes() if code >= _STANDARD_BELOW)
+        return Reply(data=pack_array(DataType.UINT16, vendor_codes))
 
     def _to_memory(self, request: Request) -> Reply:
         if self.shooting.store.data(MEMORY_HANDLE) is not None:

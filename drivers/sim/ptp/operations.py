@@ -61,7 +61,7 @@ _MAKERS = {Style.CANON: CanonOperation, Style.NIKON: NikonOperation, Style.SONY:
 
 def operation_name(code: int, style: Style) -> str:
     """The name by which fault scripts call an operation: that of its enumeration, or its number."""
-    for known in (Operation, _MAKERS.get(style)):
-        if known is not None and code in known.__members__.values():
-            return known(code).name
+    for operations in (Operation, _MAKERS.get(style)):
+        if operations is not None and code in operations.__members__.values():
+            return operations(code).name
     return f"0x{code:04X}"

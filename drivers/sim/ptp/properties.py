@@ -60,7 +60,9 @@ class Properties:
         self._shooting = shooting
         optics = shooting.camera.body.optics
         focal_length = optics.sensor_width_mm * optics.lens.fx / optics.lens.width
-        self._others = {one.code: one for one in _others(shooting.profile, focal_length)}
+        self._others = {
+            description.code: description for description in _others(shooting.profile, focal_length)
+        }
 
     def codes(self) -> tuple[int, ...]:
         """All, ascending."""
@@ -80,19 +82,19 @@ class Properties:
 
     def set(self, code: int, data: bytes) -> ResponseCode:
         """Set a property to the bytes of a value, as the host may; refused while a shot is under way."""
-        told = self.description(code)
-        if told is None:
+        description = self.description(code)
+        if description is None:
             return ResponseCode.DEVICE_PROP_NOT_SUPPORTED
-        if not told.writable:
+        if not description.writable:
             return ResponseCode.ACCESS_DENIED
         try:
             reader = Reader(data)
-            value = reader.value(told.data_type)
+            value = reader.value(description.data_type)
         except CameraProtocol:
             return ResponseCode.INVALID_DEVICE_PROP_FORMAT
         if reader.left:
             return ResponseCode.INVALID_DEVICE_PROP_FORMAT
-        if isinstance(told.form, EnumForm) and value not in told.form.values:
+        if isinstance(description.form, EnumForm) and value not in description.form.values:
             return ResponseCode.INVALID_DEVICE_PROP_VALUE
         if self._shooting.shooting:
             return ResponseCode.DEVICE_BUSY

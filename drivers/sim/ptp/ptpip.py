@@ -153,9 +153,9 @@ class PtpIpServer:
             self._responder.listener = None
             with self._lock:
                 before, self._served = self._served, {link}
-        for one in before:
+        for waiting in before:
             with suppress(OSError):  # it has gone by itself
-                one.shutdown(socket.SHUT_RDWR)
+                waiting.shutdown(socket.SHUT_RDWR)
         name = f"{self._responder.profile.model}\0".encode("utf-16-le")
         ack = struct.pack("<I", session) + bytes(16) + name + struct.pack("<I", _VERSION)
         connection.send(_Type.INIT_COMMAND_ACK, ack)

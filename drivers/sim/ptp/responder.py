@@ -51,7 +51,9 @@ class Responder:
         self.serial = camera.body.serial
         self.listener: Callable[[Event], None] | None = None
         """Who carries events to the host."""
-        self.shooting = Shooting(camera, profile, timeline, lambda one: self._manner.announce(one))
+        self.shooting = Shooting(
+            camera, profile, timeline, lambda announcement: self._manner.announce(announcement)
+        )
         self.properties = Properties(self.shooting)
         self._manner = _MANNERS[profile.style](self.shooting, self.properties, self._tell)
         self._in_session = False
@@ -212,14 +214,18 @@ class Responder:
         return Reply() if self.shooting.store.delete(request.parameter(0)) else _NO_SUCH
 
     def _describe(self, request: Request) -> Reply:
-        told = self.properties.description(request.parameter(0))
-        return Reply(ResponseCode.DEVICE_PROP_NOT_SUPPORTED) if told is None else Reply(data=told.pack())
+        description = self.properties.description(request.parameter(0))
+        return (
+            Reply(ResponseCode.DEVICE_PROP_NOT_SUPPORTED)
+            if description is None
+            else Reply(data=description.pack())
+        )
 
     def _value(self, request: Request) -> Reply:
-        told = self.properties.description(request.parameter(0))
-        if told is None:
+        description = self.properties.description(request.parameter(0))
+        if description is None:
             return Reply(ResponseCode.DEVICE_PROP_NOT_SUPPORTED)
-        return Reply(data=pack_value(told.data_type, told.current))
+        return Reply(data=pack_value(description.data_type, description.current))
 
     def _set_value(self, request: Request) -> Reply:
         code = request.parameter(0)

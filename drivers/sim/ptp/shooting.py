@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from typing import Any
 
 from drivers.camera import CameraFile
@@ -72,40 +73,40 @@ class Shooting:
         self, transaction: int, faults: Sequence[Fault], memory_handle: int | None = None
     ) -> ResponseCode:
         """Release the shutter; the file is announced once it is stored. memory_handle: see `Store.add`."""
-        told = {fault.kind: fault for fault in faults}
-        if Kind.STORE_FULL in told:
+        fault_of = {fault.kind: fault for fault in faults}
+        if Kind.STORE_FULL in fault_of:
             self.store.full = True
         if self.shooting:
             return ResponseCode.DEVICE_BUSY
         if self.store.free == 0 and memory_handle is None:
             return ResponseCode.STORE_FULL
-        off = told.get(Kind.EXPOSURE_OFF)
+        off = fault_of.get(Kind.EXPOSURE_OFF)
         wanted = self.exposure.with_time(self.exposure.time * (1.0 + (off.share if off else 0.0)))
         label = self.camera.set_exposure(wanted)
         self.camera.arm()
         self.camera.trigger()
         self.shooting = True
-        slow = told.get(Kind.SLOW_CARD)
+        slow = fault_of.get(Kind.SLOW_CARD)
         write = self.profile.write + (slow.seconds if slow else 0.0)
         lasting = shutter.applied(label).time + write
-        self.timeline.call_later(lasting, lambda: self._store(transaction, told, memory_handle))
+        self.timeline.call_later(lasting, lambda: self._store(transaction, fault_of, memory_handle))
         return ResponseCode.OK
 
-    def _store(self, transaction: int, told: dict[Kind, Fault], memory_handle: int | None) -> None:
+    def _store(self, transaction: int, fault_of: dict[Kind, Fault], memory_handle: int | None) -> None:
         handle = self.store.add(photograph(self.camera.collect(), self.profile), memory_handle)
         self.shooting = False
         self.shots += 1
-        news = [Announcement(one, handle, transaction) for one in News]
-        if Kind.REORDERED_EVENTS in told:
+        news = [Announcement(kind, handle, transaction) for kind in News]
+        if Kind.REORDERED_EVENTS in fault_of:
             news.reverse()
-        if lost := told.get(Kind.LOST_EVENT):
+        if lost := fault_of.get(Kind.LOST_EVENT):
             news = news[max(1, lost.count) :]
-        late = told.get(Kind.LATE_EVENT)
-        for one in news:
+        late = fault_of.get(Kind.LATE_EVENT)
+        for announcement in news:
             if late is None:
-                self._announce(one)
+                self._announce(announcement)
             else:
-                self.timeline.call_later(late.seconds, lambda one=one: self._announce(one))  # type: ignore[misc]
+                self.timeline.call_later(late.seconds, partial(self._announce, announcement))
 
 
 def photograph(frame: Any, profile: Profile) -> Photograph:

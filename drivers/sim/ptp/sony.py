@@ -54,10 +54,10 @@ class Sony(Manner):
         super().begin()
         self._connected = 0
 
-    def announce(self, one: Announcement) -> None:
+    def announce(self, announcement: Announcement) -> None:
         """An event for the object; the property that says the same does not depend on it."""
-        if one.news is News.OBJECT_ADDED:
-            self.tell(Event(SonyEvent.OBJECT_ADDED, 0, (one.handle,)))
+        if announcement.news is News.OBJECT_ADDED:
+            self.tell(Event(SonyEvent.OBJECT_ADDED, 0, (announcement.handle,)))
 
     def changed(self, code: int) -> None:
         """The blob shows it."""
@@ -82,8 +82,8 @@ class Sony(Manner):
             return Reply(ResponseCode.ACCESS_DENIED)
         ready = self.shooting.store.data(MEMORY_HANDLE) is not None
         self.properties.put(SonyProperty.OBJECT_IN_MEMORY, _OBJECT_READY + 1 if ready else 0)
-        told = [self.properties.description(code) for code in self.properties.codes()]
-        entries = [_entry(one) for one in told if one is not None]
+        descriptions = [self.properties.description(code) for code in self.properties.codes()]
+        entries = [_entry(description) for description in descriptions if description is not None]
         return Reply(data=struct.pack("<II", len(entries), 0) + b"".join(entries))
 
     def _set(self, request: Request) -> Reply:
@@ -124,12 +124,14 @@ class Sony(Manner):
         return Reply(ResponseCode.ACCESS_DENIED)
 
 
-def _entry(told: DevicePropDesc) -> bytes:
+def _entry(description: DevicePropDesc) -> bytes:
     """A descriptor in the blob: the standard's, with a byte more that says whether it can be set now."""
-    kind = told.data_type
-    head = struct.pack("<HHBB", told.code, kind, told.writable, _ENABLED if told.writable else 2)
-    values = pack_value(kind, told.default) + pack_value(kind, told.current)
-    match told.form:
+    kind = description.data_type
+    head = struct.pack(
+        "<HHBB", description.code, kind, description.writable, _ENABLED if description.writable else 2
+    )
+    values = pack_value(kind, description.default) + pack_value(kind, description.current)
+    match description.form:
         case RangeForm(minimum, maximum, step):
             form = b"\1" + b"".join(pack_value(kind, value) for value in (minimum, maximum, step))
         case EnumForm(choices):

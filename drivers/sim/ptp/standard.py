@@ -38,12 +38,12 @@ class Manner:
         if self.memory_handle is not None:
             self.shooting.store.delete(self.memory_handle)
 
-    def announce(self, one: Announcement) -> None:
+    def announce(self, announcement: Announcement) -> None:
         """Tell the host about a shot."""
-        if one.news is News.OBJECT_ADDED:
-            self.tell(Event(EventCode.OBJECT_ADDED, one.transaction, (one.handle,)))
+        if announcement.news is News.OBJECT_ADDED:
+            self.tell(Event(EventCode.OBJECT_ADDED, announcement.transaction, (announcement.handle,)))
         else:
-            self.tell(Event(EventCode.CAPTURE_COMPLETE, one.transaction))
+            self.tell(Event(EventCode.CAPTURE_COMPLETE, announcement.transaction))
 
     def changed(self, code: int) -> None:
         """The host set a property; what follows from that is told: other dials of the same setting."""

@@ -139,28 +139,28 @@ class PtpDevice:
         self._command = None
         request = Request(command.code, command.transaction, command.parameters, data)
         faults = self.responder.faults(request, _CARRIER)
-        told = {fault.kind: fault for fault in faults}
-        if Kind.STALL in told:
+        fault_of = {fault.kind: fault for fault in faults}
+        if Kind.STALL in fault_of:
             self._port.halt(IN)
             return
-        if Kind.TIMEOUT in told:
+        if Kind.TIMEOUT in fault_of:
             return
-        if unplug := told.get(Kind.UNPLUG):
+        if unplug := fault_of.get(Kind.UNPLUG):
             self._port.unplug_at(max(1, unplug.count), unplug.seconds)
         reply = self.responder.handle(replace(request, faults=faults))
-        transaction = command.transaction + (Kind.WRONG_TRANSACTION in told)
+        transaction = command.transaction + (Kind.WRONG_TRANSACTION in fault_of)
         response = Response(reply.code, transaction, reply.parameters).pack()
         if reply.data is None:
-            self._port.send(IN, _with_length(response, told.get(Kind.CORRUPT_LENGTH)))
+            self._port.send(IN, _with_length(response, fault_of.get(Kind.CORRUPT_LENGTH)))
             return
         container = Data(command.code, transaction, reply.data).pack()
-        container = _with_length(container, told.get(Kind.CORRUPT_LENGTH))
-        if cut := told.get(Kind.TRUNCATED):
+        container = _with_length(container, fault_of.get(Kind.CORRUPT_LENGTH))
+        if cut := fault_of.get(Kind.TRUNCATED):
             container = container[: HEADER_SIZE + cut.count]
-        if Kind.SPLIT_HEADER in told:
+        if Kind.SPLIT_HEADER in fault_of:
             self._port.send(IN, container[:HEADER_SIZE])
             container = container[HEADER_SIZE:]
-        if Kind.MERGED_RESPONSE in told:
+        if Kind.MERGED_RESPONSE in fault_of:
             self._port.send(IN, container + response)
         else:
             self._port.send(IN, container)

@@ -81,8 +81,8 @@ class Board:
                 at = (eye[:2] + reach[..., None] * rays[..., :2]) * (_TEXELS / self.square) + border
             inside = (reach > 0) & np.all((at >= 0) & (at < texture.shape[::-1]), axis=-1)
             cell = np.where(inside[..., None], at, 0.0).astype(np.intp)
-            seen = np.where(inside, texture[cell[..., 1], cell[..., 0]], _BACKGROUND)
-            image[first:last] = seen.reshape(last - first, samples, lens.width, samples).mean((1, 3))
+            colours = np.where(inside, texture[cell[..., 1], cell[..., 0]], _BACKGROUND)
+            image[first:last] = colours.reshape(last - first, samples, lens.width, samples).mean((1, 3))
         return image
 
 

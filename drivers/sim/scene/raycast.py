@@ -36,14 +36,14 @@ def nearest(
     solids: np.ndarray, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> tuple[int, float]:
     """Index of the solid that a unit ray meets first, and the distance; (-1, inf) if none."""
-    found, best = -1, math.inf
+    nearest, best = -1, math.inf
     for index in range(solids.shape[0]):
         solid = solids[index]
         if near_line(solid, ox, oy, oz, dx, dy, dz, best):
             t = hit(solid, ox, oy, oz, dx, dy, dz)
             if t < best:
-                found, best = index, t
-    return found, best
+                nearest, best = index, t
+    return nearest, best
 
 
 @compiled

@@ -133,8 +133,8 @@ def albedo(material: Any, solid: int, x: float, y: float, z: float) -> tuple[flo
         joint = 1.0 - _smoothstep(0.0, 2.0 * material.edge, min(side, pz - course, 1.0 - pz + course))
         value = joint + (1.0 - joint) * 0.6 * unit_hash(0, brick, course, seed)
     elif material.pattern == SPOTS:
-        inside, own = _spot(px, py, pz, seed)
-        value = (1.0 - inside) * 0.25 * noise(px, py, pz, seed + 7, 1.0) + inside * (0.4 + 0.6 * own)
+        inside, brightness = _spot(px, py, pz, seed)
+        value = (1.0 - inside) * 0.25 * noise(px, py, pz, seed + 7, 1.0) + inside * (0.4 + 0.6 * brightness)
     else:
         value = noise(px, py, pz, seed, material.edge)
         value = min(max(1.6 * (value - 0.5) + 0.5, 0.0), 1.0)

@@ -104,7 +104,7 @@ class Acquisition:
             return
         counts = {_CONTINUOUS: math.inf, _SINGLE: 1}
         self._frames = counts.get(mode, self._memory.get(Feature.FRAME_COUNT))
-        if not any(self._memory.get(Feature.TRIGGER_CONTROL, one) & 1 for one in (_FRAME, _BURST)):
+        if not any(self._memory.get(Feature.TRIGGER_CONTROL, selector) & 1 for selector in (_FRAME, _BURST)):
             self._burst = math.inf
             self._expose()
 

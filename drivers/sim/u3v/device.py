@@ -76,11 +76,11 @@ class U3vDevice:
         pipes = (Endpoint(CONTROL_OUT, "bulk", PACKET), Endpoint(CONTROL_IN, "bulk", PACKET))
         control = (U3V_CONTROL.number, U3V_CONTROL.subclass, U3V_CONTROL.protocol)
         stream = (U3V_STREAM.number, U3V_STREAM.subclass, U3V_STREAM.protocol)
-        told = self._identity
+        identity = self._identity
         return Description(
             VENDOR,
             PRODUCT,
-            (told.make, told.model, told.serial, f"{VENDOR:04x}{told.serial}"),
+            (identity.make, identity.model, identity.serial, f"{VENDOR:04x}{identity.serial}"),
             (
                 Interface(0, control, pipes, extra=_ABOUT),
                 Interface(1, stream, (Endpoint(STREAM_IN, "bulk", PACKET),)),
@@ -264,20 +264,20 @@ class U3vDevice:
 
     def _start_anew(self) -> DeviceMemory:
         """Memory as it is when power comes on."""
-        told, body, lens = self._identity, self._camera.body, self._camera.body.optics.lens
+        identity, body, lens = self._identity, self._camera.body, self._camera.body.optics.lens
         formats = frames.offered(body.cfa, body.sensor.bit_depth)
         times = [1e6 * time for time in shutter.APPLIED_TIME.values()]
         xml = describe(
-            told.model, (lens.width, lens.height), formats, (min(times), max(times)), max(shutter.ISOS)
+            identity.model, (lens.width, lens.height), formats, (min(times), max(times)), max(shutter.ISOS)
         )
         self._checks = Checks(
             frozenset(formats.values()), (min(times), max(times)), (1000, 10 * max(shutter.ISOS))
         )
         names = {
-            Abrm.MANUFACTURER: told.make,
-            Abrm.MODEL: told.model,
+            Abrm.MANUFACTURER: identity.make,
+            Abrm.MODEL: identity.model,
             Abrm.DEVICE_VERSION: "1",
-            Abrm.SERIAL: told.serial,
+            Abrm.SERIAL: identity.serial,
         }
         memory = DeviceMemory(names, xml)
         for feature, value in {

@@ -22,9 +22,9 @@ def offered(cfa: Cfa, bits: int) -> Mapping[str, int]:
     """The pixel formats of a sensor, codes by name: 16 bits only where 12 are too few."""
     most = 16 if bits > 12 else bits
     return {
-        one.name: one.code
-        for one in FORMATS
-        if one.cfa is cfa and one.bits <= most and (one.bits < 16 or bits > 12)
+        pixel_format.name: pixel_format.code
+        for pixel_format in FORMATS
+        if pixel_format.cfa is cfa and pixel_format.bits <= most and (pixel_format.bits < 16 or bits > 12)
     }
 
 
@@ -54,10 +54,13 @@ def frame(
     left, top = memory.get(Feature.OFFSET_X), memory.get(Feature.OFFSET_Y)
     width, height = memory.get(Feature.WIDTH), memory.get(Feature.HEIGHT)
     window = mosaic.cropped(top, left, height, width)
-    told = BY_CODE[memory.get(Feature.PIXEL_FORMAT)]
+    configured = BY_CODE[memory.get(Feature.PIXEL_FORMAT)]
     # The format of a frame names the phase of its own first pixel.
     pixels = next(
-        one for one in FORMATS if (one.cfa, one.bits, one.packing) == (window.cfa, told.bits, told.packing)
+        pixel_format
+        for pixel_format in FORMATS
+        if (pixel_format.cfa, pixel_format.bits, pixel_format.packing)
+        == (window.cfa, configured.bits, configured.packing)
     )
     data = pack((window.pixels >> shift(pixels, bits)).astype(np.uint16), pixels)
     kind = IMAGE

@@ -84,7 +84,7 @@ class DeviceMemory:
     def write(self, address: int, data: bytes) -> None:
         """What the host writes. Denied: only registers that are meant for it."""
         self._find(address, len(data))
-        features = [one for one in Feature if one not in (*READ_ONLY, Feature.BLACK_LEVEL)]
+        features = [feature for feature in Feature if feature not in (*READ_ONLY, Feature.BLACK_LEVEL)]
         stream = [_SIRM + register for register in _WRITABLE_SIRM]
         selected = [Feature.TRIGGER_CONTROL + 4, *(Feature.LINE_CONTROL + 4 * line for line in range(LINES))]
         if address not in (*features, *stream, *selected, Abrm.LATCH):

@@ -68,5 +68,5 @@ class Checks:
         if register in _ROOM:
             least, whole, other = _ROOM[register]
             return least, memory.get(whole) - memory.get(other)
-        own = {Feature.EXPOSURE_TIME: self.times, Feature.GAIN: self.gains}
-        return own.get(register) or _RANGES.get(register, _ANY)
+        limits = {Feature.EXPOSURE_TIME: self.times, Feature.GAIN: self.gains}
+        return limits.get(register) or _RANGES.get(register, _ANY)

@@ -73,8 +73,8 @@ def enumeration(
         f'<EnumEntry Name="{entry}"><Value>{value}</Value></EnumEntry>' for entry, value in entries.items()
     )
     lock = "" if locked is None else f"<pIsLocked>{locked}</pIsLocked>"
-    own = "" if address is None else register("IntReg", f"{name}Reg", address)
-    return f'<Enumeration Name="{name}">{lock}{inside}<pValue>{name}Reg</pValue></Enumeration>{own}'
+    register_xml = "" if address is None else register("IntReg", f"{name}Reg", address)
+    return f'<Enumeration Name="{name}">{lock}{inside}<pValue>{name}Reg</pValue></Enumeration>{register_xml}'
 
 
 def boolean(name: str, address: int) -> str:

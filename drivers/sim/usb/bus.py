@@ -58,8 +58,8 @@ class _Handle:
 
 def fail(number: int) -> USBError:
     """The error that pyusb's libusb backend raises for that errno."""
-    code, told = _LIBUSB[number]
-    return (USBTimeoutError if number == errno.ETIMEDOUT else USBError)(told, code, number)
+    code, text = _LIBUSB[number]
+    return (USBTimeoutError if number == errno.ETIMEDOUT else USBError)(text, code, number)
 
 
 class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
@@ -164,8 +164,8 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
     def set_interface_altsetting(self, dev_handle: _Handle, intf: int, altsetting: int) -> None:
         """A setting that the interface has."""
         with self.timeline.lock:
-            told = self._there(dev_handle).device.description
-            if altsetting not in (one.alternate for one in told.alternates(intf)):
+            description = self._there(dev_handle).device.description
+            if altsetting not in (interface.alternate for interface in description.alternates(intf)):
                 raise fail(errno.ENOENT)
 
     def claim_interface(self, dev_handle: _Handle, intf: int) -> None:
@@ -266,9 +266,9 @@ class VirtualBus(usb.backend.IBackend):  # type: ignore[misc]
 
     def _standard(self, port: Port, setup: Setup) -> bytes | None:
         """The answer to a standard request; None if it is not one that the bus answers."""
-        told, kind = port.device.description, setup.value >> 8
+        description, kind = port.device.description, setup.value >> 8
         if (setup.request_type, setup.request, kind) == (0x80, 6, 3):
-            text = told.string(setup.value & 0xFF)
+            text = description.string(setup.value & 0xFF)
             if text is None:
                 raise Stall
             return text

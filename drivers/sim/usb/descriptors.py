@@ -65,19 +65,19 @@ class Description:
         return bytes((2 + len(body), 3)) + body
 
 
-def device_descriptor(told: Description, bus: int, address: int) -> SimpleNamespace:
+def device_descriptor(description: Description, bus: int, address: int) -> SimpleNamespace:
     """The fields that pyusb copies; all of the device, where it is plugged in included."""
-    big = told.speed >= SUPER_SPEED
+    big = description.speed >= SUPER_SPEED
     return SimpleNamespace(
         bLength=18,
         bDescriptorType=1,
         bcdUSB=0x0300 if big else 0x0200,
-        bDeviceClass=told.code[0],
-        bDeviceSubClass=told.code[1],
-        bDeviceProtocol=told.code[2],
+        bDeviceClass=description.code[0],
+        bDeviceSubClass=description.code[1],
+        bDeviceProtocol=description.code[2],
         bMaxPacketSize0=9 if big else 64,
-        idVendor=told.vendor,
-        idProduct=told.product,
+        idVendor=description.vendor,
+        idProduct=description.product,
         bcdDevice=0x0100,
         iManufacturer=1,
         iProduct=2,
@@ -87,18 +87,20 @@ def device_descriptor(told: Description, bus: int, address: int) -> SimpleNamesp
         address=address,
         port_number=address,
         port_numbers=(address,),
-        speed=told.speed,
+        speed=description.speed,
     )
 
 
-def configuration_descriptor(told: Description) -> SimpleNamespace:
+def configuration_descriptor(description: Description) -> SimpleNamespace:
     """The one configuration; its total length counts every descriptor inside."""
-    inside = sum(9 + len(one.extra) + 7 * len(one.endpoints) for one in told.interfaces)
+    inside = sum(
+        9 + len(interface.extra) + 7 * len(interface.endpoints) for interface in description.interfaces
+    )
     return SimpleNamespace(
         bLength=9,
         bDescriptorType=2,
         wTotalLength=9 + inside,
-        bNumInterfaces=len(told.numbers()),
+        bNumInterfaces=len(description.numbers()),
         bConfigurationValue=1,
         iConfiguration=0,
         bmAttributes=0xC0,
@@ -107,33 +109,35 @@ def configuration_descriptor(told: Description) -> SimpleNamespace:
     )
 
 
-def interface_descriptor(told: Description, index: int, alternate: int) -> SimpleNamespace:
+def interface_descriptor(description: Description, index: int, alternate: int) -> SimpleNamespace:
     """An alternate setting of an interface. IndexError past the last, which ends pyusb's iteration."""
-    one = told.alternates(told.numbers()[index])[alternate]
+    interface = description.alternates(description.numbers()[index])[alternate]
     return SimpleNamespace(
         bLength=9,
         bDescriptorType=4,
-        bInterfaceNumber=one.number,
-        bAlternateSetting=one.alternate,
-        bNumEndpoints=len(one.endpoints),
-        bInterfaceClass=one.code[0],
-        bInterfaceSubClass=one.code[1],
-        bInterfaceProtocol=one.code[2],
+        bInterfaceNumber=interface.number,
+        bAlternateSetting=interface.alternate,
+        bNumEndpoints=len(interface.endpoints),
+        bInterfaceClass=interface.code[0],
+        bInterfaceSubClass=interface.code[1],
+        bInterfaceProtocol=interface.code[2],
         iInterface=0,
-        extra_descriptors=list(one.extra),
+        extra_descriptors=list(interface.extra),
     )
 
 
-def endpoint_descriptor(told: Description, endpoint: int, index: int, alternate: int) -> SimpleNamespace:
+def endpoint_descriptor(
+    description: Description, endpoint: int, index: int, alternate: int
+) -> SimpleNamespace:
     """An endpoint of an alternate setting. IndexError past the last."""
-    one = told.alternates(told.numbers()[index])[alternate].endpoints[endpoint]
+    interface_endpoint = description.alternates(description.numbers()[index])[alternate].endpoints[endpoint]
     return SimpleNamespace(
         bLength=7,
         bDescriptorType=5,
-        bEndpointAddress=one.address,
-        bmAttributes=_TYPES[one.kind],
-        wMaxPacketSize=one.packet,
-        bInterval=4 if one.kind == "interrupt" else 0,
+        bEndpointAddress=interface_endpoint.address,
+        bmAttributes=_TYPES[interface_endpoint.kind],
+        wMaxPacketSize=interface_endpoint.packet,
+        bInterval=4 if interface_endpoint.kind == "interrupt" else 0,
         bRefresh=0,
         bSynchAddress=0,
         extra_descriptors=[],

@@ -48,8 +48,8 @@ class LiveTimeline(SystemClock):
             while self._open:
                 if not self._appointments:
                     self._condition.wait()
-                elif (left := self._appointments[0][0] - self.now()) > 0:
-                    self._condition.wait(left)
+                elif (seconds := self._appointments[0][0] - self.now()) > 0:
+                    self._condition.wait(seconds)
                 else:
                     heapq.heappop(self._appointments)[2]()
                     self._condition.notify_all()

@@ -146,8 +146,8 @@ class VirtualClock:
         self._move_on()
         while worker.stage is _Stage.WAITING:
             if not worker.turn.wait(_PATIENCE) and not self._somebody(_Stage.RUNNING):
-                told = ", ".join(f"{one.name} {one.stage.value}" for one in self._workers)
-                raise ClockStopped(f"the virtual clock stands still at {self._now:g} s: {told}")
+                states = ", ".join(f"{worker.name} {worker.stage.value}" for worker in self._workers)
+                raise ClockStopped(f"the virtual clock stands still at {self._now:g} s: {states}")
 
     def _somebody(self, stage: _Stage) -> bool:
         return any(worker.stage is stage for worker in self._workers)

@@ -60,16 +60,16 @@ class NodeMap:
 
     def features(self, category: str = "Root") -> tuple[str, ...]:
         """What a Category lists, and the categories in it, in order; () if there is no such category."""
-        found: list[str] = []
+        names: list[str] = []
         waiting = [category]
         while waiting:
             element = self._elements.get(waiting.pop(0))
-            if element is None or element.name in found:
+            if element is None or element.name in names:
                 continue
-            found.append(element.name)
+            names.append(element.name)
             if element.tag == "Category":
                 waiting += [child.text for child in element.all("pFeature")]
-        return tuple(name for name in found if self._elements[name].tag != "Category")
+        return tuple(name for name in names if self._elements[name].tag != "Category")
 
     def available(self, name: str) -> bool:
         """Whether the feature is described, implemented and there at the moment."""
@@ -159,7 +159,7 @@ class NodeMap:
             yield
         except (CameraProtocol, CameraRefused) as error:
             kind = CameraRefused if isinstance(error, CameraRefused) else CameraProtocol
-            told = str(error).removeprefix(self._where).lstrip(": ")
-            raise kind(f"{self._where}: {name}: {told}") from error
+            message = str(error).removeprefix(self._where).lstrip(": ")
+            raise kind(f"{self._where}: {name}: {message}") from error
         except RecursionError:
             raise CameraProtocol(f"{self._where}: {name} depends on itself: update the firmware.") from None

@@ -85,7 +85,7 @@ class _Builder:
         self.finished: list[Element] = []
         self._open: list[tuple[str, dict[str, str], list[str], list[Element]]] = []
 
-    def refuse(self, *told: object) -> None:
+    def refuse(self, *place: object) -> None:
         raise CameraProtocol("the camera's description has a document type, which could hide entities")
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:

@@ -92,11 +92,11 @@ class Node:
         """What may be done at the moment: letters of R and W."""
         if not self.available():
             return ""
-        told = {self.target_access(), self.element.first("ImposedAccessMode") or "RW"}
+        modes = {self.target_access(), self.element.first("ImposedAccessMode") or "RW"}
         may = "RW"
-        if "RO" in told or self._true("pIsLocked", False):
+        if "RO" in modes or self._true("pIsLocked", False):
             may = may.replace("W", "")
-        return may.replace("R", "") if "WO" in told else may
+        return may.replace("R", "") if "WO" in modes else may
 
     def refer(self, tag: str) -> "Node | None":
         """The node that <tag> names."""

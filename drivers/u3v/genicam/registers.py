@@ -98,11 +98,11 @@ class Register(Node):
         for tag in ("EventID", "pChunkID"):
             if port.element.all(tag):
                 raise CameraProtocol(f"its port has a {tag}, which rig does not know")
-        told = port.element.first("ChunkID")
+        chunk = port.element.first("ChunkID")
         try:
-            return None if told is None else int(told, 16)
+            return None if chunk is None else int(chunk, 16)
         except ValueError:
-            raise CameraProtocol(f"{told!r} is no ChunkID") from None
+            raise CameraProtocol(f"{chunk!r} is no ChunkID") from None
 
 
 class IntRegister(Register):

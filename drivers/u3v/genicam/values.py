@@ -130,13 +130,13 @@ class Enumeration(Holder):
 
     def entries(self) -> dict[str, int]:
         """The available entries and their numbers."""
-        found = {}
+        entries = {}
         for element in self.element.all("EnumEntry"):
             entry = Node(element, self.around)
             value = entry.whole("Value")
             if value is not None and entry.available():
-                found[element.name] = value
-        return found
+                entries[element.name] = value
+        return entries
 
     def get(self) -> int:
         """The number."""

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from capture.pictures.reduced import Seen, of_raw
+from capture.pictures.reduced import ReducedPicture, of_raw
 from drivers.sim.camera.response import develop
 from drivers.sim.camera.sensor import Sensor, SensorModel
 from imaging.cfa import Cfa, mosaic
@@ -63,7 +63,7 @@ def raw(light: Light, exposure: Exposure, seed: int = 0) -> RawMosaic:
     return RawMosaic(pixels, Cfa.RGGB, (BLACK,) * 4, WHITE, noise_profile=profile, metadata=metadata)
 
 
-def seen_raw(light: Light, exposure: Exposure, seed: int = 0) -> Seen:
+def seen_raw(light: Light, exposure: Exposure, seed: int = 0) -> ReducedPicture:
     """The same as `rig check` sees it."""
     return of_raw(from_raw(raw(light, exposure, seed), 1.0), Cfa.RGGB)
 

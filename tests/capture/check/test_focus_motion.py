@@ -5,7 +5,7 @@ import pytest
 
 from capture.check import focus, motion
 from capture.pictures import reduced
-from capture.pictures.reduced import Seen
+from capture.pictures.reduced import ReducedPicture
 from imaging.exposure import Exposure
 
 from .brackets import blurred, photo, scene, seen_raw, shifted
@@ -13,7 +13,7 @@ from .brackets import blurred, photo, scene, seen_raw, shifted
 LONG, SHORT = Exposure(time=1 / 4), Exposure(time=1 / 32)
 
 
-def seen(light, exposure=LONG, seed=0, kind="raw") -> Seen:
+def seen(light, exposure=LONG, seed=0, kind="raw") -> ReducedPicture:
     if kind == "raw":
         return seen_raw(light, exposure, seed)
     return reduced.of_photo(photo(light, exposure, seed).astype(np.float32) / 255)
