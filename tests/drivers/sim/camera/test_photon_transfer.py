@@ -18,6 +18,7 @@ from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.port import Device
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.exposure import Exposure
+from imaging.files.raw import decode_raw
 from imaging.mosaic import RawMosaic
 
 TIMES = (1 / 500, 1 / 125, 1 / 60, 1 / 30, 1 / 15, 1 / 8)
@@ -30,8 +31,8 @@ def pair(camera: Camera, time: float) -> tuple[np.ndarray, np.ndarray]:
         camera.arm()
         camera.trigger()
         frame = camera.collect()
-        assert isinstance(frame, RawMosaic)
-        frames.append(frame.pixels.astype(np.float64))
+        mosaic = frame if isinstance(frame, RawMosaic) else decode_raw(frame.data, frame.suffix)
+        frames.append(mosaic.pixels.astype(np.float64))
     return frames[0], frames[1]
 
 
