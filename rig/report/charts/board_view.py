@@ -24,11 +24,11 @@ def board_figures(record: CalibrationRecord) -> Iterable[Figure]:
         return
     for number, places in enumerate(_groups(record.board.places)[:MOST_RIGS]):
         names = sorted({name for place in places for name in place.cameras})
-        known = {name: record.camera(name).cam_from_rig for name in names}
+        mounted = {name: record.camera(name).cam_from_rig for name in names}
         # A camera that saw the board alone is the origin.
         cameras = {
             name: np.eye(4) if pose is None else pose.matrix()
-            for name, pose in known.items()
+            for name, pose in mounted.items()
             if pose is not None or len(names) == 1
         }
         boards = {
@@ -57,13 +57,13 @@ def _groups(places: Sequence[BoardPlace]) -> list[list[BoardPlace]]:
     """Places whose cameras saw the board together, if only by way of others."""
     groups: list[tuple[set[str], list[BoardPlace]]] = []
     for place in places:
-        names, own = set(place.cameras), [place]
+        names, places = set(place.cameras), [place]
         for group in [group for group in groups if group[0] & names]:
             groups.remove(group)
             names |= group[0]
-            own = [*group[1], *own]
-        groups.append((names, own))
-    return [own for _, own in groups]
+            places = [*group[1], *places]
+        groups.append((names, places))
+    return [places for _, places in groups]
 
 
 def _around(board: Board, cam_from_rig: Array, place: BoardPlace) -> Array:

@@ -58,12 +58,12 @@ def _ratio_series(session: Session, record: CalibrationRecord) -> list[Series]:
     series = []
     shots = session.shots("scene")
     for camera in record.cameras:
-        known = [
+        ratios = [
             ((shot.reported or shot.requested), ratio)
             for shot in shots
             if shot.camera == camera.name and (ratio := label_ratio(shot, record)) is not None
         ]
-        pairs = sorted((label.scale, math.log2(ratio)) for label, ratio in known if label is not None)
+        pairs = sorted((label.scale, math.log2(ratio)) for label, ratio in ratios if label is not None)
         if pairs:
             series.append(Series(camera.name, [k for k, _ in pairs], [s for _, s in pairs], dots=True))
     return series

@@ -182,16 +182,16 @@ def chart(
             and (y_scale == "linear" or y > 0)
         ]
 
-    for index, one in enumerate(series):
-        colour = (index if one.colour is None else one.colour) % COLOURS
-        if len(one.margin):
-            pairs = list(zip(one.y, one.margin, strict=True))
+    for index, line in enumerate(series):
+        colour = (index if line.colour is None else line.colour) % COLOURS
+        if len(line.margin):
+            pairs = list(zip(line.y, line.margin, strict=True))
             # On a logarithmic axis a band that reaches below zero ends at the frame.
             least = y_axis.low if y_scale == "log" else -math.inf
             low, high = [max(y - m, least) for y, m in pairs], [y + m for y, m in pairs]
-            parts.append(_band(placed(one.x, low), placed(one.x, high), colour))
-        points = placed(one.x, one.y)
-        parts.append(_dots(points, colour) if one.dots else _line(points, colour, one.dashed))
+            parts.append(_band(placed(line.x, low), placed(line.x, high), colour))
+        points = placed(line.x, line.y)
+        parts.append(_dots(points, colour) if line.dots else _line(points, colour, line.dashed))
     parts.append("</svg>")
     return Markup("".join(parts) + legend(series))
 
@@ -238,12 +238,12 @@ def _dots(points: Sequence[tuple[float, float]], colour: int) -> str:
 
 def legend(series: Sequence[Series]) -> str:
     """What the colours mean, as HTML below the chart; nothing for a single unnamed series."""
-    named = [(i, one) for i, one in enumerate(series) if one.label]
+    named = [(i, line) for i, line in enumerate(series) if line.label]
     if len(named) < 2:
         return ""
     keys = "".join(
-        f'<li><span class="key s{(i if one.colour is None else one.colour) % COLOURS}'
-        f'{" dashed" if one.dashed else ""}"></span>{escape(one.label)}</li>'
-        for i, one in named
+        f'<li><span class="key s{(i if line.colour is None else line.colour) % COLOURS}'
+        f'{" dashed" if line.dashed else ""}"></span>{escape(line.label)}</li>'
+        for i, line in named
     )
     return f'<ul class="legend">{keys}</ul>'

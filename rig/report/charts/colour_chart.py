@@ -39,10 +39,10 @@ def swatches(chart: ChartEvidence) -> Markup:
         f'<svg class="chart" viewBox="0 0 {width} {height}" role="img" aria-label="{escape(title)}">'
         f"<title>{escape(title)}</title>"
     ]
-    known = {patch.number: patch for patch in chart.patches}
+    patches = {patch.number: patch for patch in chart.patches}
     for index in range(COLUMNS * ROWS):
         row, column = divmod(index, COLUMNS)
-        parts += _patch(known.get(index + 1), column * (CELL + GAP), row * (CELL + GAP))
+        parts += _patch(patches.get(index + 1), column * (CELL + GAP), row * (CELL + GAP))
     return Markup("".join([*parts, "</svg>"]))
 
 
@@ -69,8 +69,8 @@ def _hex(linear: tuple[float, float, float]) -> str:
 
 
 def _tables(record: CalibrationRecord) -> Iterable[Table]:
-    seen = [(camera.name, camera.chart) for camera in record.cameras if camera.chart is not None]
-    if seen:
+    charts = [(camera.name, camera.chart) for camera in record.cameras if camera.chart is not None]
+    if charts:
         yield Table(
             "How well the chart is met",
             "Delta E 2000 of patches under a fit that did not see them.",
@@ -84,7 +84,7 @@ def _tables(record: CalibrationRecord) -> Iterable[Table]:
                     f"{chart.delta_e_max:.2f}",
                     "none" if chart.delta_e_files is None else f"{chart.delta_e_files:.2f}",
                 )
-                for name, chart in seen
+                for name, chart in charts
             ),
         )
     balanced = [camera for camera in record.cameras if camera.white_balance_error is not None]

@@ -43,14 +43,14 @@ def lens_topic(record: CalibrationRecord, residuals: Residuals) -> Topic:
 
 
 def _figures(record: CalibrationRecord, residuals: Residuals) -> Iterable[Figure]:
-    worst = sorted(residuals.cameras.items(), key=lambda own: -own[1].rms)[:MOST_CAMERAS]
+    worst = sorted(residuals.cameras.items(), key=lambda item: -item[1].rms)[:MOST_CAMERAS]
     if worst:
         yield Figure(
             "Residual field",
             "Mean of seen less projected, over cells of the image. Short arrows in all directions are noise "
             "(faint: below twice their standard error); a pattern is distortion that the lens model lacks."
             + _chosen(len(worst), len(residuals.cameras), "those that miss most"),
-            _small([field(name, own) for name, own in sorted(worst)]),
+            _small([field(name, camera) for name, camera in sorted(worst)]),
             wide=True,
         )
     maps = [
@@ -58,9 +58,11 @@ def _figures(record: CalibrationRecord, residuals: Residuals) -> Iterable[Figure
         for camera in record.cameras
         if camera.lens_error is not None and camera.lens_error.projection and camera.lens is not None
     ]
-    unsure = sorted(maps, key=lambda own: -float(np.max(own[1])))[:MOST_CAMERAS]
+    unsure = sorted(maps, key=lambda item: -float(np.max(item[1])))[:MOST_CAMERAS]
     if unsure:
-        top = max((float(one) for _, values, _ in unsure for one in values[np.isfinite(values)]), default=0.0)
+        top = max(
+            (float(error) for _, values, _ in unsure for error in values[np.isfinite(values)]), default=0.0
+        )
         yield Figure(
             "Projection uncertainty",
             "Standard error, px, of where a far point lands in the image, with the camera's own rotation "
@@ -100,18 +102,18 @@ def _small(drawings: Sequence[Markup]) -> Markup:
     return Markup('<div class="small">') + Markup("").join(drawings) + Markup("</div>")
 
 
-def field(name: str, own: CameraResiduals) -> Markup:
+def field(name: str, residuals: CameraResiduals) -> Markup:
     """Arrows from the middle of cells of the image, all magnified alike; the factor is told below."""
-    width, height = own.size
+    width, height = residuals.size
     rows = max(1, round(COLUMNS * height / width))
-    column = np.clip((own.seen[:, 0] / width * COLUMNS).astype(int), 0, COLUMNS - 1)
-    row = np.clip((own.seen[:, 1] / height * rows).astype(int), 0, rows - 1)
+    column = np.clip((residuals.seen[:, 0] / width * COLUMNS).astype(int), 0, COLUMNS - 1)
+    row = np.clip((residuals.seen[:, 1] / height * rows).astype(int), 0, rows - 1)
     cell, cells = row * COLUMNS + column, COLUMNS * rows
     count = np.bincount(cell, minlength=cells)
     filled = np.flatnonzero(count >= FEWEST)
-    sums = np.stack([np.bincount(cell, own.miss[:, axis], cells)[filled] for axis in (0, 1)], 1)
+    sums = np.stack([np.bincount(cell, residuals.miss[:, axis], cells)[filled] for axis in (0, 1)], 1)
     mean: Array = sums / count[filled, None]
-    square = np.bincount(cell, (own.miss**2).sum(1), cells)[filled] / count[filled]
+    square = np.bincount(cell, (residuals.miss**2).sum(1), cells)[filled] / count[filled]
     error = np.sqrt(np.maximum(square - (mean**2).sum(1), 0) / count[filled])
     length = np.hypot(*mean.T)
     scale = WIDTH / width
@@ -130,8 +132,8 @@ def field(name: str, own: CameraResiduals) -> Markup:
         sure = length[index] > 2 * error[index]
         parts.append(_arrow(x, y, float(dx), float(dy), "" if sure else " faint"))
     parts.append(
-        f"</svg><figcaption><b>{escape(name)}</b> · rms {number(own.rms)} px from {len(own.seen):,} "
-        f"observations · arrows × {factor:,.0f}</figcaption></figure>"
+        f"</svg><figcaption><b>{escape(name)}</b> · rms {number(residuals.rms)} px from "
+        f"{len(residuals.seen):,} observations · arrows × {factor:,.0f}</figcaption></figure>"
     )
     return Markup("".join(parts))
 
@@ -193,7 +195,7 @@ def _distortion(name: str, lens: Lens) -> Series:
 
 def _histogram(residuals: Residuals) -> Figure:
     """Both coordinates of all residuals against the Gaussian of the same middle spread."""
-    values = np.concatenate([own.miss.ravel() for own in residuals.cameras.values()])
+    values = np.concatenate([camera.miss.ravel() for camera in residuals.cameras.values()])
     sigma = max(1.4826 * float(np.median(np.abs(values - np.median(values)))), 1e-9)
     edges = np.linspace(-5 * sigma, 5 * sigma, 61)
     density, _ = np.histogram(values, edges)

@@ -58,13 +58,13 @@ def error_map(prediction: Float, truth: Float) -> Bytes:
     """|log2(prediction / truth)| of luminance as colours, uint8 [H, W, 3]; grey: not known."""
     mine, true = luminance(prediction), luminance(truth)
     floor = 1e-6 * float(np.nanmax(true, initial=0.0))
-    known = np.isfinite(mine) & np.isfinite(true) & (true > floor)
-    ratio = np.where(known, np.maximum(mine, floor), 1.0) / np.where(known, true, 1.0)
+    valid = np.isfinite(mine) & np.isfinite(true) & (true > floor)
+    ratio = np.where(valid, np.maximum(mine, floor), 1.0) / np.where(valid, true, 1.0)
     level = np.clip(np.abs(np.log2(ratio)) / MAP_STOPS, 0.0, 1.0)
     anchors = np.array(MAP_COLOURS, np.float64)
     at = np.linspace(0.0, 1.0, len(anchors))
     colours = np.stack([np.interp(level, at, anchors[:, channel]) for channel in range(3)], axis=-1)
-    return np.asarray(np.where(known[..., None], np.rint(colours), UNKNOWN_GREY), np.uint8)
+    return np.asarray(np.where(valid[..., None], np.rint(colours), UNKNOWN_GREY), np.uint8)
 
 
 def colour_bar() -> str:

@@ -104,18 +104,18 @@ def _by_camera(values: Mapping[ViewId, float]) -> list[Series]:
 
 
 def _least_sure(record: CalibrationRecord, residuals: Residuals) -> Table:
-    known = any(view.error is not None for view in record.views)
+    with_errors = any(view.error is not None for view in record.views)
     unit, scale = ("mm", 1000.0) if record.unit == "m" else ("relative", 1.0)
 
     def doubt(view: ViewCalibration) -> tuple[float, float]:
         error = float("inf") if view.error is None else view.error.rotation
-        return (-error, float(view.points)) if known else (float(view.points), 0.0)
+        return (-error, float(view.points)) if with_errors else (float(view.points), 0.0)
 
     worst = sorted(record.views, key=doubt)[:WORST]
     return Table(
-        "The least sure views" if known else "The views with the fewest scene points",
+        "The least sure views" if with_errors else "The views with the fewest scene points",
         "Standard errors about and along the worst axis."
-        if known
+        if with_errors
         else "Standard errors of the poses are not determined.",
         ("View", "#Rotation, °", f"#Place, {unit}", "#Scene points", "#Residual, rms px"),
         tuple(

@@ -60,7 +60,7 @@ def turntable(
         cloud = cloud[:: max(1, -(-len(cloud) // MOST_POINTS))]
     views = [_flat(turn) for turn in range(STEPS)]
     spots = [np.concatenate([solid, cloud]) @ view.T for view in views]
-    reach = np.maximum(np.max([np.ptp(own, axis=0) for own in spots], axis=0), 1e-9)
+    reach = np.maximum(np.max([np.ptp(group, axis=0) for group in spots], axis=0), 1e-9)
     factor = min((WIDTH - 2 * MARGIN) / reach[0], (HEIGHT - 2 * MARGIN) / reach[1])
     names = sorted({view.camera for view in poses})
     # Many small frusta tell more than many that cover each other.
@@ -136,7 +136,7 @@ def _joined(views: Iterable[ViewId], centres: Array) -> list[Array]:
     frames: dict[int, list[int]] = {}
     for index, view in enumerate(views):
         frames.setdefault(view.frame, []).append(index)
-    return [centres[own] for own in frames.values() if len(own) > 1]
+    return [centres[members] for members in frames.values() if len(members) > 1]
 
 
 def _drawn(spots: Array, colour: int, title: str) -> str:

@@ -118,8 +118,10 @@ def _off(camera: NamedSensor, colour: int) -> Series:
 def _line(camera: NamedSensor, colour: int) -> Series:
     """The fitted line, with the band that errors of gain and read noise leave."""
     sensor = camera.sensor
-    gain, read, row = (_value(one) for one in (sensor.gain, sensor.read_noise, sensor.row_noise))
-    gain_error, read_error = (0.0 if one is None else one.sigma for one in (sensor.gain, sensor.read_noise))
+    gain, read, row = (_value(level) for level in (sensor.gain, sensor.read_noise, sensor.row_noise))
+    gain_error, read_error = (
+        0.0 if level is None else level.sigma for level in (sensor.gain, sensor.read_noise)
+    )
     black = float(np.mean([level.value for level in sensor.black])) if sensor.black else 0.0
     lit = [x for x, _ in sensor.transfer if x > 0]
     end = max(sensor.ceiling.value - black if sensor.ceiling else 0.0, max(lit, default=0.0), 100.0)
@@ -208,7 +210,7 @@ def _with_error(value: Measured | None, scale: float = 1.0) -> str:
 
 def _sources(sensor: SensorCalibration) -> str:
     values = (sensor.gain, sensor.read_noise, sensor.prnu, sensor.dsnu, sensor.dark_current)
-    return ", ".join(dict.fromkeys(one.source for one in values if one is not None)) or "nothing"
+    return ", ".join(dict.fromkeys(value.source for value in values if value is not None)) or "nothing"
 
 
 def _defects(sensor: SensorCalibration) -> str:

@@ -119,9 +119,9 @@ def _tiles(report: CheckReport) -> Iterable[Tile]:
 
 
 def _rows(report: CheckReport) -> Iterable[ProblemRow]:
-    for grade, found in (("fail", report.problems), ("warn", report.warnings)):
-        for one in found:
-            yield ProblemRow(grade, one.kind, _where(one), one.message)
+    for grade, problems in (("fail", report.problems), ("warn", report.warnings)):
+        for problem in problems:
+            yield ProblemRow(grade, problem.kind, _where(problem), problem.message)
 
 
 def _where(problem: Problem) -> str:
@@ -133,14 +133,16 @@ def _where(problem: Problem) -> str:
 
 def _charts(report: CheckReport) -> Iterable[tuple[str, str, Markup]]:
     """Heading, explanation, drawing."""
-    known = [(look, own) for look in report.looks if look.off is not None and (own := label(look))]
-    if known:
-        cameras = list(dict.fromkeys(look.camera for look, _ in known))
+    labelled = [
+        (look, exposure) for look in report.looks if look.off is not None and (exposure := label(look))
+    ]
+    if labelled:
+        cameras = list(dict.fromkeys(look.camera for look, _ in labelled))
         series = [
             Series(
                 camera,
-                [own.scale for look, own in known if look.camera == camera],
-                [look.off or 0.0 for look, _ in known if look.camera == camera],
+                [exposure.scale for look, exposure in labelled if look.camera == camera],
+                [look.off or 0.0 for look, _ in labelled if look.camera == camera],
                 dots=True,
             )
             for camera in cameras
@@ -157,7 +159,7 @@ def _charts(report: CheckReport) -> Iterable[tuple[str, str, Markup]]:
                 x_scale="log",
                 y_zero=True,
                 level=(OFF_STOPS, "doubted above")
-                if max(abs(look.off or 0) for look, _ in known) > OFF_STOPS / 2
+                if max(abs(look.off or 0) for look, _ in labelled) > OFF_STOPS / 2
                 else None,
             ),
         )
@@ -192,32 +194,32 @@ def _sharpness(camera: str, looks: Sequence[ShotLook]) -> Series:
 
 
 def _sheets(report: CheckReport) -> Iterable[ContactSheet]:
-    found: dict[Place, list[Problem]] = {}
+    problems: dict[Place, list[Problem]] = {}
     for problem in (*report.problems, *report.warnings):
         if problem.camera is not None and problem.frame is not None and problem.step is not None:
-            found.setdefault((problem.camera, problem.frame, problem.step), []).append(problem)
+            problems.setdefault((problem.camera, problem.frame, problem.step), []).append(problem)
     by_kind: dict[str, dict[Place, ShotLook]] = {}
     for look in report.looks:
         by_kind.setdefault(look.kind, {})[look.camera, look.frame, look.step] = look
-    if not by_kind and found:
+    if not by_kind and problems:
         by_kind["scene"] = {}
     shown = 0
     for index, kind in enumerate(sorted(by_kind, key=list(KINDS).index)):
         looks = by_kind[kind]
-        everywhere = {place for own in by_kind.values() for place in own}
+        everywhere = {place for places in by_kind.values() for place in places}
         # A shot without a picture is shown among those of the first kind: nobody knows more of it.
-        lost = set(found) - everywhere if index == 0 else set()
+        lost = set(problems) - everywhere if index == 0 else set()
         places = sorted(set(looks) | lost)
-        cells = {place: _cell(place, looks.get(place), found.get(place, []), report) for place in places}
+        cells = {place: _cell(place, looks.get(place), problems.get(place, []), report) for place in places}
         if len({step for _, _, step in places}) == 1:
             for camera in dict.fromkeys(camera for camera, _, _ in places):
-                own = tuple(cells[place] for place in places if place[0] == camera)
-                yield _sheet(f"{KINDS[kind]}: {camera}", ((camera, own),), True, shown < MOST_OPEN)
+                row = tuple(cells[place] for place in places if place[0] == camera)
+                yield _sheet(f"{KINDS[kind]}: {camera}", ((camera, row),), True, shown < MOST_OPEN)
                 shown += 1
             continue
         steps = _columns(looks.values(), places)
         for frame in sorted({frame for _, frame, _ in places}):
-            cameras = [camera for camera, own, _ in places if own == frame]
+            cameras = [camera for camera, its_frame, _ in places if its_frame == frame]
             rows = tuple(
                 (camera, tuple(cells.get((camera, frame, step)) for step in steps))
                 for camera in dict.fromkeys(cameras)
@@ -235,16 +237,16 @@ def _columns(looks: Iterable[ShotLook], places: Iterable[Place]) -> list[int]:
     """The steps from the longest exposure to the shortest; those without a label last."""
     scale: dict[int, float] = {}
     for look in looks:
-        own = label(look)
-        if own is not None:
-            scale.setdefault(look.step, own.scale)
+        exposure = label(look)
+        if exposure is not None:
+            scale.setdefault(look.step, exposure.scale)
     return sorted({step for _, _, step in places}, key=lambda step: (-scale.get(step, 0.0), step))
 
 
-def _cell(place: Place, look: ShotLook | None, found: Sequence[Problem], report: CheckReport) -> SheetCell:
+def _cell(place: Place, look: ShotLook | None, problems: Sequence[Problem], report: CheckReport) -> SheetCell:
     camera, frame, step = place
     said: dict[str, list[str]] = {}
-    for problem in found:
+    for problem in problems:
         said.setdefault(problem.kind, []).append(problem.message)
     marks = tuple((kind, " ".join(messages)) for kind, messages in said.items())
     title = f"{camera}, frame {frame}, step {step}"

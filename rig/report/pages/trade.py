@@ -119,8 +119,8 @@ def _tables(trade: Trade) -> Iterable[Table]:
 def settings(point: Point) -> dict[str, float | str | None]:
     """What a training was made with, by hand or as its scene decided; None: as the method has it."""
     overrides, preset = point.choice.overrides, QUALITIES[point.choice.quality]
-    own = {key: getattr(overrides, key) for key in AXES}
-    return own | {
+    overridden = {key: getattr(overrides, key) for key in AXES}
+    return overridden | {
         "iterations": overrides.iterations or preset.iterations,
         "gaussians": overrides.gaussians or point.gaussians,
         "width": point.width,
@@ -134,14 +134,14 @@ def _changes(trade: Trade, standard: Point) -> Iterable[tuple[str, ...]]:
     usual = settings(standard)
     for axis, name in AXES.items():
         for point in trade.points:
-            own = settings(point)
-            if [key for key in AXES if own[key] != usual[key]] != [axis]:
+            changed = settings(point)
+            if [key for key in AXES if changed[key] != usual[key]] != [axis]:
                 continue
             gains = np.array([point.views[view] - standard.views[view] for view in standard.views])
             error = float(gains.std(ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else None
             yield (
                 name,
-                _said(axis, own[axis]),
+                _said(axis, changed[axis]),
                 _said(axis, usual[axis]),
                 f"{gains.mean():+.2f}" if error is None else plus_minus(float(gains.mean()), error),
                 _times(point.seconds, standard.seconds),
@@ -170,7 +170,7 @@ def _times(value: float, usual: float) -> str:
 
 def _points(trade: Trade) -> Iterable[tuple[str, ...]]:
     fronts = {name: front(trade.points, cost, lambda p: p.db) for name, _, cost in costs(trade)}
-    for point in sorted(trade.points, key=lambda one: one.seconds):
+    for point in sorted(trade.points, key=lambda point: point.seconds):
         yield (
             f"{point.db:.2f}",
             "n/a" if point.truth_db is None else f"{point.truth_db:.2f}",
@@ -178,6 +178,6 @@ def _points(trade: Trade) -> Iterable[tuple[str, ...]]:
             duration(point.processor_seconds),
             f"{point.gaussians:,}",
             size(point.size_bytes),
-            ", ".join(name for name, own in fronts.items() if point in own),
+            ", ".join(name for name, best in fronts.items() if point in best),
             point.command,
         )

@@ -154,13 +154,13 @@ def _across(lens: Lens) -> float:
 
 
 def _row(camera: CameraCalibration, record: CalibrationRecord) -> tuple[str, ...]:
-    own = [view.points for view in record.views if view.camera == camera.name]
+    points = [view.points for view in record.views if view.camera == camera.name]
     lens, noise = camera.lens, camera.noise
     corner = 1 + sum(camera.vignetting)
     return (
         camera.name,
-        str(len(own)),
-        f"{min(own)} / {median(own):.0f}" if own else "n/a",
+        str(len(points)),
+        f"{min(points)} / {median(points):.0f}" if points else "n/a",
         f"{_across(lens):.1f}°" if lens else "n/a",
         f"{math.log2(corner):+.2f} stops".replace("-", "−")
         if corner > 0 and any(camera.vignetting)
@@ -193,9 +193,9 @@ def rung_groups(rungs: Sequence[Rung]) -> Iterable[RungGroup]:
     for rung in rungs:
         title = next((title for title, starts in TOPICS if rung.name.startswith(starts)), "Other")
         groups.setdefault(title, []).append(rung)
-    for title, own in groups.items():
-        if own:
-            yield RungGroup(title, rung_rows(own))
+    for title, members in groups.items():
+        if members:
+            yield RungGroup(title, rung_rows(members))
 
 
 def rung_rows(rungs: Sequence[Rung]) -> tuple[RungRow, ...]:

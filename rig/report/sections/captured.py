@@ -114,8 +114,8 @@ def _camera_rows(session: Session, shots: Iterable[ShotRecord]) -> Iterable[Came
     for shot in shots:
         by_camera.setdefault(shot.camera, []).append(shot)
     for camera in session.record.cameras:
-        own = by_camera.get(camera.name, [])
-        sizes = sorted({(shot.width, shot.height) for shot in own})
+        taken = by_camera.get(camera.name, [])
+        sizes = sorted({(shot.width, shot.height) for shot in taken})
         yield CameraRow(
             name=camera.name,
             model=" ".join(part for part in (camera.make, camera.model) if part) or "unknown",
@@ -123,7 +123,7 @@ def _camera_rows(session: Session, shots: Iterable[ShotRecord]) -> Iterable[Came
             kind=KINDS[camera.kind],
             rig=camera.rig or "stands alone",
             image=", ".join(f"{width} × {height}" for width, height in sizes) or "none",
-            shots=len(own),
+            shots=len(taken),
         )
 
 
@@ -148,10 +148,10 @@ def _step_row(
 
 def _exposures(exposures: Iterable[Exposure | None]) -> str:
     """`1/60 s f/8 ISO 100`, a range of them, or `not stated`."""
-    known = sorted({e for e in exposures if e is not None}, key=lambda e: e.scale) if exposures else []
-    if not known:
+    stated = sorted({e for e in exposures if e is not None}, key=lambda e: e.scale) if exposures else []
+    if not stated:
         return "not stated"
-    return str(known[0]) if len(known) == 1 else f"{known[0]} to {known[-1]}"
+    return str(stated[0]) if len(stated) == 1 else f"{stated[0]} to {stated[-1]}"
 
 
 def _percent(share: float) -> str:
@@ -163,17 +163,17 @@ def _advice(steps: dict[int, list[ShotRecord]], previews: ShotPreviews, views: i
     if previews.unreadable:
         files = counted(len(previews.unreadable), "file")
         yield f"{files} cannot be read, the first is {previews.unreadable[0]}: run rig check."
-    known = [
+    measured = [
         (shot, previews.shares[shot.file])
         for group in steps.values()
         for shot in group
         if shot.file in previews.shares
     ]
-    scales = {shot.file: shot.exposure.scale for shot, _ in known if shot.exposure}
+    scales = {shot.file: shot.exposure.scale for shot, _ in measured if shot.exposure}
     if scales:
         high = max(scales.values())
-        longest = [share[1] for shot, share in known if scales.get(shot.file, 0.0) >= high / 1.3]
-        lost = lost_highlights([(scales[s.file], share[0]) for s, share in known if s.file in scales])
+        longest = [share[1] for shot, share in measured if scales.get(shot.file, 0.0) >= high / 1.3]
+        lost = lost_highlights([(scales[s.file], share[0]) for s, share in measured if s.file in scales])
         if lost is not None:
             yield lost
         if longest and median(longest) > DARK_IN_LONGEST:

@@ -72,15 +72,15 @@ def pictures(opened: Opened, scale: float, progress: Progress) -> PicturesSectio
     views = (held_out or opened.dataset.train)[:MOST_VIEWS]
     if not views:
         return None
-    known = has_truth(opened.dataset.session)
+    with_truth = has_truth(opened.dataset.session)
     kind = "Held-out views, which the training never saw" if held_out else "Training views: none was held out"
-    against = "the simulator's true light" if known else "the photographs themselves"
-    truths = [true_radiance(opened.dataset.session, view) for view in views] if known else []
-    stops = three_exposures(np.stack(truths)) if known else (0.0, 0.0, 0.0)
+    against = "the simulator's true light" if with_truth else "the photographs themselves"
+    truths = [true_radiance(opened.dataset.session, view) for view in views] if with_truth else []
+    stops = three_exposures(np.stack(truths)) if with_truth else (0.0, 0.0, 0.0)
     compared = []
     for done, view in enumerate(views):
         progress("drawing held-out views", done, len(views))
-        if known:
+        if with_truth:
             columns = _against_truth(truths[done], opened.radiance(view) * np.float32(scale), stops)
         else:
             columns = _against_shots(opened, view)
@@ -90,7 +90,7 @@ def pictures(opened: Opened, scale: float, progress: Progress) -> PicturesSectio
         views=tuple(compared),
         bar=colour_bar(),
         bar_stops=f"{MAP_STOPS:g}",
-        reference="truth" if known else "photograph",
+        reference="truth" if with_truth else "photograph",
     )
 
 
@@ -143,13 +143,13 @@ def _balanced(pixels: Float, view: View) -> Float:
 def _shot_error(shot: Shot, predicted: Float, view: View) -> Bytes:
     """Error of light where the photograph tells it: neither clipped, nor dark, nor invalid."""
     said = ~shot.saturated & ~shot.dark & shot.valid
-    known = said[..., None] if said.ndim == 2 else np.all(said, axis=-1, keepdims=True)
+    valid = said[..., None] if said.ndim == 2 else np.all(said, axis=-1, keepdims=True)
     if view.sensor.kind == "ldr":
         true = decode(np.ascontiguousarray(shot.pixels, np.float32), view.sensor.response)
         mine = decode(np.clip(predicted, 0, 1).astype(np.float32), view.sensor.response)
-        return error_map(mine, np.where(known, true, np.nan))
+        return error_map(mine, np.where(valid, true, np.nan))
     true, mine = _balanced(shot.pixels, view), _balanced(predicted, view)
-    return error_map(mine, np.where(known, true, np.nan))
+    return error_map(mine, np.where(valid, true, np.nan))
 
 
 def _relative(stops: float) -> str:

@@ -75,8 +75,8 @@ def _poses(record: CalibrationRecord) -> Iterable[str]:
 
 def _sensors(session: Session, record: CalibrationRecord) -> Iterable[str]:
     raw = {camera.name for camera in session.record.cameras if camera.kind == "raw"}
-    own = [camera for camera in record.cameras if camera.name in raw]
-    if not own:
+    cameras = [camera for camera in record.cameras if camera.name in raw]
+    if not cameras:
         return
     if not session.shots("dark"):
         yield (
@@ -88,13 +88,13 @@ def _sensors(session: Session, record: CalibrationRecord) -> Iterable[str]:
             "There are no flats: PRNU and dead photosites are not determined, and vignetting rests on the "
             f"scene. Show an evenly lit surface{_how(session, '--flats')}."
         )
-    blind = [camera.name for camera in own if not any(sensor.gain for sensor in camera.sensors)]
+    blind = [camera.name for camera in cameras if not any(sensor.gain for sensor in camera.sensors)]
     if blind:
         yield (
             f"The gain of {_named(blind)} is not determined: take two exposures or more of a still scene "
             "that overlap, or flats."
         )
-    ends = [c.name for c in own if c.sensors and not any(sensor.ceiling for sensor in c.sensors)]
+    ends = [c.name for c in cameras if c.sensors and not any(sensor.ceiling for sensor in c.sensors)]
     if ends:
         yield (
             f"Where {_named(ends)} saturates is not determined: take flats up to the ceiling, or brackets of "
@@ -103,11 +103,11 @@ def _sensors(session: Session, record: CalibrationRecord) -> Iterable[str]:
 
 
 def _responses(session: Session, record: CalibrationRecord) -> Iterable[str]:
-    seen = {shot.camera for shot in session.shots("scene")}
+    shown = {shot.camera for shot in session.shots("scene")}
     assumed = [
         camera.name
         for camera in record.cameras
-        if camera.name in seen and camera.response.kind == "srgb" and camera.response.residual is None
+        if camera.name in shown and camera.response.kind == "srgb" and camera.response.residual is None
     ]
     if assumed:
         yield (
@@ -168,5 +168,5 @@ def _edges(camera: CameraCalibration) -> str | None:
     where, worst = max(corners.items(), key=lambda corner: corner[1])
     if worst <= max(LOPSIDED * middle, LENS_PX):
         return None
-    known = f"known to {number(float(worst), 2)} px" if np.isfinite(worst) else "not known"
-    return f"{camera.name} ({where} {known}, the middle to {number(middle, 2)} px)"
+    certainty = f"known to {number(float(worst), 2)} px" if np.isfinite(worst) else "not known"
+    return f"{camera.name} ({where} {certainty}, the middle to {number(middle, 2)} px)"

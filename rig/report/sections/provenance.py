@@ -102,10 +102,10 @@ def _commands(
         asked = None if chosen.budget is None else Budget(chosen.budget, chosen.budget_unit)
         budget = "" if asked is None else f" --budget {asked}"
         usual = default_name(chosen.method, chosen.quality, asked)
-        own = "" if reconstruction in (None, usual) else f" --name {shlex.quote(str(reconstruction))}"
+        named = "" if reconstruction in (None, usual) else f" --name {shlex.quote(str(reconstruction))}"
         sets = "".join(f" --set {word}" for word in chosen.overrides.words())
         early = " --early-stop" if chosen.early_stop else ""
-        yield f"rig reconstruct {name} {options}{budget}{early}{sets}{own}"
+        yield f"rig reconstruct {name} {options}{budget}{early}{sets}{named}"
 
 
 def _source(session: Session) -> str:

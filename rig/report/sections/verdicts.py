@@ -74,53 +74,57 @@ def _grade(value: float, good: float, poor: float) -> Grade:
 def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: Residuals) -> Verdict:
     grades: list[Grade] = ["pass"]
     words = []
-    own = [view for view in record.views if view.camera == camera.name]
+    views = [view for view in record.views if view.camera == camera.name]
     missed = sum(view.camera == camera.name for view in record.unregistered)
-    total = len(own) + missed
-    if record.views and total and not own:
+    total = len(views) + missed
+    if record.views and total and not views:
         return Verdict("fail", f"{camera.name}: none of {counted(total, 'image')} has a pose")
-    if own:
-        by_rig = sum(view.by_rig for view in own)
-        weak = sum(view.points < FEW_POINTS for view in own) - by_rig
+    if views:
+        by_rig = sum(view.by_rig for view in views)
+        weak = sum(view.points < FEW_POINTS for view in views) - by_rig
         grades += ["warn"] * bool(missed or weak or by_rig)
         sight = (
             f"{weak} of them from fewer than {FEW_POINTS} scene points"
             if weak
-            else f"each from {min((v.points for v in own if not v.by_rig), default=0)} scene points or more "
-            f"(at least {FEW_POINTS})"
+            else f"each from {min((v.points for v in views if not v.by_rig), default=0)} scene points or "
+            f"more (at least {FEW_POINTS})"
         )
         if by_rig:
-            sight = f"{by_rig} of them by the rig alone, {'the others: ' if by_rig < len(own) else ''}{sight}"
-        words += [f"{len(own)} of {counted(total, 'image')} with a pose, {sight}"]
+            sight = (
+                f"{by_rig} of them by the rig alone, {'the others: ' if by_rig < len(views) else ''}{sight}"
+            )
+        words += [f"{len(views)} of {counted(total, 'image')} with a pose, {sight}"]
     if camera.name in residuals.cameras:
         rms = residuals.cameras[camera.name].rms
         grades.append(_grade(rms, GOOD_PX, POOR_PX))
         words.append(f"residual {number(rms)} px rms (good below {GOOD_PX})")
     if camera.lens_error is not None and camera.lens_error.projection:
         places = camera.lens_error.projection_map()
-        known = np.isfinite(places)
-        doubt = float(np.mean(places[known])) if known.any() else math.inf
-        grades += ["warn"] * (doubt >= LENS_PX or not known.all())
+        determined = np.isfinite(places)
+        doubt = float(np.mean(places[determined])) if determined.any() else math.inf
+        grades += ["warn"] * (doubt >= LENS_PX or not determined.all())
         where = (
-            "on average" if known.all() else f"in {100 * known.mean():.0f} % of its image, not in the rest"
+            "on average"
+            if determined.all()
+            else f"in {100 * determined.mean():.0f} % of its image, not in the rest"
         )
         words.append(
             f"lens known to {number(doubt, 2)} px {where} (good below {LENS_PX})"
-            if known.any()
+            if determined.any()
             else "lens not determined by the board"
         )
     elif camera.lens_error is not None and camera.lens is not None:
         doubt = camera.lens_error.fx / camera.lens.fx
         grades += ["warn"] * (doubt >= FOCAL)
         words.append(f"focal length known to {100 * doubt:.2g} % (good below {100 * FOCAL:g} %)")
-    gains = [one.gain for one in camera.sensors if one.gain is not None]
+    gains = [sensor.gain for sensor in camera.sensors if sensor.gain is not None]
     if gains:
-        doubt = max(one.sigma / one.value for one in gains if one.value > 0)
+        doubt = max(gain.sigma / gain.value for gain in gains if gain.value > 0)
         grades += ["warn"] * (doubt >= GAIN)
         words.append(f"sensor gain known to {100 * doubt:.2g} % (good below {100 * GAIN:g} %)")
-    bent = [one for one in camera.sensors if one.linear is False and one.nonlinearity is not None]
+    bent = [sensor for sensor in camera.sensors if sensor.linear is False and sensor.nonlinearity is not None]
     if bent:
-        share = max(abs(one.nonlinearity.value) for one in bent if one.nonlinearity is not None)
+        share = max(abs(sensor.nonlinearity.value) for sensor in bent if sensor.nonlinearity is not None)
         grades += ["warn"] * (share >= BEND)
         words.append(
             f"RAW bends by {100 * share:.1f} % at white and is straightened (good below {100 * BEND:g} %)"
@@ -143,7 +147,7 @@ def _of_camera(camera: CameraCalibration, record: CalibrationRecord, residuals: 
 def outliers(record: CalibrationRecord, residuals: Residuals) -> Iterable[str]:
     """A sentence for each camera or view that is much worse than the others."""
     yield from (sentence(words) for words in (record.board.outliers if record.board else ()))
-    for name, value, typical in _beyond({k: own.rms for k, own in residuals.cameras.items()}, OUTLIER):
+    for name, value, typical in _beyond({k: camera.rms for k, camera in residuals.cameras.items()}, OUTLIER):
         yield (
             f"Camera {name} misses scene points by {value:.2f} px rms, the others by {typical:.2f} px: "
             "was it in focus, and fixed?"
@@ -164,4 +168,4 @@ def _beyond(values: Mapping[Key, float], factor: float) -> list[tuple[Key, float
         return []
     typical = median(values.values())
     far = [(key, value, typical) for key, value in values.items() if value > factor * typical > 0]
-    return sorted(far, key=lambda one: -one[1])[:12]
+    return sorted(far, key=lambda outlier: -outlier[1])[:12]
