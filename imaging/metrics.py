@@ -56,6 +56,17 @@ def psnr(prediction: npt.ArrayLike, truth: npt.ArrayLike, peak: float = 1.0) -> 
     return _psnr(a, b, peak)
 
 
+SSIM_RADIUS = 5
+SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
+"""Of SSIM (Wang et al. 2004): half of a window of 11 taps; K1 and K2, squared, for values on 0..1."""
+
+
+def ssim_taps() -> Array:
+    """The window's 11 taps: a Gaussian of sigma 1.5, summing to 1."""
+    taps = np.exp(-0.5 * (np.arange(-SSIM_RADIUS, SSIM_RADIUS + 1) / 1.5) ** 2)
+    return np.asarray(taps / taps.sum())
+
+
 def ssim(
     prediction: npt.ArrayLike, truth: npt.ArrayLike, valid: npt.NDArray[np.bool_] | None = None
 ) -> float | None:
@@ -73,21 +84,19 @@ def ssim(
     var_a = _window(a * a) - mean_a**2
     var_b = _window(b * b) - mean_b**2
     both = _window(a * b) - mean_a * mean_b
-    c1, c2 = 0.01**2, 0.03**2
-    luminance = (2 * mean_a * mean_b + c1) / (mean_a**2 + mean_b**2 + c1)
-    structure = (2 * both + c2) / (var_a + var_b + c2)
-    found = luminance * structure
+    luminance = (2 * mean_a * mean_b + SSIM_C1) / (mean_a**2 + mean_b**2 + SSIM_C1)
+    structure = (2 * both + SSIM_C2) / (var_a + var_b + SSIM_C2)
+    similarity = luminance * structure
     if valid is None:
-        return float(found.mean())
+        return float(similarity.mean())
     whole = ndimage.minimum_filter(valid, size=(11, 11, 1)[: a.ndim])[5:-5, 5:-5]
-    return float(found[whole].mean()) if whole.any() else None
+    return float(similarity[whole].mean()) if whole.any() else None
 
 
 def _window(image: Array) -> Array:
-    taps = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
-    taps /= taps.sum()
-    rows = ndimage.correlate1d(image, taps, axis=0)[5:-5]
-    return np.asarray(ndimage.correlate1d(rows, taps, axis=1)[:, 5:-5])
+    taps, inner = ssim_taps(), slice(SSIM_RADIUS, -SSIM_RADIUS)
+    rows = ndimage.correlate1d(image, taps, axis=0)[inner]
+    return np.asarray(ndimage.correlate1d(rows, taps, axis=1)[:, inner])
 
 
 def pu21(luminance: npt.ArrayLike) -> Array:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from recon.render import render
     from recon.result.scene import Scene, open_scene
     from recon.splat import SplatCamera
-    from recon.trade import sweep
+    from recon.trade import trade_sweep
     from rig.report.pages.calibration import calibration_report
     from rig.report.pages.reconstruction import reconstruction_report
     from rig.report.pages.trade import trade_report
@@ -71,8 +71,8 @@ __all__ = [
     "reconstruction_report",
     "render",
     "repair",
-    "sweep",
     "trade_report",
+    "trade_sweep",
     "write_dng",
     "write_exr",
 ]
@@ -105,8 +105,8 @@ _HOMES = {
     "reconstruction_report": "rig.report.pages.reconstruction",
     "render": "recon.render",
     "repair": "capture.check.check",
-    "sweep": "recon.trade",
     "trade_report": "rig.report.pages.trade",
+    "trade_sweep": "recon.trade",
     "write_dng": "imaging.files.dng",
     "write_exr": "imaging.files.exr",
 }

@@ -26,6 +26,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench.decided.softplus import SoftplusRadiance
 from bench.recon import inputs
 from bench.support.differences import kept, paired, units
 from bench.support.record import WORK, arguments, deliver, machine, words
@@ -35,7 +36,7 @@ from recon.data.light import Light, light_of, radiance_image
 from recon.methods.method import Method
 from recon.observe.linear import LinearLight
 from recon.observe.losses import Photometric
-from recon.scene.appearance import Appearance, LuminanceChromaticity, PlainHarmonics, Rate, SoftplusRadiance
+from recon.scene.appearance import Appearance, LuminanceChromaticity, PlainHarmonics, Rate
 
 CAP = 20_000
 PAPERS_MU = 5000.0

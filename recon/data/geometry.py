@@ -54,9 +54,3 @@ def lift(lens: SplatCamera, pixels: npt.ArrayLike, depth: npt.ArrayLike) -> Arra
     camera = rays(lens, pixels) * np.asarray(depth, np.float64)[..., None]
     motion = lens.cam_from_world
     return np.asarray((camera - motion[:3, 3]) @ motion[:3, :3])
-
-
-def pixel_centres(lens: SplatCamera) -> Array:
-    """The centre of every pixel, [H, W, 2]."""
-    x, y = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
-    return np.stack([x, y], -1)

@@ -49,7 +49,7 @@ def refinement_for(
         rungs = rungs_by_evidence(dataset, settings, against_trials, progress)
     else:
         rungs = [_rung(name, False, "as the first process decided") for name in ALL]
-    taken = [name for name, rung in zip(ALL, rungs, strict=True) if ranks.told(float(rung.taken))]
+    taken = [name for name, rung in zip(ALL, rungs, strict=True) if ranks.broadcast(float(rung.taken))]
     return Refinement.of(dataset, taken, tuple(rungs))
 
 

@@ -66,12 +66,12 @@ class Case(Run):
         """Look at the training views for the first time."""
         began = run.clock()
         images = [radiance_image(view) for view in run.dataset.train]
-        look = run.ranks.told(run.clock() - began)
+        look = run.ranks.broadcast(run.clock() - began)
         return cls(**vars(run), images=images, light=light_of(run.dataset, images), look=look)
 
     def seconds_left(self) -> float | None:
         """Until training has to be over, the same on all ranks; None where time is no matter."""
-        return None if self.countdown is None else self.ranks.told(self.countdown.left())
+        return None if self.countdown is None else self.ranks.broadcast(self.countdown.left())
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def iterations(case: Case, decided: Decisions) -> Decisions:
         ranks=case.ranks, progress=case.progress, clock=case.clock,
     )  # fmt: skip
     if countdown is not None:
-        left = case.ranks.told(countdown.left())
+        left = case.ranks.broadcast(countdown.left())
         fitting = miniature.iterations_within(left)
         if fitting < min(FEWEST, most):
             countdown.require(max(miniature.seconds_for(FEWEST), left + 1.0), FEWEST)

@@ -82,8 +82,9 @@ def probe(
     factor = rate_factor(count)
     short = replace(plan, iterations=count, batch=1, log_every=count, measure=True, rate_factor=factor)
     taken = _seconds(training, dataset, short, count, clock)
-    pace = max(taken - training.measuring, 1e-9) / count
-    return Probe(count, ranks.told(pace), ranks.told(training.curve[-1].db) if training.curve else None)
+    pace = ranks.broadcast(max(taken - training.measuring, 1e-9) / count)
+    db = ranks.broadcast(training.curve[-1].db) if training.curve else None
+    return Probe(count, pace, db)
 
 
 def has_time_for_trials(
@@ -113,7 +114,7 @@ def _pace_at_once(
     training.schedule = Schedule.still(count, LATE)
     _seconds(training, dataset, short, WARM_UP, clock)
     taken = _seconds(training, dataset, short, count, clock)
-    return max(ranks.told(taken / TRIAL), 1e-9)
+    return max(ranks.broadcast(taken / TRIAL), 1e-9)
 
 
 def _seconds(

@@ -80,7 +80,7 @@ def degree_for(
                 f"the lowest above which none surely gains {MATERIAL:g} dB: over 0 at {found.points} scene "
                 f"points gain {told}"
             )
-    degree = int(ranks.told(degree))
+    degree = int(ranks.broadcast(degree))
     # Of colours that stay the same everywhere, what the better of the others would gain is told.
     best = degree or (0 if found is None else int(found.db.argmax()) or 1)
     rung = Rung(
@@ -121,11 +121,11 @@ def gaussians_for(
     start from.
     """
     if not ranks.first:  # only the first one writes why
-        return int(ranks.told(0)), Rung(name=COUNT, taken=False, reason="as the first process decided")
+        return int(ranks.broadcast(0)), Rung(name=COUNT, taken=False, reason="as the first process decided")
     count, rung = count_by_evidence(
         dataset, settings, against_trials, degree, refined, points, progress, device
     )
-    return int(ranks.told(count)), rung
+    return int(ranks.broadcast(count)), rung
 
 
 def most_for(dataset: Dataset, settings: Settings, degree: int) -> int:

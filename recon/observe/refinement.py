@@ -146,7 +146,7 @@ class Refinement:
             sensor = replace(sensor, falloff=shaded.clip(1e-3))
         return replace(view, lens=lens, shots=shots, sensor=sensor)
 
-    def told(self) -> tuple[Rung, ...]:
+    def described_rungs(self) -> tuple[Rung, ...]:
         """The rungs, those that were taken with how far it went in the middle (median)."""
         own = {name: value.detach().cpu().double() for name, value in self.parameters.items()}
         amounts: dict[str, str] = {}

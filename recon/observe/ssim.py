@@ -14,7 +14,8 @@ import torch
 
 from imaging.compute.jit import inlined, kernel
 from imaging.compute.threads import share, take_number
-from recon.observe.dense_ssim import C1, C2, RADIUS, dense_photometric_loss, window
+from imaging.metrics import SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_taps
+from recon.observe.dense_ssim import dense_photometric_loss
 from recon.splat.cpu.lanes import (
     WIDTH,
     above,
@@ -31,16 +32,16 @@ from recon.splat.cpu.lanes import (
 )
 
 STRIP = 64
-"""Rows that a thread takes at a time; 2 RADIUS more are needed on either side."""
+"""Rows that a thread takes at a time; 2 SSIM_RADIUS more are needed on either side."""
 GROUP = 4
 """Rows that are filtered down the columns together, so that a row that is read serves four."""
-_C1, _C2 = np.float32(C1), np.float32(C2)
+_C1, _C2 = np.float32(SSIM_C1), np.float32(SSIM_C2)
 _ONE = np.float32(1.0)
 _TWO = np.float32(2.0)
 _ZERO = np.float32(0.0)
 
 
-_TAPS = np.concatenate([np.zeros(GROUP - 1), window(), np.zeros(GROUP - 1)]).astype(np.float32)
+_TAPS = np.concatenate([np.zeros(GROUP - 1), ssim_taps(), np.zeros(GROUP - 1)]).astype(np.float32)
 """With zeros around: tap of source row i for row j of a group is _TAPS[GROUP - 1 + i - j]."""
 
 
@@ -73,8 +74,8 @@ def _down_images(x, y, plane, first, height, width, taps, stride, out):
         n = width - c
         z = _zeros()
         s0 = s1 = s2 = s3 = (z, z, z, z)
-        for i in range(GROUP + 2 * RADIUS):
-            row = first - RADIUS + i
+        for i in range(GROUP + 2 * SSIM_RADIUS):
+            row = first - SSIM_RADIUS + i
             if 0 <= row < height:
                 at = plane + row * width + c
                 a, b = _row(x, at, n), _row(y, at, n)
@@ -102,7 +103,7 @@ def _store_maps(out, at, stride, maps):
 def _across(rows, at, taps):
     """Filter along a row, at sixteen columns."""
     result = load(rows, at) * taps[8]
-    for k in range(1, RADIUS + 1):
+    for k in range(1, SSIM_RADIUS + 1):
         result = fma(load(rows, at - k) + load(rows, at + k), taps[8 + k], result)
     return result
 
@@ -130,15 +131,15 @@ def _strip_values(x, y, plane, start, stop, height, width, taps, stride, rows, p
 
     alike, apart float64 [planes * height]: sums of SSIM and of |x - y|.
     """
-    for first in range(start - RADIUS, stop + RADIUS, GROUP):
+    for first in range(start - SSIM_RADIUS, stop + SSIM_RADIUS, GROUP):
         if first + GROUP <= 0 or first >= height:
             continue
         _down_images(x, y, plane, first, height, width, taps, stride, rows)
         for j in range(GROUP):
             row = first + j
-            if row < 0 or row >= height or row >= stop + RADIUS:
+            if row < 0 or row >= height or row >= stop + SSIM_RADIUS:
                 continue
-            local = (row - start + RADIUS) * 3 * stride + WIDTH
+            local = (row - start + SSIM_RADIUS) * 3 * stride + WIDTH
             values, distance = _zeros(), _zeros()
             for c in range(0, width, WIDTH):
                 n = width - c
@@ -178,8 +179,8 @@ def _down_parts(parts, local, first, height, width, taps, stride, out):
     for c in range(0, width, WIDTH):
         z = _zeros()
         s0 = s1 = s2 = s3 = (z, z, z)
-        for i in range(GROUP + 2 * RADIUS):
-            row = first - RADIUS + i
+        for i in range(GROUP + 2 * SSIM_RADIUS):
+            row = first - SSIM_RADIUS + i
             # The last group of a strip may reach beyond it, for rows that nobody reads.
             if 0 <= row < height and (local + i) * 3 * stride < len(parts):
                 at = (local + i) * 3 * stride + WIDTH + c
@@ -223,7 +224,7 @@ def compare(counter, x, y, planes, height, width, taps, like, near, alike, apart
     """L1 and SSIM of float32 [planes * height * width]; gradient likewise, or empty if it is not wanted."""
     stride = -(-width // WIDTH) * WIDTH + 2 * WIDTH
     rows = np.zeros(4 * GROUP * stride, np.float32)
-    parts = np.zeros((STRIP + 2 * RADIUS) * 3 * stride, np.float32)
+    parts = np.zeros((STRIP + 2 * SSIM_RADIUS) * 3 * stride, np.float32)
     strips = -(-height // STRIP)
     task = take_number(counter)
     while task < planes * strips:

@@ -56,7 +56,7 @@ def write_scene(
     display_db = write_splats(folder, corrected, training, exposure, gauge, progress)
     if training.refinement is not None and training.refinement.parameters:
         store.write_json(folder / REFINEMENT, training.refinement.facts())
-    why = () if training.refinement is None else training.refinement.told()
+    why = () if training.refinement is None else training.refinement.described_rungs()
     schedule = training.schedule
     assert schedule is not None
     interrupted = training.iteration < schedule.total

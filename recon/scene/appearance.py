@@ -1,4 +1,4 @@
-"""What colour a Gaussian has, seen from a direction: four ways of parameterising linear radiance >= 0.
+"""What colour a Gaussian has, seen from a direction: two ways of parameterising linear radiance >= 0.
 
 An appearance owns some of the parameters of a model. Each is a frozen dataclass of constants with
 `start` (from colours to parameters), `rates` (learning rates), `colours`, `luminance` and `penalty`.
@@ -11,7 +11,6 @@ from typing import Protocol
 
 import torch
 from torch import Tensor
-from torch.nn.functional import softplus
 
 from recon.scene.harmonics import C0, COEFFICIENTS, series
 
@@ -114,39 +113,6 @@ class LuminanceChromaticity:
 
 
 @dataclass(frozen=True)
-class SoftplusRadiance:
-    """`c(d) = softplus(beta SH(d)) / beta`: the usual SH colour, made positive without a dead zone."""
-
-    beta: float = 500.0
-    dc_rate: Rate = Rate(4e-4, 4e-5)
-    rest_rate: Rate = Rate(4e-5, 8e-6)
-
-    @property
-    def rates(self) -> dict[str, Rate]:
-        """The constant and the direction-dependent coefficients."""
-        return {"sh_dc": self.dc_rate, "sh_rest": self.rest_rate}
-
-    def start(self, rgb: Tensor) -> Parameters:
-        """The inverse of the softplus at `rgb`."""
-        scaled = (rgb * self.beta).clamp_min(1e-4)
-        inverse = torch.where(scaled > 20, scaled, torch.log(torch.expm1(scaled.clamp_max(20)))) / self.beta
-        return {"sh_dc": (inverse / C0)[:, None], "sh_rest": rgb.new_zeros(len(rgb), COEFFICIENTS - 1, 3)}
-
-    def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
-        """The series through the softplus."""
-        value = series(parameters["sh_dc"], parameters["sh_rest"], directions, degree)
-        return softplus(value, beta=self.beta)
-
-    def luminance(self, parameters: Parameters) -> Tensor:
-        """The largest channel of the constant term."""
-        return softplus(C0 * parameters["sh_dc"].detach()[:, 0], beta=self.beta).amax(1)
-
-    def penalty(self, parameters: Parameters) -> Tensor:
-        """Nothing."""
-        return parameters["sh_dc"].new_zeros(())
-
-
-@dataclass(frozen=True)
 class PlainHarmonics:
     """`c(d) = max(SH(d) + 0.5, 0)`: the colours of 3DGS (Kerbl et al., arXiv 2308.04079), up to degree 2."""
 
@@ -177,37 +143,3 @@ class PlainHarmonics:
     def penalty(self, parameters: Parameters) -> Tensor:
         """Nothing."""
         return parameters["sh_dc"].new_zeros(())
-
-
-@dataclass(frozen=True)
-class LogRadiance:
-    """`c(d) = exp(SH(d))`, each channel on its own: positive and scale-free, without a shared luminance."""
-
-    floor: float = 2.0**-20
-    dc_rate: Rate = Rate(0.1, 0.01)
-    rest_rate: Rate = Rate(0.01, 0.002)
-
-    @property
-    def rates(self) -> dict[str, Rate]:
-        """The constant and the direction-dependent coefficients."""
-        return {"log_dc": self.dc_rate, "log_rest": self.rest_rate}
-
-    def start(self, rgb: Tensor) -> Parameters:
-        """ln rgb, not below the floor."""
-        return {
-            "log_dc": (rgb.clamp_min(self.floor).log() / C0)[:, None],
-            "log_rest": rgb.new_zeros(len(rgb), COEFFICIENTS - 1, 3),
-        }
-
-    def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
-        """The exponential of the series, which is kept below 2^30."""
-        value = series(parameters["log_dc"], parameters["log_rest"], directions, degree)
-        return value.clamp_max(20.0).exp()
-
-    def luminance(self, parameters: Parameters) -> Tensor:
-        """The largest channel of the constant term."""
-        return (C0 * parameters["log_dc"].detach()[:, 0]).amax(1).clamp_max(20.0).exp()
-
-    def penalty(self, parameters: Parameters) -> Tensor:
-        """Nothing."""
-        return parameters["log_dc"].new_zeros(())

@@ -2,6 +2,6 @@
 
 from recon.trade.front import front
 from recon.trade.records import Choice, Point, Trade, read_trade
-from recon.trade.sweep import sweep
+from recon.trade.sweep import trade_sweep
 
-__all__ = ["Choice", "Point", "Trade", "front", "read_trade", "sweep"]
+__all__ = ["Choice", "Point", "Trade", "front", "read_trade", "trade_sweep"]

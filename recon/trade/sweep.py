@@ -23,7 +23,7 @@ from recon.trade.records import FOLDER, TRADE, Choice, Measure, Point, Trade, co
 from recon.train.device import device_name, training_device
 
 
-def sweep(
+def trade_sweep(
     session: str | Path,
     *,
     budget: float,

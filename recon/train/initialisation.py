@@ -15,7 +15,7 @@ from recon.data.dataset import Dataset
 from recon.data.geometry import lift, project
 from recon.scene.appearance import Appearance
 from recon.scene.gaussians import Gaussians
-from recon.train.plane_sweep import sample, sweep
+from recon.train.plane_sweep import plane_sweep, sample
 
 Array = npt.NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def start_points(
     if len(sparse) > count:
         sparse = sparse[np.sort(rng.choice(len(sparse), size=count, replace=False))]
     skipped: list[int] = []
-    maps = sweep(
+    maps = plane_sweep(
         dataset.train, [rgb for rgb, _ in images], sparse, progress=progress, over=over, skipped=skipped
     )
     dense = sample(maps, max(count - len(sparse), 0), rng)
@@ -81,7 +81,7 @@ def start_points(
 def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress) -> Array:
     """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
     points = [np.zeros((0, 3))]
-    for found in sweep(dataset.train, [rgb for rgb, _ in images], None, progress=progress):
+    for found in plane_sweep(dataset.train, [rgb for rgb, _ in images], None, progress=progress):
         # Beyond the middle of the image's depths by so much, a match tells a direction and no place.
         near = found.trusted & (found.depth < 20 * np.median(found.depth))
         points.append(lift(found.view.lens, found.centres[near], found.depth[near]))

@@ -44,7 +44,7 @@ class DepthMap:
     centres: npt.NDArray[np.float64]
 
 
-def sweep(
+def plane_sweep(
     views: tuple[View, ...],
     images: list[Float],
     points: npt.NDArray[np.float64] | None,

@@ -62,8 +62,8 @@ class Ranks:
         self.add_array(together)
         return [float(number) for number in together]
 
-    def told(self, value: float) -> float:
-        """What rank 0 says."""
+    def broadcast(self, value: float) -> float:
+        """Rank 0's value, on every rank."""
         return self.totals(value if self.first else 0.0)[0]
 
     def _reduce(self, array: npt.NDArray[Any], operation: Any) -> None:

@@ -53,13 +53,13 @@ def trade(
 
 def run_trade(session: Path, status: StatusLine, budget: float, workers: int, seed: int) -> CommandResult:
     """Sweep, write the page and say what came of it; after Ctrl-C too the page has what there is."""
-    from recon.trade import sweep
+    from recon.trade import trade_sweep
     from rig.report.pages.trade import trade_report
 
     try:
         now = time.monotonic()
         seconds = (1 - PAGE_SHARE) * budget - (now - started_at())
-        trade_off = sweep(
+        trade_off = trade_sweep(
             session,
             budget=seconds,
             workers=workers,

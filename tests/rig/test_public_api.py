@@ -66,7 +66,7 @@ MISSING: dict[str, Callable[[str], object]] = {
     "render": lambda path: rig.render(path, path + "-out"),
     "repair": lambda path: rig.repair(path),
     "Session": lambda path: rig.Session.open(path),
-    "sweep": lambda path: rig.sweep(path, budget=1.0),
+    "trade_sweep": lambda path: rig.trade_sweep(path, budget=1.0),
     "trade_report": lambda path: rig.trade_report(path),
 }
 
@@ -97,7 +97,7 @@ def unheard(message: str, done: int, total: int) -> None:
 
 TRIED: dict[str, Callable[[Path, Path], object]] = {
     "calibration": lambda session, out: rig.calibrate(session, progress=unheard),
-    "trade": lambda session, out: rig.sweep(session, budget=1.0, progress=unheard),
+    "trade": lambda session, out: rig.trade_sweep(session, budget=1.0, progress=unheard),
     "merged": lambda session, out: rig.merge_session(session, out, None, progress=unheard),
     "renders": lambda session, out: rig.render(
         session / "reconstructions" / "nh-3dgs-draft", out, progress=unheard

@@ -46,8 +46,3 @@ class Lease:
 
     def __del__(self, free: list[Buffers] = _free) -> None:  # an argument: it outlives the module at exit
         free.append(self.buffers)
-
-
-def release_all() -> None:
-    """Give the memory of all sets that are not in use back to the system."""
-    _free.clear()

@@ -204,7 +204,7 @@ class Second(Ranks):
         super().__init__(1, 2)
         object.__setattr__(self, "words", [1.0, 1234.0])
 
-    def told(self, value: float) -> float:
+    def broadcast(self, value: float) -> float:
         return self.words.pop(0)
 
 

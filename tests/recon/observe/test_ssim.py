@@ -7,7 +7,8 @@ import torch.nn.functional as F
 
 import imaging.compute.threads as threads
 from imaging import metrics
-from recon.observe.dense_ssim import dense_photometric_loss, window
+from imaging.metrics import ssim_taps
+from recon.observe.dense_ssim import dense_photometric_loss
 from recon.observe.ssim import photometric_loss
 
 SHAPES = [(3, 48, 64), (1, 1, 1), (2, 7, 5), (4, 17, 3), (1, 130, 67), (2, 64, 16), (1, 65, 33), (2, 3, 90)]
@@ -15,7 +16,7 @@ SHAPES = [(3, 48, 64), (1, 1, 1), (2, 7, 5), (4, 17, 3), (1, 130, 67), (2, 64, 1
 
 def ssim_map(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
     """By the textbook, with zeros outside, in float64."""
-    taps = torch.tensor(window())
+    taps = torch.tensor(ssim_taps())
     weights = (taps[:, None] * taps)[None, None]
 
     def mean(image: torch.Tensor) -> torch.Tensor:

@@ -11,7 +11,7 @@ from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
-from recon.trade import Choice, read_trade, sweep
+from recon.trade import Choice, read_trade, trade_sweep
 from recon.trade.records import key_of
 
 TINY = {"draft": Quality(10, 100, 32), "standard": Quality(20, 200, 64), "best": Quality(30, 300, 64)}
@@ -29,11 +29,11 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_each_call_goes_on_and_every_point_can_be_made_again(session_copy: Path) -> None:
     said: list[str] = []
-    first = sweep(session_copy, budget=AT_ONCE, say=said.append)
+    first = trade_sweep(session_copy, budget=AT_ONCE, say=said.append)
     assert [point.choice.quality for point in first.points] == ["standard"]
     assert first.left > 5
     assert len(said) == 1
-    second = sweep(session_copy, budget=AT_ONCE)
+    second = trade_sweep(session_copy, budget=AT_ONCE)
     assert second.points[:1] == first.points
     assert [point.choice.quality for point in second.points] == ["standard", "draft"]
     assert read_trade(session_copy) == second
@@ -57,7 +57,7 @@ def test_points_are_measured_at_one_size_whatever_they_were_trained_at(
 ) -> None:
     small = Choice(axis="resolution", overrides=Overrides(width=32, exposures=1, views=3, refine="poses"))
     monkeypatch.setattr(module, "planned", lambda session, standard: [small])
-    (point,) = sweep(session_copy, budget=AT_ONCE).points
+    (point,) = trade_sweep(session_copy, budget=AT_ONCE).points
     assert point.width == 32
     assert point.refine == "poses"
     name = "by-hand"
@@ -79,7 +79,7 @@ def test_what_is_done_survives_an_interruption(session_copy: Path, monkeypatch: 
 
     monkeypatch.setattr(module, "train_point", stopped)
     with pytest.raises(KeyboardInterrupt):
-        sweep(session_copy, budget=1e6)
+        trade_sweep(session_copy, budget=1e6)
     assert len(read_trade(session_copy).points) == 1
 
 
@@ -91,22 +91,22 @@ def test_a_training_that_is_not_possible_is_noted(
 
     monkeypatch.setattr(module, "train_point", refused)
     monkeypatch.setattr(module, "planned", lambda session, standard: [Choice(axis="preset", quality="draft")])
-    trade = sweep(session_copy, budget=1e6)
+    trade = trade_sweep(session_copy, budget=1e6)
     assert trade.points == ()
     assert list(trade.failed.values()) == ["nothing to start from: take more views."]
 
 
 def test_a_new_calibration_begins_anew(session_copy: Path) -> None:
-    before = sweep(session_copy, budget=AT_ONCE)
+    before = trade_sweep(session_copy, budget=AT_ONCE)
     path = session_copy / "calibration" / "calibration.json"
     store.write_json(path, store.read_json(path) | {"reprojection_px": 0.5})
-    after = sweep(session_copy, budget=AT_ONCE)
+    after = trade_sweep(session_copy, budget=AT_ONCE)
     assert [point.choice for point in after.points] == [point.choice for point in before.points]
     assert after.points[0].key != before.points[0].key
 
 
 def test_a_key_tells_settings_calibration_and_code(session_copy: Path) -> None:
-    trade = sweep(session_copy, budget=AT_ONCE)
+    trade = trade_sweep(session_copy, budget=AT_ONCE)
     choice = trade.points[0].choice
     changes = [
         trade.model_copy(update={name: value})
@@ -121,7 +121,7 @@ def test_a_key_tells_settings_calibration_and_code(session_copy: Path) -> None:
 def test_another_preset_leaves_the_others_as_they_are(
     session_copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    trade = sweep(session_copy, budget=AT_ONCE)
+    trade = trade_sweep(session_copy, budget=AT_ONCE)
     choices = [Choice(axis="preset", quality=quality) for quality in ("draft", "standard", "best")]
     before = [key_of(choice, trade) for choice in choices]
     monkeypatch.setitem(QUALITIES, "best", Quality(7, 70, 64))
@@ -134,7 +134,7 @@ def test_without_held_out_views_nothing_can_be_measured(session_copy: Path) -> N
     record = store.read_json(path)
     store.write_json(path, record | {"views": record["views"][:3]})
     with pytest.raises(ReconstructionError, match="too few views"):
-        sweep(session_copy, budget=1.0)
+        trade_sweep(session_copy, budget=1.0)
 
 
 def test_no_trade_off_is_said(session_copy: Path) -> None:
@@ -149,7 +149,7 @@ def test_another_process_trains_what_this_one_would(
     choice = Choice(axis="preset", overrides=Overrides(iterations=10, gaussians=100, width=32))
     monkeypatch.setattr(module, "planned", lambda session, standard: [choice])
     monkeypatch.setattr(module, "neighbours", lambda points, session: [])
-    (point,) = sweep(session_copy, budget=1e6, workers=2).points
+    (point,) = trade_sweep(session_copy, budget=1e6, workers=2).points
     assert (point.choice, point.at_once) == (choice, 2)
     folder = reconstruct(session_copy, method="nh-3dgs", overrides=choice.overrides)
     assert store.sha256(folder / "splats.ply") == point.splats_sha256

@@ -13,7 +13,7 @@ import torch
 from recon.data.dataset import load
 from recon.data.light import light_of, radiance_image
 from recon.methods import METHODS
-from recon.scene.appearance import LogRadiance, LuminanceChromaticity, PlainHarmonics, SoftplusRadiance
+from recon.scene.appearance import LuminanceChromaticity, PlainHarmonics
 from recon.train.device import device_name, training_device
 from recon.train.initialisation import gaussians_at, start_points
 from recon.train.training import Training
@@ -48,9 +48,7 @@ def test_observation_and_loss_stay_there(session: str, name: str, request: pytes
     assert method.observation.predict(image, view, 1.0).device == META
 
 
-@pytest.mark.parametrize(
-    "appearance", [LuminanceChromaticity(), PlainHarmonics(), SoftplusRadiance(), LogRadiance()]
-)
+@pytest.mark.parametrize("appearance", [LuminanceChromaticity(), PlainHarmonics()])
 def test_colours_stay_there(appearance: LuminanceChromaticity) -> None:
     start = appearance.start(torch.rand(7, 3, generator=torch.Generator().manual_seed(0)))
     parameters = {name: value.to(META).requires_grad_() for name, value in start.items()}

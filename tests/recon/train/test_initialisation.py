@@ -8,13 +8,13 @@ import pytest
 from bench.support import oracle
 from drivers.sim.scene.tabletop import demo_scene
 from imaging.errors import ReconstructionError
-from recon.data.geometry import lift, pixel_centres, project, rays
+from recon.data.geometry import lift, project, rays
 from recon.data.light import light_of, radiance_image
 from recon.data.truth import true_radiance
 from recon.scene.appearance import LuminanceChromaticity
 from recon.splat import SplatCamera
 from recon.train.initialisation import colours_at, gaussians_at, start_points
-from recon.train.plane_sweep import sweep
+from recon.train.plane_sweep import plane_sweep
 
 LENS = SplatCamera(
     np.eye(4) + np.array([[0, 0, 0, 0.3], [0, 0, 0, -0.2], [0, 0, 0, 1.0], [0, 0, 0, 0]]),
@@ -40,7 +40,8 @@ def true_depth(dataset, view, pixels):
 
 @pytest.mark.parametrize("lens", [LENS, FISHEYE])
 def test_pixels_to_points_and_back_through_a_distorted_lens(lens):
-    pixels = pixel_centres(lens)
+    x, y = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
+    pixels = np.stack([x, y], -1)
     depth = np.random.default_rng(0).uniform(0.5, 9, pixels.shape[:2])
     found, at = project(lens, lift(lens, pixels, depth))
     np.testing.assert_allclose(found, pixels, atol=1e-6)
@@ -85,7 +86,7 @@ def test_light_of_the_scene(toy_dataset, images):
 
 def test_swept_depth_is_the_true_one_at_most_pixels(toy_dataset, images):
     points = toy_dataset.points().xyz
-    maps = sweep(toy_dataset.train, [rgb for rgb, _ in images], points)
+    maps = plane_sweep(toy_dataset.train, [rgb for rgb, _ in images], points)
     assert len(maps) == len(toy_dataset.train)
     for depth_map in maps:
         error = np.abs(depth_map.depth / true_depth(toy_dataset, depth_map.view, depth_map.centres) - 1)

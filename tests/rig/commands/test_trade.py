@@ -129,7 +129,7 @@ def test_a_sweep_tells_what_its_single_changes_buy(toy: Path, monkeypatch: pytes
     module = importlib.import_module("recon.trade.sweep")
     monkeypatch.setattr(module, "planned", some)
     monkeypatch.setattr(module, "neighbours", lambda points, session: [])
-    trade = module.sweep(toy, budget=1000.0)
+    trade = module.trade_sweep(toy, budget=1000.0)
     singles = [one for one in trade.points if one.choice.axis != "preset"]
     buys, _ = trade_off(trade).tables
     assert len(buys.rows) == len(singles) > 5
@@ -183,7 +183,7 @@ def test_an_interruption_leaves_the_page_of_what_is_done(
     def stopped(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("recon.trade.sweep", stopped)
+    monkeypatch.setattr("recon.trade.trade_sweep", stopped)
     code, out, err = rig("trade", str(session))
     assert (code, out) == (130, "")
     assert err == "stopped; run the same command again to continue.\n"
@@ -209,7 +209,7 @@ def test_a_failed_training_is_listed(rig, toy: Path, monkeypatch: pytest.MonkeyP
     found = made(*POINTS, failed={"rig reconstruct S --set views=3": "nothing to start from."})
     store.make_folder(toy / "trade")
     store.write_json(toy / "trade" / "trade.json", found.model_dump(mode="json"))
-    monkeypatch.setattr("recon.trade.sweep", lambda *arguments, **options: found)
+    monkeypatch.setattr("recon.trade.trade_sweep", lambda *arguments, **options: found)
     code, _, err = rig("trade", str(toy))
     assert code == 3
     assert "1 training failed, the first is `rig reconstruct S --set views=3`" in err
