@@ -32,8 +32,8 @@ not. In it a mosaic has every colour several times."""
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """One view after its images were looked at.
+class ViewSummary:
+    """What is kept of the images of one view.
 
     png: the feature picture, 8 bits; width, height: its size. brightness: float64 [K], natural log of
     the luminance around each feature, NaN where it is not known well; colour: float64 [K, 3], the same of
@@ -51,14 +51,14 @@ class Look:
     faint: bool
 
 
-def look(
+def summarise(
     session: Session,
     view: View,
     scale: Mapping[str, float],
     response: Response,
     camera_from_rec709: Matrix | None,
     threads: int,
-) -> Look:
+) -> ViewSummary:
     """Merge the exposures of a view, find its features and how bright the scene is around them.
 
     Features are found in the whole picture, since the border of a mask would look like a thing of the
@@ -76,7 +76,7 @@ def look(
     blank = _blank(merged)
     found = _unmasked(session, view, extract(picture, threads), width, height)
     seen = light(merged, None if camera_from_rec709 is None else np.array(camera_from_rec709))
-    return Look(
+    return ViewSummary(
         png=encode_png(np.rint(255.0 * picture).astype(np.uint8)),
         width=width,
         height=height,

@@ -24,7 +24,8 @@ import numpy as np
 from bench.calibration.foreign_scenes import DEVELOPED, SCENES
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
-from calib import calibrate as calibration
+from calib import place_views
+from calib.calibrate import calibrate
 from calib.data import features
 from calib.poses import contradictions, sfm
 from imaging.errors import CalibrationError, PartialError
@@ -75,7 +76,7 @@ def one_scene(name: str, folder: Path) -> dict[str, Any]:
         stack.enter_context(patch.object(sfm, "settle", settled))
         _keep(kept, stack)
         try:
-            calibration.calibrate(folder / "session")
+            calibrate(folder / "session")
         except Placed:
             pass
         except (CalibrationError, PartialError) as error:
@@ -86,15 +87,15 @@ def one_scene(name: str, folder: Path) -> dict[str, Any]:
 
 
 def _keep(kept: dict[str, Any], stack: ExitStack) -> None:
-    """Have calibration use the looks at views and the matches that are kept, and keep those that are not."""
-    look, match, fill = calibration.look, features.match, sfm.fill_database
-    looks = kept.setdefault("looks", {})
+    """Have calibration use the summaries and the matches that are kept, and keep those that are not."""
+    summarise, match, fill = place_views.summarise, features.match, sfm.fill_database
+    summaries = kept.setdefault("summaries", {})
     pairs = kept.get("pairs")
 
-    def looked(session: Any, view: Any, *rest: Any) -> Any:
-        if view.id not in looks:
-            looks[view.id] = look(session, view, *rest)
-        return looks[view.id]
+    def summary(session: Any, view: Any, *rest: Any) -> Any:
+        if view.id not in summaries:
+            summaries[view.id] = summarise(session, view, *rest)
+        return summaries[view.id]
 
     def filled(database: Any, cameras: Any, found: Any, *rest: Any) -> Any:
         order = iter(combinations(found, 2))
@@ -111,7 +112,7 @@ def _keep(kept: dict[str, Any], stack: ExitStack) -> None:
             kept["pairs"] = verified
         return verified
 
-    stack.enter_context(patch.object(calibration, "look", looked))
+    stack.enter_context(patch.object(place_views, "summarise", summary))
     stack.enter_context(patch.object(sfm, "fill_database", filled))
 
 

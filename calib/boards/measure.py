@@ -36,8 +36,8 @@ _WHITE = 99.5
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
-    """What a board told.
+class MeasuredBoard:
+    """What views of a board gave.
 
     cam_from_rig: metres, of cameras that are mounted together and that views connect. sure_lenses, sure_rig:
     what is known well enough to be kept as it is when a scene is looked at; the rest is where that begins.
@@ -59,17 +59,17 @@ class Measured:
         return x, y, z
 
 
-def measure(session: Session, told: Board | None, progress: Progress) -> Measured | None:
+def measure_board(session: Session, board: Board | None, progress: Progress) -> MeasuredBoard | None:
     """Calibrate from the session's shots of kind board; None if it has none.
 
-    told: the board, where the session does not say it or says it wrong. CalibrationError that names the
+    board: where the session does not say it or says it wrong. CalibrationError that names the
     cause: no description, no board in any picture, too few views.
     """
     views = {view.id: view for view in views_of(session, "board")}
     if not views:
         return None
     shown = [plan.board for plan in session.plans() if plan.kind == "board" and plan.board is not None]
-    board = told or (shown[-1] if shown else None)
+    board = board or (shown[-1] if shown else None)
     if board is None:
         raise CalibrationError(
             f"nothing describes it: run `rig calibrate {shlex.quote(str(session.folder))} --board {EXAMPLE}` "
@@ -131,7 +131,7 @@ def solve_group(
     return Group(names, solved, doubt, rungs, begun.isolated)
 
 
-def _joined(board: Board, printed: str, seen: Mapping[ViewId, Corners], groups: list[Group]) -> Measured:
+def _joined(board: Board, printed: str, seen: Mapping[ViewId, Corners], groups: list[Group]) -> MeasuredBoard:
     good = [group for group in groups if group.solved is not None and group.doubt is not None]
     if not good:
         raise CalibrationError(groups[0].refused)
@@ -193,7 +193,9 @@ def _joined(board: Board, printed: str, seen: Mapping[ViewId, Corners], groups: 
     sure_lenses, lens_rung = _sure_lenses(lenses, lens_errors)
     sure_rig, rig_rung = _sure_rig(lenses, rig_errors)
     rungs = [rung for group in good for rung in group.rungs] + [lens_rung] + [rig_rung] * bool(mounted)
-    return Measured(lenses, lens_errors, mounted, rig_errors, evidence, tuple(rungs), sure_lenses, sure_rig)
+    return MeasuredBoard(
+        lenses, lens_errors, mounted, rig_errors, evidence, tuple(rungs), sure_lenses, sure_rig
+    )
 
 
 def places_of(solved: rig.Solved) -> list[BoardPlace]:

@@ -28,7 +28,7 @@ def balance(
     falloff: Falloff,
     anchors: Sequence[str],
 ) -> Balance:
-    """The white balance between the placed RAW cameras; colours: `Look.colour` of each view.
+    """The white balance between the placed RAW cameras; colours: `ViewSummary.colour` of each view.
 
     anchors: cameras whose white a chart told.
     """

@@ -15,12 +15,13 @@ from imaging.files.photo import read_photo
 from imaging.merge.masks import mask_of
 from imaging.merge.ratios import Linearity
 from imaging.progress import Progress
-from imaging.session.calibration import Response
+from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import Rung, ShotRecord
 from imaging.session.session import Session
 
 SITES = 4_000
 """Patches that the response of one camera model is measured from; more would only take time."""
+LIGHT_RUNGS = frozenset({*response.RUNGS, "exposure_ratios", "exposure_per_shot"})
 LINEAR = 0.01
 """Departure from a straight line, relative, that still counts as linear."""
 
@@ -35,7 +36,7 @@ class Light:
     measured: bool
 
 
-def measure(session: Session, views: Sequence[View], progress: Progress) -> Light:
+def measure_light(session: Session, views: Sequence[View], progress: Progress) -> Light:
     """Exposures and responses of every camera, from overlapping exposures where there are any."""
     scale = exposures.labelled(views)
     responses: dict[str, Response] = {}
@@ -63,6 +64,16 @@ def measure(session: Session, views: Sequence[View], progress: Progress) -> Ligh
             shift = estimate.shift.get(round(float(np.log(label)), 6), 0.0)
             scale[file] = label * float(np.exp(shift))
     return Light(scale, responses, tuple(rungs), measured)
+
+
+def light_of(record: CalibrationRecord) -> Light:
+    """Exposures and responses of an earlier calibration, for one that measures other parts again."""
+    return Light(
+        scale=dict(record.exposure_scale),
+        responses={camera.name: camera.response for camera in record.cameras},
+        rungs=tuple(rung for rung in record.rungs if rung.name in LIGHT_RUNGS),
+        measured=False,
+    )
 
 
 def _linear(line: Linearity | None) -> Response:

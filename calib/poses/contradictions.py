@@ -52,11 +52,12 @@ _ALIKE = (
 @dataclass(frozen=True, eq=False)
 class Settled:
     """The model that no pair contradicts, the views that had to be left out of it, what was done, and what
-    makes the poses doubtful all the same."""
+    makes the poses doubtful all the same. pairs: how many views match."""
 
     reconstruction: Any
     left_out: frozenset[ViewId]
     rungs: tuple[Rung, ...]
+    pairs: int
 
 
 def settle(
@@ -85,7 +86,7 @@ def settle(
         "pose_unconfirmed": unconfirmed(poses, pairs),
     }
     rungs = (Rung(name=name, taken=True, reason=why) for name, why in doubts.items() if why is not None)
-    return Settled(reconstruction, frozenset(left_out), (rung, *rungs))
+    return Settled(reconstruction, frozenset(left_out), (rung, *rungs), len(pairs))
 
 
 def unconfirmed(placed: Collection[ViewId], pairs: Pairs) -> str | None:

@@ -11,6 +11,7 @@ from calib.poses.bundle_adjustment import set_model
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
 from imaging.pose import Pose
+from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
@@ -29,6 +30,8 @@ class Known:
 
 
 NOTHING = Known()
+FEWEST_FRAMES = 2
+"""Frames that have to show two cameras of a rig before one place of each in the rig is better than two."""
 
 
 def camera_of(lens: Lens) -> Any:
@@ -71,3 +74,47 @@ def to_metres(reconstruction: Any, known: Known, rig: Sequence[str]) -> float | 
     factor = float(np.median(factors))
     reconstruction.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
     return factor
+
+
+def tie_rigs(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], known: Known) -> Rung:
+    """Tie the cameras of each rig together.
+
+    Those whose places are known; else those that several frames show with a common reference camera.
+    """
+    frames: dict[str, set[int]] = {}
+    for index in reconstruction.reg_image_ids():
+        view = ViewId.of_image(reconstruction.image(index).name)
+        frames.setdefault(view.camera, set()).add(view.frame)
+    configs = []
+    for names in rigs:
+        placed = [name for name in names if name in frames]
+        mounted = [name for name in placed if name in known.cam_from_rig]
+        tied = {
+            name: [other for other in placed if len(frames[other] & frames[name]) >= FEWEST_FRAMES]
+            for name in placed
+        }
+        if len(mounted) > 1:
+            tied = dict.fromkeys(mounted, mounted)
+        reference = max(placed, key=lambda name: len(tied[name]), default=None)
+        if reference is None or len(tied[reference]) < 2:
+            continue
+        members = []
+        for name in tied[reference]:
+            member = pycolmap.RigConfigCamera()
+            member.image_prefix = f"{name}/"
+            member.ref_sensor = name == reference
+            if len(mounted) > 1 and name != reference:
+                here, there = (known.cam_from_rig[camera].matrix() for camera in (name, reference))
+                member.cam_from_rig = pycolmap.Rigid3d((here @ np.linalg.inv(there))[:3])
+            members.append(member)
+        config = pycolmap.RigConfig()
+        config.cameras = members
+        configs.append(config)
+    if not configs:
+        reason = f"no {FEWEST_FRAMES} frames show two cameras of one rig together"
+        return Rung(name="rig_constraint", taken=False, reason=reason)
+    pycolmap.apply_rig_config(configs, database, reconstruction)
+    reason = "the session says that the cameras are mounted to each other, and several frames show them so"
+    if known.cam_from_rig:
+        reason = "a board told where the cameras are mounted"
+    return Rung(name="rig_constraint", taken=True, reason=reason)

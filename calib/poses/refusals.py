@@ -17,7 +17,7 @@ MOST_ASKED = 40
 """Pairs of views that are asked whether they show depth."""
 
 
-def refuse_hopeless(features: Mapping[ViewId, Features], blank: Mapping[ViewId, str]) -> None:
+def require_features(features: Mapping[ViewId, Features], blank: Mapping[ViewId, str]) -> None:
     """CalibrationError when fewer than two views have anything to hold on to, naming the commonest cause."""
     if len(features) < 2:
         raise CalibrationError(
@@ -35,7 +35,7 @@ def refuse_hopeless(features: Mapping[ViewId, Features], blank: Mapping[ViewId, 
         )
 
 
-def refuse_turning(
+def require_depth(
     pairs: Mapping[tuple[ViewId, ViewId], Pair], cameras: Mapping[str, Lens], max_error: float
 ) -> None:
     """CalibrationError when all views were taken from one place, of which no model can be made."""

@@ -29,8 +29,8 @@ def place(
     point, and the COLMAP model does not hold it.
     """
     poses, points = dict(model.poses), dict(model.points)
-    turns = {} if model.spread is None else dict(model.spread.rotation)
-    shifts = {} if model.spread is None else dict(model.spread.translation)
+    turns = {} if model.errors is None else dict(model.errors.rotation)
+    shifts = {} if model.errors is None else dict(model.errors.translation)
     placed = []
     for view in sorted(set(views) - set(model.poses)):
         name = view.camera
@@ -43,19 +43,19 @@ def place(
         poses[view] = pose_of(pycolmap.Rigid3d((across @ model.poses[best].matrix())[:3]))
         points[view] = 0
         placed.append(view)
-        if model.spread is not None:
+        if model.errors is not None:
             own = [place for place in model.poses if place.camera == name]
             one, two = centres([poses[view], poses[best]])
             swing = float(np.linalg.norm(one - two)) * radians(turns[best])
-            turn = median(model.spread.rotation[place] for place in own)
-            shift = median(model.spread.translation[place] for place in own)
+            turn = median(model.errors.rotation[place] for place in own)
+            shift = median(model.errors.translation[place] for place in own)
             turns[view] = hypot(turns[best], turn)
             shifts[view] = hypot(shifts[best], shift, swing)
     if not placed:
         return model, frozenset()
-    spread = model.spread and replace(model.spread, rotation=turns, translation=shifts)
+    errors = model.errors and replace(model.errors, rotation=turns, translation=shifts)
     rungs = (*model.rungs, _rung([str(view) for view in placed]))
-    return replace(model, poses=poses, points=points, spread=spread, rungs=rungs), frozenset(placed)
+    return replace(model, poses=poses, points=points, errors=errors, rungs=rungs), frozenset(placed)
 
 
 def _rung(names: list[str]) -> Rung:

@@ -8,13 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.data.features import FEWEST_MATCHES, Features, fill_database
-from calib.poses import uncertainty as spreads
 from calib.poses.bundle_adjustment import Free, adjust, cut, lens_of, misses
-from calib.poses.contradictions import settle
-from calib.poses.known_rig import NOTHING, Known, camera_of, to_metres
+from calib.poses.contradictions import Settled, settle
+from calib.poses.known_rig import NOTHING, Known, camera_of, tie_rigs, to_metres
 from calib.poses.lens_ladder import climb, sees_wide
+from calib.poses.mapping import map_views
 from calib.poses.point_refinement import align
-from calib.poses.refusals import refuse_hopeless, refuse_turning
+from calib.poses.refusals import require_depth, require_features
+from calib.poses.uncertainty import StandardErrors, standard_errors
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens
@@ -25,8 +26,6 @@ from imaging.session.view_id import ViewId
 
 MAX_ERROR = 4.0
 """Of a correspondence, px, in pictures of 1280 px or wider; less in smaller ones, at least half of it."""
-FEWEST_FRAMES = 2
-"""Frames that have to show two cameras of a rig before one place of each in the rig is better than two."""
 ROUNDS = 4
 """Of adjusting and cutting outliers."""
 ALIGNED = 0.4
@@ -58,7 +57,7 @@ class Model:
     points: dict[ViewId, int]
     reprojection_px: float
     rungs: tuple[Rung, ...]
-    spread: spreads.Spread | None
+    errors: StandardErrors | None
     metric: bool
     contradicted: frozenset[ViewId] = frozenset()
 
@@ -86,79 +85,141 @@ def solve(
 
     features: of every view, in picture pixels. cameras: a first guess of each lens, at picture size.
     rigs: names of cameras that are rigidly mounted to each other. focal_known: cameras whose guess comes
-    from a file's focal length rather than from nothing. known: what a board told, which stays, lenses
+    from a file's focal length rather than from nothing. known: what a board gave, which stays, lenses
     at picture size; the model is in metres where that placed two cameras of a rig. blank: why a view shows
     nothing, of those that do not. pictures: of views with little noise, as grey PNGs, for places more exact
     than those of features.
     """
-    refuse_hopeless(features, blank or {})
+    require_features(features, blank or {})
+    scene = _Scene(
+        features, rigs, threads, progress, focal_known, known, pictures or {}, brightness or {}, exact
+    )
+    adjusted = _adjusted(scene, cameras)
+    rungs: tuple[Rung, ...] = ()
+    if adjusted.is_fisheye and not any(lens.fisheye for lens in cameras.values()):
+        # What no radial terms brought near to its place was dropped meanwhile, at the corners most of all.
+        rungs = tuple(rung for rung in adjusted.lens_rungs if rung.name in _LENS_KINDS)
+        adjusted = _adjusted(scene, {**cameras, **adjusted.centred(cameras)})
+    if adjusted.metric and not adjusted.free.placed:  # distances are better known now than at first
+        for rig in rigs:
+            to_metres(adjusted.reconstruction, known, rig)
+    errors = standard_errors(adjusted.reconstruction, adjusted.free, adjusted.typical, progress)
+    rungs = (*rungs, *adjusted.settled.rungs, adjusted.rig_rung, *adjusted.lens_rungs)
+    model = _model(adjusted.reconstruction, rungs, errors, metric=adjusted.metric)
+    return replace(model, contradicted=adjusted.settled.left_out)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """What `solve` is given but for the lenses, which it may begin with twice."""
+
+    features: Mapping[ViewId, Features]
+    rigs: Sequence[Sequence[str]]
+    threads: int
+    progress: Progress
+    focal_known: Collection[str]
+    known: Known
+    pictures: Mapping[ViewId, bytes]
+    brightness: Mapping[ViewId, npt.NDArray[np.float64]]
+    exact: Collection[str]
+
+
+@dataclass(frozen=True, eq=False)
+class _Adjusted:
+    """A model with the terms of its lenses chosen. free: how it was adjusted; typical: its miss, px;
+    metric: its unit is the metre."""
+
+    reconstruction: Any
+    free: Free
+    typical: float
+    metric: bool
+    settled: Settled
+    rig_rung: Rung
+    lens_rungs: tuple[Rung, ...]
+
+    @property
+    def is_fisheye(self) -> bool:
+        """Whether the lenses were found to be fisheyes of two terms."""
+        return self.free.model == "RADIAL_FISHEYE"
+
+    def centred(self, cameras: Mapping[str, Lens]) -> dict[str, Lens]:
+        """Its lenses, with the principal points of the first guesses."""
+        lenses = _model(self.reconstruction, (), None, metric=False).lenses
+        return {
+            name: lens.model_copy(update={"cx": cameras[name].cx, "cy": cameras[name].cy})
+            for name, lens in lenses.items()
+        }
+
+
+def _adjusted(scene: _Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
+    """Place the views beginning with these lenses, tie rigs together, and choose the lenses' terms."""
+    known, threads, progress = scene.known, scene.threads, scene.progress
     width = max(lens.width for lens in cameras.values())
     max_error = MAX_ERROR * min(max(width / 1280, 0.5), 1.0)
     database = pycolmap.Database.open(":memory:")
     models = {
-        name: camera_of(known.lenses[name]) if name in known.lenses else _camera(lens, name in focal_known)
+        name: camera_of(known.lenses[name])
+        if name in known.lenses
+        else _camera(lens, name in scene.focal_known)
         for name, lens in cameras.items()
     }
-    pairs = fill_database(database, models, features, max_error, progress)
+    settled = _settled(scene, database, models, cameras, max_error)
+    reconstruction = settled.reconstruction
+    untied = misses(reconstruction).typical
+    metric = sum(to_metres(reconstruction, known, rig) is not None for rig in scene.rigs) > 0
+    loose = pycolmap.Reconstruction(reconstruction)
+    uncut = pycolmap.Reconstruction(reconstruction) if sees_wide(reconstruction) else None
+    rig_rung = tie_rigs(database, reconstruction, scene.rigs, known)
+    fisheye = any(lens.fisheye for lens in cameras.values())
+    free = Free(
+        "RADIAL_FISHEYE" if fisheye else "SIMPLE_RADIAL",
+        fixed=_numbers(models, known.lenses),
+        placed=_numbers(models, known.cam_from_rig),
+    )
+    typical = _polish(reconstruction, free, max_error, threads, progress)
+    if rig_rung.taken and typical > LOOSE * max(untied, 0.1):
+        reconstruction = loose
+        reason = (
+            f"the cameras moved against each other: tied together, points miss by {typical:.2f} px "
+            f"instead of {untied:.2f} px"
+        )
+        rig_rung = Rung(name="rig_constraint", taken=False, reason=reason)
+        free = replace(free, placed=frozenset())
+        typical = _polish(reconstruction, free, max_error, threads, progress)
+    if scene.pictures and reconstruction.num_points3D() >= FEWEST_MATCHES:
+        align(reconstruction, scene.pictures, progress)
+        typical = _polish(reconstruction, free, ALIGNED * max_error, threads, progress)
+    if reconstruction.num_points3D() < FEWEST_MATCHES:
+        raise CalibrationError(_NO_START.format(settled.pairs))
+    free, lens_rungs = climb(reconstruction if uncut is None else uncut, free, typical, threads, progress)
+    adjust(reconstruction, free, typical, threads)
+    return _Adjusted(reconstruction, free, typical, metric, settled, rig_rung, lens_rungs)
+
+
+def _settled(
+    scene: _Scene, database: Any, models: Mapping[str, Any], cameras: Mapping[str, Lens], max_error: float
+) -> Settled:
+    """Views matched and mapped, without what contradicts itself. models: pycolmap cameras by name."""
+    pairs = fill_database(database, models, scene.features, max_error, scene.progress)
     if not pairs:
         raise CalibrationError(
             "No two views share enough of the scene to be placed: take views that overlap by two thirds."
         )
-    refuse_turning(pairs, cameras, max_error)
-    fixed = frozenset(models[name].camera_id for name in known.lenses if name in models)
+    require_depth(pairs, cameras, max_error)
+    fixed = _numbers(models, scene.known.lenses)
 
     def mapped() -> Any | None:
-        return _map(database, len(features), max_error, fixed, threads, progress)
+        return map_views(database, len(scene.features), max_error, fixed, scene.threads, scene.progress)
 
     reconstruction = mapped()
     if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(_NO_START.format(len(pairs)))
-    settled = settle(database, reconstruction, pairs, brightness or {}, max_error, mapped, exact)
-    reconstruction = settled.reconstruction
-    alone = misses(reconstruction).typical
-    metric = sum(to_metres(reconstruction, known, rig) is not None for rig in rigs) > 0
-    loose = pycolmap.Reconstruction(reconstruction)
-    uncut = pycolmap.Reconstruction(reconstruction) if sees_wide(reconstruction) else None
-    rung = _rig(database, reconstruction, rigs, known)
-    placed = frozenset(models[name].camera_id for name in known.cam_from_rig if name in models)
-    fisheye = any(lens.fisheye for lens in cameras.values())
-    free = Free("RADIAL_FISHEYE" if fisheye else "SIMPLE_RADIAL", fixed=fixed, placed=placed)
-    typical = _polish(reconstruction, free, max_error, threads, progress)
-    if rung.taken and typical > LOOSE * max(alone, 0.1):
-        reconstruction = loose
-        reason = (
-            f"the cameras moved against each other: tied together, points miss by {typical:.2f} px "
-            f"instead of {alone:.2f} px"
-        )
-        rung = Rung(name="rig_constraint", taken=False, reason=reason)
-        free = replace(free, placed=frozenset())
-        typical = _polish(reconstruction, free, max_error, threads, progress)
-    if pictures and reconstruction.num_points3D() >= FEWEST_MATCHES:
-        align(reconstruction, pictures, progress)
-        typical = _polish(reconstruction, free, ALIGNED * max_error, threads, progress)
-    if reconstruction.num_points3D() < FEWEST_MATCHES:
-        raise CalibrationError(_NO_START.format(len(pairs)))
-    free, rungs = climb(reconstruction if uncut is None else uncut, free, typical, threads, progress)
-    if free.model == "RADIAL_FISHEYE" and not fisheye:
-        # What no radial terms brought near to its place was dropped meanwhile, at the corners most of all.
-        adjust(reconstruction, free, typical, threads)
-        begun = _model(reconstruction, (), None, metric=False).lenses
-        centred = {
-            name: lens.model_copy(update={"cx": cameras[name].cx, "cy": cameras[name].cy})
-            for name, lens in begun.items()
-        }
-        again = solve(
-            features, {**cameras, **centred}, rigs, threads, progress,
-            known=known, pictures=pictures, brightness=brightness, exact=exact,
-        )  # fmt: skip
-        return replace(again, rungs=(*(one for one in rungs if one.name in _LENS_KINDS), *again.rungs))
-    adjust(reconstruction, free, typical, threads)
-    if metric and not free.placed:  # distances are better known now than at first
-        for rig in rigs:
-            to_metres(reconstruction, known, rig)
-    spread = spreads.measure(reconstruction, free, typical, progress)
-    model = _model(reconstruction, (*settled.rungs, rung, *rungs), spread, metric=metric)
-    return replace(model, contradicted=settled.left_out)
+    return settle(database, reconstruction, pairs, scene.brightness, max_error, mapped, scene.exact)
+
+
+def _numbers(models: Mapping[str, Any], names: Collection[str]) -> frozenset[int]:
+    """The numbers of those cameras among the pycolmap cameras that have these names."""
+    return frozenset(models[name].camera_id for name in names if name in models)
 
 
 def _polish(reconstruction: Any, free: Free, max_error: float, threads: int, progress: Progress) -> float:
@@ -183,89 +244,8 @@ def _camera(lens: Lens, focal_known: bool) -> Any:
     return camera
 
 
-def _map(
-    database: Any, views: int, max_error: float, fixed: frozenset[int], threads: int, progress: Progress
-) -> Any | None:
-    options = pycolmap.IncrementalPipelineOptions()
-    options.constant_cameras = set(fixed)
-    options.min_model_size = 2
-    options.random_seed = 0
-    options.num_threads = threads
-    options.extract_colors = False
-    options.ba_refine_principal_point = False
-    options.mapper.init_min_tri_angle = 8
-    options.mapper.filter_max_reproj_error = max_error
-    options.triangulation.merge_max_reproj_error = max_error
-    options.triangulation.complete_max_reproj_error = max_error
-    options.triangulation.ignore_two_view_tracks = views >= 4
-    found = pycolmap.ReconstructionManager()
-    pipeline = pycolmap.IncrementalPipeline(options, database, found)
-    placed = 0
-
-    def begun() -> None:
-        nonlocal placed
-        placed = 2
-        progress("placing views", min(placed, views), views)
-
-    def another() -> None:
-        nonlocal placed
-        placed += 1
-        progress("placing views", min(placed, views), views)
-
-    progress("placing views", 0, views)
-    pipeline.add_callback(0, begun)  # the first pair of a model is placed
-    pipeline.add_callback(1, another)  # one more image is placed
-    pipeline.run()
-    models = [found.get(index) for index in range(found.size())]
-    return max(models, key=lambda model: model.num_reg_images(), default=None)
-
-
-def _rig(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], known: Known) -> Rung:
-    """Tie the cameras of each rig together.
-
-    Those whose places are known; else those that several frames show with a common reference camera.
-    """
-    frames: dict[str, set[int]] = {}
-    for index in reconstruction.reg_image_ids():
-        view = ViewId.of_image(reconstruction.image(index).name)
-        frames.setdefault(view.camera, set()).add(view.frame)
-    configs = []
-    for names in rigs:
-        seen = [name for name in names if name in frames]
-        told = [name for name in seen if name in known.cam_from_rig]
-        tied = {
-            name: [other for other in seen if len(frames[other] & frames[name]) >= FEWEST_FRAMES]
-            for name in seen
-        }
-        if len(told) > 1:
-            tied = dict.fromkeys(told, told)
-        reference = max(seen, key=lambda name: len(tied[name]), default=None)
-        if reference is None or len(tied[reference]) < 2:
-            continue
-        members = []
-        for name in tied[reference]:
-            member = pycolmap.RigConfigCamera()
-            member.image_prefix = f"{name}/"
-            member.ref_sensor = name == reference
-            if len(told) > 1 and name != reference:
-                here, there = (known.cam_from_rig[one].matrix() for one in (name, reference))
-                member.cam_from_rig = pycolmap.Rigid3d((here @ np.linalg.inv(there))[:3])
-            members.append(member)
-        config = pycolmap.RigConfig()
-        config.cameras = members
-        configs.append(config)
-    if not configs:
-        reason = f"no {FEWEST_FRAMES} frames show two cameras of one rig together"
-        return Rung(name="rig_constraint", taken=False, reason=reason)
-    pycolmap.apply_rig_config(configs, database, reconstruction)
-    reason = "the session says that the cameras are mounted to each other, and several frames show them so"
-    if known.cam_from_rig:
-        reason = "a board told where the cameras are mounted"
-    return Rung(name="rig_constraint", taken=True, reason=reason)
-
-
 def _model(
-    reconstruction: Any, rungs: tuple[Rung, ...], spread: spreads.Spread | None, *, metric: bool
+    reconstruction: Any, rungs: tuple[Rung, ...], errors: StandardErrors | None, *, metric: bool
 ) -> Model:
     poses: dict[ViewId, Pose] = {}
     points: dict[ViewId, int] = {}
@@ -286,7 +266,7 @@ def _model(
     reconstruction.update_point_3d_errors()
     return Model(
         reconstruction, lenses, poses, mounted, points,
-        float(reconstruction.compute_mean_reprojection_error()), rungs, spread, metric,
+        float(reconstruction.compute_mean_reprojection_error()), rungs, errors, metric,
     )  # fmt: skip
 
 

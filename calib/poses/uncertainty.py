@@ -39,8 +39,8 @@ _RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
-class Spread:
-    """Standard errors.
+class StandardErrors:
+    """Of poses and lenses.
 
     rotation: degrees, and translation: in units of the model, of each view, about and along its worst axis;
     lenses: by camera and term, in the pixels of the model.
@@ -51,7 +51,9 @@ class Spread:
     lenses: dict[str, dict[str, float]]
 
 
-def measure(reconstruction: Any, free: Free, scale: float, progress: Progress) -> Spread | None:
+def standard_errors(
+    reconstruction: Any, free: Free, scale: float, progress: Progress
+) -> StandardErrors | None:
     """Draw the model anew, DRAWS times; None when there are too few points. Changes nothing.
 
     free: how the model was adjusted; what is fixed in it stays fixed. scale: of the Cauchy loss, px.
@@ -81,7 +83,7 @@ def measure(reconstruction: Any, free: Free, scale: float, progress: Progress) -
             errors[1] = errors[1] if free.model in ("OPENCV", "OPENCV_FISHEYE") else errors[0]
         lenses[name] = dict(zip(terms, errors.tolist(), strict=True))
     progress("measuring how sure it is", 1, 1)
-    return Spread(
+    return StandardErrors(
         rotation={view: float(np.degrees(_widest(own))) for view, own in turns.items()},
         translation={view: _widest(own) for view, own in shifts.items()},
         lenses=lenses,

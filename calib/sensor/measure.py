@@ -45,7 +45,7 @@ class Sensors:
     missing: tuple[str, ...] = ()
 
 
-def measure(session: Session, views: Sequence[View], progress: Progress) -> dict[str, Sensors]:
+def measure_sensors(session: Session, views: Sequence[View], progress: Progress) -> dict[str, Sensors]:
     """Every RAW camera of the session; InputError for a missing or damaged file."""
     cameras = [camera for camera in session.record.cameras if camera.kind == "raw"]
     found = {}

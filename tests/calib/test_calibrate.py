@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibrate import _known_light, calibrate
+from calib.calibrate import calibrate
 from calib.data.views import scene_views
+from calib.light.radiometry import light_of
 from calib.poses import sfm
 from calib.poses.bundle_adjustment import Free
-from calib.view_images import Look, look
+from calib.view_images import ViewSummary, summarise
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.colmap import pycolmap, read_points
@@ -179,11 +180,11 @@ class Stopped(Exception):
 
 
 @pytest.fixture(scope="module")
-def looks(arm: Path) -> dict[ViewId, Look]:
+def looks(arm: Path) -> dict[ViewId, ViewSummary]:
     """What calibration sees in six views; finding it again for each test would take longest of all."""
     record, session = read_calibration(arm), Session.open(arm)
     return {
-        view.id: look(
+        view.id: summarise(
             session, view, record.exposure_scale, record.camera(view.camera.name).response, None, threads=2
         )
         for view in scene_views(session)
@@ -192,7 +193,7 @@ def looks(arm: Path) -> dict[ViewId, Look]:
 
 
 @pytest.fixture
-def small(own_arm: Path, looks: dict[ViewId, Look], monkeypatch: pytest.MonkeyPatch) -> Path:
+def small(own_arm: Path, looks: dict[ViewId, ViewSummary], monkeypatch: pytest.MonkeyPatch) -> Path:
     """A session of six views, of which all that comes before the poses is known."""
     shots = store.read_lines(own_arm / "shots.jsonl")
     (own_arm / "shots.jsonl").unlink()
@@ -200,8 +201,8 @@ def small(own_arm: Path, looks: dict[ViewId, Look], monkeypatch: pytest.MonkeyPa
         if ViewId(shot["frame"], shot["camera"]) in looks:
             store.append_line(own_arm / "shots.jsonl", shot)
     record = read_calibration(own_arm)
-    monkeypatch.setattr("calib.calibrate.look", lambda session, view, *rest: looks[view.id])
-    monkeypatch.setattr("calib.light.radiometry.measure", lambda *rest: _known_light(record))
+    monkeypatch.setattr("calib.place_views.summarise", lambda session, view, *rest: looks[view.id])
+    monkeypatch.setattr("calib.light.radiometry.measure_light", lambda *rest: light_of(record))
     monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
     return own_arm
 

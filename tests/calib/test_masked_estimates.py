@@ -10,7 +10,7 @@ from calib.data.views import scene_views
 from calib.light import exposures, radiometry
 from calib.light.codes import patches, sample
 from calib.sensor import brackets
-from calib.view_images import look
+from calib.view_images import summarise
 from drivers.sim.camera.sensor import Sensor
 from imaging.cfa import Cfa
 from imaging.colour import srgb_encode
@@ -105,7 +105,7 @@ def developed(*, rubbish: bool) -> list[list[tuple[np.ndarray, Exposure]]]:
 def curve_error(folder: Path) -> float:
     """Largest departure of the response from sRGB between codes 40 and 240, ln of light; inf: none found."""
     session = Session.open(folder)
-    response = radiometry.measure(session, scene_views(session), unreported).responses["cam"]
+    response = radiometry.measure_light(session, scene_views(session), unreported).responses["cam"]
     if response.kind not in ("curve", "srgb") or response.residual is None:
         return float("inf")
     codes = np.linspace(40, 240, 41)[:, None].repeat(3, 1) / 255
@@ -174,12 +174,12 @@ def test_no_brightness_and_no_verdict_comes_from_behind_a_mask(tmp_path: Path) -
     session = Session.open(folder)
     (view,) = scene_views(session)
     scale = {view.shots[0].file: 1.0}
-    response = radiometry.measure(session, [view], unreported).responses["cam"]
-    seen = look(session, view, scale, response, None, 1)
+    response = radiometry.measure_light(session, [view], unreported).responses["cam"]
+    seen = summarise(session, view, scale, response, None, 1)
     assert seen.blank == "saturated"
     assert not np.isfinite(seen.brightness).any()
     bare = view.shots[0].model_copy(update={"mask": None})
-    whole = look(session, type(view)(view.camera, view.frame, (bare,)), scale, response, None, 1)
+    whole = summarise(session, type(view)(view.camera, view.frame, (bare,)), scale, response, None, 1)
     assert whole.blank is None
     assert len(whole.features.points) > len(seen.features.points)
     assert np.isfinite(whole.brightness).any()

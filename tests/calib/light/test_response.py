@@ -199,7 +199,7 @@ def test_one_photograph_with_a_wrong_label_spoils_nothing(tmp_path: Path, factor
         )
     session = Session.open(make_session(tmp_path / "S", views))
     found = scene_views(session)
-    light = radiometry.measure(session, found, unreported)
+    light = radiometry.measure_light(session, found, unreported)
     for view in found:
         scales = [light.scale[shot.file] for shot in view.shots]
         np.testing.assert_allclose(scales, labels, rtol=0.02)
@@ -244,7 +244,7 @@ def test_a_real_bracket_of_photographs(real: Path, tmp_path: Path) -> None:
     """Seven JPEGs of a Canon: sRGB is useless for them (0.64 disagreement), a curve is not (0.07)."""
     import_photos(real / "t2i", tmp_path / "S", progress=unreported)
     session = Session.open(tmp_path / "S")
-    light = radiometry.measure(session, scene_views(session), unreported)
+    light = radiometry.measure_light(session, scene_views(session), unreported)
     (response,) = light.responses.values()
     assert response.kind == "curve"
     assert response.residual is not None

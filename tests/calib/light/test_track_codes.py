@@ -91,7 +91,7 @@ def test_a_response_is_measured_where_no_view_has_a_bracket_and_only_from_what_i
     monkeypatch.setattr(
         "calib.light.track_codes.read_photo", lambda path: (read.append(path), read_photo(path))[1]
     )
-    light = radiometry.measure(opened, scene_views(opened), unreported)
+    light = radiometry.measure_light(opened, scene_views(opened), unreported)
     assert sorted(read) == sorted(session / file for file in split.train)
     (response,) = light.responses.values()
     assert response.residual is not None

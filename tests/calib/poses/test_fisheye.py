@@ -67,8 +67,8 @@ def test_a_fisheye_is_found_with_its_corners() -> None:
     x, y = np.meshgrid(np.linspace(20, 620, 9), np.linspace(20, 460, 7))
     rays = optics.rays(TRUE, np.stack([x.ravel(), y.ravel()], 1))
     assert np.abs(optics.project(lens, rays) - optics.project(TRUE, rays)).max() < 1.5
-    assert model.spread is not None
-    errors = model.spread.lenses["cam"]
+    assert model.errors is not None
+    errors = model.errors.lenses["cam"]
     assert abs(lens.fx - TRUE.fx) < 4 * errors["fx"] < 8
     assert abs(lens.k1 - TRUE.k1) < 4 * errors["k1"] < 0.05
     for frame in range(1, 6):

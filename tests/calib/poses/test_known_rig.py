@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from calib import calibrate as calibrating
-from calib.boards.measure import Measured
+from calib.boards.measure import MeasuredBoard
 from calib.calibrate import calibrate
 from imaging.files import store
 from imaging.lens import Lens
@@ -73,7 +73,7 @@ def test_what_a_board_knows_well_stays_as_it_is(own_arm: Path, monkeypatch: pyte
     truth = truth_of(own_arm)
     small = LensError(fx=0.01, fy=0.01, cx=0.01, cy=0.01, k1=0, k2=0, p1=0, p2=0, projection=((0.01,),))
     poses = {name: Pose.model_validate(camera["cam_from_rig"]) for name, camera in truth.items()}
-    board = Measured(
+    board = MeasuredBoard(
         lenses={name: Lens.model_validate(camera["lens"]) for name, camera in truth.items()},
         lens_errors=dict.fromkeys(truth, small),
         cam_from_rig=poses,

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.calibrate import _known_light, calibrate
+from calib.calibrate import calibrate
 from calib.data.features import Features
 from calib.light import vignetting
+from calib.light.radiometry import light_of
 from calib.poses import sfm
 from calib.poses.bundle_adjustment import Free
 from calib.poses.rig_placement import place
@@ -52,7 +53,7 @@ def test_a_lost_view_is_placed_within_its_stated_error(model: Model) -> None:
     filled, placed = place(model, {*model.poses, LOST}, RIGS)
     assert placed == {LOST}
     assert filled.points[LOST] == 0
-    assert filled.spread is not None
+    assert filled.errors is not None
     truth = {
         ViewId(frame, name): np.column_stack([rotation, translation + shifted(name)])
         for frame, (rotation, translation) in enumerate(arc(5))
@@ -70,11 +71,11 @@ def test_a_lost_view_is_placed_within_its_stated_error(model: Model) -> None:
     scale = (here * there).sum() / (here**2).sum()
     misses = np.linalg.norm(here - there / scale, axis=1)
     at = keys.index(LOST)
-    assert np.degrees(angles[at]) < INSIDE * filled.spread.rotation[LOST] < 0.3
-    assert misses[at] < INSIDE * filled.spread.translation[LOST] < 0.05 * np.ptp(here)
+    assert np.degrees(angles[at]) < INSIDE * filled.errors.rotation[LOST] < 0.3
+    assert misses[at] < INSIDE * filled.errors.translation[LOST] < 0.05 * np.ptp(here)
     beside = ViewId(LOST.frame, "left")
-    assert filled.spread.rotation[LOST] > 1.2 * filled.spread.rotation[beside]
-    assert filled.spread.translation[LOST] > 1.2 * filled.spread.translation[beside]
+    assert filled.errors.rotation[LOST] > 1.2 * filled.errors.rotation[beside]
+    assert filled.errors.translation[LOST] > 1.2 * filled.errors.translation[beside]
     (rung,) = (rung for rung in filled.rungs if rung.name == "rig_placing")
     assert "0002/right" in rung.reason
 
@@ -89,9 +90,9 @@ def test_what_no_rig_ties_stays_lost(model: Model) -> None:
 
 
 def test_a_model_too_poor_to_say_how_sure_it_is_places_all_the_same(model: Model) -> None:
-    filled, placed = place(replace(model, spread=None), [*model.poses, LOST], RIGS)
+    filled, placed = place(replace(model, errors=None), [*model.poses, LOST], RIGS)
     assert placed == {LOST}
-    assert filled.spread is None
+    assert filled.errors is None
     assert isinstance(filled.poses[LOST], Pose)
 
 
@@ -108,8 +109,8 @@ def test_black_pictures_of_one_camera_are_listed_as_placed_by_the_rig(
     for shot in shots:
         if shot["camera"] in ("cam0", "cam1"):
             store.append_line(own_arm / "shots.jsonl", shot)
-    light = _known_light(read_calibration(own_arm))
-    monkeypatch.setattr("calib.light.radiometry.measure", lambda *rest: light)
+    light = light_of(read_calibration(own_arm))
+    monkeypatch.setattr("calib.light.radiometry.measure_light", lambda *rest: light)
     monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
     none = vignetting.Falloff(
         {"cam0": (0.0, 0.0, 0.0), "cam1": (0.0, 0.0, 0.0)}, {"cam0": 1.0, "cam1": 1.0}, ()

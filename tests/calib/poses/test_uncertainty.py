@@ -125,7 +125,7 @@ def ratios(seed: int) -> np.ndarray:
     model = noisy(truth, seed)
     for _ in range(3):
         adjust(model, OWN, NOISE, 1)
-    stated = uncertainty.measure(model, OWN, NOISE, unreported)
+    stated = uncertainty.standard_errors(model, OWN, NOISE, unreported)
     assert stated is not None
     true = uncertainty._poses(truth)
     found = []
@@ -160,7 +160,7 @@ def model() -> Any:
 def test_the_same_points_twice_are_no_surer() -> None:
     single = noisy(made(3, spare=200), 3)
     adjust(single, OWN, NOISE, 1)
-    once = uncertainty.measure(single, OWN, NOISE, unreported)
+    once = uncertainty.standard_errors(single, OWN, NOISE, unreported)
     double = pycolmap.Reconstruction(single)
     spare = {
         number: [place for place, point in enumerate(image.points2D) if not point.has_point3D()]
@@ -173,7 +173,7 @@ def test_the_same_points_twice_are_no_surer() -> None:
             image.point2D(place).xy = np.ravel(image.point2D(element.point2D_idx).xy)
             track.add_element(element.image_id, place)
         double.add_point3D(single.points3D[number].xyz, track)
-    twice = uncertainty.measure(double, OWN, NOISE, unreported)
+    twice = uncertainty.standard_errors(double, OWN, NOISE, unreported)
     assert once is not None
     assert twice is not None
     for key, error in once.rotation.items():
@@ -181,7 +181,7 @@ def test_the_same_points_twice_are_no_surer() -> None:
 
 
 def test_what_is_fixed_has_no_error_and_what_is_free_has(model: Any) -> None:
-    fixed = uncertainty.measure(model, Free("RADIAL", fixed=frozenset({1})), NOISE, unreported)
+    fixed = uncertainty.standard_errors(model, Free("RADIAL", fixed=frozenset({1})), NOISE, unreported)
     assert fixed is not None
     assert set(fixed.lenses["cam1"].values()) == {0.0}
     assert all(value > 0 for value in fixed.lenses["cam2"].values())
@@ -193,10 +193,10 @@ def test_a_term_that_no_view_tells_is_as_lenses_are_built(model: Any) -> None:
     few = pycolmap.Reconstruction(model)
     for number in sorted(few.points3D)[uncertainty.FEWEST_POINTS :]:
         few.delete_point3D(number)
-    stated = uncertainty.measure(few, Free(), NOISE, unreported)
+    stated = uncertainty.standard_errors(few, Free(), NOISE, unreported)
     assert stated is not None
     for terms in stated.lenses.values():
         assert terms["cx"] < 1.5 * uncertainty.BUILT["cx"] * 640
         assert terms["p1"] < 1.5 * uncertainty.BUILT["p1"]
     few.delete_point3D(min(few.points3D))
-    assert uncertainty.measure(few, Free(), NOISE, unreported) is None
+    assert uncertainty.standard_errors(few, Free(), NOISE, unreported) is None

@@ -1,0 +1,151 @@
+"""The poses of a session's views, and what these tell of lenses, falloff and colours, as its calibration."""
+
+from collections.abc import Iterator, Mapping
+
+from calib.assemble import Evidence, Placement, assemble
+from calib.colour.recorded import balance, with_balance
+from calib.exports import pictures
+from calib.exports.output import write_calibration
+from calib.light import tracks, vignetting
+from calib.poses import sfm
+from calib.poses.known_rig import Known
+from calib.poses.rig_placement import place
+from calib.view_images import ViewSummary, summarise
+from imaging.compute.cores import available_cores
+from imaging.errors import CalibrationError, InputError, PartialError
+from imaging.progress import Progress
+from imaging.session.calibration import CalibrationRecord, read_calibration
+from imaging.session.session import Session
+from imaging.session.view_id import ViewId
+
+
+def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> CalibrationRecord:
+    """Place the views and write the calibration, which is returned.
+
+    board_refused: why shots of a board gave nothing. CalibrationError when no view can be placed and nothing
+    else was learnt, or an earlier calibration has poses; PartialError when only the rest could be written.
+    """
+    session = evidence.session
+    summaries = _summaries(evidence, progress)
+    try:
+        # One thread: Ceres adds up in the order in which its threads finish.
+        model = _solved(evidence, summaries, 1, progress)
+    except CalibrationError as error:
+        cause = f"{str(error)[0].lower()}{str(error)[1:]}"
+        measured = _measured_without_poses(evidence)
+        if not measured or _has_poses(session):
+            raise CalibrationError(f"{session.folder}: {cause}") from error
+        write_calibration(session, assemble(evidence), (), None, progress)
+        also = f" The board was left out: {board_refused}" if board_refused else ""
+        raise PartialError(f"{session.folder}: {measured}, but no view has a pose: {cause}{also}") from error
+    rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
+    model, by_rig = place(model, summaries, rigs)
+    names = sorted(model.lenses)
+    progress("measuring falloff", 0, 1)
+    brightness = {view: summary.brightness for view, summary in summaries.items()}
+    falloff = vignetting.estimate(
+        tracks.tracks_of(model, brightness, names),
+        names,
+        {camera.name: f"{camera.make} {camera.model}" for camera in session.record.cameras},
+    )
+    colours = {view: summary.colour for view, summary in summaries.items()}
+    white = balance(model, colours, evidence.sensors, falloff, list(evidence.charts.evidence))
+    record = with_balance(assemble(evidence, Placement(model, falloff, by_rig)), white)
+    factor = pictures.exposure(brightness)
+    write_calibration(session, record, _pictures(evidence, record, summaries, factor), model, progress)
+    return record
+
+
+def _summaries(evidence: Evidence, progress: Progress) -> dict[ViewId, ViewSummary]:
+    threads = available_cores()
+    summaries = {}
+    for done, view in enumerate(evidence.views):
+        progress("finding features", done, len(evidence.views))
+        name = view.camera.name
+        summaries[view.id] = summarise(
+            evidence.session,
+            view,
+            evidence.light.scale,
+            evidence.light.responses[name],
+            evidence.sensors[name].camera_from_rec709,
+            threads,
+        )
+    progress("finding features", len(evidence.views), len(evidence.views))
+    return summaries
+
+
+def _solved(
+    evidence: Evidence, summaries: Mapping[ViewId, ViewSummary], threads: int, progress: Progress
+) -> sfm.Model:
+    cameras, board = evidence.session.record.cameras, evidence.board
+    sizes = {view.camera: (summary.width, summary.height) for view, summary in summaries.items()}
+    rigs: dict[str, list[str]] = {}
+    for camera in cameras:
+        if camera.rig is not None and camera.name in sizes:
+            rigs.setdefault(camera.rig, []).append(camera.name)
+    guesses = {name: evidence.sensors[name].lens.resized(*size) for name, size in sizes.items()}
+    focal_known = {name for name, sensor in evidence.sensors.items() if sensor.focal_known}
+    places = {camera.name: camera.position for camera in cameras if camera.position is not None}
+    known = Known(places=places)
+    if board is not None:
+        lenses = {name: lens.resized(*sizes[name]) for name, lens in board.lenses.items() if name in sizes}
+        guesses |= lenses
+        sure = {name: lens for name, lens in lenses.items() if name in board.sure_lenses}
+        # A board measures the distances of cameras better than a ruler.
+        places |= {name: board.place(name) for name in board.cam_from_rig}
+        known = Known(sure, board.cam_from_rig if board.sure_rig else {}, places)
+    return sfm.solve(
+        {view: summary.features for view, summary in summaries.items()},
+        guesses,
+        list(rigs.values()),
+        threads,
+        progress,
+        focal_known=focal_known if board is None else focal_known | set(board.lenses),
+        known=known,
+        blank={view: summary.blank for view, summary in summaries.items() if summary.blank is not None},
+        pictures={view: summary.png for view, summary in summaries.items() if not summary.faint},
+        brightness={view: summary.brightness for view, summary in summaries.items()},
+        exact={camera.name for camera in cameras if camera.kind == "raw"},
+    )
+
+
+def _pictures(
+    evidence: Evidence, record: CalibrationRecord, summaries: Mapping[ViewId, ViewSummary], factor: float
+) -> Iterator[tuple[ViewId, pictures.Picture]]:
+    """What each view looks like, at the size that its features were found at."""
+    for view in evidence.views:
+        name = view.camera.name
+        yield (
+            view.id,
+            pictures.picture(
+                evidence.session,
+                view,
+                evidence.light.scale,
+                evidence.light.responses[name],
+                record.camera(name).camera_from_rec709,
+                (summaries[view.id].width, summaries[view.id].height),
+                factor,
+            ),
+        )
+
+
+def _measured_without_poses(evidence: Evidence) -> str:
+    """What there is without any pose, as the beginning of a sentence; empty if there is nothing."""
+    parts = {
+        "exposures and response": evidence.light.measured,
+        "the board's lenses": evidence.board is not None,
+        "sensors": evidence.has_sensor_frames,
+        "colours": bool(evidence.charts.evidence),
+    }
+    measured = ", ".join(part for part, there in parts.items() if there)
+    if measured:
+        return f"{measured} are measured"
+    named = any(sensor.camera_from_rec709 is not None for sensor in evidence.sensors.values())
+    return "colours are as the files say" if named else ""
+
+
+def _has_poses(session: Session) -> bool:
+    try:
+        return bool(read_calibration(session.folder).views)
+    except InputError:
+        return False

@@ -1,0 +1,47 @@
+"""Views placed one after another by COLMAP's incremental mapper."""
+
+from typing import Any
+
+from imaging.files.colmap import pycolmap
+from imaging.progress import Progress
+
+
+def map_views(
+    database: Any, views: int, max_error: float, fixed: frozenset[int], threads: int, progress: Progress
+) -> Any | None:
+    """The model of a database's matches that places the most views; None if no two can be placed.
+
+    views: how many there are. max_error: of a reprojection, px. fixed: cameras whose lenses stay.
+    """
+    options = pycolmap.IncrementalPipelineOptions()
+    options.constant_cameras = set(fixed)
+    options.min_model_size = 2
+    options.random_seed = 0
+    options.num_threads = threads
+    options.extract_colors = False
+    options.ba_refine_principal_point = False
+    options.mapper.init_min_tri_angle = 8
+    options.mapper.filter_max_reproj_error = max_error
+    options.triangulation.merge_max_reproj_error = max_error
+    options.triangulation.complete_max_reproj_error = max_error
+    options.triangulation.ignore_two_view_tracks = views >= 4
+    models = pycolmap.ReconstructionManager()
+    pipeline = pycolmap.IncrementalPipeline(options, database, models)
+    placed = 0
+
+    def begun() -> None:
+        nonlocal placed
+        placed = 2
+        progress("placing views", min(placed, views), views)
+
+    def another() -> None:
+        nonlocal placed
+        placed += 1
+        progress("placing views", min(placed, views), views)
+
+    progress("placing views", 0, views)
+    pipeline.add_callback(0, begun)  # the first pair of a model is placed
+    pipeline.add_callback(1, another)  # one more image is placed
+    pipeline.run()
+    every = [models.get(index) for index in range(models.size())]
+    return max(every, key=lambda model: model.num_reg_images(), default=None)
