@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 from usb.backend import IBackend
 
 from capture.bracket.exposure_choices import common_isos
-from capture.bracket.planner import Wanted
+from capture.bracket.planner import BracketGoals
 from capture.record.recorder import CaptureResult
 from capture.record.shooting import Say, nothing_beside, shoot
 from capture.record.source import CaptureRequest, Operator, Source, Stops
@@ -54,7 +54,7 @@ def capture_rig(
     kind: Subject = "scene",
     frames: int | None = None,
     bracket: Stops | None = None,
-    auto: Wanted | None = None,
+    auto: BracketGoals | None = None,
     resume: bool = False,
     compression: Compression = "none",
     operator: Operator | None = None,

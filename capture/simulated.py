@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
-from capture.bracket.planner import Wanted
+from capture.bracket.planner import BracketGoals
 from capture.record.recorder import CaptureResult, finished, planned_shots
 from capture.record.shooting import Say, shoot
 from capture.record.source import CaptureRequest, Source, Stops
@@ -30,7 +30,7 @@ def capture_simulated(
     kind: Subject = "scene",
     frames: int | None = None,
     bracket: Stops | None = None,
-    auto: Wanted | None = None,
+    auto: BracketGoals | None = None,
     resume: bool = False,
     compression: Compression = "none",
     mix: Mix | None = None,

@@ -13,8 +13,7 @@ from calib.boards.corners import Corners, find_all
 from calib.boards.measure import Group, solve_group
 from drivers.sim.camera.lens import project
 from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.scene.board import Board as Shown
-from drivers.sim.scene.board import board_from_rig
+from drivers.sim.scene.board import SimulatedBoard, board_from_rig
 from imaging.progress import unreported
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
@@ -24,7 +23,7 @@ WIDTH, HEIGHT, FRAMES, NOISE = 960, 720, 25, 0.06
 EDGE = 5.0
 """px; no detector finds a corner nearer to the edge."""
 FEWEST = 6
-SHOWN = Shown()
+SHOWN = SimulatedBoard()
 BOARD = Board(**SHOWN.description())
 
 

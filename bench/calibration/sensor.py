@@ -21,7 +21,7 @@ from bench.support.record import WORK, arguments, deliver, machine, words
 from calib.sensor import brackets, emva
 from calib.sensor.linearity import straightness
 from calib.sensor.stack import gather
-from drivers.sim.camera.sensor import Sensor, SensorModel
+from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from imaging.files import store
 
 Array = npt.NDArray[np.float64]
@@ -80,7 +80,7 @@ def end(model: SensorModel) -> float:
     return min(float(model.white if model.ceiling is None else model.ceiling), full)
 
 
-def shoot(sensor: Sensor, rng: np.random.Generator, levels: int = 8) -> emva.Frames:
+def shoot(sensor: SimulatedSensor, rng: np.random.Generator, levels: int = 8) -> emva.Frames:
     model, dark, even = sensor.model, np.zeros((SIDE, SIDE)), light(False, rng)
     darks, few = [], []
     for exposure in TIMES:
@@ -97,7 +97,7 @@ def shoot(sensor: Sensor, rng: np.random.Generator, levels: int = 8) -> emva.Fra
 
 
 def trial(model: SensorModel, seed: int) -> dict[str, Any]:
-    sensor, rng = Sensor(model, SIDE, SIDE, seed, "bench"), np.random.default_rng((seed, 1))
+    sensor, rng = SimulatedSensor(model, SIDE, SIDE, seed, "bench"), np.random.default_rng((seed, 1))
     frames = shoot(sensor, rng)
     found, _ = emva.measure(frames, nominal(model), 100.0)
     true = {
@@ -125,7 +125,7 @@ def trial(model: SensorModel, seed: int) -> dict[str, Any]:
     return row | _defects(sensor, frames, {(one.x, one.y) for one in found.defects or ()})
 
 
-def _defects(sensor: Sensor, frames: emva.Frames, found: set[tuple[int, int]]) -> dict[str, int]:
+def _defects(sensor: SimulatedSensor, frames: emva.Frames, found: set[tuple[int, int]]) -> dict[str, int]:
     model, longest = sensor.model, TIMES[-1]
     usual = model.dark_current * longest
     scatter = np.sqrt(model.read_noise**2 + usual + 1 / 12 / model.gain**2) / np.sqrt(DARKS)
@@ -138,7 +138,7 @@ def _defects(sensor: Sensor, frames: emva.Frames, found: set[tuple[int, int]]) -
 
 
 def bracket_trial(model: SensorModel, seed: int) -> dict[str, Any]:
-    sensor = Sensor(model, SIDE, SIDE, seed, "bench")
+    sensor = SimulatedSensor(model, SIDE, SIDE, seed, "bench")
     rng = np.random.default_rng((seed, 2))
     known, pairs = nominal(model), []
     for _ in range(4):

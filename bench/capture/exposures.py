@@ -24,7 +24,7 @@ import numpy.typing as npt
 from bench.support.record import arguments, deliver, machine, words
 from capture.check import developed_ratios
 from capture.check.check import check
-from capture.check.exposure_estimates import Estimate, estimates, meant, raw_edges
+from capture.check.exposure_estimates import ExposureEstimate, estimates, meant, raw_edges
 from capture.imports.photos import import_photos
 from capture.pictures import reduced
 from drivers.camera import CameraFile
@@ -114,7 +114,7 @@ def brackets(
 
 def _raw(
     own: Sequence[Sequence[reduced.ReducedPicture]], labels: Sequence[Exposure]
-) -> list[list[Estimate | None]]:
+) -> list[list[ExposureEstimate | None]]:
     scale = np.log([label.scale for label in labels])
     linear = [[one.linear for one in seen if one.linear is not None] for seen in own]
     return [estimates(labels, raw_edges(frames, scale)) for frames in linear]
@@ -122,7 +122,7 @@ def _raw(
 
 def _developed(
     own: Sequence[Sequence[reduced.ReducedPicture]], labels: Sequence[Exposure]
-) -> list[list[Estimate | None]]:
+) -> list[list[ExposureEstimate | None]]:
     patches = [[one.patches for one in seen if one.patches is not None] for seen in own]
     codes = [developed_ratios.codes_of(one, meant(labels)) for one in patches]
     curves = developed_ratios.curves(codes)
@@ -130,7 +130,7 @@ def _developed(
 
 
 def _bracket(
-    estimated: Sequence[Estimate | None], truth: Sequence[float], labels: Sequence[Exposure]
+    estimated: Sequence[ExposureEstimate | None], truth: Sequence[float], labels: Sequence[Exposure]
 ) -> Bracket:
     scale = [np.nan if one is None else one.exposure.scale for one in estimated]
     return Bracket(np.log(scale) - np.log(truth), np.log([label.scale for label in labels]))

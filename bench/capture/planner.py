@@ -23,10 +23,10 @@ from bench.capture.planner_cases import SENSORS, Case, demands, draw, fewest, no
 from bench.support.record import arguments, deliver, machine, words
 from capture.bracket.exposure_choices import exposure_list
 from capture.bracket.metering import meter
-from capture.bracket.planner import SLACK, Plan, Wanted, plan_bracket
+from capture.bracket.planner import SLACK, BracketGoals, BracketPlan, plan_bracket
 from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
-from drivers.sim.camera.sensor import Sensor, SensorModel
+from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from drivers.sim.rigs import simulate
 from imaging.cfa import mosaic
 from imaging.exposure import Exposure
@@ -38,12 +38,12 @@ LONG = 2.0
 """Seconds from which dark current, of which no file tells, is looked at by itself."""
 
 
-def planned(case: Case) -> Plan:
-    return plan_bracket(case.targets, listed(case), Wanted(snr=case.snr))
+def planned(case: Case) -> BracketPlan:
+    return plan_bracket(case.targets, listed(case), BracketGoals(snr=case.snr))
 
 
 def listed(case: Case) -> tuple[Exposure, ...]:
-    return exposure_list(case.times, case.isos, 4.0, Wanted())
+    return exposure_list(case.times, case.isos, 4.0, BracketGoals())
 
 
 def against_brute_force(sensor: SensorModel, cases: list[Case]) -> dict[str, Any]:
@@ -83,7 +83,7 @@ def against_brute_force(sensor: SensorModel, cases: list[Case]) -> dict[str, Any
     }
 
 
-def hand_over(case: Case, plan: Plan) -> float:
+def hand_over(case: Case, plan: BracketPlan) -> float:
     """The least SNR, dB, that an exposure gives where the next longer one ends; infinite if none does."""
     worst = math.inf
     for target in case.targets:
@@ -94,7 +94,7 @@ def hand_over(case: Case, plan: Plan) -> float:
     return worst
 
 
-def decisive(case: Case, plan: Plan) -> list[tuple[Exposure, float, float]]:
+def decisive(case: Case, plan: BracketPlan) -> list[tuple[Exposure, float, float]]:
     """(exposure, radiance, predicted dB) at the ends of the scene and at the hand-overs, where unclipped."""
     points = []
     ascending = list(plan.exposures)
@@ -121,7 +121,7 @@ def sensor_differences(
     found = []
     for number, case in enumerate(cases):
         one = unit(sensor, rng)
-        sold = Sensor(replace(one, dark_current=0.0) if cold else one, SIDE, SIDE, seed, number)
+        sold = SimulatedSensor(replace(one, dark_current=0.0) if cold else one, SIDE, SIDE, seed, number)
         for shot, radiance, predicted in decisive(case, planned(case)):
             if cold and shot.time <= LONG:
                 continue
@@ -150,11 +150,11 @@ def rig_differences(seed: int, takes: int) -> tuple[Values, Values]:
         ramp = 8.0 * 2.0 ** np.linspace(-stops / 2, stops / 2, lens.width)[None, :, None]
         view = np.broadcast_to(ramp, (lens.height, lens.width, 3))
         camera = SimulatedCamera(body, lambda frame, view=view: view)
-        exposures = exposure_list(camera.capabilities().times, (100.0,), 4.0, Wanted())
+        exposures = exposure_list(camera.capabilities().times, (100.0,), 4.0, BracketGoals())
         targets = meter({"cam0": camera}, exposures).targets
         truth = mosaic(body.optics.exposure(view), body.cfa)
         levels = np.rint(4 * np.log2(truth)).astype(int)
-        for shot in plan_bracket(targets, exposures, Wanted()).exposures:
+        for shot in plan_bracket(targets, exposures, BracketGoals()).exposures:
             frames = []
             for _ in range(takes):
                 camera.set_exposure(shot)

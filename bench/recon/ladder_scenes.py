@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.support.oracle import calibrate_from_truth
 from calib.calibrate import calibrate
-from capture.bracket.planner import Wanted
+from capture.bracket.planner import BracketGoals
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import simulate
 from drivers.sim.truth import pose_of
@@ -175,7 +175,7 @@ def session(scene: Scene, work: Path) -> Path:
     settings = {**PLAIN, "scene": "gallery" if seed % 2 else "table", **kind.settings}
     with mock.patch("capture.simulated.simulate", partial(simulate, **settings)):
         if not (folder / "truth" / "truth.json").exists():
-            auto = Wanted(snr=SNR) if kind.stops == "auto" else None
+            auto = BracketGoals(snr=SNR) if kind.stops == "auto" else None
             stops = None if isinstance(kind.stops, str) else kind.stops
             capture_simulated(kind.rig, folder, seed=seed, bracket=stops, auto=auto)
     if (folder / "calibration" / "calibration.json").exists():

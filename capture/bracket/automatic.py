@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from capture.bracket.code_noise import ASSUMED, CodeNoise
 from capture.bracket.exposure_choices import common_isos, common_times, exposure_list, without_idle_isos
 from capture.bracket.metering import Metering, meter
-from capture.bracket.planner import Plan, Target, Wanted, plan_bracket
+from capture.bracket.planner import BracketGoals, BracketPlan, Target, plan_bracket
 from drivers.camera import Camera
 from imaging.exposure import Exposure
 
@@ -15,7 +15,7 @@ from imaging.exposure import Exposure
 class Automatic:
     """A planned bracket, what it was planned for, and why it is as it is."""
 
-    plan: Plan
+    plan: BracketPlan
     metering: Metering
     reason: str
 
@@ -23,7 +23,7 @@ class Automatic:
 def plan_automatically(
     cameras: Mapping[str, Camera],
     like: Exposure,
-    wanted: Wanted,
+    wanted: BracketGoals,
     *,
     frames: Sequence[int] = (0,),
     move_to: Callable[[int], None] = lambda frame: None,
@@ -52,13 +52,13 @@ def meter_rig(
     move_to: Callable[[int], None] = lambda frame: None,
 ) -> Metering:
     """What a bracket that was chosen otherwise is up against."""
-    return _metered(cameras, like, Wanted(), frames, move_to)[0]
+    return _metered(cameras, like, BracketGoals(), frames, move_to)[0]
 
 
 def _metered(
     cameras: Mapping[str, Camera],
     like: Exposure,
-    wanted: Wanted,
+    wanted: BracketGoals,
     frames: Sequence[int],
     move_to: Callable[[int], None],
 ) -> tuple[Metering, tuple[Exposure, ...]]:
@@ -70,7 +70,7 @@ def _metered(
     return meter(cameras, lowest, positions=positions, move_to=move_to), exposures
 
 
-def _reason(plan: Plan, metering: Metering, wanted: Wanted) -> str:
+def _reason(plan: BracketPlan, metering: Metering, wanted: BracketGoals) -> str:
     """One paragraph for plans.jsonl."""
     limits = [
         f"{name} {value:g}{unit}"

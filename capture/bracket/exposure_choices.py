@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from capture.bracket.deviation import deviates
-from capture.bracket.planner import SLACK, Target, Wanted
+from capture.bracket.planner import SLACK, BracketGoals, Target
 from drivers.camera import Capabilities
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure
@@ -34,7 +34,7 @@ def _bare(time: float) -> Exposure:
 
 
 def exposure_list(
-    times: Sequence[float], isos: Sequence[float | None], f_number: float | None, wanted: Wanted
+    times: Sequence[float], isos: Sequence[float | None], f_number: float | None, wanted: BracketGoals
 ) -> tuple[Exposure, ...]:
     """The exposures to choose from, in ascending order of their scale; InputError if a limit leaves none.
 

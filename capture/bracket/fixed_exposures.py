@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from capture.bracket.automatic import worths
 from capture.bracket.deviation import TOLERANCE_STOPS
 from capture.bracket.exposure_choices import common_isos, common_times, exposure_list
-from capture.bracket.planner import Target, Wanted
+from capture.bracket.planner import BracketGoals, Target
 from drivers.camera import Camera
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure
@@ -54,7 +54,7 @@ def single_exposures(
 ) -> tuple[Exposure, ...]:
     """Exposures for a single shot, ascending: at the lowest ISO, or higher ones once the time is up."""
     able = [camera.capabilities() for camera in cameras.values()]
-    listed = exposure_list(common_times(able), common_isos(able), f_number, Wanted(slowest=slowest))
+    listed = exposure_list(common_times(able), common_isos(able), f_number, BracketGoals(slowest=slowest))
     return listed if slowest is not None else tuple(e for e in listed if e.iso == listed[0].iso)
 
 

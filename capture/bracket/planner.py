@@ -32,7 +32,7 @@ exposure would."""
 
 
 @dataclass(frozen=True)
-class Wanted:
+class BracketGoals:
     """What a bracket has to reach, and what it may not exceed; None: whatever the cameras can do.
 
     snr: dB; slowest: of one exposure, s; total: of all exposures of a bracket together, s.
@@ -96,7 +96,7 @@ class Shortfall:
 
 
 @dataclass(frozen=True)
-class Plan:
+class BracketPlan:
     """Exposures in ascending order of their scale, and what they leave out."""
 
     exposures: tuple[Exposure, ...]
@@ -108,7 +108,9 @@ class Plan:
         return sum(exposure.time for exposure in self.exposures)
 
 
-def plan_bracket(targets: Sequence[Target], exposures: Sequence[Exposure], wanted: Wanted) -> Plan:
+def plan_bracket(
+    targets: Sequence[Target], exposures: Sequence[Exposure], wanted: BracketGoals
+) -> BracketPlan:
     """The fewest of `exposures` that show all targets at the wanted SNR, unclipped.
 
     Of those that take at most BALANCE times as long as the quickest, the one whose SNR where one exposure
@@ -130,8 +132,8 @@ def plan_bracket(targets: Sequence[Target], exposures: Sequence[Exposure], wante
 
 
 def _balanced(
-    plan: Plan, targets: Sequence[Target], exposures: Sequence[Exposure], snr: float, most: float
-) -> Plan:
+    plan: BracketPlan, targets: Sequence[Target], exposures: Sequence[Exposure], snr: float, most: float
+) -> BracketPlan:
     """As few exposures that miss no more, take at most `most` seconds, and hardly longer than `plan`."""
     count = len(plan.exposures)
     if count == 1:
@@ -168,7 +170,7 @@ class _Open:
         return first if first and (first[2] > self.reach or first[2] >= self.target.bright) else None
 
 
-def _cover(targets: Sequence[Target], exposures: Sequence[Exposure], snr: float) -> Plan:
+def _cover(targets: Sequence[Target], exposures: Sequence[Exposure], snr: float) -> BracketPlan:
     """Set cover from the dark end; what no exposure shows is skipped and listed."""
     waiting = [_Open(target, target.dark, _useful(target, exposures, snr)) for target in targets]
     missed: list[Shortfall] = []
@@ -196,7 +198,7 @@ def _cover(targets: Sequence[Target], exposures: Sequence[Exposure], snr: float)
         chosen.add(max(fit, default=0))
     missed = [_unbounded(shortfall, targets) for shortfall in _joined(missed)]
     missed += _unknown(targets, missed)
-    return Plan(tuple(exposures[index] for index in sorted(chosen)), tuple(missed))
+    return BracketPlan(tuple(exposures[index] for index in sorted(chosen)), tuple(missed))
 
 
 def _useful(target: Target, exposures: Sequence[Exposure], snr: float) -> list[tuple[int, float, float]]:

@@ -13,7 +13,7 @@ from capture.check.masks import mask_problems
 from capture.check.repair import RepairReport, repair
 from capture.check.shot_index import read_index, stray_files
 from capture.check.warnings import warnings
-from capture.pictures.read import Picture
+from capture.pictures.read import PictureFacts
 from capture.record.recorder import leftovers, planned_shots
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -225,7 +225,7 @@ def _skews(shots: Iterable[ShotRecord]) -> Iterator[StepSkew]:
 
 def _exposed(pictures: Sequence[tuple[ShotRecord, Read]]) -> Iterator[Exposed]:
     """Clipping by camera and exposure; brightest first."""
-    groups: dict[tuple[str, Exposure | None], list[tuple[ShotRecord, Picture]]] = {}
+    groups: dict[tuple[str, Exposure | None], list[tuple[ShotRecord, PictureFacts]]] = {}
     for shot, read in pictures:
         groups.setdefault((shot.camera, shot.requested or shot.reported), []).append((shot, read.picture))
 

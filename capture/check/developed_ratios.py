@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
 
-from capture.pictures.reduced import Patches
+from capture.pictures.reduced import PatchCodes
 from imaging.colour import srgb_decode
 from imaging.merge.ratios import LABEL_SIGMA, Ratio
 
@@ -44,7 +44,7 @@ FEWEST_PARTS, FEWEST_OF_PART = 4, 4
 
 
 @dataclass(frozen=True, eq=False)
-class Codes:
+class BracketCodes:
     """Patches of one bracket: code [n, S], 0..255, NaN where of no use; group int [n]: part of the picture.
 
     labels: [S], ln of the exposures.
@@ -55,7 +55,7 @@ class Codes:
     labels: Array
 
 
-def codes_of(bracket: Sequence[Patches], labels: Array) -> Codes:
+def codes_of(bracket: Sequence[PatchCodes], labels: Array) -> BracketCodes:
     """Smooth patches of all brightnesses of one bracket, its exposures in order of `labels`."""
     mean = np.stack([codes.mean for codes in bracket]).astype(np.float64)
     low, high = np.stack([codes.low for codes in bracket]), np.stack([codes.high for codes in bracket])
@@ -76,7 +76,7 @@ def codes_of(bracket: Sequence[Patches], labels: Array) -> Codes:
     picked = np.concatenate([sites[:: max(1, -(-len(sites) * BINS // MOST))] for sites in chosen])
     parts = (row * GROUPS // usable.shape[0]) * GROUPS + column * GROUPS // usable.shape[1]
     code = np.where(inside, mean, np.nan)[:, row[picked], column[picked]].T
-    return Codes(code, parts[picked], labels)
+    return BracketCodes(code, parts[picked], labels)
 
 
 def _fog(mean: Array, labels: Array) -> float:
@@ -111,14 +111,14 @@ class _Pairs:
 
 
 @dataclass(frozen=True, eq=False)
-class Curves:
+class ToneCurves:
     """ln of light against code, at codes 0..255: as fitted, and the stiffer one that it is held against."""
 
     fitted: Array
     stiff: Array
 
 
-def curves(brackets: Sequence[Codes]) -> Curves | None:
+def curves(brackets: Sequence[BracketCodes]) -> ToneCurves | None:
     """The curve of a camera from its brackets; None where no three different exposures overlap."""
     if not brackets:
         return None
@@ -145,10 +145,10 @@ def curves(brackets: Sequence[Codes]) -> Curves | None:
         return None
     place = np.searchsorted(used, np.arange(len(labels)))
     joined = replace(joined, from_step=place[joined.from_step], to_step=place[joined.to_step])
-    return Curves(*(_fit(joined, labels[used], weight) for weight in SMOOTHNESS))
+    return ToneCurves(*(_fit(joined, labels[used], weight) for weight in SMOOTHNESS))
 
 
-def edges(codes: Codes, curves: Curves) -> dict[tuple[int, int], Ratio]:
+def edges(codes: BracketCodes, curves: ToneCurves) -> dict[tuple[int, int], Ratio]:
     """Exposure ratios between the neighbours of one bracket: [longer, shorter] by their place in `labels`."""
     ratios = {}
     order = np.argsort(codes.labels, kind="stable")
@@ -190,7 +190,7 @@ def _spread(values: Array, weight: Array, group: npt.NDArray[np.intp]) -> float 
     return float(np.std(means, ddof=1) / np.sqrt(len(means)))
 
 
-def _pairs(codes: Codes, first: int) -> _Pairs:
+def _pairs(codes: BracketCodes, first: int) -> _Pairs:
     """Every patch in every two neighbouring exposures that show it; shots are numbered from `first` on."""
     order = np.argsort(codes.labels, kind="stable")
     index = order + first

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from capture.check import developed_ratios, focus, motion
-from capture.check.exposure_estimates import Estimate, estimates, meant, raw_edges
+from capture.check.exposure_estimates import ExposureEstimate, estimates, meant, raw_edges
 from capture.check.findings import ProblemKind, ShotLook
-from capture.pictures.read import Examined, Picture, examine
+from capture.pictures.read import Examined, PictureFacts, examine
 from capture.pictures.reduced import ReducedPicture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -38,7 +38,7 @@ Shots = Sequence[ShotRecord]
 class Read:
     """A file that could be read, and what it shows."""
 
-    picture: Picture
+    picture: PictureFacts
     sha256: str
     look: ShotLook
     thumbnail: bytes
@@ -48,7 +48,7 @@ class _Comparable(NamedTuple):
     """A shot that can be compared with the rest of its bracket."""
 
     shot: ShotRecord
-    picture: Picture
+    picture: PictureFacts
     reduced: ReducedPicture
 
 
@@ -63,7 +63,7 @@ class _Undecided:
     camera: str
     files: list[str]
     labels: list[Exposure]
-    codes: developed_ratios.Codes
+    codes: developed_ratios.BracketCodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +152,7 @@ def _counts(session: Session, shot: ShotRecord) -> Bool | None:
         return None
 
 
-def _look(shot: ShotRecord, picture: Picture) -> ShotLook:
+def _look(shot: ShotRecord, picture: PictureFacts) -> ShotLook:
     return ShotLook(
         kind=shot.kind,
         picture=picture.kind,
@@ -232,7 +232,7 @@ def _estimated(shots: Sequence[_Comparable], looks: dict[str, ShotLook]) -> _Und
     )
 
 
-def _developed(brackets: Sequence[_Bracket]) -> Iterable[tuple[str, Estimate | None]]:
+def _developed(brackets: Sequence[_Bracket]) -> Iterable[tuple[str, ExposureEstimate | None]]:
     """Estimates of the shots that cameras developed: the curve of a camera is that of all its brackets."""
     by_camera: dict[str, list[_Undecided]] = {}
     for bracket in brackets:
@@ -249,7 +249,7 @@ def _developed(brackets: Sequence[_Bracket]) -> Iterable[tuple[str, Estimate | N
             yield from zip(waiting.files, estimated, strict=True)
 
 
-def _with(look: ShotLook, estimate: Estimate | None) -> ShotLook:
+def _with(look: ShotLook, estimate: ExposureEstimate | None) -> ShotLook:
     if estimate is None:
         return look
     return look.model_copy(

@@ -28,7 +28,7 @@ NEIGHBOURS = 2
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ExposureEstimate:
     """One exposure of a bracket. stops: of the estimate over the label, and over what the label stands for.
 
     error: standard error in stops, of the exposure against the others of its bracket.
@@ -52,11 +52,13 @@ def raw_edges(frames: Sequence[LinearFrame], labels: Array) -> dict[tuple[int, i
     return ratios
 
 
-def estimates(exposures: Sequence[Exposure], edges: Mapping[tuple[int, int], Ratio]) -> list[Estimate | None]:
+def estimates(
+    exposures: Sequence[Exposure], edges: Mapping[tuple[int, int], Ratio]
+) -> list[ExposureEstimate | None]:
     """The exposures of a bracket from their labels and the ratios between them, as logarithms."""
     if not edges:
         return [None] * len(exposures)
-    results: list[Estimate | None] = [None] * len(exposures)
+    results: list[ExposureEstimate | None] = [None] * len(exposures)
     for group in _linked(len(exposures), edges):
         place = {step: index for index, step in enumerate(group)}
         within = {(place[a], place[b]): edge for (a, b), edge in edges.items() if a in place}
@@ -73,18 +75,20 @@ def _linked(count: int, edges: Mapping[tuple[int, int], Ratio]) -> list[list[int
     return [group for group in groups if len(group) > 1]
 
 
-def _solved(exposures: Sequence[Exposure], edges: Mapping[tuple[int, int], Ratio]) -> list[Estimate | None]:
+def _solved(
+    exposures: Sequence[Exposure], edges: Mapping[tuple[int, int], Ratio]
+) -> list[ExposureEstimate | None]:
     labels = np.log([exposure.scale for exposure in exposures])
     # A shutter's round name may be meant as it is, or for a power of two: whichever explains the pictures.
     trials = [(base, *solve(base, edges)) for base in (labels, meant(exposures))]
     base, scales, errors = min(trials, key=lambda fit: float(np.minimum(np.abs(fit[1] - fit[0]), 0.3).sum()))
-    results: list[Estimate | None] = []
+    results: list[ExposureEstimate | None] = []
     for exposure, label, intended, scale, error in zip(
         exposures, labels.tolist(), base.tolist(), scales.tolist(), errors.tolist(), strict=True
     ):
         estimated = exposure.with_time(exposure.time * math.exp(scale - label))
         stops = [value / math.log(2) for value in (scale - label, scale - intended, error)]
-        results.append(Estimate(estimated, *stops) if error <= TRUSTED else None)
+        results.append(ExposureEstimate(estimated, *stops) if error <= TRUSTED else None)
     return results
 
 

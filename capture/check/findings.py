@@ -28,13 +28,13 @@ ProblemKind = Literal[
 ]
 
 
-class Model(BaseModel):
+class FindingModel(BaseModel):
     """Base of the reports: frozen, strict about fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Problem(Model):
+class Problem(FindingModel):
     """Something that is wrong: `message` is one sentence that ends with how to fix it.
 
     file: relative to the session; "" if it is about no file.
@@ -48,7 +48,7 @@ class Problem(Model):
     message: str
 
 
-class Exposed(Model):
+class Exposed(FindingModel):
     """How one exposure of one camera came out, over all frames.
 
     clipped: mean share of the samples of red, green and blue at the top of the range, 0..1.
@@ -63,7 +63,7 @@ class Exposed(Model):
     max_skew: float | None
 
 
-class ShotLook(Model):
+class ShotLook(FindingModel):
     """What the picture of one sound shot shows.
 
     estimated: what the exposure was, from overlapping pixels of its bracket; None where those tell less
@@ -95,7 +95,7 @@ class ShotLook(Model):
     moved: float | None = None
 
 
-class StepSkew(Model):
+class StepSkew(FindingModel):
     """Seconds between the first and the last shutter of one bracket step."""
 
     kind: Subject
@@ -105,7 +105,7 @@ class StepSkew(Model):
     skew: float
 
 
-class CheckReport(Model):
+class CheckReport(FindingModel):
     """What `check` found. planned: shots of all plans; shots: records; sound: files that are proven.
 
     problems: files and records that are not as they should be. warnings: pictures that are whole, and

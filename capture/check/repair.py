@@ -5,7 +5,7 @@ import re
 from glob import escape
 from pathlib import Path
 
-from capture.check.findings import Model
+from capture.check.findings import FindingModel
 from capture.check.shot_index import read_index, stray_files
 from capture.pictures.read import read_picture
 from capture.record.shot_files import ShotId, mask_file, shot_file
@@ -18,7 +18,7 @@ from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 
 
-class RepairReport(Model):
+class RepairReport(FindingModel):
     """What `repair` did. dropped, added: files; left: a sentence for each file that is still no shot.
 
     backup: the index as it was before; None if nothing had to be changed.

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.imports.clock_matching import Together, match_frames
-from capture.imports.grouping import Bracket, Series, split_into_brackets
+from capture.imports.grouping import Bracket, PhotoSeries, split_into_brackets
 from capture.imports.layouts.given import Given, GivenPhoto
 from capture.imports.originals import Original
 from imaging.session.records import CameraRecord
@@ -23,7 +23,7 @@ class Numbered:
 
 
 def frames_in_time(
-    series: Sequence[Series], count: int | None, together: Together | None
+    series: Sequence[PhotoSeries], count: int | None, together: Together | None
 ) -> tuple[list[Numbered], list[str]]:
     """Brackets of `count` photographs, or as guessed; those of one instant share a frame.
 
@@ -47,7 +47,7 @@ def frames_in_time(
 
 
 def frames_of_layout(
-    series: Sequence[Series], given: Given, count: int | None, together: Together | None
+    series: Sequence[PhotoSeries], given: Given, count: int | None, together: Together | None
 ) -> tuple[list[Numbered], list[str]]:
     """Brackets and frames as a layout has them, where it tells any and `count` says nothing else.
 
@@ -79,7 +79,7 @@ def frames_of_layout(
     return numbered, [entry.why for entry in numbered]
 
 
-def _numbered_by_layout(series: Series, photo_of: Mapping[Path, GivenPhoto]) -> dict[int, Bracket]:
+def _numbered_by_layout(series: PhotoSeries, photo_of: Mapping[Path, GivenPhoto]) -> dict[int, Bracket]:
     brackets: dict[int, Bracket] = {}
     for original in series.originals:
         frame = photo_of[original.path].frame

@@ -29,7 +29,7 @@ Identity = Literal["serial", "folder", "one"]
 
 
 @dataclass(frozen=True)
-class Series:
+class PhotoSeries:
     """The photographs of one camera, in order."""
 
     camera: CameraRecord
@@ -41,7 +41,7 @@ def sort_into_cameras(
     originals: Sequence[Original],
     by: Identity | None = None,
     lenses: Mapping[Path, str] | None = None,
-) -> tuple[list[Series], list[str]]:
+) -> tuple[list[PhotoSeries], list[str]]:
     """One camera a serial number, else a make and model, else a folder; sizes are never mixed.
 
     by: sorted by this instead. lenses: a layout's word for the camera of each photograph; it is believed
@@ -61,12 +61,12 @@ def sort_into_cameras(
             members[next(iter(homes))].append(original)
     place = {original.path: number for number, original in enumerate(originals)}
     names: set[str] = set()
-    series: list[Series] = []
+    series: list[PhotoSeries] = []
     guesses: list[str] = []
     for key, mine in members.items():
         camera = _camera(folder, mine[0], key, names)
         ordered = sorted(mine, key=lambda original: place[original.path])
-        series.append(Series(camera, tuple(ordered if lenses else _in_time(ordered))))
+        series.append(PhotoSeries(camera, tuple(ordered if lenses else _in_time(ordered))))
         photos = "1 photo is" if len(mine) == 1 else f"{len(mine)} photos are"
         how = "as given" if by is not None else "--cameras sorts them otherwise"
         guesses.append(f"{photos} of the camera {camera.name}, by {_reason(key, by)}; {how}.")
@@ -137,7 +137,7 @@ def _plain(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", ascii_text).strip("-")[:40].strip("-") or "camera"
 
 
-def split_into_brackets(series: Series, count: int | None) -> tuple[list[Bracket], str]:
+def split_into_brackets(series: PhotoSeries, count: int | None) -> tuple[list[Bracket], str]:
     """The brackets of a camera in order, one a frame, and why: every `count` photos, or guessed."""
     name, photos = series.camera.name, list(series.originals)
     if count is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from capture.imports.exposure_list import NAME as EXPOSURE_LIST
 from capture.imports.exposure_list import read_exposure_list
-from capture.pictures.read import Kind, Picture, kind_of, read_picture
+from capture.pictures.read import Kind, PictureFacts, kind_of, read_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.progress import Progress
@@ -29,7 +29,7 @@ class Original:
 
     path: Path
     kind: Kind
-    picture: Picture | None
+    picture: PictureFacts | None
     exposure: Exposure | None = None
     error: str | None = None
 

@@ -28,7 +28,7 @@ LIT = 0.02
 
 
 @dataclass(frozen=True)
-class Picture:
+class PictureFacts:
     """A picture file that could be read to its end.
 
     clipped: share of the samples of red, green and blue that are at the top of the range, 0..1;
@@ -52,7 +52,7 @@ class Picture:
 class Examined:
     """A picture, what of it is compared with others (None: it is too small), and a thumbnail as JPEG."""
 
-    picture: Picture
+    picture: PictureFacts
     reduced: ReducedPicture | None
     thumbnail: bytes
 
@@ -66,7 +66,7 @@ def kind_of(path: Path) -> Kind | None:
     return "ldr" if is_photo(path) else None
 
 
-def read_picture(path: Path) -> Picture:
+def read_picture(path: Path) -> PictureFacts:
     """Read a whole file; InputError if it is no picture, or is torn."""
     return _shares(path, _content(path))
 
@@ -92,11 +92,11 @@ def examine(path: Path, counts: Bool | None = None) -> Examined:
     return Examined(picture, small, thumbnails.of_light(content))
 
 
-def _fitting(counts: Bool | None, picture: Picture) -> Bool | None:
+def _fitting(counts: Bool | None, picture: PictureFacts) -> Bool | None:
     return None if counts is None or counts.shape != (picture.height, picture.width) else counts
 
 
-def _large(picture: Picture) -> bool:
+def _large(picture: PictureFacts) -> bool:
     return min(picture.width, picture.height) >= SMALLEST
 
 
@@ -111,20 +111,22 @@ def _content(path: Path) -> RawMosaic | Photo | npt.NDArray[np.float32]:
     raise InputError(f"{path} is not a picture that rig reads: give RAW, JPEG, PNG, TIFF, EXR or HDR.")
 
 
-def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) -> Picture:
+def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) -> PictureFacts:
     if isinstance(content, RawMosaic):
         return _of_mosaic(content, from_raw(content, 1.0))
     if isinstance(content, Photo):
         height, width = content.pixels.shape[:2]
         shares = _photo_shares(content.pixels)
         glass, profile = content.transparent, content.profile
-        return Picture("ldr", width, height, content.metadata, *shares, transparent=glass, profile=profile)
+        return PictureFacts(
+            "ldr", width, height, content.metadata, *shares, transparent=glass, profile=profile
+        )
     height, width = content.shape[:2]
     black = float(np.mean(content <= 0))
-    return Picture("hdr", width, height, read_metadata(path), (0.0, 0.0, 0.0), black, 1.0 - black)
+    return PictureFacts("hdr", width, height, read_metadata(path), (0.0, 0.0, 0.0), black, 1.0 - black)
 
 
-def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> Picture:
+def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> PictureFacts:
     height, width = mosaic.pixels.shape
     saturated, signal = frame.saturated, frame.signal
     clipped, sites = [0, 0, 0], [0, 0, 0]
@@ -134,7 +136,7 @@ def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> Picture:
         sites[int(channel)] += plane.size
     red, green, blue = (count / max(every, 1) for count, every in zip(clipped, sites, strict=True))
     black, lit = np.count_nonzero(signal <= 0) / signal.size, np.count_nonzero(signal > LIT) / signal.size
-    return Picture("raw", width, height, mosaic.metadata, (red, green, blue), black, lit)
+    return PictureFacts("raw", width, height, mosaic.metadata, (red, green, blue), black, lit)
 
 
 def _photo_shares(pixels: npt.NDArray[np.float32]) -> tuple[tuple[float, float, float], float, float]:

@@ -28,7 +28,7 @@ _LIGHT = np.asarray(srgb_decode(np.linspace(0.0, 1.0, 65_536)), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
-class Patches:
+class PatchCodes:
     """Green of a developed photograph in square patches: mean, least, largest code 0..255, float32 [h, w].
 
     The mean is NaN where a patch holds a pixel that a mask hides.
@@ -52,7 +52,7 @@ class ReducedPicture:
     clipped: Bool
     noise: SensorSignalNoise
     linear: LinearFrame | None
-    patches: Patches | None
+    patches: PatchCodes | None
 
 
 def of_raw(frame: LinearFrame, cfa: Cfa) -> ReducedPicture:
@@ -120,7 +120,7 @@ def _hidden(counts: Bool | None, green: Float) -> Bool:
     return _halved(counts.astype(np.float32)) < 1.0
 
 
-def _patches(codes: Float, counts: Bool | None) -> Patches:
+def _patches(codes: Float, counts: Bool | None) -> PatchCodes:
     size = max(3, codes.shape[1] // WIDEST)
     height, width = codes.shape[0] // size, codes.shape[1] // size
     cut = 255 * codes[: height * size, : width * size]
@@ -129,7 +129,7 @@ def _patches(codes: Float, counts: Bool | None) -> Patches:
     if counts is not None:
         whole = cv2.erode(counts[: height * size, : width * size].astype(np.uint8), square)[middle]
         mean[whole == 0] = np.nan
-    return Patches(
+    return PatchCodes(
         mean,
         np.asarray(cv2.erode(cut, square)[middle], np.float32),
         np.asarray(cv2.dilate(cut, square)[middle], np.float32),

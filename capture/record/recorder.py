@@ -106,7 +106,7 @@ def record(
         _must_be(camera, session.camera(name))
     for leftover in leftovers(session):
         store.discard(leftover)
-    run = Run(session, plan, clock, progress, tolerance, leader)
+    run = CaptureRun(session, plan, clock, progress, tolerance, leader)
     save = partial(save_frame, session, compression)
     progress("shooting", run.kept, len(run.planned))
     if len(run.done) < len(run.planned):
@@ -137,7 +137,7 @@ def _exposure_of(requested: Exposure | None) -> Exposure:
     return requested
 
 
-class Run:
+class CaptureRun:
     """What one call of `record` has come to. kept: shots that were there before."""
 
     def __init__(

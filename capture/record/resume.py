@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from capture.bracket.fixed_exposures import exposures_around
-from capture.bracket.planner import Wanted
+from capture.bracket.planner import BracketGoals
 from capture.record.session_plan import asked_for
 from capture.record.source import CaptureRequest, Source
 from imaging.errors import InputError
@@ -92,7 +92,7 @@ def _must_be_the_bracket(session: Session, source: Source, request: CaptureReque
     middle = source.middle
     if (
         middle
-        and not isinstance(asked, Wanted)
+        and not isinstance(asked, BracketGoals)
         and exposures_around(middle, asked, source.cameras) == plan.bracket
     ):
         return

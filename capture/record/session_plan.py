@@ -14,7 +14,7 @@ from capture.bracket.fixed_exposures import (
     single_exposures,
 )
 from capture.bracket.metering import Metering
-from capture.bracket.planner import Wanted
+from capture.bracket.planner import BracketGoals
 from capture.record.source import CaptureRequest, Source, Stops
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -34,11 +34,11 @@ def plan_for(
     Exposures are metered where nothing else tells them. InputError and CaptureError say what cannot be.
     """
     frames = _frames(source, request, plans)
-    bracket: tuple[Exposure, ...] | Stops | Wanted | None = request.bracket
+    bracket: tuple[Exposure, ...] | Stops | BracketGoals | None = request.bracket
     if bracket is None and request.kind == "scene":
         bracket = source.bracket
     automatic: Automatic | None = None
-    if isinstance(bracket, Wanted):
+    if isinstance(bracket, BracketGoals):
         source.operator.show(request.kind)
         automatic = plan_automatically(
             source.cameras,
@@ -83,9 +83,9 @@ def plan_for(
     return plan, automatic
 
 
-def asked_for(bracket: tuple[Exposure, ...] | Stops | Wanted | None) -> str | None:
+def asked_for(bracket: tuple[Exposure, ...] | Stops | BracketGoals | None) -> str | None:
     """A bracket in the words in which it was asked for; None where it was not."""
-    if isinstance(bracket, Wanted):
+    if isinstance(bracket, BracketGoals):
         limits = [f"{name} {value:g}" for name, value in asdict(bracket).items() if value is not None]
         return ", ".join(["auto", *limits]).replace("_", " ")
     stops = [stop for stop in bracket or () if isinstance(stop, int | float)]
@@ -139,7 +139,7 @@ def _darks(
     scene = [exposure for plan in plans if plan.kind == "scene" for exposure in plan.bracket if exposure]
     if scene:
         return tuple(dict.fromkeys(scene)), "the exposures of the scene"
-    if isinstance(source.bracket, Wanted) or (source.middle is None and not _is_exact(source.bracket)):
+    if isinstance(source.bracket, BracketGoals) or (source.middle is None and not _is_exact(source.bracket)):
         raise InputError(
             "the darks need the exposures of the scene, which is not shot yet: "
             "shoot the scene first, or give exposures as --bracket -4,0,4."

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from capture.bracket.automatic import meter_rig
 from capture.bracket.metering import Metering
-from capture.bracket.planner import Plan
+from capture.bracket.planner import BracketPlan
 from capture.record.new_session import begin, folder_made, is_vacant
 from capture.record.recorder import CaptureResult, finished, planned_shots, record
 from capture.record.resume import continued, must_be_the_same
@@ -103,7 +103,7 @@ class Rehearsal:
     record: PlanRecord
     size: tuple[int, int] | None
     metering: Metering | None
-    plan: Plan | None = None
+    plan: BracketPlan | None = None
     unmetered: str | None = None
 
 

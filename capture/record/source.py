@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Protocol
 
-from capture.bracket.planner import Wanted
+from capture.bracket.planner import BracketGoals
 from drivers.camera import Camera
 from drivers.clock import Clock
 from imaging.exposure import Exposure
@@ -45,7 +45,7 @@ class Source:
     clock: Clock
     """That of the cameras' drivers."""
     operator: Operator
-    bracket: tuple[Exposure, ...] | Stops | Wanted
+    bracket: tuple[Exposure, ...] | Stops | BracketGoals
     """Exposures, stops around the middle one, or what a planned bracket has to reach."""
     middle: Exposure | None
     """The exposure that stops count from; metered if None."""
@@ -82,6 +82,6 @@ class CaptureRequest:
 
     kind: Subject = "scene"
     frames: int | None = None
-    bracket: Stops | Wanted | None = None
+    bracket: Stops | BracketGoals | None = None
     resume: bool = False
     compression: Compression = "none"

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from capture.bracket.planner import Wanted
+from capture.bracket.planner import BracketGoals
 from capture.check.check import SKEW_TOLERANCE
 from capture.rigfile.shutter_time import seconds_of
 from capture.rigfile.toml_lines import Path as KeyPath
@@ -108,15 +108,15 @@ class BracketTable(_Table):
     time: Seconds | None = None
     f_number: Positive | None = None
     iso: Positive | None = None
-    snr: Annotated[float, Field(strict=True, ge=0, le=60)] = Wanted.snr
+    snr: Annotated[float, Field(strict=True, ge=0, le=60)] = BracketGoals.snr
     slowest: Seconds | None = None
     total: Seconds | None = None
     highest_iso: Positive | None = None
 
     @property
-    def wanted(self) -> Wanted:
+    def wanted(self) -> BracketGoals:
         """What the planner is to reach."""
-        return Wanted(self.snr, self.slowest, self.total, self.highest_iso)
+        return BracketGoals(self.snr, self.slowest, self.total, self.highest_iso)
 
     def middle(self, lowest_iso: float | None) -> Exposure | None:
         """The middle exposure, if the file gives its time."""

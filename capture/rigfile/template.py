@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 
-from capture.bracket.planner import Wanted
+from capture.bracket.planner import BracketGoals
 from capture.check.check import SKEW_TOLERANCE
 from drivers.discovery import Listed
 from imaging.errors import CaptureError
@@ -12,6 +12,7 @@ from imaging.session.records import Board
 EXAMPLE = Board(columns=7, rows=5, square=0.15, marker=0.1125, dictionary="DICT_4X4_50")
 """The board that simulated cameras see."""
 
+_GOALS = BracketGoals()
 _HEAD = f"""\
 # The rig that `rig capture` shoots with; lines that begin with # say what else there is.
 # The command line overrides it: rig capture --help.
@@ -24,7 +25,7 @@ exposures = "auto"          # metered and planned; or stops around a middle expo
 # time = "1/60"             # the middle exposure of such stops; metered if not given
 {{f_number}}
 # iso = 100                 # of such stops; the lowest if not given
-snr = {Wanted.snr}                  # dB that the darkest of the scene has to reach; from here on for "auto"
+snr = {_GOALS.snr}                  # dB that the darkest of the scene has to reach; from here on for "auto"
 # slowest = "1/4"           # no exposure longer
 # total = 2                 # no bracket longer, all exposures added, in seconds
 # highest_iso = 400         # no ISO higher

@@ -13,7 +13,7 @@ from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
 from drivers.ptp.codes import PropertyCode
 from drivers.ptp.connection import Connection
-from drivers.ptp.exposure import SAME, Choice, Dial, apart
+from drivers.ptp.exposure import SAME, Dial, DialChoice, apart
 from drivers.ptp.picture import best_of, whole_file
 from drivers.ptp.session import Download, PtpSession
 from drivers.ptp.vendors.standard import StandardBody
@@ -54,7 +54,7 @@ class StoredShot:
 
     objects: list[Download]
     body: StandardBody
-    choices: list[tuple[Dial, Choice]]
+    choices: list[tuple[Dial, DialChoice]]
     asked: dict[int, float]
 
 
@@ -74,9 +74,9 @@ class PtpCamera:
         self._connection, self._clock = Connection(device, backend, clock), clock
         self._body: StandardBody | None = None
         self._wanted: Exposure | None = None
-        self._choices: list[tuple[Dial, Choice]] = []
+        self._choices: list[tuple[Dial, DialChoice]] = []
         self._asked: dict[int, float] = {}
-        self._proven: dict[tuple[int, float], Choice] = {}
+        self._proven: dict[tuple[int, float], DialChoice] = {}
         """By property and value asked for: where the last picture shows a dial to have stood."""
         self._shot: _Shot | None = None
         self._failed = False

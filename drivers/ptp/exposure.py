@@ -86,7 +86,7 @@ class Properties(Protocol):
 
 
 @dataclass(frozen=True)
-class Choice:
+class DialChoice:
     """A code of a dial and its value; `certain` unless the code may mean a value a stop's sixth away too."""
 
     code: int
@@ -101,18 +101,18 @@ class Dial:
         self._properties, self.code, self._coding = properties, code, coding
         self._confirmed: dict[int, float] = {}
 
-    def choices(self) -> tuple[Choice, ...]:
+    def choices(self) -> tuple[DialChoice, ...]:
         """What it can be set to, ascending; only what it is now if the camera says that it cannot be set."""
         return self._choices(self._properties.describe(self.code))
 
-    def learn(self, choice: Choice, value: float) -> None:
+    def learn(self, choice: DialChoice, value: float) -> None:
         """A file says what a code really was: remember it, if it is one of the things it can mean."""
         candidates = self._coding.candidates(choice.code)
         nearest = min(candidates, key=lambda candidate: apart(candidate, value), default=value)
         if candidates and apart(nearest, value) <= SAME:
             self._confirmed[choice.code] = nearest
 
-    def set(self, value: float, sleep: Callable[[float], None]) -> Choice:
+    def set(self, value: float, sleep: Callable[[float], None]) -> DialChoice:
         """Set the nearest choice and return what the camera then says it is at.
 
         A setting that a busy body drops is written a second time. CameraRefused if there is no choice.
@@ -144,10 +144,10 @@ class Dial:
             )
         if current.code == wanted.code and not current.certain:
             nearest = min(self._values(current), key=lambda candidate: apart(candidate, value))
-            return Choice(current.code, nearest, certain=False)
+            return DialChoice(current.code, nearest, certain=False)
         return current
 
-    def _choices(self, description: DevicePropDesc) -> tuple[Choice, ...]:
+    def _choices(self, description: DevicePropDesc) -> tuple[DialChoice, ...]:
         codes: Iterable[Value] = (description.current,)
         if description.writable:
             match description.form:
@@ -172,18 +172,18 @@ class Dial:
         low, high = limits[0] * 0.999, limits[-1] * 1.001
         return [code for code in self._coding.standard if low <= (self._coding.decode(code) or 0.0) <= high]
 
-    def _choice(self, code: Value) -> Choice | None:
+    def _choice(self, code: Value) -> DialChoice | None:
         if not isinstance(code, int):
             return None
         if code in self._confirmed:
-            return Choice(code, self._confirmed[code])
+            return DialChoice(code, self._confirmed[code])
         value = self._coding.decode(code)
         if value is None:
             return None
         candidates = self._coding.candidates(code)
-        return Choice(code, value, apart(min(candidates), max(candidates)) <= SAME)
+        return DialChoice(code, value, apart(min(candidates), max(candidates)) <= SAME)
 
-    def _values(self, choice: Choice) -> tuple[float, ...]:
+    def _values(self, choice: DialChoice) -> tuple[float, ...]:
         return (choice.value,) if choice.certain else self._coding.candidates(choice.code)
 
 

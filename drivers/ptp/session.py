@@ -17,7 +17,7 @@ from drivers.ptp.codes import (
     ResponseCode,
 )
 from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
-from drivers.ptp.transport import MOST_BYTES, TIMEOUT, Reply, Transport
+from drivers.ptp.transport import MOST_BYTES, TIMEOUT, Answer, Transport
 
 SESSION = 1
 QUICK_TIMEOUT = 8.0
@@ -119,7 +119,7 @@ class PtpSession:
         most: int = MOST_BYTES,
         repeatable: bool | None = None,
         patience: float = PATIENCE,
-    ) -> Reply:
+    ) -> Answer:
         """Run an operation until the camera says OK.
 
         Busy is asked again for `patience` seconds, then CameraBusy. An operation that may be done twice
@@ -128,7 +128,7 @@ class PtpSession:
         limit = timeout or (QUICK_TIMEOUT if operation in _QUICK else TIMEOUT)
         may_repeat = operation in _REPEATABLE if repeatable is None else repeatable
 
-        def attempt(limit: float) -> Reply:
+        def attempt(limit: float) -> Answer:
             command = Command(operation, self._next(), parameters)
             reply = self._recovered(command, data, limit, most)
             code = reply.response.code
@@ -139,7 +139,7 @@ class PtpSession:
                 raise CameraProtocol(f"{self.where} broke operation 0x{operation:04X} off: try again.")
             return reply
 
-        def insisting() -> Reply:
+        def insisting() -> Answer:
             if not may_repeat:
                 return attempt(limit)
             try:
@@ -245,7 +245,7 @@ class PtpSession:
         self._transaction = self._transaction % (UNKNOWN_LENGTH - 1) + 1  # never 0 nor 0xFFFFFFFF
         return self._transaction
 
-    def _recovered(self, command: Command, data: bytes | None, timeout: float, most: int) -> Reply:
+    def _recovered(self, command: Command, data: bytes | None, timeout: float, most: int) -> Answer:
         """A transaction; one that fails leaves a pipe and a session that can go on."""
         try:
             return self.transport.transact(command, data, timeout=timeout, most=most)
@@ -268,10 +268,10 @@ class PtpSession:
             except (CameraProtocol, CameraTimeout):
                 continue
 
-    def _open_once(self) -> Reply:
+    def _open_once(self) -> Answer:
         command = Command(Operation.OPEN_SESSION, 0, (SESSION,))
 
-        def attempt() -> Reply:
+        def attempt() -> Answer:
             try:
                 return self.transport.transact(command, timeout=QUICK_TIMEOUT)
             except (CameraProtocol, CameraTimeout) as error:
@@ -284,8 +284,8 @@ class PtpSession:
         self.transport.transact(Command(Operation.CLOSE_SESSION, self._next()), timeout=QUICK_TIMEOUT)
 
     def _patiently(
-        self, operation: int, attempt: Callable[[], Reply], patience: float, *, accept: bool = False
-    ) -> Reply:
+        self, operation: int, attempt: Callable[[], Answer], patience: float, *, accept: bool = False
+    ) -> Answer:
         """Attempts until the camera is no longer busy; `accept` any answer but Busy, else only OK."""
         end, pause = None, 0.005
         while True:

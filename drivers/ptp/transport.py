@@ -42,7 +42,7 @@ _MOST_EVENTS = 64
 
 
 @dataclass(frozen=True)
-class Reply:
+class Answer:
     """How a transaction ended, and the data that came before; None if there was no data phase."""
 
     response: Response
@@ -67,7 +67,7 @@ class Transport:
 
     def transact(
         self, command: Command, data: bytes | None = None, *, timeout: float = TIMEOUT, most: int = MOST_BYTES
-    ) -> Reply:
+    ) -> Answer:
         """One transaction, whatever the response code. `timeout` is for each transfer, in seconds.
 
         Only a command that the camera halted before it took a byte is sent again. CameraProtocol,
@@ -89,7 +89,7 @@ class Transport:
             payload, container = answer.payload, self._receive(timeout, 64)
         response = Response.unpack(container)
         self._must_belong(response.transaction, command)
-        return Reply(response, payload)
+        return Answer(response, payload)
 
     def recover(self, error: CameraError, transaction: int) -> bool:
         """Bring the pipe back in step after `error`; False if that cost the session, which is then to open.

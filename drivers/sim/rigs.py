@@ -13,7 +13,7 @@ from drivers.sim.camera.camera import HEADROOM, MAKE, Body, SimulatedCamera
 from drivers.sim.camera.response import Curve
 from drivers.sim.camera.sensor import SensorModel
 from drivers.sim.mounting import LensKind, Mount, mounts, rig_from_world
-from drivers.sim.scene.board import Board, board_from_rig
+from drivers.sim.scene.board import SimulatedBoard, board_from_rig
 from drivers.sim.scene.gallery import gallery_scene
 from drivers.sim.scene.scene import Scene
 from drivers.sim.scene.subjects import LIGHT, grey
@@ -34,7 +34,7 @@ EVEN = 700.0
 
 
 @dataclass(frozen=True)
-class Settings:
+class RigSettings:
     """What can be overridden of a rig.
 
     scene: the laid table, or the gallery; positions: frames on the arc; bit_depth: of the RAW files;
@@ -67,14 +67,14 @@ class Settings:
 
 
 _RIGS = {
-    "demo": Settings("raw", cameras=4, positions=6, width=320, height=240),
-    "demo-ldr": Settings("ldr", cameras=4, positions=6, width=320, height=240),
-    "gallery": Settings("raw", cameras=4, positions=6, width=320, height=240, scene="gallery"),
-    "gallery-ldr": Settings("ldr", cameras=4, positions=6, width=320, height=240, scene="gallery"),
-    "demo-fisheye": Settings("raw", cameras=4, positions=6, width=320, height=240, lens="fisheye"),
-    "toy": Settings("raw", cameras=2, positions=3, width=64, height=48),
-    "toy-ldr": Settings("ldr", cameras=2, positions=3, width=64, height=48),
-    "toy-fisheye": Settings("raw", cameras=2, positions=3, width=64, height=48, lens="fisheye"),
+    "demo": RigSettings("raw", cameras=4, positions=6, width=320, height=240),
+    "demo-ldr": RigSettings("ldr", cameras=4, positions=6, width=320, height=240),
+    "gallery": RigSettings("raw", cameras=4, positions=6, width=320, height=240, scene="gallery"),
+    "gallery-ldr": RigSettings("ldr", cameras=4, positions=6, width=320, height=240, scene="gallery"),
+    "demo-fisheye": RigSettings("raw", cameras=4, positions=6, width=320, height=240, lens="fisheye"),
+    "toy": RigSettings("raw", cameras=2, positions=3, width=64, height=48),
+    "toy-ldr": RigSettings("ldr", cameras=2, positions=3, width=64, height=48),
+    "toy-fisheye": RigSettings("raw", cameras=2, positions=3, width=64, height=48, lens="fisheye"),
 }
 
 
@@ -89,12 +89,12 @@ def simulate(
     """A simulated rig. InputError for a name that is none, listing those that are.
 
     seed: of lenses, colours, sensors, noise and the arm's small errors; the scene is always the same.
-    overrides: any field of `Settings` but `kind`.
+    overrides: any field of `RigSettings` but `kind`.
     """
     if name not in _RIGS:
         raise InputError(f"there is no simulated rig {name!r}: choose one of {', '.join(_RIGS)}.")
     settings = _RIGS[name]
-    names = {setting.name for setting in fields(Settings)} - {"kind"}
+    names = {setting.name for setting in fields(RigSettings)} - {"kind"}
     if unknown := sorted(set(overrides) - names):
         raise InputError(
             f"the simulated rig {name} has no setting {unknown[0]!r}: "
@@ -107,7 +107,7 @@ class SimulatedRig:
     """Cameras rigidly mounted on one arm, moved together from frame to frame."""
 
     def __init__(
-        self, name: str, seed: int, settings: Settings, clock: Callable[[], float] | None = None
+        self, name: str, seed: int, settings: RigSettings, clock: Callable[[], float] | None = None
     ) -> None:
         self.name, self.seed, self.settings = name, seed, settings
         self.frames = settings.positions
@@ -122,7 +122,7 @@ class SimulatedRig:
                 seed, settings.cameras, settings.width, settings.height, settings.kind, settings.lens
             )
         )
-        self.board = Board()
+        self.board = SimulatedBoard()
         self._subject: Subject = "scene"
         self._frame = 0
         self._shown: dict[int, Subject] = {}
@@ -243,7 +243,7 @@ class SimulatedRig:
         )
 
 
-def _scene(settings: Settings) -> Scene:
+def _scene(settings: RigSettings) -> Scene:
     scene = demo_scene() if settings.scene == "table" else gallery_scene()
     if settings.even:
         scene = scene.evenly_lit(EVEN)
@@ -252,7 +252,7 @@ def _scene(settings: Settings) -> Scene:
     return scene if settings.light == 1.0 else scene.brightened(settings.light)
 
 
-def _nominal(settings: Settings) -> SensorModel:
+def _nominal(settings: RigSettings) -> SensorModel:
     """A small industrial sensor: a well of 10,300 electrons, just above white at ISO 100; 3 of read noise.
 
     A camera that develops its photographs bins four photosites to a pixel.

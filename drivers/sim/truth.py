@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from drivers.sim.camera import response, shutter
 from drivers.sim.camera.camera import Body, applied_exposure
-from drivers.sim.camera.sensor import Sensor
+from drivers.sim.camera.sensor import SimulatedSensor
 from drivers.sim.rigs import SimulatedRig
 from drivers.sim.scene.subjects import LIGHT
 from imaging.exposure import Exposure
@@ -156,7 +156,7 @@ def _camera(rig: SimulatedRig, index: int) -> dict[str, Any]:
 def _photosites(body: Body) -> dict[str, Any]:
     """What only darks and flats tell of a sensor; defects by column and row."""
     model, lens = body.sensor, body.optics.lens
-    sensor = Sensor(model, lens.width, lens.height, body.seed, body.serial, 0)
+    sensor = SimulatedSensor(model, lens.width, lens.height, body.seed, body.serial, 0)
     return {
         "ceiling": model.white if model.ceiling is None else model.ceiling,
         "nonlinearity": model.nonlinearity,

@@ -14,7 +14,7 @@ from drivers.u3v import lines, sequencer, settings
 from drivers.u3v.chunks import split_chunks
 from drivers.u3v.lines import Wiring
 from drivers.u3v.pixels import format_of, unpack
-from drivers.u3v.session import Session, connected, open_session
+from drivers.u3v.session import U3vSession, connected, open_session
 from drivers.u3v.stream import CHUNKS, Frame
 from drivers.u3v.timestamps import Latch, latch, opening
 from imaging.errors import CameraError
@@ -46,7 +46,7 @@ class U3vCamera:
         self.serial = serial
         self._backend, self._clock = backend, clock
         self._wiring = Wiring()
-        self._session: Session | None = None
+        self._session: U3vSession | None = None
         self._wanted: Exposure | None = None
         self._bytes_per_second: int | None = None
         self._stage = _Stage.IDLE
@@ -83,7 +83,7 @@ class U3vCamera:
         """Set the nearest time and, if an ISO is given, gain; returns what the camera reads back."""
         self._stage = _Stage.IDLE
 
-        def apply(session: Session) -> Exposure:
+        def apply(session: U3vSession) -> Exposure:
             self._applied = None
             return settings.set_exposure(session.nodes, exposure)
 
@@ -94,7 +94,7 @@ class U3vCamera:
     def limit_throughput(self, bytes_per_second: int) -> int:
         """Have it send no faster, so that several share a bus; returns what it reads back. CameraRefused."""
 
-        def apply(session: Session) -> int:
+        def apply(session: U3vSession) -> int:
             nodes = session.nodes
             settings.set_if_there(nodes, "DeviceLinkThroughputLimitMode", "On")
             limits = nodes.limits("DeviceLinkThroughputLimit")
@@ -121,7 +121,7 @@ class U3vCamera:
     def arm(self) -> None:
         """Agree on the transfers and start the acquisition of one frame, which waits for its trigger."""
 
-        def begin(session: Session) -> None:
+        def begin(session: U3vSession) -> None:
             if not self._single:
                 session.nodes.set("AcquisitionMode", "SingleFrame")
                 self._single = True
@@ -153,7 +153,7 @@ class U3vCamera:
         """A frame for each exposure, changed by the camera itself after one trigger. CameraRefused."""
         self._stage = _Stage.IDLE
 
-        def begin(session: Session) -> Session:
+        def begin(session: U3vSession) -> U3vSession:
             if not sequencer.can_sequence(session.nodes):
                 raise CameraRefused(f"{session.where} has no sequencer: set each exposure and trigger it.")
             settings.stop(session.nodes)
@@ -181,7 +181,7 @@ class U3vCamera:
         if session is not None:
             session.close()
 
-    def _must_be(self, stage: _Stage, before: str) -> Session:
+    def _must_be(self, stage: _Stage, before: str) -> U3vSession:
         if self._stage is not stage or self._session is None:
             raise CameraError(
                 f"camera {self.serial} is {self._stage.value}: call {before} before, in the order "
@@ -189,7 +189,7 @@ class U3vCamera:
             )
         return self._session
 
-    def _again(self, act: Callable[[Session], ResultT]) -> ResultT:
+    def _again(self, act: Callable[[U3vSession], ResultT]) -> ResultT:
         """Do what can be done twice; a camera that is lost meanwhile is found again first."""
         try:
             return self._once(lambda: act(self._opened()))
@@ -204,7 +204,7 @@ class U3vCamera:
             self.close()
             raise
 
-    def _opened(self) -> Session:
+    def _opened(self) -> U3vSession:
         if self._session is None:
             # A camera that was there before may be on its way back.
             patience = REPLUG if self._known else 0.0
@@ -238,7 +238,7 @@ class U3vCamera:
             self._wiring = before
             raise
 
-    def _start(self, session: Session, expected: Sequence[Exposure]) -> None:
+    def _start(self, session: U3vSession, expected: Sequence[Exposure]) -> None:
         """Have the camera wait for its trigger, and then send a frame for each exposure."""
         if self._runs:
             settings.stop(session.nodes)
@@ -247,7 +247,7 @@ class U3vCamera:
         self._before = self._latched(session)
         session.nodes.execute("AcquisitionStart")
 
-    def _take(self, session: Session) -> list[RawMosaic]:
+    def _take(self, session: U3vSession) -> list[RawMosaic]:
         """The frames that are expected, after which the stream is off."""
         taken: list[tuple[int, RawMosaic]] = []
         try:
@@ -263,14 +263,14 @@ class U3vCamera:
         self._finish(session)
         return [self._timed(mosaic, stamp, after) for stamp, mosaic in taken]
 
-    def _latched(self, session: Session) -> Latch | None:
+    def _latched(self, session: U3vSession) -> Latch | None:
         """Its clock now, about as sure as ever since it was opened."""
         reading = latch(session.control, session.nodes, self._clock, self._surest)
         if reading is not None and (self._surest is None or reading.uncertainty < self._surest.uncertainty):
             self._surest = reading
         return reading
 
-    def _next_frame(self, session: Session, time: float) -> Frame:
+    def _next_frame(self, session: U3vSession, time: float) -> Frame:
         """The next frame; CameraTimeout says so if its line has not triggered it."""
         line = self._wiring.listens_to
         if line is None:
@@ -290,12 +290,12 @@ class U3vCamera:
         moment = opening(self._before, after, stamp, metadata.exposure.time)
         return mosaic if moment is None else replace(mosaic, metadata=replace(metadata, opened=moment.time))
 
-    def _finish(self, session: Session) -> None:
+    def _finish(self, session: U3vSession) -> None:
         settings.stop(session.nodes)
         session.stream.stop()
         self._runs = False
 
-    def _mosaic(self, session: Session, frame: Frame, exposure: Exposure) -> RawMosaic:
+    def _mosaic(self, session: U3vSession, frame: Frame, exposure: Exposure) -> RawMosaic:
         """A frame as the rest of rig knows it; the exposure is what was set, the time that of the chunk."""
         leader, nodes = frame.leader, session.nodes
         if frame.problem is not None:

@@ -24,7 +24,7 @@ def connected(backend: IBackend) -> dict[str, UsbDevice]:
     return by_serial
 
 
-class Session:
+class U3vSession:
     """The device from open to close; errors are those of its parts."""
 
     control: ControlChannel
@@ -65,13 +65,13 @@ class Session:
         raise CameraRefused(f"{self.where} has no streaming interface: it is no camera that can be used.")
 
 
-def open_session(serial: str, backend: IBackend, clock: Clock, patience: float = 0.0) -> Session:
+def open_session(serial: str, backend: IBackend, clock: Clock, patience: float = 0.0) -> U3vSession:
     """Open the device with that serial number; it may take `patience` s to appear. CameraNotFound."""
     deadline = clock.now() + patience
     while True:
         device = connected(backend).get(serial)
         if device is not None:
-            return Session(device, clock)
+            return U3vSession(device, clock)
         if clock.now() >= deadline:
             raise CameraNotFound(f"camera {serial} is not connected: plug it in.")
         clock.sleep(min(0.1, max(deadline - clock.now(), 0.001)))

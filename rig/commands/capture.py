@@ -17,7 +17,7 @@ from rig.terminal.result import CommandResult, missing_parts, removed_on_failure
 from rig.terminal.text import command_line, counted
 
 if TYPE_CHECKING:
-    from capture.bracket.planner import Wanted
+    from capture.bracket.planner import BracketGoals
     from capture.record.source import CaptureRequest
     from capture.rigfile.rigfile import RigFile
     from imaging.session.records import Subject
@@ -164,18 +164,20 @@ def _read(rig_file: Path | None) -> RigFile | None:
     return None if rig_file is None else read_rig_file(rig_file)
 
 
-def _wanted(bracket: Stops | None, limits: dict[str, float | None], rig: RigFile | None) -> Wanted | None:
+def _wanted(
+    bracket: Stops | None, limits: dict[str, float | None], rig: RigFile | None
+) -> BracketGoals | None:
     """What an automatic bracket has to reach, if the command line says anything of that.
 
     What it leaves out is that of the rig file. InputError where limits are given to no automatic bracket.
     """
-    from capture.bracket.planner import Wanted
+    from capture.bracket.planner import BracketGoals
     from imaging.errors import InputError
 
     usual = rig is not None and rig.tables.bracket.exposures == "auto"
     given = {name: value for name, value in limits.items() if value is not None}
     if bracket == () or (bracket is None and usual and given):
-        return replace(Wanted() if rig is None else rig.tables.bracket.wanted, **given)
+        return replace(BracketGoals() if rig is None else rig.tables.bracket.wanted, **given)
     if given and not usual:
         option = "--" + next(iter(given)).replace("_", "-")
         raise InputError(f"{option} only limits a bracket that is planned: add --bracket auto.")
@@ -185,7 +187,7 @@ def _wanted(bracket: Stops | None, limits: dict[str, float | None], rig: RigFile
 
 
 def _request(
-    kind: Subject, frames: int | None, bracket: Stops | None, wanted: Wanted | None, resume: bool
+    kind: Subject, frames: int | None, bracket: Stops | None, wanted: BracketGoals | None, resume: bool
 ) -> CaptureRequest:
     from capture.record.source import CaptureRequest
 

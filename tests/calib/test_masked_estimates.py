@@ -11,7 +11,7 @@ from calib.light import exposures, radiometry
 from calib.light.codes import patches, sample
 from calib.sensor import brackets
 from calib.view_images import summarise
-from drivers.sim.camera.sensor import Sensor
+from drivers.sim.camera.sensor import SimulatedSensor
 from imaging.cfa import Cfa
 from imaging.colour import srgb_encode
 from imaging.exposure import Exposure
@@ -143,7 +143,7 @@ def test_a_patch_that_one_shot_hides_is_told_by_the_others() -> None:
 
 def test_a_sensor_is_measured_by_what_no_mask_hides() -> None:
     """Gain from pairs whose hidden half is filled anew in every shot; not hidden, nothing is told of it."""
-    sensor, rng = Sensor(MODEL, 240, 240, 5, "bracket"), np.random.default_rng(5)
+    sensor, rng = SimulatedSensor(MODEL, 240, 240, 5, "bracket"), np.random.default_rng(5)
     y, x = np.mgrid[0:240, 0:240] / 120 - 1
     light = np.exp2(2 * np.sin(9 * x + 4 * y) + 3 * x - 4)
     counts = np.ones((240, 240), bool)

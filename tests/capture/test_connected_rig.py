@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.bracket.planner import Wanted
+from capture.bracket.planner import BracketGoals
 from capture.connected_rig import capture_rig, connected_source
 from capture.record.recorder import CaptureResult
 from capture.record.shooting import Rehearsal, rehearse
@@ -146,7 +146,7 @@ def test_the_command_line_goes_before_the_file(given: Place) -> None:
     (plan,) = Session.open(given.out).plans()
     assert [exposure.time for exposure in plan.bracket] == [1 / 125, 1 / 30]
     assert plan.frames == (0,)
-    given.shoot(given.folder / "auto", frames=1, auto=Wanted(snr=10.0, slowest=1 / 8))
+    given.shoot(given.folder / "auto", frames=1, auto=BracketGoals(snr=10.0, slowest=1 / 8))
     (plan,) = Session.open(given.folder / "auto").plans()
     assert plan.asked == "auto, snr 10, slowest 0.125"
 
@@ -218,7 +218,7 @@ def test_resume_goes_on_as_planned_and_says_so_where_the_file_has_changed(given:
     assert given.shoot(resume=True).taken == 0
     assert given.said[0].endswith("RIG.toml says stops -3, 0.")
     assert "as it was planned, with stops -4, 0 (1/1000 s f/8 ISO 100, 1/60 s f/8 ISO 100)" in given.said[0]
-    for options in ({"auto": Wanted()}, {"bracket": (-3.0, 0.0)}, {"frames": 2}):
+    for options in ({"auto": BracketGoals()}, {"bracket": (-3.0, 0.0)}, {"frames": 2}):
         with pytest.raises(InputError, match="was planned with"):
             given.shoot(resume=True, **options)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.bracket.planner import Wanted
+from capture.bracket.planner import BracketGoals
 from capture.record.shooting import rehearse
 from capture.record.source import CaptureRequest
 from capture.simulated import capture_simulated, simulated_source
@@ -209,7 +209,7 @@ def test_plans_that_the_rig_cannot_shoot_are_refused(toy, tmp_path):
 
 
 def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
-    wanted = Wanted(snr=20.0, slowest=1 / 4)
+    wanted = BracketGoals(snr=20.0, slowest=1 / 4)
     with simulated_source("toy", seed=3) as source:
         rehearsed = rehearse(source, tmp_path / "s", CaptureRequest(bracket=wanted))
     assert list(tmp_path.iterdir()) == []
@@ -226,7 +226,7 @@ def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
     before = tree(out)
     cut(out, 4)
     with pytest.raises(InputError, match=r"planned with the bracket auto, snr 20, slowest 0\.25 \(.*snr 30"):
-        capture_simulated("toy", out, seed=3, auto=Wanted(snr=30.0), resume=True)
+        capture_simulated("toy", out, seed=3, auto=BracketGoals(snr=30.0), resume=True)
     again = capture_simulated("toy", out, seed=3, auto=wanted, resume=True)
     assert (again.kept, again.missing) == (4, ())
     assert Session.open(out).plans() == [plan]
@@ -235,7 +235,7 @@ def test_an_automatic_bracket_is_that_of_the_rehearsal_and_says_why(tmp_path):
 
 def test_a_scene_that_cannot_be_metered_leaves_nothing(tmp_path):
     with pytest.raises(CaptureError, match="55 dB are out of the reach of cam0"):
-        capture_simulated("toy", tmp_path / "a", auto=Wanted(snr=55.0))
+        capture_simulated("toy", tmp_path / "a", auto=BracketGoals(snr=55.0))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from capture.imports.layouts import colmap
 from capture.imports.layouts.given import OPENCV_FROM_OPENGL, Given, GivenPhoto, inverse, lens_of, pose_of
-from capture.imports.layouts.nerfstudio import Entry, entries
+from capture.imports.layouts.nerfstudio import PosedFrame, entries
 from capture.imports.originals import pictures_in, shown
 from capture.pictures.read import kind_of
 from imaging.compute.memory import check
@@ -150,7 +150,7 @@ def _seconds(value: Any, where: str) -> float:
 
 
 def _exposures(
-    folder: Path, entry: Entry, times: dict[str, float], frame: int, tested: bool
+    folder: Path, entry: PosedFrame, times: dict[str, float], frame: int, tested: bool
 ) -> tuple[list[GivenPhoto], list[str]]:
     """The photographs of one view, which are those that have a time; and those that are not there."""
     stem = _plain(entry.file_path)

@@ -46,7 +46,7 @@ _SUFFIXES = (".png", ".jpg", ".jpeg", ".exr")
 
 
 @dataclass(frozen=True)
-class Entry:
+class PosedFrame:
     """One element of `frames`, with the top of its file, and words to name it by."""
 
     values: dict[str, Any]
@@ -141,13 +141,13 @@ def is_one(folder: Path) -> bool:
     return any((folder / name).is_file() for name in FILES)
 
 
-def entries(path: Path) -> list[Entry]:
+def entries(path: Path) -> list[PosedFrame]:
     """The frames of a file; InputError if it is not JSON with a list of them."""
     value = store.read_json(path)
     frames = value.get("frames") if isinstance(value, dict) else None
     if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
         raise InputError(f"{path} has no list of frames: use --layout photos, or export it again.")
-    return [Entry(frame, value, f"frame {number} of {path}") for number, frame in enumerate(frames)]
+    return [PosedFrame(frame, value, f"frame {number} of {path}") for number, frame in enumerate(frames)]
 
 
 def files_in(folder: Path) -> list[Path]:
@@ -228,7 +228,7 @@ def _photo(folder: Path, name: str) -> Path:
     return path
 
 
-def _mask(folder: Path, entry: Entry) -> Path | None:
+def _mask(folder: Path, entry: PosedFrame) -> Path | None:
     """The file that a `mask_path` means; InputError if it is not there."""
     name = entry.values.get("mask_path")
     if name is None:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from drivers.camera import CameraFile, CameraIdentity, Capabilities
 from drivers.sim.camera import response, shutter
 from drivers.sim.camera.optics import Optics
-from drivers.sim.camera.sensor import Sensor, SensorModel
+from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from drivers.sim.seeds import generator
 from imaging.cfa import Cfa, mosaic
 from imaging.errors import CameraError
@@ -99,7 +99,7 @@ class SimulatedCamera:
         self._label = shutter.snap(Exposure(time=1 / 60))
         self._stage = _Stage.IDLE
         self._shot: _Shot | None = None
-        self._sensors: list[Sensor] | None = None
+        self._sensors: list[SimulatedSensor] | None = None
 
     def place(self, frame: int, step: int = 0) -> None:
         """Tell the camera where the rig stands; exposures are counted anew from here."""
@@ -205,11 +205,11 @@ class SimulatedCamera:
         key = (shot.frame, shot.step, shot.take, label.time, label.f_number, label.iso, plane)
         return generator(self.body.seed, self.body.serial, "frame", *key)
 
-    def _planes(self, count: int) -> list[Sensor]:
+    def _planes(self, count: int) -> list[SimulatedSensor]:
         if self._sensors is None:
             body, lens = self.body, self.body.optics.lens
             self._sensors = [
-                Sensor(body.sensor, lens.width, lens.height, body.seed, body.serial, plane)
+                SimulatedSensor(body.sensor, lens.width, lens.height, body.seed, body.serial, plane)
                 for plane in range(count)
             ]
         return self._sensors

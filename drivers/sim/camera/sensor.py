@@ -56,7 +56,7 @@ class SensorModel:
         return (self.white - float(np.mean(self.black))) / self.gain
 
 
-class Sensor:
+class SimulatedSensor:
     """One sensor of a model, with the fixed pattern that `purpose` (a seed and a serial) gives it."""
 
     def __init__(self, model: SensorModel, width: int, height: int, *purpose: object) -> None:

@@ -18,7 +18,7 @@ F_NUMBERS = tuple(sorted(shutter.APPLIED_F_NUMBER))
 
 
 @dataclass(frozen=True)
-class Dial:
+class SimulatedDial:
     """A property that shows an exposure setting. positions: (number, label), by label ascending."""
 
     setting: Setting
@@ -26,7 +26,7 @@ class Dial:
     data_type: DataType
     positions: tuple[tuple[int, float], ...]
 
-    def offering(self, labels: tuple[float, ...]) -> "Dial":
+    def offering(self, labels: tuple[float, ...]) -> "SimulatedDial":
         """The dial with those of its positions whose labels are given."""
         return replace(
             self, positions=tuple(position for position in self.positions if position[1] in labels)
@@ -78,37 +78,37 @@ _TENTHS_OF_MILLISECONDS = tuple(
     (10_000 * numerator // denominator, time) for time in TIMES for numerator, denominator in (_nikon(time),)
 )
 
-EXPOSURE_TIME = Dial("time", PropertyCode.EXPOSURE_TIME, DataType.UINT32, _TENTHS_OF_MILLISECONDS)
-F_NUMBER = Dial(
+EXPOSURE_TIME = SimulatedDial("time", PropertyCode.EXPOSURE_TIME, DataType.UINT32, _TENTHS_OF_MILLISECONDS)
+F_NUMBER = SimulatedDial(
     "f_number",
     PropertyCode.F_NUMBER,
     DataType.UINT16,
     tuple((round(100 * f_number), f_number) for f_number in F_NUMBERS),
 )
-EXPOSURE_INDEX = Dial(
+EXPOSURE_INDEX = SimulatedDial(
     "iso", PropertyCode.EXPOSURE_INDEX, DataType.UINT16, tuple((int(iso), iso) for iso in shutter.ISOS)
 )
-NIKON_TIME = Dial(
+NIKON_TIME = SimulatedDial(
     "time", NikonProperty.SHUTTER_SPEED, DataType.UINT32, tuple((_packed(time), time) for time in TIMES)
 )
 NIKON_ISO = replace(EXPOSURE_INDEX, code=NikonProperty.ISO_EX, data_type=DataType.UINT32)
-SONY_TIME = Dial(
+SONY_TIME = SimulatedDial(
     "time", SonyProperty.SHUTTER_SPEED, DataType.UINT32, tuple((_tenths(time), time) for time in TIMES)
 )
 SONY_ISO = replace(EXPOSURE_INDEX, code=SonyProperty.ISO, data_type=DataType.UINT32)
-CANON_TIME = Dial(
+CANON_TIME = SimulatedDial(
     "time",
     CanonProperty.SHUTTER_SPEED,
     DataType.UINT16,
     tuple((_apex(0x10, (len(TIMES) - 1 - index) / 3), time) for index, time in enumerate(TIMES)),
 )
-CANON_F_NUMBER = Dial(
+CANON_F_NUMBER = SimulatedDial(
     "f_number",
     CanonProperty.APERTURE,
     DataType.UINT16,
     tuple((_apex(0x20, index), f_number) for index, f_number in enumerate(F_NUMBERS)),
 )
-CANON_ISO = Dial(
+CANON_ISO = SimulatedDial(
     "iso",
     CanonProperty.ISO_SPEED,
     DataType.UINT16,

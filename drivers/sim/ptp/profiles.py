@@ -9,7 +9,7 @@ from enum import Enum
 
 from drivers.ptp.codes import FormatCode, NikonEvent, SonyEvent, VendorId
 from drivers.sim.ptp import dials as dials
-from drivers.sim.ptp.dials import Dial
+from drivers.sim.ptp.dials import SimulatedDial
 from imaging.errors import InputError
 
 
@@ -23,7 +23,7 @@ class Style(Enum):
 
 
 @dataclass(frozen=True)
-class Profile:
+class CameraProfile:
     """A model of camera.
 
     vendor, product: of the USB descriptor; extension: DeviceInfo's vendor id; raw_format: of its RAW objects;
@@ -40,7 +40,7 @@ class Profile:
     extension: int
     extension_version: int
     extension_text: str
-    dials: tuple[Dial, ...]
+    dials: tuple[SimulatedDial, ...]
     events: tuple[int, ...] = ()
     raw_format: int = FormatCode.DNG
     prefix: str = "IMG_"
@@ -52,7 +52,7 @@ class Profile:
 PROFILES = {
     profile.name: profile
     for profile in (
-        Profile(
+        CameraProfile(
             "generic",
             Style.STANDARD,
             "hdr-rig",
@@ -64,7 +64,7 @@ PROFILES = {
             "",
             (dials.EXPOSURE_TIME, dials.F_NUMBER, dials.EXPOSURE_INDEX),
         ),
-        Profile(
+        CameraProfile(
             "canon-eos-6d",
             Style.CANON,
             "Canon Inc.",
@@ -78,7 +78,7 @@ PROFILES = {
             raw_format=FormatCode.VENDOR_RAW_2,
             folder="100CANON",
         ),
-        Profile(
+        CameraProfile(
             "nikon-z6",
             Style.NIKON,
             "Nikon Corporation",
@@ -94,7 +94,7 @@ PROFILES = {
             prefix="DSC_",
             folder="100NCZ_6",
         ),
-        Profile(
+        CameraProfile(
             "sony-a7m4",
             Style.SONY,
             "Sony Corporation",
@@ -115,7 +115,7 @@ PROFILES = {
 }
 
 
-def profile(name: str) -> Profile:
+def profile(name: str) -> CameraProfile:
     """A profile by name; InputError for a name that is none, listing those that are."""
     if name not in PROFILES:
         raise InputError(f"there is no profile {name!r}: choose one of {', '.join(PROFILES)}.")

@@ -12,7 +12,7 @@ from drivers.ptp.codes import (
     SonyProperty,
 )
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
-from drivers.sim.ptp.profiles import Profile, Style
+from drivers.sim.ptp.profiles import CameraProfile, Style
 from drivers.sim.ptp.shooting import Shooting
 
 _MANUAL = 1
@@ -26,7 +26,7 @@ def _fixed(code: int, kind: DataType, value: Value, *values: Value) -> DevicePro
     return DevicePropDesc(code, kind, len(values) > 1, value, value, EnumForm(values) if values else None)
 
 
-def _others(profile: Profile, focal_length_mm: float) -> tuple[DevicePropDesc, ...]:
+def _others(profile: CameraProfile, focal_length_mm: float) -> tuple[DevicePropDesc, ...]:
     """What every profile has besides its dials, and what its maker adds."""
     jpeg_and_raw = (0, 1, 2, profile.raw_setting)
     standard = (
@@ -53,7 +53,7 @@ def _others(profile: Profile, focal_length_mm: float) -> tuple[DevicePropDesc, .
     return standard
 
 
-class Properties:
+class SimulatedProperties:
     """The properties of one camera by code."""
 
     def __init__(self, shooting: Shooting) -> None:

@@ -14,8 +14,8 @@ from drivers.sim.faults import CAPTURE_FAULTS, Fault, FaultPlan, Kind
 from drivers.sim.ptp.canon import Canon
 from drivers.sim.ptp.nikon import Nikon
 from drivers.sim.ptp.operations import Handler, Phase, Reply, Request, operation_name
-from drivers.sim.ptp.profiles import Profile, Style
-from drivers.sim.ptp.properties import Properties
+from drivers.sim.ptp.profiles import CameraProfile, Style
+from drivers.sim.ptp.properties import SimulatedProperties
 from drivers.sim.ptp.shooting import Shooting
 from drivers.sim.ptp.sony import Sony
 from drivers.sim.ptp.standard import Manner
@@ -42,7 +42,7 @@ class Responder:
     def __init__(
         self,
         camera: SimulatedCamera,
-        profile: Profile,
+        profile: CameraProfile,
         timeline: Timeline,
         plan: FaultPlan | None = None,
     ) -> None:
@@ -54,7 +54,7 @@ class Responder:
         self.shooting = Shooting(
             camera, profile, timeline, lambda announcement: self._manner.announce(announcement)
         )
-        self.properties = Properties(self.shooting)
+        self.properties = SimulatedProperties(self.shooting)
         self._manner = _MANNERS[profile.style](self.shooting, self.properties, self._tell)
         self._in_session = False
         self._busy_until, self._busy_times = 0.0, 0

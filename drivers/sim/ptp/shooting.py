@@ -11,8 +11,8 @@ from drivers.ptp.codes import FormatCode, ResponseCode
 from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import Fault, Kind
-from drivers.sim.ptp.dials import Dial
-from drivers.sim.ptp.profiles import Profile
+from drivers.sim.ptp.dials import SimulatedDial
+from drivers.sim.ptp.profiles import CameraProfile
 from drivers.sim.ptp.store import Photograph, Store
 from drivers.sim.usb.timeline import Timeline
 from imaging.exposure import Exposure
@@ -41,7 +41,7 @@ class Shooting:
     def __init__(
         self,
         camera: SimulatedCamera,
-        profile: Profile,
+        profile: CameraProfile,
         timeline: Timeline,
         announce: Callable[[Announcement], None],
     ) -> None:
@@ -57,11 +57,11 @@ class Shooting:
         self.dials = {dial.code: dial.offering(labels[dial.setting]) for dial in profile.dials}
         self._announce = announce
 
-    def shown(self, dial: Dial) -> int:
+    def shown(self, dial: SimulatedDial) -> int:
         """What a dial's property holds now."""
         return dial.number(getattr(self.exposure, dial.setting))
 
-    def turn(self, dial: Dial, number: int) -> bool:
+    def turn(self, dial: SimulatedDial, number: int) -> bool:
         """Turn a dial; whether it has that position."""
         label = dial.label(number)
         if label is None:
@@ -109,7 +109,7 @@ class Shooting:
                 self.timeline.call_later(late.seconds, partial(self._announce, announcement))
 
 
-def photograph(frame: Any, profile: Profile) -> Photograph:
+def photograph(frame: Any, profile: CameraProfile) -> Photograph:
     """The file of a frame: a DNG of a mosaic, the JPEG of a photograph that the camera developed."""
     taken = frame.metadata.captured_at
     if isinstance(frame, CameraFile):

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from drivers.ptp.codec import Event
 from drivers.ptp.codes import EventCode, Operation
 from drivers.sim.ptp.operations import Handler, Reply, Request
-from drivers.sim.ptp.properties import Properties
+from drivers.sim.ptp.properties import SimulatedProperties
 from drivers.sim.ptp.shooting import Announcement, News, Shooting
 
 
@@ -22,7 +22,9 @@ class Manner:
     polled = False
     """Whether events wait until the host asks for them, so that none is lost."""
 
-    def __init__(self, shooting: Shooting, properties: Properties, tell: Callable[[Event], None]) -> None:
+    def __init__(
+        self, shooting: Shooting, properties: SimulatedProperties, tell: Callable[[Event], None]
+    ) -> None:
         self.shooting, self.properties, self.tell = shooting, properties, tell
 
     def operations(self) -> dict[int, Handler]:

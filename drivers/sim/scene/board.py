@@ -1,6 +1,6 @@
 """A ChArUco board held before the rig, and what a camera sees of it: flat, matt, evenly lit.
 
-Board axes are OpenCV's: the origin at the outer corner of the chessboard's first square, x along its
+SimulatedBoard axes are OpenCV's: the origin at the outer corner of the chessboard's first square, x along its
 rows, y down, z into the board; metres.
 """
 
@@ -32,7 +32,7 @@ _NEAR, _FAR, _TILT, _ROLL, _ASIDE = 1.0, 1.9, 45.0, 40.0, 0.6
 
 
 @dataclass(frozen=True)
-class Board:
+class SimulatedBoard:
     """columns, rows: of squares; square, marker: their sides, m; dictionary: OpenCV's name of it.
 
     As large as a sheet of A0, for cameras of few pixels.
@@ -86,7 +86,9 @@ class Board:
         return image
 
 
-def board_from_rig(board: Board, seed: int, frame: int, lens: Lens, cam_from_rig: list[Array]) -> Array:
+def board_from_rig(
+    board: SimulatedBoard, seed: int, frame: int, lens: Lens, cam_from_rig: list[Array]
+) -> Array:
     """Where the board is held at a frame, float64 [4, 4]: before all cameras, often partly out of view.
 
     The face turns up to 45 degrees away from the line of sight. lens: of any of the cameras.

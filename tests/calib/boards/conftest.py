@@ -9,8 +9,7 @@ import pytest
 from calib.boards.corners import Corners
 from drivers.sim.camera.lens import project
 from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.scene.board import Board as SimulatedBoard
-from drivers.sim.scene.board import board_from_rig
+from drivers.sim.scene.board import SimulatedBoard, board_from_rig
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
 

@@ -7,17 +7,17 @@ import pytest
 
 from calib.sensor.emva import Frames, Nominal
 from calib.sensor.stack import Stack, gather
-from drivers.sim.camera.sensor import Sensor, SensorModel
+from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 
 SIDE = 160
 MODEL = SensorModel(
     gain=0.4, read_noise=3.0, full_well=10_300.0, black=(256.0, 257.3, 255.0, 256.5), bit_depth=12,
     prnu=0.008, dsnu=0.5, dark_current=0.5, hot_share=1e-3, hot_current=100.0, dead_share=5e-4,
 )  # fmt: skip
-Shoot = Callable[..., tuple[Sensor, Frames]]
+Shoot = Callable[..., tuple[SimulatedSensor, Frames]]
 
 
-def dark_stack(sensor: Sensor, seconds: float, count: int, key: int) -> Stack:
+def dark_stack(sensor: SimulatedSensor, seconds: float, count: int, key: int) -> Stack:
     """Repeated darks."""
     rng, shape = np.random.default_rng((5, key)), sensor.response.shape
     return gather((sensor.expose(np.zeros(shape), seconds, 1.0, rng) for _ in range(count)), seconds)
@@ -34,8 +34,10 @@ def even_light(shape: tuple[int, int]) -> np.ndarray:
 def shoot() -> Shoot:
     """Darks at two times and flats at eight exposures that flicker, of one sensor."""
 
-    def frames(model: SensorModel = MODEL, seed: int = 0, darks: bool = True) -> tuple[Sensor, Frames]:
-        sensor, rng = Sensor(model, SIDE, SIDE, seed, "test"), np.random.default_rng((seed, 7))
+    def frames(
+        model: SensorModel = MODEL, seed: int = 0, darks: bool = True
+    ) -> tuple[SimulatedSensor, Frames]:
+        sensor, rng = SimulatedSensor(model, SIDE, SIDE, seed, "test"), np.random.default_rng((seed, 7))
         few, stacks = [], []
         for seconds in (0.01, 4.0) if darks else ():
             own = [sensor.expose(np.zeros((SIDE, SIDE)), seconds, 1.0, rng) for _ in range(12)]

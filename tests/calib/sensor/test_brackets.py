@@ -8,7 +8,7 @@ import pytest
 from calib.sensor import brackets
 from calib.sensor.brackets import Blind
 from calib.sensor.linearity import straightness
-from drivers.sim.camera.sensor import Sensor, SensorModel
+from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 
 from .conftest import MODEL
 
@@ -20,7 +20,7 @@ def shots(model: SensorModel, seed: int, moved: int = 0, grain: float = 0.0) -> 
 
     grain: standard deviation of texture as fine as photosites, stops.
     """
-    sensor, rng = Sensor(model, 240, 240, seed, "bracket"), np.random.default_rng((seed, 3))
+    sensor, rng = SimulatedSensor(model, 240, 240, seed, "bracket"), np.random.default_rng((seed, 3))
     y, x = np.mgrid[0:240, 0:240] / 120 - 1
     waves = sum(
         rng.normal() * np.sin(rng.uniform(1, 25) * x + rng.uniform(1, 25) * y + rng.uniform(0, 7))
@@ -100,7 +100,7 @@ def test_a_scene_that_moves_tells_no_gain() -> None:
 
 
 def test_two_equal_exposures_and_darkness_tell_nothing() -> None:
-    sensor, rng = Sensor(MODEL, 120, 120, 0, "dark"), np.random.default_rng(0)
+    sensor, rng = SimulatedSensor(MODEL, 120, 120, 0, "dark"), np.random.default_rng(0)
     dark = sensor.expose(np.zeros((120, 120)), 0.1, 1.0, rng)
     assert brackets.compare(dark, dark, BLACK, WHITE) is None
     full = np.full((120, 120), 4095, np.uint16)

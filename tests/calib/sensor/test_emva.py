@@ -162,10 +162,10 @@ def test_intervals_hold_the_truth_as_often_as_they_say(nominal: Nominal) -> None
     """Of darks, over many sensors: 95 % intervals of black, gain given, of read noise and of dark current."""
     inside = []
     gain = Measured(value=0.4, sigma=1e-9, source="flats")
-    from drivers.sim.camera.sensor import Sensor
+    from drivers.sim.camera.sensor import SimulatedSensor
 
     for seed in range(60):
-        sensor = Sensor(replace(MODEL, dsnu=0.2), 64, 64, seed, "interval")
+        sensor = SimulatedSensor(replace(MODEL, dsnu=0.2), 64, 64, seed, "interval")
         stacks = [dark_stack(sensor, seconds, 6, 10 * seed + i) for i, seconds in enumerate((0.01, 8.0))]
         found, _ = emva.measure(Frames(stacks), nominal, 100.0, gain)
         assert found.black is not None

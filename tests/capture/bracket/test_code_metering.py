@@ -10,7 +10,7 @@ import pytest
 from capture.bracket.code_noise import BRIGHTEST, DARKEST, CodeNoise
 from capture.bracket.exposure_choices import exposure_list
 from capture.bracket.metering import meter
-from capture.bracket.planner import Wanted, plan_bracket
+from capture.bracket.planner import BracketGoals, plan_bracket
 from drivers.sim.camera import response
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import simulate
@@ -81,7 +81,7 @@ class Scene:
         view = np.repeat(grey[..., None], 3, axis=2)
         self.camera = SimulatedCamera(body, lambda frame: view)
         able = self.camera.capabilities()
-        self.list = exposure_list(able.times, (100.0,), 4.0, Wanted(slowest=slowest))
+        self.list = exposure_list(able.times, (100.0,), 4.0, BracketGoals(slowest=slowest))
 
     def meter(self):
         return meter({"cam0": self.camera}, self.list)
@@ -101,7 +101,7 @@ def ramp(stops: float, middle: float = 8.0) -> np.ndarray:
 def test_every_pixel_has_a_trusted_code_in_a_planned_photograph_and_none_can_be_left_out(stops, count):
     """The curve of these cameras shows 6.1 stops from code 10 to 245; a wall has 1.1 more of vignetting."""
     scene = Scene(ramp(stops))
-    plan = plan_bracket(scene.meter().targets, scene.list, Wanted(snr=10.0))
+    plan = plan_bracket(scene.meter().targets, scene.list, BracketGoals(snr=10.0))
     assert (len(plan.exposures), plan.shortfalls) == (count, ())
     trusted = [
         (codes >= DARKEST - 4 / 255) & (codes <= BRIGHTEST + 4 / 255)  # JPEG at 95 errs by some codes
@@ -145,14 +145,14 @@ def test_shadows_that_no_exposure_shows_are_not_called_covered():
     scene = Scene(wall)
     targets = scene.meter().targets
     assert not any(target.no_darker for target in targets)
-    plan = plan_bracket(targets, scene.list, Wanted())
+    plan = plan_bracket(targets, scene.list, BracketGoals())
     assert {shortfall.part for shortfall in plan.shortfalls} == {"dark"}
 
 
 def test_an_snr_that_no_code_has_is_refused():
     scene = Scene(ramp(4))
     with pytest.raises(CaptureError, match=r"60 dB are out of the reach of cam0, which gives \d\d\.\d dB"):
-        plan_bracket(scene.meter().targets, scene.list, Wanted(snr=60.0))
+        plan_bracket(scene.meter().targets, scene.list, BracketGoals(snr=60.0))
 
 
 def test_raw_and_developing_cameras_share_a_bracket():
@@ -162,6 +162,6 @@ def test_raw_and_developing_cameras_share_a_bracket():
     cameras = {"cam0": SimulatedCamera(raw, lambda frame: view), "cam1": scene.camera}
     metering = meter(cameras, scene.list)
     assert {target.camera for target in metering.targets} == {"cam0", "cam1"}
-    plan = plan_bracket(metering.targets, scene.list, Wanted())
+    plan = plan_bracket(metering.targets, scene.list, BracketGoals())
     assert plan.shortfalls == ()
     assert len(plan.exposures) == 2

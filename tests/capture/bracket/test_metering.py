@@ -5,7 +5,7 @@ import pytest
 
 from capture.bracket.exposure_choices import exposure_list
 from capture.bracket.metering import meter
-from capture.bracket.planner import SLACK, Wanted, plan_bracket
+from capture.bracket.planner import SLACK, BracketGoals, plan_bracket
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.rigs import simulate
 from imaging.cfa import mosaic
@@ -27,11 +27,11 @@ class Scene:
         self.truth = mosaic(self.body.optics.exposure(view), self.body.cfa)
         """Signal per second of exposure scale of every photosite, without noise."""
 
-    def list(self, wanted: Wanted) -> tuple[Exposure, ...]:
+    def list(self, wanted: BracketGoals) -> tuple[Exposure, ...]:
         able = self.camera.capabilities()
         return exposure_list(able.times, able.isos, 4.0, wanted)
 
-    def meter(self, wanted: Wanted):
+    def meter(self, wanted: BracketGoals):
         return meter({"cam0": self.camera}, [e for e in self.list(wanted) if e.iso == 100])
 
     def shots(self, exposure: Exposure, count: int) -> np.ndarray:
@@ -55,7 +55,7 @@ def ramp(stops: float, middle: float = 8.0) -> np.ndarray:
 def test_the_metered_range_is_that_of_the_scene(stops, middle):
     """Within the slack and what shutters differ from their labels, 0.1 stops."""
     scene = Scene(ramp(stops, middle))
-    metering = scene.meter(Wanted())
+    metering = scene.meter(BracketGoals())
     assert len(metering.targets) == 3
     for channel, target in enumerate(metering.targets):
         own = scene.truth[scene.channels == channel]
@@ -72,7 +72,7 @@ def reached(scene: Scene, exposures, count: int) -> tuple[np.ndarray, np.ndarray
 
     Bins of a quarter stop of true radiance; the variance is that from shot to shot.
     """
-    noise = scene.meter(Wanted()).targets[0].noise
+    noise = scene.meter(BracketGoals()).targets[0].noise
     groups = np.rint(4 * np.log2(scene.truth)).astype(int)
     best = {int(g): (-np.inf, -np.inf) for g in np.unique(groups)}
     for exposure in exposures:
@@ -91,7 +91,7 @@ def reached(scene: Scene, exposures, count: int) -> tuple[np.ndarray, np.ndarray
 def test_every_radiance_reaches_the_wanted_snr_in_frames(snr):
     """60 shots of 13 stops. Shutters that differ from their label by 0.09 stops change the SNR by 0.55 dB."""
     scene = Scene(ramp(13))
-    wanted = Wanted(snr=snr)
+    wanted = BracketGoals(snr=snr)
     plan = plan_bracket(scene.meter(wanted).targets, scene.list(wanted), wanted)
     assert plan.shortfalls == ()
     measured, predicted = reached(scene, plan.exposures, 60)
@@ -110,32 +110,32 @@ def test_walls_of_two_levels_take_as_many_exposures_as_their_range_asks_for(low,
     wall = np.full((HEIGHT, WIDTH), float(low))
     wall[:, WIDTH // 2 :] = high
     scene = Scene(wall)
-    plan = plan_bracket(scene.meter(Wanted()).targets, scene.list(Wanted()), Wanted())
+    plan = plan_bracket(scene.meter(BracketGoals()).targets, scene.list(BracketGoals()), BracketGoals())
     # Two levels can leave a gap between them that needs no exposure, but the list is covered as a range.
     assert (len(plan.exposures), plan.shortfalls) == (count, ())
 
 
 def test_a_black_scene_is_said_to_be_black():
     with pytest.raises(CaptureError, match=r"the scene is black: no camera sees light at 1/30 s"):
-        Scene(0.0).meter(Wanted(slowest=1 / 30))
+        Scene(0.0).meter(BracketGoals(slowest=1 / 30))
 
 
 def test_a_scene_too_bright_for_the_fastest_shutter_is_said_to_be():
     with pytest.raises(CaptureError, match=r"too bright: every camera clips all over at 1/8000 s"):
-        Scene(1e7).meter(Wanted())
+        Scene(1e7).meter(BracketGoals())
 
 
 def test_a_lamp_that_clips_in_the_shortest_exposure_is_not_called_covered():
     wall = np.full((HEIGHT, WIDTH), 8.0)
     wall[:6, :6] = 1e7
     scene = Scene(wall)
-    plan = plan_bracket(scene.meter(Wanted()).targets, scene.list(Wanted()), Wanted())
+    plan = plan_bracket(scene.meter(BracketGoals()).targets, scene.list(BracketGoals()), BracketGoals())
     assert {shortfall.part for shortfall in plan.shortfalls} == {"bright"}
     assert all(shortfall.at_least for shortfall in plan.shortfalls)
 
 
 def test_shadows_that_a_slow_limit_hides_are_not_called_covered():
-    wanted = Wanted(slowest=1 / 30)
+    wanted = BracketGoals(slowest=1 / 30)
     wall = np.full((HEIGHT, WIDTH), 8.0)
     wall[:, :20] = 1e-4
     scene = Scene(wall)
@@ -152,7 +152,7 @@ def test_a_camera_that_fails_is_named_and_the_others_are_metered():
     scene = Scene(8.0)
     broken = Scene(8.0, index=1).camera
     broken.close()
-    exposures = [e for e in scene.list(Wanted()) if e.iso == 100]
+    exposures = [e for e in scene.list(BracketGoals()) if e.iso == 100]
     metering = meter({"cam0": scene.camera, "cam1": broken}, exposures)
     assert {target.camera for target in metering.targets} == {"cam0"}
     assert list(metering.failed) == ["cam1"]
@@ -162,7 +162,7 @@ def test_a_camera_that_fails_is_named_and_the_others_are_metered():
 
 def test_a_camera_with_its_cap_on_does_not_slow_the_others_down():
     scene, capped = Scene(8.0), Scene(0.0, index=1)
-    exposures = [e for e in scene.list(Wanted()) if e.iso == 100]
+    exposures = [e for e in scene.list(BracketGoals()) if e.iso == 100]
     metering = meter({"cam0": scene.camera, "cam1": capped.camera}, exposures)
     assert {target.camera for target in metering.targets} == {"cam0"}
     assert metering.failed == {"cam1": "it sees no light at 30 s f/4 ISO 100"}
@@ -173,13 +173,13 @@ def test_a_large_frame_is_metered_by_evenly_spread_blocks(monkeypatch):
     wall = np.full((HEIGHT, WIDTH), 1.0)
     wall[20:32, 20:32] = 500.0
     scene = Scene(wall)
-    for channel, target in enumerate(scene.meter(Wanted()).targets):
+    for channel, target in enumerate(scene.meter(BracketGoals()).targets):
         own = scene.truth[scene.channels == channel]
         assert abs(np.log2(target.dark / np.percentile(own, 0.1))) < SLACK + 0.1
         assert abs(np.log2(target.bright / np.percentile(own, 99.99))) < SLACK + 0.1
 
 
-def planned(wall, wanted: Wanted):
+def planned(wall, wanted: BracketGoals):
     scene = Scene(wall)
     return plan_bracket(scene.meter(wanted).targets, scene.list(wanted), wanted)
 
@@ -187,9 +187,9 @@ def planned(wall, wanted: Wanted):
 def test_one_bright_photosite_is_taken_for_a_hot_one_and_sixteen_for_a_lamp():
     wall = np.full((HEIGHT, WIDTH), 8.0)
     wall[20, 20] = 8.0 * 2**12
-    assert len(planned(wall, Wanted()).exposures) == 1
+    assert len(planned(wall, BracketGoals()).exposures) == 1
     wall[20:24, 20:24] = 8.0 * 2**12
-    assert len(planned(wall, Wanted()).exposures) == 3
+    assert len(planned(wall, BracketGoals()).exposures) == 3
 
 
 @pytest.mark.parametrize("middle", [8.0, 300.0, 1e4])
@@ -197,10 +197,10 @@ def test_one_bright_photosite_is_taken_for_a_hot_one_and_sixteen_for_a_lamp():
 def test_what_no_list_covers_is_finite_and_said(stops, middle):
     """Shutters from 1/8000 s to 30 s and an exposure of 6 stops show 24; here all or part lies beyond."""
     scene = Scene(ramp(stops, middle))
-    metering = scene.meter(Wanted())
+    metering = scene.meter(BracketGoals())
     for target in metering.targets:
         assert 0 < target.dark <= target.bright < np.inf
-    plan = plan_bracket(metering.targets, scene.list(Wanted()), Wanted())
+    plan = plan_bracket(metering.targets, scene.list(BracketGoals()), BracketGoals())
     assert plan.shortfalls
     assert 3 <= len(plan.exposures) <= 5
     assert all(np.isfinite(shortfall.stops) for shortfall in plan.shortfalls)
@@ -209,16 +209,16 @@ def test_what_no_list_covers_is_finite_and_said(stops, middle):
 def test_half_a_scene_without_any_light_is_not_called_covered():
     wall = np.full((HEIGHT, WIDTH), 8.0)
     wall[:, : WIDTH // 2] = 0.0
-    plan = planned(wall, Wanted())
+    plan = planned(wall, BracketGoals())
     assert {(one.part, one.at_least) for one in plan.shortfalls} == {("dark", True)}
 
 
 def test_limits_that_leave_nothing_are_said():
     with pytest.raises(CaptureError, match="60 dB are out of the reach of cam0, which gives 38"):
-        planned(ramp(4), Wanted(snr=60.0))
+        planned(ramp(4), BracketGoals(snr=60.0))
     with pytest.raises(
         CaptureError, match=r"black: no camera sees light at 1/8000 s .* allow longer exposures"
     ):
-        planned(ramp(4), Wanted(slowest=1 / 8000, total=1.0))
+        planned(ramp(4), BracketGoals(slowest=1 / 8000, total=1.0))
     with pytest.raises(CaptureError, match=r"no bracket fits into 0\.0001 s in all"):
-        planned(ramp(4), Wanted(total=1e-4))
+        planned(ramp(4), BracketGoals(total=1e-4))

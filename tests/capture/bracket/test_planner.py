@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from bench.capture import planner_cases as cases
 from capture.bracket.exposure_choices import common_isos, common_times, exposure_list, without_idle_isos
-from capture.bracket.planner import BALANCE, SLACK, Plan, Shortfall, Target, Wanted, plan_bracket
+from capture.bracket.planner import BALANCE, SLACK, BracketGoals, BracketPlan, Shortfall, Target, plan_bracket
 from capture.bracket.raw_noise import RawNoise
 from drivers.camera import Capabilities
 from imaging.errors import CaptureError, InputError
@@ -27,7 +27,7 @@ THIRDS = tuple(2.0 ** (n / 3) for n in range(-39, 16))
 """1/8192 s to 32 s."""
 
 
-ANY = Wanted()
+ANY = BracketGoals()
 
 
 def listed(times=THIRDS, isos=(100.0,), wanted=ANY) -> tuple[Exposure, ...]:
@@ -105,7 +105,7 @@ def test_no_bracket_does_with_fewer_exposures_and_none_as_quick_hands_over_bette
         Target(f"cam{i}", "G", SENSORS[kind], 2.0**low, 2.0 ** (low + stops))
         for i, (kind, low, stops) in enumerate(ranges)
     ]
-    plan = plan_bracket(targets, exposures, Wanted(snr=snr))
+    plan = plan_bracket(targets, exposures, BracketGoals(snr=snr))
     points = checkpoints(targets, exposures, snr)
     shows = {
         e: {n for n, (target, radiance) in enumerate(points) if shown(e, target, snr, radiance)}
@@ -137,10 +137,10 @@ def test_the_number_of_exposures_is_the_range_over_what_one_shows(noise, snr):
     exposures = listed([2.0 ** (n / 3) for n in range(-120, 16)])
     for count in (1, 2, 3):
         target = scene(noise, count * one - (count + 1) / 3)
-        plan = plan_bracket([target], exposures, Wanted(snr=snr))
+        plan = plan_bracket([target], exposures, BracketGoals(snr=snr))
         assert (len(plan.exposures), plan.shortfalls) == (count, ())
         more = scene(noise, count * one + 0.05)
-        assert len(plan_bracket([more], exposures, Wanted(snr=snr)).exposures) == count + 1
+        assert len(plan_bracket([more], exposures, BracketGoals(snr=snr)).exposures) == count + 1
 
 
 def test_published_dynamic_range_follows_from_the_noise():
@@ -155,21 +155,21 @@ def test_published_dynamic_range_follows_from_the_noise():
 
 def test_cameras_that_see_different_light_share_the_exposures():
     dim, lit = scene(SENSORS[1], 2.0, dark=1.0), Target("cam1", "G", SENSORS[0], 2.0**10, 2.0**12)
-    plan = plan_bracket([dim, lit], listed(), Wanted())
+    plan = plan_bracket([dim, lit], listed(), BracketGoals())
     assert len(plan.exposures) == 2
-    assert len(plan_bracket([dim, dim], listed(), Wanted()).exposures) == 1
+    assert len(plan_bracket([dim, dim], listed(), BracketGoals()).exposures) == 1
 
 
-def told(plan: Plan) -> dict[str, float]:
+def told(plan: BracketPlan) -> dict[str, float]:
     return {shortfall.part: shortfall.stops for shortfall in plan.shortfalls}
 
 
 def test_the_slowest_shutter_costs_the_dark_end_and_its_stops_are_said():
     target = scene(SENSORS[0], 10.0)
-    free = plan_bracket([target], listed(), Wanted())
+    free = plan_bracket([target], listed(), BracketGoals())
     longest = free.exposures[-1].time
     for stops in (1, 3, 5):
-        wanted = Wanted(slowest=longest / 2.0**stops)
+        wanted = BracketGoals(slowest=longest / 2.0**stops)
         plan = plan_bracket([target], listed(wanted=wanted), wanted)
         assert max(e.time for e in plan.exposures) <= wanted.slowest * 1.001
         # The free plan had up to a third of a stop to spare.
@@ -180,33 +180,33 @@ def test_the_slowest_shutter_costs_the_dark_end_and_its_stops_are_said():
 def test_a_total_time_is_kept_with_the_least_loss():
     target = scene(SENSORS[0], 14.0)
     exposures = listed()
-    free = plan_bracket([target], exposures, Wanted())
-    assert plan_bracket([target], exposures, Wanted(total=free.total)) == free
-    wanted = Wanted(total=free.total / 10)
+    free = plan_bracket([target], exposures, BracketGoals())
+    assert plan_bracket([target], exposures, BracketGoals(total=free.total)) == free
+    wanted = BracketGoals(total=free.total / 10)
     plan = plan_bracket([target], exposures, wanted)
     assert plan.total <= wanted.total
     assert told(plan)["dark"] == pytest.approx(math.log2(10), abs=0.7)
     with pytest.raises(CaptureError, match="no bracket fits into 1e-05 s"):
-        plan_bracket([target], exposures, Wanted(total=1e-5))
+        plan_bracket([target], exposures, BracketGoals(total=1e-5))
 
 
 def test_iso_is_raised_only_where_time_has_run_out_and_never_over_its_limit():
     isos = (100.0, 200.0, 400.0, 800.0)
     target = scene(SENSORS[1], 0.0)
-    wanted = Wanted()
+    wanted = BracketGoals()
     needed = plan_bracket([target], listed(isos=isos), wanted).exposures[0]
     assert needed.iso == 100
     # At ISO 100 this sensor rounds to steps of 8 electrons, beside 7 of read noise: ISO helps a little.
-    wanted = Wanted(slowest=needed.time / 2 ** (1 / 3))
+    wanted = BracketGoals(slowest=needed.time / 2 ** (1 / 3))
     raised = plan_bracket([target], listed(isos=isos, wanted=wanted), wanted)
-    limited = Wanted(slowest=wanted.slowest, highest_iso=250)
+    limited = BracketGoals(slowest=wanted.slowest, highest_iso=250)
     held = plan_bracket([target], listed(isos=isos, wanted=limited), limited)
     assert raised.exposures[0].iso > 100
     assert {e.iso for e in held.exposures} <= {100.0, 200.0}
     with pytest.raises(InputError, match="no ISO is 50 or lower: the lowest is 100"):
-        listed(isos=isos, wanted=Wanted(highest_iso=50))
+        listed(isos=isos, wanted=BracketGoals(highest_iso=50))
     with pytest.raises(InputError, match=r"no exposure is .* or shorter"):
-        listed(wanted=Wanted(slowest=1e-6))
+        listed(wanted=BracketGoals(slowest=1e-6))
 
 
 def test_an_iso_that_shows_hardly_more_is_left_alone():
@@ -221,7 +221,7 @@ def test_an_iso_that_shows_hardly_more_is_left_alone():
 def test_light_beyond_the_list_is_said():
     target = scene(SENSORS[0], 4.0, dark=2.0**20)
     fastest = listed()[0]
-    plan = plan_bracket([target], listed(), Wanted())
+    plan = plan_bracket([target], listed(), BracketGoals())
     assert plan.exposures == (fastest,)
     over = math.log2(target.bright * 2**SLACK / SENSORS[0].brightest(fastest))
     assert told(plan) == {"bright": pytest.approx(over)}
@@ -229,14 +229,14 @@ def test_light_beyond_the_list_is_said():
 
 
 def test_a_hole_in_the_list_is_said():
-    plan = plan_bracket([scene(SENSORS[0], 14.0, dark=0.05)], listed(times=(2.0**-8, 2.0**4)), Wanted())
+    plan = plan_bracket([scene(SENSORS[0], 14.0, dark=0.05)], listed(times=(2.0**-8, 2.0**4)), BracketGoals())
     assert len(plan.exposures) == 2
     assert told(plan)["middle"] == pytest.approx(12.0 - stops_of(SENSORS[0], 20.0))
 
 
 def test_many_small_gaps_are_told_in_one_sentence():
     """At 38 dB this sensor is good for less than the 1/3 stop between its shutter times."""
-    plan = plan_bracket([scene(SENSORS[0], 2.0)], listed(), Wanted(snr=37.9))
+    plan = plan_bracket([scene(SENSORS[0], 2.0)], listed(), BracketGoals(snr=37.9))
     assert len(plan.exposures) > 3
     (gaps,) = (shortfall for shortfall in plan.shortfalls if shortfall.part == "middle")
     assert str(gaps).endswith("stops between exposures are in none")
@@ -246,8 +246,8 @@ def test_a_camera_with_one_exposure_time_has_one_exposure_and_hears_what_it_miss
     lone = listed(times=(1 / 64,))
     middle = SENSORS[0].brightest(lone[0])
     inside = Target("cam0", "G", SENSORS[0], middle / 2**5, middle / 2)
-    assert plan_bracket([inside], lone, Wanted()) == Plan(lone, ())
-    wide = plan_bracket([Target("cam0", "G", SENSORS[0], middle / 2**9, middle * 4)], lone, Wanted())
+    assert plan_bracket([inside], lone, BracketGoals()) == BracketPlan(lone, ())
+    wide = plan_bracket([Target("cam0", "G", SENSORS[0], middle / 2**9, middle * 4)], lone, BracketGoals())
     assert wide.exposures == lone
     assert told(wide) == {
         "dark": pytest.approx(9 - SLACK - stops_of(SENSORS[0], 20.0), abs=1e-6),
@@ -257,12 +257,12 @@ def test_a_camera_with_one_exposure_time_has_one_exposure_and_hears_what_it_miss
 
 def test_an_snr_that_the_sensor_never_reaches_is_refused():
     with pytest.raises(CaptureError, match=r"50 dB are out of .* cam0, which gives 3\d\.\d dB"):
-        plan_bracket([scene(SENSORS[0], 4.0)], listed(), Wanted(snr=50.0))
+        plan_bracket([scene(SENSORS[0], 4.0)], listed(), BracketGoals(snr=50.0))
 
 
 def test_an_end_that_the_meter_did_not_find_is_never_called_covered():
     target = Target("cam0", "R", SENSORS[0], 4.0, 8.0, no_darker=False, no_brighter=False)
-    parts = {s.part: str(s) for s in plan_bracket([target], listed(), Wanted()).shortfalls}
+    parts = {s.part: str(s) for s in plan_bracket([target], listed(), BracketGoals()).shortfalls}
     assert parts == {
         "dark": "cam0 R: the meter found no dark end",
         "bright": "cam0 R: the meter found no bright end",
@@ -299,7 +299,7 @@ def test_scenes_before_real_sensors_get_as_few_exposures_as_brute_force(number):
     sizes = set()
     for _ in range(12):
         case = cases.draw(sensor, rng)
-        plan = plan_bracket(case.targets, listed(case.times, case.isos), Wanted(snr=case.snr))
+        plan = plan_bracket(case.targets, listed(case.times, case.isos), BracketGoals(snr=case.snr))
         needed = cases.demands(case, case.shots)
         chosen = sum(1 << case.shots.index(shot) for shot in plan.exposures)
         assert ((needed & np.uint32(chosen)) != 0).all()

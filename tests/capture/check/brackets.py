@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from capture.pictures.reduced import ReducedPicture, of_raw
 from drivers.sim.camera.response import develop
-from drivers.sim.camera.sensor import Sensor, SensorModel
+from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from imaging.cfa import Cfa, mosaic
 from imaging.exposure import Exposure
 from imaging.files import store
@@ -53,7 +53,7 @@ def shifted(light: Light, right: int, down: int) -> Light:
 def raw(light: Light, exposure: Exposure, seed: int = 0) -> RawMosaic:
     """A frame; light times the exposure scale is the share of white."""
     height, width = light.shape[:2]
-    sensor = Sensor(SENSOR, width, height, 0, "unit")
+    sensor = SimulatedSensor(SENSOR, width, height, 0, "unit")
     electrons = mosaic(light, Cfa.RGGB) * exposure.scale * ELECTRONS
     noise = np.random.default_rng([seed, int(1e6 * exposure.time)])
     pixels = sensor.expose(electrons, exposure.time, 1.0, noise)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from capture.imports.clock_matching import clock_offset, match_frames
 from capture.imports.originals import Original
-from capture.pictures.read import Picture
+from capture.pictures.read import PictureFacts
 from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata
 from imaging.session.records import CameraRecord
@@ -25,7 +25,7 @@ def brackets(times, whole_seconds=False):
             when = None if time is None else NOON + timedelta(seconds=time + 0.05 * step)
             if when is not None and whole_seconds:
                 when = when.replace(microsecond=0)
-            picture = Picture("ldr", 8, 6, FrameMetadata(captured_at=when), (0.0, 0.0, 0.0), 0.0, 1.0)
+            picture = PictureFacts("ldr", 8, 6, FrameMetadata(captured_at=when), (0.0, 0.0, 0.0), 0.0, 1.0)
             bracket.append(Original(Path("x.jpg"), "ldr", picture, Exposure(time=1 / 60)))
         found.append(bracket)
     return found

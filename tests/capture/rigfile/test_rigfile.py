@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture.bracket.planner import Wanted
+from capture.bracket.planner import BracketGoals
 from capture.connected_rig import capture_rig
 from capture.rigfile.rigfile import RigFile, read_rig_file
 from capture.rigfile.template import EXAMPLE, rig_file_text
@@ -56,7 +56,7 @@ def test_a_rig_file_is_read(tmp_path: Path) -> None:
     assert (tables.frames, tables.pause, tables.trigger.tolerance) == (2, 10.0, 0.005)
     assert tables.bracket.exposures == (-4.0, 0.0, 4.0)
     assert tables.bracket.middle(100.0) == Exposure(time=1 / 60, f_number=8, iso=100)
-    assert tables.bracket.wanted == Wanted()
+    assert tables.bracket.wanted == BracketGoals()
 
 
 def test_the_least_rig_file_is_a_camera(tmp_path: Path) -> None:

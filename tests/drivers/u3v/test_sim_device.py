@@ -13,7 +13,7 @@ from drivers.sim.u3v.description import Feature
 from drivers.sim.u3v.device import STREAM_IN
 from drivers.sim.u3v.memory import _SIRM
 from drivers.u3v.registers import Sirm
-from drivers.u3v.session import Session, open_session
+from drivers.u3v.session import U3vSession, open_session
 from drivers.u3v.settings import set_exposure
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
@@ -23,13 +23,13 @@ from .conftest import Bench, MakeBench
 FAST = Exposure(time=1 / 1000)
 
 
-def opened(bench: Bench) -> Session:
+def opened(bench: Bench) -> U3vSession:
     session = open_session(bench.serial, bench.bus, bench.clock)
     set_exposure(session.nodes, FAST)
     return session
 
 
-def run(session: Session, bench: Bench, seconds: float = 0.05) -> None:
+def run(session: U3vSession, bench: Bench, seconds: float = 0.05) -> None:
     """Stream freely for some time, without reading."""
     session.nodes.set("AcquisitionMode", "Continuous")
     session.stream.start()

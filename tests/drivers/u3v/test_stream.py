@@ -9,7 +9,7 @@ from drivers.errors import CameraLost, CameraProtocol, CameraRefused, CameraTime
 from drivers.sim.u3v.device import STREAM_IN
 from drivers.sim.usb.port import Port
 from drivers.u3v.chunks import join_chunks, split_chunks
-from drivers.u3v.session import Session, open_session
+from drivers.u3v.session import U3vSession, open_session
 from drivers.u3v.stream import IMAGE, Leader, Trailer, TransferPlan
 
 from .conftest import Bench, MakeBench
@@ -87,7 +87,7 @@ def test_random_bytes_are_chunks_or_refused(data: bytes) -> None:
 SIZE = 64 * 48
 
 
-def streaming(bench: Bench) -> tuple[Session, Port]:
+def streaming(bench: Bench) -> tuple[U3vSession, Port]:
     """A session whose stream is on, and the device's end of the cable; frames are 3072 bytes."""
     session = open_session(bench.serial, bench.bus, bench.clock)
     session.nodes.set("PixelFormat", "BayerRG8")

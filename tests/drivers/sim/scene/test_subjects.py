@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.sim.camera.lens import project
-from drivers.sim.camera.sensor import Sensor
+from drivers.sim.camera.sensor import SimulatedSensor
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.scene.subjects import LIGHT
 from drivers.sim.truth import write_truth
@@ -179,7 +179,7 @@ def test_the_truth_tells_which_frames_showed_what(tmp_path: Path) -> None:
     assert len(truth["exposures"]) == 14
     camera = truth["cameras"]["cam1"]
     assert camera["ceiling"] == 3700
-    sensor = Sensor(rig.bodies[1].sensor, 64, 48, 0, rig.bodies[1].serial, 0)
+    sensor = SimulatedSensor(rig.bodies[1].sensor, 64, 48, 0, rig.bodies[1].serial, 0)
     assert {(d["x"], d["y"]) for d in camera["defects"] if d["kind"] == "dead"} == {
         (int(x), int(y)) for y, x in zip(*np.nonzero(sensor.dead), strict=True)
     }
