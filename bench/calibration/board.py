@@ -40,7 +40,7 @@ def cam_from_board(rig: SimulatedRig, camera: int, frame: int) -> Array:
 def corners(rig: SimulatedRig, frames: int) -> dict[ViewId, Corners]:
     """True corners, each coordinate off by NOISE px (normal), of all views that show FEWEST of them."""
     rng = np.random.default_rng([rig.seed, 0xB0A4D])
-    found = {}
+    projected = {}
     for frame in range(frames):
         for camera, mount in enumerate(rig.mounts):
             pose = cam_from_board(rig, camera, frame)
@@ -49,8 +49,8 @@ def corners(rig: SimulatedRig, frames: int) -> dict[ViewId, Corners]:
             inside = (local[:, 2] > 0) & np.all((points > EDGE) & (points < (WIDTH - EDGE, HEIGHT - EDGE)), 1)
             if inside.sum() >= FEWEST:
                 points = points + rng.normal(0, NOISE, points.shape)
-                found[ViewId(frame, mount.name)] = Corners(np.flatnonzero(inside), points[inside])
-    return found
+                projected[ViewId(frame, mount.name)] = Corners(np.flatnonzero(inside), points[inside])
+    return projected
 
 
 def detected(rig: SimulatedRig, frames: int) -> dict[ViewId, Corners]:
@@ -74,26 +74,26 @@ def relative(rig: SimulatedRig, poses: Mapping[str, Array]) -> list[tuple[str, f
     """Of each camera but the reference: degrees and mm between its true and its found place."""
     true = {mount.name: np.asarray(mount.cam_from_rig) for mount in rig.mounts}
     reference = next(name for name, pose in poses.items() if np.allclose(pose, np.eye(4)))
-    found = []
+    errors = []
     for name in sorted(poses.keys() - {reference}):
         goal = true[name] @ np.linalg.inv(true[reference])
-        here, there = (-one[:3, :3].T @ one[:3, 3] for one in (poses[name], goal))
+        here, there = (-pose[:3, :3].T @ pose[:3, 3] for pose in (poses[name], goal))
         turn = degrees_of(poses[name][:3, :3] @ goal[:3, :3].T)
-        found.append((name, turn, 1000 * float(np.linalg.norm(here - there))))
-    return found
+        errors.append((name, turn, 1000 * float(np.linalg.norm(here - there))))
+    return errors
 
 
-def solved(rig: SimulatedRig, seen: Mapping[ViewId, Corners]) -> Group:
-    return solve_group(BOARD, seen, {mount.name: (WIDTH, HEIGHT) for mount in rig.mounts}, unreported)
+def solved(rig: SimulatedRig, corners: Mapping[ViewId, Corners]) -> Group:
+    return solve_group(BOARD, corners, {mount.name: (WIDTH, HEIGHT) for mount in rig.mounts}, unreported)
 
 
 def trial(seed: int, rendered: bool) -> dict[str, Any]:
     """One session: errors of the rig, in degrees, mm and stated standard errors."""
     rig = rig_of(seed)
-    seen = detected(rig, FRAMES) if rendered else corners(rig, FRAMES)
+    boards = detected(rig, FRAMES) if rendered else corners(rig, FRAMES)
     began = time.perf_counter()
-    group = solved(rig, seen)
-    row: dict[str, Any] = {"views": len(seen), "corners": sum(len(own.ids) for own in seen.values())}
+    group = solved(rig, boards)
+    row: dict[str, Any] = {"views": len(boards), "corners": sum(len(board.ids) for board in boards.values())}
     row |= {"seconds": time.perf_counter() - began}
     assert group.solved is not None
     assert group.doubt is not None
@@ -107,22 +107,22 @@ def trial(seed: int, rendered: bool) -> dict[str, Any]:
 def peer(seed: int) -> dict[str, Any]:
     """OpenCV's calibrateMultiview on the same corners, each camera calibrated on its own before."""
     rig = rig_of(seed)
-    seen = corners(rig, FRAMES)
+    boards = corners(rig, FRAMES)
     names = [mount.name for mount in rig.mounts]
     flat = BOARD.corners().astype(np.float32)
     objects = [flat] * FRAMES
     images, mask = [], np.zeros((len(names), FRAMES), np.uint8)
     matrices, distortions = [], []
     for camera, name in enumerate(names):
-        own = []
+        per_frame = []
         for frame in range(FRAMES):
             points = np.full((len(flat), 1, 2), -1.0, np.float32)
-            if (name, frame) in seen:
-                points[seen[name, frame].ids, 0] = seen[name, frame].points - 0.5
+            if ViewId(frame, name) in boards:
+                points[boards[ViewId(frame, name)].ids, 0] = boards[ViewId(frame, name)].points - 0.5
                 mask[camera, frame] = 1
-            own.append(points)
-        images.append(own)
-        views = [seen[name, frame] for frame in range(FRAMES) if (name, frame) in seen]
+            per_frame.append(points)
+        images.append(per_frame)
+        views = [boards[ViewId(frame, name)] for frame in range(FRAMES) if ViewId(frame, name) in boards]
         _, matrix, distortion, _, _ = cv2.calibrateCamera(
             [flat[view.ids] for view in views],
             [(view.points - 0.5).astype(np.float32)[:, None] for view in views],

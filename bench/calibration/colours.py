@@ -73,8 +73,10 @@ def matrices(seeds: int) -> list[dict[str, Any]]:
             truth = world(camera, light).truth
             for stops in STOPS:
                 trials = [seen(camera, light, stops, seed) for seed in range(1 if stops is None else seeds)]
-                mine = np.concatenate([held_out([one], truth, Model())[0][one.usable] for one in trials])
-                peer = np.concatenate([least_squares(one, truth) for one in trials])
+                mine = np.concatenate(
+                    [held_out([patches], truth, Model())[0][patches.usable] for patches in trials]
+                )
+                peer = np.concatenate([least_squares(patches, truth) for patches in trials])
                 rows.append(
                     {"camera": camera, "light": light, "stops": stops, "mine": told(mine), "peer": told(peer)}
                 )
@@ -90,18 +92,18 @@ def search(merged: Merged) -> Found | Missed:
     return best(merged, [2 * outlines for outlines in locate(half(merged.radiance, merged.cfa))])
 
 
-def right(found: Found | Missed, camera: Array) -> bool:
-    """Whether what was found measures what was painted."""
-    if isinstance(found, Missed):
+def right(chart: Found | Missed, camera: Array) -> bool:
+    """Whether the chart that was found measures what was painted."""
+    if isinstance(chart, Missed):
         return False
-    used = found.patches.usable
-    ratio = (found.patches.rgb / camera)[used]
+    used = chart.patches.usable
+    ratio = (chart.patches.rgb / camera)[used]
     scale = np.median(ratio)
-    return bool(np.all(np.abs(ratio / scale - 1) < 0.03 + 5 * (found.patches.sigma / camera)[used] / scale))
+    return bool(np.all(np.abs(ratio / scale - 1) < 0.03 + 5 * (chart.patches.sigma / camera)[used] / scale))
 
 
 def detection(turns: int) -> list[dict[str, Any]]:
-    own = world("nikon", "D65")
+    sensor = world("nikon", "D65")
     random = np.random.default_rng(1)
     rows = []
     for share in SHARES:
@@ -110,11 +112,11 @@ def detection(turns: int) -> list[dict[str, Any]]:
             for stops in EXPOSURES:
                 for _ in range(turns):
                     corners = square_on(WIDTH, HEIGHT, share, random.uniform(0, 360), tilt)
-                    light = painted(own.camera, own.white, corners, WIDTH, HEIGHT)
+                    light = painted(sensor.camera, sensor.white, corners, WIDTH, HEIGHT)
                     raw = photograph(light, 0.8 * 2.0**stops / light.max(), seed=total, vignetting=-0.2)
-                    found = search(merge_bracket([from_raw(raw, 1.0)]))
-                    good += right(found, own.camera)
-                    wrong += isinstance(found, Found) and not right(found, own.camera)
+                    chart = search(merge_bracket([from_raw(raw, 1.0)]))
+                    good += right(chart, sensor.camera)
+                    wrong += isinstance(chart, Found) and not right(chart, sensor.camera)
                     total += 1
             rows.append({"share": share, "tilt": tilt, "found": good, "wrong": wrong, "of": total})
     return rows

@@ -22,6 +22,7 @@ from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.dng import write_dng
 from imaging.mosaic import RawMosaic
+from imaging.progress import unreported
 from imaging.session.calibration import read_calibration
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
@@ -112,11 +113,11 @@ def posed(
         except CalibrationError as error:
             return f"refused: {error}".replace(f"{folder}: ", "")
         record = read_calibration(folder)
-    found = found_poses(record)
-    errors = pairs(found, true)
+    placed_views = found_poses(record)
+    errors = pairs(placed_views, true)
     placed = errors[np.isfinite(errors[:, 0])]
     words = (
-        f"{len(found)} of {len(true)} placed, AUC@1 {auc(errors, 1.0):.3f}, "
+        f"{len(placed_views)} of {len(true)} placed, AUC@1 {auc(errors, 1.0):.3f}, "
         f"rotation {np.median(placed[:, 0]):.3f}°, direction {np.median(placed[:, 1]):.3f}°"
     )
     if labels is not None:
@@ -133,27 +134,30 @@ def turning() -> str:
         turn = np.eye(4)
         turn[:3, :3] = cv2.Rodrigues(np.array([0.02 * frame, 0.1 * frame - 0.15, 0.0]))[0]
         pose = turn @ rig.cam_from_world(0, 0)
-        views["cam0", frame] = rig.scene.render(rig.mounts[0].optics.lens, pose, 2).astype(np.float64)
+        views[ViewId(frame, "cam0")] = rig.scene.render(rig.mounts[0].optics.lens, pose, 2).astype(np.float64)
     return posed(views=views)
 
 
 def wide() -> str:
     """A filter that dims from right to left by 14 stops before the scene, which has 14 of its own."""
     _, light, _ = studio()
-    views = {key: own * 2.0 ** np.linspace(-10, 4, own.shape[1])[:, None] for key, own in light.items()}
+    views = {
+        key: picture * 2.0 ** np.linspace(-10, 4, picture.shape[1])[:, None] for key, picture in light.items()
+    }
     return posed(tuple(4.0**power for power in range(-8, 4)), views=views)
 
 
 def one_camera() -> str:
     _, light, true = studio()
-    own, goal = ({key: part[key] for key in light if key[0] == "cam0"} for part in (light, true))
-    return posed(views=own, true=goal)
+    views, true_poses = ({key: part[key] for key in light if key.camera == "cam0"} for part in (light, true))
+    return posed(views=views, true=true_poses)
 
 
 def twice() -> str:
     _, light, true = studio()
     both = [
-        {**part, **{(name, FRAMES): part[name, 1] for name in ("cam0", "cam1")}} for part in (light, true)
+        {**part, **{ViewId(FRAMES, name): part[ViewId(1, name)] for name in ("cam0", "cam1")}}
+        for part in (light, true)
     ]
     return posed(views=both[0], true=both[1])
 
@@ -161,12 +165,12 @@ def twice() -> str:
 def apart() -> str:
     """A board that no frame shows to both halves of the rig."""
     rig = boards.rig_of(3)
-    seen = {
-        key: own
-        for key, own in boards.corners(rig, BOARD_FRAMES).items()
-        if (key[0] in ("cam0", "cam1")) == (key[1] % 2 == 0)
+    corners = {
+        key: points
+        for key, points in boards.corners(rig, BOARD_FRAMES).items()
+        if (key.camera in ("cam0", "cam1")) == (key.frame % 2 == 0)
     }
-    group = boards.solved(rig, seen)
+    group = boards.solved(rig, corners)
     assert group.solved is not None
     errors = boards.relative(rig, group.solved.cam_from_rig)
     return (
@@ -175,26 +179,27 @@ def apart() -> str:
     )
 
 
-def printed(one: Print) -> str:
+def printed(as_printed: Print) -> str:
     """A board as printed before OpenCV 4.6, or with black for white; 6 rows, where the patterns differ."""
-    told = boards.BOARD.model_copy(update={"rows": 6})
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, told.dictionary))
-    layout = cv2.aruco.CharucoBoard((told.columns, told.rows), told.square, told.marker, dictionary)
-    layout.setLegacyPattern(one.legacy)
+    board = boards.BOARD.model_copy(update={"rows": 6})
+    view = ViewId(0, "a")
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    layout = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker, dictionary)
+    layout.setLegacyPattern(as_printed.legacy)
     flat = np.pad(np.asarray(layout.generateImage((700, 600))), 40, constant_values=255)
-    image = np.asarray(255 - flat if one.inverted else flat, np.uint8)
+    image = np.asarray(255 - flat if as_printed.inverted else flat, np.uint8)
     try:
-        seen, recognised = find_all(told, [("a", 0)], lambda key: image, boards.silent)
+        by_view, recognised = find_all(board, [view], lambda key: image, unreported)
     except CalibrationError as error:
         return f"refused: {error}"
-    corners = seen["a", 0]
-    off = np.abs(corners.points - (told.corners()[corners.ids, :2] / told.square * 100 + 40)).max()
+    corners = by_view[view]
+    off = np.abs(corners.points - (board.corners()[corners.ids, :2] / board.square * 100 + 40)).max()
     return f"recognised as {recognised}, {len(corners.ids)} of 30 corners, within {off:.2f} px"
 
 
 def cases() -> dict[str, Callable[[], str]]:
     """All of them, by name."""
-    found: dict[str, Callable[[], str]] = {
+    by_name: dict[str, Callable[[], str]] = {
         "as usual: three exposures, 16 times apart": posed,
         "exposures 2^20 apart, one all white": lambda: posed((1 / 64, 2.0**14)),
         "exposures 2^20 apart, one all black": lambda: posed((2.0**-26, 1 / 64)),
@@ -210,9 +215,9 @@ def cases() -> dict[str, Callable[[], str]]:
         "hot sensor: one photosite in 200 white": lambda: posed(hot=0.005),
         "board that two pairs of cameras never share": apart,
     }
-    for one in PRINTS[1:]:
-        found[f"ChArUco board, {one}"] = partial(printed, one)
-    return found
+    for as_printed in PRINTS[1:]:
+        by_name[f"ChArUco board, {as_printed}"] = partial(printed, as_printed)
+    return by_name
 
 
 def outcome(name: str) -> dict[str, Any]:

@@ -97,17 +97,17 @@ def _keep(kept: dict[str, Any], stack: ExitStack) -> None:
             summaries[view.id] = summarise(session, view, *rest)
         return summaries[view.id]
 
-    def filled(database: Any, cameras: Any, found: Any, *rest: Any) -> Any:
-        order = iter(combinations(found, 2))
+    def filled(database: Any, cameras: Any, images: Any, *rest: Any) -> Any:
+        order = iter(combinations(images, 2))
 
-        def matched(one: Any, other: Any) -> Any:
+        def matched(first: Any, other: Any) -> Any:
             if pairs is None:
-                return match(one, other)
+                return match(first, other)
             pair = pairs.get(next(order))
             return np.empty((0, 2), np.uint32) if pair is None else pair.index
 
         with patch.object(features, "match", matched):
-            verified = fill(database, cameras, found, *rest)
+            verified = fill(database, cameras, images, *rest)
         if pairs is None:
             kept["pairs"] = verified
         return verified
@@ -125,8 +125,8 @@ def _poses(reconstruction: Any) -> dict[int, Any]:
     }
 
 
-def _judged(found: dict[int, Any], true: Any) -> dict[str, int]:
-    return {"placed": len(found), "wrong": len(truth.errors(found, true).wrong)}
+def _judged(placed: dict[int, Any], true: Any) -> dict[str, int]:
+    return {"placed": len(placed), "wrong": len(truth.errors(placed, true).wrong)}
 
 
 def silent(row: dict[str, Any]) -> bool:

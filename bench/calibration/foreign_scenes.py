@@ -32,14 +32,14 @@ def hall() -> Light:
     return probe(path) if path.is_file() else windows(1)
 
 
-def tiles(seed: int, across: int, down: int, own: float = 0.0) -> np.ndarray:
-    """One tile many times; own: the share of a texture that is not repeated."""
+def tiles(seed: int, across: int, down: int, difference: float = 0.0) -> np.ndarray:
+    """One tile many times; difference: the share of a texture that is not repeated."""
     tile = spots(seed, 128)
     texture = np.tile(tile, (down, across, 1))
     size = texture.shape
-    if own:
+    if difference:
         once = spots(seed + 100, max(size[:2]))[: size[0], : size[1]]
-        texture = (1 - own) * texture + own * once
+        texture = (1 - difference) * texture + difference * once
     return texture.astype(np.float32)
 
 
@@ -125,7 +125,10 @@ def _scenes() -> dict[str, Callable[[], Scene]]:
             ),
             of("column-4", lambda: column(surface(tiles(7, 4, 1))) | floor(PLAIN), MANY, width=400),
             of("column-2", lambda: column(surface(tiles(8, 2, 1))) | floor(PLAIN), light=windows),
-            of("column-12", lambda: column(surface(tiles(9, 12, 4, own=0.15))) | floor(surface(spots(6)))),
+            of(
+                "column-12",
+                lambda: column(surface(tiles(9, 12, 4, difference=0.15))) | floor(surface(spots(6))),
+            ),
             of(
                 "ball",
                 lambda: ball("ball", moved(0, 0, 0, size=(1.2, 1.2, 1.2)), surface(spots(10, 1024))),
@@ -168,7 +171,8 @@ def _scenes() -> dict[str, Callable[[], Scene]]:
             of(
                 "facade-weathered",
                 lambda: (
-                    wall("wall", 180, 0, (6, 1.5), surface(tiles(16, 12, 3, own=0.2))) | floor(PLAIN, 6, -1.5)
+                    wall("wall", 180, 0, (6, 1.5), surface(tiles(16, 12, 3, difference=0.2)))
+                    | floor(PLAIN, 6, -1.5)
                 ),
                 line(18, 8, 3.0),
                 windows,

@@ -41,20 +41,20 @@ def degrees_of(rotation: Array) -> float:
     return float(np.degrees(np.arctan2(sine, (np.trace(rotation) - 1) / 2)))
 
 
-def pairs(found: Mapping[ViewId, Array], true: Mapping[ViewId, Array]) -> Array:
+def pairs(estimated: Mapping[ViewId, Array], true: Mapping[ViewId, Array]) -> Array:
     """Errors [pairs, 2], degrees, of every pair of true views: its rotation, and its translation's direction.
 
     inf for the pairs of a view that was not placed. Pairs that stand at one place have no direction.
     """
     errors = []
-    for one, other in combinations(sorted(true), 2):
-        goal = true[one] @ np.linalg.inv(true[other])
-        if one not in found or other not in found:
+    for view, other in combinations(sorted(true), 2):
+        goal = true[view] @ np.linalg.inv(true[other])
+        if view not in estimated or other not in estimated:
             errors.append((np.inf, np.inf))
             continue
-        own = found[one] @ np.linalg.inv(found[other])
-        turn = degrees_of(own[:3, :3] @ goal[:3, :3].T)
-        here, there = own[:3, 3], goal[:3, 3]
+        relative = estimated[view] @ np.linalg.inv(estimated[other])
+        turn = degrees_of(relative[:3, :3] @ goal[:3, :3].T)
+        here, there = relative[:3, 3], goal[:3, 3]
         angle = 0.0
         if np.linalg.norm(there) > 1e-9:
             angle = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(here, there)), here @ there)))
@@ -72,18 +72,18 @@ def auc(errors: Array, threshold: float) -> float:
 
 
 def aligned(
-    found: Mapping[ViewId, Array], true: Mapping[ViewId, Array]
+    estimated: Mapping[ViewId, Array], true: Mapping[ViewId, Array]
 ) -> tuple[list[ViewId], Array, Array, float]:
     """The views that both have; rotation vectors, degrees [V, 3], and shifts of the centres [V, 3] after the
     best similarity (its turn by the mean of the orientations), in units of the truth; and its scale."""
-    views = sorted(found.keys() & true.keys())
-    own, goal = (np.stack([poses[view] for view in views]) for poses in (found, true))
-    u, _, vt = np.linalg.svd(np.einsum("nji,njk->ik", goal[:, :3, :3], own[:, :3, :3]))
+    views = sorted(estimated.keys() & true.keys())
+    estimates, goal = (np.stack([poses[view] for view in views]) for poses in (estimated, true))
+    u, _, vt = np.linalg.svd(np.einsum("nji,njk->ik", goal[:, :3, :3], estimates[:, :3, :3]))
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    apart = own[:, :3, :3] @ turn.T @ goal[:, :3, :3].transpose(0, 2, 1)
+    apart = estimates[:, :3, :3] @ turn.T @ goal[:, :3, :3].transpose(0, 2, 1)
     skew = (apart - apart.transpose(0, 2, 1)) / 2
     turns = np.degrees(np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1))
-    here, there = (-np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3]) for poses in (own, goal))
+    here, there = (-np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3]) for poses in (estimates, goal))
     here, middle = (here - here.mean(0)) @ turn.T, there.mean(0)
     size = float((here**2).sum())
     scale = float((here * (there - middle)).sum()) / size if size > 0 else 1.0
@@ -92,9 +92,9 @@ def aligned(
 
 def of_session(session: Path, record: CalibrationRecord) -> dict[str, Any]:
     """A row: AUCs, median errors and how many of the stated intervals hold the truth."""
-    true, found = true_poses(session), found_poses(record)
-    errors = pairs(found, true)
-    views, turns, shifts, scale = aligned(found, true)
+    true, estimated = true_poses(session), found_poses(record)
+    errors = pairs(estimated, true)
+    views, turns, shifts, scale = aligned(estimated, true)
     stated = {view.id: view.error for view in record.views}
     rotation, translation = [], []
     for view, turn, shift in zip(views, turns, shifts, strict=True):
@@ -104,7 +104,7 @@ def of_session(session: Path, record: CalibrationRecord) -> dict[str, Any]:
             translation.append(float(np.linalg.norm(shift)) / (scale * error.translation))
     placed = errors[np.isfinite(errors[:, 0])]
     return {
-        "registered": len(found),
+        "registered": len(estimated),
         "views": len(true),
         **{f"auc_{threshold}": auc(errors, threshold) for threshold in (1, 3, 5)},
         "rotation": float(np.median(placed[:, 0])),

@@ -69,14 +69,14 @@ def board(rows: Rows, seeds: int, rendered: int) -> dict[str, list[dict[str, Any
 
 def scene(rows: Rows, seeds: Mapping[int, int]) -> dict[str, list[dict[str, Any]]]:
     """Rigs from a scene; seeds: how many sessions, by the width of their pictures."""
-    found = {}
+    by_case = {}
     for width, count in seeds.items():
         for stops in (0, -8):
-            found[f"{width} px, {stops} EV"] = [
+            by_case[f"{width} px, {stops} EV"] = [
                 rows.get(f"scene {width} {stops} {seed}", partial(scene_trials.trial, seed, stops, width))
                 for seed in range(100, 100 + count)
             ]
-    return found
+    return by_case
 
 
 def sceaux(rows: Rows) -> dict[str, Any] | None:
@@ -129,16 +129,16 @@ def table(result: dict[str, Any]) -> str:
         "OpenCV": "off by 0.06 px, by OpenCV's calibrateMultiview",
     }
     for key, rows in result["board"].items():
-        told = [row for row in rows if "rotation" in row]
+        solved = [row for row in rows if "rotation" in row]
         if not rows:
             continue
-        if not told:
+        if not solved:
             lines.append(f"| {names[key]} | {len(rows)} | refused: {rows[0]['refused']} | | | | |")
             continue
         lines.append(
-            f"| {names[key]} | {len(rows)} | {spread(gathered(told, 'rotation'), 4)} "
-            f"| {share(told, 'rotation_ratios')} | {spread(gathered(told, 'translation'), 3)} "
-            f"| {share(told, 'translation_ratios')} | {np.median(gathered(told, 'seconds')):.1f} |"
+            f"| {names[key]} | {len(rows)} | {spread(gathered(solved, 'rotation'), 4)} "
+            f"| {share(solved, 'rotation_ratios')} | {spread(gathered(solved, 'translation'), 3)} "
+            f"| {share(solved, 'translation_ratios')} | {np.median(gathered(solved, 'seconds')):.1f} |"
         )
     if result["scene"]:
         lines += [
@@ -153,11 +153,11 @@ def table(result: dict[str, Any]) -> str:
         cells = [name, str(len(rows))]
         cells.append(f"{sum(row['registered'] for row in rows)} of {sum(row['views'] for row in rows)}")
         for key in ("auc_1", "auc_3", "auc_5"):
-            own = gathered(rows, key)
-            cells.append(f"{np.median(own):.3f} ({own.min():.3f})")
+            errors = gathered(rows, key)
+            cells.append(f"{np.median(errors):.3f} ({errors.min():.3f})")
         for key in ("rotation", "direction"):
-            own = gathered(rows, key)
-            cells.append(f"{np.median(own):.3f} ({own.max():.3f})")
+            errors = gathered(rows, key)
+            cells.append(f"{np.median(errors):.3f} ({errors.max():.3f})")
         cells += [share(rows, "rotation_ratios"), share(rows, "translation_ratios")]
         cells += [f"{np.median(gathered(rows, key)):.1f}" for key in ("seconds", "sure_seconds")]
         lines.append(f"| {' | '.join(cells)} |")

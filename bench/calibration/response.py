@@ -69,9 +69,9 @@ def wide(stops: int, seeds: Sequence[int]) -> dict[str, Any]:
             scene = np.exp(cv2.resize(knots, (320, 240)))
             views.append([np.rint(255 * sigmoid(scene * np.exp(k))).astype(np.uint8) for k in labels])
         cut = [[patches(shot.astype(np.float32) / 255) for shot in shots] for shots in views]
-        found = estimate(Samples.joined([sample(own, labels, SITES // VIEWS) for own in cut]))
-        row["rungs"].append(found.response.evidence.split(",")[0])
-        curves = {"ours": logs_of(found)}
+        estimated = estimate(Samples.joined([sample(shots, labels, SITES // VIEWS) for shots in cut]))
+        row["rungs"].append(estimated.response.evidence.split(",")[0])
+        curves = {"ours": logs_of(estimated)}
         joined = [np.concatenate(shots) for shots in zip(*views, strict=True)]
         for peer, make in PEERS.items():
             response = make().process(joined, np.exp(labels).astype(np.float32))
@@ -87,7 +87,7 @@ def half_step(away: Array, goal: Array, labels: Array) -> float:
     """Root mean square error of the difference of codes that are half a step of the bracket apart."""
     places = np.arange(len(goal))
     beyond = np.interp(goal + 0.5 * (labels[1] - labels[0]), goal, places, right=np.nan)
-    across = np.stack([np.interp(beyond, places, own) - own for own in away.T])
+    across = np.stack([np.interp(beyond, places, channel) - channel for channel in away.T])
     return float(np.sqrt(np.nanmean(across**2, axis=1)).max())
 
 
@@ -99,26 +99,26 @@ def mislabelled(name: str, seed: int) -> dict[str, Any]:
         for factor in (2.0, 0.5):
             off = np.where(np.arange(len(FOUR)) == step, np.log(factor), 0.0)
             shots = shoot(curve, seed, 0.0, FOUR + off)
-            found = ours(shots, FOUR)
-            shift = np.array([found.shift.get(round(float(label), 6), 0.0) for label in FOUR]) - off
-            row["ours"].append(error(logs_of(found), curve))
+            estimated = ours(shots, FOUR)
+            shift = np.array([estimated.shift.get(round(float(label), 6), 0.0) for label in FOUR]) - off
+            row["ours"].append(error(logs_of(estimated), curve))
             row["others"].append(float(np.abs(np.delete(shift, step)).max()))
             row["wrong"].append(float(abs(shift[step])))
-            told = f"exposure {step + 1} of {len(FOUR)}, counted"
-            row["named"].append(any(told in rung.reason for rung in found.rungs))
+            words = f"exposure {step + 1} of {len(FOUR)}, counted"
+            row["named"].append(any(words in rung.reason for rung in estimated.rungs))
     return row
 
 
-def coverage(found: Estimate, curve: Callable[[Array], Array]) -> float | None:
+def coverage(estimated: Estimate, curve: Callable[[Array], Array]) -> float | None:
     """Share of the measured codes whose true value lies in the 95 % band; None where there is no curve."""
-    response = found.response
+    response = estimated.response
     if not response.sigma:
         return None
     codes = np.rint(255 * np.array(response.codes)).astype(int)
     away = np.array(response.log_exposure) - truth(curve)[codes]
     away -= away[:, codes == 128]
-    told = (codes >= 255 * response.valid[0]) & (codes <= 255 * response.valid[1]) & (abs(codes - 128) > 6)
-    return float((np.abs(away) < 1.96 * np.array(response.sigma))[:, told].mean())
+    judged = (codes >= 255 * response.valid[0]) & (codes <= 255 * response.valid[1]) & (abs(codes - 128) > 6)
+    return float((np.abs(away) < 1.96 * np.array(response.sigma))[:, judged].mean())
 
 
 def family(name: str, seeds: Sequence[int], jitter: float) -> dict[str, Any]:
@@ -134,13 +134,13 @@ def family(name: str, seeds: Sequence[int], jitter: float) -> dict[str, Any]:
     for seed in seeds:
         shots = shoot(curve, seed, jitter)
         began = time.perf_counter()
-        found = ours(shots, LABELS)
+        estimated = ours(shots, LABELS)
         row["seconds"].append(time.perf_counter() - began)
-        row["ours"].append(error(logs_of(found), curve))
+        row["ours"].append(error(logs_of(estimated), curve))
         row["rungs"].append(
-            "sRGB" if found.response.kind == "srgb" else found.response.evidence.split(",")[0]
+            "sRGB" if estimated.response.kind == "srgb" else estimated.response.evidence.split(",")[0]
         )
-        row["coverage"].append(coverage(found, curve))
+        row["coverage"].append(coverage(estimated, curve))
         for peer, make in PEERS.items():
             response = make().process(shots, np.exp(LABELS).astype(np.float32))
             row.setdefault(peer, []).append(error(np.log(np.maximum(response[:, 0], 1e-12)), curve))
@@ -152,19 +152,19 @@ def church(folder: Path) -> dict[str, Any]:
     shot, goal = memorial.series(folder), memorial.radiance(folder / "memorial.hdr")
     masked = [np.where(shot.valid[..., None], codes, np.uint8(255)) for codes in shot.codes]
     began = time.perf_counter()
-    found = ours(masked, np.log(shot.times))
+    estimated = ours(masked, np.log(shot.times))
     seconds = time.perf_counter() - began
-    k = [time * np.exp(found.shift.get(round(float(np.log(time)), 6), 0.0)) for time in shot.times]
+    k = [time * np.exp(estimated.shift.get(round(float(np.log(time)), 6), 0.0)) for time in shot.times]
     frames = [
-        from_codes(code.astype(np.float32) / 255, scale, found.response)
+        from_codes(code.astype(np.float32) / 255, scale, estimated.response)
         for code, scale in zip(shot.codes, k, strict=True)
     ]
     merged = merge_bracket(frames)
     row: dict[str, Any] = {
         "told": float(np.isfinite(goal).mean()),
         "seconds": seconds,
-        "evidence": found.response.evidence,
-        "rungs": [rung.model_dump() for rung in found.rungs],
+        "evidence": estimated.response.evidence,
+        "rungs": [rung.model_dump() for rung in estimated.rungs],
         "ours": memorial.stops(merged.radiance, goal, shot.valid & merged.valid.all(-1)),
     }
     times = shot.times.astype(np.float32)
@@ -181,8 +181,8 @@ def room(folder: Path) -> dict[str, Any]:
     exposures = [photo.metadata.exposure for photo in photos]
     labels = np.log([exposure.scale for exposure in exposures if exposure is not None])
     samples = sample([patches(photo.pixels) for photo in photos], labels, SITES)
-    found = estimate(samples)
-    shift = np.array([found.shift.get(round(float(label), 6), 0.0) for label in labels])
+    estimated = estimate(samples)
+    shift = np.array([estimated.shift.get(round(float(label), 6), 0.0) for label in labels])
 
     def disagreement(logs: Array, shifts: Array) -> float:
         steps = np.sort(labels)
@@ -190,16 +190,16 @@ def room(folder: Path) -> dict[str, Any]:
         parts = []
         for index in range(3):
             channel = channel_of(samples, index)
-            own = np.array([moved[step] for step in channel.steps.round(6)])[channel.step]
-            light = np.interp(channel.code, LEVELS, logs[:, index]) - channel.log_k - own
+            shift_of_step = np.array([moved[step] for step in channel.steps.round(6)])[channel.step]
+            light = np.interp(channel.code, LEVELS, logs[:, index]) - channel.log_k - shift_of_step
             first, second = neighbours(channel)
             parts.append(np.abs(light[first] - light[second]))
         return 100 * float(np.median(np.concatenate(parts)))
 
     row: dict[str, Any] = {
-        "evidence": found.response.evidence,
-        "rungs": [rung.model_dump() for rung in found.rungs],
-        "ours": disagreement(logs_of(found), shift),
+        "evidence": estimated.response.evidence,
+        "rungs": [rung.model_dump() for rung in estimated.rungs],
+        "ours": disagreement(logs_of(estimated), shift),
     }
     shots = [np.rint(255 * photo.pixels).astype(np.uint8) for photo in photos]
     for peer, make in PEERS.items():
@@ -260,10 +260,10 @@ def table(result: dict[str, Any]) -> str:
             row = result[name]
             values = " | ".join(f"{row[key]:.3g}" for key in ("ours", *PEERS))
             lines.append(f"| {name}, {unit} | {values} |")
-        told = 100 * result["memorial"]["told"]
+        readable = 100 * result["memorial"]["told"]
         lines += [
             "",
-            f"memorial: {result['memorial']['evidence']}; {told:.0f} % of the authors' map is readable.",
+            f"memorial: {result['memorial']['evidence']}; {readable:.0f} % of the authors' map is readable.",
         ]
         lines += [f"t2i: {result['t2i']['evidence']}."]
     return "\n".join(lines) + "\n"

@@ -50,11 +50,11 @@ def ours(shots: Sequence[Codes], labels: Array) -> Estimate:
     return estimate(sample([patches(shot.astype(np.float32) / 255) for shot in shots], labels, SITES))
 
 
-def logs_of(found: Estimate) -> Array:
+def logs_of(estimated: Estimate) -> Array:
     """ln light [256, 3] of the codes."""
-    return np.log(np.maximum(decode(np.repeat(LEVELS[:, None] / 255, 3, 1), found.response), 1e-12)).astype(
-        float
-    )
+    return np.log(
+        np.maximum(decode(np.repeat(LEVELS[:, None] / 255, 3, 1), estimated.response), 1e-12)
+    ).astype(float)
 
 
 def truth(curve: Callable[[Array], Array]) -> Array:

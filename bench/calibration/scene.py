@@ -63,12 +63,12 @@ def photographs(folder: Path) -> dict[str, Any]:
             shutil.copy(path, pictures / path.name)
         import_photos(pictures, session)
         record, seconds = timed(session)
-        own = pycolmap.Reconstruction(str(session / "calibration" / "colmap"))
+        model = pycolmap.Reconstruction(str(session / "calibration" / "colmap"))
         ours = {
             "registered": len(record.views),
             "images": len(record.views) + len(record.unregistered),
             "reprojection_px": record.reprojection_px,
-            **_counts(own),
+            **_counts(model),
             **seconds,
         }
         return {"rig": ours, "pycolmap": _plain(pictures, Path(work))}

@@ -91,7 +91,7 @@ def shoot(sensor: SimulatedSensor, rng: np.random.Generator, levels: int = 8) ->
     for step in range(levels):
         amount = 1.6 * model.white_electrons * 2.0 ** (step - levels + 1)
         flicker = 1.0 + 0.003 * rng.standard_normal(FLATS)
-        frames = [sensor.expose(even * amount * own, 0.01, 1.0, rng) for own in flicker]
+        frames = [sensor.expose(even * amount * flash, 0.01, 1.0, rng) for flash in flicker]
         flats.append(gather(frames, 2.0**step, float(nominal(model).black.mean())))
     return emva.Frames(darks, flats, few)
 
@@ -99,7 +99,7 @@ def shoot(sensor: SimulatedSensor, rng: np.random.Generator, levels: int = 8) ->
 def trial(model: SensorModel, seed: int) -> dict[str, Any]:
     sensor, rng = SimulatedSensor(model, SIDE, SIDE, seed, "bench"), np.random.default_rng((seed, 1))
     frames = shoot(sensor, rng)
-    found, _ = emva.measure(frames, nominal(model), 100.0)
+    measurement, _ = emva.measure(frames, nominal(model), 100.0)
     true = {
         "gain": model.gain,
         "read_noise": model.read_noise,
@@ -112,20 +112,25 @@ def trial(model: SensorModel, seed: int) -> dict[str, Any]:
     }
     row: dict[str, Any] = {}
     for name, value in true.items():
-        told = getattr(found, name)
-        if told is not None and (value > 0 or name == "nonlinearity"):
-            row[name] = ((told.value / value - 1) if value else told.value, (told.value - value) / told.sigma)
-    if found.black is not None:
-        worst = max(zip(found.black, model.black, strict=True), key=lambda pair: abs(pair[0].value - pair[1]))
+        value_measured = getattr(measurement, name)
+        if value_measured is not None and (value > 0 or name == "nonlinearity"):
+            row[name] = (
+                (value_measured.value / value - 1) if value else value_measured.value,
+                (value_measured.value - value) / value_measured.sigma,
+            )
+    if measurement.black is not None:
+        worst = max(
+            zip(measurement.black, model.black, strict=True), key=lambda pair: abs(pair[0].value - pair[1])
+        )
         row["black"] = (
             worst[0].value - worst[1],
-            (found.black[0].value - model.black[0]) / found.black[0].sigma,
+            (measurement.black[0].value - model.black[0]) / measurement.black[0].sigma,
         )
-    row["linear"] = found.linear
-    return row | _defects(sensor, frames, {(one.x, one.y) for one in found.defects or ()})
+    row["linear"] = measurement.linear
+    return row | _defects(sensor, frames, {(defect.x, defect.y) for defect in measurement.defects or ()})
 
 
-def _defects(sensor: SimulatedSensor, frames: emva.Frames, found: set[tuple[int, int]]) -> dict[str, int]:
+def _defects(sensor: SimulatedSensor, frames: emva.Frames, named: set[tuple[int, int]]) -> dict[str, int]:
     model, longest = sensor.model, TIMES[-1]
     usual = model.dark_current * longest
     scatter = np.sqrt(model.read_noise**2 + usual + 1 / 12 / model.gain**2) / np.sqrt(DARKS)
@@ -134,13 +139,13 @@ def _defects(sensor: SimulatedSensor, frames: emva.Frames, found: set[tuple[int,
     dead = sensor.dead
     must = {(int(x), int(y)) for y, x in zip(*np.nonzero(hot | dead), strict=True)}
     real = {(int(x), int(y)) for y, x in zip(*np.nonzero(sensor.hot | sensor.dead), strict=True)}
-    return {"defects": len(must), "missed": len(must - found), "false": len(found - real)}
+    return {"defects": len(must), "missed": len(must - named), "false": len(named - real)}
 
 
 def bracket_trial(model: SensorModel, seed: int) -> dict[str, Any]:
     sensor = SimulatedSensor(model, SIDE, SIDE, seed, "bench")
     rng = np.random.default_rng((seed, 2))
-    known, pairs = nominal(model), []
+    assumed, pairs = nominal(model), []
     for _ in range(4):
         scene = light(True, rng) * model.white_electrons
         shots = [
@@ -148,25 +153,28 @@ def bracket_trial(model: SensorModel, seed: int) -> dict[str, Any]:
             for amount in (1 / 16, 1 / 2, 4.0)
         ]
         for short, long in pairwise(shots):
-            pair = brackets.compare(long, short, known.black, known.white)
+            pair = brackets.compare(long, short, assumed.black, assumed.white)
             if pair is not None:
                 pairs.append(pair)
-    told = brackets.pooled(pairs, known.white - float(known.black.mean()))
-    row: dict[str, Any] = {"determined": told.transfer is not None}
-    if told.transfer is not None:
-        value, sigma = brackets.gain(told.transfer)
+    pooled = brackets.pooled(pairs, assumed.white - float(assumed.black.mean()))
+    row: dict[str, Any] = {"determined": pooled.transfer is not None}
+    if pooled.transfer is not None:
+        value, sigma = brackets.gain(pooled.transfer)
         row["gain"] = (value / model.gain - 1, (value - model.gain) / sigma)
-        read = brackets.read_noise(told.transfer)
+        read = brackets.read_noise(pooled.transfer)
         if read is not None:
             # Brackets cannot part photosites from rows and from the fixed pattern of the dark.
             true = float(np.sqrt(model.read_noise**2 + model.row_noise**2))
             row["read_noise"] = (read[0] / true - 1, (read[0] - true) / read[1])
-    shift = known.black + told.black - np.array(model.black)
-    row["black"] = (float(np.abs(shift).max()), float(shift[0] / told.black_error[0]))
-    if told.plateau is not None:
+    shift = assumed.black + pooled.black - np.array(model.black)
+    row["black"] = (float(np.abs(shift).max()), float(shift[0] / pooled.black_error[0]))
+    if pooled.plateau is not None:
         top = end(model)
-        row["ceiling"] = (told.plateau.level / top - 1, (told.plateau.level - top) / told.plateau.scatter)
-    line = straightness(told.levels, float(told.black_error.mean()) / known.white)
+        row["ceiling"] = (
+            pooled.plateau.level / top - 1,
+            (pooled.plateau.level - top) / pooled.plateau.scatter,
+        )
+    line = straightness(pooled.levels, float(pooled.black_error.mean()) / assumed.white)
     if line is not None:
         row |= {
             "linear": line.linear,
@@ -201,8 +209,8 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     for name in ("defects", "missed", "false"):
         if name in rows[0]:
             out[name] = sum(row[name] for row in rows)
-    told = [row["linear"] for row in rows if row.get("linear") is not None]
-    return out | {"linear": sum(told), "linear_told": len(told)}
+    judged = [row["linear"] for row in rows if row.get("linear") is not None]
+    return out | {"linear": sum(judged), "linear_told": len(judged)}
 
 
 def rows(
@@ -210,17 +218,17 @@ def rows(
 ) -> list[Any]:
     """Trials 0 to count - 1, those of an earlier run that was stopped from its file."""
     file = WORK / "sensor.jsonl"
-    known = {
+    kept = {
         (row["what"], row["seed"]): row["row"] for row in (store.read_lines(file) if file.exists() else [])
     }
-    found = []
+    trials = []
     for seed in range(count):
-        if (what, seed) not in known:
-            known[what, seed] = measured(model, seed)
+        if (what, seed) not in kept:
+            kept[what, seed] = measured(model, seed)
             store.make_folder(WORK)
-            store.append_line(file, {"what": what, "seed": seed, "row": known[what, seed]})
-        found.append(known[what, seed])
-    return found
+            store.append_line(file, {"what": what, "seed": seed, "row": kept[what, seed]})
+        trials.append(kept[what, seed])
+    return trials
 
 
 def run(quick: bool) -> dict[str, Any]:
@@ -232,10 +240,12 @@ def run(quick: bool) -> dict[str, Any]:
         return many if name in ("12 bits, ISO 100", BENT) else few
 
     return {
-        "flats": {name: summary(rows(f"flats, {name}", trial, own, count)) for name, own in models.items()},
+        "flats": {
+            name: summary(rows(f"flats, {name}", trial, model, count)) for name, model in models.items()
+        },
         "brackets": {
-            name: summary(rows(f"brackets, {name}", bracket_trial, own, number(name)))
-            for name, own in models.items()
+            name: summary(rows(f"brackets, {name}", bracket_trial, model, number(name)))
+            for name, model in models.items()
         },
     }
 
@@ -257,17 +267,19 @@ def report(result: dict[str, Any]) -> str:
         if "darks" in title:
             head += ["defects", "missed", "false per 1e5"]
         lines += ["", f"## {title}", "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
-        for name, own in tables.items():
-            cells = [name, str(own["trials"])]
+        for name, column in tables.items():
+            cells = [name, str(column["trials"])]
             for field, _, scale in named:
-                one = own.get(field)
+                errors = column.get(field)
                 cells.append(
-                    "-" if one is None else f"{scale * one['worst']:.2g} ({100 * one['inside']:.0f} % in)"
+                    "-"
+                    if errors is None
+                    else f"{scale * errors['worst']:.2g} ({100 * errors['inside']:.0f} % in)"
                 )
-            cells.append(f"{own['linear']} of {own['linear_told']}")
-            if "defects" in own:
-                false = own["false"] / (own["trials"] * SIDE**2) * 1e5
-                cells += [str(own["defects"]), str(own["missed"]), f"{false:.2g}"]
+            cells.append(f"{column['linear']} of {column['linear_told']}")
+            if "defects" in column:
+                false = column["false"] / (column["trials"] * SIDE**2) * 1e5
+                cells += [str(column["defects"]), str(column["missed"]), f"{false:.2g}"]
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 

@@ -32,10 +32,10 @@ def balance(frames: int) -> dict[str, Any]:
     described = metadata.describe
 
     def tinted(*what: Any) -> metadata.Sensor:
-        own = described(*what)
+        body = described(*what)
         tint = np.array(TINTS.get(what[1].name, (1.0, 1.0, 1.0)))
-        assert own.camera_from_rec709 is not None
-        return replace(own, camera_from_rec709=as_matrix(tint[:, None] * np.array(own.camera_from_rec709)))
+        assert body.camera_from_rec709 is not None
+        return replace(body, camera_from_rec709=as_matrix(tint[:, None] * np.array(body.camera_from_rec709)))
 
     with tempfile.TemporaryDirectory() as folder:
         session = Path(folder) / "session"
@@ -43,15 +43,15 @@ def balance(frames: int) -> dict[str, Any]:
         with patch("calib.sensor.metadata.describe", tinted):
             record = calibrate(session)
         truth = json.loads((session / "truth" / "truth.json").read_text())["cameras"]
-    left = []
+    remaining = []
     for camera in record.cameras:
         matrix, true = np.array(camera.camera_from_rec709), np.array(truth[camera.name]["camera_from_rec709"])
-        left.append(np.log((matrix / true).mean(axis=1)))
+        remaining.append(np.log((matrix / true).mean(axis=1)))
     before = np.log([TINTS.get(camera.name, (1.0, 1.0, 1.0)) for camera in record.cameras])
-    after = np.array(left)
+    after = np.array(remaining)
     rung = next(rung for rung in record.rungs if rung.name == "white_balance")
     return {
-        "cameras": len(left),
+        "cameras": len(remaining),
         "before": 100 * float(np.abs(before - before.mean(axis=0)).max()),
         "after": 100 * float(np.abs(after - after.mean(axis=0)).max()),
         "stated": 100 * float(np.max([camera.white_balance_error for camera in record.cameras])),
@@ -62,7 +62,7 @@ def balance(frames: int) -> dict[str, Any]:
 
 
 def table(result: dict[str, Any]) -> str:
-    own = result["balance"]
+    balance = result["balance"]
     return "\n".join(
         [
             "# White balance of a rig",
@@ -72,8 +72,9 @@ def table(result: dict[str, Any]) -> str:
             "",
             "| Cameras | Off before, % | Off after, % | Stated standard error, % | Taken | Held-out gain |",
             "| ---: | ---: | ---: | ---: | --- | ---: |",
-            f"| {own['cameras']} | {own['before']:.2f} | {own['after']:.2f} | {own['stated']:.2f} | "
-            f"{'yes' if own['taken'] else 'no'} | {own['gain']:.4f} ± {own['gain_error']:.4f} |",
+            f"| {balance['cameras']} | {balance['before']:.2f} | {balance['after']:.2f} "
+            f"| {balance['stated']:.2f} | {'yes' if balance['taken'] else 'no'} "
+            f"| {balance['gain']:.4f} ± {balance['gain_error']:.4f} |",
             "",
         ]
     )

@@ -45,7 +45,7 @@ def paired(
     other = {(row["scene"], row["seed"]): row for row in theirs}
     for row in ours:
         match = other[row["scene"], row["seed"]]
-        mine, its = (np.array([view[measure] for view in one["views"]], float) for one in (row, match))
+        mine, its = (np.array([view[measure] for view in scene["views"]], float) for scene in (row, match))
         change = mine - its
         if np.isfinite(change).any():
             rigs.setdefault(row["scene"], []).append(float(change[np.isfinite(change)].mean()))
@@ -80,7 +80,7 @@ def kept(rows: Mapping[str, Sequence[Mapping[str, Any]]], measures: Sequence[str
                     for view in row["views"]
                 ],
             }
-            for row in own
+            for row in scenes
         ]
-        for name, own in rows.items()
+        for name, scenes in rows.items()
     }

@@ -56,9 +56,9 @@ def write_scene(folder: Path, size: Size, seed: int, samples: int = 4) -> None:
     scene = demo_scene().brightened(TOP / LAMP)
     poses = _poses(size, np.random.default_rng([seed, 0x4DF]))
     with store.replacing(folder) as part:
-        for split, own in (("train", poses[::2]), ("test", poses[1::2])):
+        for split, members in (("train", poses[::2]), ("test", poses[1::2])):
             frames, times = [], {}
-            for number, pose in enumerate(own):
+            for number, pose in enumerate(members):
                 light = scene.render(lens, pose, samples)
                 name = f"./{split}/{number:03d}"
                 frames.append({"file_path": name, "transform_matrix": _blender(pose)})
@@ -69,8 +69,8 @@ def write_scene(folder: Path, size: Size, seed: int, samples: int = 4) -> None:
                     times[f"{name}_{step}.png"] = time
                 write_exr(part / f"{split}_hdr" / f"hdr_{number:03d}.exr", light)
             angle = 2 * math.atan(lens.width / (2 * lens.fx))
-            told = {"camera_angle_x": angle, "frames": frames}
-            store.write_bytes(part / f"transforms_{split}.json", json.dumps(told).encode())
+            transforms = {"camera_angle_x": angle, "frames": frames}
+            store.write_bytes(part / f"transforms_{split}.json", json.dumps(transforms).encode())
             store.write_bytes(part / f"exposure_{split}.json", json.dumps(times).encode())
 
 

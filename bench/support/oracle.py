@@ -49,7 +49,7 @@ def calibrate_from_truth(folder: Path, *, points: int = 2500, seed: int = 0) -> 
     lenses = {name: Lens.model_validate(camera["lens"]) for name, camera in truth["cameras"].items()}
     rng = np.random.Generator(np.random.PCG64(seed))
     xyz = _points(folder, poses, lenses, points, rng)
-    seen = _write_colmap(folder / "calibration" / "colmap", poses, lenses, xyz)
+    counts = _write_colmap(folder / "calibration" / "colmap", poses, lenses, xyz)
     record = CalibrationRecord(
         created=datetime.now(UTC),
         versions={"oracle": "1"},
@@ -58,7 +58,7 @@ def calibrate_from_truth(folder: Path, *, points: int = 2500, seed: int = 0) -> 
             _camera(name, camera, lenses[name], truth) for name, camera in truth["cameras"].items()
         ),
         views=tuple(
-            ViewCalibration(camera=view.camera, frame=view.frame, cam_from_world=pose, points=seen[view])
+            ViewCalibration(camera=view.camera, frame=view.frame, cam_from_world=pose, points=counts[view])
             for view, pose in poses.items()
         ),
         points=len(xyz),
@@ -106,7 +106,7 @@ def _points(
     """World points under the best-textured tenth of random pixels of every view."""
     # Where surfaces are depends on the rig's name alone, not on its light or its seed.
     scene = simulate(Session.open(folder).record.origin.removeprefix("sim:")).scene
-    each, found = -(-count // len(poses)), []
+    each, points = -(-count // len(poses)), []
     for view, pose in poses.items():
         image = read_exr(folder / "truth" / f"{view}.exr").rgb().mean(-1)
         log = np.log(image + np.percentile(image, 20))
@@ -121,8 +121,8 @@ def _points(
         lengths = np.linalg.norm(directions, axis=-1, keepdims=True)
         away = scene.depth(np.broadcast_to(origin, directions.shape), directions / lengths)
         away = away * (1 + 0.003 * rng.standard_normal(len(away)))
-        found.append(origin + away[:, None] * directions / lengths)
-    return np.concatenate(found)[:count]
+        points.append(origin + away[:, None] * directions / lengths)
+    return np.concatenate(points)[:count]
 
 
 def _write_colmap(
@@ -144,14 +144,14 @@ def _write_colmap(
         )
         model.add_camera_with_trivial_rig(camera)
     tracks: list[list[tuple[int, int]]] = [[] for _ in xyz]
-    seen = {}
+    counts = {}
     for number, (view, pose) in enumerate(poses.items(), start=1):
         lens = lenses[view.camera]
         pixels, depth = project(SplatCamera.of(lens, pose), xyz)
         inside = (depth > 0) & (pixels > 0).all(-1) & (pixels < [lens.width, lens.height]).all(-1)
         for place, point in enumerate(np.flatnonzero(inside)):
             tracks[point].append((number, place))
-        seen[view] = int(inside.sum())
+        counts[view] = int(inside.sum())
         image = pycolmap.Image(
             name=view.image_name,
             points2D=pycolmap.Point2DList([pycolmap.Point2D(pixel) for pixel in pixels[inside]]),
@@ -165,4 +165,4 @@ def _write_colmap(
     with store.replacing(folder) as part:
         part.mkdir()
         model.write(str(part))
-    return seen
+    return counts

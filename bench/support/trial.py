@@ -121,15 +121,17 @@ def _signal(predicted: list[torch.Tensor], shots: Sequence[Shot], light: np.ndar
     photosites that are not clipped, of all shots together; NaN where there are none.
     """
     psnrs = [psnr for pair in zip(predicted, shots, strict=True) if (psnr := shot_psnr(*pair)) is not None]
-    found = {"raw_psnr": float(np.mean(psnrs))}
+    figures = {"raw_psnr": float(np.mean(psnrs))}
     for name, there in {"shadows": light < 0.01, "highlights": light > 0.5}.items():
         squares = [
             ((ours.numpy() - shot.pixels) ** 2)[there & shot.valid & ~shot.saturated]
             for ours, shot in zip(predicted, shots, strict=True)
         ]
         together = np.concatenate(squares).astype(np.float64)
-        found[f"raw_psnr_{name}"] = -10 * float(np.log10(together.mean())) if together.size else float("nan")
-    return found
+        figures[f"raw_psnr_{name}"] = (
+            -10 * float(np.log10(together.mean())) if together.size else float("nan")
+        )
+    return figures
 
 
 class Cache:
