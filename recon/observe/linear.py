@@ -5,8 +5,9 @@ model's normaliser) and a view into two stacks of planes, prediction and target,
 compares them. Shots of a bracket are so many observations of one render.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 import torch
@@ -26,23 +27,23 @@ LIGHT_MU = 5000.0
 """Of light, which has no noise floor that is known and reaches far above its white: EXR."""
 
 
-class Observation(Protocol):
-    """The part of a model that knows about cameras."""
+class Observation(ABC):
+    """The part of a model that knows about cameras; of itself it has nothing that is trained."""
 
     @property
     def shared(self) -> dict[str, Tensor]:
         """Parameters of the model that belong to no Gaussian, such as a tone curve."""
-        ...
+        return {}
 
     @property
     def rates(self) -> dict[str, Rate]:
         """Learning rate of every shared parameter."""
-        ...
+        return {}
 
-    def to(self, device: torch.device) -> None:
-        """Move the shared parameters to a device."""
-        ...
+    def to(self, device: torch.device) -> None:  # noqa: B027  there is nothing to move
+        """Move the shared parameters to a device; views follow the first image they are compared with."""
 
+    @abstractmethod
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
@@ -52,21 +53,24 @@ class Observation(Protocol):
         """
         ...
 
+    @abstractmethod
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
         """What a shot of exposure scale `k` would hold, unclipped: like `Shot.pixels`."""
         ...
 
+    @abstractmethod
     def radiance(self, image: Tensor) -> Tensor:
         """The rendered image as linear radiance, in the units of the calibration."""
         ...
 
+    @abstractmethod
     def units(self, radiance: Tensor) -> Tensor:
         """Radiance [N, 3] as a rendered image would hold it: the inverse of `radiance`."""
         ...
 
     def penalty(self, progress: float) -> Tensor | float:
         """What the model itself adds to the loss; progress is 0..1."""
-        ...
+        return 0.0
 
 
 def split(image: Tensor) -> Tensor:
@@ -129,7 +133,7 @@ def _white(light: np.ndarray) -> float:
 
 
 @dataclass
-class LinearLight:
+class LinearLight(Observation):
     """RAW mosaics, camera RGB and linear EXR, every exposure compared in its own mu-law.
 
     A shot of scale k should show `x = falloff (M L)_channel k`, mosaicked by the camera's own CFA.
@@ -140,19 +144,6 @@ class LinearLight:
     normaliser: float
     space: Literal["exposure", "scene"] = "exposure"
     _prepared: dict[str, _Prepared] = field(default_factory=dict, repr=False)
-
-    @property
-    def shared(self) -> dict[str, Tensor]:
-        """None."""
-        return {}
-
-    @property
-    def rates(self) -> dict[str, Rate]:
-        """None."""
-        return {}
-
-    def to(self, device: torch.device) -> None:
-        """Nothing to move: views follow the first image that they are compared with."""
 
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
@@ -186,10 +177,6 @@ class LinearLight:
     def units(self, radiance: Tensor) -> Tensor:
         """Radiance over the normaliser."""
         return radiance / self.normaliser
-
-    def penalty(self, progress: float) -> float:
-        """Nothing."""
-        return 0.0
 
     def _prepare(self, view: View) -> _Prepared:
         sensor = view.sensor

@@ -14,7 +14,7 @@ from recon.scene.appearance import Rate
 
 
 @dataclass
-class Mixed:
+class Mixed(Observation):
     """Every view by its own camera: linear light as it is, photographs through the tone curve.
 
     Both read a rendered image in the same units. What ties the two gauges together is the calibration,

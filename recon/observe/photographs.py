@@ -12,6 +12,7 @@ from imaging.merge.linear_frame import decode
 from imaging.session.calibration import Response
 from recon.data.dataset import View
 from recon.data.tone import encode
+from recon.observe.linear import Observation
 from recon.observe.tone_grid import apply_curve, curve_values, roughness
 from recon.scene.appearance import Rate
 
@@ -54,7 +55,7 @@ def _codes(view: View) -> _Codes:
 
 
 @dataclass
-class ToneCurve:
+class ToneCurve(Observation):
     """Code values through one monotone curve a channel: `C = g(r (ln (E + eps) + ln k - m))`.
 
     HDRGS (Wu et al., arXiv 2408.06543). theta [R, 3, M - 1]: the curves of R different responses.
@@ -191,7 +192,7 @@ class ToneCurve:
 
 
 @dataclass
-class Display:
+class Display(Observation):
     """Code values as they are, as 3DGS has them, without any idea of exposure.
 
     `k` is the exposure scale at which the display values are read as light, when radiance is asked for.
@@ -200,19 +201,6 @@ class Display:
     response: Response
     k: float
     _prepared: dict[str, _Codes] = field(default_factory=dict, repr=False)
-
-    @property
-    def shared(self) -> dict[str, Tensor]:
-        """None."""
-        return {}
-
-    @property
-    def rates(self) -> dict[str, Rate]:
-        """None."""
-        return {}
-
-    def to(self, device: torch.device) -> None:
-        """Nothing to move."""
 
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
@@ -236,7 +224,3 @@ class Display:
     def units(self, radiance: Tensor) -> Tensor:
         """Radiance [N, 3] as codes at `k`."""
         return torch.from_numpy(encode(radiance.cpu().numpy() * self.k, self.response))
-
-    def penalty(self, progress: float) -> float:
-        """Nothing."""
-        return 0.0

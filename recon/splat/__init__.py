@@ -15,7 +15,7 @@ from recon.splat.cpu.rasterizer import rasterize_cpu
 from recon.splat.limits import Limits
 from recon.splat.moved import DELTA, moved
 from recon.splat.reference import rasterize_reference
-from recon.splat.render import Render, SplatStats
+from recon.splat.render import RasterInputs, Render, SplatStats
 
 __all__ = ["Limits", "Render", "SplatCamera", "SplatStats", "rasterize"]
 
@@ -54,10 +54,12 @@ def rasterize(
             raise ValueError(f"camera_delta has shape {tuple(camera_delta.shape)}, not {(DELTA,)}")
         camera, view = moved(camera, camera_delta)
     rasterizer = _rasterizer(means.device.type, means.dtype)
-    return rasterizer(means, quats, scales, opacities, colours, camera, background, limits, stats, view)
+    return rasterizer(
+        RasterInputs(means, quats, scales, opacities, colours, camera, background, limits, stats, view)
+    )
 
 
-def _rasterizer(device: str, dtype: torch.dtype) -> Callable[..., Render]:
+def _rasterizer(device: str, dtype: torch.dtype) -> Callable[[RasterInputs], Render]:
     """The execution for a type of device; ReconstructionError for CUDA without Triton."""
     if dtype == torch.float64:
         return rasterize_reference

@@ -3,6 +3,9 @@
 import math
 from dataclasses import dataclass
 
+T_LEAST = 1e-30
+"""Smallest stopping transmittance in float32: below it products would lose digits to denormals."""
+
 
 @dataclass(frozen=True)
 class Limits:

@@ -11,7 +11,7 @@ from torch.utils.checkpoint import checkpoint
 from recon.splat.camera import SplatCamera
 from recon.splat.limits import ALPHA_FLOOR, COLOUR_MOST, QUAT_LEAST, Limits
 from recon.splat.moved import view_of
-from recon.splat.render import Render, SplatStats
+from recon.splat.render import RasterInputs, Render, SplatStats
 
 _CHUNK = 1 << 20
 """Pixel-Gaussian pairs held at a time (8 MB a temporary)."""
@@ -19,22 +19,9 @@ _NEAR_AXIS = 0.02
 """Squared tangent below which a fisheye is computed by its series."""
 
 
-def rasterize_reference(
-    means: torch.Tensor,
-    quats: torch.Tensor,
-    scales: torch.Tensor,
-    opacities: torch.Tensor,
-    colours: torch.Tensor,
-    camera: SplatCamera,
-    background: torch.Tensor | None,
-    limits: Limits,
-    stats: SplatStats | None,
-    view: torch.Tensor | None = None,
-) -> Render:
-    """As `rasterize`, for tensors of any float dtype; computes in float64 and returns the input's dtype.
-
-    view: the camera's numbers where they are to be differentiated (see `recon.splat.moved`).
-    """
+def rasterize_reference(inputs: RasterInputs) -> Render:
+    """As `rasterize`, for tensors of any float dtype; computes in float64 and returns the input's dtype."""
+    means, quats, scales, opacities, colours, camera, background, limits, stats, view = inputs
     dtype = means.dtype
     finite = (
         torch.isfinite(torch.cat([means, quats, scales, opacities[:, None], colours], dim=1)).all(dim=1)

@@ -1,10 +1,14 @@
-"""What `rasterize` returns, and what it counts for density control."""
+"""What `rasterize` is given and returns, and what it counts for density control."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 import torch
+
+from recon.splat.camera import SplatCamera
+from recon.splat.limits import Limits
 
 
 @dataclass(frozen=True)
@@ -50,3 +54,51 @@ class SplatStats:
     def mean_gradient(self) -> npt.NDArray[np.float64]:
         """[n] `gradient` per render in which it was seen; 0 where it never was."""
         return np.asarray(self.gradient / np.maximum(self.seen, 1))
+
+
+class RasterInputs(NamedTuple):
+    """What every execution is given: the arguments of `rasterize`, checked.
+
+    view: the camera's numbers where they are to be differentiated (see `recon.splat.moved`).
+    """
+
+    means: torch.Tensor
+    quats: torch.Tensor
+    scales: torch.Tensor
+    opacities: torch.Tensor
+    colours: torch.Tensor
+    camera: SplatCamera
+    background: torch.Tensor | None
+    limits: Limits
+    stats: SplatStats | None
+    view: torch.Tensor | None = None
+
+    @property
+    def tensors(self) -> tuple[torch.Tensor, ...]:
+        """Means, quaternions, scales, opacities, colours and the background."""
+        back = self.means.new_zeros(3) if self.background is None else self.background
+        return (*self[:5], back)
+
+    @property
+    def keep(self) -> bool:
+        """Whether a gradient is wanted, by any of the tensors."""
+        wanted = (*self.tensors, *([] if self.view is None else [self.view]))
+        return torch.is_grad_enabled() and any(tensor.requires_grad for tensor in wanted)
+
+
+@dataclass
+class RenderCall:
+    """What the kernels need besides tensors, and what they find out."""
+
+    camera: SplatCamera
+    limits: Limits
+    stats: SplatStats | None
+    keep: bool
+    culled: int = 0
+    visible: int = 0
+    pairs: int = 0
+
+    @classmethod
+    def of(cls, inputs: RasterInputs) -> Self:
+        """A call that has found out nothing yet."""
+        return cls(inputs.camera, inputs.limits, inputs.stats, inputs.keep)

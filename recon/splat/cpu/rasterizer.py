@@ -1,6 +1,5 @@
 """The rasteriser on the CPU: the Numba kernels in order, as one differentiable torch operation."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,53 +13,19 @@ from recon.splat.cpu.composite import CHUNK, PIXELS, composite
 from recon.splat.cpu.composite_backward import SLOT, composite_backward
 from recon.splat.cpu.project import project
 from recon.splat.cpu.project_backward import project_backward
-from recon.splat.limits import Limits
+from recon.splat.limits import T_LEAST
 from recon.splat.moved import VIEW
 from recon.splat.parameters import parameters
-from recon.splat.render import Render, SplatStats
+from recon.splat.render import RasterInputs, Render, RenderCall, SplatStats
 from recon.splat.tables import BAD, Array, Entries, Lists, Projected
 
-_T_LEAST = 1e-30
-"""Smallest stopping transmittance in float32: below it products would lose digits to denormals."""
 
-
-@dataclass
-class _Call:
-    """What a render needs besides its tensors, and what it finds out."""
-
-    camera: SplatCamera
-    limits: Limits
-    stats: SplatStats | None
-    keep: bool
-    culled: int = 0
-    visible: int = 0
-    pairs: int = 0
-
-
-def rasterize_cpu(
-    means: torch.Tensor,
-    quats: torch.Tensor,
-    scales: torch.Tensor,
-    opacities: torch.Tensor,
-    colours: torch.Tensor,
-    camera: SplatCamera,
-    background: torch.Tensor | None,
-    limits: Limits,
-    stats: SplatStats | None,
-    view: torch.Tensor | None = None,
-) -> Render:
-    """As `rasterize`, for float32 tensors on the CPU. ValueError for more than 2^28 Gaussians.
-
-    view: the camera's numbers where they are to be differentiated (see `recon.splat.moved`).
-    """
-    if len(means) >= tiles.MAX_GAUSSIANS:
-        raise ValueError(f"{len(means)} Gaussians are more than {tiles.MAX_GAUSSIANS - 1}")
-    back = torch.zeros(3) if background is None else background
-    tensors = (means, quats, scales, opacities, colours, back)
-    sought = tensors if view is None else (*tensors, view)
-    keep = torch.is_grad_enabled() and any(tensor.requires_grad for tensor in sought)
-    call = _Call(camera, limits, stats, keep)
-    image, left = _Rasterize.apply(*tensors, view, call)  # type: ignore[no-untyped-call]
+def rasterize_cpu(inputs: RasterInputs) -> Render:
+    """As `rasterize`, for float32 tensors on the CPU. ValueError for more than 2^28 Gaussians."""
+    if len(inputs.means) >= tiles.MAX_GAUSSIANS:
+        raise ValueError(f"{len(inputs.means)} Gaussians are more than {tiles.MAX_GAUSSIANS - 1}")
+    call = RenderCall.of(inputs)
+    image, left = _Rasterize.apply(*inputs.tensors, inputs.view, call)  # type: ignore[no-untyped-call]
     return Render(image, 1 - left, call.culled, call.visible, call.pairs)
 
 
@@ -106,7 +71,7 @@ class _Rasterize(torch.autograd.Function):
 class _Tables:
     """All tables of one render, from projection to the end of its backward pass."""
 
-    def __init__(self, lease: Lease, arrays: list[Array], call: _Call) -> None:
+    def __init__(self, lease: Lease, arrays: list[Array], call: RenderCall) -> None:
         """Project all Gaussians and list them by tile."""
         self.lease, self.call = lease, call
         get = lease.buffers.array
@@ -152,7 +117,7 @@ class _Tables:
         share(tiles.scatter, 0.01 * size, order, self.entries, cursor, self.lists)
         self.kept = get("kept", int(chunks.sum()) * PIXELS if call.keep else 0, np.float32)
         self.chunks = get("chunks", across * down, np.int32)
-        self.t_min = np.float32(max(call.limits.t_min, _T_LEAST))
+        self.t_min = np.float32(max(call.limits.t_min, T_LEAST))
         call.culled = int(np.count_nonzero(state == BAD))
         call.visible = int(np.count_nonzero(self.entries.number))
 

@@ -4,7 +4,6 @@ The host waits for the device twice in a render: for the number of pairs of Gaus
 the tables, and for the counts of the `Render`.
 """
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,56 +18,26 @@ from recon.splat.gpu.composite import PIXELS, composite
 from recon.splat.gpu.composite_backward import REGISTERS, SLOT, composite_backward
 from recon.splat.gpu.project_backward import project_backward
 from recon.splat.gpu.project_view import VIEW
-from recon.splat.limits import Limits
+from recon.splat.limits import T_LEAST
 from recon.splat.parameters import parameters
-from recon.splat.render import Render, SplatStats
+from recon.splat.render import RasterInputs, Render, RenderCall, SplatStats
 from recon.splat.tables import BAD
 
-_T_LEAST = 1e-30
-"""Smallest stopping transmittance in float32: below it products would lose digits to denormals."""
 _WIDE, _HIGH, _SHAPE = projection.WIDE.value, projection.HIGH.value, projection.SHAPE.value
 _OPTIONS = projection.OPTIONS
 _PIXELS, _SLOT, _MOMENTS, _VIEW = PIXELS.value, SLOT.value, sums.MOMENTS.value, VIEW.value
 
 
-@dataclass
-class _Call:
-    """What a render needs besides its tensors, and what it finds out."""
-
-    camera: SplatCamera
-    limits: Limits
-    stats: SplatStats | None
-    keep: bool
-    culled: int = 0
-    visible: int = 0
-    pairs: int = 0
-
-
-def rasterize_gpu(
-    means: torch.Tensor,
-    quats: torch.Tensor,
-    scales: torch.Tensor,
-    opacities: torch.Tensor,
-    colours: torch.Tensor,
-    camera: SplatCamera,
-    background: torch.Tensor | None,
-    limits: Limits,
-    stats: SplatStats | None,
-    view: torch.Tensor | None = None,
-) -> Render:
+def rasterize_gpu(inputs: RasterInputs) -> Render:
     """As `rasterize`, for float32 tensors on one CUDA device; on the CPU only if Triton interprets.
 
-    view: the camera's numbers where they are to be differentiated (see `recon.splat.moved`), on the CPU.
+    `inputs.view` is on the CPU.
     ValueError for tensors on the CPU and for 2^27 or more pairs of a Gaussian and a tile of its box.
     """
-    if means.device.type != "cuda" and not knobs.runtime.interpret:
-        raise ValueError(f"the GPU rasteriser takes CUDA tensors, and means is on {means.device}")
-    back = means.new_zeros(3) if background is None else background
-    tensors = (means, quats, scales, opacities, colours, back)
-    sought = tensors if view is None else (*tensors, view)
-    keep = torch.is_grad_enabled() and any(tensor.requires_grad for tensor in sought)
-    call = _Call(camera, limits, stats, keep)
-    image, left = _Rasterize.apply(*tensors, view, call)  # type: ignore[no-untyped-call]
+    if inputs.means.device.type != "cuda" and not knobs.runtime.interpret:
+        raise ValueError(f"the GPU rasteriser takes CUDA tensors, and means is on {inputs.means.device}")
+    call = RenderCall.of(inputs)
+    image, left = _Rasterize.apply(*inputs.tensors, inputs.view, call)  # type: ignore[no-untyped-call]
     return Render(image, 1 - left, call.culled, call.visible, call.pairs)
 
 
@@ -120,12 +89,12 @@ class _Rasterize(torch.autograd.Function):
         return (*found, back, view, None)
 
 
-def _render(tensors: list[torch.Tensor], call: _Call) -> tuple[torch.Tensor, torch.Tensor, _Tables]:
+def _render(tensors: list[torch.Tensor], call: RenderCall) -> tuple[torch.Tensor, torch.Tensor, _Tables]:
     """The image [H, W, 3] and what is left of the light behind it [H, W]."""
     *gaussians, background = tensors
     new, n = background.new_empty, len(gaussians[0])
     width, height = call.camera.width, call.camera.height
-    across, t_min = cdiv(width, _WIDE), max(call.limits.t_min, _T_LEAST)
+    across, t_min = cdiv(width, _WIDE), max(call.limits.t_min, T_LEAST)
     count = across * cdiv(height, _HIGH)
     numbers = torch.from_numpy(parameters(call.camera, call.limits)).to(background.device, non_blocking=True)
     record, box = new((n, _SHAPE), dtype=torch.float64), new((n, 4), dtype=torch.int32)
@@ -158,7 +127,7 @@ def _render(tensors: list[torch.Tensor], call: _Call) -> tuple[torch.Tensor, tor
 def _gradients(
     tensors: list[torch.Tensor],
     tables: _Tables,
-    call: _Call,
+    call: RenderCall,
     image: torch.Tensor,
     left: torch.Tensor,
     moving: bool,
@@ -170,7 +139,7 @@ def _gradients(
     *gaussians, background = tensors
     new, n = background.new_empty, len(gaussians[0])
     width, height = call.camera.width, call.camera.height
-    across, t_min = cdiv(width, _WIDE), max(call.limits.t_min, _T_LEAST)
+    across, t_min = cdiv(width, _WIDE), max(call.limits.t_min, T_LEAST)
     slots = background.new_zeros(len(tables.tile), _SLOT)
     composite_backward[(len(tables.chunks),)](
         tables.rows, tables.rows.shape[1], tables.list_start, tables.chunk_start, tables.slot, background,

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
+from recon.splat.render import RasterInputs
 
 if not torch.cuda.is_available():
     # Read when Triton is first imported: without a GPU its kernels are interpreted on CPU tensors.
@@ -45,7 +46,7 @@ class Scene:
 
         moved = [tensor.to(device) for tensor in tensors]
         background = moved[5] if len(moved) > 5 else None
-        return rasterize_gpu(*moved[:5], self.camera, background, self.limits, stats)
+        return rasterize_gpu(RasterInputs(*moved[:5], self.camera, background, self.limits, stats))
 
     def smaller(self, count: int = 14) -> "Scene":
         """Its first Gaussians, in a picture at most 20 pixels wide: Triton's interpreter is slow."""

@@ -204,13 +204,11 @@ def test_gradient_of_the_camera(
 
 def test_constants_are_those_of_the_cpu_kernels() -> None:
     from recon.splat.cpu import composite as numba
-    from recon.splat.cpu.rasterizer import _T_LEAST as ON_THE_CPU
     from recon.splat.cpu.tiles import _SLACK
-    from recon.splat.gpu import composite, rasterizer, tiles
+    from recon.splat.gpu import composite, tiles
 
     for name in ("P0", "P1", "P2", "P3", "P4"):
         assert np.float32(getattr(composite, name).value) == getattr(numba, f"_{name}")
-    assert rasterizer._T_LEAST == ON_THE_CPU
     assert tiles._SLACK.value == _SLACK
 
 

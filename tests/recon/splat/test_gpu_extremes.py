@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from recon.splat import Limits, Render, SplatCamera
+from recon.splat.render import RasterInputs
 
 pytest.importorskip("triton", reason="Triton is for Linux")
 
@@ -30,9 +31,8 @@ def sheets(
     quats = torch.tensor([[1.0, 0, 0, 0]] * n, device=device)
     scales = torch.tensor([[1e6, 1e6, 1e-3]] * n, device=device)
     colours = torch.tensor([[x] * 3 for x in light], device=device)
-    return rasterize_gpu(
-        means, quats, scales, torch.tensor(opacities, device=device), colours, CAMERA, None, limits, None
-    )
+    opaque = torch.tensor(opacities, device=device)
+    return rasterize_gpu(RasterInputs(means, quats, scales, opaque, colours, CAMERA, None, limits, None))
 
 
 @pytest.mark.parametrize("contrast", [2.0**12, 2.0**20])
@@ -163,7 +163,7 @@ def test_an_overflow_stays_in_its_tile(device: str) -> None:
     found = []
     for count in (1, 2):
         tensors = [t[:count].to(device).requires_grad_() for t in (means, quats, scales, opacities, colours)]
-        render = rasterize_gpu(*tensors, CAMERA, None, Limits(), None)
+        render = rasterize_gpu(RasterInputs(*tensors, CAMERA, None, Limits(), None))
         assert render.visible == count
         (render.image * 1e9).sum().backward()
         found.append([t.grad[0] for t in tensors])
@@ -205,7 +205,7 @@ def test_nothing_is_folded_back_into_the_image(device: str) -> None:
             torch.full((1,), 0.9, device=device),
             torch.ones(1, 3, device=device),
         ]
-        render = rasterize_gpu(*tensors, camera, None, Limits(), None)
+        render = rasterize_gpu(RasterInputs(*tensors, camera, None, Limits(), None))
         assert (render.visible, render.culled) == (seen, 0)
         assert bool(render.image.any()) == bool(seen)
 
