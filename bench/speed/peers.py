@@ -10,15 +10,16 @@ import torch
 
 from recon.splat import Limits, SplatCamera
 from recon.splat.cpu.buffers import Lease
-from recon.splat.cpu.rasterizer import _Call, _Tables
+from recon.splat.cpu.rasterizer import _Tables
 from recon.splat.cpu.tiles import ID_BITS
+from recon.splat.render import RenderCall
 
 TILE = 16
 
 
 def tile_lists(tensors: list[torch.Tensor], camera: SplatCamera) -> list[torch.Tensor]:
     """The Gaussians of each tile, nearest first, by the exact test of ellipse against tile."""
-    call = _Call(camera, Limits.gsplat(), None, keep=False)
+    call = RenderCall(camera, Limits.gsplat(), None, keep=False)
     lists = _Tables(Lease(), [tensor.detach().numpy() for tensor in tensors], call).lists
     ids = torch.from_numpy((lists.id & ((1 << ID_BITS) - 1)).astype(np.int64))
     return list(torch.split(ids, np.diff(lists.start).tolist()))
