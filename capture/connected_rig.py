@@ -25,13 +25,13 @@ from imaging.session.records import CameraRecord, Subject
 
 
 class Unattended:
-    """Nobody is there to move anything."""
+    """Nobody is there to move anything: what the cameras see stays as it is."""
 
     def show(self, kind: Subject) -> None:
-        """Nothing."""
+        """Leave what the cameras see as it is."""
 
     def move_to(self, frame: int) -> None:
-        """Nothing."""
+        """Leave the rig where it is."""
 
 
 @runtime_checkable

@@ -121,7 +121,7 @@ class UsbPipe:
     """
 
     def __init__(self, device: UsbDevice) -> None:
-        self.found, self.where = device, device.where
+        self.where = device.where
         self._device, self._number = device.device, device.interface.bInterfaceNumber
         usb.util.claim_interface(self._device, self._number)
         self.endpoints: tuple[Any, ...] = tuple(device.interface)

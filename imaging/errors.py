@@ -9,7 +9,7 @@
     ├── CalibrationError    (calib)
     └── ReconstructionError (recon)
 
-Anything else that reaches the command line is a defect of ours (exit 1).
+Anything else that reaches the command line is a bug in rig (exit 1).
 """
 
 from typing import ClassVar

@@ -84,12 +84,12 @@ def examine_all(
         groups.setdefault((shot.kind, shot.plan, shot.frame, shot.camera), []).append(shot)
     lock = threading.Lock()
 
-    def one(group: Shots) -> _Bracket:
+    def examine_group(group: Shots) -> _Bracket:
         return _examine(session, group, lock, started)
 
     pool = ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1))
     try:
-        brackets = list(pool.map(one, groups.values()))
+        brackets = list(pool.map(examine_group, groups.values()))
     finally:
         pool.shutdown(cancel_futures=True)
     read = {file: content for bracket in brackets for file, content in bracket.read.items()}

@@ -121,7 +121,7 @@ def _by_time(cameras: Sequence[CameraRecord], times: Sequence[Array]) -> Matched
             rigs[index] = first if len(group) > 1 else None
         first += count
         if len(group) > 1:
-            why.append(_told(names, offsets, {index: count - len(places) for index, places in group.items()}))
+            why.append(_note(names, offsets, {index: count - len(places) for index, places in group.items()}))
         elif len(names) > 1:
             why.append(
                 f"{names[leader]} was fired at times of its own, so that its frames are its own; "
@@ -131,7 +131,7 @@ def _by_time(cameras: Sequence[CameraRecord], times: Sequence[Array]) -> Matched
     return Matched(tuple(frames[i] for i in every), tuple(rigs[i] for i in every), tuple(why))
 
 
-def _told(names: Sequence[str], offsets: dict[int, float], missed: dict[int, int]) -> str:
+def _note(names: Sequence[str], offsets: dict[int, float], missed: dict[int, int]) -> str:
     parts = [f"{', '.join(names[index] for index in offsets)} were fired together by their times"]
     parts += [
         f"the clock of {names[index]} is {abs(offset):.0f} s {'ahead' if offset > 0 else 'behind'}"

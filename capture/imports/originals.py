@@ -54,7 +54,7 @@ def survey(
     named: these photographs and no others, in this order, and the exposure that a layout tells.
     exposures: a list that speaks for all of them. InputError when that list cannot be read.
     """
-    paths, others = _found(folder)
+    paths, others = _walked(folder)
     beside: list[Path] = []
     if named is None:
         paths, beside = _without_developed(paths)
@@ -83,7 +83,7 @@ def survey(
 
 def pictures_in(folder: Path) -> list[Path]:
     """The picture files of a folder and its subfolders, in natural order."""
-    return _found(folder)[0]
+    return _walked(folder)[0]
 
 
 def natural(path: Path) -> list[tuple[str | int, ...]]:
@@ -103,7 +103,7 @@ def _files(count: int) -> str:
     return "1 file is" if count == 1 else f"{count} files are"
 
 
-def _found(folder: Path) -> tuple[list[Path], list[Path]]:
+def _walked(folder: Path) -> tuple[list[Path], list[Path]]:
     """Pictures and other files, each in natural order; folders that are links are not followed."""
     pictures: list[Path] = []
     others: list[Path] = []

@@ -8,7 +8,7 @@ from pathlib import Path
 from capture.bracket.deviation import deviates
 from capture.imports.clock_matching import Together
 from capture.imports.copying import ORIGIN, Place, append_plans, begin_or_continue, copy_all, take_back
-from capture.imports.frames import Numbered, frames_in_time, frames_of_layout
+from capture.imports.frame_numbering import Numbered, frames_in_time, frames_of_layout
 from capture.imports.given_calibration import FILE as CALIBRATION
 from capture.imports.given_calibration import check_sizes, has_poses, write_given, write_truth
 from capture.imports.given_split import write_split

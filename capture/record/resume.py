@@ -32,7 +32,7 @@ def must_be_the_same(session: Session, wanted: SessionRecord) -> None:
                 "resume it with the version of rig that began it, or name a new folder."
             )
         return
-    recorded, given = ({each.name: _told(each) for each in record.cameras} for record in (there, wanted))
+    recorded, given = ({each.name: _summary(each) for each in record.cameras} for record in (there, wanted))
     for name in {**recorded, **given}:
         had, has = (cameras.get(name, f"no camera {name}") for cameras in (recorded, given))
         if had != has:
@@ -47,7 +47,7 @@ def _is_rig_file(origin: str) -> bool:
     return origin != "import" and not origin.startswith("sim:")
 
 
-def _told(camera: CameraRecord) -> str:
+def _summary(camera: CameraRecord) -> str:
     """All that has to be the same again."""
     rig = "no rig" if camera.rig is None else f"rig {camera.rig}"
     return f"{camera.name} as {camera.serial} ({camera.kind}, {rig})"

@@ -64,7 +64,7 @@ def shoot(
         if len(done) < len(planned_shots(plan)):
             source.operator.show(request.kind)
         if done:
-            # Who moves things knows from it that the next frame is not the first.
+            # From it the operator knows that the next frame is not the first.
             source.operator.move_to(plan.frames[0])
         with source.beside(session, plan, progress):
             return record(

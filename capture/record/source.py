@@ -19,7 +19,7 @@ Stops = tuple[float, ...]
 
 
 class Operator(Protocol):
-    """Whoever puts things before the cameras: a person at a terminal, or the simulator."""
+    """Puts things before the cameras: a person at a terminal, or the simulator."""
 
     def show(self, kind: Subject) -> None:
         """Have the cameras look at that from now on."""
@@ -35,7 +35,7 @@ class Source:
     """Cameras, and what is usual with them where nothing is asked for."""
 
     called: str
-    """What messages call it."""
+    """Its name in messages."""
     origin: str
     seed: int | None
     records: tuple[CameraRecord, ...]
@@ -52,7 +52,7 @@ class Source:
     f_number: float | None
     """Of all exposures."""
     positions: int | None
-    """How many frames a scene can have; None: as many as one likes."""
+    """How many frames a scene can have; None: any number."""
     frames: int
     """How many it usually has."""
     leader: str | None

@@ -76,7 +76,7 @@ class ThreadGroup:
     def __init__(self, clock: Clock, jobs: Mapping[str, Callable[[], None]], end: Callable[[], None]) -> None:
         self._clock, self._jobs, self._end = clock, jobs, end
         self._threads: list[threading.Thread] = []
-        self._left = 0
+        self._ended = 0
         self.defect: BaseException | None = None
 
     def __enter__(self) -> Self:
@@ -95,7 +95,7 @@ class ThreadGroup:
         self._end()
         # When a run breaks off, a camera in the middle of a long exposure is not waited for.
         seconds = math.inf if kind is None else LEAVE
-        if self._clock.wait(lambda: self._left == len(self._threads), seconds):
+        if self._clock.wait(lambda: self._ended == len(self._threads), seconds):
             for thread in self._threads:
                 thread.join()
 
@@ -106,5 +106,5 @@ class ThreadGroup:
             except BaseException as error:
                 self.defect = error
             with self._clock.lock:
-                self._left += 1
+                self._ended += 1
                 self._clock.changed()

@@ -189,7 +189,7 @@ def read_rig_file(path: str | Path) -> RigFile:
                 line_of(lines, error["loc"]),
             ),
         )
-        raise InputError(_told(path, first, lines)) from None
+        raise InputError(_sentence(path, first, lines)) from None
     rig = RigFile(path, tables, lines)
     _must_be_one_rig(rig)
     return rig
@@ -221,13 +221,13 @@ def _syntax(path: Path, text: str, message: str) -> str:
     return f"{path}, line {number}: this is no TOML ({what[:1].lower()}{what[1:]}); correct the line."
 
 
-def _told(path: Path, error: ErrorDetails, lines: Mapping[KeyPath, int]) -> str:
+def _sentence(path: Path, error: ErrorDetails, lines: Mapping[KeyPath, int]) -> str:
     """One sentence for the first thing that is wrong."""
     keys, kind = error["loc"], error["type"]
     where = f"{path}, line {line_of(lines, keys)}"
     key = str(keys[-1])
     if kind == "extra_forbidden":
-        allowed = _known(keys[:-1])
+        allowed = _keys_of(keys[:-1])
         near = difflib.get_close_matches(key, allowed, 1)
         fix = f"did you mean {near[0]}?" if near else f"the keys here are {', '.join(allowed)}."
         return f"{where}: there is no key {key!r}; {fix}"
@@ -254,7 +254,7 @@ def _told(path: Path, error: ErrorDetails, lines: Mapping[KeyPath, int]) -> str:
     return f"{where}: {key} has to be {what}."
 
 
-def _known(table: KeyPath) -> list[str]:
+def _keys_of(table: KeyPath) -> list[str]:
     """The keys that a table may have."""
     model: type[BaseModel] = RigTables
     for name in (name for name in table if isinstance(name, str)):

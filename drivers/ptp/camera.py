@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from typing import TypeVar
 
 from usb.backend import IBackend
@@ -16,6 +15,7 @@ from drivers.ptp.connection import Connection
 from drivers.ptp.exposure import SAME, Dial, DialChoice, apart
 from drivers.ptp.picture import best_of, whole_file
 from drivers.ptp.session import Download, PtpSession
+from drivers.ptp.shot import Shot, StoredShot
 from drivers.ptp.vendors.standard import StandardBody
 from imaging.errors import CameraError, InputError
 from imaging.exposure import Exposure
@@ -29,33 +29,6 @@ _DARK_FRAME = 15.0
 """Seconds of a dark frame that the patience with a stored shot allows for anyway."""
 
 T = TypeVar("T")
-
-
-@dataclass
-class _Shot:
-    """A shot that was triggered. ends: when its shutter closes, by the clock; time: for which it is open, s.
-
-    known: the objects that were in the camera before. body: the session that took the order. objects: its
-    files, once they are there. doubtful: whether the camera was unplugged with an earlier shot in it too,
-    while this one was not stored yet.
-    """
-
-    time: float
-    ends: float
-    known: frozenset[int]
-    body: StandardBody
-    objects: list[Download] = field(default_factory=list)
-    doubtful: bool = False
-
-
-@dataclass
-class StoredShot:
-    """A shot that is stored: its files, the session that knows their handles, how the camera was set."""
-
-    objects: list[Download]
-    body: StandardBody
-    choices: list[tuple[Dial, DialChoice]]
-    asked: dict[int, float]
 
 
 def find_cameras(backend: IBackend, clock: Clock) -> list["PtpCamera"]:
@@ -78,7 +51,7 @@ class PtpCamera:
         self._asked: dict[int, float] = {}
         self._proven: dict[tuple[int, float], DialChoice] = {}
         """By property and value asked for: where the last picture shows a dial to have stood."""
-        self._shot: _Shot | None = None
+        self._shot: Shot | None = None
         self._failed = False
         self._listening: StandardBody | None = None
         """The body that was ready, and has answered since: it need not be waited for again."""
@@ -138,7 +111,7 @@ class PtpCamera:
         body = self._connected()
         self._shot, self._failed = None, True
         time = next(choice.value for dial, choice in self._choices if dial is body.time)
-        before, self._listening = frozenset(body.known), None
+        before, self._listening = frozenset(body.earlier), None
         try:
             try:
                 body.release(_PROMPT)
@@ -149,7 +122,7 @@ class PtpCamera:
         except CameraLost:
             self._drop()
             raise
-        self._shot = _Shot(time, self._clock.now() + time, before, body)
+        self._shot = Shot(time, self._clock.now() + time, before, body)
         return self._clock.now()
 
     def collect(self) -> CameraFile:
@@ -270,16 +243,16 @@ class PtpCamera:
         at = {id(dial): choice.value for dial, choice in self._choices}
         return Exposure(time=at[id(body.time)], f_number=at.get(id(body.f_number)), iso=at.get(id(body.iso)))
 
-    def _continue_on(self, body: StandardBody, shot: _Shot) -> None:
+    def _continue_on(self, body: StandardBody, shot: Shot) -> None:
         """Take a shot up again in a new session: the same files under whatever handles they have now."""
         if shot.doubtful:
             self._clock.sleep(max(0.0, shot.ends - self._clock.now()))
             raise CameraRefused(f"{self.where} was unplugged with two shots in it: take the later one again.")
         if not shot.objects:
-            new = body.known - shot.known
+            new = body.earlier - shot.earlier
             if len(new) > _MOST_OBJECTS or not body.remembers:
                 raise CameraRefused(f"{self.where} no longer knows the shot: take it again.")
-            body.known -= new
+            body.earlier -= new
         for file in shot.objects:
             file.handle = self._handle_of(body.session, file)
         shot.body = body

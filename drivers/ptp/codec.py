@@ -210,14 +210,14 @@ class Reader:
         self._data, self._at = data, 0
 
     @property
-    def left(self) -> int:
+    def remaining(self) -> int:
         """Bytes not taken yet."""
         return len(self._data) - self._at
 
     def take(self, size: int) -> bytes:
         """The next `size` bytes."""
-        if size > self.left:
-            raise damaged(f"{self.left} bytes where {size} more were due")
+        if size > self.remaining:
+            raise damaged(f"{self.remaining} bytes where {size} more were due")
         self._at += size
         return self._data[self._at - size : self._at]
 
@@ -248,8 +248,8 @@ class Reader:
     def array(self, item: DataType) -> tuple[int, ...]:
         """A count and that many integers of type `item`."""
         count = self.u32()
-        if count * item.item_size > self.left:
-            raise damaged(f"an array of {count} items in {self.left} bytes")
+        if count * item.item_size > self.remaining:
+            raise damaged(f"an array of {count} items in {self.remaining} bytes")
         return tuple(self.integer(item) for _ in range(count))
 
     def string(self) -> str:

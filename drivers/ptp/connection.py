@@ -44,7 +44,7 @@ class Connection:
     """The way to one camera. `identity` is None before it was first opened."""
 
     def __init__(self, device: usb.UsbDevice, backend: IBackend, clock: Clock) -> None:
-        self._found: usb.UsbDevice | None = device
+        self._connected: usb.UsbDevice | None = device
         self._backend, self._clock = backend, clock
         self._usb = (device.device.idVendor, device.device.idProduct)
         self._usb_serial: str | None = None
@@ -56,14 +56,14 @@ class Connection:
 
         CameraLost if it does not come back, and all other CameraErrors.
         """
-        if self._found is None:
+        if self._connected is None:
             return self._searched()
         try:
-            body = self._opened(self._found)
+            body = self._opened(self._connected)
         except CameraLost:
-            self._found = None
+            self._connected = None
             raise
-        self._found = None
+        self._connected = None
         return body
 
     def _searched(self) -> StandardBody:

@@ -228,7 +228,7 @@ class Transport:
         try:
             answer = Reader(self.pipe.control_in(_CLASS_IN, _STATUS, 0, 64, _CONTROL_TIMEOUT))
             answer.u16()
-            return answer.u16(), tuple(answer.u32() for _ in range(answer.left // 4))
+            return answer.u16(), tuple(answer.u32() for _ in range(answer.remaining // 4))
         except CameraLost:
             raise
         except CameraError:

@@ -50,7 +50,7 @@ class U3vCamera:
         self._wanted: Exposure | None = None
         self._bytes_per_second: int | None = None
         self._stage = _Stage.IDLE
-        self._known = self._runs = self._single = False
+        self._was_open = self._runs = self._single = False
         self._applied: Exposure | None = None
         self._expected: list[Exposure] = []
         """What the camera was set to for each frame that is to come."""
@@ -207,9 +207,9 @@ class U3vCamera:
     def _opened(self) -> U3vSession:
         if self._session is None:
             # A camera that was there before may be on its way back.
-            patience = REPLUG if self._known else 0.0
+            patience = REPLUG if self._was_open else 0.0
             session = open_session(self.serial, self._backend, self._clock, patience)
-            self._known = True
+            self._was_open = True
             try:
                 name = f"camera {self.serial}"
                 settings.prepare(session.nodes, name)

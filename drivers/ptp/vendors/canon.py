@@ -31,7 +31,7 @@ _HALF, _FULL = 1, 2
 def unpack_records(data: bytes) -> Iterator[tuple[int, bytes]]:
     """The records of GetEvent: type and payload, up to the empty one that ends them; CameraProtocol."""
     reader = Reader(data)
-    while reader.left >= 8:
+    while reader.remaining >= 8:
         size, kind = reader.u32(), reader.u32()
         if (size, kind) == (8, 0):
             return
@@ -49,7 +49,7 @@ def unpack_object(kind: int, payload: bytes) -> Download:
     reader.take(10 if kind == CanonEvent.OBJECT_ADDED_EX else 6)
     size = reader.u32()
     reader.take(8 if kind == CanonEvent.OBJECT_ADDED_EX else 4)
-    name = reader.take(reader.left).partition(b"\0")[0].decode("ascii", "replace")
+    name = reader.take(reader.remaining).partition(b"\0")[0].decode("ascii", "replace")
     return Download(handle, ObjectInfo(storage=storage, format=form, size=size, filename=name), bytearray())
 
 
@@ -171,16 +171,16 @@ class CanonBody(StandardBody):
         if kind in (CanonEvent.OBJECT_ADDED_EX, CanonEvent.REQUEST_OBJECT_TRANSFER):
             self._added.append(unpack_object(kind, payload))
         elif kind == CanonEvent.PROP_VALUE_CHANGED and 4 < len(payload) <= 8:
-            description = self._known(int.from_bytes(payload[:4], "little"))
+            description = self._description(int.from_bytes(payload[:4], "little"))
             self._properties[description.code] = replace(
                 description, current=int.from_bytes(payload[4:], "little")
             )
         elif kind == CanonEvent.AVAILABLE_LIST_CHANGED and len(payload) >= 12:
             reader = Reader(payload)
-            description, form, count = self._known(reader.u32()), reader.u32(), reader.u32()
-            if form == _LIST and reader.left >= 4 * count:
+            description, form, count = self._description(reader.u32()), reader.u32(), reader.u32()
+            if form == _LIST and reader.remaining >= 4 * count:
                 choices = EnumForm(tuple(reader.u32() for _ in range(count)))
                 self._properties[description.code] = replace(description, form=choices)
 
-    def _known(self, code: int) -> DevicePropDesc:
+    def _description(self, code: int) -> DevicePropDesc:
         return self._properties.get(code) or DevicePropDesc(code, DataType.UINT32, True, 0, 0)

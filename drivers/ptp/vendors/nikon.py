@@ -39,8 +39,8 @@ def unpack_events(data: bytes) -> list[Event]:
     """Nikon's GetEvent: a count, and for each event its code and one parameter; CameraProtocol."""
     reader = Reader(data)
     count = reader.u16()
-    if 6 * count > reader.left:
-        raise damaged(f"{count} events in {reader.left} bytes")
+    if 6 * count > reader.remaining:
+        raise damaged(f"{count} events in {reader.remaining} bytes")
     return [Event(reader.u16(), 0, (reader.u32(),)) for _ in range(count)]
 
 

@@ -32,7 +32,7 @@ def unpack_properties(data: bytes) -> dict[int, DevicePropDesc]:
     reader = Reader(data)
     reader.u64()  # count and padding; bodies send more or fewer than they say
     properties = {}
-    while reader.left:
+    while reader.remaining:
         description = _unpack_property(reader)
         properties[description.code] = description
     return properties
@@ -51,7 +51,7 @@ def _unpack_property(reader: Reader) -> DevicePropDesc:
         form = RangeForm(reader.value(kind), reader.value(kind), reader.value(kind))
     elif shape == 2:
         form = EnumForm(tuple(reader.value(kind) for _ in range(reader.u16())))
-        if reader.left >= 2 and reader.peek_u16() < _MOST_SECOND_LIST:
+        if reader.remaining >= 2 and reader.peek_u16() < _MOST_SECOND_LIST:
             # Newer bodies append what may be set now.
             form = EnumForm(tuple(reader.value(kind) for _ in range(reader.u16())))
     return DevicePropDesc(code, kind, settable == 1 and enabled == 1, default, current, form)

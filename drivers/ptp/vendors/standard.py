@@ -26,7 +26,7 @@ class StandardBody:
 
     def __init__(self, session: PtpSession) -> None:
         self.session = session
-        self.known: set[int] = set()
+        self.earlier: set[int] = set()
         """Handles of objects that are not of the next shot."""
         self.listed: tuple[int, ...] = session.info.properties
         self.time: Dial | None = None
@@ -35,7 +35,7 @@ class StandardBody:
 
     def enter(self) -> None:
         """Take control: remote mode, RAW to the host, the dials; called once, when the session is open."""
-        self.known.update(self.session.handles())
+        self.earlier.update(self.session.handles())
         fuji = self.session.info.vendor_extension == VendorId.FUJI
         self.time = self._dial(FUJI_TIME if fuji else STANDARD_TIME)
         self.f_number, self.iso = self._dial(STANDARD_F_NUMBER), self._dial(STANDARD_ISO)
@@ -73,11 +73,11 @@ class StandardBody:
 
     def wait_ready(self) -> None:
         """Wait until it takes orders; what it told of earlier shots is forgotten."""
-        drain(self.session, self.known)
+        drain(self.session, self.earlier)
 
     def recount(self) -> None:
         """After a shot that failed: what it may have left on the card is not of the next one."""
-        self.known.update(self.session.handles())
+        self.earlier.update(self.session.handles())
 
     def release(self, patience: float = PATIENCE) -> None:
         """Begin the exposure; CameraBusy if it does not take the order for `patience` seconds."""
@@ -85,7 +85,7 @@ class StandardBody:
 
     def wait(self, exposure: float) -> list[Download]:
         """All objects of the shot that was begun; `exposure` is its time in seconds."""
-        return wait_for_objects(self.session, self.known, exposure)
+        return wait_for_objects(self.session, self.earlier, exposure)
 
     def fetch(self, file: Download) -> bytes:
         """The bytes of an object; goes on where it stopped."""

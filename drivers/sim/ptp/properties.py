@@ -92,7 +92,7 @@ class SimulatedProperties:
             value = reader.value(description.data_type)
         except CameraProtocol:
             return ResponseCode.INVALID_DEVICE_PROP_FORMAT
-        if reader.left:
+        if reader.remaining:
             return ResponseCode.INVALID_DEVICE_PROP_FORMAT
         if isinstance(description.form, EnumForm) and value not in description.form.values:
             return ResponseCode.INVALID_DEVICE_PROP_VALUE

@@ -12,19 +12,19 @@ class _Variables(Mapping[str, Number]):
     """The variables, constants and expressions of a node, found out when a formula first uses them."""
 
     def __init__(self, node: "Computing", given: dict[str, Number]) -> None:
-        self._node, self._known = node, given
+        self._node, self._values = node, given
 
     def __getitem__(self, name: str) -> Number:
-        if name not in self._known:
+        if name not in self._values:
             variable = self._node.variables.get(name)
             if variable is not None:
-                self._known[name] = numeric(self._node.around.find(variable).value())
+                self._values[name] = numeric(self._node.around.find(variable).value())
             else:
-                self._known[name] = self._node.expressions[name](self)
-        return self._known[name]
+                self._values[name] = self._node.expressions[name](self)
+        return self._values[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter((*self._known, *self._node.variables, *self._node.expressions))
+        return iter((*self._values, *self._node.variables, *self._node.expressions))
 
     def __len__(self) -> int:
         return len(list(iter(self)))

@@ -8,7 +8,7 @@ from drivers.u3v.genicam.nodes import UNLIMITED, Limits, Node, Value, as_number,
 class Holder(Node):
     """A node whose value is in itself, in the node of pValue, or in one chosen by pIndex."""
 
-    _own: Value | None = None
+    _stored: Value | None = None
 
     def target(self) -> Node | None:
         """The node that keeps the value."""
@@ -49,13 +49,13 @@ class Holder(Node):
         target = self.target()
         if target is not None:
             return target.value()
-        return self.literal() if self._own is None else self._own
+        return self.literal() if self._stored is None else self._stored
 
     def put(self, value: Value) -> None:
         """Give a value to the node behind and to the copies, or keep it."""
         target = self.target()
         if target is None:
-            self._own = value
+            self._stored = value
             self.around.values.clear()
         else:
             target.set(value)
@@ -191,7 +191,7 @@ class String(Holder):
 
     def raw(self) -> Value:
         """The text of its own is not read as a number."""
-        return (self.element.first("Value") or "") if self._text_is_own() else super().raw()
+        return (self.element.first("Value") or "") if self._text_is_stored() else super().raw()
 
-    def _text_is_own(self) -> bool:
-        return self.target() is None and self._own is None
+    def _text_is_stored(self) -> bool:
+        return self.target() is None and self._stored is None

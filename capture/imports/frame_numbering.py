@@ -75,7 +75,7 @@ def frames_of_layout(
         brackets |= dict(enumerate(others, start=start))
         rig = given.rigs.get(photo_of[sequence.originals[0].path].camera)
         camera = sequence.camera if rig is None else sequence.camera.model_copy(update={"rig": rig[0]})
-        numbered.append(Numbered(camera, brackets, why or _told(camera.name, brackets, given.teller)))
+        numbered.append(Numbered(camera, brackets, why or _reason(camera.name, brackets, given.teller)))
     return numbered, [entry.why for entry in numbered]
 
 
@@ -88,7 +88,7 @@ def _numbered_by_layout(series: PhotoSeries, photo_of: Mapping[Path, GivenPhoto]
     return dict(sorted(brackets.items()))
 
 
-def _told(name: str, brackets: Mapping[int, Bracket], source: str) -> str:
+def _reason(name: str, brackets: Mapping[int, Bracket], source: str) -> str:
     sizes = sorted({len(bracket) for bracket in brackets.values()})
     how = " or ".join(str(size) for size in sizes)
     what = (
