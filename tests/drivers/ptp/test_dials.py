@@ -74,7 +74,7 @@ def test_what_a_file_tells_of_a_tick_is_kept() -> None:
     one.learn(choice, 1 / 30)  # a frame of another exposure teaches nothing
     assert not one.set(1 / 4000, lambda seconds: None).certain
     one.learn(choice, 1 / 4032)
-    assert one.set(1 / 4000, lambda seconds: None) == exposure.Choice(2, 1 / 4000)
+    assert one.set(1 / 4000, lambda seconds: None) == exposure.DialChoice(2, 1 / 4000)
 
 
 def test_quotients_are_exact_and_bulb_is_none() -> None:

@@ -245,7 +245,7 @@ def test_any_rigid_motion_comes_back_however_it_was_rounded(turns, centre, digit
     motion[:3, :3] = Rotation.from_rotvec(turns).as_matrix()
     motion[:3, 3] = centre
     rounded = [[float(f"{value:.{digits}g}") for value in row] for row in motion]
-    entry = nerfstudio.Entry({"transform_matrix": rounded}, {}, "here")
+    entry = nerfstudio.PosedFrame({"transform_matrix": rounded}, {}, "here")
     found = np.linalg.inv(entry.cam_from_world().matrix()) @ np.diag([1, -1, -1, 1])
     scale = max(1.0, *map(abs, centre))
     np.testing.assert_allclose(found[:3, :3], motion[:3, :3], atol=10.0 ** (1 - digits) + 1e-12)
