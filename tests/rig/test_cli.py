@@ -152,7 +152,7 @@ def noisy(session, progress):
     ctypes.CDLL(None).puts(b"buffered by C")
     warnings.warn("a library is unhappy")
     from imaging.errors import InputError
-    raise InputError("S is broken: mend it.")
+    raise InputError("S is broken: fix it.")
 capture.check.check.check = noisy
 from rig.__main__ import main
 sys.exit(main(["check", "S", "--json"]))
@@ -161,8 +161,8 @@ sys.exit(main(["check", "S", "--json"]))
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60, cwd=tmp_path
     )
     assert done.returncode == 2
-    assert json.loads(done.stdout) == {"command": "check", "exit_code": 2, "error": "S is broken: mend it."}
-    assert done.stderr == "S is broken: mend it.\n"
+    assert json.loads(done.stdout) == {"command": "check", "exit_code": 2, "error": "S is broken: fix it."}
+    assert done.stderr == "S is broken: fix it.\n"
 
 
 def test_control_characters_in_names_do_not_reach_the_terminal(rig, tmp_path) -> None:

@@ -1,4 +1,4 @@
-"""`rig merge`: right light on disk in one unit, resumed where it was, and refusals that name the mend."""
+"""`rig merge`: right light on disk in one unit, resumed where it was, and refusals that name the fix."""
 
 import json
 from collections.abc import Callable
@@ -100,17 +100,17 @@ def flat(value: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("codes", "mend", "bit"),
+    ("codes", "fix", "bit"),
     [([255, 255], "saturated all over: take shorter ones", CLIPPED), ([0, 0], "take longer ones", DARK)],
     ids=["saturated", "black"],
 )
 def test_a_bracket_that_shows_nothing_says_what_to_shoot(
-    codes: list[int], mend: str, bit: int, rig: Run, tmp_path: Path
+    codes: list[int], fix: str, bit: int, rig: Run, tmp_path: Path
 ) -> None:
     session = bracket(tmp_path, [flat(code) for code in codes], [1.0, 0.25])
     code, _, error = rig("merge", str(session), str(tmp_path / "M"))
     assert code == 3
-    assert mend in error
+    assert fix in error
     (file,) = (tmp_path / "M").rglob("*.exr")
     mask = read_exr(file).channels["mask"].astype(int)
     assert (mask & bit == bit).all()
