@@ -44,14 +44,6 @@ def mosaic(rgb: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[np.floating]:
     return np.take_along_axis(rgb, channels[..., None].astype(np.intp), axis=2)[..., 0]
 
 
-def split_planes(image: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-    """The four half-resolution planes of a mosaic [H, W], H and W even: [4, H/2, W/2].
-
-    In order of the sites (0,0), (0,1), (1,0), (1,1), whatever the phase: the two greens stay apart.
-    """
-    return np.stack([image[row::2, column::2] for row in (0, 1) for column in (0, 1)])
-
-
 def bilinear(image: npt.NDArray[np.floating], cfa: Cfa, valid: Bool | None = None) -> tuple[Float, Bool]:
     """Bilinear demosaic of a linear mosaic [H, W] -> rgb float32 [H, W, 3] and valid bool [H, W, 3].
 

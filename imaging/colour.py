@@ -31,8 +31,6 @@ def xyz_from_rgb(primaries: Sequence[tuple[float, float]]) -> Matrix3:
 
 XYZ_FROM_REC709 = xyz_from_rgb(PRIMARIES["rec709"])
 REC709_FROM_XYZ = np.linalg.inv(XYZ_FROM_REC709)
-LUMINANCE_REC709 = XYZ_FROM_REC709[1]
-"""Weights of luminance on linear Rec.709 RGB, summing to 1."""
 
 Space = Literal["rec709", "acescg", "aces2065-1"]
 """Of files of linear light, under the names that their users know."""

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from calib.light.vignetting import demeaned
+from imaging.robust import huber_loss, huber_weight, robust_scale
 from imaging.session.records import Rung
 
 Array = npt.NDArray[np.float64]
@@ -124,9 +126,9 @@ def _gain(sights: Sights, matrices: Array) -> tuple[float, float]:
         logs, _ = _solve(rest, matrices)
         one = np.repeat(logs.mean(axis=1, keepdims=True), 3, axis=1)
         low, high = (_residual(test, matrices, each) for each in (one, logs))
-        scale = max(float(1.4826 * np.median(np.abs(low))), 1e-6)
+        scale = max(robust_scale(low), 1e-6)
         _, track = np.unique(test.point, return_inverse=True)
-        losses = [_huber(each / scale).mean(axis=1) for each in (low, high)]
+        losses = [huber_loss(each / scale, HUBER).mean(axis=1) for each in (low, high)]
         differences.append(np.bincount(track, losses[0] - losses[1]) / np.bincount(track))
     gains = np.concatenate(differences)
     return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
@@ -143,13 +145,13 @@ def _solve(sights: Sights, matrices: Array) -> tuple[Array, Array]:
     for _ in range(ROUNDS):
         target = _as_one_camera(sights, matrices, logs)
         for channel in range(3):
-            residual = _demeaned(
+            residual = demeaned(
                 (target[:, channel] - logs[sights.camera, channel])[:, None], weight[:, channel], own
             )
-            scale = max(float(1.4826 * np.median(np.abs(residual))), 1e-6)
-            weight[:, channel] = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual[:, 0]), 1e-12))
-            design = _demeaned(columns, weight[:, channel], own)
-            value = _demeaned(target[:, [channel]], weight[:, channel], own)[:, 0]
+            scale = max(robust_scale(residual), 1e-6)
+            weight[:, channel] = huber_weight(residual[:, 0], HUBER * scale)
+            design = demeaned(columns, weight[:, channel], own)
+            value = demeaned(target[:, [channel]], weight[:, channel], own)[:, 0]
             normal = design.T @ (design * weight[:, [channel]])
             # A camera that shares no point, and the gauge of all, are left at zero.
             inverse = np.linalg.pinv(normal, rcond=1e-9, hermitian=True)
@@ -168,7 +170,7 @@ def _residual(sights: Sights, matrices: Array, logs: Array) -> Array:
     """What the sensitivities leave between the views of each track, [N, 3]."""
     _, own = np.unique(sights.point, return_inverse=True)
     left = _as_one_camera(sights, matrices, logs) - logs[sights.camera]
-    return np.stack([_demeaned(left[:, [c]], np.ones(len(left)), own)[:, 0] for c in range(3)], axis=1)
+    return np.stack([demeaned(left[:, [c]], np.ones(len(left)), own)[:, 0] for c in range(3)], axis=1)
 
 
 def _predicted(sights: Sights, matrices: Array, logs: Array) -> Array:
@@ -185,18 +187,6 @@ def _predicted(sights: Sights, matrices: Array, logs: Array) -> Array:
     there = point @ matrices.mean(axis=0).T
     floor = 1e-3 * np.abs(point).sum(axis=1, keepdims=True)
     return np.asarray(np.log(np.maximum(here, floor) / np.maximum(there, floor)))
-
-
-def _demeaned(values: Array, weight: Array, own: Int) -> Array:
-    """Values [N, C] less the weighted mean of their track."""
-    total = np.bincount(own, weight)
-    means = np.stack([np.bincount(own, weight * column) / total for column in values.T], axis=1)
-    return np.asarray(values - means[own])
-
-
-def _huber(whitened: Array) -> Array:
-    size = np.abs(whitened)
-    return np.asarray(np.where(size < HUBER, 0.5 * size**2, HUBER * (size - 0.5 * HUBER)))
 
 
 def _triple(values: Array) -> tuple[float, float, float]:

@@ -9,17 +9,18 @@ import numpy.typing as npt
 from calib.light.codes import HIGHEST, LOWEST, Samples
 from calib.light.response_band import standard_errors
 from calib.light.response_curve import (
+    HUBER,
     Channel,
     Model,
     Noise,
     channel_of,
     fit,
-    huber,
     label_trust,
     neighbours,
     noise_of,
 )
 from calib.light.response_models import Array, Blend, Gamma, Known, Shape, Spline
+from imaging.robust import huber_loss
 from imaging.session.calibration import Response
 from imaging.session.records import Rung
 
@@ -263,7 +264,7 @@ def held_out(
         for channel, model, own in zip(testing, models, noise, strict=True):
             sigma = own.of(channel)
             owner = channel.group[channel.site]
-            loss = huber(model.residuals(channel, sigma) / sigma)
+            loss = huber_loss(model.residuals(channel, sigma) / sigma, HUBER)
             losses += np.bincount(owner, weights=loss, minlength=groups)
             counts += np.bincount(owner, minlength=groups)
             medians.append(_disagreement(channel, model))

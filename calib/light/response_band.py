@@ -7,15 +7,16 @@ import numpy as np
 from calib.light.response_curve import (
     FIRM,
     FLOOR,
+    HUBER,
     Channel,
     Equations,
     Model,
     Noise,
     label_trust,
     moved,
-    robust,
 )
 from calib.light.response_models import MIDDLE, Array
+from imaging.robust import huber_weight
 
 REPLICAS = 200
 
@@ -73,4 +74,4 @@ def _exponent_error(labels: Array, shift: Array, trust: Array) -> float:
 def _equations(channel: Channel, model: Model, noise: Noise, group: int) -> Equations:
     part = channel.only(channel.group == group)
     sigma = noise.of(part)
-    return Equations.of(part, model, robust(model.residuals(part, sigma) / sigma) / sigma**2)
+    return Equations.of(part, model, huber_weight(model.residuals(part, sigma) / sigma, HUBER) / sigma**2)

@@ -20,6 +20,7 @@ from scipy.optimize import nnls
 from calib.light.codes import HIGHEST, LOWEST, Samples, pedestal
 from calib.light.response_models import GRID, PER_CODE, SRGB, Array, Index, Shape, Spline, at
 from imaging.merge.ratios import LABEL_SIGMA
+from imaging.robust import huber_weight
 
 HUBER = 2.5
 ITERATIONS = 6
@@ -206,7 +207,7 @@ def fit(
     trust = np.full(len(shift), FIRM if labels_hold else 1.0)
     for _ in range(ITERATIONS):
         weights = [
-            robust(model.residuals(channel, sigma) / sigma) / sigma**2
+            huber_weight(model.residuals(channel, sigma) / sigma, HUBER) / sigma**2
             for channel, model, sigma in zip(channels, models, sigmas, strict=True)
         ]
         parts = [
@@ -282,17 +283,6 @@ def label_trust(steps: Array, shift: Array) -> Array:
 
 def _trust(away: Array) -> Array:
     return np.asarray((1.0 + (0.5 * away / LABEL_SIGMA) ** 2) ** -2)
-
-
-def robust(whitened: Array) -> Array:
-    """Huber's weight of residuals in units of their standard deviation."""
-    return np.minimum(1.0, HUBER / np.maximum(np.abs(whitened), 1e-9))
-
-
-def huber(whitened: Array) -> Array:
-    """Huber's loss of residuals in units of their standard deviation."""
-    size = np.abs(whitened)
-    return np.where(size < HUBER, 0.5 * size**2, HUBER * (size - 0.5 * HUBER))
 
 
 def noise_of(channel: Channel) -> Noise:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.light.viewing_sides import by_side
+from imaging.robust import huber_loss, huber_weight, robust_scale
 from imaging.session.records import ONE_OF_SEVERAL, Rung
 
 Array = npt.NDArray[np.float64]
@@ -219,8 +220,7 @@ def _loss(tracks: Tracks, fit: _Fit, shape: _Shape, scale: float) -> Array:
     """Mean Huber loss of each track under a fit."""
     residual = _residual(tracks, fit, shape)
     _, own = np.unique(tracks.point, return_inverse=True)
-    whitened = np.abs(_demeaned(residual[:, None], np.ones(len(residual)), own)[:, 0]) / scale
-    loss = np.where(whitened < HUBER, 0.5 * whitened**2, HUBER * (whitened - 0.5 * HUBER))
+    loss = huber_loss(demeaned(residual[:, None], np.ones(len(residual)), own)[:, 0] / scale, HUBER)
     return np.asarray(np.bincount(own, loss) / np.bincount(own))
 
 
@@ -236,9 +236,9 @@ def _fit(tracks: Tracks, shape: _Shape, cameras: int) -> _Fit:
     powers = tracks.radius[:, None] ** np.array([2, 4, 6])
     lens = np.array(shape.lenses or [0] * cameras)[tracks.camera]
     for _ in range(ROUNDS):
-        residual = _demeaned(_residual(tracks, fit, shape)[:, None], weight, own)[:, 0]
-        scale = max(float(1.4826 * np.median(np.abs(residual))), 1e-6)
-        weight = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-12))
+        residual = demeaned(_residual(tracks, fit, shape)[:, None], weight, own)[:, 0]
+        scale = max(robust_scale(residual), 1e-6)
+        weight = huber_weight(residual, HUBER * scale)
         columns = []
         if lenses:
             slope = powers / _falloff(tracks, fit, shape)[:, None]
@@ -247,8 +247,8 @@ def _fit(tracks: Tracks, shape: _Shape, cameras: int) -> _Fit:
             columns.append((tracks.camera[:, None] == np.arange(cameras)).astype(np.float64))
         if not columns:
             return _Fit(fit.polynomials, fit.log_gain, scale)
-        design = _demeaned(np.concatenate(columns, axis=1), weight, own)
-        residual = _demeaned(_residual(tracks, fit, shape)[:, None], weight, own)[:, 0]
+        design = demeaned(np.concatenate(columns, axis=1), weight, own)
+        residual = demeaned(_residual(tracks, fit, shape)[:, None], weight, own)[:, 0]
         normal = design.T @ (design * weight[:, None])
         # A trace of ridge settles the gauge of the gains and what the radii seen leave open.
         normal += 1e-9 * max(float(np.trace(normal)), 1e-12) * np.eye(len(normal))
@@ -269,7 +269,7 @@ def _stepped(
 
     def cost(one: _Fit) -> float:
         return float(
-            (weight * _demeaned(_residual(tracks, one, shape)[:, None], weight, own)[:, 0] ** 2).sum()
+            (weight * demeaned(_residual(tracks, one, shape)[:, None], weight, own)[:, 0] ** 2).sum()
         )
 
     numbers, before = fit.polynomials.size, cost(fit)
@@ -311,8 +311,8 @@ def _residual(tracks: Tracks, fit: _Fit, shape: _Shape) -> Array:
     return np.asarray(tracks.brightness - np.log(_falloff(tracks, fit, shape)) - fit.log_gain[tracks.camera])
 
 
-def _demeaned(values: Array, weight: Array, own: npt.NDArray[np.int64]) -> Array:
-    """Values [N, C] less the weighted mean of their track."""
+def demeaned(values: Array, weight: Array, own: npt.NDArray[np.int64]) -> Array:
+    """Values [N, C] less the weighted mean of their track; own: its number, of each value [N]."""
     total = np.bincount(own, weight)
     means = np.stack([np.bincount(own, weight * column) / total for column in values.T], axis=1)
     return np.asarray(values - means[own])

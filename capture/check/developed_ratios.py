@@ -16,6 +16,7 @@ from scipy.interpolate import BSpline
 from capture.pictures.reduced import PatchCodes
 from imaging.colour import srgb_decode
 from imaging.merge.ratios import LABEL_SIGMA, Ratio
+from imaging.robust import huber_weight, robust_scale
 
 Array = npt.NDArray[np.float64]
 
@@ -174,9 +175,8 @@ def _middle(values: Array) -> tuple[float, Array]:
     """Mean of the values, and their weights; outliers count less (Huber)."""
     centre, weight = float(np.median(values)), np.ones(len(values))
     for _ in range(5):
-        size = np.abs(values - centre)
-        scale = 1.4826 * float(np.median(size)) + 1e-9
-        weight = np.minimum(1.0, HUBER * scale / np.maximum(size, 1e-12))
+        residual = values - centre
+        weight = huber_weight(residual, HUBER * (robust_scale(residual) + 1e-9))
         centre = float((weight * values).sum() / weight.sum())
     return centre, weight
 
@@ -237,8 +237,7 @@ def _fit(pairs: _Pairs, labels: Array, smoothness: float) -> Array:
     for _ in range(ROUNDS):
         weighted = design * (robust / sigma**2)[:, None]
         solved = np.linalg.solve(design.T @ weighted + prior, weighted.T @ target)
-        size = np.abs(target - design @ solved) / sigma
-        robust = np.minimum(1.0, HUBER / np.maximum(size, 1e-9))
+        robust = huber_weight((target - design @ solved) / sigma, HUBER)
     grid = np.arange(256.0)
     # Where noise made it fall, it stays: a code that is higher is no darker.
     return np.maximum.accumulate(_srgb(grid) + _design(grid) @ solved[:KNOTS])

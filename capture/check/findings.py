@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from imaging.exposure import Exposure
-from imaging.session.records import Subject
+from imaging.session.records import ImageKind, Subject
 
 ProblemKind = Literal[
     "index",
@@ -75,7 +75,7 @@ class ShotLook(FindingModel):
     """
 
     kind: Subject
-    picture: Literal["raw", "ldr", "hdr"]
+    picture: ImageKind
     file: str
     camera: str
     frame: int

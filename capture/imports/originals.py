@@ -8,10 +8,11 @@ from pathlib import Path
 
 from capture.imports.exposure_list import NAME as EXPOSURE_LIST
 from capture.imports.exposure_list import read_exposure_list
-from capture.pictures.read import Kind, PictureFacts, kind_of, read_picture
+from capture.pictures.read import PictureFacts, kind_of, read_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.progress import Progress
+from imaging.session.records import ImageKind
 
 FOREIGN = dict.fromkeys(
     (".heic", ".heif", ".hif", ".avif"), "convert HEIC to JPEG or TIFF, or set the camera to JPEG"
@@ -28,7 +29,7 @@ class Original:
     """
 
     path: Path
-    kind: Kind
+    kind: ImageKind
     picture: PictureFacts | None
     exposure: Exposure | None = None
     error: str | None = None

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +17,7 @@ from imaging.files.raw import is_raw, read_raw
 from imaging.merge.linear_frame import Bool, LinearFrame, from_raw
 from imaging.merge.masks import without
 from imaging.mosaic import FrameMetadata, RawMosaic
-
-Kind = Literal["raw", "ldr", "hdr"]
+from imaging.session.records import ImageKind
 
 SMALLEST = 16
 """Pixels on a side below which a picture shows nothing that could be compared."""
@@ -37,7 +35,7 @@ class PictureFacts:
     pixels that alpha says to be so, in part or wholly. profile: name of another space than sRGB.
     """
 
-    kind: Kind
+    kind: ImageKind
     width: int
     height: int
     metadata: FrameMetadata
@@ -57,7 +55,7 @@ class Examined:
     thumbnail: bytes
 
 
-def kind_of(path: Path) -> Kind | None:
+def kind_of(path: Path) -> ImageKind | None:
     """What the suffix promises; None: not a picture that rig reads."""
     if path.suffix.lower() in (".exr", RADIANCE):
         return "hdr"

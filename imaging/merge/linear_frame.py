@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from imaging.files.raw import read_raw
 from imaging.mosaic import RawMosaic
 from imaging.sensor import Levels, SensorCalibration, at_iso
 from imaging.session.calibration import Response
+from imaging.session.records import ImageKind
 
 Float = npt.NDArray[np.float32]
 Bool = npt.NDArray[np.bool_]
@@ -93,7 +94,7 @@ class LinearFrame:
 
 def read_linear(
     path: Path,
-    kind: Literal["raw", "ldr", "hdr"],
+    kind: ImageKind,
     k: float,
     response: Response,
     sensors: Sequence[SensorCalibration] = (),

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
+from imaging.robust import huber_weight, robust_scale
 
 Array = npt.NDArray[np.float64]
 
@@ -95,9 +96,9 @@ def ratio(overlaps: Sequence[Overlap]) -> Ratio | None:
     for _ in range(10):
         residual = long - value * short
         spread = np.sqrt(tiles[:, 2] + value**2 * tiles[:, 3])
-        whitened = np.abs(residual) / np.maximum(spread, 1e-300)
-        scale = 1.4826 * float(np.median(whitened)) + 1e-12
-        weight = np.minimum(1.0, 2.5 * scale / np.maximum(whitened, 1e-300))
+        whitened = residual / np.maximum(spread, 1e-300)
+        scale = robust_scale(whitened) + 1e-12
+        weight = huber_weight(whitened, 2.5 * scale)
         total = float((weight * short).sum())
         if not total > 0:
             return None

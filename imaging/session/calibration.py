@@ -224,3 +224,11 @@ def read_calibration(session: str | Path) -> CalibrationRecord:
 def is_stale(session: Path, record: CalibrationRecord) -> bool:
     """Whether shots were added to the session folder, or taken away, after it was calibrated."""
     return store.sha256(session / "shots.jsonl") != record.shots_sha256
+
+
+def calibration_is_current(session: Path) -> bool:
+    """Whether a session folder has a calibration with poses, made from the shots that it has now."""
+    if not all((session / name).is_file() for name in ("calibration/calibration.json", "shots.jsonl")):
+        return False
+    record = read_calibration(session)
+    return bool(record.views) and not is_stale(session, record)

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from imaging.errors import InputError
-from imaging.files import store
 
 
 def has_shots(session: Path) -> bool:
@@ -34,16 +33,3 @@ def scene_around(path: Path) -> Path | None:
     """The reconstruction that a path is, or is in; None if it is in none."""
     place = path.resolve()
     return next((one for one in (place, *place.parents) if (one / "model.json").is_file()), None)
-
-
-def calibration_is_current(session: Path) -> bool:
-    """Whether a session has a calibration with poses, made from the shots that it has now."""
-    path, shots = session / "calibration" / "calibration.json", session / "shots.jsonl"
-    if not path.is_file() or not shots.is_file():
-        return False
-    record = store.read_json(path)
-    return (
-        isinstance(record, dict)
-        and bool(record.get("views"))
-        and record.get("shots_sha256") == store.sha256(shots)
-    )

@@ -34,6 +34,10 @@ def _plain_name(value: str) -> str:
 Name = Annotated[str, AfterValidator(_plain_name)]
 
 
+ImageKind = Literal["raw", "ldr", "hdr"]
+"""raw: Bayer mosaics; ldr: display-referred 8 or 16 bit; hdr: linear EXR."""
+
+
 class CameraRecord(Record):
     """A camera of a session; `serial` is its identity, `name` its place in file names."""
 
@@ -41,8 +45,7 @@ class CameraRecord(Record):
     serial: str
     make: str = ""
     model: str = ""
-    kind: Literal["raw", "ldr", "hdr"]
-    """raw: Bayer mosaics; ldr: display-referred 8 or 16 bit; hdr: linear EXR."""
+    kind: ImageKind
     rig: str | None = None
     """Cameras that name the same rig are rigidly mounted to each other; None: it stands alone."""
     position: tuple[float, float, float] | None = None

@@ -19,7 +19,7 @@ from imaging.lens import Lens
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, Response, ViewCalibration, read_calibration
 from imaging.session.falloff import falloff
-from imaging.session.records import CameraRecord, ShotRecord
+from imaging.session.records import CameraRecord, ImageKind, ShotRecord
 from imaging.session.session import SPLIT, Session, brackets
 from imaging.session.view_id import ViewId
 from recon.data.holdout import held_out, tested_views, used_shots
@@ -42,7 +42,7 @@ class Sensor:
     camera_from_rec709: float64 [3, 3]. falloff: float32 [H, W], vignetting times the camera's gain.
     """
 
-    kind: Literal["raw", "ldr", "hdr"]
+    kind: ImageKind
     cfa: Cfa | None
     camera_from_rec709: npt.NDArray[np.float64]
     falloff: Float
@@ -91,7 +91,7 @@ class Dataset:
     """
 
     session: Path
-    kind: Literal["raw", "ldr", "hdr", "mixed"]
+    kind: ImageKind | Literal["mixed"]
     train: tuple[View, ...]
     held_out: tuple[View, ...]
     calibration: CalibrationRecord
@@ -238,7 +238,7 @@ def photographs_sha256(shots: Iterable[ShotRecord]) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def lens_of_pixels(lens: Lens, kind: Literal["raw", "ldr", "hdr"], width: int, height: int) -> Lens:
+def lens_of_pixels(lens: Lens, kind: ImageKind, width: int, height: int) -> Lens:
     """The lens of a file for what `read_shot` made of it, width x height pixels."""
     if kind == "raw":  # an odd side loses its last row or column, which moves nothing
         even = {"width": lens.width - lens.width % 2, "height": lens.height - lens.height % 2}

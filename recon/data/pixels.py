@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,6 +30,7 @@ from imaging.merge.linear_frame import (
 from imaging.merge.masks import read_mask
 from imaging.sensor import SensorCalibration
 from imaging.session.calibration import Response
+from imaging.session.records import ImageKind
 from recon.data.tone import encode
 
 
@@ -75,7 +76,7 @@ _DECODED: ContextVar[dict[tuple[object, ...], tuple[Shot, Cfa | None]] | None] =
 def read_shot(
     path: Path,
     name: str,
-    kind: Literal["raw", "ldr", "hdr"],
+    kind: ImageKind,
     k: float,
     response: Response,
     max_width: int | None,
@@ -116,7 +117,7 @@ def decoded_once() -> Iterator[None]:
 def _masked(
     path: Path,
     name: str,
-    kind: Literal["raw", "ldr", "hdr"],
+    kind: ImageKind,
     k: float,
     response: Response,
     max_width: int | None,
@@ -139,7 +140,7 @@ def _masked(
 def _read(
     path: Path,
     name: str,
-    kind: Literal["raw", "ldr", "hdr"],
+    kind: ImageKind,
     k: float,
     response: Response,
     max_width: int | None,

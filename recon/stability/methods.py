@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +12,7 @@ from imaging.cfa import Cfa, mosaic
 from imaging.extreme_case import Extreme
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, Response
+from imaging.session.records import ImageKind
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import light_of, radiance_image
 from recon.data.pixels import Shot
@@ -27,14 +27,12 @@ from recon.train.trainer import train
 from recon.train.training import Plan, Training
 
 Float = npt.NDArray[np.float32]
-Kind = Literal["raw", "ldr", "hdr"]
-
 COUNT, VIEWS, ITERATIONS = 60, 6, 120
 USUAL = (1 / 64, 1 / 4)
 """Exposure scales at which the scene, of light up to 4, is neither dark nor white."""
 SRGB = Response(kind="srgb", evidence="made so", residual=0.0)
 LINEAR = Response(kind="linear", evidence="made so")
-CASES: tuple[tuple[str, Kind], ...] = (
+CASES: tuple[tuple[str, ImageKind], ...] = (
     ("nh-3dgs", "raw"),
     ("vanilla", "raw"),
     ("nh-3dgs", "hdr"),
@@ -79,7 +77,7 @@ def _miss(found: Float, true: Float) -> float:
 
 def learned(
     name: str,
-    kind: Kind,
+    kind: ImageKind,
     seed: int,
     scales: Sequence[float],
     labels: Sequence[float] = (),
@@ -121,7 +119,7 @@ def _seen(tensors: list[torch.Tensor], lens: SplatCamera, glow: float) -> Float:
 def _view(
     index: int,
     tensors: list[torch.Tensor],
-    kind: Kind,
+    kind: ImageKind,
     scales: Sequence[float],
     labels: Sequence[float],
     glow: float,

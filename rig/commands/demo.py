@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from imaging.session.paths import calibration_is_current
+from imaging.session.calibration import calibration_is_current
 from recon.decide.presets import MethodName
 from rig.commands.calibrate import earlier_calibration, run_calibrate
 from rig.commands.capture import run_capture

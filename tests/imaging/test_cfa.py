@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging.cfa import Cfa, bilinear, mosaic, split_planes
+from imaging.cfa import Cfa, bilinear, mosaic
 
 all_phases = pytest.mark.parametrize("cfa", list(Cfa))
 
@@ -50,16 +50,6 @@ def test_a_mosaic_keeps_the_channel_of_each_site(cfa: Cfa) -> None:
     for row in range(5):
         for column in range(7):
             assert seen[row, column] == rgb[row, column, "RGB".index(cfa[2 * (row % 2) + column % 2])]
-
-
-def test_planes_keep_both_greens_apart() -> None:
-    planes = split_planes(np.arange(16).reshape(4, 4))
-    assert planes.tolist() == [
-        [[0, 2], [8, 10]],
-        [[1, 3], [9, 11]],
-        [[4, 6], [12, 14]],
-        [[5, 7], [13, 15]],
-    ]
 
 
 @all_phases

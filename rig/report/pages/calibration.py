@@ -5,11 +5,11 @@ from importlib.metadata import version
 from pathlib import Path
 
 from imaging.progress import Progress, unreported
-from imaging.session.calibration import CalibrationRecord, read_calibration
+from imaging.session.calibration import CalibrationRecord, is_stale, read_calibration
 from imaging.session.session import Session
 from rig.report.charts.topic import Tile
 from rig.report.page import Page, now, write_page
-from rig.report.sections.calibrated import calibrated, is_stale
+from rig.report.sections.calibrated import calibrated
 from rig.report.sections.captured import captured
 from rig.report.sections.provenance import provenance
 from rig.terminal.text import number
@@ -35,7 +35,7 @@ def calibration_report(folder: str | Path, progress: Progress = unreported) -> P
     """Write SESSION/calibration/report.html; the session is at `folder`."""
     folder = Path(folder)
     session, record = Session.open(folder), read_calibration(folder)
-    section = calibrated(session, record, is_stale(session, record))
+    section = calibrated(session, record, is_stale(session.folder, record))
     page = Page(
         kind="Calibration report",
         title=session.record.name,

@@ -5,10 +5,11 @@ from pathlib import Path
 
 from imaging.files import store
 from imaging.progress import Progress, unreported
+from imaging.session.calibration import is_stale
 from imaging.session.session import Session
 from recon.result.scene import open_model
 from rig.report.page import Page, now, write_page
-from rig.report.sections.calibrated import calibrated, is_stale
+from rig.report.sections.calibrated import calibrated
 from rig.report.sections.captured import captured
 from rig.report.sections.comparisons import pictures
 from rig.report.sections.provenance import provenance
@@ -33,7 +34,7 @@ def reconstruction_report(folder: str | Path, progress: Progress = unreported) -
             "pictures": pictures(opened, float(metrics.get("alignment_scale", 1.0)), progress),
             "quality": section,
             "captured": captured(session, record, progress),
-            "calibrated": calibrated(session, record, is_stale(session, record)),
+            "calibrated": calibrated(session, record, is_stale(session.folder, record)),
             "provenance": provenance(
                 session, record, opened.record, version("hdr-rig"), folder.resolve().name
             ),

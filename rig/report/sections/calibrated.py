@@ -9,7 +9,6 @@ from statistics import median
 import numpy as np
 
 from imaging.errors import InputError
-from imaging.files import store
 from imaging.files.colmap import SparsePoints, read_points
 from imaging.lens import Lens, fisheye_angle
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
@@ -74,11 +73,6 @@ class CalibrationSection:
     """Cameras, kind, evidence."""
     rungs: tuple[RungGroup, ...]
     stale: bool
-
-
-def is_stale(session: Session, record: CalibrationRecord) -> bool:
-    """Whether shots were added, or taken away, after the calibration."""
-    return store.sha256(session.folder / "shots.jsonl") != record.shots_sha256
 
 
 def calibrated(session: Session, record: CalibrationRecord, stale: bool) -> CalibrationSection:
