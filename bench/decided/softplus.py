@@ -39,5 +39,5 @@ class SoftplusRadiance:
         return softplus(C0 * parameters["sh_dc"].detach()[:, 0], beta=self.beta).amax(1)
 
     def penalty(self, parameters: Parameters) -> Tensor:
-        """Nothing."""
+        """Zero: nothing is penalised."""
         return parameters["sh_dc"].new_zeros(())

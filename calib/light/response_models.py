@@ -85,7 +85,7 @@ class Known:
 
     @property
     def penalty(self) -> Array:
-        """None."""
+        """Empty: there are no parameters."""
         return np.zeros((0, 0))
 
     def curve(self, theta: Array) -> Array:
@@ -93,7 +93,7 @@ class Known:
         return SRGB
 
     def slopes(self, theta: Array) -> Array:
-        """None."""
+        """Empty: there are no parameters."""
         return np.zeros((len(GRID), 0))
 
 
@@ -110,7 +110,7 @@ class Gamma:
 
     @property
     def penalty(self) -> Array:
-        """None."""
+        """Zero: nothing is penalised."""
         return np.zeros((1, 1))
 
     def curve(self, theta: Array) -> Array:

@@ -141,5 +141,5 @@ class PlainHarmonics:
         return (C0 * parameters["sh_dc"].detach()[:, 0] + 0.5).amax(1).clamp_min(0.0)
 
     def penalty(self, parameters: Parameters) -> Tensor:
-        """Nothing."""
+        """Zero: nothing is penalised."""
         return parameters["sh_dc"].new_zeros(())

@@ -178,13 +178,13 @@ class Silence:
     """A meter that shows nothing."""
 
     def begin(self, stage: str) -> None:
-        """Nothing."""
+        """Ignore the stage."""
 
     def __call__(self, message: str, done: int, total: int) -> None:
-        """Nothing."""
+        """Ignore the progress."""
 
     def say(self, line: str) -> None:
-        """Nothing."""
+        """Ignore the line."""
 
 
 @pytest.fixture
