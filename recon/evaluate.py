@@ -1,5 +1,6 @@
 """How good a reconstruction is: held-out views against the truth, where there is one, and the shots."""
 
+import itertools
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -63,7 +64,7 @@ def evaluate(folder: str | Path, progress: Progress = unreported) -> dict[str, A
             result["held_out_note"] = LOOKED_AT
         scale = float(pooled.get("alignment_scale", 1.0))
         looks = compare_pictures(folder, opened, light, _reference(opened), scale, progress)
-        rows = [row | own for row, own in zip(rows, looks, strict=True)]
+        rows = [row | perceived for row, perceived in zip(rows, looks, strict=True)]
         for key in sorted({key for row in rows for key in row} - {"view"} - set(result)):
             result[key] = float(np.mean([row[key] for row in rows if key in row]))
     else:
@@ -109,10 +110,9 @@ def measured(
         reference = _reference(opened)
         if reference is not None:
             # What a mask hides is no part of any figure.
-            seen = [view.seen for view in views]
+            masks = [view.seen for view in views]
             ours, true = (
-                [image[counts] for image, counts in zip(side, seen, strict=True)]
-                for side in (light, reference)
+                [image[mask] for image, mask in zip(side, masks, strict=True)] for side in (light, reference)
             )
             pooled = _against_light(ours, true, rows)
     return light, seconds, rows, pooled
@@ -163,28 +163,28 @@ def _against_shots(opened: Opened, renders: list[torch.Tensor], rows: list[dict[
         if view.sensor.kind == "raw":
             _note(row, "raw_psnr", map(shot_psnr, predicted, view.shots))
             continue
-        known = [opened.dataset.trained_at(shot.k) for shot in view.shots]
-        for seen, suffix in ((True, "oe"), (False, "ne")):
+        at_trained = [opened.dataset.trained_at(shot.k) for shot in view.shots]
+        for trained, suffix in ((True, "oe"), (False, "ne")):
             pairs = [
-                (told, shot)
-                for told, shot, trained in zip(predicted, view.shots, known, strict=True)
-                if trained == seen
+                (prediction, shot)
+                for prediction, shot, is_trained in zip(predicted, view.shots, at_trained, strict=True)
+                if is_trained == trained
             ]
-            _note(row, f"ldr_psnr_{suffix}", (shot_psnr(told, shot) for told, shot in pairs))
+            _note(row, f"ldr_psnr_{suffix}", itertools.starmap(shot_psnr, pairs))
             if min(view.lens.width, view.lens.height) >= 11:
-                _note(row, "ssim" if seen else "ssim_ne", (_ssim(told, shot) for told, shot in pairs))
+                _note(row, "ssim" if trained else "ssim_ne", itertools.starmap(_ssim, pairs))
 
 
 def _note(row: dict[str, Any], key: str, figures: Iterable[float | None]) -> None:
     """Put the mean of the figures that there are into the row, if there are any."""
-    known = [figure for figure in figures if figure is not None]
-    if known:
-        row[key] = float(np.mean(known))
+    present = [figure for figure in figures if figure is not None]
+    if present:
+        row[key] = float(np.mean(present))
 
 
 def _ssim(predicted: torch.Tensor, shot: Shot) -> float | None:
-    told, recorded = as_recorded(predicted, shot)
-    return metrics.ssim(told.numpy(), recorded.numpy(), shot.valid)
+    clipped, recorded = as_recorded(predicted, shot)
+    return metrics.ssim(clipped.numpy(), recorded.numpy(), shot.valid)
 
 
 def _response(opened: Opened) -> dict[str, float]:

@@ -72,12 +72,12 @@ def compare_pictures(
         for pair in pairs:
             store.write_bytes(folder / RENDERS / f"{pair.name}.png", encode_png(pair.ours))
             store.write_bytes(folder / REFERENCES / f"{pair.name}.png", encode_png(pair.reference))
-        row = _told("ciede2000", [_colour_difference(pair) for pair in pairs])
+        row = _summary("ciede2000", [_colour_difference(pair) for pair in pairs])
         if find_spec("flip_evaluator") is not None:
-            row |= _told("flip", [found for pair in pairs if (found := _flip(pair)) is not None])
+            row |= _summary("flip", [errors for pair in pairs if (errors := _flip(pair)) is not None])
             if goal is not None:
-                found = hdr_flip(light[turn], goal, view.seen)
-                row |= _told("hdr_flip", [] if found is None else [found])
+                errors = hdr_flip(light[turn], goal, view.seen)
+                row |= _summary("hdr_flip", [] if errors is None else [errors])
         rows.append(row)
     return rows
 
@@ -92,16 +92,16 @@ def _pairs(opened: Opened, view: View, light: Float, goal: Float | None) -> Iter
     for number, shot in enumerate(view.shots):
         if opened.dataset.trained_at(shot.k):
             with torch.no_grad():
-                told = opened.training.method.observation.predict(image, view, shot.k).numpy()
+                prediction = opened.training.method.observation.predict(image, view, shot.k).numpy()
             ours, reference = (
-                np.asarray(np.rint(255 * np.clip(side, 0, 1)), np.uint8) for side in (told, shot.pixels)
+                np.asarray(np.rint(255 * np.clip(side, 0, 1)), np.uint8) for side in (prediction, shot.pixels)
             )
             yield Pair(f"{stem(view)}_{number}", ours, reference, np.asarray(shot.valid.all(-1)))
 
 
-def _told(name: str, found: list[Float]) -> dict[str, float]:
+def _summary(name: str, maps: list[Float]) -> dict[str, float]:
     """Mean and median of the pixels of all pictures; nothing where there are none."""
-    pixels = np.concatenate([one.reshape(-1) for one in found]) if found else np.empty(0)
+    pixels = np.concatenate([errors.reshape(-1) for errors in maps]) if maps else np.empty(0)
     if not pixels.size:
         return {}
     return {f"{name}_mean": float(pixels.mean(dtype=np.float64)), f"{name}_median": float(np.median(pixels))}
@@ -147,7 +147,7 @@ def _compared(
 
     # What is masked is alike, so that it does not shine into its neighbours.
     ours = np.where(seen[..., None], ours, reference)
-    found = flip_evaluator.evaluate(
+    errors = flip_evaluator.evaluate(
         np.ascontiguousarray(reference), np.ascontiguousarray(ours), kind, True, False, True, parameters
     )
-    return np.asarray(found[0][..., 0][seen], np.float32)
+    return np.asarray(errors[0][..., 0][seen], np.float32)

@@ -62,9 +62,9 @@ def reconstruct(
     misjudged. What else has no room is left out as `recon.decide.countdown` says; where 50 iterations do not
     fit it ends with an InputError that says how long would do. overrides: what is not to be as the preset and
     the method have it. early_stop: train no longer than was worth it for other scenes, and end when held-out
-    quality stands still. name: None names method, quality and budget (`default_name`). tell: hears what is
-    predicted of a training with a budget, and what is left out. With early_stop or a budget in dB some of the
-    held-out views are for that alone (`Dataset.with_validation`).
+    quality stands still. name: None names method, quality and budget (`default_name`). tell: is given lines
+    on what is predicted of a training with a budget, and on what is left out. With early_stop or a budget in
+    dB some of the held-out views are for that alone (`Dataset.with_validation`).
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
     called again with the same settings (with a time to keep, as fast as the machine then is); a finished

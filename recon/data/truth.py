@@ -67,19 +67,19 @@ def _pose_errors(truth: dict[str, Any], calibration: CalibrationRecord) -> dict[
     pairs = [(view.cam_from_world.matrix(), poses[view.id]) for view in calibration.views if view.id in poses]
     if len(pairs) < 2:
         return {}
-    found, true = (np.stack(side) for side in zip(*pairs, strict=True))
-    turn = _nearest_rotation(np.einsum("nji,njk->ik", true[:, :3, :3], found[:, :3, :3]))
-    error = found[:, :3, :3] @ turn.T @ true[:, :3, :3].transpose(0, 2, 1)
+    estimated, true = (np.stack(side) for side in zip(*pairs, strict=True))
+    turn = _nearest_rotation(np.einsum("nji,njk->ik", true[:, :3, :3], estimated[:, :3, :3]))
+    error = estimated[:, :3, :3] @ turn.T @ true[:, :3, :3].transpose(0, 2, 1)
     sines = np.linalg.norm(error - error.transpose(0, 2, 1), axis=(1, 2)) / (2 * np.sqrt(2))
     cosines = (np.trace(error, axis1=1, axis2=2) - 1) / 2
     degrees = np.degrees(np.arctan2(sines, cosines))
 
-    moved, goal = _centres(found) @ turn.T, _centres(true)
+    moved, goal = _centres(estimated) @ turn.T, _centres(true)
     size = float(np.linalg.norm(goal[:, None] - goal[None], axis=-1).max())
-    own, theirs = moved - moved.mean(0), goal - goal.mean(0)
-    spread = float((own**2).sum())
-    scale = float((own * theirs).sum()) / spread if spread > 0 else 1.0
-    distance = np.linalg.norm(scale * own - theirs, axis=1) / max(size, 1e-12)
+    source, target = moved - moved.mean(0), goal - goal.mean(0)
+    spread = float((source**2).sum())
+    scale = float((source * target).sum()) / spread if spread > 0 else 1.0
+    distance = np.linalg.norm(scale * source - target, axis=1) / max(size, 1e-12)
     return {
         "pose_rotation_deg": float(np.median(degrees)),
         "pose_rotation_deg_max": float(degrees.max()),
@@ -102,17 +102,17 @@ def _exposure_errors(truth: dict[str, Any], calibration: CalibrationRecord) -> d
     """Of the ratio of every shot to the longest of its bracket."""
     brackets: dict[ViewId, list[tuple[float, float]]] = {}
     for entry in truth["exposures"]:
-        found = calibration.exposure_scale.get(entry.get("file", ""))
-        if found is not None:
+        scale = calibration.exposure_scale.get(entry.get("file", ""))
+        if scale is not None:
             group = brackets.setdefault(ViewId(entry["frame"], entry["camera"]), [])
-            group.append((_true_scale(entry), found))
+            group.append((_true_scale(entry), scale))
     errors = []
     for group in brackets.values():
         longest = max(group)
         errors += [
-            abs(found / longest[1] * longest[0] / true - 1)
-            for true, found in group
-            if (true, found) != longest
+            abs(scale / longest[1] * longest[0] / true_scale - 1)
+            for true_scale, scale in group
+            if (true_scale, scale) != longest
         ]
     if not errors:
         return {}
@@ -130,15 +130,15 @@ def _true_scale(entry: dict[str, Any]) -> float:
 
 def _camera_errors(truth: dict[str, Any], calibration: CalibrationRecord) -> dict[str, float]:
     """Gains relative to their geometric mean, and read noise, of the cameras that the truth names."""
-    known = [camera for camera in calibration.cameras if camera.name in truth["cameras"]]
+    cameras = [camera for camera in calibration.cameras if camera.name in truth["cameras"]]
     errors = {}
-    if len(known) > 1:
-        gains = np.log([[camera.gain, truth["cameras"][camera.name]["gain"]] for camera in known])
+    if len(cameras) > 1:
+        gains = np.log([[camera.gain, truth["cameras"][camera.name]["gain"]] for camera in cameras])
         gains -= gains.mean(0)
         errors["gain_error"] = float(np.abs(np.expm1(gains[:, 0] - gains[:, 1])).max())
     noise = [
         abs(camera.noise.read_noise / truth["cameras"][camera.name]["noise"]["read_noise"] - 1)
-        for camera in known
+        for camera in cameras
         if camera.noise is not None and truth["cameras"][camera.name]["noise"]["read_noise"] > 0
     ]
     if noise:
@@ -157,8 +157,8 @@ def response_rmse(session: Path, code_of: Callable[[Array], Array]) -> float | N
     codes, logs = np.array(response["codes"]), np.array(response["log_exposure"])
 
     def rmse(shift: float) -> float:
-        found = np.stack([code_of(logs[channel] + shift)[:, channel] for channel in range(3)])
-        return float(np.sqrt(np.mean((found - codes) ** 2)))
+        estimated = np.stack([code_of(logs[channel] + shift)[:, channel] for channel in range(3)])
+        return float(np.sqrt(np.mean((estimated - codes) ** 2)))
 
     low, high = -3.0, 3.0
     for _ in range(6):

@@ -44,8 +44,8 @@ class WorldTransform(Record):
         xyz, tracks = read_tracks(colmap)
         depths = []
         for name, motion in cameras.items():
-            seen = tracks.get(name)
-            depth = (xyz if seen is None or not len(seen) else xyz[seen]) @ motion[2, :3] + motion[2, 3]
+            rows = tracks.get(name)
+            depth = (xyz if rows is None or not len(rows) else xyz[rows]) @ motion[2, :3] + motion[2, 3]
             if (depth > 0).any():
                 depths.append(np.median(depth[depth > 0]))
         reach = float(np.linalg.norm(centres - origin, axis=1).max())

@@ -120,8 +120,8 @@ def _without_trial(name: Refined, dataset: Dataset, method: str) -> Rung | None:
         return None
     measured = next((rung for rung in calibration.rungs if rung.name == "vignetting" and rung.gain), None)
     if measured is not None:
-        found = "a falloff" if measured.taken else "no falloff"
-        return _rung(name, False, f"the calibration found {found} on scene points that several views share")
+        falloff = "a falloff" if measured.taken else "no falloff"
+        return _rung(name, False, f"the calibration found {falloff} on scene points that several views share")
     return None
 
 
@@ -133,7 +133,7 @@ def pose_error_px(dataset: Dataset) -> float | None:
     """
     errors = {view.id: view.error for view in dataset.calibration.views}
     model = dataset.points()
-    found = []
+    errors_px = []
     for view in dataset.train:
         error = errors.get(view.id)
         if error is None or not len(model.xyz):
@@ -141,20 +141,20 @@ def pose_error_px(dataset: Dataset) -> float | None:
         pixels, depth = project(view.lens, model.xyz)
         shown = inside(view.lens, pixels, depth)
         away = dataset.world.unit * (float(np.median(depth[shown])) if shown.any() else dataset.extent)
-        found.append(view.lens.fx * (np.radians(error.rotation) + error.translation / away))
-    return float(np.median(found))
+        errors_px.append(view.lens.fx * (np.radians(error.rotation) + error.translation / away))
+    return float(np.median(errors_px))
 
 
 def _exposure_error_percent(calibration: CalibrationRecord, views: Sequence[View]) -> float | None:
-    """How sure the ratios of exposures are; None where no overlaps told them."""
+    """How sure the ratios of exposures are; None where no overlaps measured them."""
     rungs = {rung.name: rung for rung in calibration.rungs}
     ratios, per_shot = rungs.get("exposure_ratios"), rungs.get("exposure_per_shot")
     labels = rungs.get("exposure_labels")
     judged = labels is not None and labels.gain is not None
     developed = [view.sensor.response for view in views if view.sensor.kind == "ldr"]
-    told = [_curve_error(response, judged) for response in dict.fromkeys(developed)]
-    percents = [100 * error for error in told if error is not None]
-    if len(percents) < len(told):
+    curve_errors = [_curve_error(response, judged) for response in dict.fromkeys(developed)]
+    percents = [100 * error for error in curve_errors if error is not None]
+    if len(percents) < len(curve_errors):
         return None
     if len(developed) < len(views):
         if ratios is None or not ratios.taken or ratios.standard_error is None or per_shot is None:
@@ -165,7 +165,7 @@ def _exposure_error_percent(calibration: CalibrationRecord, views: Sequence[View
 
 
 def _curve_error(response: Response, judged: bool) -> float | None:
-    """How far exposures told by a curve may be off, natural log; None: it was not measured.
+    """How far exposures taken from a curve may be off, natural log; None: it was not measured.
 
     The curve's own error where its exposures were judged apart from their labels; elsewhere what its
     exposures disagree by, most of which is noise.

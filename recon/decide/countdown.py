@@ -1,7 +1,7 @@
 """A budget of time, from Enter to the end, and what of a reconstruction it has room for.
 
-What does not fit is left out in this order, and said when that is known: the page with its evaluation, depths
-of some of the views, trials of what the scene needs, iterations.
+What does not fit is left out in this order, with a message as soon as that is clear: the page with its
+evaluation, depths of some of the views, trials of what the scene needs, iterations.
 """
 
 import math
@@ -24,7 +24,7 @@ class Countdown:
     """What is left of `seconds` that began at `began`, a reading of `clock`.
 
     page: whether the scene is evaluated and reported after it is trained; made False where that does not
-    fit. reserve: seconds that are kept for what follows training. say: hears what is left out.
+    fit. reserve: seconds that are kept for what follows training. say: is given a line on what is left out.
     """
 
     seconds: float
@@ -55,10 +55,10 @@ class Countdown:
 
     def require(self, training: float, fewest: int) -> None:
         """InputError, with the time that would do, where the `training` seconds of the fewest do not fit."""
-        left = self.left()
-        if training <= left:
+        available = self.left()
+        if training <= available:
             return
-        needed = math.ceil((self.seconds - left + training) / 5) * 5
+        needed = math.ceil((self.seconds - available + training) / 5) * 5
         raise InputError(
             f"{self.seconds:g} s are too short for this scene on this machine, busy as it is: start, saving "
             f"and the fewest iterations, {fewest}, take {needed} s at least: give --budget {needed}s or more."

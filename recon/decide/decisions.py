@@ -36,8 +36,8 @@ NO_TIME = "not tried, since a trial would take its time from the budget"
 class Run:
     """A reconstruction under way: what it is of, and what it runs on.
 
-    asked: the settings asked for, the method among them. countdown: of a budget of time. say: hears what has
-    no room, and what is predicted.
+    asked: the settings asked for, the method among them. countdown: of a budget of time. say: is given lines
+    on what has no room, and on what is predicted.
     """
 
     dataset: Dataset
@@ -197,10 +197,10 @@ def iterations(case: Case, decided: Decisions) -> Decisions:
         ranks=case.ranks, progress=case.progress, clock=case.clock,
     )  # fmt: skip
     if countdown is not None:
-        left = case.ranks.broadcast(countdown.left())
-        fitting = miniature.iterations_within(left)
+        available = case.ranks.broadcast(countdown.left())
+        fitting = miniature.iterations_within(available)
         if fitting < min(FEWEST, most):
-            countdown.require(max(miniature.seconds_for(FEWEST), left + 1.0), FEWEST)
+            countdown.require(max(miniature.seconds_for(FEWEST), available + 1.0), FEWEST)
         decided = decided.setting(iterations=min(most, fitting))
     if miniature.db is None:
         return decided

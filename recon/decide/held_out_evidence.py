@@ -83,8 +83,8 @@ def _fitted(
         optimizer.zero_grad(set_to_none=True)
         image = _image(training, view, pose, extent)
         prediction, target = training.method.observation.compare(image, view, 1.0, logs.exp())
-        seen = _on_planes(_half(view, 0), target)
-        (prediction - target)[..., seen].abs().mean().backward()  # type: ignore[no-untyped-call]
+        half = _on_planes(_half(view, 0), target)
+        (prediction - target)[..., half].abs().mean().backward()  # type: ignore[no-untyped-call]
         optimizer.step()
     return pose.detach(), logs.detach()
 
@@ -103,7 +103,7 @@ def _image(training: Training, view: View, pose: Tensor, extent: float) -> Tenso
 
 def _whitened(training: Training, image: Tensor, view: View, logs: Tensor, judged: Tensor) -> float:
     """Mean over photosites of -10 log10(1 + r^2), r being residuals in standard deviations of the noise."""
-    own = judged.cpu().numpy()
+    mask = judged.cpu().numpy()
     total, count = 0.0, 0
     for shot, log in zip(view.shots, logs.tolist(), strict=True):
         assert shot.noise is not None
@@ -111,7 +111,7 @@ def _whitened(training: Training, image: Tensor, view: View, logs: Tensor, judge
         residual = signal.cpu().numpy() - shot.pixels
         residual = np.where(shot.saturated, np.minimum(residual, 0.0), residual)
         squares = residual**2 / shot.noise.variance(np.maximum(shot.pixels, 0.0))
-        kept = shot.valid & (own if squares.ndim == 2 else own[..., None])
+        kept = shot.valid & (mask if squares.ndim == 2 else mask[..., None])
         total -= 10 / np.log(10) * float(np.log1p(squares[kept]).sum(dtype=np.float64))
         count += int(kept.sum())
     return total / max(count, 1)

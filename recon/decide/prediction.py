@@ -86,15 +86,15 @@ def predicted(
     db: held-out, at the end of a schedule of `tried` iterations. scenes: curves [S, 3] as `SCENES` has them.
     timed: the training is within a time, so that it may come to fewer iterations, or more.
     """
-    told, half = _expected(db, tried, iterations, scenes)
-    low, high = told - half, told + half
+    expected, half = _expected(db, tried, iterations, scenes)
+    low, high = expected - half, expected + half
     if timed:
         slow, fast = (
             _expected(db, tried, max(round(factor * iterations), 1), scenes) for factor in (SLOWER, FASTER)
         )
         low, high = min(low, slow[0] - slow[1]), max(high, fast[0] + fast[1])
     return Prediction(
-        db=round(told, 2),
+        db=round(expected, 2),
         low=round(low, 2),
         high=round(high, 2),
         iterations=iterations,

@@ -35,7 +35,7 @@ _ALONE = Ranks()
 
 @dataclass(frozen=True)
 class Probe:
-    """What the miniature told.
+    """What the miniature measured.
 
     iterations: of its schedule. pace: seconds an iteration. db: held-out quality at its end; None without
     held-out views, and where there was no time for a miniature.

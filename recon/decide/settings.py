@@ -99,7 +99,7 @@ def asked_for(
     preset = QUALITIES[quality]
     gaussians = overrides.gaussians or preset.gaussians
     if budget is not None and budget.gaussians is not None:
-        # More Gaussians than pixels cannot be told apart.
+        # More Gaussians than pixels cannot be distinguished.
         pixels = sum(view.lens.width * view.lens.height for view in dataset.train)
         gaussians = min(budget.gaussians, pixels)
     return Settings.model_validate(

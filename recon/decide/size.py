@@ -1,8 +1,8 @@
 """Colours of which degree a scene is given, and how many Gaussians.
 
-The degree is told by what scene points look like from all sides (`recon.decide.view_dependence`). The preset
-names the most Gaussians; from there trials halve the count for as long as the views that judge them lose
-little.
+The degree follows from what scene points look like from all sides (`recon.decide.view_dependence`). The
+preset names the most Gaussians; from there trials halve the count for as long as the views that judge them
+lose little.
 """
 
 from dataclasses import dataclass, field, replace
@@ -60,46 +60,47 @@ def degree_for(
 
     images: radiance images of the training views. The rung's parameters are those of one Gaussian.
     """
-    found, asked = None, settings.overrides.degree
+    evidence, asked = None, settings.overrides.degree
     if asked is not None:
         degree, reason = asked, "as asked for"
     else:
-        found = gains(looks(dataset, images))
-        if found is None:
+        evidence = gains(looks(dataset, images))
+        if evidence is None:
             degree = UNTOLD
             reason = (
                 f"since fewer than {FEWEST_POINTS} scene points are seen by {FEWEST_VIEWS} training views, "
                 "so that nothing shows that more is needed"
             )
         else:
-            degree = lowest(found)
-            told = " and ".join(
-                f"{more} {found.db[more]:.2f} +- {found.error[0, more]:.2f}" for more in range(1, DEGREE + 1)
+            degree = lowest(evidence)
+            steps = " and ".join(
+                f"{more} {evidence.db[more]:.2f} +- {evidence.error[0, more]:.2f}"
+                for more in range(1, DEGREE + 1)
             )
             reason = (
-                f"the lowest above which none surely gains {MATERIAL:g} dB: over 0 at {found.points} scene "
-                f"points gain {told}"
+                f"the lowest above which none surely gains {MATERIAL:g} dB: over 0 at {evidence.points} "
+                f"scene points gain {steps}"
             )
     degree = int(ranks.broadcast(degree))
-    # Of colours that stay the same everywhere, what the better of the others would gain is told.
-    best = degree or (0 if found is None else int(found.db.argmax()) or 1)
+    # Of colours that stay the same everywhere, the rung has what the better of the others would gain.
+    best = degree or (0 if evidence is None else int(evidence.db.argmax()) or 1)
     rung = Rung(
         name=COLOUR,
         taken=degree > 0,
-        gain=None if found is None else float(found.db[best]),
-        standard_error=None if found is None else float(found.error[0, best]),
-        unit="" if found is None else COLOUR_UNIT,
+        gain=None if evidence is None else float(evidence.db[best]),
+        standard_error=None if evidence is None else float(evidence.error[0, best]),
+        unit="" if evidence is None else COLOUR_UNIT,
         reason=f"harmonics of degree {degree}, {reason}",
         parameters=3 * ((degree + 1) ** 2 - 1),
     )
     return degree, rung
 
 
-def lowest(found: Gains) -> int:
+def lowest(evidence: Gains) -> int:
     """The lowest degree above which none gains as much as is material, less its standard error."""
     for low in range(DEGREE):
-        more = found.db[low + 1 :] - found.db[low]
-        if not (more - found.error[low, low + 1 :] > MATERIAL).any():
+        more = evidence.db[low + 1 :] - evidence.db[low]
+        if not (more - evidence.error[low, low + 1 :] > MATERIAL).any():
             return low
     return DEGREE
 
@@ -165,14 +166,14 @@ def count_by_evidence(
 
 @dataclass
 class Ladder:
-    """Trials of one session, each trained once. heard: dB of each view, by count."""
+    """Trials of one session, each trained once. measured: dB of each view, by count."""
 
     trials: Trials
     refined: Refinement
     most: int
     degree: int
     device: torch.device
-    heard: dict[int, Array] = field(default_factory=dict)
+    measured: dict[int, Array] = field(default_factory=dict)
 
     def climbed(self) -> tuple[int, Rung]:
         """The fewest Gaussians that lose little, and why."""
@@ -184,7 +185,7 @@ class Ladder:
         count = fewest(counts, means)
         near = min(counts, key=lambda tried: abs(np.log(tried / count)))
         gain, error = _paired(self.db(near), self.db(self.most))
-        told = ", ".join(f"{mean:.2f} dB with {c:,}" for c, mean in zip(counts, means, strict=True))
+        tried_counts = ", ".join(f"{mean:.2f} dB with {c:,}" for c, mean in zip(counts, means, strict=True))
         number = Rung(
             name=COUNT,
             taken=count < self.most,
@@ -192,7 +193,7 @@ class Ladder:
             standard_error=error,
             unit=UNIT,
             reason=f"{count:,} of at most {self.most:,}, the fewest that lose less than {LOSS:g} dB in "
-            f"trainings of {self.iterations} iterations: {told}",
+            f"trainings of {self.iterations} iterations: {tried_counts}",
             parameters=PLAIN * count,
         )
         return count, number
@@ -205,7 +206,7 @@ class Ladder:
 
     def db(self, count: int) -> Array:
         """Quality of every view that judges, [views], of a training with so many Gaussians."""
-        if count not in self.heard:
+        if count not in self.measured:
             trials = self.trials
             training = trials.trained(
                 self.iterations,
@@ -218,9 +219,9 @@ class Ladder:
             )
             unsure, extent = tuple(self.refined.parameters), trials.part.extent
             views = [fitted_view(training, view, unsure, extent) for view in trials.judged]
-            told = [training.held_out_psnr((view,), 1.0, _ALONE) for view in views]
-            self.heard[count] = np.array(told)
-        return self.heard[count]
+            figures = [training.held_out_psnr((view,), 1.0, _ALONE) for view in views]
+            self.measured[count] = np.array(figures)
+        return self.measured[count]
 
 
 def fewest(counts: list[int], means: list[float]) -> int:

@@ -126,10 +126,10 @@ class Trials:
         rules, factor = DensityRules(gaussians), rate_factor(iterations)
         plan = Plan(iterations, rules, self.settings.seed, rate_factor=factor)
 
-        def told(_: str, done: int, total: int) -> None:
+        def reported(_: str, done: int, total: int) -> None:
             self.progress(message, done, total)
 
-        train(training, self.part, plan, log=lambda line: None, save=lambda: None, progress=told)
+        train(training, self.part, plan, log=lambda line: None, save=lambda: None, progress=reported)
         return training
 
     @property

@@ -59,10 +59,10 @@ def looks(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Looks:
     light, slope = np.full(shape, np.nan), np.full(shape, np.nan)
     towards = np.zeros((*shape, 3))
     for row, (view, (rgb, trusted)) in enumerate(zip(dataset.train, images, strict=True)):
-        seen = tracks.get(view.id.image_name)
-        if seen is None:
+        rows_seen = tracks.get(view.id.image_name)
+        if rows_seen is None:
             continue
-        pixels, depth = project(view.lens, xyz[seen])
+        pixels, depth = project(view.lens, xyz[rows_seen])
         bright = rgb @ np.array(_LUMINANCE)
         usable = trusted & view.seen & np.isfinite(bright) & (bright > 0)
         log = np.log(np.where(usable, bright, np.nan))
@@ -72,10 +72,10 @@ def looks(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Looks:
             for dx, dy in ((0, 0), (0.5, 0), (-0.5, 0), (0, 0.5), (0, -0.5))
         ]
         good = (depth > 0) & np.isfinite(near).all(0)
-        light[row, seen[good]] = near[0][good]
-        slope[row, seen[good]] = np.hypot(near[1] - near[2], near[3] - near[4])[good]
-        offset = xyz[seen] - view.centre
-        towards[row, seen] = offset / np.linalg.norm(offset, axis=1, keepdims=True).clip(1e-12)
+        light[row, rows_seen[good]] = near[0][good]
+        slope[row, rows_seen[good]] = np.hypot(near[1] - near[2], near[3] - near[4])[good]
+        offset = xyz[rows_seen] - view.centre
+        towards[row, rows_seen] = offset / np.linalg.norm(offset, axis=1, keepdims=True).clip(1e-12)
     return Looks(light, towards, slope)
 
 

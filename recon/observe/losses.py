@@ -45,8 +45,8 @@ def mu_law(signal: Tensor, mu: float) -> Tensor:
     Odd, since black-subtracted RAW goes below zero in the dark; its slope at 0 is that of both sides,
     so that a Gaussian that shows exactly nothing still has a gradient. Differentiable everywhere.
     """
-    one = torch.ones(1, dtype=signal.dtype).reshape([1] * (signal.ndim + 1))
-    return exposed_mu_law(signal, one, None, mu)[0]
+    scale = torch.ones(1, dtype=signal.dtype).reshape([1] * (signal.ndim + 1))
+    return exposed_mu_law(signal, scale, None, mu)[0]
 
 
 def exposed_mu_law(signal: Tensor, scales: Tensor, ceiling: Tensor | None, mu: float) -> Tensor:

@@ -163,8 +163,8 @@ class ToneCurve(Observation):
         for channel in range(3):
             curve, slopes = self._start[response, channel], self._slopes[response, channel]
             slope[:, channel] = np.interp(target[:, channel], curve, slopes)
-        told = np.where(bound, 0, slope).mean(0).clip(LEAST_SLOPE)
-        weight = (TYPICAL_SLOPE / told) ** np.float32(self.balance)
+        mean_slope = np.where(bound, 0, slope).mean(0).clip(LEAST_SLOPE)
+        weight = (TYPICAL_SLOPE / mean_slope) ** np.float32(self.balance)
         return torch.from_numpy(weight).to(codes.target).repeat(len(target), 1, 1)
 
     def _expose(

@@ -17,12 +17,12 @@ def as_recorded(predicted: Tensor, shot: Shot) -> tuple[Tensor, Tensor]:
     scene is at least so bright. Developed photographs end at code 1. Where the shot is not valid both are 0.
     """
     recorded = torch.from_numpy(shot.pixels).to(predicted).clamp_max(shot.top)
-    told = predicted.clamp_max(shot.top)
+    clipped = predicted.clamp_max(shot.top)
     if shot.ceiling is not None:
         saturated = torch.from_numpy(shot.saturated).to(predicted.device)
-        told = torch.where(saturated, torch.minimum(told, recorded), told)
+        clipped = torch.where(saturated, torch.minimum(clipped, recorded), clipped)
     valid = torch.from_numpy(shot.valid).to(predicted.device)
-    return torch.where(valid, told, 0.0), torch.where(valid, recorded, 0.0)
+    return torch.where(valid, clipped, 0.0), torch.where(valid, recorded, 0.0)
 
 
 def shot_psnr(predicted: Tensor, shot: Shot) -> float | None:
@@ -30,8 +30,8 @@ def shot_psnr(predicted: Tensor, shot: Shot) -> float | None:
     count = int(shot.valid.sum())
     if not count:
         return None
-    told, recorded = as_recorded(predicted, shot)
-    return psnr_of(float((told - recorded).double().square().sum()) / count)
+    clipped, recorded = as_recorded(predicted, shot)
+    return psnr_of(float((clipped - recorded).double().square().sum()) / count)
 
 
 def psnr_of(error: float) -> float:

@@ -79,10 +79,10 @@ class Refinement:
     @classmethod
     def stored(cls, dataset: Dataset, checkpoint: Checkpoint) -> "Refinement":
         """As it was in the training that a checkpoint was taken of, on the same data set."""
-        found = checkpoint.part("refinement")
+        tensors = checkpoint.part("refinement")
         rungs = tuple(Rung.model_validate(rung) for rung in checkpoint.facts.get("refinement", []))
         names: tuple[Refined, ...] = get_args(Refined)
-        return cls(dataset, {name: found[name] for name in names if name in found}, rungs)
+        return cls(dataset, {name: tensors[name] for name in names if name in tensors}, rungs)
 
     def to(self, device: torch.device) -> None:
         """Move the parameters."""
@@ -148,19 +148,21 @@ class Refinement:
 
     def described_rungs(self) -> tuple[Rung, ...]:
         """The rungs, those that were taken with how far it went in the middle (median)."""
-        own = {name: value.detach().cpu().double() for name, value in self.parameters.items()}
+        values = {name: value.detach().cpu().double() for name, value in self.parameters.items()}
         amounts: dict[str, str] = {}
-        if "poses" in own:
+        if "poses" in values:
             turn, way = (
-                float(own["poses"][:, part].norm(dim=1).median()) for part in (slice(3, 6), slice(3))
+                float(values["poses"][:, part].norm(dim=1).median()) for part in (slice(3, 6), slice(3))
             )
             amounts["refine poses"] = (
                 f"moved by {np.degrees(turn):.2g} degrees and {100 * way:.2g} % of the extent"
             )
-        if "exposures" in own:
-            amounts["refine exposures"] = f"by {float(own['exposures'].abs().median()) / np.log(2):.2g} stops"
-        if "vignetting" in own:
-            corner = float(own["vignetting"].sum(dim=1).abs().median())
+        if "exposures" in values:
+            amounts["refine exposures"] = (
+                f"by {float(values['exposures'].abs().median()) / np.log(2):.2g} stops"
+            )
+        if "vignetting" in values:
+            corner = float(values["vignetting"].sum(dim=1).abs().median())
             amounts["refine vignetting"] = f"by {100 * corner:.2g} % in the corners"
         return tuple(
             rung.model_copy(update={"reason": f"{rung.reason}; {amounts[rung.name]}"})
@@ -171,25 +173,25 @@ class Refinement:
 
     def facts(self) -> dict[str, object]:
         """For people and other programs: what was corrected by how much, by view, file and camera."""
-        found: dict[str, object] = {"schema_version": 1}
-        own = {name: value.detach().cpu().double() for name, value in self.parameters.items()}
-        if "poses" in own:
-            turns, ways = (own["poses"][:, part].norm(dim=1) for part in (slice(3, 6), slice(3)))
-            found["poses"] = {
+        facts: dict[str, object] = {"schema_version": 1}
+        values = {name: value.detach().cpu().double() for name, value in self.parameters.items()}
+        if "poses" in values:
+            turns, ways = (values["poses"][:, part].norm(dim=1) for part in (slice(3, 6), slice(3)))
+            facts["poses"] = {
                 name: {
                     "rotation_deg": float(np.degrees(float(turns[row]))),
                     "translation_relative": float(ways[row]),
                 }
                 for name, row in self._views.items()
             }
-        if "exposures" in own:
-            stops = own["exposures"] / np.log(2)
-            found["exposures_stops"] = {file: float(stops[row]) for file, row in self._shots.items()}
-        if "vignetting" in own:
-            found["vignetting"] = {
-                name: own["vignetting"][row].tolist() for name, row in self._cameras.items()
+        if "exposures" in values:
+            stops = values["exposures"] / np.log(2)
+            facts["exposures_stops"] = {file: float(stops[row]) for file, row in self._shots.items()}
+        if "vignetting" in values:
+            facts["vignetting"] = {
+                name: values["vignetting"][row].tolist() for name, row in self._cameras.items()
             }
-        return found
+        return facts
 
 
 def camera_delta(pose: Tensor, extent: float) -> Tensor:

@@ -40,7 +40,7 @@ class SceneFolder:
     _lines: list[dict[str, Any]] = field(default_factory=list, init=False)
 
     def go_on(self) -> None:
-        """Keep the log up to where the training is; remove what was said of an earlier state."""
+        """Keep the log up to where the training is; remove what describes an earlier state."""
         for name in (MODEL, REFINEMENT, "metrics.json"):
             store.discard(self.folder / name)
         before = store.read_lines(self.folder / LOG)

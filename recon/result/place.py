@@ -26,25 +26,25 @@ def place_for(
     taken = (folder / CHECKPOINT).is_file() or (folder / MODEL).is_file()
     place = folder.with_name(f".{folder.name}.new") if taken and replace else folder
     path = place / CHECKPOINT
-    found = read_checkpoint(path) if path.is_file() else None
-    if found is not None and (found.facts["asked"], found.facts["calibration_sha256"]) == (
+    checkpoint = read_checkpoint(path) if path.is_file() else None
+    if checkpoint is not None and (checkpoint.facts["asked"], checkpoint.facts["calibration_sha256"]) == (
         wanted.model_dump(mode="json"),
         calibration_sha256,
     ):
-        return place, found
+        return place, checkpoint
     if taken and not replace:
         raise InputError(
-            f"{folder} is there already, {_told(path, found, wanted)}: give this training another --name, or "
-            "--replace that one."
+            f"{folder} is there already, {_difference(path, checkpoint, wanted)}: give this training another "
+            "--name, or --replace that one."
         )
     return place, None
 
 
-def _told(path: Path, found: Checkpoint | None, wanted: Settings) -> str:
+def _difference(path: Path, checkpoint: Checkpoint | None, wanted: Settings) -> str:
     """How a training differs from what is wanted, in words."""
-    if found is None:
+    if checkpoint is None:
         return "without the checkpoint that would tell its settings"
-    there, asked = parse(Settings, found.facts["asked"], path).words(), wanted.words()
+    there, asked = parse(Settings, checkpoint.facts["asked"], path).words(), wanted.words()
     other = [f"{key} {value}" for key, value in there.items() if value != asked[key]]
     if other:
         return f"trained with {', '.join(other)}"

@@ -101,8 +101,8 @@ def as_corrected(dataset: Dataset, refinement: Refinement | None) -> Dataset:
     """The data set with what training corrected of its views."""
     if refinement is None:
         return dataset
-    own = {name: value.detach().cpu() for name, value in refinement.parameters.items()}
-    return replace(refinement, parameters=own).corrected()
+    parameters = {name: value.detach().cpu() for name, value in refinement.parameters.items()}
+    return replace(refinement, parameters=parameters).corrected()
 
 
 def scene_views(dataset: Dataset) -> tuple[SceneView, ...]:

@@ -58,10 +58,10 @@ class SplatCamera:
         """
         widest = math.degrees(optics.widest_angle(lens)) if lens.fisheye else 0.0
         if widest > math.degrees(optics.WIDEST):
-            found = f"sees {widest:.0f} degrees from its axis" if widest < math.inf else "folds over"
+            problem = f"sees {widest:.0f} degrees from its axis" if widest < math.inf else "folds over"
             raise ReconstructionError(
-                f"A fisheye {found} in the corners of its {lens.width}x{lens.height} image, and rig draws at "
-                f"most {math.degrees(optics.WIDEST):.0f}: crop the photographs and calibrate them again."
+                f"A fisheye {problem} in the corners of its {lens.width}x{lens.height} image, and rig draws "
+                f"at most {math.degrees(optics.WIDEST):.0f}: crop the photographs and calibrate them again."
             )
         return cls(
             cam_from_world.matrix(),

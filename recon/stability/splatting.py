@@ -38,11 +38,11 @@ def splatting(quick: bool, seed: int = 0, progress: Progress = unreported) -> It
         progress(f"splatting: {name}", done, len(scenes))
         case = make()
         with torch_on_one_thread():  # the oracle's operations are too small to share
-            found = accuracy(case, seed)
-        yield _row(name, "pixels", _worst(found, "forward"), PIXELS)
+            figures = accuracy(case, seed)
+        yield _row(name, "pixels", _worst(figures, "forward"), PIXELS)
         # Layers of one colour: the slope of an opacity is a difference of equals, which says nothing.
         kinds = ("colours",) if case.flat else (*NAMES, "camera")
-        yield _row(name, "gradients", max(_worst(found, kind) for kind in kinds), GRADIENTS)
+        yield _row(name, "gradients", max(_worst(figures, kind) for kind in kinds), GRADIENTS)
         if name.startswith("card"):
             with torch.no_grad():
                 image = draw(case, torch.float32, grad=False)[0].image
@@ -57,11 +57,11 @@ def _row(case: str, what: str, error: float, limit: float) -> Extreme:
     return Extreme.of("splatting", case, what, "float64", error, limit)
 
 
-def _worst(found: dict[str, Any], kind: str) -> float:
+def _worst(figures: dict[str, Any], kind: str) -> float:
     """The worst error; NaN, which no limit holds, where anything is not finite."""
-    if not found["finite"]:
+    if not figures["finite"]:
         return math.nan
-    return 0.0 if found[kind] is None else float(found[kind]["worst"])
+    return 0.0 if figures[kind] is None else float(figures[kind]["worst"])
 
 
 def _off(image: torch.Tensor) -> float:

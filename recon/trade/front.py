@@ -9,7 +9,7 @@ T = TypeVar("T")
 def front(points: Sequence[T], cost: Callable[[T], float], gain: Callable[[T], float]) -> list[T]:
     """The points for which no other costs no more and gains as much or more, by rising cost."""
     best: list[T] = []
-    for point in sorted(points, key=lambda one: (cost(one), -gain(one))):
+    for point in sorted(points, key=lambda item: (cost(item), -gain(item))):
         if not best or gain(point) > gain(best[-1]):
             best.append(point)
     return best

@@ -116,22 +116,22 @@ def _decided(point: Point) -> dict[str, Any]:
     return {"gaussians": point.gaussians, "degree": point.degree, "refine": point.refine}
 
 
-def distinct(choices: Sequence[Choice], session: Session, known: set[Overrides]) -> list[Choice]:
+def distinct(choices: Sequence[Choice], session: Session, trained_before: set[Overrides]) -> list[Choice]:
     """Without those that would train what is `known`, or what one before them does."""
-    found, seen = [], set(known)
+    kept, trained = [], set(trained_before)
     for choice in choices:
         same = session.effective(choice)
-        if same not in seen:
-            seen.add(same)
-            found.append(choice)
-    return found
+        if same not in trained:
+            trained.add(same)
+            kept.append(choice)
+    return kept
 
 
 def neighbours(points: Sequence[Point], session: Session) -> Iterator[Choice]:
     """Choices one step of two away from the front over time, the cheapest first, not trained yet."""
     known = {session.trained(point) for point in points}
-    found = []
-    for point in front(points, lambda one: one.seconds, lambda one: one.db):
+    steps = []
+    for point in front(points, lambda other: other.seconds, lambda other: other.db):
         here = session.trained(point)
         for key, factor in (
             ("gaussians", 2.0), ("iterations", 2.0), ("width", 0.5), ("gaussians", 0.5), ("iterations", 0.5)
@@ -139,9 +139,9 @@ def neighbours(points: Sequence[Point], session: Session) -> Iterator[Choice]:
             value = int(getattr(here, key) * factor)
             if value >= 16 and not (key == "width" and value > session.width):
                 overrides = here.model_copy(update={key: value})
-                found.append(Choice(axis="near the front", overrides=overrides))
+                steps.append(Choice(axis="near the front", overrides=overrides))
     longest = max((session.work(point.choice) for point in points), default=0.0)
-    fitting = [choice for choice in found if session.work(choice) <= longest]
+    fitting = [choice for choice in steps if session.work(choice) <= longest]
     yield from sorted(distinct(fitting, session, known), key=session.work)[:MOST_NEIGHBOURS]
 
 
@@ -153,7 +153,7 @@ def expected_seconds(choice: Choice, points: Sequence[Point], session: Session) 
     """
     work = session.work(_as_sized(choice, points, session))
     done = {session.work(_with_count(point.choice, point.gaussians)): point.seconds for point in points}
-    near = sorted(done, key=lambda one: abs(math.log(one / work)))[:2]
+    near = sorted(done, key=lambda other: abs(math.log(other / work)))[:2]
     if not near:
         return None
     if len(near) == 1:

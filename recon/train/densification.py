@@ -85,8 +85,8 @@ class Density:
     def _planned(self, progress: float, now: int) -> int:
         """How many Gaussians there may be at this moment: a straight line to the cap."""
         span = max(self.rules.end - self.rules.begin, 1e-9)
-        left = max(self.rules.end - progress, 0.0) / max(self.rules.every, 1e-9)
-        step = (self.rules.cap - now) / max(left, 1.0) if span > 0 else 0.0
+        adaptations = max(self.rules.end - progress, 0.0) / max(self.rules.every, 1e-9)
+        step = (self.rules.cap - now) / max(adaptations, 1.0) if span > 0 else 0.0
         return min(self.rules.cap, now + max(0, math.ceil(step)))
 
     def _invisible(self, gaussians: Gaussians, luminance: Tensor) -> Tensor:

@@ -20,8 +20,8 @@ def cooling(training: Training) -> int | None:
     """Iterations of a cool-down from here; None if what is left is no longer than one."""
     schedule = training.schedule
     assert schedule is not None
-    left = max(1, round(COOL_DOWN * (1 - schedule.progress(training.iteration)) * schedule.planned))
-    return left if left < schedule.total - training.iteration else None
+    rest = max(1, round(COOL_DOWN * (1 - schedule.progress(training.iteration)) * schedule.planned))
+    return rest if rest < schedule.total - training.iteration else None
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,10 @@ class EarlyStop:
         if curve[-1].iteration != training.iteration or schedule.progress(training.iteration) < self.begin:
             return None
         promised = self.slope(training) * (1 - schedule.progress(training.iteration))
-        left = cooling(training) if promised < self.least else None
-        if left is not None:
+        rest = cooling(training) if promised < self.least else None
+        if rest is not None:
             training.ending = "early stop"
-        return left
+        return rest
 
     def slope(self, training: Training) -> float:
         """dB per planned training, over the last moments."""
@@ -72,10 +72,10 @@ class Goal:
         curve = training.curve
         if training.ending or not curve or curve[-1].iteration != training.iteration:
             return None
-        left = cooling(training) if curve[-1].db >= self.db else None
-        if left is not None:
+        rest = cooling(training) if curve[-1].db >= self.db else None
+        if rest is not None:
             training.ending = "goal"
-        return left
+        return rest
 
 
 @dataclass
@@ -109,22 +109,22 @@ class Deadline:
             self._since = (training.iteration, spent)
             return None
         made, taken = training.iteration - self._since[0], spent - self._since[1]
-        left = schedule.total - training.iteration
+        rest = schedule.total - training.iteration
         if taken < self.every * self.seconds and spent < self.late * self.seconds:
             return None
         self._since = (training.iteration, spent)
         pace = max(taken / made, 1e-9) * self._growth(training)
-        end = spent + left * pace
+        end = spent + rest * pace
         latest = self.late * self.seconds + self.patience * max(self.seconds - spent, 0.0)
         if self.early * self.seconds <= end <= latest:
             return None
         fitting = max(1, math.floor((self.aim * self.seconds - spent) / pace))
         if end > latest:
-            return min(fitting, left)
+            return min(fitting, rest)
         if training.ending:
             return None
         most = round((1 - schedule.progress(training.iteration)) * self.longest)
-        return min(fitting, most) if min(fitting, most) > left else None
+        return min(fitting, most) if min(fitting, most) > rest else None
 
     def _growth(self, training: Training) -> float:
         """How much slower the rest will be, since there will be more Gaussians: half the cost is theirs."""

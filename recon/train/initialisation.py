@@ -69,22 +69,22 @@ def start_points(
     )
     dense = sample(maps, max(count - len(sparse), 0), rng)
     xyz = np.concatenate([sparse, dense])
-    rgb, seen = colours_at(dataset, images, xyz)
-    if seen.sum() < FEWEST_POINTS:
+    rgb, visible = colours_at(dataset, images, xyz)
+    if visible.sum() < FEWEST_POINTS:
         raise ReconstructionError(
-            f"{dataset.session} shows {int(seen.sum())} of its {len(xyz)} scene points where its images hold "
-            "numbers and no mask hides them, too few to start from: look at the images and the masks."
+            f"{dataset.session} shows {int(visible.sum())} of its {len(xyz)} scene points where its images "
+            "hold numbers and no mask hides them, too few to start from: look at the images and the masks."
         )
-    return Start(xyz[seen], rgb[seen], int(seen[: len(sparse)].sum()), len(skipped))
+    return Start(xyz[visible], rgb[visible], int(visible[: len(sparse)].sum()), len(skipped))
 
 
 def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress) -> Array:
     """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
     points = [np.zeros((0, 3))]
-    for found in plane_sweep(dataset.train, [rgb for rgb, _ in images], None, progress=progress):
+    for depth_map in plane_sweep(dataset.train, [rgb for rgb, _ in images], None, progress=progress):
         # Beyond the middle of the image's depths by so much, a match tells a direction and no place.
-        near = found.trusted & (found.depth < 20 * np.median(found.depth))
-        points.append(lift(found.view.lens, found.centres[near], found.depth[near]))
+        near = depth_map.trusted & (depth_map.depth < 20 * np.median(depth_map.depth))
+        points.append(lift(depth_map.view.lens, depth_map.centres[near], depth_map.depth[near]))
     return np.concatenate(points)
 
 
@@ -102,10 +102,10 @@ def colours_at(
         inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < view.lens.width) & (y < view.lens.height)
         at = y[inside].astype(int), x[inside].astype(int)
         samples[row, inside] = np.where(view.seen[at][:, None], rgb[at], np.nan)
-    seen = np.isfinite(samples).all(-1).any(0)
+    visible = np.isfinite(samples).all(-1).any(0)
     median = np.zeros((len(xyz), 3))
-    median[seen] = np.nanmedian(samples[:, seen], axis=0)
-    return np.maximum(median, 0.0), seen
+    median[visible] = np.nanmedian(samples[:, visible], axis=0)
+    return np.maximum(median, 0.0), visible
 
 
 def gaussians_at(

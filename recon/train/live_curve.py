@@ -65,16 +65,16 @@ def held_out_psnr(
             if refinement is not None:
                 image = refinement.shaded(image, view, progress)
             if view.sensor.kind == "hdr":
-                told, seen = method.observation.compare(image, view, progress)
+                prediction, target = method.observation.compare(image, view, progress)
                 # What is not valid is equal in both: it adds nothing to the sum.
                 valid = sum(int(shot.valid.sum()) for shot in view.shots)
-                error = float((told - seen).double().square().sum())
+                error = float((prediction - target).double().square().sum())
                 psnrs = [psnr_of(error / valid)] if valid else []
             else:
-                found = (
+                figures = (
                     shot_psnr(method.observation.predict(image, view, shot.k), shot) for shot in view.shots
                 )
-                psnrs = [psnr for psnr in found if psnr is not None]
+                psnrs = [psnr for psnr in figures if psnr is not None]
             if psnrs:
                 total, count = total + fmean(psnrs), count + 1
     together, measured = ranks.totals(total, count)

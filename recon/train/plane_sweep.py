@@ -64,7 +64,7 @@ def plane_sweep(
     """
     logs = [_log_image(image, view, width) for image, view in zip(images, views, strict=True)]
 
-    def one(index: int) -> tuple[Float, Float] | None:
+    def depth_of(index: int) -> tuple[Float, Float] | None:
         if over is not None and over():
             if skipped is not None:
                 skipped.append(index)
@@ -76,15 +76,15 @@ def plane_sweep(
     raw: list[tuple[Float, Float] | None] = [None] * len(views)
     order = sorted(range(len(views)), key=lambda index: index * GOLDEN % 1)
     with ThreadPoolExecutor(thread_count()) as pool:
-        for done, (index, found) in enumerate(zip(order, pool.map(one, order), strict=True)):
+        for done, (index, swept) in enumerate(zip(order, pool.map(depth_of, order), strict=True)):
             progress("sweeping depth", done, len(views))
-            raw[index] = found
+            raw[index] = swept
     maps = []
     for index, view in enumerate(views):
-        found = raw[index]
-        if found is None:
+        swept = raw[index]
+        if swept is None:
             continue
-        depth, score = found
+        depth, score = swept
         centres = _coarse_centres(view, depth.shape[1], depth.shape[0])
         trusted = (score > TRUSTED_SCORE) & _confirmed(index, depth, centres, views, raw)
         size = depth.shape[1], depth.shape[0]
@@ -126,11 +126,11 @@ def _reach(view: View, near: list[int], views: tuple[View, ...], width: int) -> 
 
 def _neighbours(index: int, views: tuple[View, ...]) -> list[int]:
     """The views nearest to this one that look the same way and do not stand in the same place."""
-    own = views[index]
+    reference = views[index]
     others = []
     for other, view in enumerate(views):
-        distance = float(np.linalg.norm(view.centre - own.centre))
-        facing = float(own.lens.cam_from_world[2, :3] @ view.lens.cam_from_world[2, :3])
+        distance = float(np.linalg.norm(view.centre - reference.centre))
+        facing = float(reference.lens.cam_from_world[2, :3] @ view.lens.cam_from_world[2, :3])
         if other != index and distance > 1e-9 and facing > 0.5:
             others.append((distance, other))
     return [other for _, other in sorted(others)[:NEIGHBOURS]]
@@ -139,9 +139,9 @@ def _neighbours(index: int, views: tuple[View, ...]) -> list[int]:
 def _sweep_one(
     index: int, near: list[int], views: tuple[View, ...], logs: list[Float], bounds: tuple[float, float]
 ) -> tuple[Float, Float]:
-    own, image = views[index].lens, logs[index]
+    reference, image = views[index].lens, logs[index]
     height, width = image.shape
-    direction = rays(own, _coarse_centres(views[index], width, height))
+    direction = rays(reference, _coarse_centres(views[index], width, height))
     mean, deviation = _moments(image)
     planes = np.linspace(*bounds, PLANES)
     # The better half of the neighbours, two of four at most, so that one that is covered there has no vote.
@@ -149,17 +149,17 @@ def _sweep_one(
     second = first.copy() if len(near) > 2 else first
     for other in near:
         lens, target = views[other].lens, logs[other]
-        relative = lens.cam_from_world @ np.linalg.inv(own.cam_from_world)
+        relative = lens.cam_from_world @ np.linalg.inv(reference.cam_from_world)
         turned = direction @ relative[:3, :3].T
         scale = np.array([target.shape[1] / lens.width, target.shape[0] / lens.height])
         for plane, inverse in enumerate(planes):
             pixels, depth = project_camera(lens, turned + inverse * relative[:3, 3])
             at = (pixels * scale - 0.5).astype(np.float32)
-            seen = cv2.remap(
+            warped = cv2.remap(
                 target, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
             )
-            other_mean, other_deviation = _moments(seen)
-            cross = cv2.blur(image * seen, (PATCH, PATCH)) - mean * other_mean
+            other_mean, other_deviation = _moments(warped)
+            cross = cv2.blur(image * warped, (PATCH, PATCH)) - mean * other_mean
             score = (cross + 1e-4) / (deviation * other_deviation + 1e-4)
             score = np.where(inside(lens, pixels, depth), score, np.float32(-1.0))
             if second is not first:
@@ -196,20 +196,20 @@ def _confirmed(
 ) -> Bool:
     """Where at least one other view puts a surface at the same place."""
     place = lift(views[index].lens, centres, depth)
-    found = np.zeros(depth.shape, bool)
+    confirmed = np.zeros(depth.shape, bool)
     for other in _neighbours(index, views):
-        theirs = raw[other]
-        if theirs is None:
+        other_map = raw[other]
+        if other_map is None:
             continue
         lens = views[other].lens
         pixels, at = project(lens, place)
-        height, width = theirs[0].shape
+        height, width = other_map[0].shape
         x = np.floor(pixels[..., 0] * width / lens.width).astype(int)
         y = np.floor(pixels[..., 1] * height / lens.height).astype(int)
         there = (x >= 0) & (y >= 0) & (x < width) & (y < height) & (at > 0)
-        seen = theirs[0][y.clip(0, height - 1), x.clip(0, width - 1)]
-        found |= there & (np.abs(seen - at) < AGREEMENT * np.maximum(at, 1e-12))
-    return found
+        other_depth = other_map[0][y.clip(0, height - 1), x.clip(0, width - 1)]
+        confirmed |= there & (np.abs(other_depth - at) < AGREEMENT * np.maximum(at, 1e-12))
+    return confirmed
 
 
 def _fill(depth: Float, trusted: Bool) -> Float:
@@ -218,16 +218,16 @@ def _fill(depth: Float, trusted: Bool) -> Float:
         return depth
     weight = trusted.astype(np.float32)
     value = np.where(trusted, 1 / depth, 0).astype(np.float32)
-    filled, known = value, weight
+    filled, coverage = value, weight
     sigma = 1.0
-    while (known < 1e-3).any() and sigma < 2 * max(depth.shape):
+    while (coverage < 1e-3).any() and sigma < 2 * max(depth.shape):
         blurred = cv2.GaussianBlur(value, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
         amount = cv2.GaussianBlur(weight, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-        new = (known < 1e-3) & (amount > 1e-3)
+        new = (coverage < 1e-3) & (amount > 1e-3)
         filled = np.where(new, blurred / np.maximum(amount, 1e-12), filled)
-        known = np.where(new, 1.0, known)
+        coverage = np.where(new, 1.0, coverage)
         sigma *= 2
-    filled = np.where(known > 0, filled, np.median(1 / depth[trusted]))
+    filled = np.where(coverage > 0, filled, np.median(1 / depth[trusted]))
     return np.asarray(1 / np.maximum(filled, 1e-9), np.float32)
 
 
@@ -239,8 +239,8 @@ def sample(maps: list[DepthMap], count: int, rng: np.random.Generator) -> npt.ND
     chosen = np.sort(rng.choice(sum(sizes), size=min(count, sum(sizes)), replace=False))
     points, start = [], 0
     for depth_map, size in zip(maps, sizes, strict=True):
-        own = chosen[(chosen >= start) & (chosen < start + size)] - start
+        pixels = chosen[(chosen >= start) & (chosen < start + size)] - start
         start += size
-        centres = depth_map.centres.reshape(-1, 2)[own]
-        points.append(lift(depth_map.view.lens, centres, depth_map.depth.reshape(-1)[own]))
+        centres = depth_map.centres.reshape(-1, 2)[pixels]
+        points.append(lift(depth_map.view.lens, centres, depth_map.depth.reshape(-1)[pixels]))
     return np.concatenate(points)

@@ -13,6 +13,7 @@ from imaging.files import store
 from imaging.files.exr import write_exr
 from imaging.pose import Pose
 from imaging.session.calibration import read_calibration
+from imaging.session.view_id import ViewId
 from recon.data.truth import calibration_errors, has_truth, response_rmse, true_radiance
 
 
@@ -30,7 +31,7 @@ def test_the_truth_of_a_smaller_view_is_the_whole_picture_made_smaller(tmp_path,
         return
     height = round(whole.shape[0] * width / whole.shape[1])
     lens = SimpleNamespace(width=width, height=height)
-    view = SimpleNamespace(frame=0, camera="cam", lens=lens, sensor=SimpleNamespace(kind=kind))
+    view = SimpleNamespace(id=ViewId(0, "cam"), lens=lens, sensor=SimpleNamespace(kind=kind))
     perfect = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
     assert metrics.hdr_psnr_mu(perfect, true_radiance(tmp_path, view)) > 130
 
