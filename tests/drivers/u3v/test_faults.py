@@ -46,7 +46,7 @@ def test_one_fault_of_the_control_channel_is_got_over(
 ) -> None:
     bench = make_bench(faults=[Fault(fault.kind, "*", operation, nth, fault.seconds, fault.count)])
     camera = bench.camera()
-    camera._known = True  # As after a first opening: it may come back.
+    camera._was_open = True  # As after a first opening: it may come back.
     assert right(bench, camera)
     assert len(bench.plan.log) == 1
 
