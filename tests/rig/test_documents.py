@@ -35,6 +35,21 @@ def test_places_are_found_in_the_documents() -> None:
     assert {"docs/glossary.md", "CITATION.cff", "bench/results/"} <= places("CONTRIBUTING.md")
 
 
+def test_the_names_that_contributors_are_given_are_in_the_code() -> None:
+    words = re.findall(
+        r"`(?:\w+\.)?(\w+)(?:\([^`]*\))?(?: -> \w+)?`", (REPOSITORY / "CONTRIBUTING.md").read_text()
+    )
+    named = {word for word in words if re.search(r"[A-Z_]", word)} - {"NAME", "PHOTOS"}
+    code = {
+        word
+        for stage in ("imaging", "drivers", "capture", "calib", "recon", "rig", "tests")
+        for path in (REPOSITORY / stage).rglob("*.py")
+        for word in re.findall(r"\w+", path.read_text(encoding="utf-8"))
+    }
+    assert {"StandardBody", "METHODS", "is_one", "LayoutName"} <= named
+    assert sorted(named - code) == []
+
+
 def test_the_architecture_names_every_room() -> None:
     named = places("docs/architecture.md")
     packages = {
