@@ -100,7 +100,7 @@ class ModelRecord(Record):
     """Linear radiance, in the units of the calibration, that is 1 in scene units."""
     reference: float | None
     """The dimmest radiance that matters, in scene units."""
-    display: DisplayValues | None = None
+    display: DisplayValues | None
     """None: scene units times `normaliser` are linear radiance."""
     radiance: str
     """What the radiance is relative to: the gauge."""
@@ -125,19 +125,19 @@ class ModelRecord(Record):
     loss: float | None
     """The last that was logged; None if it was interrupted before there was any."""
     rungs: tuple[Rung, ...]
-    iterations: int | None = None
+    iterations: int
     """Iterations done."""
-    schedule: tuple[tuple[int, float], ...] = ()
+    schedule: tuple[tuple[int, float], ...]
     """The schedule as it came: straight lines through (iteration, position), which is up to
     `settings.iterations`. The same settings with this schedule give the same bytes on any machine."""
-    ending: Literal["schedule", "early stop", "goal", "interrupted"] = "schedule"
+    ending: Literal["schedule", "early stop", "goal", "interrupted"]
     """Why it ended: as planned, since quality stood still, since it was reached, or since the user said so
     (the checkpoint can then be gone on with)."""
-    held_out_db: float | None = None
+    held_out_db: float | None
     """The end of the live curve, of the validation views if there are any; None where no view is held out."""
-    measuring_seconds: float = 0.0
+    measuring_seconds: float
     """What the live curve took, beside `train_seconds`."""
-    predicted: Prediction | None = None
+    predicted: Prediction | None
     """What was predicted of `held_out_db`."""
 
     @property

@@ -8,14 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from imaging.errors import ReconstructionError
 from imaging.files import store
 from recon.data.world import SAME, Vector, WorldTransform
 from recon.scene.appearance import Appearance, PlainHarmonics
 from recon.scene.gaussians import Gaussians
 from recon.scene.harmonics import basis, sphere
-
-Table = dict[str, npt.NDArray[np.float32]]
 
 
 def properties(degree: int) -> tuple[str, ...]:
@@ -102,26 +99,3 @@ def write_ply(
 def most_gaussians(size: float, degree: int) -> int:
     """How many Gaussians of a degree fit into a file of `size` bytes, its header taken at 2000 bytes."""
     return max(0, int((size - 2000) // (4 * len(properties(degree)))))
-
-
-def read_ply(path: Path) -> Table:
-    """Every property of a binary little-endian PLY of float vertices, by name: float32 [N] each."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ReconstructionError(f"{path} cannot be read: reconstruct again.") from error
-    head, found, body = data.partition(b"end_header\n")
-    lines = head.decode("ascii", "replace").split("\n")
-    counts = [line.split()[-1] for line in lines if line.startswith("element vertex ")]
-    names = [line.split()[-1] for line in lines if line.startswith("property float ")]
-    if (
-        not found
-        or "format binary_little_endian 1.0" not in lines
-        or len(counts) != 1
-        or not counts[0].isdigit()
-    ):
-        raise ReconstructionError(f"{path} is not a PLY file of Gaussians: reconstruct again.")
-    if len(body) != int(counts[0]) * len(names) * 4:
-        raise ReconstructionError(f"{path} is cut short: reconstruct again.")
-    values = np.frombuffer(body, "<f4").reshape(-1, len(names))
-    return {name: values[:, column].astype(np.float32) for column, name in enumerate(names)}

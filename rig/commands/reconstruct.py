@@ -234,7 +234,7 @@ def _outcome(record: "ModelRecord") -> str:
 
     guess = record.predicted
     words = f"{words} (predicted {guess.db:.1f}, {guess.low:.1f} to {guess.high:.1f}"
-    count = (record.iterations or 0) * record.settings.batch
+    count = record.iterations * record.settings.batch
     other = corrected(guess, count) if record.ending == "schedule" else None
     if other is not None:
         words += f", for {guess.iterations} iterations; for the {count} that the time had room for "

@@ -19,7 +19,7 @@ from recon.evaluate import evaluate, measured, render
 from recon.reconstruct import Quality, reconstruct
 from recon.result.model import read_model
 from recon.result.scene import Opened, open_model
-from recon.scene.ply import read_ply
+from tests.recon.ply_files import read_ply
 
 
 @pytest.fixture(autouse=True)

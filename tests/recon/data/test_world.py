@@ -15,8 +15,8 @@ from recon.decide.corrections import pose_error_px
 from recon.decide.overrides import Overrides
 from recon.reconstruct import Quality, reconstruct
 from recon.result.scene import open_model
-from recon.scene.ply import read_ply
 from recon.splat import SplatCamera
+from tests.recon.ply_files import read_ply
 from tests.recon.worlds import ECEF, UTM, put
 
 WORLDS = {

@@ -13,7 +13,8 @@ from recon.decide.budget import Budget
 from recon.decide.prediction import ENOUGH, NOISE, SCENES, corrected, enough, gains, lacking, predicted
 from recon.scene.appearance import LuminanceChromaticity
 from recon.scene.gaussians import Gaussians
-from recon.scene.ply import most_gaussians, plain_harmonics, read_ply, write_ply
+from recon.scene.ply import most_gaussians, plain_harmonics, write_ply
+from tests.recon.ply_files import read_ply
 
 
 def recorded():

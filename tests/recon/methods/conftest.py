@@ -31,7 +31,7 @@ from recon.data.truth import true_radiance
 from recon.evaluate import evaluate
 from recon.result.model import SPLATS
 from recon.result.scene import Opened, open_model
-from recon.scene.ply import read_ply
+from tests.recon.ply_files import read_ply
 
 SHORT = stage.Quality(iterations=100, gaussians=1000, width=320)
 """Enough at 32x24 for light to be told to about a third of a stop."""

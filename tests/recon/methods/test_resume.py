@@ -10,7 +10,7 @@ from imaging.files import store
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
 from recon.result.model import CHECKPOINT, MODEL, SPLATS
-from recon.scene.ply import read_ply
+from tests.recon.ply_files import read_ply
 
 from .conftest import joined
 

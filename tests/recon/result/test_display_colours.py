@@ -16,9 +16,10 @@ from recon.result.model import read_model
 from recon.result.scene import open_scene
 from recon.scene.appearance import LuminanceChromaticity, PlainHarmonics
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
-from recon.scene.ply import read_ply, write_ply
+from recon.scene.ply import write_ply
 from recon.splat import Limits, SplatCamera
 from tests.recon import foreign_3dgs
+from tests.recon.ply_files import read_ply
 
 
 def camera(turn: float) -> SplatCamera:
