@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import typer
 
-from imaging.session.calibration import calibration_is_current
 from recon.decide.presets import MethodName
 from rig.commands.calibrate import earlier_calibration, run_calibrate
 from rig.commands.capture import run_capture
@@ -61,7 +60,7 @@ def run_demo(out: Path, status: StatusLine, clock: Callable[[], float] = time.mo
     captured = stage("capture", lambda: _capture(out, status))
     calibrated = stage(
         "calibrate",
-        lambda: earlier_calibration(out) if calibration_is_current(out) else run_calibrate(out, status),
+        lambda: _calibrate(out, status),
     )
     trained = stage(
         "reconstruct",
@@ -102,6 +101,13 @@ def _capture(out: Path, status: StatusLine) -> CommandResult:
 
     request = CaptureRequest(resume=(out / "session.json").exists())
     return run_capture(SIM, out, status, request, seed=SEED)
+
+
+def _calibrate(out: Path, status: StatusLine) -> CommandResult:
+    """A calibration of all that was shot: the one that is there, while it still is that."""
+    from imaging.session.calibration import calibration_is_current
+
+    return earlier_calibration(out) if calibration_is_current(out) else run_calibrate(out, status)
 
 
 def _poses(metrics: dict[str, Any]) -> list[str]:
