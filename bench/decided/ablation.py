@@ -79,7 +79,7 @@ def mu(value: float) -> Iterator[None]:
 @contextmanager
 def rules(**fields: Any) -> Iterator[None]:
     """Other constants of growth and pruning."""
-    with mock.patch("trial.DensityRules", lambda cap: replace(DensityRules(cap), **fields)):
+    with mock.patch("bench.support.trial.DensityRules", lambda cap: replace(DensityRules(cap), **fields)):
         yield
 
 
@@ -119,7 +119,7 @@ class Studio:
             self.name, self.trials = f"{scene} {seed}", {}
         if start not in self.trials:
             folder = session(self.options.work, scene, seed, "truth")
-            with mock.patch("trial.START_SHARE", start):
+            with mock.patch("bench.support.trial.START_SHARE", start):
                 self.trials[start] = prepare(folder, self.options.cap, seed)
         return self.trials[start]
 

@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from bench.decided.colours import LogRadiance, SoftplusRadiance
 from bench.support.differences import kept, paired, units
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache, prepare, run, session
@@ -22,7 +23,7 @@ from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.methods import nh_3dgs, vanilla
 from recon.methods.method import Method
-from recon.scene.appearance import Appearance, LogRadiance, PlainHarmonics, Rate, SoftplusRadiance
+from recon.scene.appearance import Appearance, PlainHarmonics, Rate
 
 CAP = 20_000
 MEASURES = {

@@ -41,7 +41,10 @@ def train(rig: str, gloss: float | None, frames: int, work: Path) -> dict[str, A
     folder = work / f"{rig}-{gloss or 'own'}-{frames}"
     settings = {} if gloss is None else {"gloss": gloss}
     altered = partial(simulate, **settings)
-    with mock.patch("capture.simulated.simulate", altered), mock.patch("oracle.simulate", altered):
+    with (
+        mock.patch("capture.simulated.simulate", altered),
+        mock.patch("bench.support.oracle.simulate", altered),
+    ):
         oracle_session(folder, rig, frames=frames)
     warm_up(lambda message, done, total: None)
     found = {}

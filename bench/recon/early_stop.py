@@ -26,7 +26,7 @@ from recon.reconstruct import reconstruct
 from recon.result.scene import open_model
 from recon.trade.point import MEASURES, measuring, train_point
 from recon.trade.records import FOLDER, TRADE, Choice, Trade, code_hash, read_trade
-from recon.trade.sweep import sweep
+from recon.trade.sweep import trade_sweep
 
 PRESETS = ("standard", "best")
 LOSS, SHARE = 0.1, 0.5
@@ -36,7 +36,7 @@ LOSS, SHARE = 0.1, 0.5
 def recorded(session: Path) -> Trade:
     """The session's sweep as far as it goes; one of other code, or none, begins anew with one training."""
     found = read_trade(session) if (session / FOLDER / TRADE).exists() else None
-    return found if found is not None and found.code == code_hash() else sweep(session, budget=0.0)
+    return found if found is not None and found.code == code_hash() else trade_sweep(session, budget=0.0)
 
 
 def compared(scene: Scene, quality: Any, options: argparse.Namespace) -> dict[str, Any]:

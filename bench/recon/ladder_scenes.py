@@ -183,7 +183,7 @@ def session(scene: Scene, work: Path) -> Path:
     if kind.altered is None:
         calibrate(folder)
         return folder
-    with mock.patch("oracle.simulate", partial(simulate, **settings)):
+    with mock.patch("bench.support.oracle.simulate", partial(simulate, **settings)):
         calibrate_from_truth(folder, points=POINTS, seed=seed)
     record = kind.altered(read_calibration(folder), np.random.Generator(np.random.PCG64([seed, 0x0FF])))
     store.write_json(folder / "calibration" / "calibration.json", record.model_dump(mode="json"))

@@ -26,7 +26,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.decided.softplus import SoftplusRadiance
+from bench.decided.colours import SoftplusRadiance
 from bench.recon import inputs
 from bench.support.differences import kept, paired, units
 from bench.support.record import WORK, arguments, deliver, machine, words

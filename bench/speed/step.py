@@ -16,23 +16,23 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-import recon.splat.cpu.rasterizer.rasterizer
 import torch
 
 import recon.observe.losses
 import recon.scene.gaussians
+import recon.splat.cpu.rasterizer
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import prepare, session
+from recon.decide.probe import LATE
 from recon.methods import nh_3dgs
 from recon.observe.linear import LinearLight
 from recon.train.densification import DensityRules
 from recon.train.initialisation import gaussians_at
+from recon.train.schedule import Schedule
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 from recon.train.warm_up import warm_up
 
-LATE = 700_000
-"""Iteration of an endless training at which the parts are timed: no adaptation is due."""
 PARTS = {
     "rasterise, forward": (recon.scene.gaussians, "rasterize"),
     "rasterise, backward": (recon.splat.cpu.rasterizer._Tables, "gradients"),
@@ -68,9 +68,11 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
     grown = options.iterations
     go(Plan(grown, DensityRules(options.cap), log_every=grown), grown)
-    training.iteration = LATE
-    endless = Plan(1_000_000, DensityRules(options.cap), log_every=1_000_000)
-    go(endless, LATE + 20)
+    # Standing late on the schedule: everything is on, and nothing is split.
+    count = grown + 20 + options.steps
+    late = Plan(count, DensityRules(options.cap), log_every=count)
+    training.schedule = Schedule.still(count, LATE)
+    go(late, grown + 20)
     times: dict[str, float] = defaultdict(float)
     with_timers = [
         patch.object(owner, name, timed(times, part, getattr(owner, name)))
@@ -79,7 +81,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     for timer in with_timers:
         timer.start()
     began = time.perf_counter()
-    go(endless, LATE + 20 + options.steps)
+    go(late, count)
     total = time.perf_counter() - began
     for timer in with_timers:
         timer.stop()
