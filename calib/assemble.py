@@ -13,10 +13,10 @@ from calib.colour.measure import Charts
 from calib.colour.recorded import with_charts
 from calib.data.views import View
 from calib.light import vignetting
-from calib.light.radiometry import Light
+from calib.light.radiometry import Radiometry
 from calib.poses import sfm
 from calib.sensor import metadata
-from calib.sensor.metadata import Sensor
+from calib.sensor.metadata import CameraSensor
 from imaging.files import store
 from imaging.session.calibration import (
     CalibrationRecord,
@@ -37,8 +37,8 @@ class Evidence:
 
     session: Session
     views: Sequence[View]
-    sensors: Mapping[str, Sensor]
-    light: Light
+    sensors: Mapping[str, CameraSensor]
+    light: Radiometry
     charts: Charts
     board: MeasuredBoard | None = None
 
@@ -52,7 +52,7 @@ class Evidence:
 class Placement:
     """Where the views stand, and what that tells; by_rig: the views that nothing but their rig placed."""
 
-    model: sfm.Model
+    model: sfm.SceneModel
     falloff: vignetting.Falloff
     by_rig: Collection[ViewId]
 
@@ -102,7 +102,7 @@ def _camera(camera: CameraRecord, evidence: Evidence, placement: Placement | Non
     return calibration.model_copy(update=update)
 
 
-def _of_sensor(sensor: Sensor) -> dict[str, object]:
+def _of_sensor(sensor: CameraSensor) -> dict[str, object]:
     flat = sensor.measured.falloff
     return {
         "noise": sensor.noise,
@@ -121,7 +121,7 @@ def _of_board(board: MeasuredBoard, name: str) -> dict[str, object]:
     }
 
 
-def _lens_of_scene(model: sfm.Model, name: str, sensor: Sensor) -> dict[str, object]:
+def _lens_of_scene(model: sfm.SceneModel, name: str, sensor: CameraSensor) -> dict[str, object]:
     size = (sensor.lens.width, sensor.lens.height)
     return {"lens": model.lenses[name].resized(*size), "lens_error": _lens_error(model, name, *size)}
 
@@ -161,7 +161,7 @@ def _rungs(evidence: Evidence, placement: Placement | None) -> tuple[Rung, ...]:
     )
 
 
-def _lens_error(model: sfm.Model, name: str, width: int, height: int) -> LensError | None:
+def _lens_error(model: sfm.SceneModel, name: str, width: int, height: int) -> LensError | None:
     """Standard errors at the size of the images; the model's are those of its pictures."""
     if model.errors is None or name not in model.errors.lenses:
         return None
@@ -172,7 +172,7 @@ def _lens_error(model: sfm.Model, name: str, width: int, height: int) -> LensErr
     return LensError.model_validate(terms)
 
 
-def _rig_error(model: sfm.Model, name: str, board: MeasuredBoard | None) -> PoseError | None:
+def _rig_error(model: sfm.SceneModel, name: str, board: MeasuredBoard | None) -> PoseError | None:
     """A board's where its rig was kept; else that of the camera's views, which the rig makes all alike."""
     if name not in model.cam_from_rig:
         return None
@@ -188,7 +188,7 @@ def _rig_error(model: sfm.Model, name: str, board: MeasuredBoard | None) -> Pose
     )
 
 
-def _pose_error(model: sfm.Model, view: ViewId, board: MeasuredBoard | None) -> PoseError | None:
+def _pose_error(model: sfm.SceneModel, view: ViewId, board: MeasuredBoard | None) -> PoseError | None:
     """From the scene, and from lens and rig where a board gave them and they were kept."""
     if model.errors is None or view not in model.errors.rotation:
         return None

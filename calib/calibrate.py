@@ -15,8 +15,8 @@ from calib.light import radiometry
 from calib.light.radiometry import LIGHT_RUNGS, light_of
 from calib.place_views import with_poses
 from calib.sensor import metadata
-from calib.sensor.measure import Sensors, measure_sensors
-from calib.sensor.metadata import Sensor
+from calib.sensor.measure import MeasuredSensor, measure_sensors
+from calib.sensor.metadata import CameraSensor
 from calib.sensor.rungs import NAMES
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files import store
@@ -135,7 +135,7 @@ def _evidence(
     if measures.sensors or earlier is None:
         measured = measure_sensors(session, views, progress)
     else:
-        measured = {camera.name: Sensors(at=camera.sensors) for camera in earlier.cameras}
+        measured = {camera.name: MeasuredSensor(at=camera.sensors) for camera in earlier.cameras}
     sensors = _sensors(session, views, measured)
     views = [replace(view, sensors=sensors[view.camera.name].measured.at) for view in views]
     if measures.light or earlier is None:
@@ -146,7 +146,9 @@ def _evidence(
     return Evidence(session, views, charts.applied(sensors), light, charts)
 
 
-def _sensors(session: Session, views: Sequence[View], measured: Mapping[str, Sensors]) -> dict[str, Sensor]:
+def _sensors(
+    session: Session, views: Sequence[View], measured: Mapping[str, MeasuredSensor]
+) -> dict[str, CameraSensor]:
     """Every camera that has shots, by its first shot of the scene, or of whatever else."""
     first: dict[str, ShotRecord] = {}
     for shot in [*(view.shots[0] for view in views), *session.shots()]:
@@ -155,7 +157,7 @@ def _sensors(session: Session, views: Sequence[View], measured: Mapping[str, Sen
     for name, shot in first.items():
         sensor = metadata.describe(session, session.camera(name), shot)
         iso = None if shot.exposure is None else shot.exposure.iso
-        sensors[name] = metadata.with_measured(sensor, measured.get(name, Sensors()), iso)
+        sensors[name] = metadata.with_measured(sensor, measured.get(name, MeasuredSensor()), iso)
     return sensors
 
 

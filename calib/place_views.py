@@ -8,8 +8,8 @@ from calib.exports import pictures
 from calib.exports.output import write_calibration
 from calib.light import tracks, vignetting
 from calib.poses import sfm
-from calib.poses.known_rig import Known
-from calib.poses.rig_placement import place
+from calib.poses.known_rig import KnownRig
+from calib.poses.rig_placement import place_by_rig
 from calib.view_images import ViewSummary, summarise
 from imaging.compute.cores import available_cores
 from imaging.errors import CalibrationError, InputError, PartialError
@@ -39,7 +39,7 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
         also = f" The board was left out: {board_refused}" if board_refused else ""
         raise PartialError(f"{session.folder}: {measured}, but no view has a pose: {cause}{also}") from error
     rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
-    model, by_rig = place(model, summaries, rigs)
+    model, by_rig = place_by_rig(model, summaries, rigs)
     names = sorted(model.lenses)
     progress("measuring falloff", 0, 1)
     brightness = {view: summary.brightness for view, summary in summaries.items()}
@@ -76,7 +76,7 @@ def _summaries(evidence: Evidence, progress: Progress) -> dict[ViewId, ViewSumma
 
 def _solved(
     evidence: Evidence, summaries: Mapping[ViewId, ViewSummary], threads: int, progress: Progress
-) -> sfm.Model:
+) -> sfm.SceneModel:
     cameras, board = evidence.session.record.cameras, evidence.board
     sizes = {view.camera: (summary.width, summary.height) for view, summary in summaries.items()}
     rigs: dict[str, list[str]] = {}
@@ -86,14 +86,14 @@ def _solved(
     guesses = {name: evidence.sensors[name].lens.resized(*size) for name, size in sizes.items()}
     focal_known = {name for name, sensor in evidence.sensors.items() if sensor.focal_known}
     places = {camera.name: camera.position for camera in cameras if camera.position is not None}
-    known = Known(places=places)
+    known = KnownRig(places=places)
     if board is not None:
         lenses = {name: lens.resized(*sizes[name]) for name, lens in board.lenses.items() if name in sizes}
         guesses |= lenses
         sure = {name: lens for name, lens in lenses.items() if name in board.sure_lenses}
         # A board measures the distances of cameras better than a ruler.
         places |= {name: board.place(name) for name in board.cam_from_rig}
-        known = Known(sure, board.cam_from_rig if board.sure_rig else {}, places)
+        known = KnownRig(sure, board.cam_from_rig if board.sure_rig else {}, places)
     return sfm.solve(
         {view: summary.features for view, summary in summaries.items()},
         guesses,

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from calib.light.vignetting import Tracks, estimate
 from calib.sensor.photon_transfer import Points, fit
-from imaging.extreme_case import Extreme
 from imaging.lens import Lens, project, rays
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
 from imaging.merge.ratios import overlap, ratio
+from imaging.stress_case import StressCase
 
 Array = npt.NDArray[np.float64]
 
@@ -30,7 +30,7 @@ LENSES = {
 }
 
 
-def calibration(seed: int = 0) -> list[Extreme]:
+def calibration(seed: int = 0) -> list[StressCase]:
     """Merging, exposure ratios, falloff, photon transfer and lenses."""
     rng = np.random.default_rng(seed)
     rows = [
@@ -49,8 +49,8 @@ def calibration(seed: int = 0) -> list[Extreme]:
     return rows
 
 
-def _row(case: str, what: str, error: float, limit: float) -> Extreme:
-    return Extreme.of("calibration", case, what, "truth", error, limit)
+def _row(case: str, what: str, error: float, limit: float) -> StressCase:
+    return StressCase.of("calibration", case, what, "truth", error, limit)
 
 
 def _frame(electrons: Array, k: float, read: float = 4.0) -> LinearFrame:

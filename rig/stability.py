@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 
-from imaging.extreme_case import Extreme
 from imaging.progress import Progress, unreported
+from imaging.stress_case import StressCase
 
 
-def extremes(quick: bool, seed: int = 0, progress: Progress = unreported) -> Iterator[Extreme]:
+def extremes(quick: bool, seed: int = 0, progress: Progress = unreported) -> Iterator[StressCase]:
     """Calibration, splatting, methods; quick: with smaller pictures."""
     from calib.stability import calibration
     from recon.stability import methods, splatting

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from bench.support.record import arguments, deliver, machine, words
 from calib.colour.chart import Found, Missed, best, half, locate
-from calib.colour.fit import Model, Patches, held_out
+from calib.colour.fit import ChartPatches, ColourModel, held_out
 from imaging.cfa import Cfa
 from imaging.colour_difference import delta_e
 from imaging.merge.bracket import Merged, merge_bracket
@@ -44,18 +44,18 @@ def place() -> Array:
     return np.stack([column / 2.5 - 1, row / 1.5 - 1], axis=1)
 
 
-def seen(camera: str, light: str, stops: float | None, seed: int) -> Patches:
+def seen(camera: str, light: str, stops: float | None, seed: int) -> ChartPatches:
     """A chart's patches with the noise of an exposure, its brightest so many stops below white."""
     rgb = world(camera, light).camera
     if stops is None:
-        return Patches(rgb, 1e-6 * rgb, place(), np.ones(24, bool))
+        return ChartPatches(rgb, 1e-6 * rgb, place(), np.ones(24, bool))
     electrons = rgb / rgb.max() * FULL_WELL * 2.0**stops
     sigma = np.sqrt((electrons + READ**2) / SITES)
     noisy = electrons + np.random.default_rng(seed).normal(0, sigma)
-    return Patches(noisy, sigma, place(), np.all(noisy > 10 * sigma, axis=1))
+    return ChartPatches(noisy, sigma, place(), np.all(noisy > 10 * sigma, axis=1))
 
 
-def least_squares(patches: Patches, truth: Array) -> Array:
+def least_squares(patches: ChartPatches, truth: Array) -> Array:
     """Held-out delta E of colour-science's 3x3, float64 [24]."""
     rgb = patches.rgb / patches.rgb[18, 1] * truth[18, 1]
     errors = []
@@ -74,7 +74,7 @@ def matrices(seeds: int) -> list[dict[str, Any]]:
             for stops in STOPS:
                 trials = [seen(camera, light, stops, seed) for seed in range(1 if stops is None else seeds)]
                 mine = np.concatenate(
-                    [held_out([patches], truth, Model())[0][patches.usable] for patches in trials]
+                    [held_out([patches], truth, ColourModel())[0][patches.usable] for patches in trials]
                 )
                 peer = np.concatenate([least_squares(patches, truth) for patches in trials])
                 rows.append(

@@ -71,9 +71,9 @@ def one_scene(name: str, folder: Path) -> dict[str, Any]:
         row["doubts"] = [rung.name for rung in done.rungs if rung.taken and rung.name != CHECK]
         raise Placed
 
-    settle = contradictions.settle
+    settle = contradictions.resolve_contradictions
     with ExitStack() as stack:
-        stack.enter_context(patch.object(sfm, "settle", settled))
+        stack.enter_context(patch.object(sfm, "resolve_contradictions", settled))
         _keep(kept, stack)
         try:
             calibrate(folder / "session")

@@ -99,7 +99,7 @@ def shoot(sensor: SimulatedSensor, rng: np.random.Generator, levels: int = 8) ->
 def trial(model: SensorModel, seed: int) -> dict[str, Any]:
     sensor, rng = SimulatedSensor(model, SIDE, SIDE, seed, "bench"), np.random.default_rng((seed, 1))
     frames = shoot(sensor, rng)
-    measurement, _ = emva.measure(frames, nominal(model), 100.0)
+    measurement, _ = emva.measure_emva(frames, nominal(model), 100.0)
     true = {
         "gain": model.gain,
         "read_noise": model.read_noise,

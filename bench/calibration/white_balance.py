@@ -31,7 +31,7 @@ def balance(frames: int) -> dict[str, Any]:
     """How far off white a rig's cameras are from each other, before and after, in per cent."""
     described = metadata.describe
 
-    def tinted(*what: Any) -> metadata.Sensor:
+    def tinted(*what: Any) -> metadata.CameraSensor:
         body = described(*what)
         tint = np.array(TINTS.get(what[1].name, (1.0, 1.0, 1.0)))
         assert body.camera_from_rec709 is not None

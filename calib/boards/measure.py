@@ -119,11 +119,11 @@ def solve_group(
     """Everything about cameras that are mounted together."""
     names = tuple(sizes)
     try:
-        begun = start.begin(board, seen, sizes)
-        kept, solved = rig.clean(board, seen, begun, ladder.RICHEST)
+        begun = start.first_guess(board, seen, sizes)
+        kept, solved = rig.drop_outliers(board, seen, begun, ladder.RICHEST)
         free, rungs = ladder.climb(board, kept, solved, progress)
         if free == ladder.FISHEYE:  # corners that no radial terms bring near to their place are good ones now
-            kept, solved = rig.clean(board, seen, solved, free)
+            kept, solved = rig.drop_outliers(board, seen, solved, free)
         solved = rig.solve(board, kept, solved, free)
     except CalibrationError as error:
         return Group(names, None, None, (), refused=str(error))

@@ -52,15 +52,15 @@ def solve(
 ) -> Solved:
     """Adjust lenses, rig and board poses to the corners; boards_only: the board poses alone.
 
-    Least squares, since what was no corner is left out before (`clean`). Views of cameras or frames that the
-    start does not place are ignored. CalibrationError when the corners lead to no lens at all.
+    Least squares, since what was no corner is left out before (`drop_outliers`). Views of cameras or frames
+    that the start does not place are ignored. CalibrationError when the corners lead to no lens at all.
     """
     model, rows = _model(board, seen, start, free)
     _adjust(model, free, boards_only=boards_only, robust=None)
     return _read(model, rows, start)
 
 
-def clean(
+def drop_outliers(
     board: Board, seen: Mapping[ViewId, Corners], start: Start | Solved, free: Free
 ) -> tuple[dict[ViewId, Corners], Solved]:
     """Drop the corners that do not fit any placement: adjusts robustly, cuts, and adjusts again, twice."""

@@ -35,7 +35,7 @@ class Start:
     isolated: tuple[str, ...]
 
 
-def begin(board: Board, seen: Mapping[ViewId, Corners], sizes: Mapping[str, tuple[int, int]]) -> Start:
+def first_guess(board: Board, seen: Mapping[ViewId, Corners], sizes: Mapping[str, tuple[int, int]]) -> Start:
     """Guess from corners; CalibrationError when no camera has views enough.
 
     seen: corners by view. sizes: (width, height) of each camera's pictures.

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calib.colour.fit import Model, Patches, fit
+from calib.colour.fit import ChartPatches, ColourModel, fit
 from calib.colour.reference import COLUMNS, NEUTRAL, PATCHES, chart
 from imaging.cfa import Cfa
 from imaging.colour import srgb_encode
@@ -42,7 +42,7 @@ MOST_DELTA_E = 8.0
 class Found:
     """A chart in a view: its patches, and their outlines float64 [24, 4, 2] in px of the whole image."""
 
-    patches: Patches
+    patches: ChartPatches
     outlines: Array
     delta_e: float
 
@@ -90,7 +90,9 @@ def _search(proxy: npt.NDArray[np.uint8]) -> list[Array]:
     return [one.reshape(PATCHES, 4, 2) for one in charts if one.shape == (4 * PATCHES, 2)]
 
 
-def measure(merged: Merged, outlines: Array, vignetting: tuple[float, float, float] = NO_FALLOFF) -> Patches:
+def measure_patches(
+    merged: Merged, outlines: Array, vignetting: tuple[float, float, float] = NO_FALLOFF
+) -> ChartPatches:
     """The patches inside these outlines [24, 4, 2], in px of the merged mosaic.
 
     vignetting: of the lens where it is known (`CameraCalibration.vignetting`), which is divided out.
@@ -108,7 +110,7 @@ def measure(merged: Merged, outlines: Array, vignetting: tuple[float, float, flo
     rgb, sigma = rgb / fall[:, None], sigma / fall[:, None]
     row, column = np.divmod(np.arange(PATCHES), COLUMNS)
     place = np.stack([column / 2.5 - 1, row / 1.5 - 1], axis=1)
-    return Patches(rgb, sigma, place, usable)
+    return ChartPatches(rgb, sigma, place, usable)
 
 
 def _patch(merged: Merged, outline: Array) -> tuple[Array, Array] | None:
@@ -174,14 +176,14 @@ def best(
     """The find that is the chart; Missed when none is."""
     if not finds:
         return Missed("nothing looks like a chart of 24 patches")
-    verdicts = [judge(measure(merged, outlines, vignetting), outlines) for outlines in finds]
+    verdicts = [judge(measure_patches(merged, outlines, vignetting), outlines) for outlines in finds]
     good = [verdict for verdict in verdicts if isinstance(verdict, Found)]
     if good:
         return min(good, key=lambda one: one.delta_e)
     return next((one for one in verdicts if isinstance(one, Missed) and one.near), verdicts[0])
 
 
-def judge(patches: Patches, outlines: Array) -> Found | Missed:
+def judge(patches: ChartPatches, outlines: Array) -> Found | Missed:
     """Whether these patches are those of the chart."""
     count = int(patches.usable.sum())
     if count < LEAST_PATCHES:
@@ -195,7 +197,7 @@ def judge(patches: Patches, outlines: Array) -> Found | Missed:
     if len(greys) < 3 or np.any(np.diff(green) > 0):
         return Missed("the greys of a chart-like find do not fall from white to black")
     reference = chart()
-    (found,) = fit([patches], reference, Model(shaded=True))
+    (found,) = fit([patches], reference, ColourModel(shaded=True))
     error = float(delta_e(found.colours(patches), reference)[patches.usable].mean())
     if not error < MOST_DELTA_E:
         return Missed(

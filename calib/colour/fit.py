@@ -30,7 +30,7 @@ LIGHTNESS_ERROR = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Patches:
+class ChartPatches:
     """What one camera made of the chart; all of the 24 have a row.
 
     rgb: float64 [24, 3], camera RGB, linear, in any unit; sigma: float64 [24, 3], of its standard error;
@@ -42,11 +42,11 @@ class Patches:
     place: Array
     usable: Bool
 
-    def without(self, patch: int) -> "Patches":
+    def without(self, patch: int) -> "ChartPatches":
         """The same with one patch left out."""
         usable = self.usable.copy()
         usable[patch] = False
-        return Patches(self.rgb, self.sigma, self.place, usable)
+        return ChartPatches(self.rgb, self.sigma, self.place, usable)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +61,11 @@ class Fit:
     white: Array
     slope: Array
 
-    def colours(self, patches: Patches) -> Array:
+    def colours(self, patches: ChartPatches) -> Array:
         """Linear Rec.709 of all patches, float64 [24, 3]."""
         return np.asarray(self._balanced(patches) @ self.matrix.T)
 
-    def _balanced(self, patches: Patches) -> Array:
+    def _balanced(self, patches: ChartPatches) -> Array:
         return np.asarray(patches.rgb / self.white / np.exp(patches.place @ self.slope)[:, None])
 
     @property
@@ -75,7 +75,7 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class ColourModel:
     """What of a fit is free.
 
     matrix: float64 [3, 3] to keep, its rows summing to 1; None: to be fitted. white: camera RGB [3] of white,
@@ -88,14 +88,14 @@ class Model:
     shaded: bool = False
 
 
-def of_camera(camera_from_rec709: npt.ArrayLike, *, balanced: bool) -> Model:
+def of_camera(camera_from_rec709: npt.ArrayLike, *, balanced: bool) -> ColourModel:
     """The model of a camera whose files name its matrix; balanced: white is what the chart says."""
     camera = np.asarray(camera_from_rec709, np.float64)
     white = camera.sum(axis=1)
-    return Model(np.linalg.inv(camera) * white, None if balanced else white)
+    return ColourModel(np.linalg.inv(camera) * white, None if balanced else white)
 
 
-def fit(cameras: Sequence[Patches], reference: Array, model: Model) -> list[Fit]:
+def fit(cameras: Sequence[ChartPatches], reference: Array, model: ColourModel) -> list[Fit]:
     """One fit for each camera, all with the same matrix; reference: linear Rec.709 [24, 3].
 
     Whites, the light's slope and the matrix are found in turn, each by weighted least squares in Lab.
@@ -110,7 +110,7 @@ def fit(cameras: Sequence[Patches], reference: Array, model: Model) -> list[Fit]
     return [_lit(one, patches, reference, model) for one, patches in zip(fits, cameras, strict=True)]
 
 
-def held_out(cameras: Sequence[Patches], reference: Array, model: Model) -> list[Array]:
+def held_out(cameras: Sequence[ChartPatches], reference: Array, model: ColourModel) -> list[Array]:
     """CIEDE2000 of every patch under the fit that never saw it: float64 [24] a camera, NaN where unusable."""
     errors = [np.full(len(reference), np.nan) for _ in cameras]
     for patch in range(len(reference)):
@@ -121,7 +121,7 @@ def held_out(cameras: Sequence[Patches], reference: Array, model: Model) -> list
     return errors
 
 
-def _lit(fit: Fit, patches: Patches, reference: Array, model: Model) -> Fit:
+def _lit(fit: Fit, patches: ChartPatches, reference: Array, model: ColourModel) -> Fit:
     """White, and the light's slope, under a matrix that is given."""
     own = patches.usable
     expected = reference @ np.linalg.inv(fit.matrix).T
@@ -151,7 +151,7 @@ def _lit(fit: Fit, patches: Patches, reference: Array, model: Model) -> Fit:
     return Fit(fit.matrix, white, np.asarray(slope))
 
 
-def _matrix(fits: Sequence[Fit], cameras: Sequence[Patches], reference: Array) -> Array:
+def _matrix(fits: Sequence[Fit], cameras: Sequence[ChartPatches], reference: Array) -> Array:
     """The matrix whose rows sum to 1 that brings all cameras' patches nearest to the reference in Lab."""
     balanced = np.concatenate(
         [one._balanced(own)[own.usable] for one, own in zip(fits, cameras, strict=True)]

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.colour.chart import NO_FALLOFF, Found, Missed, best, half, locate
-from calib.colour.fit import Fit, Model, Patches, fit, held_out, of_camera
+from calib.colour.fit import ChartPatches, ColourModel, Fit, fit, held_out, of_camera
 from calib.colour.reference import EDITION, chart
 from calib.data.views import View, read_view
-from calib.light.radiometry import Light
-from calib.sensor.metadata import Sensor
+from calib.light.radiometry import Radiometry
+from calib.sensor.metadata import CameraSensor
 from imaging.errors import CalibrationError
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import read_linear
@@ -39,7 +39,7 @@ class Charts:
     evidence: dict[str, ChartEvidence] = field(default_factory=dict)
     rungs: tuple[Rung, ...] = ()
 
-    def applied(self, found: Mapping[str, Sensor]) -> dict[str, Sensor]:
+    def applied(self, found: Mapping[str, CameraSensor]) -> dict[str, CameraSensor]:
         """The cameras with the colours that the charts gave them."""
         return {
             name: replace(sensor, camera_from_rec709=self.matrices.get(name, sensor.camera_from_rec709))
@@ -52,9 +52,9 @@ class _Trial:
     """One candidate: cameras in groups that share a matrix, and the model of each group."""
 
     groups: tuple[tuple[str, ...], ...]
-    models: tuple[Model, ...]
+    models: tuple[ColourModel, ...]
 
-    def errors(self, patches: Mapping[str, Patches], reference: Array) -> dict[str, Array]:
+    def errors(self, patches: Mapping[str, ChartPatches], reference: Array) -> dict[str, Array]:
         """Held-out delta E of every patch, by camera."""
         return {
             name: error
@@ -64,7 +64,7 @@ class _Trial:
             )
         }
 
-    def fits(self, patches: Mapping[str, Patches], reference: Array) -> dict[str, Fit]:
+    def fits(self, patches: Mapping[str, ChartPatches], reference: Array) -> dict[str, Fit]:
         """The fit of every camera, by name."""
         return {
             name: one
@@ -76,8 +76,8 @@ class _Trial:
 def measure_charts(
     session: Session,
     views: Sequence[View],
-    found: Mapping[str, Sensor],
-    light: Light,
+    found: Mapping[str, CameraSensor],
+    light: Radiometry,
     earlier: CalibrationRecord | None,
     progress: Progress,
 ) -> Charts:
@@ -131,7 +131,7 @@ def _searched(views: Sequence[View]) -> Iterator[View]:
 
 
 def _look(
-    session: Session, view: View, vignetting: tuple[float, float, float], light: Light
+    session: Session, view: View, vignetting: tuple[float, float, float], light: Radiometry
 ) -> Found | Missed:
     """Search the middle exposure, and merge the bracket only where it shows something.
 
@@ -186,7 +186,7 @@ def colours(
 
 
 def _climb(
-    patches: Mapping[str, Patches],
+    patches: Mapping[str, ChartPatches],
     files: Mapping[str, Matrix | None],
     models: Mapping[str, str],
     reference: Array,
@@ -223,13 +223,13 @@ def _climb(
     lit = trial.models[0].shaded
     climb(
         "chart_matrix",
-        _Trial(shared, (Model(shaded=lit),) * len(shared)),
+        _Trial(shared, (ColourModel(shaded=lit),) * len(shared)),
         f"a matrix from {' and '.join(sorted(patches))}, one for each camera model, in place of the files'",
     )
     if len(alone) > len(shared):
         climb(
             "chart_matrix_each_camera",
-            _Trial(alone, (Model(shaded=lit),) * len(alone)),
+            _Trial(alone, (ColourModel(shaded=lit),) * len(alone)),
             "a matrix for each camera that saw the chart",
         )
     return trial, tuple(rungs), errors

@@ -9,8 +9,8 @@ from calib.colour.measure import Charts
 from calib.colour.white_balance import Balance, Sights, estimate, folded
 from calib.light.tracks import tracks_of
 from calib.light.vignetting import DARKEST, Falloff
-from calib.poses.sfm import Model
-from calib.sensor.metadata import Sensor
+from calib.poses.sfm import SceneModel
+from calib.sensor.metadata import CameraSensor
 from imaging.mosaic import Matrix, as_matrix
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.records import Rung
@@ -22,9 +22,9 @@ CHART_RUNGS = frozenset({"chart_white", "chart_shading", "chart_matrix", "chart_
 
 
 def balance(
-    model: Model,
+    model: SceneModel,
     colours: Mapping[ViewId, Array],
-    found: Mapping[str, Sensor],
+    found: Mapping[str, CameraSensor],
     falloff: Falloff,
     anchors: Sequence[str],
 ) -> Balance:

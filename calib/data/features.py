@@ -37,7 +37,7 @@ class Features:
 
 
 @dataclass(frozen=True)
-class Pair:
+class MatchedPair:
     """Two views that share matches: points [M, 2] of each, px, that fit an epipolar geometry.
 
     index: uint32 [M, 2], their places among the features of each view.
@@ -102,7 +102,7 @@ def fill_database(
     features: Mapping[ViewId, Features],
     max_error: float,
     progress: Progress,
-) -> dict[tuple[ViewId, ViewId], Pair]:
+) -> dict[tuple[ViewId, ViewId], MatchedPair]:
     """Write cameras, images and verified matches of all pairs of views; returns the pairs that match.
 
     cameras: pycolmap cameras by name; their `camera_id` is set here. Every camera is a rig of its own
@@ -145,6 +145,6 @@ def fill_database(
         if len(inliers) >= FEWEST_MATCHES:
             database.write_two_view_geometry(images[a], images[b], geometry)
             one, other = features[a].points[inliers[:, 0]], features[b].points[inliers[:, 1]]
-            pairs[a, b] = Pair(one, other, inliers)
+            pairs[a, b] = MatchedPair(one, other, inliers)
     progress("matching", len(every), len(every))
     return pairs

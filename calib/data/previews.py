@@ -98,7 +98,7 @@ def _without_hot(
     rows, columns = np.nonzero(radiance > limit)
     padded = np.pad(radiance, 2, mode="reflect")
     near = np.stack([padded[rows + row, columns + column] for row, column in np.argwhere(around)])
-    mended = radiance.copy()
+    cleaned = radiance.copy()
     if len(rows):
-        mended[rows, columns] = np.median(near, axis=0)
-    return mended
+        cleaned[rows, columns] = np.median(near, axis=0)
+    return cleaned

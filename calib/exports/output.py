@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from calib.exports.formats import write_exports
 from calib.exports.pictures import Picture, PointColours
-from calib.poses.sfm import Model
+from calib.poses.sfm import SceneModel
 from imaging.files import store
 from imaging.files.photo import encode_png
 from imaging.progress import Progress
@@ -17,7 +17,7 @@ def write_calibration(
     session: Session,
     record: CalibrationRecord,
     shown: Iterable[tuple[ViewId, Picture]],
-    model: Model | None,
+    model: SceneModel | None,
     progress: Progress,
 ) -> None:
     """Replace the session's `calibration/` as a whole; shown: what each view looks like, one at a time."""

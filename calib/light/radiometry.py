@@ -27,7 +27,7 @@ LINEAR = 0.01
 
 
 @dataclass(frozen=True)
-class Light:
+class Radiometry:
     """scale: k of each shot's file, s; responses: by camera name; measured: whether overlaps told any."""
 
     scale: dict[str, float]
@@ -36,7 +36,7 @@ class Light:
     measured: bool
 
 
-def measure_light(session: Session, views: Sequence[View], progress: Progress) -> Light:
+def measure_light(session: Session, views: Sequence[View], progress: Progress) -> Radiometry:
     """Exposures and responses of every camera, from overlapping exposures where there are any."""
     scale = exposures.labelled(views)
     responses: dict[str, Response] = {}
@@ -63,12 +63,12 @@ def measure_light(session: Session, views: Sequence[View], progress: Progress) -
         for file, label in labels.items():
             shift = estimate.shift.get(round(float(np.log(label)), 6), 0.0)
             scale[file] = label * float(np.exp(shift))
-    return Light(scale, responses, tuple(rungs), measured)
+    return Radiometry(scale, responses, tuple(rungs), measured)
 
 
-def light_of(record: CalibrationRecord) -> Light:
+def light_of(record: CalibrationRecord) -> Radiometry:
     """Exposures and responses of an earlier calibration, for one that measures other parts again."""
-    return Light(
+    return Radiometry(
         scale=dict(record.exposure_scale),
         responses={camera.name: camera.response for camera in record.cameras},
         rungs=tuple(rung for rung in record.rungs if rung.name in LIGHT_RUNGS),
@@ -141,7 +141,7 @@ def _developed(
     estimate = response.estimate(Samples.joined([own for _, own in parts]))
     if len(parts) < 2 or estimate.response.residual is None:
         return estimate, labels
-    right, told, mended = dict(labels), [], []
+    right, corrections, corrected = dict(labels), [], []
     for view, own in parts:
         log_k = own.log_k.copy()
         for column, away in enumerate(departures(own, estimate.response, estimate.shift).tolist()):
@@ -149,12 +149,12 @@ def _developed(
                 file = view.shots[column].file
                 label = _nearest(labels[file] * float(np.exp(away)), list(labels.values()))
                 log_k[:, column], right[file] = np.log(label), label
-                told.append(f"the exposure of {file} is {label / labels[file]:.2g} times its label")
-        mended.append(replace(own, log_k=log_k))
-    if not told:
+                corrections.append(f"the exposure of {file} is {label / labels[file]:.2g} times its label")
+        corrected.append(replace(own, log_k=log_k))
+    if not corrections:
         return estimate, labels
-    estimate = response.estimate(Samples.joined(mended))
-    rung = Rung(name="exposure_of_a_file", taken=True, reason="; ".join(told))
+    estimate = response.estimate(Samples.joined(corrected))
+    rung = Rung(name="exposure_of_a_file", taken=True, reason="; ".join(corrections))
     return replace(estimate, rungs=(*estimate.rungs, rung)), right
 
 

@@ -11,8 +11,8 @@ from calib.light.response_band import standard_errors
 from calib.light.response_curve import (
     HUBER,
     Channel,
-    Model,
-    Noise,
+    CodeNoise,
+    CurveModel,
     channel_of,
     fit,
     label_trust,
@@ -233,7 +233,9 @@ def _told(channels: Sequence[Channel], shape: Shape) -> bool:
     return not isinstance(shape, Spline) or len(channels[0].steps) > 2 or shape.smoothness >= 1e5
 
 
-def _exported(channels: Sequence[Channel], fitted: Sequence[Model], known: Judged, curve: Judged) -> Response:
+def _exported(
+    channels: Sequence[Channel], fitted: Sequence[CurveModel], known: Judged, curve: Judged
+) -> Response:
     low, high = _covered(channels)
     return Response(
         kind="curve",
@@ -248,7 +250,7 @@ def _exported(channels: Sequence[Channel], fitted: Sequence[Model], known: Judge
 
 
 def held_out(
-    channels: Sequence[Channel], noise: Sequence[Noise], shape: Shape, *, labels_hold: bool = False
+    channels: Sequence[Channel], noise: Sequence[CodeNoise], shape: Shape, *, labels_hold: bool = False
 ) -> Judged:
     """How well a shape, fitted to some parts of the views, brings the exposures of the others into accord."""
     groups = int(max(channel.group.max() for channel in channels)) + 1
@@ -272,7 +274,7 @@ def held_out(
         return Judged(shape, losses / np.where(counts > 0, counts, np.nan), float(np.median(medians)), rises)
 
 
-def _disagreement(channel: Channel, model: Model) -> float:
+def _disagreement(channel: Channel, model: CurveModel) -> float:
     """Median difference, natural log, of the light that neighbouring exposures of a photosite tell."""
     light = model.light(channel)
     first, second = neighbours(channel)

@@ -9,9 +9,9 @@ from calib.light.response_curve import (
     FLOOR,
     HUBER,
     Channel,
+    CodeNoise,
+    CurveModel,
     Equations,
-    Model,
-    Noise,
     label_trust,
     moved,
 )
@@ -23,8 +23,8 @@ REPLICAS = 200
 
 def standard_errors(
     channels: Sequence[Channel],
-    models: Sequence[Model],
-    noise: Sequence[Noise],
+    models: Sequence[CurveModel],
+    noise: Sequence[CodeNoise],
     codes: Array,
     *,
     labels_hold: bool,
@@ -71,7 +71,7 @@ def _exponent_error(labels: Array, shift: Array, trust: Array) -> float:
     return float(np.sqrt(scatter / (trust * centred**2).sum()))
 
 
-def _equations(channel: Channel, model: Model, noise: Noise, group: int) -> Equations:
+def _equations(channel: Channel, model: CurveModel, noise: CodeNoise, group: int) -> Equations:
     part = channel.only(channel.group == group)
     sigma = noise.of(part)
     return Equations.of(part, model, huber_weight(model.residuals(part, sigma) / sigma, HUBER) / sigma**2)

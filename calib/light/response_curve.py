@@ -65,7 +65,7 @@ class Channel:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class CurveModel:
     """theta: parameters of the shape; shift: [steps], ln of the exposures over their labels."""
 
     shape: Shape
@@ -112,7 +112,7 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Noise:
+class CodeNoise:
     """Variance of a code value z: `constant + shot * z`."""
 
     constant: float
@@ -123,7 +123,7 @@ class Noise:
         return _deviation(self)[channel.place]
 
 
-def _deviation(noise: Noise) -> Array:
+def _deviation(noise: CodeNoise) -> Array:
     slope = np.maximum(np.gradient(SRGB, GRID), 1e-3)
     return np.asarray(np.sqrt(slope**2 * (noise.constant + noise.shot * GRID) + FLOOR**2))
 
@@ -136,7 +136,7 @@ class Equations:
     right: Array
 
     @classmethod
-    def of(cls, channel: Channel, model: Model, weight: Array) -> "Equations":
+    def of(cls, channel: Channel, model: CurveModel, weight: Array) -> "Equations":
         """Linearised at a model; what they are solved by is the change of theta and shift."""
         slopes = model.shape.slopes(model.theta)
         sites, steps = len(channel.group), len(channel.steps)
@@ -198,12 +198,12 @@ def channel_of(samples: Samples, index: int) -> Channel:
 
 
 def fit(
-    channels: Sequence[Channel], shape: Shape, noise: Sequence[Noise], *, labels_hold: bool = False
-) -> list[Model]:
+    channels: Sequence[Channel], shape: Shape, noise: Sequence[CodeNoise], *, labels_hold: bool = False
+) -> list[CurveModel]:
     """The curves of the channels, robustly; the exposures are common to them, free or those of the labels."""
     sigmas = [own.of(channel) for channel, own in zip(channels, noise, strict=True)]
     shift = np.zeros(len(channels[0].steps))
-    models = [Model(shape, shape.start, shift) for _ in channels]
+    models = [CurveModel(shape, shape.start, shift) for _ in channels]
     trust = np.full(len(shift), FIRM if labels_hold else 1.0)
     for _ in range(ITERATIONS):
         weights = [
@@ -220,7 +220,9 @@ def fit(
     return models
 
 
-def moved(models: Sequence[Model], parts: Sequence[Equations], labels: Array, trust: Array) -> list[Model]:
+def moved(
+    models: Sequence[CurveModel], parts: Sequence[Equations], labels: Array, trust: Array
+) -> list[CurveModel]:
     """The models after one step of Gauss and Newton; `parts`: the equations of each channel.
 
     labels: ln of each step's; trust: 0..1, how much each counts.
@@ -241,7 +243,7 @@ def moved(models: Sequence[Model], parts: Sequence[Equations], labels: Array, tr
     right[count - steps :] -= prior @ shift
     change = np.linalg.solve(normal, right)
     return [
-        Model(shape, model.theta + change[index * free : (index + 1) * free], shift + change[-steps:])
+        CurveModel(shape, model.theta + change[index * free : (index + 1) * free], shift + change[-steps:])
         for index, model in enumerate(models)
     ]
 
@@ -285,13 +287,13 @@ def _trust(away: Array) -> Array:
     return np.asarray((1.0 + (0.5 * away / LABEL_SIGMA) ** 2) ** -2)
 
 
-def noise_of(channel: Channel) -> Noise:
+def noise_of(channel: Channel) -> CodeNoise:
     """Noise of the codes, from what neighbouring exposures of a photosite disagree by.
 
     From a first curve that trusts every code alike; differences are taken by median in ranges of code, so
     that what moved does not count. (Residuals would not do: where one exposure dominates they vanish.)
     """
-    flat = Noise(1.0, 0.0)
+    flat = CodeNoise(1.0, 0.0)
     model = fit([channel], Spline(1e5), [flat])[0]
     first, second = neighbours(channel)
     light = model.light(channel)
@@ -310,4 +312,4 @@ def noise_of(channel: Channel) -> Noise:
     if not rows:
         return flat
     (constant, shot), _ = nnls(np.array(rows), np.array(goals))
-    return Noise(float(max(constant, 0.01)), float(shot))
+    return CodeNoise(float(max(constant, 0.01)), float(shot))

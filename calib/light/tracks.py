@@ -8,7 +8,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from calib.light.vignetting import Tracks
-from calib.poses.sfm import Model
+from calib.poses.sfm import SceneModel
 from imaging.cfa import bilinear
 from imaging.lens import Lens
 from imaging.merge.bracket import Merged
@@ -21,7 +21,7 @@ LEAST_SNR = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class ViewLight:
     """Smoothed light of a view at a fraction of its pixels, and where it can be trusted.
 
     luminance: float32 [h, w]; colour: float32 [h, w, 3], camera RGB; trusted: bool [h, w]; vivid: bool
@@ -34,7 +34,7 @@ class Light:
     vivid: npt.NDArray[np.bool_]
 
 
-def light(merged: Merged, camera_from_rec709: Array | None) -> Light:
+def light(merged: Merged, camera_from_rec709: Array | None) -> ViewLight:
     """Luminance of merged radiance; each value is a mean over some pixels, since a corner point lies on
     an edge, where a single pixel says more about its place than about its brightness."""
     if merged.radiance.ndim == 2:
@@ -59,17 +59,17 @@ def light(merged: Merged, camera_from_rec709: Array | None) -> Light:
         trusted &= luminance > LEAST_SNR * noise
         # Red and blue have a quarter of the sites, hence twice the noise.
         vivid &= colour.min(axis=-1) > 2 * LEAST_SNR * noise
-    return Light(luminance, colour, np.asarray(trusted), np.asarray(trusted & vivid))
+    return ViewLight(luminance, colour, np.asarray(trusted), np.asarray(trusted & vivid))
 
 
-def brightness_at(view: Light, points: Array, width: int, height: int) -> Array:
+def brightness_at(view: ViewLight, points: Array, width: int, height: int) -> Array:
     """Natural log of luminance at points [K, 2] of a picture of `width` x `height`; NaN where not trusted."""
     row, column = _sites(view, points, width, height)
     value = np.where(view.trusted[row, column], view.luminance[row, column], np.nan)
     return np.asarray(np.log(value), np.float64)
 
 
-def colour_at(view: Light, points: Array, width: int, height: int) -> Array:
+def colour_at(view: ViewLight, points: Array, width: int, height: int) -> Array:
     """Natural log of camera RGB [K, 3] at points, as `brightness_at`; NaN where a channel is not trusted."""
     row, column = _sites(view, points, width, height)
     value = np.where(view.vivid[row, column, None], view.colour[row, column], np.nan)
@@ -77,7 +77,7 @@ def colour_at(view: Light, points: Array, width: int, height: int) -> Array:
 
 
 def _sites(
-    view: Light, points: Array, width: int, height: int
+    view: ViewLight, points: Array, width: int, height: int
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     rows, columns = view.luminance.shape
     row = np.clip((points[:, 1] * rows / height).astype(np.intp), 0, rows - 1)
@@ -85,7 +85,7 @@ def _sites(
     return row, column
 
 
-def tracks_of(model: Model, brightness: Mapping[ViewId, Array], cameras: Sequence[str]) -> Tracks:
+def tracks_of(model: SceneModel, brightness: Mapping[ViewId, Array], cameras: Sequence[str]) -> Tracks:
     """Observations of all scene points that two views or more see well, in order of points and views.
 
     brightness: of each feature of each view, as `brightness_at` gives it; cameras: names, in the order that

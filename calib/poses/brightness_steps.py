@@ -10,11 +10,11 @@ from statistics import median
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.features import FEWEST_MATCHES, Pair
+from calib.data.features import FEWEST_MATCHES, MatchedPair
 from imaging.session.view_id import ViewId
 
 Array = npt.NDArray[np.float64]
-Pairs = Mapping[tuple[ViewId, ViewId], Pair]
+Pairs = Mapping[tuple[ViewId, ViewId], MatchedPair]
 
 OTHERWISE_LIT = 0.03, 0.1
 """Median difference of natural log brightness between the two views of a pair beyond which they do not show

@@ -163,7 +163,7 @@ def misses(reconstruction: Any) -> Misses:
     return Misses(np.concatenate(where), np.concatenate(feature), np.concatenate(error))
 
 
-def cut(reconstruction: Any, least: float) -> float:
+def drop_outliers(reconstruction: Any, least: float) -> float:
     """Drop observations that miss by CUT times the median, and by `least` px; returns the median."""
     found = misses(reconstruction)
     far = found.error > max(CUT * found.typical, least)

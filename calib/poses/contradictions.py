@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.features import Pair
+from calib.data.features import MatchedPair
 from calib.poses.brightness_steps import Array, Pairs, otherwise_lit, warning
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
@@ -50,7 +50,7 @@ _ALIKE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class ResolvedModel:
     """The model that no pair contradicts, the views that had to be left out of it, what was done, and what
     makes the poses doubtful all the same. pairs: how many views match."""
 
@@ -60,7 +60,7 @@ class Settled:
     pairs: int
 
 
-def settle(
+def resolve_contradictions(
     database: Any,
     reconstruction: Any,
     pairs: Pairs,
@@ -68,7 +68,7 @@ def settle(
     max_error: float,
     again: Callable[[], Any | None],
     exact: Collection[str] = (),
-) -> Settled:
+) -> ResolvedModel:
     """Find the pairs that contradict a model, and leave out what cannot be reconciled.
 
     database: of COLMAP, from which pairs are deleted that light says are false. brightness: natural log of
@@ -86,7 +86,7 @@ def settle(
         "pose_unconfirmed": unconfirmed(poses, pairs),
     }
     rungs = (Rung(name=name, taken=True, reason=why) for name, why in doubts.items() if why is not None)
-    return Settled(reconstruction, frozenset(left_out), (rung, *rungs), len(pairs))
+    return ResolvedModel(reconstruction, frozenset(left_out), (rung, *rungs), len(pairs))
 
 
 def unconfirmed(placed: Collection[ViewId], pairs: Pairs) -> str | None:
@@ -249,7 +249,7 @@ def _placed(reconstruction: Any) -> dict[ViewId, tuple[Any, Array]]:
 
 
 def _fits(
-    one: tuple[Any, Array], other: tuple[Any, Array], pair: Pair, max_error: float
+    one: tuple[Any, Array], other: tuple[Any, Array], pair: MatchedPair, max_error: float
 ) -> npt.NDArray[np.bool_]:
     """Which matches lie within `max_error` px of their epipolar lines (Sampson's distance)."""
     pose = other[1] @ np.linalg.inv(one[1])

@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownRig:
     """lenses, at picture size, and cam_from_rig, metres, stay; by camera.
 
     places: of cameras in their rig, metres, in axes of its own: they give the scale.
@@ -29,7 +29,7 @@ class Known:
     places: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
 
-NOTHING = Known()
+NOTHING = KnownRig()
 FEWEST_FRAMES = 2
 """Frames that have to show two cameras of a rig before one place of each in the rig is better than two."""
 
@@ -47,7 +47,7 @@ def camera_of(lens: Lens) -> Any:
     return camera
 
 
-def to_metres(reconstruction: Any, known: Known, rig: Sequence[str]) -> float | None:
+def to_metres(reconstruction: Any, known: KnownRig, rig: Sequence[str]) -> float | None:
     """Scale a model by the distances between the cameras of a rig; returns the factor, None if there is none.
 
     By the median over all pairs of cameras of all frames: each is a distance that was measured.
@@ -76,7 +76,7 @@ def to_metres(reconstruction: Any, known: Known, rig: Sequence[str]) -> float | 
     return factor
 
 
-def tie_rigs(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], known: Known) -> Rung:
+def tie_rigs(database: Any, reconstruction: Any, rigs: Sequence[Sequence[str]], known: KnownRig) -> Rung:
     """Tie the cameras of each rig together.
 
     Those whose places are known; else those that several frames show with a common reference camera.

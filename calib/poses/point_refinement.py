@@ -49,7 +49,7 @@ class _Sights:
     world: Array
 
 
-def align(reconstruction: Any, pictures: Mapping[ViewId, bytes], progress: Progress) -> None:
+def refine_points(reconstruction: Any, pictures: Mapping[ViewId, bytes], progress: Progress) -> None:
     """Put the observations of a COLMAP model, whose poses are nearly right, to where their patches match.
 
     pictures: of views, as 8-bit grey PNGs, by whose pixels the model counts; other views stay as they are, as

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calib.data.features import Features, Pair
+from calib.data.features import Features, MatchedPair
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
 from imaging.session.view_id import ViewId
@@ -36,7 +36,7 @@ def require_features(features: Mapping[ViewId, Features], blank: Mapping[ViewId,
 
 
 def require_depth(
-    pairs: Mapping[tuple[ViewId, ViewId], Pair], cameras: Mapping[str, Lens], max_error: float
+    pairs: Mapping[tuple[ViewId, ViewId], MatchedPair], cameras: Mapping[str, Lens], max_error: float
 ) -> None:
     """CalibrationError when all views were taken from one place, of which no model can be made."""
     every = list(pairs.items())[:: max(len(pairs) // MOST_ASKED, 1)]

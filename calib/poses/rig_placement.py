@@ -12,7 +12,7 @@ from statistics import median
 
 import numpy as np
 
-from calib.poses.sfm import Model, centres, pose_of
+from calib.poses.sfm import SceneModel, centres, pose_of
 from imaging.files.colmap import pycolmap
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
@@ -20,9 +20,9 @@ from imaging.session.view_id import ViewId
 MOST_NAMES = 6
 
 
-def place(
-    model: Model, views: Collection[ViewId], rigs: Mapping[str, str]
-) -> tuple[Model, frozenset[ViewId]]:
+def place_by_rig(
+    model: SceneModel, views: Collection[ViewId], rigs: Mapping[str, str]
+) -> tuple[SceneModel, frozenset[ViewId]]:
     """The model with a pose for every view that its rig places, and which views these are.
 
     views: all there are. rigs: of each camera that is mounted, its rig's name. Such a view sees no scene

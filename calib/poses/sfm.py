@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.data.features import FEWEST_MATCHES, Features, fill_database
-from calib.poses.bundle_adjustment import Free, adjust, cut, lens_of, misses
-from calib.poses.contradictions import Settled, settle
-from calib.poses.known_rig import NOTHING, Known, camera_of, tie_rigs, to_metres
+from calib.poses.bundle_adjustment import Free, adjust, drop_outliers, lens_of, misses
+from calib.poses.contradictions import ResolvedModel, resolve_contradictions
+from calib.poses.known_rig import NOTHING, KnownRig, camera_of, tie_rigs, to_metres
 from calib.poses.lens_ladder import climb, sees_wide
 from calib.poses.mapping import map_views
-from calib.poses.point_refinement import align
+from calib.poses.point_refinement import refine_points
 from calib.poses.refusals import require_depth, require_features
 from calib.poses.uncertainty import StandardErrors, standard_errors
 from imaging.errors import CalibrationError
@@ -41,7 +41,7 @@ _NO_START = (
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class SceneModel:
     """What structure from motion found; lenses and errors in pixels of the pictures.
 
     reconstruction: the pycolmap model. poses: cam_from_world of every registered view. cam_from_rig: of
@@ -75,12 +75,12 @@ def solve(
     progress: Progress,
     *,
     focal_known: Collection[str] = (),
-    known: Known = NOTHING,
+    known: KnownRig = NOTHING,
     blank: Mapping[ViewId, str] | None = None,
     pictures: Mapping[ViewId, bytes] | None = None,
     brightness: Mapping[ViewId, npt.NDArray[np.float64]] | None = None,
     exact: Collection[str] = (),
-) -> Model:
+) -> SceneModel:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
 
     features: of every view, in picture pixels. cameras: a first guess of each lens, at picture size.
@@ -118,7 +118,7 @@ class _Scene:
     threads: int
     progress: Progress
     focal_known: Collection[str]
-    known: Known
+    known: KnownRig
     pictures: Mapping[ViewId, bytes]
     brightness: Mapping[ViewId, npt.NDArray[np.float64]]
     exact: Collection[str]
@@ -133,7 +133,7 @@ class _Adjusted:
     free: Free
     typical: float
     metric: bool
-    settled: Settled
+    settled: ResolvedModel
     rig_rung: Rung
     lens_rungs: tuple[Rung, ...]
 
@@ -187,7 +187,7 @@ def _adjusted(scene: _Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         free = replace(free, placed=frozenset())
         typical = _polish(reconstruction, free, max_error, threads, progress)
     if scene.pictures and reconstruction.num_points3D() >= FEWEST_MATCHES:
-        align(reconstruction, scene.pictures, progress)
+        refine_points(reconstruction, scene.pictures, progress)
         typical = _polish(reconstruction, free, ALIGNED * max_error, threads, progress)
     if reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(_NO_START.format(settled.pairs))
@@ -198,7 +198,7 @@ def _adjusted(scene: _Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
 
 def _settled(
     scene: _Scene, database: Any, models: Mapping[str, Any], cameras: Mapping[str, Lens], max_error: float
-) -> Settled:
+) -> ResolvedModel:
     """Views matched and mapped, without what contradicts itself. models: pycolmap cameras by name."""
     pairs = fill_database(database, models, scene.features, max_error, scene.progress)
     if not pairs:
@@ -214,7 +214,9 @@ def _settled(
     reconstruction = mapped()
     if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(_NO_START.format(len(pairs)))
-    return settle(database, reconstruction, pairs, scene.brightness, max_error, mapped, scene.exact)
+    return resolve_contradictions(
+        database, reconstruction, pairs, scene.brightness, max_error, mapped, scene.exact
+    )
 
 
 def _numbers(models: Mapping[str, Any], names: Collection[str]) -> frozenset[int]:
@@ -231,7 +233,7 @@ def _polish(reconstruction: Any, free: Free, max_error: float, threads: int, pro
     for turn in range(ROUNDS):
         progress("adjusting", turn, ROUNDS)
         adjust(reconstruction, free, typical, threads)
-        typical = cut(reconstruction, least=0.15 * max_error)
+        typical = drop_outliers(reconstruction, least=0.15 * max_error)
     progress("adjusting", ROUNDS, ROUNDS)
     return typical
 
@@ -246,7 +248,7 @@ def _camera(lens: Lens, focal_known: bool) -> Any:
 
 def _model(
     reconstruction: Any, rungs: tuple[Rung, ...], errors: StandardErrors | None, *, metric: bool
-) -> Model:
+) -> SceneModel:
     poses: dict[ViewId, Pose] = {}
     points: dict[ViewId, int] = {}
     lenses: dict[str, Lens] = {}
@@ -264,7 +266,7 @@ def _model(
             still = Pose(quaternion=(1, 0, 0, 0), translation=(0, 0, 0))
             mounted[name] = still if rig.is_ref_sensor(sensor) else pose_of(rig.sensor_from_rig(sensor))
     reconstruction.update_point_3d_errors()
-    return Model(
+    return SceneModel(
         reconstruction, lenses, poses, mounted, points,
         float(reconstruction.compute_mean_reprojection_error()), rungs, errors, metric,
     )  # fmt: skip

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from calib.sensor.ceiling import Ceiling, ceiling
-from calib.sensor.linearity import Levels
+from calib.sensor.linearity import LevelPairs
 from calib.sensor.photon_transfer import SMALLEST, Transfer
 from calib.sensor.stack import sites
 
@@ -37,7 +37,7 @@ pattern of the dark does not cancel, so that a read noise by brackets holds it; 
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class ExposurePair:
     """Two exposures of a view, by bins; float64 [N] each.
 
     ratio: of the exposures; black: [4] correction to the black that was assumed, DN, black_error: [4];
@@ -62,7 +62,7 @@ def compare(
     black: Array,
     white: float,
     counts: npt.NDArray[np.bool_] | None = None,
-) -> Pair | None:
+) -> ExposurePair | None:
     """Two exposures, DN [H, W], by the levels `black` [4] and `white`; None where they share too little.
 
     counts: bool [H, W], what the masks of both let through; None: all.
@@ -122,7 +122,7 @@ def compare(
     predicted = np.where(seen & (short > 0.1 * span), ratio * short, np.nan)
     full = ceiling(long.reshape(4, -1), predicted.reshape(4, -1), black)
     levels = (mean_x[clear], mean_y[clear], variance[clear], kept[clear].astype(np.float64))
-    return Pair(ratio, shift, sigma, site, *levels, full)
+    return ExposurePair(ratio, shift, sigma, site, *levels, full)
 
 
 def _scatter(residual: Array, groups: npt.NDArray[np.int64], size: int) -> tuple[Array, Array]:
@@ -147,12 +147,12 @@ class Blind:
     black: Array
     black_error: Array
     plateau: Ceiling | None
-    levels: tuple[Levels, ...]
+    levels: tuple[LevelPairs, ...]
     reason: str
     """Why there is no gain, if there is none."""
 
 
-def pooled(pairs: Sequence[Pair], white: float) -> Blind:
+def pooled(pairs: Sequence[ExposurePair], white: float) -> Blind:
     """All pairs of one camera at one ISO; white: DN above black."""
     weight = np.array([1.0 / pair.black_error**2 for pair in pairs])
     shift = np.array([pair.black for pair in pairs])
@@ -163,7 +163,7 @@ def pooled(pairs: Sequence[Pair], white: float) -> Blind:
         error = np.where(total > 0, np.hypot(np.sqrt(np.maximum(chi, 1.0) / total), BLACK_SYSTEMATIC), np.inf)
     transfer, reason = _transfer(pairs, black)
     levels = tuple(
-        Levels(
+        LevelPairs(
             (pair.long - black[pair.site]) / white,
             (pair.short - black[pair.site]) / white,
             np.sqrt(pair.variance / pair.number) / np.maximum(pair.long, 1e-9),
@@ -177,7 +177,7 @@ def pooled(pairs: Sequence[Pair], white: float) -> Blind:
     return Blind(transfer, black, error, plateau, levels, reason)
 
 
-def _transfer(pairs: Sequence[Pair], black: Array) -> tuple[Transfer | None, str]:
+def _transfer(pairs: Sequence[ExposurePair], black: Array) -> tuple[Transfer | None, str]:
     light = np.concatenate([np.maximum(pair.long - black[pair.site], 0.0) for pair in pairs])
     ratio = np.concatenate([np.full(len(pair.long), pair.ratio) for pair in pairs])
     variance = np.concatenate([pair.variance for pair in pairs])

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.sensor import darks, defects, flats, pattern
-from calib.sensor.flats import Falloff
+from calib.sensor.flats import FlatFalloff
 from calib.sensor.linearity import straightness
 from calib.sensor.photon_transfer import HIGHEST, SMALLEST, Points, Transfer, fit
 from calib.sensor.stack import Bool, Stack, sites, tiles
@@ -39,9 +39,9 @@ class Frames:
     few: Sequence[Sequence[npt.NDArray[np.uint16]]] = ()
 
 
-def measure(
+def measure_emva(
     frames: Frames, nominal: Nominal, iso: float | None, gain: Measured | None = None
-) -> tuple[SensorCalibration, Falloff | None]:
+) -> tuple[SensorCalibration, FlatFalloff | None]:
     """What the frames tell; the fall of light is that of the f-number of the flats.
 
     gain: as it is known from elsewhere, for darks without flats.

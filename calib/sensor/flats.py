@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.sensor.ceiling import MISSING, Ceiling, ceiling
-from calib.sensor.linearity import Levels
+from calib.sensor.linearity import LevelPairs
 from calib.sensor.stack import Bool, Stack, Tiles, sites, tiles
 
 Array = npt.NDArray[np.float64]
@@ -18,7 +18,7 @@ BINS = 12
 
 
 @dataclass(frozen=True)
-class Falloff:
+class FlatFalloff:
     """vignetting: (a, b, c) of `1 + a r^2 + b r^4 + c r^6`, r = 1 at the corner from the centre of the
     image; corner_error: standard error of its value at the corner."""
 
@@ -26,7 +26,7 @@ class Falloff:
     corner_error: float
 
 
-def falloff(flat: Stack, black: Array, usable: Bool) -> Falloff | None:
+def falloff(flat: Stack, black: Array, usable: Bool) -> FlatFalloff | None:
     """The fall of light towards the corners; None where the image is too small to tell.
 
     A uniform source is rarely quite uniform: a slope across the image is fitted along and left out.
@@ -55,7 +55,7 @@ def falloff(flat: Stack, black: Array, usable: Bool) -> Falloff | None:
     excess = max(float((weight * residual**2).sum()) / (len(light) - 9), 1.0)
     error = float(np.sqrt(inverse[:3, :3].sum() * excess))
     a, b, c = (float(value) for value in values[:3])
-    return Falloff((a, b, c), error)
+    return FlatFalloff((a, b, c), error)
 
 
 def plateau(flats: Sequence[Stack], black: Array, usable: Bool) -> Ceiling | None:
@@ -84,7 +84,7 @@ def plateau(flats: Sequence[Stack], black: Array, usable: Bool) -> Ceiling | Non
 
 def shared_levels(
     flats: Sequence[Stack], black: Array, usable: Bool, white: float, top: float
-) -> list[Levels]:
+) -> list[LevelPairs]:
     """What neighbouring flats share, for `linearity.straightness`; white, top: DN above black."""
     ordered = sorted(flats, key=lambda flat: flat.time)
     found = []
@@ -104,7 +104,7 @@ def _errors(cut: Tiles, good: npt.NDArray[np.bool_], stack: Stack) -> Array:
     return np.asarray((cut.variance / (cut.count * stack.frames))[good])
 
 
-def _binned(long: Array, short: Array, long_error: Array, short_error: Array, white: float) -> Levels:
+def _binned(long: Array, short: Array, long_error: Array, short_error: Array, white: float) -> LevelPairs:
     edges = np.quantile(long, np.linspace(0, 1, BINS + 1))
     bin_of = np.clip(np.searchsorted(edges, long, side="right") - 1, 0, BINS - 1)
     count = np.bincount(bin_of, minlength=BINS)
@@ -116,4 +116,4 @@ def _binned(long: Array, short: Array, long_error: Array, short_error: Array, wh
     l_mean, s_mean = mean(long)[filled], mean(short)[filled]
     number = count[filled]
     l_error, s_error = mean(long_error)[filled] / number, mean(short_error)[filled] / number
-    return Levels(l_mean / white, s_mean / white, np.sqrt(l_error / l_mean**2 + s_error / s_mean**2))
+    return LevelPairs(l_mean / white, s_mean / white, np.sqrt(l_error / l_mean**2 + s_error / s_mean**2))

@@ -22,7 +22,7 @@ LOWEST = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Levels:
+class LevelPairs:
     """Levels that two exposures share; float64 [N], relative to white.
 
     long, short: mean signals; error: standard error of `ln(long / short)`.
@@ -47,7 +47,7 @@ class Straightness:
         return abs(self.share) < max(DEVIATES, CERTAIN * self.error)
 
 
-def straightness(pairs: Sequence[Levels], black_error: float) -> Straightness | None:
+def straightness(pairs: Sequence[LevelPairs], black_error: float) -> Straightness | None:
     """The bend of a response; black_error: of the black level, relative to white. None if levels lack.
 
     Levels that are far off all others, as a moving thing makes them, count less (Huber).
@@ -57,7 +57,7 @@ def straightness(pairs: Sequence[Levels], black_error: float) -> Straightness | 
     for pair in pairs:
         good = (pair.long > LOWEST) & (pair.short > LOWEST / 20) & (pair.error < 0.05)
         if good.sum() >= 3:
-            kept.append(Levels(pair.long[good], pair.short[good], pair.error[good]))
+            kept.append(LevelPairs(pair.long[good], pair.short[good], pair.error[good]))
     if not kept:
         return None
     for index, pair in enumerate(kept):

@@ -11,7 +11,7 @@ from calib.data.views import View
 from calib.sensor import brackets, emva
 from calib.sensor.brackets import Blind
 from calib.sensor.emva import Frames, Nominal
-from calib.sensor.flats import Falloff
+from calib.sensor.flats import FlatFalloff
 from calib.sensor.linearity import straightness
 from calib.sensor.stack import Stack, gather
 from imaging.dial_settings import meant
@@ -32,7 +32,7 @@ COARSE = 8
 
 
 @dataclass(frozen=True)
-class Sensors:
+class MeasuredSensor:
     """What was measured of one camera.
 
     at: of every ISO that its shots have; nominal: what the files say, ISO by ISO; falloff: by flats of the
@@ -41,11 +41,11 @@ class Sensors:
 
     at: tuple[SensorCalibration, ...] = ()
     nominal: tuple[Nominal, ...] = ()
-    falloff: Falloff | None = None
+    falloff: FlatFalloff | None = None
     missing: tuple[str, ...] = ()
 
 
-def measure_sensors(session: Session, views: Sequence[View], progress: Progress) -> dict[str, Sensors]:
+def measure_sensors(session: Session, views: Sequence[View], progress: Progress) -> dict[str, MeasuredSensor]:
     """Every RAW camera of the session; InputError for a missing or damaged file."""
     cameras = [camera for camera in session.record.cameras if camera.kind == "raw"]
     found = {}
@@ -55,7 +55,7 @@ def measure_sensors(session: Session, views: Sequence[View], progress: Progress)
     return found
 
 
-def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Sensors:
+def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> MeasuredSensor:
     darks, flats = (
         [shot for shot in session.shots(kind) if shot.camera == camera.name] for kind in ("dark", "flat")
     )
@@ -73,7 +73,7 @@ def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Se
         if own[0] or own[1]:
             gain = _told(brackets.gain(blind.transfer)) if blind and blind.transfer else None
             frames = _frames(session, own[0], own[1], nominal)
-            measured, falloff = emva.measure(frames, nominal, iso, gain)
+            measured, falloff = emva.measure_emva(frames, nominal, iso, gain)
             if falloff is not None and fall is None:
                 stops = [
                     {shot.exposure.f_number for shot in shots if shot.exposure} for shots in (own[1], scene)
@@ -87,7 +87,7 @@ def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Se
         at.append(measured)
         nominals.append(nominal)
         missing += _lacking(camera.name, iso, measured, own, blind, bool(darks or flats))
-    return Sensors(
+    return MeasuredSensor(
         at=tuple(at),
         nominal=tuple(nominals),
         falloff=fall,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.sensor.measure import Sensors
+from calib.sensor.measure import MeasuredSensor
 from calib.sensor.rungs import rungs as sensor_rungs
 from imaging.colour import camera_from_rec709
 from imaging.errors import InputError
@@ -26,7 +26,7 @@ GUESSED_FOCAL = 1.2
 
 
 @dataclass(frozen=True)
-class Sensor:
+class CameraSensor:
     """One camera as its files describe it, and what was measured of it beyond that.
 
     noise: measured at the ISO of its shots, else from the DNG NoiseProfile; camera_from_rec709: from
@@ -37,10 +37,10 @@ class Sensor:
     camera_from_rec709: Matrix | None
     lens: Lens
     focal_known: bool
-    measured: Sensors = field(default_factory=Sensors)
+    measured: MeasuredSensor = field(default_factory=MeasuredSensor)
 
 
-def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> Sensor:
+def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> CameraSensor:
     """Read one shot of a camera; InputError if it is missing, damaged or not of the recorded size."""
     path = session.file(shot)
     noise = colour = None
@@ -70,17 +70,17 @@ def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> Sensor
         cx=shot.width / 2,
         cy=shot.height / 2,
     )
-    return Sensor(noise, colour, lens, focal is not None)
+    return CameraSensor(noise, colour, lens, focal is not None)
 
 
-def with_measured(sensor: Sensor, measured: Sensors, iso: float | None) -> Sensor:
+def with_measured(sensor: CameraSensor, measured: MeasuredSensor, iso: float | None) -> CameraSensor:
     """The sensor with the noise that was measured at the ISO of its shots, if any was."""
     own = at_iso(measured.at, iso)
     noise = None if own is None else own.noise()
     return replace(sensor, measured=measured, noise=noise or sensor.noise)
 
 
-def rungs(sensors: Mapping[str, Sensor]) -> tuple[Rung, ...]:
+def rungs(sensors: Mapping[str, CameraSensor]) -> tuple[Rung, ...]:
     """Where noise and colour come from; sensors: of the cameras that gave RAW, no others have any."""
     noisy = sum(sensor.noise is not None for sensor in sensors.values())
     coloured = sum(sensor.camera_from_rec709 is not None for sensor in sensors.values())

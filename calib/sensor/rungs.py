@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Literal
 
-from calib.sensor.measure import Sensors
+from calib.sensor.measure import MeasuredSensor
 from imaging.sensor import Measured, SensorCalibration
 from imaging.session.records import Rung
 
@@ -23,7 +23,7 @@ NAMES = frozenset(
 )
 
 
-def rungs(found: Mapping[str, Sensors], stated: int, total: int) -> tuple[Rung, ...]:
+def rungs(found: Mapping[str, MeasuredSensor], stated: int, total: int) -> tuple[Rung, ...]:
     """One rung for each thing that may be measured of sensors whose RAW is there; none if there is none.
 
     stated: cameras whose files name their noise, of all.
@@ -80,7 +80,7 @@ def _noise(at: list[SensorCalibration], stated: int, total: int, missing: str) -
     )
 
 
-def _black(found: Mapping[str, Sensors]) -> Rung:
+def _black(found: Mapping[str, MeasuredSensor]) -> Rung:
     shifts = [
         (abs(level.value - float(stated)), level)
         for own in found.values()
@@ -102,7 +102,7 @@ def _black(found: Mapping[str, Sensors]) -> Rung:
     )
 
 
-def _ceiling(found: Mapping[str, Sensors]) -> Rung:
+def _ceiling(found: Mapping[str, MeasuredSensor]) -> Rung:
     ends = [
         (sensor.ceiling, nominal.white)
         for own in found.values()
@@ -192,7 +192,7 @@ def _linearity(at: list[SensorCalibration]) -> Rung:
     )
 
 
-def _falloff(found: Mapping[str, Sensors]) -> Rung:
+def _falloff(found: Mapping[str, MeasuredSensor]) -> Rung:
     falls = [own.falloff for own in found.values() if own.falloff is not None]
     if not falls:
         return _not("sensor_falloff", "no flats tell the fall of light towards the corners")

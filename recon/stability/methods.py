@@ -9,10 +9,10 @@ import numpy.typing as npt
 import torch
 
 from imaging.cfa import Cfa, mosaic
-from imaging.extreme_case import Extreme
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import ImageKind
+from imaging.stress_case import StressCase
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import light_of, radiance_image
 from recon.data.pixels import Shot
@@ -43,7 +43,7 @@ MEDIAN, CHANGE, BLACK, WHITE = 0.5, 0.05, 0.02, 0.1
 changes; of the light in black frames, and of what white ones lack, both relative to white."""
 
 
-def methods(seed: int = 0, progress: Progress = unreported) -> Iterator[Extreme]:
+def methods(seed: int = 0, progress: Progress = unreported) -> Iterator[StressCase]:
     """Each method as usual, in other units of light, at exposures far apart, in the dark, all white."""
     for done, (name, kind) in enumerate(CASES):
         progress(f"methods: {name} from {kind}", done, len(CASES))
@@ -65,8 +65,8 @@ def methods(seed: int = 0, progress: Progress = unreported) -> Iterator[Extreme]
         yield _row(f"{of}, all white", "what is missing of white", max(float((1 - white).max()), 0.0), WHITE)
 
 
-def _row(case: str, what: str, error: float, limit: float) -> Extreme:
-    return Extreme.of("methods", case, what, "truth", error, limit)
+def _row(case: str, what: str, error: float, limit: float) -> StressCase:
+    return StressCase.of("methods", case, what, "truth", error, limit)
 
 
 def _miss(found: Float, true: Float) -> float:

@@ -13,8 +13,8 @@ import numpy as np
 import torch
 
 from imaging.compute import threads
-from imaging.extreme_case import Extreme
 from imaging.progress import Progress, unreported
+from imaging.stress_case import StressCase
 from recon.splat import Limits, Render, SplatCamera, rasterize
 from recon.splat.moved import DELTA
 from recon.splat.torch_threads import torch_on_one_thread
@@ -29,7 +29,7 @@ LAYERS = 1e-2
 """Of what a million faint layers before one pixel let through: their alphas alone have 24 bits."""
 
 
-def splatting(quick: bool, seed: int = 0, progress: Progress = unreported) -> Iterator[Extreme]:
+def splatting(quick: bool, seed: int = 0, progress: Progress = unreported) -> Iterator[StressCase]:
     """Every scene's image and gradients, a million layers by hand, and what may not change a bit."""
     scenes = cases(quick, seed)
     if quick:  # what another unit of light changes is asked below, to the bit
@@ -46,15 +46,15 @@ def splatting(quick: bool, seed: int = 0, progress: Progress = unreported) -> It
         if name.startswith("card"):
             with torch.no_grad():
                 image = draw(case, torch.float32, grad=False)[0].image
-            yield Extreme.of("splatting", name, "the card's light", "truth", _off(image), LAYERS)
+            yield StressCase.of("splatting", name, "the card's light", "truth", _off(image), LAYERS)
     layers = max(million().values())
-    yield Extreme.of("splatting", "a million Gaussians before one pixel", "all", "truth", layers, LAYERS)
+    yield StressCase.of("splatting", "a million Gaussians before one pixel", "all", "truth", layers, LAYERS)
     for changed, count in exactness(seed, quick).items():
-        yield Extreme.of("splatting", changed, "numbers that differ", "truth", float(count), 0.0)
+        yield StressCase.of("splatting", changed, "numbers that differ", "truth", float(count), 0.0)
 
 
-def _row(case: str, what: str, error: float, limit: float) -> Extreme:
-    return Extreme.of("splatting", case, what, "float64", error, limit)
+def _row(case: str, what: str, error: float, limit: float) -> StressCase:
+    return StressCase.of("splatting", case, what, "float64", error, limit)
 
 
 def _worst(figures: dict[str, Any], kind: str) -> float:

@@ -12,7 +12,7 @@ from rig.terminal.tables import table
 from rig.terminal.text import counted
 
 if TYPE_CHECKING:
-    from imaging.extreme_case import Extreme
+    from imaging.stress_case import StressCase
 
 PACKAGES = (
     "hdr-rig",
@@ -74,7 +74,7 @@ PARTS = ("calibration", "splatting", "methods")
 COLUMNS = ("Case", "Worst of", "Against", "Error", "Limit", "OK")
 
 
-def _stability_result(rows: "list[Extreme]") -> CommandResult:
+def _stability_result(rows: "list[StressCase]") -> CommandResult:
     """What came of the stress tests: all of them as a table, and the failures by name."""
     groups = [(part.capitalize(), [_row(case) for case in rows if case.part == part]) for part in PARTS]
     lines = table(groups, COLUMNS, {"Case": 3, "Worst of": 2})
@@ -89,7 +89,7 @@ def _stability_result(rows: "list[Extreme]") -> CommandResult:
     return CommandResult(data, lines, missing, defect=True)
 
 
-def _row(case: "Extreme") -> tuple[str, ...]:
+def _row(case: "StressCase") -> tuple[str, ...]:
     error = "not finite" if case.error is None else f"{case.error:.1e}"
     return case.case, case.what, case.against, error, f"{case.limit:.0e}", "yes" if case.ok else "NO"
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from imaging.extreme_case import Extreme
 from imaging.files import store
+from imaging.stress_case import StressCase
 from rig.stability import extremes
 
 ACCEPTED = Path(__file__).parents[2] / "bench" / "results" / "stability_accepted.json"
@@ -15,15 +15,15 @@ FACTOR, SHARE = 4.0, 0.01
 
 
 @pytest.fixture(scope="module")
-def rows() -> list[Extreme]:
+def rows() -> list[StressCase]:
     return list(extremes(quick=True))
 
 
-def test_every_extreme_is_within_its_limit(rows: list[Extreme]) -> None:
+def test_every_extreme_is_within_its_limit(rows: list[StressCase]) -> None:
     assert [row for row in rows if not row.ok] == []
 
 
-def test_no_extreme_is_worse_than_the_accepted_one(rows: list[Extreme]) -> None:
+def test_no_extreme_is_worse_than_the_accepted_one(rows: list[StressCase]) -> None:
     known = {(row["part"], row["case"], row["what"]): row for row in store.read_json(ACCEPTED)["extremes"]}
     assert {(row.part, row.case, row.what) for row in rows} == set(known), (
         "accept: bench/recon/stability.py --write"
@@ -31,7 +31,7 @@ def test_no_extreme_is_worse_than_the_accepted_one(rows: list[Extreme]) -> None:
     assert [row for row in rows if _worse(row, known[row.part, row.case, row.what]["error"])] == []
 
 
-def _worse(row: Extreme, accepted: float) -> bool:
+def _worse(row: StressCase, accepted: float) -> bool:
     return row.error is None or row.error > max(FACTOR * accepted, SHARE * row.limit)
 
 
@@ -44,13 +44,13 @@ def test_a_regression_would_be_seen() -> None:
     assert not _worse(made(0.0, limit=0.0), 0.0)
 
 
-def test_the_cases_are_different_ones(rows: list[Extreme]) -> None:
+def test_the_cases_are_different_ones(rows: list[StressCase]) -> None:
     assert len({(row.part, row.case, row.what) for row in rows}) == len(rows)
     assert {row.part for row in rows} == {"calibration", "splatting", "methods"}
 
 
-def made(error: float, limit: float = 1e-3) -> Extreme:
-    return Extreme.of("splatting", "a card", "pixels", "float64", error, limit)
+def made(error: float, limit: float = 1e-3) -> StressCase:
+    return StressCase.of("splatting", "a card", "pixels", "float64", error, limit)
 
 
 def test_the_doctor_shows_them_in_one_table(rig, monkeypatch: pytest.MonkeyPatch) -> None:

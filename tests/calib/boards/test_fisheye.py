@@ -8,7 +8,7 @@ import pytest
 from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
 from calib.boards.measure import DISAGREE, solve_group
-from calib.boards.start import begin
+from calib.boards.start import first_guess
 from calib.poses.bundle_adjustment import opencv_parameters, set_model
 from calib.poses.fisheye import may_be_fisheye, nearest_terms
 from calib.poses.known_rig import camera_of
@@ -56,8 +56,8 @@ def test_a_wide_lens_with_radial_terms_stays_what_it_is(stage: Stage) -> None:
     wide = stage_of(3)
     wide.rig.mounts = mounts
     seen = two(wide.seen(12))
-    start = begin(wide.board, seen, dict.fromkeys(("cam0", "cam1"), (WIDTH, HEIGHT)))
-    kept, solved = rig.clean(wide.board, seen, start, ladder.RICHEST)
+    start = first_guess(wide.board, seen, dict.fromkeys(("cam0", "cam1"), (WIDTH, HEIGHT)))
+    kept, solved = rig.drop_outliers(wide.board, seen, start, ladder.RICHEST)
     free, rungs = ladder.climb(wide.board, kept, solved, unreported)
     assert (rungs[-1].name, rungs[-1].taken) == ("lens_fisheye", False)
     assert free.model in ("SIMPLE_RADIAL", "RADIAL", "OPENCV")

@@ -7,7 +7,7 @@ import pytest
 from calib.boards import ladder, rig, uncertainty
 from calib.boards.corners import Corners
 from calib.boards.measure import DISAGREE, places_of, solve_group
-from calib.boards.start import begin
+from calib.boards.start import first_guess
 from drivers.sim.camera.lens import project
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
@@ -83,7 +83,9 @@ def test_wrong_corners_are_dropped_and_right_ones_kept(stage: Stage) -> None:
         key: Corners(corners.ids, corners.points + (3.0 * (corners.ids[:, None] == corners.ids[0])))
         for key, corners in seen.items()
     }
-    kept, _ = rig.clean(stage.board, spoiled, begin(stage.board, spoiled, stage.sizes), ladder.RICHEST)
+    kept, _ = rig.drop_outliers(
+        stage.board, spoiled, first_guess(stage.board, spoiled, stage.sizes), ladder.RICHEST
+    )
     for key, corners in kept.items():
         assert spoiled[key].ids[0] not in corners.ids
     right = sum(len(corners.ids) - 1 for corners in spoiled.values())
@@ -108,7 +110,7 @@ def test_cameras_that_share_no_view_are_named(stage: Stage) -> None:
 def test_too_few_views_say_what_to_shoot(stage: Stage) -> None:
     few = stage.seen(2)
     with pytest.raises(CalibrationError, match=r"in 3 frames or more.*about 25 frames"):
-        begin(stage.board, few, stage.sizes)
+        first_guess(stage.board, few, stage.sizes)
 
 
 def test_a_richer_lens_is_taken_when_it_is_there(stage: Stage) -> None:

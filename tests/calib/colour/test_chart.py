@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.colour.chart import Found, Missed, best, half, judge, locate, measure
-from calib.colour.fit import Model, Patches, held_out, of_camera
+from calib.colour.chart import Found, Missed, best, half, judge, locate, measure_patches
+from calib.colour.fit import ChartPatches, ColourModel, held_out, of_camera
 from calib.colour.reference import chart
 from imaging.cfa import Cfa
 from imaging.colour import camera_from_rec709
@@ -57,7 +57,7 @@ def test_vignetting_that_is_known_is_divided_out() -> None:
     merged = view(square_on(WIDTH, HEIGHT, 0.9), vignetting=-0.4)
     assert merged.cfa is not None
     (outlines, *_) = (2 * one for one in locate(half(merged.radiance, merged.cfa)))
-    bare, flat = measure(merged, outlines), measure(merged, outlines, (-0.4, 0.0, 0.0))
+    bare, flat = measure_patches(merged, outlines), measure_patches(merged, outlines, (-0.4, 0.0, 0.0))
     both = bare.usable & flat.usable
     spread = [np.ptp(np.log((one.rgb / OWN.camera)[both][:, 1])) for one in (bare, flat)]
     assert spread[0] > 0.1
@@ -106,7 +106,9 @@ def test_a_real_chart_is_found_and_fitted(real: Path) -> None:
     assert centre == pytest.approx((983, 777), abs=30)
     assert found.patches.usable.sum() >= 20
     files = of_camera(camera_from_rec709(raw.camera_from_xyz), balanced=True)
-    chosen, stated = (np.nanmean(held_out([found.patches], chart(), one)[0]) for one in (Model(), files))
+    chosen, stated = (
+        np.nanmean(held_out([found.patches], chart(), one)[0]) for one in (ColourModel(), files)
+    )
     assert chosen < 4.0
     assert chosen < stated - 1.0
 
@@ -115,7 +117,7 @@ def judged(rgb: np.ndarray, usable: np.ndarray | None = None) -> Found | Missed:
     everywhere = np.ones(24, bool) if usable is None else usable
     row, column = np.divmod(np.arange(24), 6)
     place = np.stack([column / 2.5 - 1, row / 1.5 - 1], axis=1)
-    return judge(Patches(rgb, 0.001 * rgb, place, everywhere), np.zeros((24, 4, 2)))
+    return judge(ChartPatches(rgb, 0.001 * rgb, place, everywhere), np.zeros((24, 4, 2)))
 
 
 def test_what_a_find_is_believed_by() -> None:

@@ -4,7 +4,7 @@ import colour
 import numpy as np
 import pytest
 
-from calib.colour.fit import Fit, Model, Patches, fit, held_out, of_camera
+from calib.colour.fit import ChartPatches, ColourModel, Fit, fit, held_out, of_camera
 from calib.colour.reference import EDITION, chart
 from imaging.colour import XYZ_FROM_REC709
 from imaging.colour_difference import delta_e, lab
@@ -16,8 +16,8 @@ PLACE = np.stack([COLUMN / 2.5 - 1, ROW / 1.5 - 1], axis=1)
 CAMERA = np.array([[0.34, 0.11, 0.02], [0.16, 0.72, 0.12], [0.02, 0.15, 0.44]])
 
 
-def patches(rgb: np.ndarray, noise: float = 1e-3, usable: np.ndarray | None = None) -> Patches:
-    return Patches(rgb, noise * rgb, PLACE, np.ones(24, bool) if usable is None else usable)
+def patches(rgb: np.ndarray, noise: float = 1e-3, usable: np.ndarray | None = None) -> ChartPatches:
+    return ChartPatches(rgb, noise * rgb, PLACE, np.ones(24, bool) if usable is None else usable)
 
 
 def test_the_published_chart_as_colour_science_has_it() -> None:
@@ -42,7 +42,7 @@ def test_lab_of_dark_and_negative_colours() -> None:
 
 def test_a_camera_that_is_a_matrix_is_found_exactly() -> None:
     camera = CAMERA / CAMERA[1].sum()
-    (found,) = fit([patches(chart() @ camera.T)], chart(), Model())
+    (found,) = fit([patches(chart() @ camera.T)], chart(), ColourModel())
     assert np.abs(found.camera_from_rec709 - camera).max() < 1e-5
     assert delta_e(found.colours(patches(chart() @ camera.T)), chart()).max() < 0.01
 
@@ -51,11 +51,11 @@ def test_light_that_grows_across_the_chart_is_found_and_divided_out() -> None:
     camera = CAMERA / CAMERA[1].sum()
     slope = np.array([0.2, -0.1])
     seen = patches(chart() @ camera.T * np.exp(PLACE @ slope)[:, None])
-    (found,) = fit([seen], chart(), Model(shaded=True))
+    (found,) = fit([seen], chart(), ColourModel(shaded=True))
     assert found.slope == pytest.approx(slope, abs=1e-3)
     assert np.abs(found.camera_from_rec709 - camera).max() < 2e-3
-    assert held_out([seen], chart(), Model())[0].mean() > 1.5
-    assert held_out([seen], chart(), Model(shaded=True))[0].mean() < 0.1
+    assert held_out([seen], chart(), ColourModel())[0].mean() > 1.5
+    assert held_out([seen], chart(), ColourModel(shaded=True))[0].mean() < 0.1
 
 
 @pytest.mark.parametrize(
@@ -66,14 +66,14 @@ def test_real_sensitivities_are_fitted_as_well_as_a_matrix_can(
     camera: str, illuminant: str, mean: float, largest: float
 ) -> None:
     own = world(camera, illuminant)
-    (errors,) = held_out([patches(own.camera)], own.truth, Model())
+    (errors,) = held_out([patches(own.camera)], own.truth, ColourModel())
     assert errors.mean() < mean
     assert errors.max() < largest
 
 
 def test_what_is_neutral_stays_neutral() -> None:
     own = world("nikon", "A")
-    (found,) = fit([patches(own.camera)], own.truth, Model())
+    (found,) = fit([patches(own.camera)], own.truth, ColourModel())
     assert found.matrix @ np.ones(3) == pytest.approx(np.ones(3), abs=1e-12)
     assert np.linalg.solve(found.camera_from_rec709, found.white) == pytest.approx([found.white[1]] * 3)
     # The greys reflect all wavelengths nearly alike, so they tell the light's own white.
@@ -85,7 +85,9 @@ def test_what_is_neutral_stays_neutral() -> None:
 @pytest.mark.parametrize("shaded", [False, True])
 def test_exposure_changes_nothing(shaded: bool) -> None:
     own = world("sigma", "D65")
-    fits = [fit([patches(gain * own.camera)], own.truth, Model(shaded=shaded))[0] for gain in (1.0, 0.125)]
+    fits = [
+        fit([patches(gain * own.camera)], own.truth, ColourModel(shaded=shaded))[0] for gain in (1.0, 0.125)
+    ]
     assert np.abs(fits[1].camera_from_rec709 - fits[0].camera_from_rec709).max() < 1e-6
     assert np.abs(fits[1].white - fits[0].white / 8).max() < 1e-6
 
@@ -95,11 +97,14 @@ def test_noisy_patches_count_for_less() -> None:
     rgb = chart() @ camera.T
     rgb[13] *= (1.0, 0.5, 1.0)
     sigma = 1e-3 * rgb
-    sure = Patches(rgb, sigma, PLACE, np.ones(24, bool))
+    sure = ChartPatches(rgb, sigma, PLACE, np.ones(24, bool))
     sigma = sigma.copy()
     sigma[13] = 0.5 * rgb[13]
-    noisy = Patches(rgb, sigma, PLACE, np.ones(24, bool))
-    off = [np.abs(fit([one], chart(), Model())[0].camera_from_rec709 - camera).max() for one in (sure, noisy)]
+    noisy = ChartPatches(rgb, sigma, PLACE, np.ones(24, bool))
+    off = [
+        np.abs(fit([one], chart(), ColourModel())[0].camera_from_rec709 - camera).max()
+        for one in (sure, noisy)
+    ]
     assert off[1] < off[0] / 3
 
 
@@ -107,12 +112,12 @@ def test_held_out_is_what_a_fit_without_the_patch_says() -> None:
     own = world("nikon", "D65")
     random = np.random.default_rng(1)
     seen = patches(own.camera * random.lognormal(0, 0.02, (24, 3)), 0.02)
-    (errors,) = held_out([seen], own.truth, Model())
-    (found,) = fit([seen.without(7)], own.truth, Model())
+    (errors,) = held_out([seen], own.truth, ColourModel())
+    (found,) = fit([seen.without(7)], own.truth, ColourModel())
     assert errors[7] == pytest.approx(float(delta_e(found.colours(seen)[7], own.truth[7])))
     missing = np.ones(24, bool)
     missing[3] = False
-    (errors,) = held_out([patches(own.camera, usable=missing)], own.truth, Model())
+    (errors,) = held_out([patches(own.camera, usable=missing)], own.truth, ColourModel())
     assert list(np.flatnonzero(np.isnan(errors))) == [3]
 
 
@@ -120,7 +125,7 @@ def test_two_cameras_share_a_matrix_and_keep_their_whites() -> None:
     camera = CAMERA / CAMERA[1].sum()
     tint = np.array([1.1, 1.0, 0.9])
     both = [patches(chart() @ camera.T), patches(chart() @ (tint[:, None] * camera).T)]
-    fits = fit(both, chart(), Model())
+    fits = fit(both, chart(), ColourModel())
     assert np.array_equal(fits[0].matrix, fits[1].matrix)
     assert fits[1].camera_from_rec709 == pytest.approx(tint[:, None] * fits[0].camera_from_rec709, rel=1e-6)
 

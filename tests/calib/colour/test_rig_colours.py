@@ -10,7 +10,7 @@ import pytest
 from calib.colour.recorded import balance, with_balance
 from calib.data.views import read_view, scene_views
 from calib.light.tracks import colour_at, light
-from calib.sensor.metadata import Sensor
+from calib.sensor.metadata import CameraSensor
 from imaging.files.colmap import pycolmap
 from imaging.merge.bracket import merge_bracket
 from imaging.mosaic import as_matrix
@@ -48,7 +48,7 @@ def tinted(arm: Path) -> CalibrationRecord:
         points = np.array([point.xy for point in places[view.id].points2D])
         colours[view.id] = colour_at(seen, points, 320, 240)
     lenses = {camera.name: camera.lens for camera in record.cameras}
-    found = {name: Sensor(None, matrix, lenses[name], True) for name, matrix in off.items()}
+    found = {name: CameraSensor(None, matrix, lenses[name], True) for name, matrix in off.items()}
     falloff = SimpleNamespace(vignetting={camera.name: camera.vignetting for camera in record.cameras})
     equal = balance(SimpleNamespace(reconstruction=model, lenses=lenses), colours, found, falloff, [])
     cameras = tuple(

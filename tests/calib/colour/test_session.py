@@ -9,7 +9,7 @@ import pytest
 
 from calib.calibrate import calibrate
 from calib.colour.chart import Found
-from calib.colour.fit import Patches
+from calib.colour.fit import ChartPatches
 from calib.colour.measure import Charts, colours
 from calib.colour.recorded import charts_of, rebalanced
 from calib.colour.reference import chart
@@ -175,7 +175,7 @@ def found_of(camera: np.ndarray, seed: int) -> Found:
     rgb = chart() @ camera.T * random.lognormal(0, 0.01, (24, 3))
     row, column = np.divmod(np.arange(24), 6)
     place = np.stack([column / 2.5 - 1, row / 1.5 - 1], axis=1)
-    return Found(Patches(rgb, 0.01 * rgb, place, np.ones(24, bool)), np.zeros((24, 4, 2)), 1.0)
+    return Found(ChartPatches(rgb, 0.01 * rgb, place, np.ones(24, bool)), np.zeros((24, 4, 2)), 1.0)
 
 
 def told_by_two(cameras: dict[str, np.ndarray]) -> Charts:

@@ -9,8 +9,8 @@ import pytest
 
 from calib.data.features import Features
 from calib.poses.brightness_steps import warning
-from calib.poses.contradictions import settle, unconfirmed
-from calib.poses.sfm import Model, solve
+from calib.poses.contradictions import resolve_contradictions, unconfirmed
+from calib.poses.sfm import SceneModel, solve
 from imaging.errors import CalibrationError
 from imaging.lens import Lens
 from imaging.progress import unreported
@@ -65,14 +65,14 @@ def pillar(alike: bool, lit: bool) -> tuple[dict, dict, Array]:
     return features, brightness, poses
 
 
-def placed(features: Mapping, brightness: Mapping) -> tuple[Model, Mapping]:
+def placed(features: Mapping, brightness: Mapping) -> tuple[SceneModel, Mapping]:
     """The model, and the pairs of views that match."""
-    with patch("calib.poses.sfm.settle", wraps=settle) as settled:
+    with patch("calib.poses.sfm.resolve_contradictions", wraps=resolve_contradictions) as settled:
         model = solve(features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness)
     return model, settled.call_args.args[2]
 
 
-def wrong(model: Model, poses: Array) -> list[int]:
+def wrong(model: SceneModel, poses: Array) -> list[int]:
     """The views that do not turn against their neighbours as they do in truth."""
     found = {view.frame: pose.matrix()[:3, :3] for view, pose in model.poses.items()}
     worlds = {frame: poses[frame, :3, :3].T @ turn for frame, turn in found.items()}
@@ -84,7 +84,7 @@ def wrong(model: Model, poses: Array) -> list[int]:
     return [frame for frame, own in worlds.items() if np.linalg.norm(own - worlds[best]) > 0.05]
 
 
-def rung(model: Model):
+def rung(model: SceneModel):
     return next(rung for rung in model.rungs if rung.name == "pose_contradictions")
 
 

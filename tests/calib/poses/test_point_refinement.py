@@ -5,7 +5,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calib.poses.point_refinement import align
+from calib.poses.point_refinement import refine_points
 from imaging.files.colmap import pycolmap
 from imaging.progress import unreported
 from imaging.session.view_id import ViewId
@@ -73,7 +73,7 @@ def test_places_that_are_half_a_pixel_off_come_back_to_a_few_hundredths() -> Non
     made, places = model(points)
     misplaced(made, places, 0.5)
     assert np.abs(errors(made, places)).mean() > 0.2
-    align(made, {view: picture(number, noise=1.0) for number, view in enumerate(VIEWS)}, unreported)
+    refine_points(made, {view: picture(number, noise=1.0) for number, view in enumerate(VIEWS)}, unreported)
     after = errors(made, places)
     assert len(after) > 0.9 * 120
     assert np.sqrt((after**2).mean()) < 0.05
@@ -86,7 +86,7 @@ def test_a_patch_that_shows_something_else_is_dropped() -> None:
     pictures = {view: picture(number, noise=2.0) for number, view in enumerate(VIEWS)}
     blank = np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH)).astype(np.uint8)
     pictures[VIEWS[2]] = cv2.imencode(".png", blank)[1].tobytes()
-    align(made, pictures, unreported)
+    refine_points(made, pictures, unreported)
     assert sum(point.has_point3D() for point in made.image(3).points2D) <= 2
     assert sum(point.has_point3D() for point in made.image(1).points2D) >= 36
 
@@ -95,7 +95,7 @@ def test_views_without_texture_leave_nothing_and_raise_nothing() -> None:
     points = np.column_stack([RNG.uniform((-1.5, -1.0), (1.5, 1.0), (20, 2)), np.zeros(20)])
     made, _ = model(points)
     grey = cv2.imencode(".png", np.full((HEIGHT, WIDTH), 128, np.uint8))[1].tobytes()
-    align(made, dict.fromkeys(VIEWS, grey), unreported)
+    refine_points(made, dict.fromkeys(VIEWS, grey), unreported)
     assert made.num_points3D() == 0
 
 
@@ -104,7 +104,7 @@ def test_views_without_a_picture_stay_as_they_are() -> None:
     made, places = model(points)
     misplaced(made, places, 0.3)
     before = [np.ravel(point.xy).tolist() for point in made.image(3).points2D]
-    align(made, {VIEWS[0]: picture(0, noise=1.0), VIEWS[1]: picture(1, noise=1.0)}, unreported)
+    refine_points(made, {VIEWS[0]: picture(0, noise=1.0), VIEWS[1]: picture(1, noise=1.0)}, unreported)
     assert [np.ravel(point.xy).tolist() for point in made.image(3).points2D] == before
-    align(made, {}, unreported)
+    refine_points(made, {}, unreported)
     assert all(point.has_point3D() for point in made.image(3).points2D)

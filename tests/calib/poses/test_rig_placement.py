@@ -12,8 +12,8 @@ from calib.light import vignetting
 from calib.light.radiometry import light_of
 from calib.poses import sfm
 from calib.poses.bundle_adjustment import Free
-from calib.poses.rig_placement import place
-from calib.poses.sfm import Model, centres, solve
+from calib.poses.rig_placement import place_by_rig
+from calib.poses.sfm import SceneModel, centres, solve
 from imaging.files import store
 from imaging.files.dng import write_dng
 from imaging.files.raw import read_raw
@@ -37,7 +37,7 @@ def shifted(name: str) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model() -> SceneModel:
     """Two cameras on an arc, one of which sees nothing at one frame."""
     features = {
         ViewId(frame, name): seen(rotation, translation + shifted(name), seed=2 * frame + (name == "left"))
@@ -48,9 +48,9 @@ def model() -> Model:
     return solve(features, {"left": GUESS, "right": GUESS}, [list(RIGS)], 1, unreported)
 
 
-def test_a_lost_view_is_placed_within_its_stated_error(model: Model) -> None:
+def test_a_lost_view_is_placed_within_its_stated_error(model: SceneModel) -> None:
     assert LOST not in model.poses
-    filled, placed = place(model, {*model.poses, LOST}, RIGS)
+    filled, placed = place_by_rig(model, {*model.poses, LOST}, RIGS)
     assert placed == {LOST}
     assert filled.points[LOST] == 0
     assert filled.errors is not None
@@ -80,17 +80,17 @@ def test_a_lost_view_is_placed_within_its_stated_error(model: Model) -> None:
     assert "0002/right" in rung.reason
 
 
-def test_what_no_rig_ties_stays_lost(model: Model) -> None:
+def test_what_no_rig_ties_stays_lost(model: SceneModel) -> None:
     every = {*model.poses, LOST}
     for rigs in ({}, {"left": "one", "right": "other"}):
-        assert place(model, every, rigs) == (model, frozenset())
-    assert place(replace(model, cam_from_rig={}), every, RIGS)[1] == frozenset()
+        assert place_by_rig(model, every, rigs) == (model, frozenset())
+    assert place_by_rig(replace(model, cam_from_rig={}), every, RIGS)[1] == frozenset()
     nobody = {key: pose for key, pose in model.poses.items() if key.frame != LOST.frame}
-    assert place(replace(model, poses=nobody), nobody.keys() | {LOST}, RIGS)[1] == frozenset()
+    assert place_by_rig(replace(model, poses=nobody), nobody.keys() | {LOST}, RIGS)[1] == frozenset()
 
 
-def test_a_model_too_poor_to_say_how_sure_it_is_places_all_the_same(model: Model) -> None:
-    filled, placed = place(replace(model, errors=None), [*model.poses, LOST], RIGS)
+def test_a_model_too_poor_to_say_how_sure_it_is_places_all_the_same(model: SceneModel) -> None:
+    filled, placed = place_by_rig(replace(model, errors=None), [*model.poses, LOST], RIGS)
     assert placed == {LOST}
     assert filled.errors is None
     assert isinstance(filled.poses[LOST], Pose)

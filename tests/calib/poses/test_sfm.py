@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.data.features import Features, Pair
+from calib.data.features import Features, MatchedPair
 from calib.data.matching import match
 from calib.poses.sfm import centres, solve
 from imaging.errors import CalibrationError
@@ -112,9 +112,11 @@ def test_a_turn_is_told_from_a_flat_scene():
         return FOCAL * points[:, :2] / points[:, 2:] + (WIDTH / 2, HEIGHT / 2)
 
     here = picture(flat, np.eye(3), ahead)
-    assert Pair(here, picture(flat, turned(10), turned(10) @ ahead), NO_INDEX).parallax(size, 2.0) < 2e-3
-    assert Pair(here, picture(flat, turned(10), ahead), NO_INDEX).parallax(size, 2.0) > 0.05
-    deep = Pair(picture(POINTS, np.eye(3), ahead), picture(POINTS, turned(24), ahead), NO_INDEX)
+    assert (
+        MatchedPair(here, picture(flat, turned(10), turned(10) @ ahead), NO_INDEX).parallax(size, 2.0) < 2e-3
+    )
+    assert MatchedPair(here, picture(flat, turned(10), ahead), NO_INDEX).parallax(size, 2.0) > 0.05
+    deep = MatchedPair(picture(POINTS, np.eye(3), ahead), picture(POINTS, turned(24), ahead), NO_INDEX)
     assert deep.parallax(size, 2.0) == float("inf")
 
 

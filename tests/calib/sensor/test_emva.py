@@ -23,7 +23,7 @@ def told(found: SensorCalibration, name: str) -> Measured:
 def test_every_value_is_close_and_as_close_as_it_says(shoot: Shoot, nominal: Nominal) -> None:
     for seed in range(2):
         _, frames = shoot(seed=seed)
-        found, _ = emva.measure(frames, nominal, 100.0)
+        found, _ = emva.measure_emva(frames, nominal, 100.0)
         assert found.iso == 100.0
         for name, allowed in (("gain", 0.01), ("read_noise", 0.02), ("prnu", 0.1), ("dark_current", 0.02)):
             value = told(found, name)
@@ -49,7 +49,7 @@ def test_white_may_end_before_the_nominal_one(shoot: Shoot, nominal: Nominal) ->
         (replace(MODEL, full_well=8000.0), 255.0 + 0.4 * 8000.0),
     ):
         _, frames = shoot(model)
-        found, _ = emva.measure(frames, nominal, 100.0)
+        found, _ = emva.measure_emva(frames, nominal, 100.0)
         ceiling = told(found, "ceiling")
         assert ceiling.value == pytest.approx(end, abs=1.0)
         white = found.levels().white
@@ -61,7 +61,7 @@ def test_white_may_end_before_the_nominal_one(shoot: Shoot, nominal: Nominal) ->
 
 def test_rows_that_shake_are_told_apart_from_photosites(shoot: Shoot, nominal: Nominal) -> None:
     _, frames = shoot(replace(MODEL, row_noise=1.0))
-    found, _ = emva.measure(frames, nominal, 100.0)
+    found, _ = emva.measure_emva(frames, nominal, 100.0)
     assert told(found, "row_noise").value == pytest.approx(1.0, rel=0.08)
     assert told(found, "read_noise").value == pytest.approx(3.0, rel=0.02)
     noise = found.noise()
@@ -73,13 +73,13 @@ def test_a_sensor_that_counts_coarsely(shoot: Shoot, nominal: Nominal) -> None:
     """A scatter of 0.2 DN: mean and variance of the numbers of darks are those of rounding."""
     model = replace(MODEL, gain=0.1, read_noise=2.0, full_well=38_000.0)
     _, frames = shoot(model)
-    found, _ = emva.measure(frames, nominal, 100.0)
+    found, _ = emva.measure_emva(frames, nominal, 100.0)
     assert told(found, "read_noise").value == pytest.approx(2.0, rel=0.02)
     assert told(found, "gain").value == pytest.approx(0.1, rel=0.015)
     assert found.black is not None
     for level, true in zip(found.black, model.black, strict=True):
         assert level.value == pytest.approx(true, abs=0.05)
-    blind, _ = emva.measure(Frames(frames.darks, frames.flats), nominal, 100.0)
+    blind, _ = emva.measure_emva(Frames(frames.darks, frames.flats), nominal, 100.0)
     assert blind.black is not None
     naive = max(abs(a.value - b) for a, b in zip(blind.black, model.black, strict=True))
     assert naive > 0.05, "what plain means say"
@@ -88,7 +88,7 @@ def test_a_sensor_that_counts_coarsely(shoot: Shoot, nominal: Nominal) -> None:
 def test_a_black_level_that_noise_reaches_below(shoot: Shoot) -> None:
     model = replace(MODEL, black=(1.5, 1.5, 1.2, 1.8))
     _, frames = shoot(model)
-    found, _ = emva.measure(frames, Nominal(np.full(4, 2.0), 4095.0), 100.0)
+    found, _ = emva.measure_emva(frames, Nominal(np.full(4, 2.0), 4095.0), 100.0)
     assert found.black is not None
     for level, true in zip(found.black, model.black, strict=True):
         assert level.value == pytest.approx(true, abs=0.05)
@@ -97,7 +97,7 @@ def test_a_black_level_that_noise_reaches_below(shoot: Shoot) -> None:
 
 def test_all_defects_and_no_others(shoot: Shoot, nominal: Nominal) -> None:
     sensor, frames = shoot(replace(MODEL, hot_current=400.0), seed=3)
-    found, _ = emva.measure(frames, nominal, 100.0)
+    found, _ = emva.measure_emva(frames, nominal, 100.0)
     assert found.defects is not None
     at = {(one.x, one.y): one.kind for one in found.defects}
     # 4 s of darks: a hundred electrons are far beyond 10 standard deviations.
@@ -113,7 +113,7 @@ def test_all_defects_and_no_others(shoot: Shoot, nominal: Nominal) -> None:
 
 def test_a_bent_response_is_recognised_and_straightened(shoot: Shoot, nominal: Nominal) -> None:
     _, frames = shoot(replace(MODEL, nonlinearity=0.02))
-    found, _ = emva.measure(frames, nominal, 100.0)
+    found, _ = emva.measure_emva(frames, nominal, 100.0)
     assert found.linear is False
     bend = told(found, "nonlinearity")
     assert abs(bend.value - 0.02) < 4 * bend.sigma < 0.01
@@ -122,7 +122,7 @@ def test_a_bent_response_is_recognised_and_straightened(shoot: Shoot, nominal: N
 
 def test_the_fall_of_light(shoot: Shoot, nominal: Nominal) -> None:
     _, frames = shoot()
-    _, fall = emva.measure(frames, nominal, 100.0)
+    _, fall = emva.measure_emva(frames, nominal, 100.0)
     assert fall is not None
     radius = np.linspace(0.1, 1.0, 10) ** 2
     a, b, c = fall.vignetting
@@ -135,7 +135,7 @@ def test_darks_alone_tell_black_and_defects_and_with_a_gain_the_read_noise(
 ) -> None:
     _, frames = shoot()
     alone = Frames(frames.darks)
-    found, fall = emva.measure(alone, nominal, None)
+    found, fall = emva.measure_emva(alone, nominal, None)
     assert fall is None
     assert found.black is not None
     assert found.defects
@@ -144,7 +144,7 @@ def test_darks_alone_tell_black_and_defects_and_with_a_gain_the_read_noise(
     assert abs(rough.value - 0.4) < 4 * rough.sigma, "the dark current has photon noise too"
     assert rough.source == "darks"
     gain = Measured(value=0.4, sigma=0.004, source="brackets")
-    known, _ = emva.measure(alone, nominal, None, gain)
+    known, _ = emva.measure_emva(alone, nominal, None, gain)
     read = told(known, "read_noise")
     assert read.value == pytest.approx(3.0, rel=0.02)
     assert read.sigma == pytest.approx(0.03, rel=0.2), "the gain's error is the read noise's"
@@ -152,7 +152,7 @@ def test_darks_alone_tell_black_and_defects_and_with_a_gain_the_read_noise(
 
 def test_flats_alone_tell_the_gain(shoot: Shoot, nominal: Nominal) -> None:
     _, frames = shoot(darks=False)
-    found, _ = emva.measure(frames, nominal, 100.0)
+    found, _ = emva.measure_emva(frames, nominal, 100.0)
     assert told(found, "gain").value == pytest.approx(0.4, rel=0.01)
     assert found.black is None
     assert found.dark_current is None
@@ -167,7 +167,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(nominal: Nominal) -> None
     for seed in range(60):
         sensor = SimulatedSensor(replace(MODEL, dsnu=0.2), 64, 64, seed, "interval")
         stacks = [dark_stack(sensor, seconds, 6, 10 * seed + i) for i, seconds in enumerate((0.01, 8.0))]
-        found, _ = emva.measure(Frames(stacks), nominal, 100.0, gain)
+        found, _ = emva.measure_emva(Frames(stacks), nominal, 100.0, gain)
         assert found.black is not None
         for value, true in (
             (found.black[0], MODEL.black[0]),

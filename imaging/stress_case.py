@@ -6,7 +6,7 @@ from typing import Any, Literal, Self
 
 
 @dataclass(frozen=True)
-class Extreme:
+class StressCase:
     """How wrong the worst number of a case is, and how wrong it may be.
 
     error: relative to the number itself, unless `what` says otherwise; None: something is not finite.
