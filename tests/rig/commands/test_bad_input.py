@@ -218,7 +218,7 @@ def refusing(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 WRITING = {
     "evaluate": ["evaluate", "{it}"],
     "render": ["render", "{it}", "--out", "{out}"],
-    "trade": ["trade", "{it}", "--budget", "1s"],
+    "trade": ["trade", "{it}", "--budget", "60s"],
     "demo": ["demo", "{out}"],
     "capture": ["capture", "--sim", "toy", "{out}"],
     "import": ["import", "{it}/raw/0000", "{out}"],
