@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from capture.record.source import CaptureRequest
 from imaging.files import store
 from rig.commands import demo
 from rig.terminal.result import CommandResult
@@ -170,7 +171,8 @@ class Steps:
 
     def note(self, monkeypatch: pytest.MonkeyPatch, name: str, outcome: CommandResult) -> None:
         def stand_in(*arguments: object, **options: object) -> CommandResult:
-            self.calls.append(f"{name} resume" if options.get("resume") else name)
+            resumed = any(isinstance(one, CaptureRequest) and one.resume for one in arguments)
+            self.calls.append(f"{name} resume" if resumed else name)
             self.budget = options.get("budget", getattr(self, "budget", None))
             return outcome
 

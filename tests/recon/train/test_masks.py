@@ -60,10 +60,13 @@ def quality(dataset, name) -> float:
 
 
 @pytest.mark.parametrize(
-    ("which", "name", "cost", "harm"), [("toy", "nh-3dgs", 0.8, 2.0), ("toy_ldr", "hdr-gs", 0.8, 0.2)]
+    ("which", "name", "cost", "harm"), [("toy", "nh-3dgs", 0.8, 2.0), ("toy_ldr", "hdr-gs", 1.2, 0.2)]
 )
 def test_what_is_masked_leaves_no_trace(which, name, cost, harm, request):
-    """A twelfth of every training view hidden costs little, not hidden more: means over three such."""
+    """A twelfth of every training view hidden costs little, not hidden more: means over three such.
+
+    Trainings of photographs scatter by 0.35 dB.
+    """
     dataset = load(request.getfixturevalue(which))
     clean = quality(dataset, name)
     masked, spoilt = (
