@@ -60,17 +60,20 @@ def quality(dataset, name) -> float:
 
 
 @pytest.mark.parametrize(
-    ("which", "name", "cost", "harm"), [("toy", "nh-3dgs", 0.8, 2.0), ("toy_ldr", "hdr-gs", 1.2, 0.2)]
+    ("which", "name", "cost", "harm", "paintings"),
+    [("toy", "nh-3dgs", 0.8, 2.0, 3), ("toy_ldr", "hdr-gs", 0.8, 0.2, 8)],
 )
-def test_what_is_masked_leaves_no_trace(which, name, cost, harm, request):
-    """A twelfth of every training view hidden costs little, not hidden more: means over three such.
+def test_what_is_masked_leaves_no_trace(which, name, cost, harm, paintings, request):
+    """A twelfth of every training view hidden costs little, not hidden more: means over paintings.
 
-    Trainings of photographs scatter by 0.35 dB.
+    Trainings of photographs scatter by 0.35 dB from one painting to the next, hence the more of them.
     """
     dataset = load(request.getfixturevalue(which))
     clean = quality(dataset, name)
     masked, spoilt = (
-        np.mean([quality(painted(dataset, masked=hidden, seed=seed), name) for seed in (4, 5, 6)])
+        np.mean(
+            [quality(painted(dataset, masked=hidden, seed=seed), name) for seed in range(4, 4 + paintings)]
+        )
         for hidden in (True, False)
     )
     assert masked > clean - cost
