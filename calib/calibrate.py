@@ -21,7 +21,7 @@ from calib.sensor.rungs import NAMES
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files import store
 from imaging.progress import Progress, unreported
-from imaging.session.calibration import CalibrationRecord, is_stale, read_calibration
+from imaging.session.calibration import COLOUR, CalibrationRecord, is_stale, read_calibration
 from imaging.session.records import Board, ShotRecord
 from imaging.session.session import Session
 
@@ -53,10 +53,13 @@ _PARTS: dict[Part, _Measures] = {
         light=True,
         chart=True,
         fields=("camera_from_rec709", "chart"),
-        rungs=frozenset({"camera_colour", *CHART_RUNGS}),
+        rungs=frozenset({COLOUR, *CHART_RUNGS}),
     ),
     "poses": _Measures(sensors=True, poses=True, scene="without a board"),
 }
+_STATED = ("noise", "camera_from_rec709")
+"""What the files of a camera may say of it, and no calibration has to measure."""
+_STATED_RUNGS = frozenset({"sensor_noise", COLOUR})
 
 
 def calibrate(
@@ -183,19 +186,22 @@ def _with_part(
     fresh = assemble(replace(evidence, views=()))
     if earlier is None:
         return fresh
+    # Poses that were given came without a look at what the files say of the cameras themselves.
+    stated = not any(rung.name == COLOUR for rung in earlier.rungs)
+    names = measures.rungs | (_STATED_RUNGS if stated else frozenset())
     cameras = []
     for camera in earlier.cameras:
         sensor = evidence.sensors.get(camera.name)
         flat = measures.sensors and sensor is not None and sensor.measured.falloff is not None
-        fields = (*measures.fields, "vignetting") if flat else measures.fields
+        fields = (*measures.fields, *(_STATED if stated else ()), *(("vignetting",) if flat else ()))
         new = fresh.camera(camera.name)
         cameras.append(camera.model_copy(update={field: getattr(new, field) for field in fields}))
-    kept = [rung for rung in earlier.rungs if rung.name not in measures.rungs]
+    kept = [rung for rung in earlier.rungs if rung.name not in names]
     update: dict[str, object] = {
         "created": fresh.created,
         "versions": fresh.versions,
         "cameras": tuple(cameras),
-        "rungs": (*(rung for rung in fresh.rungs if rung.name in measures.rungs), *kept),
+        "rungs": (*(rung for rung in fresh.rungs if rung.name in names), *kept),
     }
     if "response" in measures.fields:
         update["exposure_scale"] = fresh.exposure_scale

@@ -7,7 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.cfa import Cfa
+from imaging.colour import camera_from_rec709
 from imaging.exposure import Exposure
+from imaging.noise import SensorNoise
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 
@@ -61,6 +63,23 @@ class RawMosaic:
     noise_profile: tuple[float, float] | None = None
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
     black_offset: npt.NDArray[np.float32] | None = None
+
+    @property
+    def noise(self) -> SensorNoise | None:
+        """What `noise_profile` says, in DN; None if it says nothing."""
+        if self.noise_profile is None:
+            return None
+        return SensorNoise.from_profile(self.noise_profile, float(np.mean(self.black)), self.white)
+
+    @property
+    def camera_from_rec709(self) -> Matrix | None:
+        """3x3, linear Rec.709 to camera RGB, green row summing to 1; None if unknown or impossible."""
+        try:
+            return (
+                None if self.camera_from_xyz is None else as_matrix(camera_from_rec709(self.camera_from_xyz))
+            )
+        except ValueError:  # a matrix that cannot be one is as good as none
+            return None
 
     def black_map(self) -> npt.NDArray[np.float32]:
         """Black level of every photosite, DN, float32 [H, W]."""

@@ -12,7 +12,7 @@ from recon.data.dataset import load
 from recon.decide.budget import Budget
 from recon.decide.countdown import Countdown
 from recon.decide.decisions import Case, Decisions, Run, decide, iterations_at_most
-from recon.decide.method_choice import method_for, rungs
+from recon.decide.method_choice import method_for, rungs, uncoloured
 from recon.decide.overrides import Overrides
 from recon.decide.prediction import Prediction
 from recon.decide.presets import QUALITIES, START_SHARE, MethodName, Quality, QualityName
@@ -92,6 +92,11 @@ def reconstruct(
         if budget is not None and budget.unit == "dB" and not dataset.held_out:
             raise ReconstructionError(
                 f"{session} has too few views to hold one out and judge a budget in dB by it: give a time."
+            )
+        if (missing := uncoloured(dataset)) and ranks.first:
+            tell(
+                f"nothing tells the colour of {', '.join(missing)}: light stays camera RGB, unless a chart "
+                "(rig calibrate --only colour --chart) gives a matrix."
             )
         chosen, reasons = method_for(dataset, method)
         asked = asked_for(

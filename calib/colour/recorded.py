@@ -12,7 +12,7 @@ from calib.light.vignetting import DARKEST, Falloff
 from calib.poses.sfm import SceneModel
 from calib.sensor.metadata import CameraSensor
 from imaging.mosaic import Matrix, as_matrix
-from imaging.session.calibration import CalibrationRecord, CameraCalibration
+from imaging.session.calibration import COLOUR, CalibrationRecord, CameraCalibration
 from imaging.session.records import Rung
 from imaging.session.view_id import ViewId
 
@@ -84,12 +84,12 @@ def with_charts(record: CalibrationRecord, charts: Charts) -> CalibrationRecord:
         camera.model_copy(update={"chart": charts.evidence.get(camera.name)}) for camera in record.cameras
     )
     told = Rung(
-        name="camera_colour",
+        name=COLOUR,
         taken=True,
         reason=f"{len(charts.matrices)} of {len(record.cameras)} cameras by a colour chart that "
         f"{', '.join(sorted(charts.evidence))} saw",
     )
-    rungs = tuple(told if rung.name == "camera_colour" else rung for rung in record.rungs)
+    rungs = tuple(told if rung.name == COLOUR else rung for rung in record.rungs)
     return record.model_copy(update={"cameras": cameras, "rungs": (*rungs, *charts.rungs)})
 
 

@@ -4,18 +4,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from calib.sensor.measure import MeasuredSensor
 from calib.sensor.rungs import rungs as sensor_rungs
-from imaging.colour import camera_from_rec709
 from imaging.errors import InputError
 from imaging.files.photo import read_metadata
 from imaging.files.raw import read_raw
 from imaging.lens import Lens
-from imaging.mosaic import FrameMetadata, Matrix, as_matrix
+from imaging.mosaic import FrameMetadata, Matrix
 from imaging.noise import SensorNoise
 from imaging.sensor import at_iso
+from imaging.session.calibration import colour_rung
 from imaging.session.records import CameraRecord, Rung, ShotRecord
 from imaging.session.session import Session
 
@@ -53,10 +51,7 @@ def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> Camera
                 f"{path} has {width}x{height} pixels, its record says {shot.width}x{shot.height}: "
                 "restore the file or run `rig check --repair`."
             )
-        if raw.noise_profile is not None:
-            noise = SensorNoise.from_profile(raw.noise_profile, float(np.mean(raw.black)), raw.white)
-        if raw.camera_from_xyz is not None:
-            colour = _colour(raw.camera_from_xyz)
+        noise, colour = raw.noise, raw.camera_from_rec709
     else:
         metadata = read_metadata(path)
     focal = _focal(metadata, shot.width, shot.height)
@@ -83,27 +78,13 @@ def with_measured(sensor: CameraSensor, measured: MeasuredSensor, iso: float | N
 def rungs(sensors: Mapping[str, CameraSensor]) -> tuple[Rung, ...]:
     """Where noise and colour come from; sensors: of the cameras that gave RAW, no others have any."""
     noisy = sum(sensor.noise is not None for sensor in sensors.values())
-    coloured = sum(sensor.camera_from_rec709 is not None for sensor in sensors.values())
     total = len(sensors)
     if not total:
         return ()
     return (
         *sensor_rungs({name: sensor.measured for name, sensor in sensors.items()}, noisy, total),
-        Rung(
-            name="camera_colour",
-            taken=coloured > 0,
-            reason=f"matrix from XYZ as the files of {coloured} of {total} cameras say; not measured"
-            if coloured
-            else "the colour of the cameras is not known: their files name no matrix; a chart would tell it",
-        ),
+        colour_rung([sensor.camera_from_rec709 for sensor in sensors.values()]),
     )
-
-
-def _colour(camera_from_xyz: Matrix) -> Matrix | None:
-    try:
-        return as_matrix(camera_from_rec709(camera_from_xyz))
-    except ValueError:  # a matrix that cannot be one is as good as none
-        return None
 
 
 def _focal(metadata: FrameMetadata, width: int, height: int) -> float | None:

@@ -15,9 +15,17 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.colmap import pycolmap
 from imaging.files.exr import read_exr
+from imaging.files.raw import read_raw
 from imaging.lens import Lens
+from imaging.mosaic import RawMosaic
 from imaging.pose import Pose
-from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
+from imaging.session.calibration import (
+    CalibrationRecord,
+    CameraCalibration,
+    Response,
+    ViewCalibration,
+    colour_rung,
+)
 from imaging.session.records import CameraRecord, Rung, ShotRecord
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
@@ -81,6 +89,7 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
         if photo.cam_from_world is not None
     )
     every = {shot.view for _, shot in taken}
+    stated = _stated(session, [shot for _, shot in taken])
     record = CalibrationRecord(
         created=datetime.now(UTC),
         versions={name: version(name) for name in ("hdr-rig", "pycolmap", "numpy")},
@@ -92,6 +101,10 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
                 lens=lenses.get(camera.name),
                 cam_from_rig=_in_rig(camera, given, posed),
                 response=_response(camera),
+                noise=None if camera.name not in stated else stated[camera.name].noise,
+                camera_from_rec709=None
+                if camera.name not in stated
+                else stated[camera.name].camera_from_rec709,
             )
             for camera in session.record.cameras
         ),
@@ -100,7 +113,10 @@ def write_given(session: Session, given: Given, places: Sequence[Place]) -> Cali
         points=int(model.num_points3D()),
         reprojection_px=float(model.compute_mean_reprojection_error()) if any(points_of.values()) else None,
         exposure_scale={shot.file: _scale(session, shot) for _, shot in taken},
-        rungs=(Rung(name="poses", taken=True, reason=f"given by {given.teller}, not measured"),),
+        rungs=(
+            Rung(name="poses", taken=True, reason=f"given by {given.teller}, not measured"),
+            *([colour_rung([raw.camera_from_rec709 for raw in stated.values()])] if stated else []),
+        ),
     )
     with store.replacing(session.folder / "calibration") as part:
         part.mkdir()
@@ -171,6 +187,15 @@ def _response(camera: CameraRecord) -> Response:
         return Response(kind="srgb", evidence="taken as sRGB; rig calibrate --only response measures it")
     what = "RAW" if camera.kind == "raw" else "EXR"
     return Response(kind="linear", evidence=f"{what}, taken as linear and not checked")
+
+
+def _stated(session: Session, shots: Sequence[ShotRecord]) -> dict[str, RawMosaic]:
+    """Of each camera that gave RAW the first shot, whose file says what noise and colours are."""
+    first: dict[str, ShotRecord] = {}
+    for shot in shots:
+        if session.camera(shot.camera).kind == "raw":
+            first.setdefault(shot.camera, shot)
+    return {name: read_raw(session.file(shot)) for name, shot in first.items()}
 
 
 def _scale(session: Session, shot: ShotRecord) -> float:

@@ -1,6 +1,7 @@
 """`calibration/calibration.json`: what `rig calibrate` found, for every later stage to read."""
 
 import shlex
+from collections.abc import Collection
 from datetime import datetime
 from pathlib import Path
 from typing import Literal
@@ -12,6 +13,7 @@ from pydantic import Field
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.lens import Lens
+from imaging.mosaic import Matrix
 from imaging.noise import SensorNoise
 from imaging.pose import Pose
 from imaging.record import Record, parse
@@ -169,6 +171,8 @@ class ViewCalibration(Record):
         return ViewId(self.frame, self.camera)
 
 
+COLOUR = "camera_colour"
+"""The rung that says where the colours of RAW cameras come from."""
 _DOUBTS = frozenset({"pose_lit_differently", "pose_unconfirmed"})
 
 
@@ -208,6 +212,18 @@ class CalibrationRecord(Record):
             if camera.name == name:
                 return camera
         raise InputError(f"calibration.json has no camera {name!r}: run `rig calibrate` again.")
+
+
+def colour_rung(matrices: Collection[Matrix | None]) -> Rung:
+    """Where the colours of RAW cameras come from that no chart told; matrices: what the files of each say."""
+    known = sum(matrix is not None for matrix in matrices)
+    reason = f"matrix from XYZ as the files of {known} of {len(matrices)} cameras say; not measured"
+    if not known:
+        reason = (
+            "the colour of the cameras is not known, so that their light stays camera RGB: their files name "
+            "no matrix; a chart would tell it"
+        )
+    return Rung(name=COLOUR, taken=known > 0, reason=reason)
 
 
 def read_calibration(session: str | Path) -> CalibrationRecord:

@@ -76,6 +76,7 @@ def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
     photographed = linear and any(view.sensor.kind == "ldr" for view in dataset.views)
     return (
         *((_grid(Curves.of(dataset)),) if photographed else ()),
+        *_colours(dataset),
         _rung(
             "one-sided saturation",
             clipped > 0,
@@ -90,6 +91,25 @@ def rungs(dataset: Dataset, method: str) -> tuple[Rung, ...]:
         ),
         _rung("camera gains", linear and span > 0, f"cameras differ by up to {span:.3f} stops"),
     )
+
+
+def uncoloured(dataset: Dataset) -> list[str]:
+    """Cameras that gave RAW and whose colour nothing tells: their light is taken as it is, in camera RGB."""
+    named = {camera.name for camera in dataset.calibration.cameras if camera.camera_from_rec709 is not None}
+    raw = dict.fromkeys(view.camera for view in dataset.views if view.sensor.kind == "raw")
+    return [name for name in raw if name not in named]
+
+
+def _colours(dataset: Dataset) -> tuple[Rung, ...]:
+    """Whether RAW light becomes Rec.709."""
+    raw = {view.camera for view in dataset.views if view.sensor.kind == "raw"}
+    if not raw:
+        return ()
+    missing = uncoloured(dataset)
+    reason = f"{len(raw) - len(missing)} of {len(raw)} RAW cameras have a matrix to linear Rec.709"
+    if missing:
+        reason += f"; light of {', '.join(missing)} stays camera RGB"
+    return (_rung("camera colour", len(missing) < len(raw), reason),)
 
 
 def _grid(curves: Curves) -> Rung:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,16 +15,30 @@ from calib.light.radiometry import light_of
 from calib.poses import sfm
 from calib.poses.bundle_adjustment import Free
 from calib.view_images import ViewSummary, summarise
+from imaging.cfa import Cfa
+from imaging.colour import REC709_FROM_XYZ
 from imaging.errors import InputError
+from imaging.exposure import Exposure
 from imaging.files import store
 from imaging.files.colmap import pycolmap, read_points
+from imaging.mosaic import RawMosaic, as_matrix
+from imaging.noise import SensorNoise
 from imaging.pose import Pose
 from imaging.progress import unreported
-from imaging.session.calibration import is_stale, read_calibration
+from imaging.session.calibration import (
+    CalibrationRecord,
+    CameraCalibration,
+    Response,
+    is_stale,
+    read_calibration,
+)
+from imaging.session.records import Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from recon.data.truth import calibration_errors
+from tests.calib.conftest import make_session
 
+COLOUR_MATRIX = np.array([[0.5, 0.2, 0.05], [0.15, 0.75, 0.1], [0.05, 0.2, 0.55]])
 TRUE_POSE_DEG, TRUE_POSE_RELATIVE = 0.1, 0.01
 
 
@@ -165,6 +180,43 @@ def test_one_part_is_measured_again_and_the_rest_stays(own_arm: Path, part: str)
         assert (now.noise == then.noise) == (part == "sensor")
         assert (now.camera_from_rec709 == then.camera_from_rec709) == (part == "colour")
     assert sorted(r.name for r in after.rungs) == sorted(r.name for r in before.rungs)
+
+
+def test_beside_poses_that_were_given_the_files_tell_noise_and_colours(tmp_path: Path) -> None:
+    """Nobody looked at what the files say of the camera; what a calibration did judge stays as it is."""
+    rng, noise = np.random.default_rng(0), SensorNoise(gain=0.4, read_noise=3.0)
+    stated = as_matrix(COLOUR_MATRIX @ REC709_FROM_XYZ)
+    shots = [
+        (
+            RawMosaic(
+                rng.poisson(400 * time, (48, 64)).astype(np.uint16), Cfa.RGGB, (0.0,) * 4, 4095,
+                camera_from_xyz=stated, noise_profile=noise.profile(0.0, 4095.0),
+            ),
+            Exposure(time=time),
+        )
+        for time in (1.0, 4.0)
+    ]  # fmt: skip
+    made = make_session(tmp_path / "S", [shots])
+    camera = CameraCalibration(name="cam", serial="cam", response=Response(kind="linear", evidence="RAW"))
+    given = Rung(name="poses", taken=True, reason="given")
+    record = CalibrationRecord(
+        created=datetime.now(UTC), versions={}, shots_sha256=store.sha256(made / "shots.jsonl"),
+        cameras=(camera,), views=(), exposure_scale={}, rungs=(given,),
+    )  # fmt: skip
+    path = made / "calibration" / "calibration.json"
+    store.write_json(path, record.model_dump(mode="json"))
+    after = calibrate(made, only="response", progress=unreported)
+    (found,) = after.cameras
+    np.testing.assert_allclose(found.camera_from_rec709, COLOUR_MATRIX, atol=1e-3)
+    assert found.noise is not None
+    assert found.noise.gain == pytest.approx(0.4, rel=1e-3)
+    rungs = {rung.name: rung for rung in after.rungs}
+    assert "files of 1 of 1 cameras" in rungs["camera_colour"].reason
+    assert rungs["poses"] == given
+    judged = Rung(name="camera_colour", taken=False, reason="judged")
+    spoiled = after.model_copy(update={"cameras": (camera,), "rungs": (given, judged)})
+    store.write_json(path, spoiled.model_dump(mode="json"))
+    assert calibrate(made, only="response", progress=unreported).cameras[0].camera_from_rec709 is None
 
 
 def test_response_alone_needs_no_poses(own_arm: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from recon.data.dataset import load
 from recon.data.light import light_of, radiance_image
-from recon.decide.method_choice import chosen_method, rungs
+from recon.decide.method_choice import chosen_method, rungs, uncoloured
 from recon.observe.calibrated_curves import Curves, tone_curve
 from recon.observe.tone_grid import EXACT, Grid, curve_values, sampled
 
@@ -59,3 +59,18 @@ def test_no_grid_where_no_curve_is_learned(photographs, toy_dataset):
     assert chosen_method(toy_dataset)[0] == "nh-3dgs"
     assert "tone grid" not in {one.name for one in rungs(photographs, "vanilla")}
     assert "tone grid" not in {one.name for one in rungs(toy_dataset, "nh-3dgs")}
+
+
+def test_raw_without_a_matrix_is_said_to_stay_camera_rgb(toy_dataset):
+    def rung(dataset):
+        (one,) = (one for one in rungs(dataset, "nh-3dgs") if one.name == "camera colour")
+        return one
+
+    cameras = toy_dataset.calibration.cameras
+    assert uncoloured(toy_dataset) == []
+    assert rung(toy_dataset).taken
+    bare = tuple(camera.model_copy(update={"camera_from_rec709": None}) for camera in cameras)
+    without = replace(toy_dataset, calibration=toy_dataset.calibration.model_copy(update={"cameras": bare}))
+    assert uncoloured(without) == list(dict.fromkeys(view.camera for view in without.views))
+    assert not rung(without).taken
+    assert "stays camera RGB" in rung(without).reason

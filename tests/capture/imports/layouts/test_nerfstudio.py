@@ -13,9 +13,14 @@ from scipy.spatial.transform import Rotation
 from capture.imports.layouts import nerfstudio
 from capture.imports.layouts.ply_points import read_ply_points
 from capture.imports.photos import import_photos
+from imaging.cfa import Cfa
+from imaging.colour import camera_from_rec709
 from imaging.errors import InputError, PartialError
 from imaging.files.colmap import pycolmap, read_points
+from imaging.files.dng import encode_dng
 from imaging.files.photo import encode_png
+from imaging.mosaic import RawMosaic, as_matrix
+from imaging.noise import SensorNoise
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
 from recon.data.dataset import load
@@ -328,3 +333,24 @@ def test_a_point_file_cut_off_anywhere_is_refused(tmp_path, form):
         read_ply_points(path)
     with pytest.raises(InputError, match="leads out of"):
         imported(scene(tmp_path / "n", LENS | {"ply_file_path": "../p.ply", "frames": frames()}))
+
+
+def test_raw_brings_the_colours_and_the_noise_that_its_files_state(tmp_path):
+    """A scene is trained on it at once: light in camera RGB would look like light."""
+    matrix = np.array([[0.6, 0.2, 0.1], [0.2, 0.7, 0.1], [0.0, 0.2, 0.6]])
+    profile = SensorNoise(gain=0.5, read_noise=2.0).profile(64.0, 4095.0)
+    pixels = np.random.default_rng(0).integers(64, 4000, (48, 64), dtype=np.uint16)
+    raw = RawMosaic(
+        pixels, Cfa.RGGB, (64.0,) * 4, 4095, camera_from_xyz=as_matrix(matrix), noise_profile=profile
+    )
+    value = {"frames": [one | {"file_path": f"images/{n}.dng"} for n, one in enumerate(frames())]}
+    folder = scene(tmp_path / "n", LENS | value, photos=0)
+    for n in range(4):
+        (folder / "images" / f"{n}.dng").write_bytes(encode_dng(raw))
+    _, session, _ = imported(folder)
+    record = read_calibration(session.folder)
+    (camera,) = record.cameras
+    np.testing.assert_allclose(camera.camera_from_rec709, camera_from_rec709(matrix), atol=1e-3)
+    assert camera.noise is not None
+    assert camera.noise.gain == pytest.approx(0.5, rel=1e-3)
+    assert [rung.name for rung in record.rungs if rung.taken] == ["poses", "camera_colour"]
