@@ -214,7 +214,7 @@ def _with_points(given: Given, names: Mapping[Path, str]) -> Any | None:
     model = read_model(given.model)
     free = set(names.values())
     for _, image in sorted(model.images.items()):
-        name = names.get(given.images / image.name)
+        name = names.get(given.developed.get(image.name, given.images / image.name))
         if name in free:
             free.remove(name)
             image.name = name

@@ -10,7 +10,7 @@ from rig.commands.options import JsonOption
 from rig.terminal.result import CommandResult, missing_parts, removed_on_failure, running
 from rig.terminal.text import command_line, counted
 
-Layout = Literal["photos", "nerfstudio", "colmap", "hdr-nerf"]
+Layout = Literal["photos", "nerfstudio", "colmap", "hdr-nerf", "rawnerf", "llff"]
 Identity = Literal["serial", "folder", "one"]
 Together = Literal["time", "order", "never"]
 
@@ -20,7 +20,8 @@ def import_(
         Path,
         typer.Argument(
             metavar="PHOTOS",
-            help="Folder of RAW, JPEG, PNG, TIFF, EXR or HDR files; or nerfstudio, COLMAP or HDR-NeRF scene.",
+            help="Folder of RAW, JPEG, PNG, TIFF, EXR or HDR files; or scene of nerfstudio, COLMAP, LLFF, "
+            "HDR-NeRF or RawNeRF.",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make.")],
@@ -50,8 +51,8 @@ def import_(
     """Make a session of photographs.
 
     They are copied, and sorted into cameras, frames and brackets by what their files say; every
-    guess is listed. Lenses, poses and scene points of a nerfstudio, COLMAP or HDR-NeRF folder
-    are kept, so that it can be reconstructed at once.
+    guess is listed. Lenses, poses and scene points of a nerfstudio, COLMAP, LLFF, HDR-NeRF or
+    RawNeRF folder are kept, so that it can be reconstructed at once.
 
     Example: rig import photos/ S
     """

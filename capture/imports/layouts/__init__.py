@@ -7,7 +7,7 @@ layout only names photographs and says things about them; reading and sorting th
 from pathlib import Path
 from typing import get_args
 
-from capture.imports.layouts import colmap, hdr_nerf, nerfstudio
+from capture.imports.layouts import colmap, hdr_nerf, llff, nerfstudio, rawnerf
 from capture.imports.layouts.given import Given, LayoutName
 from imaging.errors import InputError
 
@@ -16,9 +16,13 @@ def detect(folder: Path) -> LayoutName:
     """The layout of a folder; 'photos' for one that holds photographs and nothing known beside them."""
     if hdr_nerf.is_one(folder):
         return "hdr-nerf"
+    if rawnerf.is_one(folder):
+        return "rawnerf"
     if colmap.model_folder(folder) is not None:
         return "colmap"
-    return "nerfstudio" if nerfstudio.is_one(folder) else "photos"
+    if nerfstudio.is_one(folder):
+        return "nerfstudio"
+    return "llff" if llff.is_one(folder) else "photos"
 
 
 def read_layout(folder: Path, name: LayoutName) -> Given | None:
@@ -29,7 +33,13 @@ def read_layout(folder: Path, name: LayoutName) -> Given | None:
     """
     if name == "photos":
         return None
-    readers = {"nerfstudio": nerfstudio.read, "colmap": colmap.read, "hdr-nerf": hdr_nerf.read}
+    readers = {
+        "nerfstudio": nerfstudio.read,
+        "colmap": colmap.read,
+        "hdr-nerf": hdr_nerf.read,
+        "rawnerf": rawnerf.read,
+        "llff": llff.read,
+    }
     if name not in readers:
         raise InputError(f"{name!r} is no layout: give one of {', '.join(get_args(LayoutName))}.")
     return readers[name](folder)

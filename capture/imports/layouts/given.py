@@ -1,6 +1,7 @@
 """What a layout tells about photographs, and the checks that every layout shares."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -15,7 +16,7 @@ from imaging.exposure import Exposure
 from imaging.lens import Lens, LensModel
 from imaging.pose import Pose
 
-LayoutName = Literal["photos", "nerfstudio", "colmap", "hdr-nerf"]
+LayoutName = Literal["photos", "nerfstudio", "colmap", "hdr-nerf", "rawnerf", "llff"]
 
 Array = npt.NDArray[np.float64]
 
@@ -53,10 +54,11 @@ class Given:
     """A layout that was read. photos: in order.
 
     source: the file that most was read from. model: folder of a COLMAP model with scene points, whose
-    names are relative to `images`. rigs: of cameras that are mounted to each other, the name of their
-    rig and `cam_from_rig`. points: float64 [P, 3], world, of scene points that come alone. truth: true
-    light of a frame, linear EXR. missing: a sentence for each photograph that is named and not there.
-    notes: what was assumed, or could not be kept.
+    names are relative to `images`. developed: the photograph that each of the model's images was made of,
+    where they are copies; empty: they are the photographs. rigs: of cameras that are mounted to each other,
+    the name of their rig and `cam_from_rig`. points: float64 [P, 3], world, of scene points that come
+    alone. truth: true light of a frame, linear EXR. missing: a sentence for each photograph that is named
+    and not there. notes: what was assumed, or could not be kept.
     """
 
     layout: LayoutName
@@ -64,6 +66,7 @@ class Given:
     photos: tuple[GivenPhoto, ...]
     model: Path | None = None
     images: Path | None = None
+    developed: Mapping[str, Path] = field(default_factory=dict)
     rigs: dict[str, tuple[str, Pose]] = field(default_factory=dict)
     points: Array | None = None
     truth: dict[int, Path] = field(default_factory=dict)

@@ -19,15 +19,12 @@ import re
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-import numpy.typing as npt
-
 from capture.imports.layouts import colmap
-from capture.imports.layouts.given import OPENCV_FROM_OPENGL, Given, GivenPhoto, inverse, lens_of, pose_of
+from capture.imports.layouts.given import Given, GivenPhoto
+from capture.imports.layouts.llff import lens_of_rows, pose_of_row, read_rows
 from capture.imports.layouts.nerfstudio import PosedFrame, entries
 from capture.imports.originals import pictures_in, shown
 from capture.pictures.read import kind_of
-from imaging.compute.memory import check
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import store
@@ -35,14 +32,13 @@ from imaging.lens import Lens
 from imaging.pose import Pose
 
 ARRAY = "poses_bounds_exps.npy"
+COLUMNS = 18
 
 RENDERED_TIMES = (0.125, 0.5, 2.0, 8.0, 32.0)
 """Seconds; of the rendered scenes in the form of HDR-GS, which states them in its code alone."""
 
 _FOLDERS = ("input_images", "images")
 _NAME = re.compile(r"(.+)_(\d{1,3})")
-
-Array = npt.NDArray[np.float64]
 
 
 def is_one(folder: Path) -> bool:
@@ -183,61 +179,24 @@ def _photographed(folder: Path) -> Given:
         raise InputError(f"{folder} has no input_images/ beside {ARRAY}: copy it there.")
     views = _views(root)
     ordered = sorted((path for group in views.values() for path in group), key=lambda path: path.name)
-    table = _table(source)
+    table = read_rows(source, COLUMNS)
     if len(table) != len(ordered):
         raise InputError(
             f"{source} has {len(table)} rows for {len(ordered)} photos in {root}: "
             "there has to be one for each."
         )
     row = dict(zip(ordered, range(len(table)), strict=True))
-    lens = _llff_lens(table, source)
+    lens = lens_of_rows(table, source)
     photos, tested = [], _tested(views)
     for frame, (view, group) in enumerate(views.items()):
         # One tripod, but every photograph got a pose of its own: the middle exposure shows most.
         middle = row[group[len(group) // 2]]
-        pose = _llff_pose(table[middle], f"row {middle} of {source}")
+        pose = pose_of_row(table[middle, :15].reshape(3, 5), f"row {middle} of {source}")
         for step, path in enumerate(group):
             time = _seconds(table[row[path], -1], f"row {row[path]} of {source}")
             use = _use(view in tested, step)
             photos.append(GivenPhoto(path, "0", lens, pose, Exposure(time=time), frame, use))
     return Given("hdr-nerf", source, tuple(photos))
-
-
-def _table(path: Path) -> Array:
-    """The rows of `poses_bounds_exps.npy`, float64 [N, 18]."""
-    try:
-        # mapped, so that a shape that the file does not hold takes no memory
-        stored = np.load(path, mmap_mode="r", allow_pickle=False)
-        if not isinstance(stored, np.ndarray) or stored.dtype.kind not in "fiu":
-            raise TypeError
-        check(f"{path} has {stored.size} numbers", 8 * stored.size)
-        table = stored.astype(np.float64)
-    except (OSError, ValueError, TypeError, EOFError, MemoryError, SyntaxError) as error:
-        raise InputError(f"{path} cannot be read as an array of numbers: export it again.") from error
-    if table.ndim != 2 or table.shape[1] != 18 or not len(table):
-        raise InputError(f"{path} has the shape {list(table.shape)}, not [photos, 18]: export it again.")
-    return table
-
-
-def _llff_pose(row: Array, where: str) -> Pose:
-    """LLFF's camera axes are x down, y right, z back."""
-    columns = row[:15].reshape(3, 5)
-    world_from_cam = np.eye(4)
-    world_from_cam[:3] = np.stack([columns[:, 1], -columns[:, 0], columns[:, 2], columns[:, 3]], axis=1)
-    return pose_of(OPENCV_FROM_OPENGL @ inverse(world_from_cam, where), where)
-
-
-def _llff_lens(table: Array, source: Path) -> Lens:
-    stated = table[:, [4, 9, 14]]
-    if not np.isfinite(stated).all() or np.ptp(stated, axis=0).max() > 1e-3:
-        raise InputError(f"{source} has photos of more than one size or focal length: use --layout photos.")
-    height, width, focal = stated[0].tolist()
-    if not (0.5 < height < 1e6 and 0.5 < width < 1e6):
-        raise InputError(f"{source} has photos of {width:g}x{height:g} pixels: export it again.")
-    size = (round(width), round(height))
-    return lens_of(
-        "PINHOLE", size, {"fx": focal, "fy": focal, "cx": size[0] / 2, "cy": size[1] / 2}, f"{source}"
-    )
 
 
 def _handed_on(folder: Path) -> Given:
@@ -277,7 +236,7 @@ def _times_of(folder: Path, root: Path, views: dict[str, list[Path]]) -> tuple[d
     ordered = sorted((path for group in views.values() for path in group), key=lambda path: path.name)
     source = folder / ARRAY
     if source.is_file():
-        table = _table(source)
+        table = read_rows(source, COLUMNS)
         if len(table) != len(ordered):
             raise InputError(
                 f"{source} has {len(table)} rows for {len(ordered)} photos in {root}: "
