@@ -37,12 +37,12 @@ class Appearance(Protocol):
         """Learning rate of every parameter it owns."""
         ...
 
-    def start(self, rgb: Tensor) -> Parameters:
-        """Parameters that show `rgb` [N, 3], linear, >= 0, the same from everywhere."""
+    def start(self, light: Tensor) -> Parameters:
+        """Parameters that show `light` [N, C], linear, >= 0, the same from everywhere."""
         ...
 
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
-        """Linear radiance [N, 3] >= 0 towards cameras at `directions` [N, 3] (camera to Gaussian)."""
+        """Linear radiance [N, C] >= 0 towards cameras at `directions` [N, 3] (camera to Gaussian)."""
         ...
 
     def luminance(self, parameters: Parameters) -> Tensor:
@@ -82,14 +82,14 @@ class LuminanceChromaticity:
             "chroma_rest": self.rest_rate,
         }
 
-    def start(self, rgb: Tensor) -> Parameters:
-        """L = largest channel / anchor, f = rgb / L within [0.02, 0.98]."""
-        light = (rgb.amax(1) / self.anchor).clamp_min(self.floor)
-        chroma = (rgb / light[:, None]).clamp(0.02, 0.98)
+    def start(self, light: Tensor) -> Parameters:
+        """L = largest channel / anchor, f = light / L within [0.02, 0.98]."""
+        luminance = (light.amax(1) / self.anchor).clamp_min(self.floor)
+        chroma = (light / luminance[:, None]).clamp(0.02, 0.98)
         return {
-            "ln_luminance": light.log(),
+            "ln_luminance": luminance.log(),
             "chroma_dc": (torch.logit(chroma) / C0)[:, None],
-            "chroma_rest": rgb.new_zeros(len(rgb), COEFFICIENTS - 1, 3),
+            "chroma_rest": light.new_zeros(len(light), COEFFICIENTS - 1, light.shape[1]),
         }
 
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
@@ -124,11 +124,11 @@ class PlainHarmonics:
         """The constant and the direction-dependent coefficients."""
         return {"sh_dc": self.dc_rate, "sh_rest": self.rest_rate}
 
-    def start(self, rgb: Tensor) -> Parameters:
-        """SH that show `rgb`."""
+    def start(self, light: Tensor) -> Parameters:
+        """SH that show `light`."""
         return {
-            "sh_dc": ((rgb - 0.5) / C0)[:, None],
-            "sh_rest": rgb.new_zeros(len(rgb), COEFFICIENTS - 1, 3),
+            "sh_dc": ((light - 0.5) / C0)[:, None],
+            "sh_rest": light.new_zeros(len(light), COEFFICIENTS - 1, light.shape[1]),
         }
 
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:

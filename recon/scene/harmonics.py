@@ -40,9 +40,9 @@ def basis(directions: Tensor, degree: int) -> Tensor:
 
 
 def series(constant: Tensor, rest: Tensor, directions: Tensor, degree: int) -> Tensor:
-    """Sum of a series at one direction each, using degrees up to `degree`: [N, 3].
+    """Sum of a series at one direction each, using degrees up to `degree`: [N, C].
 
-    constant [N, 1, 3] and rest [N, 8, 3] are its coefficients, in which it is differentiable; the
+    constant [N, 1, C] and rest [N, 8, C] are its coefficients, in which it is differentiable; the
     directions [N, 3] are taken as constants, as in 3DGS.
     """
     if degree == 0:
@@ -67,7 +67,7 @@ class _Series(torch.autograd.Function):
     def forward(ctx: Any, constant: Tensor, rest: Tensor, directions: Tensor, degree: int) -> Tensor:
         towards = directions.detach().to(rest.dtype).contiguous().numpy()
         first, others = constant.detach().contiguous().numpy(), rest.detach().contiguous().numpy()
-        total = np.empty((len(first), 3), first.dtype)
+        total = np.empty((len(first), first.shape[2]), first.dtype)
         _sum(first, others, towards, degree, total)
         ctx.towards, ctx.degree = towards, degree
         return torch.from_numpy(total)
@@ -75,8 +75,9 @@ class _Series(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         outer = gradients[0].contiguous().numpy()
-        first = np.empty((len(outer), 1, 3), outer.dtype)
-        others = np.empty((len(outer), COEFFICIENTS - 1, 3), outer.dtype)
+        count, channels = outer.shape
+        first = np.empty((count, 1, channels), outer.dtype)
+        others = np.empty((count, COEFFICIENTS - 1, channels), outer.dtype)
         _spread(outer, ctx.towards, ctx.degree, first, others)
         return torch.from_numpy(first), torch.from_numpy(others), None, None
 
@@ -101,7 +102,7 @@ def _values(x: float, y: float, z: float, degree: int) -> tuple[float, ...]:
 def _sum(first: Array, others: Array, towards: Array, degree: int, total: Array) -> None:
     for n in range(len(first)):
         values = _values(towards[n, 0], towards[n, 1], towards[n, 2], degree)
-        for channel in range(3):
+        for channel in range(total.shape[1]):
             value = C0 * first[n, 0, channel]
             for k in range(8):
                 value += values[k] * others[n, k, channel]
@@ -112,7 +113,7 @@ def _sum(first: Array, others: Array, towards: Array, degree: int, total: Array)
 def _spread(outer: Array, towards: Array, degree: int, first: Array, others: Array) -> None:
     for n in range(len(first)):
         values = _values(towards[n, 0], towards[n, 1], towards[n, 2], degree)
-        for channel in range(3):
+        for channel in range(outer.shape[1]):
             first[n, 0, channel] = C0 * outer[n, channel]
             for k in range(8):
                 others[n, k, channel] = values[k] * outer[n, channel]

@@ -12,7 +12,7 @@ import torch
 from imaging.errors import ReconstructionError
 from recon.splat.camera import SplatCamera
 from recon.splat.cpu.rasterizer import rasterize_cpu
-from recon.splat.limits import Limits
+from recon.splat.limits import CHANNELS_MOST, Limits
 from recon.splat.moved import DELTA, moved
 from recon.splat.reference import rasterize_reference
 from recon.splat.render import RasterInputs, Render, SplatStats
@@ -37,9 +37,9 @@ def rasterize(
     """Render Gaussians; differentiable in every tensor.
 
     means: [N, 3] world units. quats: [N, 4] wxyz, normalised inside. scales: [N, 3] standard
-    deviations, world units, positive. opacities: [N] in 0..1. colours: [N, 3] linear. background: [3]
-    or None for black. All on one device and of one dtype: float32 (fast, on the CPU or a CUDA GPU) or float64
-    (the dense reference on the CPU: small scenes).
+    deviations, world units, positive. opacities: [N] in 0..1. colours: [N, C] linear, of 1 to 16 channels.
+    background: [C] or None for black. All on one device and of one dtype: float32 (fast, on the CPU or a
+    CUDA GPU) or float64 (the dense reference on the CPU: small scenes).
     Bad Gaussians (values not finite, scales not positive, zero quaternions, negative opacity, colours
     beyond 1e30) are not drawn, get zero gradients and are counted in `Render.culled`.
 
@@ -88,10 +88,15 @@ def _check(
 ) -> None:
     """Shapes, dtypes and devices; ValueError names the one that does not fit."""
     n = len(means)
-    shapes = {"means": (n, 3), "quats": (n, 4), "scales": (n, 3), "opacities": (n,), "colours": (n, 3)}
+    channels = colours.shape[1] if colours.ndim == 2 else 0
+    if not 1 <= channels <= CHANNELS_MOST:
+        raise ValueError(
+            f"colours has shape {tuple(colours.shape)}, not (N, C) with 1 to {CHANNELS_MOST} channels"
+        )
+    shapes = {"means": (n, 3), "quats": (n, 4), "scales": (n, 3), "opacities": (n,), "colours": (n, channels)}
     tensors = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "colours": colours}
     if background is not None:
-        shapes["background"], tensors["background"] = (3,), background
+        shapes["background"], tensors["background"] = (channels,), background
     for name, tensor in tensors.items():
         if tuple(tensor.shape) != shapes[name]:
             raise ValueError(f"{name} has shape {tuple(tensor.shape)}, not {shapes[name]}")

@@ -7,6 +7,10 @@ T_LEAST = 1e-30
 """Smallest stopping transmittance in float32: below it products would lose digits to denormals."""
 
 
+CHANNELS_MOST = 16
+"""Channels of light that a Gaussian may have: what a line of its table holds beside its shape."""
+
+
 @dataclass(frozen=True)
 class Limits:
     """Cut-offs of `rasterize`; run-time options, the same on every device.

@@ -48,7 +48,7 @@ def rasterize_reference(inputs: RasterInputs) -> Render:
     index = index[torch.sort(depth.detach()[index].float(), stable=True).indices]
     mean2d, ellipse, floor = mean2d[index], ellipse[index], floor[index]
     opacities, colours, ids = opacities[index], colours[index], kept[index]
-    back = torch.zeros(3, dtype=torch.float64) if background is None else background.double()
+    back = torch.zeros(colours.shape[1], dtype=torch.float64) if background is None else background.double()
     rows = camera.height * camera.width
     step = max(1, _CHUNK // max(1, len(index)))
     images, alphas, touched = [], [], torch.zeros(len(index), dtype=torch.bool)
@@ -75,7 +75,7 @@ def rasterize_reference(inputs: RasterInputs) -> Render:
         )
     shape = (camera.height, camera.width)
     return Render(
-        image=torch.cat(images).reshape(*shape, 3).to(dtype),
+        image=torch.cat(images).reshape(*shape, len(back)).to(dtype),
         alpha=torch.cat(alphas).reshape(shape).to(dtype),
         culled=culled,
         visible=int(touched.sum()),
@@ -202,9 +202,9 @@ def _composite(
     pixels: torch.Tensor,
     t_min: float,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Blend sorted Gaussians over `pixels` [P, 2]: colours [P, 3], alphas [P], peak weights [N], hits [N]."""
+    """Blend sorted Gaussians over `pixels` [P, 2]: colours [P, C], alphas [P], peak weights [N], hits [N]."""
     if len(mean2d) == 0:
-        image = background.expand(len(pixels), 3)
+        image = background.expand(len(pixels), -1)
         none = torch.zeros(0, dtype=torch.float64)
         return image, torch.zeros(len(pixels), dtype=torch.float64), none, none.bool()
     a, b, _, determinant = ellipse.unbind(dim=1)

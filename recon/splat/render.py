@@ -16,7 +16,7 @@ class Render:
     """One rendered view."""
 
     image: torch.Tensor
-    """[H, W, 3], linear light in the units of the colours, differentiable."""
+    """[H, W, C], linear light in the units of the colours, differentiable."""
     alpha: torch.Tensor
     """[H, W], 1 - transmittance, differentiable."""
     culled: int
@@ -76,7 +76,7 @@ class RasterInputs(NamedTuple):
     @property
     def tensors(self) -> tuple[torch.Tensor, ...]:
         """Means, quaternions, scales, opacities, colours and the background."""
-        back = self.means.new_zeros(3) if self.background is None else self.background
+        back = self.means.new_zeros(self.colours.shape[1]) if self.background is None else self.background
         return (*self[:5], back)
 
     @property

@@ -12,11 +12,11 @@ class Projected(NamedTuple):
     """What `project` finds out about each of N Gaussians."""
 
     shape: Array
-    """float64 [N, 8]: pixel mean x, y; m11, m21, m22; the last three are `paint`. With (dx, dy) the offset
-    from the mean, alpha = opacity 2^-q, q = (m11 dx)^2 + (m21 dx + m22 dy)^2, drawn where q <= reach."""
+    """float64 [N, shape_size(C)]: pixel mean x, y; m11, m21, m22; the rest is `paint`. With (dx, dy) the
+    offset from the mean, alpha = opacity 2^-q, q = (m11 dx)^2 + (m21 dx + m22 dy)^2, drawn where
+    q <= reach."""
     paint: Array
-    """float32 [N, 16], the same memory (a Gaussian is one cache line): from column PAINT on -reach,
-    opacity, red, green, blue."""
+    """float32 [N, 2 shape_size(C)], the same memory: from column PAINT on -reach, opacity, the C colours."""
     box: Array
     """int32 [N, 4]: first and last column, first and last row of pixels that the ellipse may touch."""
     depth: Array
@@ -58,6 +58,12 @@ class Lists(NamedTuple):
 
 
 PAINT = 10
+
+
+def shape_size(channels: int) -> int:
+    """Columns of `Projected.shape`: one cache line of 64 bytes for up to four channels, else two."""
+    return 8 if channels <= 4 else 16
+
 
 SKIPPED, DRAWN, BAD = np.uint8(0), np.uint8(1), np.uint8(2)
 """Not in the image (or too faint); drawn; not finite or degenerate."""

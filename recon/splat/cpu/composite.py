@@ -4,6 +4,9 @@
 A vector is two rows of eight pixels of an 8x8 block, so four vectors are a block and their transmittance
 and colour stay in registers while the block's list is walked. Lists are walked in chunks; before each
 chunk the transmittances are kept, so that the backward pass can start anywhere without a division.
+
+`background` is a tuple with a number for each channel of light: how many there are is part of its type, and
+the compiler makes a kernel for each number that is used.
 """
 
 import numpy as np
@@ -16,10 +19,12 @@ from recon.splat.cpu.lanes import (
     both,
     choose,
     fma,
+    fma_each,
     lane_column,
     lane_row,
     largest,
     load,
+    load_each,
     maximum,
     minus,
     round_bits,
@@ -27,14 +32,15 @@ from recon.splat.cpu.lanes import (
     scale_by,
     splat,
     store,
+    store_each,
 )
 from recon.splat.cpu.tiles import ID_BITS, TILE
 from recon.splat.tables import PAINT
 
 CHUNK = 64
 """Gaussians walked between two kept transmittances."""
-FIELDS = 10
-"""Floats of a Gaussian in a tile: see `gather`."""
+FIELDS = 7
+"""Floats of a Gaussian in a tile before its colours: see `gather`."""
 PIXELS = TILE * TILE
 _ID_MASK = np.uint32((1 << ID_BITS) - 1)
 _BITS = np.uint32(ID_BITS)
@@ -50,11 +56,11 @@ _P4 = np.float32(0.0013333539245650172)
 
 
 @inlined
-def gather(lists, projected, begin, end, tile_x, tile_y, bits, rows):
-    """Copy what a tile needs of entries begin..end to rows float32 [CHUNK * FIELDS].
+def gather(lists, projected, background, begin, end, tile_x, tile_y, bits, rows):
+    """Copy what a tile needs of entries begin..end to rows float32 [CHUNK * (FIELDS + channels)].
 
     Fields: y1, y2 (m11 dx and m21 dx + m22 dy at the tile's first pixel, subtracted in float64),
-    m11, m21, m22, -reach, opacity, red, green, blue. bits int64 [CHUNK]: the block bits.
+    m11, m21, m22, -reach, opacity, colours. bits int64 [CHUNK]: the block bits.
     """
     shape, paint = projected.shape, projected.paint
     x0 = tile_x * TILE + 0.5
@@ -63,7 +69,7 @@ def gather(lists, projected, begin, end, tile_x, tile_y, bits, rows):
         entry = lists.id[begin + j]
         i = np.intp(entry & _ID_MASK)
         bits[j] = np.intp(entry >> _BITS)
-        at = j * FIELDS
+        at = j * (FIELDS + len(background))
         dx, dy = x0 - shape[i, 0], y0 - shape[i, 1]
         rows[at] = shape[i, 2] * dx
         rows[at + 1] = shape[i, 3] * dx + shape[i, 4] * dy
@@ -72,9 +78,8 @@ def gather(lists, projected, begin, end, tile_x, tile_y, bits, rows):
         rows[at + 4] = shape[i, 4]
         rows[at + 5] = paint[i, PAINT]
         rows[at + 6] = paint[i, PAINT + 1]
-        rows[at + 7] = paint[i, PAINT + 2]
-        rows[at + 8] = paint[i, PAINT + 3]
-        rows[at + 9] = paint[i, PAINT + 4]
+        for c in range(len(background)):
+            rows[at + FIELDS + c] = paint[i, PAINT + 2 + c]
 
 
 @inlined
@@ -117,58 +122,48 @@ def cover(quadratic, y2, light, opacity, reach, t_min):
 
 
 @inlined
-def _blend(q, y2, t, r, g, b, rows, at, t_min):
+def _blend(q, y2, t, colour, rows, at, t_min):
     """One Gaussian over one vector: the new transmittance and colour."""
     touched, alpha, through = cover(q, y2, t, splat(rows[at + 6]), splat(rows[at + 5]), t_min)
     w = choose(touched, alpha * t, _ZERO)
     t = choose(touched, t * through, t)
-    return t, fma(w, rows[at + 7], r), fma(w, rows[at + 8], g), fma(w, rows[at + 9], b)
+    return t, fma_each(w, rows, at + FIELDS, colour)
 
 
 @inlined
-def _blend_block(rows, chosen, count, block, t_min, state):
+def _blend_block(rows, chosen, count, block, t_min, background, state):
     """Blend the chosen Gaussians over a block; returns the largest transmittance left.
 
-    state float32 [4 * PIXELS]: transmittance, red, green, blue planes, a block's 64 pixels contiguous.
+    state float32 [(1 + channels) * PIXELS]: planes of transmittance and channels, a block's 64 pixels
+    contiguous.
     """
     p = 64 * block
     t0, t1, t2, t3 = load(state, p), load(state, p + 16), load(state, p + 32), load(state, p + 48)
     p += PIXELS
-    r0, r1, r2, r3 = load(state, p), load(state, p + 16), load(state, p + 32), load(state, p + 48)
-    p += PIXELS
-    g0, g1, g2, g3 = load(state, p), load(state, p + 16), load(state, p + 32), load(state, p + 48)
-    p += PIXELS
-    b0, b1, b2, b3 = load(state, p), load(state, p + 16), load(state, p + 32), load(state, p + 48)
+    c0 = load_each(state, p, PIXELS, background)
+    c1 = load_each(state, p + 16, PIXELS, background)
+    c2 = load_each(state, p + 32, PIXELS, background)
+    c3 = load_each(state, p + 48, PIXELS, background)
     for n in range(count):
-        at = chosen[n] * FIELDS
+        at = chosen[n] * (FIELDS + len(background))
         q, y2, step = whitened(rows, at, block)
-        t0, r0, g0, b0 = _blend(q, y2, t0, r0, g0, b0, rows, at, t_min)
+        t0, c0 = _blend(q, y2, t0, c0, rows, at, t_min)
         y2 = y2 + step
-        t1, r1, g1, b1 = _blend(q, y2, t1, r1, g1, b1, rows, at, t_min)
+        t1, c1 = _blend(q, y2, t1, c1, rows, at, t_min)
         y2 = y2 + step
-        t2, r2, g2, b2 = _blend(q, y2, t2, r2, g2, b2, rows, at, t_min)
+        t2, c2 = _blend(q, y2, t2, c2, rows, at, t_min)
         y2 = y2 + step
-        t3, r3, g3, b3 = _blend(q, y2, t3, r3, g3, b3, rows, at, t_min)
+        t3, c3 = _blend(q, y2, t3, c3, rows, at, t_min)
     p = 64 * block
     store(state, p, t0)
     store(state, p + 16, t1)
     store(state, p + 32, t2)
     store(state, p + 48, t3)
     p += PIXELS
-    store(state, p, r0)
-    store(state, p + 16, r1)
-    store(state, p + 32, r2)
-    store(state, p + 48, r3)
-    p += PIXELS
-    store(state, p, g0)
-    store(state, p + 16, g1)
-    store(state, p + 32, g2)
-    store(state, p + 48, g3)
-    p += PIXELS
-    store(state, p, b0)
-    store(state, p + 16, b1)
-    store(state, p + 32, b2)
-    store(state, p + 48, b3)
+    store_each(state, p, PIXELS, c0)
+    store_each(state, p + 16, PIXELS, c1)
+    store_each(state, p + 32, PIXELS, c2)
+    store_each(state, p + 48, PIXELS, c3)
     return largest(maximum(maximum(t0, t1), maximum(t2, t3)))
 
 
@@ -181,7 +176,7 @@ def block_pixel(x, y):
 @inlined
 def _begin(tile_x, tile_y, height, width, state, alive):
     """Nothing blended yet; pixels outside the image count as finished."""
-    for p in range(4 * PIXELS):
+    for p in range(len(state)):
         state[p] = _ZERO
     for block in range(4):
         alive[block] = 0
@@ -201,21 +196,20 @@ def _finish(tile_x, tile_y, background, state, image, left):
             p = block_pixel(x & 15, y & 15)
             t = state[p]
             left[y, x] = t
-            image[y, x, 0] = state[PIXELS + p] + t * background[0]
-            image[y, x, 1] = state[2 * PIXELS + p] + t * background[1]
-            image[y, x, 2] = state[3 * PIXELS + p] + t * background[2]
+            for c in range(len(background)):
+                image[y, x, c] = state[(1 + c) * PIXELS + p] + t * background[c]
 
 
 @kernel
 def composite(counter, lists, projected, background, t_min, kept, image, left, pairs, chunks):
-    """Render tiles: image [H, W, 3], left [H, W] (final transmittance), per tile pairs and chunks walked.
+    """Render tiles: image [H, W, C], left [H, W] (final transmittance), per tile pairs and chunks walked.
 
     kept: float32 [all chunks * PIXELS], transmittances for the backward pass; or empty.
     """
-    rows = np.empty(CHUNK * FIELDS, np.float32)
+    rows = np.empty(CHUNK * (FIELDS + len(background)), np.float32)
     bits = np.empty(CHUNK, np.intp)
     chosen = np.empty(CHUNK + 1, np.intp)
-    state = np.empty(4 * PIXELS, np.float32)
+    state = np.empty((1 + len(background)) * PIXELS, np.float32)
     alive = np.empty(4, np.intp)
     floor = splat(t_min)
     height, width = left.shape
@@ -227,7 +221,7 @@ def composite(counter, lists, projected, background, t_min, kept, image, left, p
         begin, stop = lists.start[tile], lists.start[tile + 1]
         while begin < stop and alive[0] + alive[1] + alive[2] + alive[3] > 0:
             end = min(begin + CHUNK, stop)
-            gather(lists, projected, begin, end, tile_x, tile_y, bits, rows)
+            gather(lists, projected, background, begin, end, tile_x, tile_y, bits, rows)
             if len(kept):
                 at = (lists.chunk_start[tile] + chunks[tile]) * PIXELS
                 for p in range(0, PIXELS, WIDTH):
@@ -236,7 +230,7 @@ def composite(counter, lists, projected, background, t_min, kept, image, left, p
                 if alive[block]:
                     count = select(bits, end - begin, block, chosen)
                     if count:
-                        most = _blend_block(rows, chosen, count, block, floor, state)
+                        most = _blend_block(rows, chosen, count, block, floor, background, state)
                         alive[block] = most >= t_min
                         pairs[tile] += 64 * count
             chunks[tile] += 1

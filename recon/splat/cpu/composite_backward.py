@@ -14,24 +14,39 @@ from imaging.compute.jit import inlined, kernel
 from imaging.compute.threads import take_number
 from recon.splat.cpu.composite import CHUNK, FIELDS, PIXELS, block_pixel, cover, gather, select, whitened
 from recon.splat.cpu.lanes import (
+    WIDTH,
     choose,
+    dot_each,
     fma,
     lane_column,
     lane_row,
     largest,
     load,
+    load_each,
     maximum,
+    plus_each,
     splat,
     store,
+    store_each,
+    times_each,
     totals,
 )
 from recon.splat.cpu.tiles import TILE
 
-SLOT = 16
-"""Floats of a slot: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the tile's centre,
-the sums of s, s x, s y, s x x, s x y, s y y, then of w g (3), then the largest w, then unused."""
+MOMENTS = 6
+"""Sums that a slot begins with: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the
+tile's centre, of s, s x, s y, s x x, s x y, s y y. Then it has those of w g for each channel, and the largest
+w; the rest is unused."""
 _ZERO = np.float32(0.0)
 _HALF_TILE = np.float32(TILE / 2 - 0.5)
+
+
+def slot_size(channels: int) -> int:
+    """Floats of a slot: whole lanes."""
+    return -(-(MOMENTS + channels + 1) // WIDTH) * WIDTH
+
+
+_slot_size = inlined(slot_size)
 
 
 @inlined
@@ -45,7 +60,7 @@ def _walk(q, y2, light, rows, at, t_min, alphas, lights, place):
 
 
 @inlined
-def _walk_block(rows, chosen, count, block, t_min, light, at_light, alphas, lights, slots):
+def _walk_block(rows, chosen, count, block, t_min, background, light, at_light, alphas, lights, slots):
     """Forward over a block from the kept transmittances; largest weights go to the slots.
 
     Leaves in `chosen` only the Gaussians that touched a pixel here, and returns how many.
@@ -54,7 +69,7 @@ def _walk_block(rows, chosen, count, block, t_min, light, at_light, alphas, ligh
     t0, t1 = load(light, at_light), load(light, at_light + 16)
     t2, t3 = load(light, at_light + 32), load(light, at_light + 48)
     for n in range(count):
-        at = chosen[n] * FIELDS
+        at = chosen[n] * (FIELDS + len(background))
         q, y2, step = whitened(rows, at, block)
         p = 64 * touched
         t0, w0 = _walk(q, y2, t0, rows, at, t_min, alphas, lights, p)
@@ -65,7 +80,7 @@ def _walk_block(rows, chosen, count, block, t_min, light, at_light, alphas, ligh
         y2 = y2 + step
         t3, w3 = _walk(q, y2, t3, rows, at, t_min, alphas, lights, p + 48)
         peak = largest(maximum(maximum(w0, w1), maximum(w2, w3)))
-        slot = chosen[n] * SLOT + 9
+        slot = chosen[n] * _slot_size(len(background)) + MOMENTS + len(background)
         slots[slot] = max(slots[slot], peak)
         chosen[touched] = chosen[n]
         touched += peak > _ZERO
@@ -73,19 +88,17 @@ def _walk_block(rows, chosen, count, block, t_min, light, at_light, alphas, ligh
 
 
 @inlined
-def _return(rows, at, alphas, lights, place, pixel, grads, behind):
+def _return(rows, at, alphas, lights, place, pixel, background, grads, behind):
     """Backward over one vector: (s, the new B, w g for each channel)."""
     alpha = load(alphas, place)
     w = alpha * load(lights, place)
-    gr = load(grads, pixel)
-    gg = load(grads, pixel + PIXELS)
-    gb = load(grads, pixel + 2 * PIXELS)
-    d = fma(gr, rows[at + 7], fma(gg, rows[at + 8], fma(gb, rows[at + 9], splat(_ZERO) - behind)))
-    return w * d, fma(alpha, d, behind), w * gr, w * gg, w * gb
+    g = load_each(grads, pixel, PIXELS, background)
+    d = dot_each(g, rows, at + FIELDS, splat(_ZERO) - behind)
+    return w * d, fma(alpha, d, behind), times_each(w, g)
 
 
 @inlined
-def _return_block(rows, chosen, count, block, alphas, lights, grads, behind, slots):
+def _return_block(rows, chosen, count, block, background, alphas, lights, grads, behind, slots):
     """Backward over a block: adds to the slots of the chosen Gaussians, moves B in front of them."""
     p = 64 * block
     b0, b1 = load(behind, p), load(behind, p + 16)
@@ -93,15 +106,15 @@ def _return_block(rows, chosen, count, block, alphas, lights, grads, behind, slo
     x = lane_column() + splat(np.float32(8 * (block & 1)) - _HALF_TILE)
     y = lane_row() + splat(np.float32(8 * (block >> 1)) - _HALF_TILE)
     for n in range(count - 1, -1, -1):
-        at = chosen[n] * FIELDS
+        at = chosen[n] * (FIELDS + len(background))
         a = 64 * n
-        s0, b0, red, green, blue = _return(rows, at, alphas, lights, a, p, grads, b0)
-        s1, b1, r, g, b = _return(rows, at, alphas, lights, a + 16, p + 16, grads, b1)
-        red, green, blue = red + r, green + g, blue + b
-        s2, b2, r, g, b = _return(rows, at, alphas, lights, a + 32, p + 32, grads, b2)
-        red, green, blue = red + r, green + g, blue + b
-        s3, b3, r, g, b = _return(rows, at, alphas, lights, a + 48, p + 48, grads, b3)
-        red, green, blue = red + r, green + g, blue + b
+        s0, b0, light = _return(rows, at, alphas, lights, a, p, background, grads, b0)
+        s1, b1, more = _return(rows, at, alphas, lights, a + 16, p + 16, background, grads, b1)
+        light = plus_each(light, more)
+        s2, b2, more = _return(rows, at, alphas, lights, a + 32, p + 32, background, grads, b2)
+        light = plus_each(light, more)
+        s3, b3, more = _return(rows, at, alphas, lights, a + 48, p + 48, background, grads, b3)
+        light = plus_each(light, more)
         # Vector v holds rows 2 v and 2 v + 1: y = y(vector 0) + 2 v, so sums weighted by 2 v and 4 v^2.
         m0 = (s0 + s1) + (s2 + s3)
         m1 = fma(s3, np.float32(6.0), fma(s2, np.float32(4.0), s1 * np.float32(2.0)))
@@ -109,9 +122,9 @@ def _return_block(rows, chosen, count, block, alphas, lights, grads, behind, slo
         sx = m0 * x
         sy = fma(m0, y, m1)
         syy = fma(y, sy, fma(y, m1, m2))
-        sums = totals((m0, sx, sy, sx * x, sy * x, syy, red, green, blue))
-        slot = chosen[n] * SLOT
-        store(slots, slot, load(slots, slot) + sums)
+        sums = totals((m0, sx, sy, sx * x, sy * x, syy) + light)  # noqa: RUF005  Numba does not know the star
+        slot = chosen[n] * _slot_size(len(background))
+        store_each(slots, slot, WIDTH, plus_each(load_each(slots, slot, WIDTH, sums), sums))
     store(behind, p, b0)
     store(behind, p + 16, b1)
     store(behind, p + 32, b2)
@@ -122,14 +135,17 @@ def _return_block(rows, chosen, count, block, alphas, lights, grads, behind, slo
 def _tile_gradients(tile_x, tile_y, grad_image, grad_left, background, grads, behind):
     """Gather a tile's d loss / d pixel, block by block, and B behind its last Gaussian."""
     height, width = grad_left.shape
+    for p in range(len(grads)):
+        grads[p] = _ZERO
     for p in range(PIXELS):
-        grads[p] = grads[PIXELS + p] = grads[2 * PIXELS + p] = behind[p] = _ZERO
+        behind[p] = _ZERO
     for y in range(tile_y * TILE, min((tile_y + 1) * TILE, height)):
         for x in range(tile_x * TILE, min((tile_x + 1) * TILE, width)):
             p = block_pixel(x & 15, y & 15)
-            r, g, b = grad_image[y, x, 0], grad_image[y, x, 1], grad_image[y, x, 2]
-            grads[p], grads[PIXELS + p], grads[2 * PIXELS + p] = r, g, b
-            back = r * background[0] + g * background[1] + b * background[2]
+            back = _ZERO
+            for c in range(len(background)):
+                grads[c * PIXELS + p] = grad_image[y, x, c]
+                back += grad_image[y, x, c] * background[c]
             behind[p] = back + grad_left[y, x]
 
 
@@ -137,18 +153,19 @@ def _tile_gradients(tile_x, tile_y, grad_image, grad_left, background, grads, be
 def composite_backward(
     counter, lists, projected, background, t_min, kept, chunks, grad_image, grad_left, slots
 ):
-    """Gradients of `composite`, summed per entry into slots float32 [entries * SLOT].
+    """Gradients of `composite`, summed per entry into slots float32 [entries * slot_size(C)].
 
-    Arguments as there; grad_image [H, W, 3] and grad_left [H, W]: d loss / d (image, left).
+    Arguments as there; grad_image [H, W, C] and grad_left [H, W]: d loss / d (image, left).
     """
-    rows = np.empty(CHUNK * FIELDS, np.float32)
+    size = _slot_size(len(background))
+    rows = np.empty(CHUNK * (FIELDS + len(background)), np.float32)
     bits = np.empty(CHUNK, np.intp)
     chosen = np.empty(CHUNK + 1, np.intp)
     alphas = np.empty(CHUNK * 64, np.float32)
     lights = np.empty(CHUNK * 64, np.float32)
-    grads = np.empty(3 * PIXELS, np.float32)
+    grads = np.empty(len(background) * PIXELS, np.float32)
     behind = np.empty(PIXELS, np.float32)
-    sums = np.empty(CHUNK * SLOT, np.float32)
+    sums = np.empty(CHUNK * size, np.float32)
     floor = splat(t_min)
     tile = take_number(counter)
     while tile < len(chunks):
@@ -159,19 +176,23 @@ def composite_backward(
         for chunk in range(chunks[tile] - 1, -1, -1):
             begin = start + chunk * CHUNK
             end = min(begin + CHUNK, stop)
-            gather(lists, projected, begin, end, tile_x, tile_y, bits, rows)
-            for j in range(end - begin):
-                store(sums, SLOT * j, splat(_ZERO))
+            gather(lists, projected, background, begin, end, tile_x, tile_y, bits, rows)
+            for j in range(0, (end - begin) * size, WIDTH):
+                store(sums, j, splat(_ZERO))
             for block in range(4):
                 at = (lists.chunk_start[tile] + chunk) * PIXELS + 64 * block
                 if _most(kept, at) >= t_min:
                     count = select(bits, end - begin, block, chosen)
-                    count = _walk_block(rows, chosen, count, block, floor, kept, at, alphas, lights, sums)
-                    _return_block(rows, chosen, count, block, alphas, lights, grads, behind, sums)
+                    count = _walk_block(
+                        rows, chosen, count, block, floor, background, kept, at, alphas, lights, sums
+                    )
+                    _return_block(rows, chosen, count, block, background, alphas, lights, grads, behind, sums)
             for j in range(end - begin):
-                store(slots, SLOT * np.intp(lists.slot[begin + j]), load(sums, SLOT * j))
+                for k in range(0, size, WIDTH):
+                    store(slots, size * np.intp(lists.slot[begin + j]) + k, load(sums, size * j + k))
         for j in range(min(start + chunks[tile] * CHUNK, stop), stop):
-            store(slots, SLOT * np.intp(lists.slot[j]), splat(_ZERO))
+            for k in range(0, size, WIDTH):
+                store(slots, size * np.intp(lists.slot[j]) + k, splat(_ZERO))
         tile = take_number(counter)
 
 

@@ -35,24 +35,31 @@ from recon.splat.limits import ALPHA_FLOOR, COLOUR_MOST, QUAT_LEAST
 from recon.splat.parameters import BOUNDS, FOLD, LENS, LIMITS
 from recon.splat.tables import DRAWN, PAINT
 
-INPUTS = 14
-"""Numbers of a Gaussian: mean 3, quaternion 4, scale 3, opacity, colour 3."""
+INPUTS = 11
+"""Numbers of a Gaussian before its colours: mean 3, quaternion 4, scale 3, opacity."""
 _OUTPUTS = 14
 _LOG = 2.0 / math.log(2.0)
 
 
 @inlined
-def read_eight(means, quats, scales, opacities, colours, ids, values):
+def read_eight(means, quats, scales, opacities, ids, values):
     """Gaussians ids int64 [8] as float64 [INPUTS * 8], number by number, so that lanes can load them."""
     for j in range(WIDTH_64):
         i = ids[j]
         for a in range(3):
             values[a * 8 + j] = means[i, a]
             values[(7 + a) * 8 + j] = scales[i, a]
-            values[(11 + a) * 8 + j] = colours[i, a]
         for a in range(4):
             values[(3 + a) * 8 + j] = quats[i, a]
         values[80 + j] = opacities[i]
+
+
+@inlined
+def _read_colours(colours, ids, values):
+    """Their colours behind the other numbers."""
+    for j in range(WIDTH_64):
+        for a in range(colours.shape[1]):
+            values[(INPUTS + a) * 8 + j] = colours[ids[j], a]
 
 
 @inlined
@@ -70,16 +77,16 @@ def _sound(values):
     """Mask: all numbers finite, scales positive, opacity not negative, quaternion with a direction, colours
     in range."""
     nothing = splat(0.0)
-    for a in range(INPUTS):
-        nothing = nothing + load(values, a * 8) * 0.0
+    for a in range(0, len(values), 8):
+        nothing = nothing + load(values, a) * 0.0
     smallest = minimum(minimum(load(values, 56), load(values, 64)), load(values, 72))
     turned = splat(0.0)
     for a in range(3, 7):
         q = load(values, a * 8)
         turned = maximum(turned, maximum(q, minus(q)))
     brightest = splat(0.0)
-    for a in range(11, 14):
-        c = load(values, a * 8)
+    for a in range(INPUTS * 8, len(values), 8):
+        c = load(values, a)
         brightest = maximum(brightest, maximum(c, minus(c)))
     shaped = both(above(smallest, 0.0), at_least(turned, QUAT_LEAST))
     shaped = both(shaped, at_least(COLOUR_MOST, brightest))
@@ -90,7 +97,9 @@ def _sound(values):
 @inlined
 def _opacity_and_reach(values, k):
     """Clamped opacity, and log2 of how far above its floor it is."""
-    brightest = maximum(maximum(load(values, 88), load(values, 96)), load(values, 104))
+    brightest = load(values, INPUTS * 8)
+    for a in range((INPUTS + 1) * 8, len(values), 8):
+        brightest = maximum(brightest, load(values, a))
     ceiling_ = choose(above(brightest, 0.0), k[LIMITS + 4] / brightest, k[LIMITS + 3])
     lowest = maximum(minimum(ceiling_, k[LIMITS + 3]), ALPHA_FLOOR)
     o = minimum(load(values, 80), k[LIMITS + 2])
@@ -154,14 +163,15 @@ def project(counter, means, quats, scales, opacities, colours, k, fisheye, out):
     """Project N Gaussians; float32 inputs as in `rasterize`, out: Projected; fisheye: None or True."""
     n = len(means)
     ids = np.empty(8, np.int64)
-    values, found = np.empty(INPUTS * 8), np.empty(_OUTPUTS * 8)
+    values, found = np.empty((INPUTS + colours.shape[1]) * 8), np.empty(_OUTPUTS * 8)
     task = take_number(counter)
     while task * TASK < n:
         stop = min((task + 1) * TASK, n)
         for first in range(task * TASK, stop, 8):
             for j in range(8):
                 ids[j] = min(first + j, stop - 1)
-            read_eight(means, quats, scales, opacities, colours, ids, values)
+            read_eight(means, quats, scales, opacities, ids, values)
+            _read_colours(colours, ids, values)
             _project_eight(values, k, fisheye, found)
             for j in range(min(8, stop - first)):
                 i = first + j
@@ -173,7 +183,7 @@ def project(counter, means, quats, scales, opacities, colours, k, fisheye, out):
                     for a in range(5):
                         out.shape[i, a] = found[24 + 8 * a + j]
                     out.paint[i, PAINT], out.paint[i, PAINT + 1] = -found[64 + j], found[72 + j]
-                    for a in range(3):
+                    for a in range(colours.shape[1]):
                         out.paint[i, PAINT + 2 + a] = colours[i, a]
                     for a in range(4):
                         out.box[i, a] = int(found[80 + 8 * a + j])

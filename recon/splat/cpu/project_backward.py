@@ -8,7 +8,7 @@ import numpy as np
 
 from imaging.compute.jit import inlined, kernel
 from imaging.compute.threads import take_number
-from recon.splat.cpu.composite_backward import SLOT
+from recon.splat.cpu.composite_backward import MOMENTS, slot_size
 from recon.splat.cpu.formulas import (
     axes_gradient,
     ellipse_gradient,
@@ -27,22 +27,27 @@ from recon.splat.cpu.tiles import TASK, TILE
 from recon.splat.moved import VIEW
 from recon.splat.parameters import LIMITS
 
-MOMENTS = 6
-"""Sums over pixels of s, s dx, s dy, s dx dx, s dx dy, s dy dy: s = alpha d loss / d alpha, (dx, dy) from
-the mean to the pixel."""
 _OUTPUTS = 13
 """Gradients of mean 3, quaternion 4, scale 3, opacity, and of the pixel mean 2."""
+_slot_size = inlined(slot_size)
 
 
 @inlined
-def _add_slots(slots, first, last, tile, entry, across, px, py, moments, j, colour):
-    """Add up a Gaussian's slots in their order: lane j of moments, colour [3]; returns the largest weight."""
-    s = sx = sy = sxx = sxy = syy = red = green = blue = peak = 0.0
+def _add_slots(slots, first, last, tile, entry, across, px, py, moments, j, light, colour):
+    """Add up a Gaussian's slots in their order: lane j of moments, colour [C]; returns the largest weight.
+
+    moments: of s, s dx, s dy, s dx dx, s dx dy, s dy dy, (dx, dy) from the mean to the pixel. light: float64
+    [C], scratch.
+    """
+    s = sx = sy = sxx = sxy = syy = peak = 0.0
+    size = _slot_size(len(light))
+    for c in range(len(light)):
+        light[c] = 0.0
     for slot in range(first, last):
         t = tile[entry + slot - first]
         ox = (t % across) * TILE + 0.5 * TILE - px
         oy = (t // across) * TILE + 0.5 * TILE - py
-        at = SLOT * slot
+        at = size * slot
         m, mx, my = np.float64(slots[at]), np.float64(slots[at + 1]), np.float64(slots[at + 2])
         s += m
         sx += mx + ox * m
@@ -50,13 +55,13 @@ def _add_slots(slots, first, last, tile, entry, across, px, py, moments, j, colo
         sxx += slots[at + 3] + 2.0 * ox * mx + ox * ox * m
         sxy += slots[at + 4] + ox * my + oy * mx + ox * oy * m
         syy += slots[at + 5] + 2.0 * oy * my + oy * oy * m
-        red += slots[at + 6]
-        green += slots[at + 7]
-        blue += slots[at + 8]
-        peak = max(peak, np.float64(slots[at + 9]))
+        for c in range(len(light)):
+            light[c] += slots[at + MOMENTS + c]
+        peak = max(peak, np.float64(slots[at + MOMENTS + len(light)]))
     moments[j], moments[8 + j], moments[16 + j] = s, sx, sy
     moments[24 + j], moments[32 + j], moments[40 + j] = sxx, sxy, syy
-    colour[0], colour[1], colour[2] = red, green, blue
+    for c in range(len(light)):
+        colour[c] = light[c]
     return peak
 
 
@@ -102,7 +107,7 @@ def _backward_eight(values, moments, k, fisheye, out, counted, sums, view):
 
 @kernel
 def project_backward(
-    counter, means, quats, scales, opacities, colours, k, fisheye, projected, entries, across, slots,
+    counter, means, quats, scales, opacities, k, fisheye, projected, entries, across, slots,
     grad_means, grad_quats, grad_scales, grad_opacities, grad_colours, grad_screen, weight, view,
 ):  # fmt: skip
     """Gradients [N, ...] of all inputs, zero for Gaussians that were not drawn.
@@ -114,7 +119,7 @@ def project_backward(
     n = len(means)
     drawn, ids = np.empty(TASK, np.int64), np.empty(8, np.int64)
     values, moments, found = np.empty(INPUTS * 8), np.empty(MOMENTS * 8), np.empty(_OUTPUTS * 8)
-    counted, sums = np.empty(8), np.empty(VIEW * 8)
+    counted, sums, light = np.empty(8), np.empty(VIEW * 8), np.empty(grad_colours.shape[1])
     task = take_number(counter)
     while task * TASK < n:
         count = 0
@@ -122,7 +127,9 @@ def project_backward(
             drawn[count] = i
             count += entries.number[i] > 0
             for a in range(3):
-                grad_means[i, a] = grad_scales[i, a] = grad_colours[i, a] = 0.0
+                grad_means[i, a] = grad_scales[i, a] = 0.0
+            for a in range(len(light)):
+                grad_colours[i, a] = 0.0
             for a in range(4):
                 grad_quats[i, a] = 0.0
             grad_opacities[i] = grad_screen[i, 0] = grad_screen[i, 1] = weight[i] = 0.0
@@ -134,10 +141,10 @@ def project_backward(
                 ids[j] = i
                 weight[i] = _add_slots(
                     slots, entries.slot[i], entries.slot[i + 1], entries.tile, entries.start[i], across,
-                    projected.shape[i, 0], projected.shape[i, 1], moments, j, grad_colours[i],
+                    projected.shape[i, 0], projected.shape[i, 1], moments, j, light, grad_colours[i],
                 )  # fmt: skip
                 counted[j] = weight[i] if first + j < count else 0.0
-            read_eight(means, quats, scales, opacities, colours, ids, values)
+            read_eight(means, quats, scales, opacities, ids, values)
             _backward_eight(values, moments, k, fisheye, found, counted, sums, view)
             for j in range(8):
                 i = ids[j]

@@ -10,14 +10,14 @@ from recon.splat.camera import SplatCamera
 from recon.splat.cpu import tiles
 from recon.splat.cpu.buffers import Lease
 from recon.splat.cpu.composite import CHUNK, PIXELS, composite
-from recon.splat.cpu.composite_backward import SLOT, composite_backward
+from recon.splat.cpu.composite_backward import composite_backward, slot_size
 from recon.splat.cpu.project import project
 from recon.splat.cpu.project_backward import project_backward
 from recon.splat.limits import T_LEAST
 from recon.splat.moved import VIEW
 from recon.splat.parameters import parameters
 from recon.splat.render import RasterInputs, Render, RenderCall, SplatStats
-from recon.splat.tables import BAD, Array, Entries, Lists, Projected
+from recon.splat.tables import BAD, Array, Entries, Lists, Projected, shape_size
 
 
 def rasterize_cpu(inputs: RasterInputs) -> Render:
@@ -36,7 +36,7 @@ def _numpy(tensor: torch.Tensor) -> Array:
 
 
 class _Rasterize(torch.autograd.Function):
-    """means, quats, scales, opacities, colours, background, view -> image [H, W, 3], transmittance [H, W].
+    """means, quats, scales, opacities, colours, background, view -> image [H, W, C], transmittance [H, W].
 
     The view is the camera's again, as a tensor, so that it gets its gradient.
     """
@@ -57,7 +57,9 @@ class _Rasterize(torch.autograd.Function):
     def backward(ctx: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
         *tensors, left = ctx.saved_tensors
         image, light = gradients
-        grad_image = np.zeros((*left.shape, 3), np.float32) if image is None else _numpy(image)
+        grad_image = (
+            np.zeros((*left.shape, tensors[4].shape[1]), np.float32) if image is None else _numpy(image)
+        )
         grad_left = np.zeros(left.shape, np.float32) if light is None else _numpy(light)
         arrays = [_numpy(tensor) for tensor in tensors]
         found, view = ctx.tables.gradients(arrays, grad_image, grad_left, ctx.needs_input_grad[6])
@@ -79,7 +81,7 @@ class _Tables:
         across, down = -(-width // tiles.TILE), -(-height // tiles.TILE)
         self.parameters = parameters(call.camera, call.limits)
         self.fisheye = True if call.camera.fisheye else None
-        shape = get("shape", (n, 8), np.float64)
+        shape = get("shape", (n, shape_size(arrays[4].shape[1])), np.float64)
         self.projected = Projected(
             shape=shape,
             paint=shape.view(np.float32),
@@ -122,12 +124,12 @@ class _Tables:
         call.visible = int(np.count_nonzero(self.entries.number))
 
     def blend(self, background: Array) -> tuple[torch.Tensor, torch.Tensor]:
-        """The image [H, W, 3] and what is left of the light behind it [H, W]."""
+        """The image [H, W, C] and what is left of the light behind it [H, W]."""
         width, height = self.call.camera.width, self.call.camera.height
         pairs = self.lease.buffers.array("pairs", len(self.chunks), np.int64)
-        image, left = torch.empty(height, width, 3), torch.empty(height, width)
+        image, left = torch.empty(height, width, len(background)), torch.empty(height, width)
         share(
-            composite, self._work(), self.lists, self.projected, background, self.t_min,
+            composite, self._work(), self.lists, self.projected, tuple(background), self.t_min,
             self.kept, image.numpy(), left.numpy(), pairs, self.chunks,
         )  # fmt: skip
         self.call.pairs = int(pairs.sum())
@@ -142,16 +144,16 @@ class _Tables:
         """
         get = self.lease.buffers.array
         n = len(arrays[0])
-        slots = get("slots", len(self.lists.id) * SLOT, np.float32)
+        slots = get("slots", len(self.lists.id) * slot_size(len(arrays[5])), np.float32)
         found = [torch.empty(array.shape) for array in arrays[:5]]
         screen, weight = get("screen", (n, 2), np.float32), get("weight", n, np.float32)
         view = np.empty((-(-n // tiles.TASK), VIEW)) if moving else None
         share(
-            composite_backward, self._work(), self.lists, self.projected, arrays[5], self.t_min,
+            composite_backward, self._work(), self.lists, self.projected, tuple(arrays[5]), self.t_min,
             self.kept, self.chunks, image, left, slots,
         )  # fmt: skip
         share(
-            project_backward, 0.1 * n, *arrays[:5], self.parameters, self.fisheye, self.projected,
+            project_backward, 0.1 * n, *arrays[:4], self.parameters, self.fisheye, self.projected,
             self.entries, self.lists.across, slots, *(gradient.numpy() for gradient in found),
             screen, weight, view,
         )  # fmt: skip

@@ -32,10 +32,16 @@ def rasterize_gpu(inputs: RasterInputs) -> Render:
     """As `rasterize`, for float32 tensors on one CUDA device; on the CPU only if Triton interprets.
 
     `inputs.view` is on the CPU.
-    ValueError for tensors on the CPU and for 2^27 or more pairs of a Gaussian and a tile of its box.
+    ValueError for tensors on the CPU, for colours of other than three channels, and for 2^27 or more pairs
+    of a Gaussian and a tile of its box.
     """
     if inputs.means.device.type != "cuda" and not knobs.runtime.interpret:
         raise ValueError(f"the GPU rasteriser takes CUDA tensors, and means is on {inputs.means.device}")
+    if inputs.colours.shape[1] != 3:
+        raise ValueError(
+            f"the GPU rasteriser draws three channels of light, and colours has {inputs.colours.shape[1]}: "
+            "move the tensors to the CPU"
+        )
     call = RenderCall.of(inputs)
     image, left = _Rasterize.apply(*inputs.tensors, inputs.view, call)  # type: ignore[no-untyped-call]
     return Render(image, 1 - left, call.culled, call.visible, call.pairs)

@@ -55,7 +55,7 @@ def _lane_operations(a, b, n, out):
     lanes.store(out, 32, lanes.fma(x, y, two) / x)
     lanes.store(out, 48, lanes.choose(lanes.both(lanes.at_least(x, y), lanes.above(y, two)), x, y))
     lanes.store(out, 64, lanes.maximum(lanes.minus(x), y))
-    lanes.store(out, 80, lanes.totals((x, y, lanes.keep_first(n, x))))
+    lanes.store(out, 80, lanes.totals((x, y, lanes.keep_first(n, x)))[0])
     lanes.store(out, 96, lanes.lane_row() * np.float32(10.0) + lanes.lane_column())
     lanes.store_first(out, 112, n, x)
     return lanes.total(x), lanes.largest(y)

@@ -10,7 +10,8 @@ In kernels: `+ - * /` with Lanes (or Lanes and a scalar of their kind), `fma(a, 
 `root`, `floor`, `ceiling`, `minimum`, `maximum`; masks from `at_least(a, b)`, `above(a, b)` and
 `both(m, n)`, used by `choose(mask, x, y)`; memory: `splat`, `load`, `store`, `load_first`, `store_first`,
 `keep_first`; over the lanes: `total`, `largest`, `totals`; patterns: `lane_number`, `lane_column`,
-`lane_row`; exponents: `round_bits`, `rounded`, `scale_by`, `split_exponent`.
+`lane_row`; exponents: `round_bits`, `rounded`, `scale_by`, `split_exponent`; on tuples of lanes, one a
+channel: `load_each`, `store_each`, `fma_each`, `dot_each`, `times_each`, `plus_each`.
 """
 
 from recon.splat.cpu.lanes.across import lane_column, lane_number, lane_row, largest, total, totals
@@ -27,6 +28,14 @@ from recon.splat.cpu.lanes.arithmetic import (
     minus,
     root,
 )
+from recon.splat.cpu.lanes.each import (
+    dot_each,
+    fma_each,
+    load_each,
+    plus_each,
+    store_each,
+    times_each,
+)
 from recon.splat.cpu.lanes.exponent import round_bits, rounded, scale_by, split_exponent
 from recon.splat.cpu.lanes.kinds import WIDTH, WIDTH_64
 from recon.splat.cpu.lanes.memory import keep_first, load, load_first, splat, store, store_first
@@ -39,18 +48,22 @@ __all__ = [
     "both",
     "ceiling",
     "choose",
+    "dot_each",
     "floor",
     "fma",
+    "fma_each",
     "keep_first",
     "lane_column",
     "lane_number",
     "lane_row",
     "largest",
     "load",
+    "load_each",
     "load_first",
     "maximum",
     "minimum",
     "minus",
+    "plus_each",
     "root",
     "round_bits",
     "rounded",
@@ -58,7 +71,9 @@ __all__ = [
     "splat",
     "split_exponent",
     "store",
+    "store_each",
     "store_first",
+    "times_each",
     "total",
     "totals",
 ]

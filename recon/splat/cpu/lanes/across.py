@@ -52,12 +52,12 @@ def largest(typing_context, x):
 
 @intrinsic
 def totals(typing_context, vectors):
-    """Lane k is the sum of the lanes of vectors[k]; a tuple of at most sixteen float32 lanes, the rest 0."""
-    if not isinstance(vectors, types.UniTuple) or vectors.dtype != FLOATS or vectors.count > WIDTH:
+    """Lane k of the result's j-th lanes is the sum of the lanes of vectors[16 j + k], a tuple; the rest 0."""
+    if not isinstance(vectors, types.UniTuple) or vectors.dtype != FLOATS:
         return None
+    kind = types.UniTuple(FLOATS, -(-vectors.count // WIDTH))
 
-    def generate(context, builder, signature, arguments):
-        rows = [builder.extract_value(arguments[0], i) for i in range(vectors.count)]
+    def sixteen(builder, rows):
         group = WIDTH
         while group > 1:
             half = group // 2
@@ -73,7 +73,12 @@ def totals(typing_context, vectors):
             group = half
         return rows[0]
 
-    return FLOATS(vectors), generate
+    def generate(context, builder, signature, arguments):
+        rows = [builder.extract_value(arguments[0], i) for i in range(vectors.count)]
+        found = [sixteen(builder, rows[first : first + WIDTH]) for first in range(0, len(rows), WIDTH)]
+        return context.make_tuple(builder, kind, found)
+
+    return kind(vectors), generate
 
 
 def _pattern(kind: LanesType, values, meaning: str):

@@ -25,7 +25,8 @@ def _lanes_in(array) -> LanesType | None:
     return kind_of(array.dtype) if isinstance(array, types.Array) and array.ndim == 1 else None
 
 
-def _address(context, builder, kind: LanesType, array_type, array, index):
+def place_of(context, builder, kind: LanesType, array_type, array, index):
+    """Where array[index] is, as a pointer to lanes."""
     data = context.make_array(array_type)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [index]), kind.vector.as_pointer())
 
@@ -48,7 +49,7 @@ def load(typing_context, array, index):
         return None
 
     def generate(context, builder, signature, arguments):
-        return builder.load(_address(context, builder, kind, array, *arguments), align=_align(kind))
+        return builder.load(place_of(context, builder, kind, array, *arguments), align=_align(kind))
 
     return kind(array, types.intp), generate
 
@@ -61,7 +62,7 @@ def store(typing_context, array, index, x):
         return None
 
     def generate(context, builder, signature, arguments):
-        pointer = _address(context, builder, kind, array, *arguments[:2])
+        pointer = place_of(context, builder, kind, array, *arguments[:2])
         builder.store(arguments[2], pointer, align=_align(kind))
         return context.get_dummy_value()
 
@@ -76,7 +77,7 @@ def load_first(typing_context, array, index, count):
         return None
 
     def generate(context, builder, signature, arguments):
-        pointer = _address(context, builder, kind, array, *arguments[:2])
+        pointer = place_of(context, builder, kind, array, *arguments[:2])
         values = [pointer, ir.Constant(INT32, _align(kind)), _first(builder, arguments[2], kind)]
         name = f"llvm.masked.load.{kind.suffix()}.p0"
         return call(builder, name, kind.vector, [*values, kind.constant(0.0)])
@@ -92,7 +93,7 @@ def store_first(typing_context, array, index, count, x):
         return None
 
     def generate(context, builder, signature, arguments):
-        pointer = _address(context, builder, kind, array, *arguments[:2])
+        pointer = place_of(context, builder, kind, array, *arguments[:2])
         mask = _first(builder, arguments[2], kind)
         values = [arguments[3], pointer, ir.Constant(INT32, _align(kind)), mask]
         call(builder, f"llvm.masked.store.{kind.suffix()}.p0", ir.VoidType(), values)
