@@ -19,12 +19,15 @@ from recon.data.dataset import Dataset
 from recon.data.light import Light, light_of, radiance_image
 from recon.decide.corrections import refinement_for
 from recon.decide.countdown import Countdown
+from recon.decide.far_field import environment_for
 from recon.decide.prediction import Prediction, enough, predicted
 from recon.decide.probe import FEWEST, has_time_for_trials, probe
 from recon.decide.settings import Settings
 from recon.decide.size import degree_for, fewer, gaussians_for, most_for
 from recon.decide.trials import reason_against_trials
 from recon.observe.refinement import Refinement
+from recon.scene.environment import Environment
+from recon.train.far_light import far_light, without_far
 from recon.train.initialisation import Start, gaussians_at, start_points
 from recon.train.ranks import Ranks
 from recon.train.training import Training
@@ -78,9 +81,9 @@ class Case(Run):
 class Decisions:
     """What is decided so far.
 
-    settings: those asked for, with what was decided in place of it. points: to start from. against_trials:
-    why none is made; None: they are. rungs: the evidence for the size; that for the corrections is in
-    `refinement`.
+    settings: those asked for, with what was decided in place of it. points: to start from. far: what is
+    behind them at the start. against_trials: why none is made; None: they are. rungs: the evidence for the
+    size and the environment; that for the corrections is in `refinement`.
     """
 
     settings: Settings
@@ -88,6 +91,7 @@ class Decisions:
     rungs: tuple[Rung, ...] = ()
     prediction: Prediction | None = None
     points: Start | None = None
+    far: Environment | None = None
     against_trials: str | None = None
 
     def setting(self, **changed: int) -> "Decisions":
@@ -101,7 +105,8 @@ class Decisions:
         method = self.settings.composed(dataset, case.light)
         gaussians = gaussians_at(self.points, method.appearance, method.observation.units)
         refinement = Refinement.of(dataset, self.refinement.parameters, self.refinement.rungs)
-        return Training.begin(method, case.light, gaussians, dataset.extent, case.device, refinement)
+        far = None if self.far is None else self.far.copied()
+        return Training.begin(method, case.light, gaussians, dataset.extent, case.device, refinement, far)
 
 
 def decide(case: Case) -> Decisions:
@@ -164,24 +169,45 @@ def trials(case: Case, decided: Decisions) -> Decisions:
     return replace(decided, against_trials=reason)
 
 
+def environment(case: Case, decided: Decisions) -> Decisions:
+    """Looks at what views see in the same directions, then at a trial; chooses whether light from far away is
+    behind the Gaussians, and leaves its rung.
+    """
+    points = decided.points
+    assert points is not None
+    dataset = case.dataset
+    taken, rung = environment_for(
+        dataset, decided.settings, case.images, decided.against_trials, case.ranks, case.progress
+    )
+    decided = replace(decided, rungs=(*decided.rungs, rung))
+    if not taken:
+        return decided
+    units = decided.settings.composed(dataset, case.light).observation.units
+    far = far_light(dataset.train, case.images, units)
+    settings = decided.settings.model_copy(update={"environment": True})
+    return replace(decided, settings=settings, far=far, points=without_far(points, dataset.train))
+
+
 def corrections(case: Case, decided: Decisions) -> Decisions:
     """Looks at the errors of the calibration, else at trials; chooses what training corrects in it."""
-    refinement = refinement_for(case.dataset, case.asked, decided.against_trials, case.ranks, case.progress)
+    asked = case.asked.model_copy(update={"environment": decided.settings.environment})
+    refinement = refinement_for(case.dataset, asked, decided.against_trials, case.ranks, case.progress)
     return replace(decided, refinement=refinement)
 
 
 def gaussians(case: Case, decided: Decisions) -> Decisions:
     """Looks at trials, or at the samples of the views; chooses how many Gaussians the scene is given."""
-    asked, points, colours = case.asked, decided.points, decided.settings.degree or 0
+    asked = case.asked.model_copy(update={"environment": decided.settings.environment})
+    points, colours = decided.points, decided.settings.degree or 0
     assert points is not None
     count, rung = gaussians_for(
         case.dataset, asked, decided.against_trials, colours, decided.refinement, points,
         case.ranks, case.progress, case.device,
     )  # fmt: skip
-    (colour,) = decided.rungs
+    colour, far = decided.rungs
     colour = colour.model_copy(update={"parameters": (colour.parameters or 0) * count})
     points = fewer(points, int(asked.start_share * count), asked.seed)
-    return replace(decided.setting(max_gaussians=count), points=points, rungs=(rung, colour))
+    return replace(decided.setting(max_gaussians=count), points=points, rungs=(rung, colour, far))
 
 
 def iterations(case: Case, decided: Decisions) -> Decisions:
@@ -218,6 +244,7 @@ ORDER: tuple[Callable[[Case, Decisions], Decisions], ...] = (
     most_gaussians,
     start,
     trials,
+    environment,
     corrections,
     gaussians,
     iterations,

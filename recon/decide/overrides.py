@@ -41,6 +41,9 @@ class Overrides(Record):
     refine: str | None = Field(default=None, pattern=_REFINE)
     """What training corrects in the calibration, joined by +, or none."""
 
+    environment: bool | None = None
+    """Whether there is light from far away behind the Gaussians, a radiance by direction: 1 or 0."""
+
     @classmethod
     def of(cls, words: Sequence[str]) -> Self:
         """From `KEY=VALUE`, such as `iterations=500`; InputError if a key or a value is not possible."""

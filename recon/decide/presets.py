@@ -11,6 +11,7 @@ MethodName = Literal["auto", "nh-3dgs", "hdr-gs", "vanilla"]
 QualityName = Literal["draft", "standard", "best"]
 OVERRIDES = (
     "iterations", "gaussians", "width", "degree", "ssim", "growth", "views", "exposures", "refine",
+    "environment",
 )  # fmt: skip
 """The keys of `--set`: the fields of `recon.decide.overrides.Overrides`."""
 

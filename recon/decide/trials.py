@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 from recon.data.dataset import Dataset, View
@@ -19,6 +20,7 @@ from recon.decide.settings import Settings
 from recon.methods import METHODS
 from recon.observe.refinement import Refined, Refinement
 from recon.train.densification import DensityRules
+from recon.train.far_light import far_light, without_far
 from recon.train.initialisation import Start, gaussians_at, start_points
 from recon.train.learning_rates import rate_factor
 from recon.train.trainer import train
@@ -36,7 +38,7 @@ _CPU = torch.device("cpu")
 
 def reason_against_trials(dataset: Dataset, settings: Settings) -> str | None:
     """Why nothing is decided by trials, whatever time there is; None: it may be."""
-    if settings.overrides.model_copy(update={"refine": None}) != Overrides():
+    if settings.overrides.model_copy(update={"refine": None, "environment": None}) != Overrides():
         return "not tried, since settings were fixed by hand"
     if settings.quality == "draft":
         return "not tried, since a draft is no longer than a trial"
@@ -75,11 +77,12 @@ class Trials:
     """What trials of one session have in common.
 
     part: the data set whose held-out views are those that judge a trial, all of them from the training
-    views. points: where trials start, SfM points first.
+    views. images: radiance images of those that train. points: where trials start, SfM points first.
     """
 
     part: Dataset
     light: Light
+    images: list[tuple[Float, Bool]]
     points: Start
     settings: Settings
     progress: Progress
@@ -88,8 +91,8 @@ class Trials:
     def of(cls, dataset: Dataset, settings: Settings, points: Start, progress: Progress) -> "Trials":
         """Trials of a data set's training views, from given points."""
         part = _parted(dataset)
-        light = light_of(part, [radiance_image(view) for view in part.train])
-        return cls(part, light, points, settings, progress)
+        images = [radiance_image(view) for view in part.train]
+        return cls(part, light_of(part, images), images, points, settings, progress)
 
     @classmethod
     def from_new_points(
@@ -100,7 +103,7 @@ class Trials:
         images = [radiance_image(view) for view in part.train]
         rng = np.random.Generator(np.random.PCG64([settings.seed, 0x7121A1]))
         points = start_points(part, images, count, rng, progress)
-        return cls(part, light_of(part, images), points, settings, progress)
+        return cls(part, light_of(part, images), images, points, settings, progress)
 
     def trained(
         self,
@@ -112,17 +115,23 @@ class Trials:
         degree: int | None = None,
         points: Start | None = None,
         device: torch.device = _CPU,
+        environment: bool | None = None,
     ) -> Training:
         """A training to the end of a short schedule, of at most so many Gaussians.
 
-        degree: of the harmonics; None: the method's own. points: to start from; None: all.
+        degree: of the harmonics; None: the method's own. points: to start from; None: all. environment:
+        whether light is behind the Gaussians; None: as the settings have it.
         """
         method = METHODS[self.settings.method](self.part, self.light)
         if degree is not None:
             method = Overrides(degree=degree).composed(method)
-        start = gaussians_at(points or self.points, method.appearance, method.observation.units)
+        started, far = points or self.points, None
+        if self.settings.environment if environment is None else environment:
+            far = far_light(self.part.train, self.images, method.observation.units)
+            started = without_far(started, self.part.train)
+        start = gaussians_at(started, method.appearance, method.observation.units)
         refinement = Refinement.of(self.part, refine) if refine else None
-        training = Training.begin(method, self.light, start, self.part.extent, device, refinement)
+        training = Training.begin(method, self.light, start, self.part.extent, device, refinement, far)
         rules, factor = DensityRules(gaussians), rate_factor(iterations)
         plan = Plan(iterations, rules, self.settings.seed, rate_factor=factor)
 

@@ -48,6 +48,7 @@ class DisplayColours:
 
 def display_colours(
     gaussians: Gaussians,
+    splats: Gaussians,
     renderer: Renderer,
     degree: int,
     exposure: float,
@@ -59,6 +60,9 @@ def display_colours(
 ) -> DisplayColours:
     """Of Gaussians of linear light; `exposure` times what `renderer` draws is shown, 1 as white.
 
+    splats: those that viewers draw in place of `gaussians`, which are among them; the others stand for the
+    environment that viewers do not know of.
+
     Blending display values is another thing than showing blended light: a lamp behind a veil is clipped
     before it is dimmed. So the harmonics of each Gaussian's own display values, least squares over all
     directions, are only where a short fit starts, which brings what viewers draw near to the light of
@@ -68,14 +72,14 @@ def display_colours(
 
     def codes(directions: Tensor) -> Array:
         with torch.no_grad():
-            light = renderer.appearance.colours(gaussians.parameters, directions.to(device), degree)
+            light = renderer.appearance.colours(splats.parameters, directions.to(device), degree)
         return np.asarray(srgb_encode(np.clip(light.double().cpu().numpy() * exposure, 0, 1)))
 
-    start = torch.from_numpy(fitted_harmonics(codes, len(gaussians), degree)).float().to(device)
+    start = torch.from_numpy(fitted_harmonics(codes, len(splats), degree)).float().to(device)
     count = start.shape[1]
     constant, rest = start[:, :1].clone(), start.new_zeros(len(start), COEFFICIENTS - 1, 3)
     rest[:, : count - 1] = start[:, 1:]
-    model = Gaussians({name: gaussians.parameters[name].detach() for name in GEOMETRY})
+    model = Gaussians({name: splats.parameters[name].detach() for name in GEOMETRY})
     model.parameters |= {"sh_dc": constant, "sh_rest": rest}
     viewer = Renderer(PlainHarmonics(), Limits.gsplat())
     with torch_on_one_thread():

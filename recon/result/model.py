@@ -27,6 +27,8 @@ SPLATS = "splats.ply"
 """As viewers show it."""
 RADIANCE = "radiance.ply"
 """In linear light."""
+ENVIRONMENT = "environment.exr"
+"""Light from far away, where the scene has some: a map of latitude and longitude."""
 LOG = "train.jsonl"
 REFINEMENT = "refinement.json"
 

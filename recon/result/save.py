@@ -19,6 +19,7 @@ from recon.decide.settings import Settings
 from recon.observe.photographs import Display
 from recon.observe.refinement import Refinement
 from recon.result.display import exposure_of
+from recon.result.environment_files import write_environment
 from recon.result.model import (
     CALIBRATION,
     MODEL,
@@ -53,6 +54,7 @@ def write_scene(
     gauge = "the calibration's response" if ldr else "camera signal = radiance x exposure scale"
     corrected = as_corrected(dataset, training.refinement)
     exposure, degree = exposure_of(training, corrected.views), training.method.degree(1.0)
+    write_environment(folder, training, gauge)
     display_db = write_splats(folder, corrected, training, exposure, gauge, progress)
     if training.refinement is not None and training.refinement.parameters:
         store.write_json(folder / REFINEMENT, training.refinement.facts())

@@ -18,6 +18,8 @@ from recon.observe.photographs import Display
 from recon.observe.refinement import Refinement
 from recon.result.model import CHECKPOINT, ModelRecord, SceneView, read_model, read_own_calibration
 from recon.scene.checkpoint import Checkpoint, read_checkpoint
+from recon.scene.environment import NAME as ENVIRONMENT
+from recon.scene.environment import Environment
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.splat import SplatCamera
 from recon.train.resume import light_in, restored
@@ -120,7 +122,8 @@ def open_scene(folder: str | Path) -> Scene:
 
 
 def _scene(folder: Path, record: ModelRecord, checkpoint: Checkpoint) -> Scene:
-    renderer = Renderer(APPEARANCES[record.settings.method], limits_for(record.reference))
+    environment = Environment.stored(checkpoint.part(ENVIRONMENT))
+    renderer = Renderer(APPEARANCES[record.settings.method], limits_for(record.reference), environment)
     return Scene(folder, record, Gaussians(checkpoint.part("gaussians")), renderer)
 
 

@@ -10,6 +10,7 @@ from recon.data.dataset import Dataset
 from recon.data.world import Vector
 from recon.observe.photographs import Display
 from recon.result.display_colours import display_colours, steps_after
+from recon.result.environment_files import DOME, dome_of
 from recon.result.model import RADIANCE, SPLATS
 from recon.scene.ply import plain_harmonics, write_ply
 from recon.train.training import Training
@@ -31,8 +32,16 @@ def write_splats(
     """
     method, light = training.method, training.light
     degree, offset = method.degree(1.0), offset_of(dataset)
-    gaussians = training.gaussians.to(torch.device("cpu"))
     place = ["offset {!r} {!r} {!r}: add it to x y z".format(*offset)] if any(offset) else []
+    drawn, far = training.gaussians, training.environment
+    if far is not None:
+        dome = dome_of(far, method.appearance, len(drawn))
+        drawn = drawn.joined(dome.to(drawn.parameters["means"].device))
+        place.append(
+            f"light from far away: the last {len(dome)} Gaussians, a sphere {DOME:g} times as far as what is "
+            f"looked at"
+        )
+    gaussians = drawn.to(torch.device("cpu"))
     harmonics = plain_harmonics(gaussians, method.appearance, degree)
     if isinstance(method.observation, Display):
         note = "display values, the codes of the photographs"
@@ -43,6 +52,7 @@ def write_splats(
     write_ply(folder / RADIANCE, gaussians, harmonics, [note, *place], dataset.world, offset)
     shown = display_colours(
         training.gaussians,
+        drawn,
         training.renderer(),
         degree,
         exposure * light.normaliser,

@@ -18,7 +18,7 @@ FORMAT = "hdr-rig training 1"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """tensors: by `gaussians.`, `shared.`, `adam.` and `density.` names; facts: anything JSON."""
+    """tensors: by `gaussians.`, `shared.`, `environment.`, `adam.` and other names; facts: anything JSON."""
 
     tensors: dict[str, Tensor]
     facts: dict[str, Any]

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from recon.scene.appearance import Appearance, Parameters, Rate
+from recon.scene.environment import Environment
 from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
 from recon.splat.moved import moved
 
@@ -49,6 +50,14 @@ class Gaussians:
         """The same on a device; itself, if it is there already."""
         return Gaussians({name: value.to(device) for name, value in self.parameters.items()})
 
+    def joined(self, others: "Gaussians") -> "Gaussians":
+        """These and others of the same appearance behind them, without gradient."""
+        both = {
+            name: torch.cat([value.detach(), others.parameters[name]])
+            for name, value in self.parameters.items()
+        }
+        return Gaussians(both)
+
     def opacities(self) -> Tensor:
         """Opacities in 0..1, [N]."""
         return torch.sigmoid(self.parameters["opacity_logits"])
@@ -64,10 +73,14 @@ class Gaussians:
 
 @dataclass(frozen=True)
 class Renderer:
-    """How Gaussians become an image: the appearance, and the cut-offs of the rasteriser."""
+    """How Gaussians become an image: the appearance, the cut-offs of the rasteriser, and what is far behind.
+
+    environment: None: nothing is, black.
+    """
 
     appearance: Appearance
     limits: Limits
+    environment: Environment | None = None
 
     def __call__(
         self,
@@ -78,9 +91,10 @@ class Renderer:
         stats: SplatStats | None = None,
         camera_delta: Tensor | None = None,
     ) -> Render:
-        """Linear Rec.709 radiance in scene units, before black; differentiable in every parameter.
+        """Linear Rec.709 radiance in scene units, before the environment; differentiable in every parameter.
 
-        camera_delta [14]: how far the camera is moved, as `rasterize` has it; differentiable too.
+        camera_delta [14]: how far the camera is moved, as `rasterize` has it; differentiable too, but for how
+        the environment turns with it.
         """
         parameters = gaussians.parameters
         place = camera if camera_delta is None else moved(camera, camera_delta.detach())[0]
@@ -89,7 +103,7 @@ class Renderer:
         with torch.no_grad():
             away = parameters["means"] - centre.to(parameters["means"])
             directions = away / away.norm(dim=1, keepdim=True).clamp_min(1e-12)
-        return rasterize(
+        render = rasterize(
             parameters["means"],
             parameters["quats"],
             gaussians.scales(),
@@ -101,6 +115,9 @@ class Renderer:
             stats,
             camera_delta,
         )
+        if self.environment is None:
+            return render
+        return replace(render, image=self.environment.behind(render.image, render.alpha, place))
 
 
 TAU = 0.03

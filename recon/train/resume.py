@@ -8,6 +8,8 @@ from recon.data.light import Light
 from recon.methods.method import Method
 from recon.observe.refinement import Refinement
 from recon.scene.checkpoint import Checkpoint, adam_tensors, restore_adam
+from recon.scene.environment import NAME as ENVIRONMENT
+from recon.scene.environment import Environment
 from recon.scene.gaussians import Gaussians
 from recon.train.live_curve import Moment
 from recon.train.schedule import Schedule
@@ -21,6 +23,7 @@ def checkpoint_of(training: Training, facts: dict[str, Any]) -> Checkpoint:
     """All of a training as tensors and facts, beside further `facts`."""
     corrections = {} if training.refinement is None else training.refinement.parameters
     rungs = () if training.refinement is None else training.refinement.rungs
+    far = {} if training.environment is None else training.environment.tensors()
     stats = {f"stats.{key}": torch.from_numpy(getattr(training.stats, key).copy()) for key in _STATS}
     state = {
         "iteration": training.iteration,
@@ -37,6 +40,7 @@ def checkpoint_of(training: Training, facts: dict[str, Any]) -> Checkpoint:
             **{f"gaussians.{name}": value for name, value in training.gaussians.parameters.items()},
             **{f"shared.{name}": value for name, value in training.method.observation.shared.items()},
             **{f"refinement.{name}": value for name, value in corrections.items()},
+            **{f"{ENVIRONMENT}.{name}": value for name, value in far.items()},
             **adam_tensors(training.optimizer),
             **stats,
         },
@@ -63,7 +67,10 @@ def restored(
     for name, value in checkpoint.part("shared").items():
         method.observation.shared[name].data.copy_(value)
     gaussians, facts = Gaussians(checkpoint.part("gaussians")), checkpoint.facts
-    training = Training.begin(method, light_in(checkpoint), gaussians, extent, device, refinement)
+    environment = Environment.stored(checkpoint.part(ENVIRONMENT))
+    training = Training.begin(
+        method, light_in(checkpoint), gaussians, extent, device, refinement, environment
+    )
     restore_adam(training.optimizer, checkpoint.part("adam"))
     for key, value in checkpoint.part("stats").items():
         setattr(training.stats, key, value.numpy().copy())

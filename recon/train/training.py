@@ -10,6 +10,9 @@ from recon.data.dataset import View
 from recon.data.light import Light
 from recon.methods.method import Method
 from recon.observe.refinement import RATES, Refinement
+from recon.scene.environment import NAME as ENVIRONMENT
+from recon.scene.environment import RATE as ENVIRONMENT_RATE
+from recon.scene.environment import Environment
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.splat import SplatStats
 from recon.train.densification import DensityRules
@@ -54,6 +57,7 @@ class Training:
     optimizer: torch.optim.Optimizer
     stats: SplatStats
     refinement: Refinement | None = None
+    environment: Environment | None = None
     iteration: int = 0
     seconds: float = 0.0
     measuring: float = 0.0
@@ -70,6 +74,7 @@ class Training:
         extent: float,
         device: torch.device = _CPU,
         refinement: Refinement | None = None,
+        environment: Environment | None = None,
     ) -> "Training":
         """Nothing trained yet, on a device; `extent` scales the learning rate of the means."""
         gaussians = gaussians.to(device)
@@ -80,6 +85,10 @@ class Training:
             refinement.to(device)
             rates |= {str(name): RATES[name] for name in refinement.parameters}
             parameters |= {str(name): value for name, value in refinement.parameters.items()}
+        if environment is not None:
+            environment.to(device)
+            rates[ENVIRONMENT] = ENVIRONMENT_RATE
+            parameters[ENVIRONMENT] = environment.ln_light
         groups = [
             {
                 "name": name,
@@ -90,11 +99,11 @@ class Training:
             for name, value in parameters.items()
         ]
         optimizer = torch.optim.Adam(groups, eps=1e-15, fused=True)
-        return cls(method, light, gaussians, optimizer, SplatStats(len(gaussians)), refinement)
+        return cls(method, light, gaussians, optimizer, SplatStats(len(gaussians)), refinement, environment)
 
     def renderer(self) -> Renderer:
         """How its Gaussians are drawn."""
-        return Renderer(self.method.appearance, limits_for(self.light.reference))
+        return Renderer(self.method.appearance, limits_for(self.light.reference), self.environment)
 
     def held_out_psnr(self, views: Sequence[View], progress: float, ranks: Ranks) -> float:
         """Quality of views, dB: see `live_curve.held_out_psnr`."""

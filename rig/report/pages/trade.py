@@ -29,6 +29,7 @@ AXES = {
     "views": "training views",
     "exposures": "exposures of a view",
     "refine": "corrections",
+    "environment": "environment",
 }
 
 

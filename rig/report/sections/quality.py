@@ -27,6 +27,7 @@ ENDINGS = {
 FILES = {
     "splats.ply": "The Gaussians as viewers of 3DGS show them: display values, exposed",
     "radiance.ply": "The same Gaussians with their linear light",
+    "environment.exr": "Linear light from far away behind the Gaussians, by direction",
     "model.json": "What was trained, from what, with which choices; every view's lens and pose",
     "calibration.json": "The calibration that it was trained on",
     "refinement.json": "What training corrected in the calibration",

@@ -30,11 +30,11 @@ def test_the_package_tells_the_order_of_the_decisions():
     assert [int(number) for number, _ in told] == list(range(1, len(ORDER) + 2))
     assert [name for _, name in told[1:]] == [
         "iterations at most", "report", "degree of the harmonics", "most Gaussians", "starting points",
-        "trials", "corrections of the calibration", "number of Gaussians", "iterations",
+        "trials", "environment", "corrections of the calibration", "number of Gaussians", "iterations",
     ]  # fmt: skip
     assert [decision.__name__ for decision in ORDER] == [
-        "longest", "report", "degree", "most_gaussians", "start", "trials", "corrections", "gaussians",
-        "iterations",
+        "longest", "report", "degree", "most_gaussians", "start", "trials", "environment", "corrections",
+        "gaussians", "iterations",
     ]  # fmt: skip
 
 
@@ -43,7 +43,11 @@ def test_a_few_small_pictures_are_decided_without_a_trial(toy_dataset):
     decided = decide(Case.of(run_of(toy_dataset, wanted)))
     assert decided.against_trials is not None
     assert (decided.settings.degree, decided.settings.max_gaussians) == (0, 400)
-    assert [rung.name for rung in decided.rungs] == ["number of Gaussians", "direction-dependent colour"]
+    assert [rung.name for rung in decided.rungs] == [
+        "number of Gaussians",
+        "direction-dependent colour",
+        "environment",
+    ]
     assert [rung.taken for rung in decided.refinement.rungs] == [False] * 3
     assert len(decided.points.xyz) <= 200
     assert decided.prediction is None

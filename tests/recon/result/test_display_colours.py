@@ -51,7 +51,7 @@ def lamps() -> tuple[Gaussians, Renderer]:
 def fitted(lamps, steps=100, exposure=0.5):
     gaussians, renderer = lamps
     return display_colours(
-        gaussians, renderer, 2, exposure, steps, fitted=[CAMERAS[i] for i in (0, 1, 2, 4, 5, 6)],
+        gaussians, gaussians, renderer, 2, exposure, steps, fitted=[CAMERAS[i] for i in (0, 1, 2, 4, 5, 6)],
         judged=[CAMERAS[3]], progress=lambda *told: None,
     )  # fmt: skip
 
@@ -89,7 +89,7 @@ def test_light_of_display_values_stays_what_it_is():
     gaussians = Gaussians({**places, **appearance.start(colours)})
     renderer = Renderer(appearance, Limits.gsplat())
     found = display_colours(
-        gaussians, renderer, 0, 1.0, 0, fitted=CAMERAS[:1], judged=(), progress=lambda *told: None
+        gaussians, gaussians, renderer, 0, 1.0, 0, fitted=CAMERAS[:1], judged=(), progress=lambda *told: None
     )
     assert found.harmonics.shape == (12, 1, 3)
     codes = found.harmonics[:, 0] * 0.28209479177387814 + 0.5

@@ -1,0 +1,137 @@
+"""Where an environment starts: the light of each direction that views from several places agree on."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import torch
+from scipy.ndimage import distance_transform_edt
+
+from imaging.merge.linear_frame import Bool, Float
+from recon.data.dataset import View
+from recon.data.geometry import inside, project_camera, rays
+from recon.scene.environment import Environment, texels
+from recon.train.initialisation import FEWEST_POINTS, Start
+
+Array = npt.NDArray[np.float64]
+
+FINEST = 768
+"""Rows at most: 3.5 million numbers, whose steps take a tenth of a training's time."""
+TEXEL = 1.5
+"""Pixels of a training view that a texel is across."""
+MOST_LOOKS = 8
+"""At a direction; more views tell no more."""
+ALIKE = 0.2
+"""Natural log: two views agree on light that differs by less."""
+BEYOND = 10.0
+"""Extents of the rig from its middle: Gaussians start nearer."""
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+FLOOR = 2.0**-20
+"""Of the brightest light: the least that a direction starts with."""
+
+
+def far_light(
+    views: Sequence[View],
+    images: Sequence[tuple[Float, Bool]],
+    units: Callable[[torch.Tensor], torch.Tensor],
+) -> Environment:
+    """The environment that training starts from; images: radiance images of the views.
+
+    Of the lights that views see in the direction of a texel it has the one that most others are like: what
+    stands before it in one view looks otherwise from the next. Directions in which no two views see alike
+    have the light of the nearest in which two do.
+    """
+    focal = float(np.median([max(view.lens.fx, view.lens.fy) for view in views]))
+    rows = int(np.clip(round(np.pi * focal / TEXEL), 16, FINEST))
+    axes = _axes(views)
+    directions = (texels(rows) @ axes).reshape(-1, 3)
+    light = np.full((MOST_LOOKS, len(directions), 3), np.nan, np.float32)
+    count = np.zeros(len(directions), np.int64)
+    for view, (rgb, _) in zip(views, images, strict=True):
+        at, seen = _looks(view, rgb, directions)
+        room = count[at] < MOST_LOOKS
+        at, seen = at[room], seen[room]
+        light[count[at], at] = seen
+        count[at] += 1
+    best, friends = _most_like(light)
+    planes = light[best, np.arange(len(directions))].reshape(rows, 2 * rows, 3)
+    unsure = (friends == 0).reshape(rows, 2 * rows)
+    nearest = distance_transform_edt(unsure, return_distances=False, return_indices=True)
+    filled = np.zeros_like(planes) if unsure.all() else planes[tuple(nearest)]
+    scaled = units(torch.from_numpy(np.maximum(filled, 0))).movedim(2, 0)
+    floor = max(float(scaled.max()) * FLOOR, 1e-12)
+    return Environment(scaled.clamp_min(floor).log().float().contiguous(), axes)
+
+
+def _most_like(light: Float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Of looks [L, D, 3], NaN where there is none: which one most others are like, and how many are, [D]."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        logs = np.log(light @ LUMINANCE)
+    logs[~np.isfinite(logs)] = np.nan
+    best, friends = np.zeros(light.shape[1], np.int64), np.full(light.shape[1], -1, np.int64)
+    for one, own in enumerate(logs):
+        alike = (np.abs(logs - own) < ALIKE).sum(0) - np.isfinite(own)
+        better = np.isfinite(own) & (alike > friends)
+        best[better], friends[better] = one, alike[better]
+    return best, np.maximum(friends, 0)
+
+
+def within_reach(views: Sequence[View], points: Array) -> Bool:
+    """Which of points [P, 3] lie within `BEYOND` extents of the views' cameras, bool [P]."""
+    centres = np.array([view.centre for view in views])
+    middle = centres.mean(0)
+    extent = float(np.linalg.norm(centres - middle, axis=1).max())
+    return np.asarray(np.linalg.norm(points - middle, axis=1) < BEYOND * extent)
+
+
+def without_far(start: Start, views: Sequence[View]) -> Start:
+    """The points that Gaussians start from where an environment has the light of all beyond."""
+    kept = within_reach(views, start.xyz)
+    if kept.sum() < FEWEST_POINTS:
+        return start
+    return replace(start, xyz=start.xyz[kept], rgb=start.rgb[kept], sparse=int(kept[: start.sparse].sum()))
+
+
+def _axes(views: Sequence[View]) -> Array:
+    """Scene axes of a map whose poles lie where the cameras' own up and down do."""
+    up = -np.mean([view.lens.cam_from_world[1, :3] for view in views], axis=0)
+    if np.linalg.norm(up) < 0.1:  # turned all ways: any axis will do
+        up = -views[0].lens.cam_from_world[1, :3]
+    up = up / np.linalg.norm(up)
+    ahead = views[0].lens.cam_from_world[2, :3]
+    side = np.cross(up, ahead)
+    if np.linalg.norm(side) < 1e-6:
+        side = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    side /= np.linalg.norm(side)
+    return np.stack([side, up, np.cross(side, up)])
+
+
+def _looks(view: View, rgb: Float, directions: Array) -> tuple[npt.NDArray[np.int64], Float]:
+    """Which of far directions [D, 3] a view shows, and their light [M, 3]."""
+    lens, turn = view.lens, view.lens.cam_from_world[:3, :3]
+    border = rays(lens, [[0, 0], [lens.width, 0], [0, lens.height], [lens.width, lens.height]])
+    widest = float((border[:, 2] / np.linalg.norm(border, axis=1)).min())
+    ahead = np.flatnonzero(directions @ turn[2] > widest)
+    pixels, depth = project_camera(lens, directions[ahead] @ turn.T)
+    shown = inside(lens, pixels, depth)
+    ahead, pixels = ahead[shown], pixels[shown]
+    at = np.floor(pixels).astype(int)
+    kept = view.seen[at[:, 1], at[:, 0]]
+    ahead, pixels = ahead[kept], (pixels[kept] - 0.5).astype(np.float32)
+    if not len(ahead):
+        return ahead, np.zeros((0, 3), np.float32)
+    # OpenCV maps no more than 32767 places a side.
+    width = 1 << 14
+    padded = np.zeros((-(-len(pixels) // width) * width, 2), np.float32)
+    padded[: len(pixels)] = pixels
+    where = padded.reshape(-1, width, 2)
+    light = cv2.remap(
+        np.ascontiguousarray(rgb),
+        where[..., 0],
+        where[..., 1],
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return ahead, light.reshape(-1, 3)[: len(ahead)]
