@@ -1,6 +1,10 @@
-"""Colour filter arrays: the four Bayer phases, crops that shift them, mosaics and their bilinear pictures."""
+"""Colour filter arrays: tables of any period, crops that shift them, mosaics and their bilinear pictures."""
 
-from enum import StrEnum
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from math import lcm
+from typing import ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -8,77 +12,226 @@ from scipy import ndimage
 
 Float = npt.NDArray[np.float32]
 Bool = npt.NDArray[np.bool_]
-_WEIGHTS = np.array([[0.25, 0.5, 0.25], [0.5, 1.0, 0.5], [0.25, 0.5, 0.25]])
+Tile = tuple[tuple[float, ...], ...]
+"""Values of the sites of a tile that repeats over the photosites, row by row."""
+
+Site = TypeVar("Site", bound=np.generic)
+LETTERS = ("RGB", "RGBW", "W")
 
 
-class Cfa(StrEnum):
-    """A Bayer phase, read along the first row and then the second."""
+@dataclass(frozen=True)
+class Cfa:
+    """A colour filter array, by the letters of the tile that repeats from the first photosite on.
 
-    RGGB = "RGGB"
-    BGGR = "BGGR"
-    GRBG = "GRBG"
-    GBRG = "GBRG"
+    rows: of the tile, such as ("RG", "GB"): R, G and B, with or without W, which has no filter; or W alone,
+    which is mono. ValueError for other letters, and rows of unequal length. As text "RG/GB".
+    """
 
-    @property
-    def pattern(self) -> npt.NDArray[np.uint8]:
-        """Channel of each site of the 2x2 tile, uint8 [2, 2]; 0 red, 1 green, 2 blue."""
-        return np.array(["RGB".index(letter) for letter in self], dtype=np.uint8).reshape(2, 2)
+    rows: tuple[str, ...]
+
+    RGGB: ClassVar["Cfa"]
+    BGGR: ClassVar["Cfa"]
+    GRBG: ClassVar["Cfa"]
+    GBRG: ClassVar["Cfa"]
+    X_TRANS: ClassVar["Cfa"]
+    """Fujifilm's (US 8,531,563); bodies begin it at any of its places."""
+    QUAD_BAYER: ClassVar["Cfa"]
+    KODAK_RGBW: ClassVar["Cfa"]
+    """Compton and Hamilton, US 8,139,130: every other photosite without a filter."""
+    MONO: ClassVar["Cfa"]
+
+    def __post_init__(self) -> None:
+        if len({len(row) for row in self.rows}) != 1 or self.letters not in LETTERS:
+            raise ValueError(
+                f"{self} is no Cfa: rows of equal length hold R, G and B, with or without W, or W alone"
+            )
 
     @classmethod
-    def from_pattern(cls, pattern: npt.ArrayLike) -> "Cfa":
-        """The phase whose `pattern` this is; ValueError if it is not a Bayer phase."""
-        return cls("".join("RGB"[int(channel)] for channel in np.asarray(pattern).reshape(-1)))
+    def of(cls, text: str) -> "Cfa":
+        """The table whose text this is; ValueError if it is none."""
+        return cls(tuple(text.split("/")))
+
+    @classmethod
+    def from_pattern(cls, pattern: npt.ArrayLike, letters: str = "RGB") -> "Cfa":
+        """The table whose sites [h, w] are these places among `letters`, in its least period.
+
+        ValueError if there is no such table.
+        """
+        sites = np.asarray(pattern)
+        if sites.ndim != 2 or sites.size == 0 or sites.min() < 0 or sites.max() >= len(letters):
+            raise ValueError(f"{sites.tolist()} is no Cfa of {letters}")
+        for axis in (0, 1):
+            length = sites.shape[axis]
+            repeats = (n for n in range(1, length + 1) if length % n == 0 and _repeats(sites, n, axis))
+            sites = sites.take(range(next(repeats)), axis)
+        return cls(tuple("".join(letters[int(site)] for site in row) for row in sites))
+
+    def __str__(self) -> str:
+        return "/".join(self.rows)
+
+    @property
+    def letters(self) -> str:
+        """Its channels, in the order in which `pattern` counts them: RGB, RGBW or W."""
+        seen = {letter for row in self.rows for letter in row}
+        return "".join(sorted(seen, key=lambda letter: "RGBW".find(letter)))
+
+    @property
+    def period(self) -> tuple[int, int]:
+        """Rows and columns of the tile."""
+        return len(self.rows), len(self.rows[0])
+
+    @property
+    def tile(self) -> tuple[int, int]:
+        """Rows and columns after which it repeats, and even and odd ones too, as many sensors are read."""
+        return lcm(2, self.period[0]), lcm(2, self.period[1])
+
+    @cached_property
+    def pattern(self) -> npt.NDArray[np.uint8]:
+        """Channel of each site of the tile, uint8 [h, w]; 0 red, 1 green, 2 blue, 3 white; of mono 0."""
+        letters = self.letters
+        return np.array([[letters.index(letter) for letter in row] for row in self.rows], np.uint8)
+
+    @property
+    def bayer(self) -> bool:
+        """Whether it is one of the four Bayer phases."""
+        return self in BAYER
+
+    @property
+    def mono(self) -> bool:
+        """Whether all photosites see the same."""
+        return self.letters == "W"
+
+    @property
+    def densest(self) -> int:
+        """The channel that has most photosites, which tells detail best."""
+        return int(np.argmax(np.bincount(self.pattern.reshape(-1))))
+
+    @cached_property
+    def cell(self) -> int:
+        """Side of the least square, 2 or more, that holds every channel wherever a multiple of it begins.
+
+        A mosaic seen in such squares has all colours in each: 2 of Bayer and mono, 3 of X-Trans.
+        """
+        whole = lcm(*self.tile)
+        channels = self.channels(whole, whole)
+        for side in (n for n in range(2, whole) if whole % n == 0):
+            squares = channels.reshape(whole // side, side, whole // side, side)
+            if all((squares == channel).any((1, 3)).all() for channel in range(len(self.letters))):
+                return side
+        return whole
 
     def cropped(self, top: int, left: int) -> "Cfa":
-        """The phase seen after `top` rows and `left` columns are cut away."""
-        return Cfa.from_pattern(np.roll(self.pattern, (-top, -left), axis=(0, 1)))
+        """The table seen after `top` rows and `left` columns are cut away."""
+        height, width = self.period
+        rows = self.rows[top % height :] + self.rows[: top % height]
+        return Cfa(tuple(row[left % width :] + row[: left % width] for row in rows))
 
     def channels(self, height: int, width: int) -> npt.NDArray[np.uint8]:
         """Channel of every photosite, uint8 [height, width]."""
-        return np.tile(self.pattern, (-(-height // 2), -(-width // 2)))[:height, :width]
+        return repeated(self.pattern, height, width)
 
 
-def mosaic(rgb: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[np.floating]:
-    """Keep of each pixel of `rgb` [H, W, 3] the one channel that `cfa` lets through: [H, W]."""
-    channels = cfa.channels(*rgb.shape[:2])
-    return np.take_along_axis(rgb, channels[..., None].astype(np.intp), axis=2)[..., 0]
+Cfa.RGGB, Cfa.BGGR = Cfa.of("RG/GB"), Cfa.of("BG/GR")
+Cfa.GRBG, Cfa.GBRG = Cfa.of("GR/BG"), Cfa.of("GB/RG")
+Cfa.X_TRANS = Cfa.of("GBGGRG/RGRBGB/GBGGRG/GRGGBG/BGBRGR/GRGGBG")
+Cfa.QUAD_BAYER = Cfa.of("RRGG/RRGG/GGBB/GGBB")
+Cfa.KODAK_RGBW = Cfa.of("WBWG/BWGW/WGWR/GWRW")
+Cfa.MONO = Cfa.of("W")
+BAYER = (Cfa.RGGB, Cfa.BGGR, Cfa.GRBG, Cfa.GBRG)
+
+
+def _repeats(sites: npt.NDArray[np.generic], length: int, axis: int) -> bool:
+    return bool(np.array_equal(sites, np.roll(sites, length, axis)))
+
+
+def repeated(tile: npt.NDArray[Site], height: int, width: int) -> npt.NDArray[Site]:
+    """A tile [h, w] over all photosites, [height, width]."""
+    rows, columns = tile.shape
+    return np.tile(tile, (-(-height // rows), -(-width // columns)))[:height, :width]
+
+
+def as_tile(values: npt.ArrayLike) -> Tile:
+    """An array [h, w] as the nested tuples that records hold."""
+    return tuple(tuple(float(value) for value in row) for row in np.atleast_2d(np.asarray(values)))
+
+
+def rolled(tile: Tile, top: int, left: int) -> Tile:
+    """The tile seen after `top` rows and `left` columns are cut away."""
+    return as_tile(np.roll(np.array(tile), (-top, -left), axis=(0, 1)))
+
+
+def mosaic(light: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[np.floating]:
+    """Keep of each pixel of `light` [H, W, channels] the one channel that `cfa` lets through: [H, W]."""
+    channels = cfa.channels(*light.shape[:2])
+    return np.take_along_axis(light, channels[..., None].astype(np.intp), axis=2)[..., 0]
+
+
+def cell_means(image: npt.NDArray[np.generic], cfa: Cfa) -> Float:
+    """Mean of each channel over the cells of a mosaic [H, W]: float32 [H // cell, W // cell, channels].
+
+    Rows and columns that complete no cell are left out.
+    """
+    side, letters = cfa.cell, cfa.letters
+    high, wide = image.shape[0] // side, image.shape[1] // side
+    period = [lcm(side, length) for length in cfa.period]
+    channels = repeated(cfa.pattern, *period)
+    total = np.zeros((high, wide, len(letters)), np.float32)
+    count = np.zeros((period[0] // side, period[1] // side, len(letters)), np.float32)
+    for (row, column), channel in np.ndenumerate(channels):
+        plane = image[row : high * side : period[0], column : wide * side : period[1]]
+        total[row // side :: period[0] // side, column // side :: period[1] // side, channel] += plane
+        count[row // side, column // side, channel] += 1
+    for (row, column), _ in np.ndenumerate(count[..., 0]):
+        total[row :: count.shape[0], column :: count.shape[1]] /= count[row, column]
+    return total
 
 
 def bilinear(image: npt.NDArray[np.floating], cfa: Cfa, valid: Bool | None = None) -> tuple[Float, Bool]:
-    """Bilinear demosaic of a linear mosaic [H, W] -> rgb float32 [H, W, 3] and valid bool [H, W, 3].
+    """Bilinear demosaic of a linear mosaic [H, W] -> light float32 [H, W, channels] and valid, bool.
 
-    Each missing sample is the weighted mean of its *valid* neighbours of the same channel, so that
-    a saturated or defect photosite does not spread. Where no neighbour is valid the value is 0 and
-    `valid` is False. It blurs edges: `imaging.demosaic` is for what somebody looks at or trains on.
+    Each missing sample is the mean of its *valid* neighbours of the same channel, weighted by a tent that
+    reaches one wherever the table is whole, so that a saturated or defect photosite does not spread. Where
+    no neighbour is valid the value is 0 and `valid` is False. It blurs edges: `imaging.demosaic` is for what
+    somebody looks at or trains on.
     """
     height, width = image.shape
     channels = cfa.channels(height, width)
     trusted = np.ones(image.shape, bool) if valid is None else valid
-    rgb = np.zeros((height, width, 3), np.float32)
-    known = np.zeros((height, width, 3), bool)
-    for channel in range(3):
+    light = np.zeros((height, width, len(cfa.letters)), np.float32)
+    known = np.zeros(light.shape, bool)
+    for channel, weights in enumerate(tents(cfa)):
         own = trusted & (channels == channel)
-        weight = ndimage.convolve(own.astype(np.float64), _WEIGHTS, mode="mirror")
-        total = ndimage.convolve(np.where(own, image, 0.0).astype(np.float64), _WEIGHTS, mode="mirror")
+        weight = ndimage.convolve(own.astype(np.float64), weights, mode="mirror")
+        total = ndimage.convolve(np.where(own, image, 0.0).astype(np.float64), weights, mode="mirror")
         known[..., channel] = weight > 0
         value = np.where(own, image, total / np.maximum(weight, 1e-12))
-        rgb[..., channel] = np.where(known[..., channel], value, 0.0)
-    return rgb, known
+        light[..., channel] = np.where(known[..., channel], value, 0.0)
+    return light, known
 
 
 def bilinear_variance(variance: npt.NDArray[np.float64], cfa: Cfa, valid: Bool) -> npt.NDArray[np.float64]:
-    """Variance [H, W, 3] of what `bilinear` makes of photosites of such a variance [H, W].
+    """Variance [H, W, channels] of what `bilinear` makes of photosites of such a variance [H, W].
 
     Infinite next to a photosite whose own is, NaN where nothing is known.
     """
     channels = cfa.channels(*variance.shape)
     planes = []
-    for channel in range(3):
+    for channel, weights in enumerate(tents(cfa)):
         own = valid & (channels == channel)
-        weight = ndimage.convolve(own.astype(np.float64), _WEIGHTS, mode="mirror")
-        bound = ndimage.binary_dilation(own & ~np.isfinite(variance), np.ones((3, 3), bool))
+        weight = ndimage.convolve(own.astype(np.float64), weights, mode="mirror")
+        bound = ndimage.binary_dilation(own & ~np.isfinite(variance), np.ones(weights.shape, bool))
         spread = np.where(own & np.isfinite(variance), variance, 0.0).astype(np.float64)
-        total = ndimage.convolve(spread, _WEIGHTS**2, mode="mirror") / np.maximum(weight, 1e-12) ** 2
+        total = ndimage.convolve(spread, weights**2, mode="mirror") / np.maximum(weight, 1e-12) ** 2
         plane = np.where(own, variance, np.where(bound, np.inf, total))
         planes.append(np.where(weight > 0, plane, np.nan))
     return np.stack(planes, axis=-1)
+
+
+def tents(cfa: Cfa) -> Iterable[npt.NDArray[np.float64]]:
+    """Of each channel the narrowest tent, 1 at its middle, that reaches a photosite from everywhere."""
+    for channel in range(len(cfa.letters)):
+        reach = 0
+        while not ndimage.maximum_filter(cfa.pattern == channel, 2 * reach + 1, mode="wrap").all():
+            reach += 1
+        slope = 1.0 - np.abs(np.arange(-reach, reach + 1)) / (reach + 1.0)
+        yield np.outer(slope, slope)

@@ -68,16 +68,47 @@ def space_from_rec709(space: Space) -> Matrix3:
 
 
 def camera_from_rec709(camera_from_xyz: npt.ArrayLike) -> Matrix3:
-    """Linear Rec.709 to camera RGB, float64 [3, 3], its green row summing to 1.
+    """Linear Rec.709 to camera RGB (RGBW), float64 [channels, 3], its green row summing to 1.
 
-    `camera_from_xyz` [3, 3] is a DNG ColorMatrix for D65, of any scale. ValueError if it is not
+    `camera_from_xyz` [channels, 3] is a DNG ColorMatrix for D65, of any scale. ValueError if it is not
     finite, not invertible or blind to white in green.
     """
     matrix = np.asarray(camera_from_xyz, np.float64) @ XYZ_FROM_REC709
     green = matrix[1].sum()
-    if not np.all(np.isfinite(matrix)) or not green > 0 or abs(np.linalg.det(matrix / green)) < 1e-9:
+    if not np.all(np.isfinite(matrix)) or not green > 0 or abs(np.linalg.det(matrix[:3] / green)) < 1e-9:
         raise ValueError("the matrix from XYZ to camera RGB is singular or has no green")
     return np.asarray(matrix / green, np.float64)
+
+
+def unmeasured(channels: int) -> Matrix3:
+    """Linear Rec.709 to a camera whose colour nothing tells, float64 [channels, 3].
+
+    R, G and B are taken for Rec.709's; what has no filter (W) for their sum; mono for the mean, so that a
+    scene that it alone sees is grey.
+    """
+    if channels == 1:
+        return np.full((1, 3), 1.0 / 3.0)
+    return np.concatenate([np.eye(3), np.ones((channels - 3, 3))])
+
+
+def rec709_from_camera(matrix: npt.ArrayLike) -> Matrix3:
+    """The inverse [3, channels] of camera_from_rec709 [channels, 3]: by least squares of more than three
+    channels, grey of one."""
+    rows = np.asarray(matrix, np.float64)
+    return np.asarray(np.linalg.inv(rows) if len(rows) == 3 else np.linalg.pinv(rows))
+
+
+def balanced(light: npt.NDArray[np.float32], neutral: Sequence[float] | None) -> npt.NDArray[np.float32]:
+    """Camera light [..., channels] as RGB in which a neutral surface is grey: W left out, mono repeated.
+
+    neutral: what the camera sees of such a surface; None: the same in all channels.
+    """
+    if light.shape[-1] == 1:
+        return np.repeat(light, 3, axis=-1)
+    rgb = light[..., :3]
+    if neutral is None:
+        return rgb
+    return np.asarray(rgb / np.maximum(np.asarray(neutral[:3], np.float32), np.float32(1e-3)), np.float32)
 
 
 def srgb_encode(linear: npt.ArrayLike) -> npt.NDArray[Any]:

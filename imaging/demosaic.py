@@ -71,7 +71,7 @@ def demosaic(
     trusted = np.isfinite(image) if valid is None else valid & np.isfinite(image)
     rgb, known = bilinear(image, cfa, trusted)
     spread = None if sigma is None else bilinear_variance(np.square(sigma, dtype=np.float64), cfa, trusted)
-    if trusted.any():
+    if cfa.bayer and trusted.any():
         filled = np.where(trusted, image, _stand_in(image, trusted)).astype(np.float32)
         toe = _toe(filled, sigma)
         near = cv2.dilate((~trusted).astype(np.uint8), np.ones((2 * REACH + 1,) * 2, np.uint8)) > 0

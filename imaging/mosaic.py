@@ -6,18 +6,18 @@ from datetime import datetime
 import numpy as np
 import numpy.typing as npt
 
-from imaging.cfa import Cfa
+from imaging.cfa import Cfa, Tile, repeated, rolled
 from imaging.colour import camera_from_rec709
 from imaging.exposure import Exposure
 from imaging.noise import SensorNoise
 
-Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+Matrix = tuple[tuple[float, float, float], ...]
+"""A row of three for each channel of a camera."""
 
 
 def as_matrix(values: npt.ArrayLike) -> Matrix:
-    """A 3x3 array as the nested tuples that records hold."""
-    a, b, c, d, e, f, g, h, i = (float(value) for value in np.asarray(values).reshape(9))
-    return (a, b, c), (d, e, f), (g, h, i)
+    """An array [channels, 3] as the nested tuples that records hold."""
+    return tuple((float(x), float(y), float(z)) for x, y, z in np.asarray(values).reshape(-1, 3))
 
 
 @dataclass(frozen=True)
@@ -42,23 +42,24 @@ class FrameMetadata:
 
 @dataclass(frozen=True)
 class RawMosaic:
-    """A Bayer mosaic.
+    """A mosaic of any colour filter array, or of none (mono).
 
     pixels: uint16 [H, W], DN, as stored, black not subtracted.
-    black: DN of each site of the 2x2 tile, in order (0,0), (0,1), (1,0), (1,1).
+    black: DN of the sites of a tile that repeats, of its own period.
     black_offset: float32 [H, W], DN, by which black departs from `black` at each photosite, on average 0
     over every site of the tile; None: nowhere.
     white: DN at and above which a photosite counts as saturated.
-    neutral: camera RGB of a neutral surface, largest 1 (DNG AsShotNeutral); None if unknown.
-    camera_from_xyz: 3x3, XYZ to camera RGB under D65 (DNG ColorMatrix), scale free; None if unknown.
+    neutral: what each channel sees of a neutral surface, largest 1 (DNG AsShotNeutral); None if unknown.
+    camera_from_xyz: a row for each channel, XYZ to camera under D65 (DNG ColorMatrix), scale free; None if
+    unknown.
     noise_profile: (S, O), variance = S * signal + O on 0..1 (DNG NoiseProfile); None if unknown.
     """
 
     pixels: npt.NDArray[np.uint16]
     cfa: Cfa
-    black: tuple[float, float, float, float]
+    black: Tile
     white: int
-    neutral: tuple[float, float, float] | None = None
+    neutral: tuple[float, ...] | None = None
     camera_from_xyz: Matrix | None = None
     noise_profile: tuple[float, float] | None = None
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
@@ -73,7 +74,7 @@ class RawMosaic:
 
     @property
     def camera_from_rec709(self) -> Matrix | None:
-        """3x3, linear Rec.709 to camera RGB, green row summing to 1; None if unknown or impossible."""
+        """Linear Rec.709 to camera, a row a channel, green summing to 1; None if unknown or impossible."""
         try:
             return (
                 None if self.camera_from_xyz is None else as_matrix(camera_from_rec709(self.camera_from_xyz))
@@ -83,9 +84,7 @@ class RawMosaic:
 
     def black_map(self) -> npt.NDArray[np.float32]:
         """Black level of every photosite, DN, float32 [H, W]."""
-        height, width = self.pixels.shape
-        tile = np.array(self.black, np.float32).reshape(2, 2)
-        level = np.tile(tile, (-(-height // 2), -(-width // 2)))[:height, :width]
+        level = repeated(np.array(self.black, np.float32), *self.pixels.shape)
         return level if self.black_offset is None else level + self.black_offset
 
     def signal(self) -> npt.NDArray[np.float32]:
@@ -101,11 +100,10 @@ class RawMosaic:
         """A window of the mosaic; phase and black levels shift with it."""
         rows, columns = slice(top, top + height), slice(left, left + width)
         offset = None if self.black_offset is None else self.black_offset[rows, columns]
-        tile = np.roll(np.array(self.black).reshape(2, 2), (-top, -left), axis=(0, 1)).reshape(-1)
         return replace(
             self,
             pixels=np.ascontiguousarray(self.pixels[rows, columns]),
             cfa=self.cfa.cropped(top, left),
-            black=(float(tile[0]), float(tile[1]), float(tile[2]), float(tile[3])),
+            black=rolled(self.black, top, left),
             black_offset=offset,
         )

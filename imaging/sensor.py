@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from imaging.cfa import Tile
 from imaging.noise import SensorNoise
 from imaging.record import Record
 
@@ -40,8 +41,8 @@ class SensorCalibration(Record):
 
     iso: float | None = None
     """None: the files do not tell."""
-    black: tuple[Measured, Measured, Measured, Measured] | None = None
-    """DN of the 2x2 sites, in order (0,0), (0,1), (1,0), (1,1)."""
+    black: tuple[tuple[Measured, ...], ...] | None = None
+    """DN of the sites of a tile that repeats, row by row: 2x2 of Bayer and mono, 6x6 of X-Trans."""
     gain: Measured | None = None
     """K, DN per electron."""
     read_noise: Measured | None = None
@@ -83,8 +84,7 @@ class SensorCalibration(Record):
         """What reading a file needs of this."""
         black = None
         if self.black is not None:
-            a, b, c, d = (level.value for level in self.black)
-            black = (a, b, c, d)
+            black = tuple(tuple(level.value for level in row) for row in self.black)
         # A photosite within the scatter of the ceiling may be saturated.
         white = None if self.ceiling is None else int(np.ceil(self.ceiling.value - 3 * self.ceiling.sigma))
         bend = self.nonlinearity.value if self.linear is False and self.nonlinearity is not None else 0.0
@@ -95,12 +95,12 @@ class SensorCalibration(Record):
 class Levels:
     """Levels of a RAW file as they were measured, in place of what the file claims; None: as it claims.
 
-    black: DN of the 2x2 sites; white: DN at and above which a photosite counts as saturated; noise: of
+    black: DN of the sites of a tile; white: DN at and above which a photosite counts as saturated; noise: of
     the photosites; defects: column and row of photosites that hold no number; bend: share of the signal that
     is missing at white, 0 where the response is as straight as the data can tell.
     """
 
-    black: tuple[float, float, float, float] | None = None
+    black: Tile | None = None
     white: int | None = None
     noise: SensorNoise | None = None
     defects: tuple[tuple[int, int], ...] = ()

@@ -18,9 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.support.record import arguments, deliver, machine, words
-from calib.colour.chart import Found, Missed, best, half, locate
+from calib.colour.chart import Found, Missed, best, locate
 from calib.colour.fit import ChartPatches, ColourModel, held_out
-from imaging.cfa import Cfa
+from imaging.cfa import Cfa, cell_means
 from imaging.colour_difference import delta_e
 from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.linear_frame import from_raw
@@ -89,7 +89,7 @@ def told(errors: Array) -> dict[str, float]:
 
 def search(merged: Merged) -> Found | Missed:
     assert merged.cfa is not None
-    return best(merged, [2 * outlines for outlines in locate(half(merged.radiance, merged.cfa))])
+    return best(merged, [2 * outlines for outlines in locate(cell_means(merged.radiance, merged.cfa))])
 
 
 def right(chart: Found | Missed, camera: Array) -> bool:

@@ -56,7 +56,7 @@ def exposed(light: Array, time: float, rng: np.random.Generator, hot: Array | No
         codes[hot] = WHITE
     span = WHITE - BLACK
     profile = (GAIN / span, (GAIN * READ / span) ** 2)
-    return RawMosaic(codes.astype(np.uint16), Cfa.RGGB, (BLACK,) * 4, WHITE, noise_profile=profile)
+    return RawMosaic(codes.astype(np.uint16), Cfa.RGGB, ((BLACK,),), WHITE, noise_profile=profile)
 
 
 def session(

@@ -11,7 +11,7 @@ trials are kept, so that a run that was stopped goes on; remove hdr-rig-bench/se
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ SIDE, DARKS, FLATS = 256, 16, 4
 TIMES = (0.01, 1.0, 8.0)
 
 _PLAIN = SensorModel(
-    gain=0.4, read_noise=3.0, full_well=10_300.0, black=(256.0, 257.3, 255.0, 256.5), bit_depth=12,
+    gain=0.4, read_noise=3.0, full_well=10_300.0, black=((256.0, 257.3), (255.0, 256.5)), bit_depth=12,
     prnu=0.008, dsnu=0.5, dark_current=0.5, dark_spread=0.2, hot_share=1e-3, hot_current=100.0,
     dead_share=5e-4,
 )  # fmt: skip
@@ -38,10 +38,15 @@ KINDS = {
     "12 bits, white 12 % too high": replace(_PLAIN, ceiling=3600),
     "12 bits, rows of 1 e": replace(_PLAIN, row_noise=1.0),
     "14 bits, ISO 1600": replace(
-        _PLAIN, gain=6.0, read_noise=1.5, bit_depth=14, black=(512.0, 511.0, 513.2, 512.0), full_well=50_000.0
+        _PLAIN,
+        gain=6.0,
+        read_noise=1.5,
+        bit_depth=14,
+        black=((512.0, 511.0), (513.2, 512.0)),
+        full_well=50_000.0,
     ),
     "12 bits, read noise 0.2 DN": replace(_PLAIN, gain=0.1, read_noise=2.0, full_well=38_000.0),
-    "12 bits, black at 1.5 DN": replace(_PLAIN, black=(1.5, 1.5, 1.2, 1.8)),
+    "12 bits, black at 1.5 DN": replace(_PLAIN, black=((1.5, 1.5), (1.2, 1.8))),
 }
 BENT = "12 bits, bent by 2 % at white"
 FIELDS = (
@@ -76,7 +81,7 @@ def nominal(model: SensorModel) -> emva.Nominal:
 
 def end(model: SensorModel) -> float:
     """Where photosites end, DN: by the converter, or by the well of the site with the least black."""
-    full = min(model.black) + model.gain * model.full_well
+    full = float(np.min(model.black)) + model.gain * model.full_well
     return min(float(model.white if model.ceiling is None else model.ceiling), full)
 
 
@@ -120,11 +125,12 @@ def trial(model: SensorModel, seed: int) -> dict[str, Any]:
             )
     if measurement.black is not None:
         worst = max(
-            zip(measurement.black, model.black, strict=True), key=lambda pair: abs(pair[0].value - pair[1])
+            zip(chain(*measurement.black), chain(*model.black), strict=True),
+            key=lambda pair: abs(pair[0].value - pair[1]),
         )
         row["black"] = (
             worst[0].value - worst[1],
-            (measurement.black[0].value - model.black[0]) / measurement.black[0].sigma,
+            (measurement.black[0][0].value - model.black[0][0]) / measurement.black[0][0].sigma,
         )
     row["linear"] = measurement.linear
     return row | _defects(sensor, frames, {(defect.x, defect.y) for defect in measurement.defects or ()})
@@ -166,7 +172,7 @@ def bracket_trial(model: SensorModel, seed: int) -> dict[str, Any]:
             # Brackets cannot part photosites from rows and from the fixed pattern of the dark.
             true = float(np.sqrt(model.read_noise**2 + model.row_noise**2))
             row["read_noise"] = (read[0] / true - 1, (read[0] - true) / read[1])
-    shift = assumed.black + pooled.black - np.array(model.black)
+    shift = assumed.black + pooled.black - np.ravel(model.black)
     row["black"] = (float(np.abs(shift).max()), float(shift[0] / pooled.black_error[0]))
     if pooled.plateau is not None:
         top = end(model)

@@ -31,7 +31,7 @@ def _sensor(well: float, read: float, bits: int, black: float) -> SensorModel:
         gain=span / well,
         read_noise=read,
         full_well=1.07 * well,
-        black=(black,) * 4,
+        black=((black,),),
         bit_depth=bits,
         prnu=0.005,
         dsnu=0.4,
@@ -50,7 +50,7 @@ SENSORS = {
 def noise_of(sensor: SensorModel) -> RawNoise:
     """What the file of a camera with that sensor tells the planner."""
     noise = SensorNoise(gain=sensor.gain, read_noise=sensor.read_noise)
-    return RawNoise(noise, sensor.white - sensor.black[0])
+    return RawNoise(noise, sensor.white - sensor.black[0][0])
 
 
 @dataclass(frozen=True)

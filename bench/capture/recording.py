@@ -87,7 +87,7 @@ class Replaying:
         pixels = self.buffers.take()
         pixels[0, :2] = self.number, self.shots
         metadata = FrameMetadata(serial=f"replay-{self.number}", exposure=self.exposure)
-        return RawMosaic(pixels, Cfa.RGGB, (512.0,) * 4, 16383, metadata=metadata)
+        return RawMosaic(pixels, Cfa.RGGB, ((512.0,),), 16383, metadata=metadata)
 
     def close(self) -> None:
         """There is nothing to let go of."""

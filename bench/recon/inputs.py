@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from imaging.cfa import bilinear
+from imaging.colour import rec709_from_camera
 from imaging.demosaic import demosaic
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import Bool, Float
@@ -37,7 +38,7 @@ def bilinear_image(view: View) -> tuple[Float, Bool]:
     assert sensor.cfa is not None
     found = merge_bracket([shot.linear(None, sensor.cfa) for shot in view.shots])
     rgb, known = bilinear(np.nan_to_num(found.radiance, nan=0.0) / sensor.falloff, sensor.cfa)
-    return np.asarray(rgb @ np.linalg.inv(sensor.camera_from_rec709).T, np.float32), known.all(-1)
+    return np.asarray(rgb @ rec709_from_camera(sensor.camera_from_rec709).T, np.float32), known.all(-1)
 
 
 def merged_mosaic(dataset: Dataset) -> Dataset:

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from calib.colour.fit import ChartPatches, ColourModel, fit
 from calib.colour.reference import COLUMNS, NEUTRAL, PATCHES, chart
-from imaging.cfa import Cfa
 from imaging.colour import srgb_encode
 from imaging.colour_difference import delta_e
 from imaging.merge.bracket import Merged
@@ -204,17 +203,3 @@ def judge(patches: ChartPatches, outlines: Array) -> Found | Missed:
             f"the colours of a chart-like find are not the chart's (delta E {error:.1f} after the best fit)"
         )
     return Found(patches, outlines, error)
-
-
-def half(radiance: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[np.float32]:
-    """Camera RGB of the 2x2 tiles of a mosaic, float32 [H // 2, W // 2, 3]."""
-    height, width = (side // 2 * 2 for side in radiance.shape)
-    planes = [radiance[row:height:2, column:width:2] for row in (0, 1) for column in (0, 1)]
-    pattern = cfa.pattern.reshape(-1)
-    return np.stack(
-        [
-            np.mean([p for p, c in zip(planes, pattern, strict=True) if c == channel], axis=0)
-            for channel in range(3)
-        ],
-        axis=-1,
-    ).astype(np.float32)

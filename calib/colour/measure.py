@@ -9,12 +9,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from calib.colour.chart import NO_FALLOFF, Found, Missed, best, half, locate
+from calib.colour.chart import NO_FALLOFF, Found, Missed, best, locate
 from calib.colour.fit import ChartPatches, ColourModel, Fit, fit, held_out, of_camera
 from calib.colour.reference import EDITION, chart
 from calib.data.views import View, read_view
 from calib.light.radiometry import Radiometry
 from calib.sensor.metadata import CameraSensor
+from imaging.cfa import cell_means
 from imaging.errors import CalibrationError
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import read_linear
@@ -144,7 +145,8 @@ def _look(
         session.file(middle), "raw", light.scale[middle.file], light.responses[name], view.sensors
     )
     assert frame.cfa is not None
-    finds = [2 * outlines for outlines in locate(half(frame.signal, frame.cfa))]
+    small = cell_means(frame.signal, frame.cfa)[..., :3]
+    finds = [frame.cfa.cell * outlines for outlines in locate(small)]
     if not finds:
         return best(merge_bracket([frame]), finds)
     merged = merge_bracket(read_view(session, view, light.scale, light.responses[name]))

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from calib.data.views import View, read_view
-from imaging.colour import srgb_encode
+from imaging.colour import balanced, rec709_from_camera, srgb_encode
 from imaging.demosaic import demosaic
 from imaging.merge.bracket import merge_bracket
 from imaging.session.calibration import Response
@@ -53,8 +53,11 @@ def picture(
     if merged.cfa is not None:
         light = demosaic(light, merged.cfa, np.asarray(np.isfinite(merged.radiance)), merged.sigma).rgb
     light = cv2.resize(light.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    light = light.reshape(*light.shape[:2], -1)  # which the resizing takes from a single channel
     if camera_from_rec709 is not None:
-        light = light @ np.linalg.inv(np.array(camera_from_rec709)).T.astype(np.float32)
+        light = light @ rec709_from_camera(camera_from_rec709).T.astype(np.float32)
+    elif merged.cfa is not None:
+        light = balanced(light, None)
     if merged.cfa is not None:  # channels that saturate at different light would tint the lamps
         clipped = ndimage.binary_dilation(merged.clipped, np.ones((3, 3), bool)).astype(np.float32)
         white = cv2.resize(clipped, size, interpolation=cv2.INTER_AREA) > 0

@@ -10,6 +10,7 @@ from scipy import ndimage
 from calib.light.vignetting import Tracks
 from calib.poses.sfm import SceneModel
 from imaging.cfa import bilinear
+from imaging.colour import balanced, rec709_from_camera
 from imaging.lens import Lens
 from imaging.merge.bracket import Merged
 from imaging.session.view_id import ViewId
@@ -39,15 +40,15 @@ def light(merged: Merged, camera_from_rec709: Array | None) -> ViewLight:
     an edge, where a single pixel says more about its place than about its brightness."""
     if merged.radiance.ndim == 2:
         assert merged.cfa is not None
-        rgb, each = bilinear(np.nan_to_num(merged.radiance), merged.cfa, merged.valid)
-        known = np.asarray(each.all(axis=-1))
+        seen, each = bilinear(np.nan_to_num(merged.radiance), merged.cfa, merged.valid)
+        rgb, known = balanced(seen, None), np.asarray(each.all(axis=-1))
         window = 5
     else:
         rgb, known = np.nan_to_num(merged.radiance), np.asarray(merged.valid.all(axis=-1))
         window = max(5, merged.radiance.shape[1] // 300)
     weights = LUMINANCE
     if camera_from_rec709 is not None:
-        weights = LUMINANCE @ np.linalg.inv(camera_from_rec709)
+        weights = LUMINANCE @ rec709_from_camera(camera_from_rec709[:3])
     planes = [ndimage.uniform_filter(rgb[..., c].astype(np.float32), window) for c in range(3)]
     colour = np.stack(planes, axis=-1)
     luminance = (colour @ weights).astype(np.float32)

@@ -17,7 +17,7 @@ from scipy import ndimage
 from calib.sensor.ceiling import Ceiling, ceiling
 from calib.sensor.linearity import LevelPairs
 from calib.sensor.photon_transfer import SMALLEST, Transfer
-from calib.sensor.stack import sites
+from calib.sensor.stack import EVEN, Period, sites
 
 Array = npt.NDArray[np.float64]
 
@@ -40,7 +40,8 @@ pattern of the dark does not cancel, so that a read noise by brackets holds it; 
 class ExposurePair:
     """Two exposures of a view, by bins; float64 [N] each.
 
-    ratio: of the exposures; black: [4] correction to the black that was assumed, DN, black_error: [4];
+    ratio: of the exposures; black: [sites] correction to the black that was assumed, DN, black_error:
+    [sites];
     site: of each bin; long, short: mean signals, DN; variance: of `long - ratio short`, DN^2;
     number: of photosites; plateau: where the longer exposure is full.
     """
@@ -62,27 +63,28 @@ def compare(
     black: Array,
     white: float,
     counts: npt.NDArray[np.bool_] | None = None,
+    tile: Period = EVEN,
 ) -> ExposurePair | None:
-    """Two exposures, DN [H, W], by the levels `black` [4] and `white`; None where they share too little.
+    """Two exposures, DN [H, W], by the levels `black` [sites] and `white`; None where they share too little.
 
-    counts: bool [H, W], what the masks of both let through; None: all.
+    counts: bool [H, W], what the masks of both let through; None: all. tile: rows and columns of the CFA.
     """
     off = black[:, None, None]
-    long, short = (sites(frame).astype(np.float64) - off for frame in (longer, shorter))
+    long, short = (sites(frame, tile).astype(np.float64) - off for frame in (longer, shorter))
     span = white - float(black.mean())
     cross = np.array(((0, 1, 0), (1, 0, 1), (0, 1, 0)), bool)[None]
     around = ndimage.convolve(long, cross / 4.0, mode="mirror")
     peak = ndimage.maximum_filter(long, footprint=cross, mode="mirror")
     seen = np.ones(long.shape, bool)
     if counts is not None:
-        seen = ndimage.binary_erosion(sites(counts), np.ones((1, 3, 3), bool), border_value=1)
+        seen = ndimage.binary_erosion(sites(counts, tile), np.ones((1, 3, 3), bool), border_value=1)
     top = min(float(long.max(initial=0.0, where=seen)), span)
     bin_of = np.searchsorted(EDGES * span, around)
     # A photosite brighter than those around it may be full where they are not: in fine texture many are.
     bin_of[(np.maximum(peak, long) > 0.93 * top) | (bin_of == len(EDGES)) | ~seen] = -1
-    key = np.where(bin_of < 0, -1, np.arange(4)[:, None, None] * len(EDGES) + bin_of)
+    key = np.where(bin_of < 0, -1, np.arange(len(black))[:, None, None] * len(EDGES) + bin_of)
     chosen = key >= 0
-    groups, size = key[chosen], 4 * len(EDGES)
+    groups, size = key[chosen], len(black) * len(EDGES)
     x, y = long[chosen], short[chosen]
     number = np.bincount(groups, minlength=size)
     good = number >= FEWEST
@@ -93,8 +95,8 @@ def compare(
     start = float(mean_x.sum() / max(mean_y.sum(), 1e-9))
     if not 1.2 < start < 400:
         return None
-    values = np.array([start, 0.0, 0.0, 0.0, 0.0])
-    inverse: npt.NDArray[np.floating] = np.eye(5)
+    values = np.array([start, *np.zeros(len(black))])
+    inverse: npt.NDArray[np.floating] = np.eye(len(values))
     variance: Array = np.ones(len(mean_x))
     kept = clear = told = np.ones(len(mean_x), bool)
     for _ in range(3):
@@ -109,18 +111,21 @@ def compare(
         low = clear & (mean_x < LOW * span)
         told = low if low.sum() >= 6 else clear
         weight = told / np.sqrt(np.maximum(variance, 1e-6) / np.maximum(kept, 1))
-        design = np.concatenate([mean_y[:, None], site[:, None] == np.arange(4)], axis=1) * weight[:, None]
+        design = (
+            np.concatenate([mean_y[:, None], site[:, None] == np.arange(len(black))], axis=1)
+            * weight[:, None]
+        )
         inverse = np.linalg.pinv(design.T @ design)
         values = inverse @ (design.T @ (mean_x * weight))
     ratio = float(values[0])
     if not 1.2 < ratio < 400:
         return None
-    fitted = np.isin(np.arange(4), site[told])
+    fitted = np.isin(np.arange(len(black)), site[told])
     site = site[clear]
     shift = np.where(fitted, values[1:] / (1.0 - ratio), 0.0)
     sigma = np.where(fitted, np.sqrt(np.diag(inverse)[1:]) / (ratio - 1.0), np.inf)
     predicted = np.where(seen & (short > 0.1 * span), ratio * short, np.nan)
-    full = ceiling(long.reshape(4, -1), predicted.reshape(4, -1), black)
+    full = ceiling(long.reshape(len(black), -1), predicted.reshape(len(black), -1), black)
     levels = (mean_x[clear], mean_y[clear], variance[clear], kept[clear].astype(np.float64))
     return ExposurePair(ratio, shift, sigma, site, *levels, full)
 
@@ -141,7 +146,7 @@ def _scatter(residual: Array, groups: npt.NDArray[np.int64], size: int) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class Blind:
-    """What pairs of exposures told; None: not determined. black: [4] correction to the black assumed."""
+    """What pairs of exposures told; None: not determined. black: [sites] correction to the black assumed."""
 
     transfer: Transfer | None
     black: Array

@@ -22,9 +22,10 @@ class Ceiling:
 def ceiling(
     pixels: npt.NDArray[np.floating], predicted: npt.NDArray[np.floating], black: npt.NDArray[np.floating]
 ) -> Ceiling | None:
-    """The lowest of the plateaus of the four CFA sites, from pixels [4, N] and what they should have, DN.
+    """The lowest of the plateaus of the CFA sites, from pixels [sites, N] and what they should have, DN.
 
-    Both above black [4]; NaN marks photosites that are not to be used. None where too few are overexposed.
+    Both above black [sites]; NaN marks photosites that are not to be used. None where too few are
+    overexposed.
     """
     found: list[Ceiling] = []
     for own, expected, off in zip(pixels, predicted, black, strict=True):

@@ -18,7 +18,7 @@ PATTERN = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Dark:
-    """black, black_error: float64 [4], DN of the CFA sites at no time; current: DN/s and its standard
+    """black, black_error: float64 [sites], DN of the CFA sites at no time; current: DN/s and its standard
     error, None where all darks are of one time."""
 
     black: Array
@@ -28,7 +28,7 @@ class Dark:
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """Of each CFA site: value and error, float64 [4], DN; common: of the error what all sites share."""
+    """Of each CFA site: value and error, float64 [sites], DN; common: of the error what all sites share."""
 
     value: Array
     error: Array
@@ -37,14 +37,16 @@ class Mean:
 
 def mean(stack: Stack, usable: Bool) -> Mean:
     """Mean of each CFA site; the error counts what moves a whole frame, and the fixed pattern."""
-    planes = zip(sites(stack.mean), sites(usable), strict=True)
+    planes = zip(sites(stack.mean, stack.tile), sites(usable, stack.tile), strict=True)
     chosen = [plane[keep].astype(np.float64) for plane, keep in planes]
     still = np.array([own.std() / np.sqrt(own.size) for own in chosen])
     # All of a frame may shift; few frames tell by how much only if the sites are pooled.
     moved = stack.levels - stack.levels.mean(axis=0)
     last = max(stack.frames - 1, 1)
     error = np.hypot(still, np.sqrt((moved**2).mean() / last))
-    common = max(float((moved.mean(axis=1) ** 2).mean()) - float((moved**2).mean()) / 4, 0.0) * 4 / 3 / last
+    count = len(chosen)
+    common = max(float((moved.mean(axis=1) ** 2).mean()) - float((moved**2).mean()) / count, 0.0)
+    common *= count / (count - 1) / last
     return Mean(np.array([own.mean() for own in chosen]), np.asarray(error), float(np.sqrt(common)))
 
 
@@ -54,17 +56,18 @@ def level(times: Sequence[float], means: Sequence[Mean]) -> Dark:
     if len(set(times)) < 2:
         weight = 1.0 / sigma**2
         return Dark((value * weight).sum(0) / weight.sum(0), 1.0 / np.sqrt(weight.sum(0)), None)
-    rows = [np.hstack([np.eye(4), np.full((4, 1), time)]) for time in times]
+    count = value.shape[1]
+    rows = [np.hstack([np.eye(count), np.full((count, 1), time)]) for time in times]
     design = np.concatenate([row / own[:, None] for row, own in zip(rows, sigma, strict=True)])
     inverse = np.linalg.inv(design.T @ design)
     found = inverse @ (design.T @ (value / sigma).reshape(-1))
     error = np.diag(inverse).copy()
     # The sites of a frame move together, which their own errors do not say.
-    pull = ((inverse @ design.T)[4] / sigma.reshape(-1)).reshape(-1, 4)
+    pull = ((inverse @ design.T)[-1] / sigma.reshape(-1)).reshape(-1, count)
     together = (pull.sum(axis=1) ** 2 - (pull**2).sum(axis=1)) * np.array([own.common for own in means]) ** 2
-    error[4] += max(float(together.sum()), 0.0)
+    error[-1] += max(float(together.sum()), 0.0)
     error = np.sqrt(error)
-    return Dark(found[:4], error[:4], (float(found[4]), float(error[4])))
+    return Dark(found[:-1], error[:-1], (float(found[-1]), float(error[-1])))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, stats
 
-from calib.sensor.stack import Map, Stack, sites
+from calib.sensor.stack import Map, Period, Stack, sites
+from imaging.cfa import repeated
 from imaging.sensor import Defect
 
 Bool = npt.NDArray[np.bool_]
@@ -22,23 +23,23 @@ NOISY = 1e-9
 
 def in_the_dark(dark: Stack) -> tuple[Bool, Bool]:
     """Hot photosites and noisy ones, bool [H, W] each, from repeated darks (the longest are best)."""
-    hot = _off(dark.mean, relative=False)
+    hot = _off(dark.mean, dark.tile, relative=False)
     noisy = np.zeros_like(hot)
     freedom = dark.frames - 1
     if freedom >= 7:
-        usual = np.median(sites(dark.variance), axis=(1, 2))
+        planes = sites(dark.variance, dark.tile)
+        usual = np.median(planes, axis=(1, 2))
         limit = max(float(stats.chi2.isf(NOISY, freedom)) / freedom, 4.0)
         # Rounding lifts the scatter of a photosite at the edge of a code; a quarter DN^2 is its most.
         ceiling = np.maximum(usual * limit, usual + 0.25)
-        noisy = _joined(sites(dark.variance) > ceiling[:, None, None], hot.shape) & ~hot
+        noisy = _joined(planes > ceiling[:, None, None], hot.shape, dark.tile) & ~hot
     return hot, noisy
 
 
 def in_light(flat: Stack, black: npt.NDArray[np.float64]) -> Bool:
-    """Photosites that answer light otherwise than their neighbours, bool [H, W]; black [4], DN."""
-    height, width = flat.variance.shape
-    level = np.tile(black.reshape(2, 2), (-(-height // 2), -(-width // 2)))[:height, :width]
-    return _off((flat.mean - level).astype(np.float32), relative=True)
+    """Photosites that answer light otherwise than their neighbours, bool [H, W]; black [sites], DN."""
+    level = repeated(black.reshape(flat.tile), *flat.variance.shape)
+    return _off((flat.mean - level).astype(np.float32), flat.tile, relative=True)
 
 
 def listed(hot: Bool, noisy: Bool, dead: Bool) -> tuple[Defect, ...]:
@@ -51,9 +52,9 @@ def listed(hot: Bool, noisy: Bool, dead: Bool) -> tuple[Defect, ...]:
     return tuple(found)
 
 
-def _off(image: Map, relative: bool) -> Bool:
+def _off(image: Map, tile: Period, relative: bool) -> Bool:
     """Where an image is far off the median of its neighbours of the same CFA site."""
-    planes = sites(image).astype(np.float64)
+    planes = sites(image, tile).astype(np.float64)
     far = np.zeros(planes.shape, bool)
     for site, plane in enumerate(planes):
         around = ndimage.median_filter(plane, NEIGHBOURS, mode="mirror")
@@ -64,13 +65,14 @@ def _off(image: Map, relative: bool) -> Bool:
         inner = np.abs(apart - middle) < 4.0 * max(spread, 1e-12)
         spread = max(spread, float(apart[inner].std()) if inner.any() else 0.0)
         far[site] = np.abs(apart - middle) > SIGMAS * max(spread, 1e-9)
-    return _joined(far, image.shape)
+    return _joined(far, image.shape, tile)
 
 
-def _joined(planes: Bool, shape: tuple[int, ...]) -> Bool:
-    """The planes of the CFA sites put together again; an odd last row or column is False."""
+def _joined(planes: Bool, shape: tuple[int, ...], tile: Period) -> Bool:
+    """The planes of the CFA sites put together again; what completes no tile is False."""
     image = np.zeros(shape, bool)
-    height, width = shape[0] // 2 * 2, shape[1] // 2 * 2
-    for site in range(4):
-        image[site // 2 : height : 2, site % 2 : width : 2] = planes[site]
+    rows, columns = tile
+    height, width = shape[0] // rows * rows, shape[1] // columns * columns
+    for site, plane in enumerate(planes):
+        image[site // columns : height : rows, site % columns : width : columns] = plane
     return image

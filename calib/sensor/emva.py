@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +11,7 @@ from calib.sensor import darks, defects, flats, pattern
 from calib.sensor.flats import FlatFalloff
 from calib.sensor.linearity import straightness
 from calib.sensor.photon_transfer import HIGHEST, SMALLEST, Points, Transfer, fit
-from calib.sensor.stack import Bool, Stack, sites, tiles
+from calib.sensor.stack import EVEN, Bool, Period, Stack, sites, tiles
 from imaging.sensor import Measured, SensorCalibration
 
 Array = npt.NDArray[np.float64]
@@ -21,10 +22,12 @@ FILE_BLACK = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
-    """What the files say: black of the CFA sites, float64 [4], and white, DN."""
+    """What the files say: black of the CFA sites, float64 [sites], and white, DN; tile: its
+    rows and columns."""
 
     black: Array
     white: float
+    tile: Period = EVEN
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +85,7 @@ def measure_emva(
         values[name] = Measured.model_validate({"value": value, "sigma": sigma, "source": of})
 
     if frames.darks:
-        values["black"] = tuple(
-            Measured(value=float(value), sigma=float(sigma), source="darks")
-            for value, sigma in zip(level.black, level.black_error, strict=True)
-        )
+        values["black"] = black_record(level.black, level.black_error, nominal.tile, "darks")
     if plateau is not None:
         put("ceiling", plateau.level, plateau.scatter, "flats")
     if transfer is not None:
@@ -104,14 +104,25 @@ def measure_emva(
     return SensorCalibration.model_validate(values), fall
 
 
+def black_record(
+    black: Array, error: Array, tile: Period, source: Literal["darks", "brackets"]
+) -> tuple[tuple[Measured, ...], ...]:
+    """Black of the CFA sites [sites] as a sensor's record has it, row by row."""
+    levels = [
+        Measured(value=float(value), sigma=float(sigma), source=source)
+        for value, sigma in zip(black, error, strict=True)
+    ]
+    return tuple(tuple(levels[start : start + tile[1]]) for start in range(0, len(levels), tile[1]))
+
+
 def _level(frames: Frames, nominal: Nominal, usable: Bool) -> darks.Dark:
     """Black by the darks; by the files without them, and by likelihood where the sensor counts coarsely."""
     if not frames.darks:
-        return darks.Dark(nominal.black, np.full(4, FILE_BLACK), None)
+        return darks.Dark(nominal.black, np.full(len(nominal.black), FILE_BLACK), None)
     own = [darks.mean(stack, usable) for stack in frames.darks]
     if is_coarse(frames.darks):
         for index, few in enumerate(frames.few):
-            for site, one in enumerate(_coarse(few, usable)):
+            for site, one in enumerate(_coarse(few, usable, nominal.tile)):
                 if one is not None:
                     own[index].value[site], own[index].error[site] = one.black, one.black_error
     return darks.level([stack.time for stack in frames.darks], own)
@@ -120,18 +131,20 @@ def _level(frames: Frames, nominal: Nominal, usable: Bool) -> darks.Dark:
 def is_coarse(stacks: Sequence[Stack]) -> bool:
     """Whether darks scatter too little, or too close to 0, for their numbers to be taken as they are."""
     shortest = min(stacks, key=lambda one: one.time)
-    spread = np.median(sites(shortest.variance), axis=(1, 2))
+    spread = np.median(sites(shortest.variance, shortest.tile), axis=(1, 2))
     return bool(np.any(spread < SMALLEST) or shortest.levels.min() < 4.0 * np.sqrt(spread.max()))
 
 
-def _coarse(few: Sequence[npt.NDArray[np.uint16]], usable: Bool) -> list[darks.Coarse | None]:
-    mask, planes = sites(usable), [sites(frame) for frame in few]
-    return [darks.coarse([plane[site][mask[site]] for plane in planes]) for site in range(4)]
+def _coarse(few: Sequence[npt.NDArray[np.uint16]], usable: Bool, tile: Period) -> list[darks.Coarse | None]:
+    mask, planes = sites(usable, tile), [sites(frame, tile) for frame in few]
+    return [darks.coarse([plane[site][mask[site]] for plane in planes]) for site in range(len(mask))]
 
 
 def _brightest(stacks: Sequence[Stack], black: Array, top: float) -> Stack | None:
     """The brightest flat whose photosites all keep clear of the ceiling; top: DN above black."""
-    light = {i: float(np.percentile(sites(s.mean), 99)) - float(black.mean()) for i, s in enumerate(stacks)}
+    light = {
+        i: float(np.percentile(sites(s.mean, s.tile), 99)) - float(black.mean()) for i, s in enumerate(stacks)
+    }
     clear = [i for i in light if 0.05 * top < light[i] < top]
     return stacks[max(clear, key=lambda i: light[i])] if clear else None
 
@@ -148,10 +161,11 @@ def _points(frames: Frames, black: Array, usable: Bool, top: float) -> Points:
         if stack.frames >= 2:
             cut = tiles(stack, usable)
             light = cut.mean - black[cut.site]
-            count = np.bincount(cut.site[light < top], cut.count[light < top], 4)
+            count = np.bincount(cut.site[light < top], cut.count[light < top], len(black))
             weight = np.where(light < top, cut.count, 0.0) / np.maximum(count, 1.0)[cut.site]
             mean, variance = (
-                np.bincount(cut.site, weight * own, 4).astype(np.float64) for own in (light, cut.variance)
+                np.bincount(cut.site, weight * own, len(black)).astype(np.float64)
+                for own in (light, cut.variance)
             )
             parts.append(Points(mean, variance, ((stack.frames - 1) * count).astype(np.float64)))
     empty = np.zeros(0)
@@ -178,7 +192,7 @@ def _electrons(
     coarse = bool(frames.darks) and is_coarse(frames.darks)
     if coarse and frames.few:
         few = min(zip(frames.darks, frames.few, strict=True), key=lambda own: own[0].time)[1]
-        told = [one for one in _coarse(few, usable) if one is not None]
+        told = [one for one in _coarse(few, usable, frames.darks[0].tile) if one is not None]
         if told:
             # A site whose black lies between two codes may tell a scatter that is all pattern.
             usual = float(np.median([one.scatter for one in told]))

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from calib.sensor.ceiling import MISSING, Ceiling, ceiling
 from calib.sensor.linearity import LevelPairs
-from calib.sensor.stack import Bool, Stack, Tiles, sites, tiles
+from calib.sensor.stack import Bool, Kind, Stack, Tiles, sites, tiles
 
 Array = npt.NDArray[np.float64]
 
@@ -41,10 +41,10 @@ def falloff(flat: Stack, black: Array, usable: Bool) -> FlatFalloff | None:
     light = cut.mean - black[cut.site]
     if not np.all(light > 0):
         return None
-    each = (cut.site[:, None] == np.arange(4)).astype(np.float64)
+    each = (cut.site[:, None] == np.arange(len(black))).astype(np.float64)
     slope = np.stack([x / width, y / height], axis=1)
-    values = np.zeros(9)
-    inverse: npt.NDArray[np.floating] = np.eye(9)
+    values = np.zeros(5 + len(black))
+    inverse: npt.NDArray[np.floating] = np.eye(len(values))
     weight = light**2 / np.maximum(cut.variance / (cut.count * flat.frames), 1e-9)
     for _ in range(8):
         lens = np.maximum(1.0 + powers @ values[:3], 0.05)
@@ -52,7 +52,7 @@ def falloff(flat: Stack, black: Array, usable: Bool) -> FlatFalloff | None:
         design = np.concatenate([powers / lens[:, None], slope, each], axis=1)
         inverse = np.linalg.inv(design.T @ (design * weight[:, None]))
         values = values + inverse @ (design.T @ (weight * residual))
-    excess = max(float((weight * residual**2).sum()) / (len(light) - 9), 1.0)
+    excess = max(float((weight * residual**2).sum()) / (len(light) - len(values)), 1.0)
     error = float(np.sqrt(inverse[:3, :3].sum() * excess))
     a, b, c = (float(value) for value in values[:3])
     return FlatFalloff((a, b, c), error)
@@ -64,22 +64,30 @@ def plateau(flats: Sequence[Stack], black: Array, usable: Bool) -> Ceiling | Non
     found: list[Ceiling] = []
     off = black[:, None]
     for reference in ordered:
-        base = sites(reference.mean).reshape(4, -1) - off
+        base = _flat(reference.mean, reference) - off
         # The reference must be clear of its own ceiling: at most half of what longer ones reach.
-        reached = max(float(np.percentile(sites(flat.mean), 99)) - float(black.mean()) for flat in ordered)
+        reached = max(
+            float(np.percentile(_flat(flat.mean, flat), 99)) - float(black.mean()) for flat in ordered
+        )
         if np.percentile(base, 99) > 0.55 * reached or np.median(base) < 0.05 * reached:
             continue
         for flat in ordered:
             if flat.time > reference.time:
-                own = np.where(sites(usable).reshape(4, -1), sites(flat.mean).reshape(4, -1) - off, np.nan)
+                own = np.where(_flat(usable, flat), _flat(flat.mean, flat) - off, np.nan)
                 one = ceiling(own, base * (flat.time / reference.time), black)
                 if one is not None:
                     full = own < MISSING * base * (flat.time / reference.time)
                     # The mean of many frames hides how far each of them is from the ceiling.
-                    shake = float(np.median(sites(flat.variance).reshape(4, -1)[full]))
+                    shake = float(np.median(_flat(flat.variance, flat)[full]))
                     found.append(Ceiling(one.level, float(np.hypot(one.scatter, np.sqrt(shake)))))
         break
     return min(found, key=lambda one: one.scatter, default=None)
+
+
+def _flat(image: npt.NDArray[Kind], stack: Stack) -> npt.NDArray[Kind]:
+    """Photosites of each CFA site of a stack, [sites, N]."""
+    planes = sites(image, stack.tile)
+    return planes.reshape(len(planes), -1)
 
 
 def shared_levels(

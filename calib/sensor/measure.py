@@ -13,7 +13,7 @@ from calib.sensor.brackets import Blind
 from calib.sensor.emva import Frames, Nominal
 from calib.sensor.flats import FlatFalloff
 from calib.sensor.linearity import straightness
-from calib.sensor.stack import Stack, gather
+from calib.sensor.stack import Stack, gather, sites
 from imaging.dial_settings import meant
 from imaging.errors import InputError
 from imaging.exposure import Exposure
@@ -106,7 +106,8 @@ def _stops(shots: Iterable[ShotRecord]) -> set[float | None]:
 def _nominal(session: Session, shots: Iterable[ShotRecord], iso: float | None) -> Nominal:
     first = next(shot for shot in shots if _iso(shot) == iso)
     raw = read_raw(session.file(first))
-    return Nominal(np.array(raw.black, np.float64), float(raw.white))
+    black = sites(raw.black_map(), raw.cfa.tile).mean(axis=(1, 2), dtype=np.float64)
+    return Nominal(np.asarray(black), float(raw.white), raw.cfa.tile)
 
 
 def _frames(session: Session, darks: list[ShotRecord], flats: list[ShotRecord], nominal: Nominal) -> Frames:
@@ -121,7 +122,7 @@ def _frames(session: Session, darks: list[ShotRecord], flats: list[ShotRecord], 
             # The light of a flat goes with the f-number, the signal of a dark does not.
             amount = exact.time if black is None else exact.model_copy(update={"iso": None}).scale
             try:
-                own.append(gather(_pixels(session, shots), amount, black))
+                own.append(gather(_pixels(session, shots), amount, black, nominal.tile))
             except ValueError as error:
                 raise InputError(
                     f"{session.folder}: {shots[0].kind} shots of {shots[0].camera}: {error}."
@@ -162,7 +163,7 @@ def _blind(session: Session, views: Sequence[View], iso: float | None, nominal: 
         for (shorter, below), (longer, above) in pairwise(zip(frames, seen, strict=True)):
             known = [counts for counts in (below, above) if counts is not None]
             both = np.logical_and.reduce(known) if known else None
-            pair = brackets.compare(longer, shorter, nominal.black, nominal.white, both)
+            pair = brackets.compare(longer, shorter, nominal.black, nominal.white, both, nominal.tile)
             if pair is not None:
                 pairs.append(pair)
     return brackets.pooled(pairs, nominal.white - float(nominal.black.mean())) if pairs else None
@@ -178,10 +179,7 @@ def _filled(measured: SensorCalibration, blind: Blind, nominal: Nominal) -> Sens
     error = blind.black_error
     # A black that is not known to a tenth of a DN is left to the file.
     if measured.black is None and np.all(np.isfinite(error)) and float(error.max()) < 0.1:
-        told["black"] = tuple(
-            _told((float(value), float(sigma)))
-            for value, sigma in zip(nominal.black + blind.black, error, strict=True)
-        )
+        told["black"] = emva.black_record(nominal.black + blind.black, error, nominal.tile, "brackets")
     if measured.ceiling is None and blind.plateau is not None:
         told["ceiling"] = _told((blind.plateau.level, blind.plateau.scatter))
     if blind.transfer is not None:

@@ -17,28 +17,31 @@ BOX = 5
 
 
 def photo_response(flat: Stack, dark: Stack | None, black: Array, usable: Bool) -> tuple[float, float] | None:
-    """PRNU, relative, and its standard error; black: levels [4]; dark: frames whose pattern is taken off."""
+    """PRNU, relative, and its standard error.
+
+    black: levels [sites]; dark: frames whose pattern is taken off.
+    """
     if flat.frames < 2:
         return None
-    level = _blurred(sites(flat.mean).astype(np.float64) - black[:, None, None], sites(usable))
-    halves = [sites(half).astype(np.float64) for half in flat.halves]
+    mask = sites(usable, flat.tile)
+    level = _blurred(sites(flat.mean, flat.tile).astype(np.float64) - black[:, None, None], mask)
+    halves = [sites(half, flat.tile).astype(np.float64) for half in flat.halves]
     if dark is not None and dark.frames >= 2:
         # Half from half: the noise of one mean of darks would be common to both.
-        halves = [half - sites(own) for half, own in zip(halves, dark.halves, strict=True)]
-    return _strength(halves, usable, level)
+        halves = [half - sites(own, flat.tile) for half, own in zip(halves, dark.halves, strict=True)]
+    return _strength(halves, mask, level)
 
 
 def dark_signal(dark: Stack, usable: Bool) -> tuple[float, float] | None:
     """DSNU, DN, and its standard error."""
     if dark.frames < 2:
         return None
-    halves = [sites(half).astype(np.float64) for half in dark.halves]
-    return _strength(halves, usable, np.ones_like(halves[0]))
+    halves = [sites(half, dark.tile).astype(np.float64) for half in dark.halves]
+    return _strength(halves, sites(usable, dark.tile), np.ones_like(halves[0]))
 
 
-def _strength(halves: list[Array], usable: Bool, level: Array) -> tuple[float, float] | None:
+def _strength(halves: list[Array], mask: Bool, level: Array) -> tuple[float, float] | None:
     """Of the halves relative to a level. It divides last: both have its noise in common."""
-    mask = sites(usable)
     # A photosite beside a defect has fewer neighbours; leaving it out is simpler than its own factor.
     whole = ndimage.minimum_filter(mask, size=(1, BOX, BOX), mode="constant", cval=0)
     if whole.sum() < 500:

@@ -1,6 +1,7 @@
 """What was measured of the sensors, in the words of a ladder."""
 
 from collections.abc import Mapping
+from itertools import chain
 from typing import Literal
 
 from calib.sensor.measure import MeasuredSensor
@@ -85,7 +86,7 @@ def _black(found: Mapping[str, MeasuredSensor]) -> Rung:
         (abs(level.value - float(stated)), level)
         for own in found.values()
         for sensor, nominal in zip(own.at, own.nominal, strict=False)
-        for level, stated in zip(sensor.black or (), nominal.black, strict=False)
+        for level, stated in zip(chain(*(sensor.black or ())), nominal.black, strict=False)
     ]
     if not shifts:
         return _not("sensor_black", "black level as the files say: darks or overlapping exposures would tell")

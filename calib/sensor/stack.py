@@ -14,6 +14,9 @@ Kind = TypeVar("Kind", bound=np.generic)
 
 TILE = 8
 """Side of a tile, in photosites of one CFA site: small enough for the fall of light not to matter."""
+Period = tuple[int, int]
+EVEN: Period = (2, 2)
+"""Of Bayer; and of mono, since many sensors are read out by even and odd rows or columns."""
 FULL = 0.995
 """Share of the largest DN of a stack from which a photosite may be full."""
 
@@ -25,8 +28,9 @@ class Stack:
     time: s; of flats any measure of the exposure. frames: how many. halves: float32 [2, H, W], means of
     every other frame, which share the fixed pattern and nothing else (of one frame, twice that frame).
     variance: float32 [H, W], in time, of frames brought to the level of the first. levels: float64
-    [frames, 4], mean of the CFA sites in each frame. rows: variance of what is common to a row of a frame,
-    DN^2, and its standard error. top: largest DN.
+    [frames, sites], mean of the CFA sites in each frame. rows: variance of what is common to a row of a
+    frame, DN^2, and its standard error. top: largest DN. tile: rows and columns after which the CFA repeats,
+    whose sites are told apart.
     """
 
     time: float
@@ -36,6 +40,7 @@ class Stack:
     levels: Array
     rows: tuple[float, float]
     top: int
+    tile: Period = EVEN
 
     @property
     def mean(self) -> Map:
@@ -44,11 +49,13 @@ class Stack:
         return np.asarray(np.tensordot(count / count.sum(), self.halves, 1), np.float32)
 
 
-def gather(frames: Iterable[npt.NDArray[np.uint16]], time: float, black: float | None = None) -> Stack:
+def gather(
+    frames: Iterable[npt.NDArray[np.uint16]], time: float, black: float | None = None, tile: Period = EVEN
+) -> Stack:
     """Repeated frames, read one after another; ValueError if there is none or their sizes differ.
 
     black: of flats, DN: their light flickers, so frames are scaled to one level above it. Darks (None)
-    are shifted to one level instead.
+    are shifted to one level instead. tile: as of `Stack`.
     """
     first: Map | None = None
     previous = sums = square = halves = np.zeros(0, np.float32)
@@ -59,7 +66,7 @@ def gather(frames: Iterable[npt.NDArray[np.uint16]], time: float, black: float |
         if first is not None and pixels.shape != first.shape:
             raise ValueError("repeated frames are of one size")
         top = max(top, int(pixels.max()))
-        levels.append(np.array([float(plane.mean(dtype=np.float64)) for plane in sites(pixels)]))
+        levels.append(np.array([float(plane.mean(dtype=np.float64)) for plane in sites(pixels, tile)]))
         own, frame = float(levels[-1].mean()), pixels.astype(np.float32)
         if first is None:
             first, middle = frame, own
@@ -91,7 +98,7 @@ def gather(frames: Iterable[npt.NDArray[np.uint16]], time: float, black: float |
         # What is scaled to the level of the first frame has its noise scaled too.
         apart = np.array([own.mean() for own in levels]) - black
         variance /= np.float32(np.mean((apart[0] / np.maximum(apart, 1e-6)) ** 2)) if apart[0] > 0 else 1.0
-    return Stack(time, count, halves, variance, np.array(levels), _rows(common, variance), top)
+    return Stack(time, count, halves, variance, np.array(levels), _rows(common, variance), top, tile)
 
 
 def _rows(common: list[Array], variance: Map) -> tuple[float, float]:
@@ -107,19 +114,21 @@ def _rows(common: list[Array], variance: Map) -> tuple[float, float]:
     return max(found, 0.0), float(error)
 
 
-def sites(image: npt.NDArray[Kind]) -> npt.NDArray[Kind]:
-    """The planes [4, H/2, W/2] of the CFA sites, an odd last row or column left out."""
-    down, across = image.shape[0] // 2, image.shape[1] // 2
-    cut = image[: 2 * down, : 2 * across].reshape(down, 2, across, 2)
-    return cut.transpose(1, 3, 0, 2).reshape(4, down, across)
+def sites(image: npt.NDArray[Kind], tile: Period = EVEN) -> npt.NDArray[Kind]:
+    """The planes [sites, H / rows, W / columns] of the sites of a tile, what completes none left out."""
+    rows, columns = tile
+    down, across = image.shape[0] // rows, image.shape[1] // columns
+    cut = image[: rows * down, : columns * across].reshape(down, rows, across, columns)
+    return cut.transpose(1, 3, 0, 2).reshape(rows * columns, down, across)
 
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
     """Tiles of a stack; all arrays [N].
 
-    site: CFA site 0..3; row, column: of the tile's middle, in photosites from the corner of the image;
-    mean: DN; variance: DN^2 in time; freedom: degrees of freedom of the variance; count: of photosites.
+    site: CFA site, in reading order; row, column: of the tile's middle, in photosites from the corner of the
+    image; mean: DN; variance: DN^2 in time; freedom: degrees of freedom of the variance; count: of
+    photosites.
     """
 
     site: npt.NDArray[np.int64]
@@ -132,26 +141,27 @@ class Tiles:
 
 
 def tiles(stack: Stack, usable: Bool) -> Tiles:
-    """Means of the usable photosites over tiles of `TILE` x `TILE` photosites of a CFA site."""
-    mask = sites(usable).astype(np.float64)
-    mean, variance = sites(stack.mean), sites(stack.variance)
-    count = _pooled(mask)
-    filled = count >= TILE * TILE / 2
+    """Means of the usable photosites of a CFA site over `TILE` x `TILE` of them, fewer of a large tile."""
+    mask = sites(usable, stack.tile).astype(np.float64)
+    mean, variance = sites(stack.mean, stack.tile), sites(stack.variance, stack.tile)
+    side = max(2 * TILE // max(stack.tile), 2)
+    count = _pooled(mask, side)
+    filled = count >= side * side / 2
     weight = np.maximum(count, 1.0)
     site, row, column = np.nonzero(filled)
     return Tiles(
         site=site,
-        row=2.0 * TILE * (row.astype(np.float64) + 0.5),
-        column=2.0 * TILE * (column.astype(np.float64) + 0.5),
-        mean=(_pooled(mean * mask) / weight)[filled],
-        variance=(_pooled(variance * mask) / weight)[filled],
+        row=stack.tile[0] * side * (row.astype(np.float64) + 0.5),
+        column=stack.tile[1] * side * (column.astype(np.float64) + 0.5),
+        mean=(_pooled(mean * mask, side) / weight)[filled],
+        variance=(_pooled(variance * mask, side) / weight)[filled],
         freedom=(stack.frames - 1) * count[filled],
         count=count[filled],
     )
 
 
-def _pooled(planes: npt.NDArray[np.floating]) -> Array:
-    """Sums over whole tiles: [4, h, w] -> [4, h / TILE, w / TILE]."""
-    down, across = planes.shape[1] // TILE, planes.shape[2] // TILE
-    cut = planes[:, : down * TILE, : across * TILE].astype(np.float64)
-    return np.asarray(cut.reshape(4, down, TILE, across, TILE).sum(axis=(2, 4)))
+def _pooled(planes: npt.NDArray[np.floating], side: int) -> Array:
+    """Sums over whole squares: [sites, h, w] -> [sites, h / side, w / side]."""
+    down, across = planes.shape[1] // side, planes.shape[2] // side
+    cut = planes[:, : down * side, : across * side].astype(np.float64)
+    return np.asarray(cut.reshape(len(planes), down, side, across, side).sum(axis=(2, 4)))

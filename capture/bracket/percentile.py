@@ -1,6 +1,7 @@
 """Both ends of what a camera sees, from two noisy takes of it."""
 
 import math
+from math import lcm
 from typing import TypeVar
 
 import numpy as np
@@ -33,13 +34,17 @@ def percentile(first: Values, other: Values, rank: float) -> float:
     return float(np.mean([np.median(b[np.argsort(sign * a, kind="stable")[ranks]]) for a, b in pairs]))
 
 
-def subsampled(pixels: npt.NDArray[Pixel]) -> npt.NDArray[Pixel]:
-    """Evenly spread blocks of a large frame [H, W, ...]: they have the percentiles of the whole."""
+def subsampled(pixels: npt.NDArray[Pixel], period: int = 1) -> npt.NDArray[Pixel]:
+    """Evenly spread blocks of a large frame [H, W, ...]: they have the percentiles of the whole.
+
+    period: of a mosaic, whose photosites keep their places in its tile.
+    """
     height, width = pixels.shape[:2]
     step = math.ceil(math.sqrt(pixels.size / ENOUGH))
     if step == 1:
         return pixels
-    rows, columns = (np.flatnonzero(np.arange(n) // BLOCK % step == 0) for n in (height, width))
+    block = lcm(BLOCK, period)
+    rows, columns = (np.flatnonzero(np.arange(n) // block % step == 0) for n in (height, width))
     return pixels[np.ix_(rows, columns)]
 
 

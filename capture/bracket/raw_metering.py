@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from math import lcm
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +19,10 @@ from capture.bracket.percentile import (
 )
 from capture.bracket.planner import Target
 from capture.bracket.raw_noise import RawNoise
+from imaging.cfa import Cfa
 from imaging.errors import CaptureError
 from imaging.exposure import Exposure
-from imaging.merge.bracket import merge_bracket
+from imaging.merge.bracket import Merged, merge_bracket
 from imaging.merge.linear_frame import from_raw
 from imaging.mosaic import RawMosaic
 
@@ -44,12 +46,15 @@ class RawLook:
 
     def add(self, exposure: Exposure, position: int, take: int, frame: RawMosaic) -> None:
         """Keep a frame, or what of a large one tells as much."""
-        thinned = replace(frame, pixels=subsampled(frame.pixels))
+        thinned = replace(frame, pixels=subsampled(frame.pixels, lcm(*frame.cfa.period)))
         self._probes.setdefault(exposure, {})[position, take] = thinned
 
     def clips(self, exposure: Exposure) -> bool:
         """Whether the bright percentile of any channel is clipped."""
-        return any(_clipped(self._probes[exposure], channel) > BRIGHT_SHARE for channel in range(3))
+        return any(
+            _clipped(self._probes[exposure], channel) > BRIGHT_SHARE
+            for channel in _counted(self._probes[exposure])
+        )
 
     def glare(self, exposure: Exposure) -> float:
         """The share of the frames that is clipped."""
@@ -59,7 +64,7 @@ class RawLook:
         """Whether the dark percentile of every channel stands clear of the noise."""
         shots = self._probes[exposure]
         slope, floor = RawNoise.of(next(iter(shots.values()))).profile(_exposure(shots))
-        for channel in range(3):
+        for channel in _counted(shots):
             takes = [_channel(shots, take, channel) for take in range(TAKES)]
             signal = percentile(takes[0], takes[1], DARK_PERCENTILE)
             if signal < CLEAR * math.sqrt(floor + slope * max(signal, 0.0)):
@@ -82,12 +87,12 @@ class RawLook:
                 )
                 for position in positions
             ]
-            takes.append(np.concatenate([_without_hot_pixels(frame.radiance).ravel() for frame in merged]))
+            takes.append(np.concatenate([_without_hot_pixels(one, frame.cfa).ravel() for one in merged]))
         slope, floor = noise.profile(_exposure(longest))
         scale = _exposure(longest).scale
         unseen = PRESENT * (PRESENT * slope + math.sqrt(PRESENT**2 * slope**2 + 4 * floor)) / 2 / scale
         targets = []
-        for channel, letter in enumerate("RGB"):
+        for channel, letter in enumerate(frame.cfa.letters):
             first, other = (values[channels == channel] for values in takes)
             dark = percentile(first, other, DARK_PERCENTILE)
             bright = percentile(first, other, BRIGHT_PERCENTILE)
@@ -124,15 +129,20 @@ def _sites(frame: RawMosaic) -> npt.NDArray[np.uint8]:
     return frame.cfa.channels(*frame.pixels.shape)
 
 
+def _counted(shots: Shots) -> range:
+    """Numbers of the channels of the frames."""
+    return range(len(next(iter(shots.values())).cfa.letters))
+
+
 def _channel(shots: Shots, take: int, channel: int) -> Values:
     """Signal of one channel in one take at all positions."""
     frames = [shots[key] for key in sorted(shots) if key[1] == take]
     return np.concatenate([frame.signal()[_sites(frame) == channel] for frame in frames]).astype(np.float64)
 
 
-def _without_hot_pixels(image: npt.NDArray[np.floating]) -> Values:
-    """A mosaic [H, W] without hot photosites, by the neighbours of the same site."""
-    result = image.astype(np.float64)
-    for row, column in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        result[row::2, column::2] = without_hot_pixels(result[row::2, column::2])
+def _without_hot_pixels(merged: Merged, cfa: Cfa) -> Values:
+    """A merged mosaic [H, W] without hot photosites, by the neighbours of the same site."""
+    result, (down, across) = merged.radiance.astype(np.float64), cfa.period
+    for row, column in np.ndindex(down, across):
+        result[row::down, column::across] = without_hot_pixels(result[row::down, column::across])
     return result

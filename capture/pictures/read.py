@@ -30,9 +30,10 @@ class PictureFacts:
     """A picture file that could be read to its end.
 
     clipped: share of the samples of red, green and blue that are at the top of the range, 0..1;
-    of a mosaic each photosite counts for its own colour. black: share of all samples at or below
-    the black level. lit: share of all samples clearly above it, by LIT of white. transparent: share of the
-    pixels that alpha says to be so, in part or wholly. profile: name of another space than sRGB.
+    of a mosaic each photosite counts for its own colour, one without a filter for all. black: share of all
+    samples at or below the black level. lit: share of all samples clearly above it, by LIT of white.
+    transparent: share of the pixels that alpha says to be so, in part or wholly. profile: name of another
+    space than sRGB.
     """
 
     kind: ImageKind
@@ -128,10 +129,13 @@ def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> PictureFacts:
     height, width = mosaic.pixels.shape
     saturated, signal = frame.saturated, frame.signal
     clipped, sites = [0, 0, 0], [0, 0, 0]
+    (down, across), letters = mosaic.cfa.period, mosaic.cfa.letters
     for (row, column), channel in np.ndenumerate(mosaic.cfa.pattern):
-        plane = saturated[row::2, column::2]
-        clipped[int(channel)] += int(np.count_nonzero(plane))
-        sites[int(channel)] += plane.size
+        plane = saturated[row::down, column::across]
+        # What has no filter sees all colours.
+        for colour in ["RGB".find(letters[channel])] if letters[channel] != "W" else range(3):
+            clipped[colour] += int(np.count_nonzero(plane))
+            sites[colour] += plane.size
     red, green, blue = (count / max(every, 1) for count, every in zip(clipped, sites, strict=True))
     black, lit = np.count_nonzero(signal <= 0) / signal.size, np.count_nonzero(signal > LIT) / signal.size
     return PictureFacts("raw", width, height, mosaic.metadata, (red, green, blue), black, lit)

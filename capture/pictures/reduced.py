@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from imaging.cfa import Cfa
+from imaging.cfa import Cfa, cell_means
 from imaging.colour import srgb_decode
 from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
 
@@ -43,7 +43,8 @@ class PatchCodes:
 class ReducedPicture:
     """A picture for examination.
 
-    green: float32 [H/2, W/2], green light of each 2x2 pixels, 1 is white; clipped: whether any of them is,
+    green: float32 [h, w], green light of each 2x2 pixels, or of each cell of a mosaic that of the channel
+    with most photosites, 1 is white; clipped: whether any of them is,
     or is hidden by a mask, so that they tell nothing. noise: of `green`. linear: the same light as the
     sensor saw it, for exposure ratios, or None where a camera developed it; patches: then its codes.
     """
@@ -56,17 +57,14 @@ class ReducedPicture:
 
 
 def of_raw(frame: LinearFrame, cfa: Cfa) -> ReducedPicture:
-    """A RAW frame; the two greens of each tile are one sample. What is not valid in it tells nothing."""
+    """A RAW frame; the greens of each cell are one sample. What is not valid in it tells nothing."""
     noise = frame.noise if isinstance(frame.noise, SensorSignalNoise) else TYPICAL
-    height, width = (side // 2 * 2 for side in frame.signal.shape)
-    sites = [site for site, channel in np.ndenumerate(cfa.pattern) if channel == 1]
-    green = [frame.signal[row:height:2, column:width:2] for row, column in sites]
-    useless = frame.saturated | ~frame.valid
-    clipped = [useless[row:height:2, column:width:2] for row, column in sites]
+    green, useless = cfa.densest, frame.saturated | ~frame.valid
+    count = float((cfa.pattern == green).mean()) * cfa.cell**2
     return ReducedPicture(
-        np.asarray((green[0] + green[1]) / 2, np.float32),
-        clipped[0] | clipped[1],
-        SensorSignalNoise(noise.slope / 2, noise.floor / 2),
+        cell_means(frame.signal, cfa)[..., green],
+        cell_means(useless, cfa)[..., green] > 0,
+        SensorSignalNoise(noise.slope / count, noise.floor / count),
         _reduced(frame, cfa),
         None,
     )
@@ -137,25 +135,27 @@ def _patches(codes: Float, counts: Bool | None) -> PatchCodes:
 
 
 def _reduced(frame: LinearFrame, cfa: Cfa) -> LinearFrame:
-    """A large mosaic as RGB [h, w, 3] of block means; a block is saturated if any of its sites is.
+    """A large mosaic as its channels [h, w, channels] of block means; one is saturated if any site is.
 
     It is valid if all are.
     """
     height, width = frame.signal.shape
     if height * width <= ENOUGH:
         return frame
-    side = int(np.ceil(np.sqrt(3 * height * width / (4 * ENOUGH))))
-    high, wide = height // (2 * side), width // (2 * side)
-    signal = np.zeros((high, wide, 3), np.float32)
-    saturated, valid = np.zeros((high, wide, 3), bool), np.ones((high, wide, 3), bool)
-    for (row, column), channel in np.ndenumerate(cfa.pattern):
-        cut = np.s_[row : 2 * side * high : 2, column : 2 * side * wide : 2]
-        share = 0.5 if channel == 1 else 1.0
-        signal[..., channel] += share * frame.signal[cut].reshape(high, side, wide, side).mean((1, 3))
-        saturated[..., channel] |= frame.saturated[cut].reshape(high, side, wide, side).any((1, 3))
-        valid[..., channel] &= frame.valid[cut].reshape(high, side, wide, side).all((1, 3))
+    side = int(np.ceil(np.sqrt(len(cfa.letters) * height * width / (cfa.cell**2 * ENOUGH))))
+    signal, clipped, hidden = (
+        _blocks(cell_means(values, cfa), side) for values in (frame.signal, frame.saturated, ~frame.valid)
+    )
+    saturated, valid = clipped > 0, hidden == 0
     noise = frame.noise
     if isinstance(noise, SensorSignalNoise):
         noise = SensorSignalNoise(noise.slope / side**2, noise.floor / side**2)
     none = np.zeros(signal.shape, bool)
     return LinearFrame(signal, frame.k, saturated, none, valid, None, noise, ceiling=1.0)
+
+
+def _blocks(image: Float, side: int) -> Float:
+    """Means [h, w, channels] over whole squares of so many pixels a side."""
+    high, wide = image.shape[0] // side, image.shape[1] // side
+    cut = image[: high * side, : wide * side]
+    return np.asarray(cut.reshape(high, side, wide, side, -1).mean((1, 3)), np.float32)

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from imaging.colour import srgb_encode
+from imaging.cfa import cell_means
+from imaging.colour import balanced, srgb_encode
 from imaging.files.photo import encode_jpeg
 from imaging.merge.linear_frame import LinearFrame
 from imaging.mosaic import RawMosaic
@@ -20,16 +21,8 @@ QUALITY = 72
 def of_raw(frame: LinearFrame, mosaic: RawMosaic) -> bytes:
     """JPEG of a mosaic and its light: white at white, its white balance, nothing lifted."""
     signal, saturated = frame.signal, frame.saturated
-    height, width = (side // 2 * 2 for side in signal.shape)
-    rgb = np.zeros((height // 2, width // 2, 3), np.float32)
-    clipped = np.zeros((height // 2, width // 2), bool)
-    for (row, column), channel in np.ndenumerate(mosaic.cfa.pattern):
-        cut = np.s_[row:height:2, column:width:2]
-        rgb[..., channel] += signal[cut] * (0.5 if channel == 1 else 1.0)
-        clipped |= saturated[cut]
-    if mosaic.neutral is not None:
-        rgb /= np.maximum(np.asarray(mosaic.neutral, np.float32), 1e-3)
-    return _small(rgb, clipped)
+    rgb = balanced(cell_means(signal, mosaic.cfa), mosaic.neutral)
+    return _small(rgb, cell_means(saturated, mosaic.cfa).max(-1) > 0)
 
 
 def of_photo(pixels: Float) -> bytes:

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from drivers.sim.camera.optics import Optics
 from drivers.sim.scene.tabletop import TARGET
 from drivers.sim.seeds import generator
-from imaging.cfa import Cfa
+from imaging.cfa import BAYER, Cfa, Tile, as_tile
 from imaging.colour import REC709_FROM_XYZ
 from imaging.lens import Lens
-from imaging.mosaic import Matrix
+from imaging.mosaic import Matrix, as_matrix
 
 Array = npt.NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Mount:
     camera_from_xyz: Matrix
     unit_gain: float
     unit_noise: float
-    black: tuple[int, int, int, int]
+    black: Tile
 
 
 def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, roll: float = 0.0) -> Array:
@@ -132,8 +132,7 @@ def _mount(
         lens = _fisheye(lens, generator(seed, serial, "fisheye"))
     colour = _colour(noise)
     matrix = colour @ REC709_FROM_XYZ
-    rows = [(float(row[0]), float(row[1]), float(row[2])) for row in matrix]
-    cfa = list(Cfa)[int(noise.integers(4))] if index else Cfa.RGGB
+    cfa = BAYER[int(noise.integers(4))] if index else Cfa.RGGB
     optics = Optics(
         lens=lens,
         vignetting=(
@@ -144,17 +143,17 @@ def _mount(
         camera_from_rec709=colour,
         gain=1.0 + noise.uniform(-0.02, 0.02),
     )
-    black = [int(value) for value in noise.integers(-2, 3, 4)]
+    black = as_tile(noise.integers(-2, 3, 4).reshape(2, 2))
     return Mount(
         name=f"cam{index}",
         serial=serial,
         optics=optics,
         cam_from_rig=np.eye(4) if index == 0 else _cam_from_plate(seed, index) @ plate_from_rig,
         cfa=cfa,
-        camera_from_xyz=(rows[0], rows[1], rows[2]),
+        camera_from_xyz=as_matrix(matrix),
         unit_gain=noise.uniform(0.985, 1.015),
         unit_noise=noise.uniform(0.93, 1.07),
-        black=(black[0], black[1], black[2], black[3]),
+        black=black,
     )
 
 

@@ -18,6 +18,7 @@ from drivers.sim.scene.gallery import gallery_scene
 from drivers.sim.scene.scene import Scene
 from drivers.sim.scene.subjects import LIGHT, grey
 from drivers.sim.scene.tabletop import demo_scene
+from imaging.cfa import as_tile
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.session.records import CameraRecord, Subject
@@ -264,7 +265,7 @@ def _nominal(settings: RigSettings) -> SensorModel:
         gain=span / (bins * 9600.0),
         read_noise=3.0,
         full_well=bins * 10_300.0,
-        black=(black, black, black, black),
+        black=((black, black), (black, black)),
         bit_depth=bits,
         prnu=0.005,
         dsnu=0.4,
@@ -275,17 +276,12 @@ def _nominal(settings: RigSettings) -> SensorModel:
 
 def _unit(nominal: SensorModel, mount: Mount, effects: bool) -> SensorModel:
     """One sensor of that make: gain, read noise and black differ a little from the data sheet."""
-    black = nominal.black[0]
+    black = nominal.black[0][0]
     return replace(
         nominal,
         gain=nominal.gain * mount.unit_gain,
         read_noise=nominal.read_noise * mount.unit_noise,
         full_well=nominal.full_well / mount.unit_gain,
-        black=(
-            black + mount.black[0],
-            black + mount.black[1],
-            black + mount.black[2],
-            black + mount.black[3],
-        ),
+        black=as_tile(black + np.array(mount.black)),
         row_noise=0.5 if effects else 0.0,
     )

@@ -145,7 +145,7 @@ def _camera(rig: SimulatedRig, index: int) -> dict[str, Any]:
         "vignetting": list(optics.vignetting),
         "gain": optics.gain,
         "noise": {"gain": sensor.gain, "read_noise": sensor.read_noise, "prnu": sensor.prnu},
-        "black": list(sensor.black),
+        "black": [list(row) for row in sensor.black],
         "white": sensor.white,
         "full_well": sensor.full_well,
         "cfa": str(body.cfa),

@@ -17,6 +17,7 @@ from drivers.u3v.pixels import format_of, unpack
 from drivers.u3v.session import U3vSession, connected, open_session
 from drivers.u3v.stream import CHUNKS, Frame
 from drivers.u3v.timestamps import Latch, latch, opening
+from imaging.cfa import Tile
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata, RawMosaic
@@ -58,7 +59,7 @@ class U3vCamera:
         """Its clock, just before it was told to wait for its trigger."""
         self._surest: Latch | None = None
         """Of all times that its clock was read, the one that is known best."""
-        self._levels: dict[int, tuple[tuple[float, float, float, float], int]] = {}
+        self._levels: dict[int, tuple[Tile, int]] = {}
         """Black and white of each pixel format, read once a session."""
 
     @property

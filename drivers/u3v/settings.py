@@ -6,10 +6,13 @@ exposures scale as the signal does; it is not the speed of the sensor by ISO 122
 
 import math
 
+import numpy as np
+
 from drivers.camera import Capabilities
 from drivers.errors import CameraRefused
 from drivers.u3v.genicam import Limits, NodeMap
 from drivers.u3v.pixels import BY_NAME, PixelFormat, format_of
+from imaging.cfa import Tile, as_tile
 from imaging.exposure import Exposure
 
 _PACKINGS = {"p": 2, "Packed": 1, "plain": 0}
@@ -126,10 +129,10 @@ def ladder(low: float, high: float, steps: int) -> tuple[float, ...]:
     return tuple(values) if math.isclose(values[-1], high, rel_tol=1e-6) else (*values, high)
 
 
-def black_levels(nodes: NodeMap, pixels: PixelFormat) -> tuple[float, float, float, float]:
-    """The BlackLevel of the four sites, DN; by colour where the camera has that, 0 if it says none."""
+def black_levels(nodes: NodeMap, pixels: PixelFormat) -> Tile:
+    """The BlackLevel of the sites of the tile, DN; by colour where the camera has that, 0 if it says none."""
     if not nodes.available("BlackLevel") or pixels.cfa is None:
-        return 0.0, 0.0, 0.0, 0.0
+        return ((0.0,),)
     colours = ("Red", "Green", "Blue")
     if set(colours) <= set(nodes.entries("BlackLevelSelector")) and nodes.writable("BlackLevelSelector"):
         levels = []
@@ -138,8 +141,7 @@ def black_levels(nodes: NodeMap, pixels: PixelFormat) -> tuple[float, float, flo
             levels.append(float(nodes.number("BlackLevel")))
     else:
         levels = [float(nodes.number("BlackLevel"))] * 3
-    a, b, c, d = (levels[channel] for channel in pixels.cfa.pattern.reshape(-1))
-    return a, b, c, d
+    return as_tile(np.array(levels)[pixels.cfa.pattern])
 
 
 def white_level(nodes: NodeMap, pixels: PixelFormat) -> int:

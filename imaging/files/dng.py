@@ -1,4 +1,4 @@
-"""DNG files: a Bayer mosaic with everything that is needed to read it as linear light.
+"""DNG files: a mosaic of any table, or mono, with everything that is needed to read it as linear light.
 
 Written here and not by a library: the tested ones write no EXIF directory, or strips and tiles at
 once, or lossless JPEG that LibRaw decodes to wrong pixels. DNG 1.4, little-endian, one image.
@@ -98,7 +98,7 @@ def _check(raw: RawMosaic) -> None:
         raise ValueError("black that varies from photosite to photosite is not written")
     if not 1 <= raw.white <= 65535:
         raise ValueError(f"white level {raw.white} is not in 1..65535")
-    if not all(0 <= black < raw.white for black in raw.black):
+    if not all(0 <= black < raw.white for row in raw.black for black in row):
         raise ValueError(f"black levels {raw.black} are not between 0 and white {raw.white}")
 
 
@@ -134,7 +134,7 @@ def _layout(raw: RawMosaic, tiled: bool) -> dict[int, Entry]:
         tag.HEIGHT: Entry(LONG, [height]),
         tag.BITS: Entry(SHORT, [16]),
         tag.COMPRESSION: Entry(SHORT, [tag.LOSSLESS_JPEG if tiled else 1]),
-        tag.PHOTOMETRIC: Entry(SHORT, [tag.CFA_PHOTOMETRIC]),
+        tag.PHOTOMETRIC: Entry(SHORT, [tag.LINEAR_PHOTOMETRIC if raw.cfa.mono else tag.CFA_PHOTOMETRIC]),
         tag.SAMPLES: Entry(SHORT, [1]),
         tag.PLANAR: Entry(SHORT, [1]),
     }
@@ -149,11 +149,15 @@ def _layout(raw: RawMosaic, tiled: bool) -> dict[int, Entry]:
 def _geometry(raw: RawMosaic) -> dict[int, Entry]:
     """Which photosites there are, and that all of them count."""
     height, width = raw.pixels.shape
-    return {
-        tag.CFA_REPEAT: Entry(SHORT, [2, 2]),
-        tag.CFA_PATTERN: Entry(BYTE, raw.cfa.pattern.reshape(-1).tolist()),
-        tag.CFA_PLANES: Entry(BYTE, [0, 1, 2]),
+    codes = {letter: code for code, letter in tag.COLOUR_CODES.items()}
+    filters = {
+        tag.CFA_REPEAT: Entry(SHORT, list(raw.cfa.period)),
+        tag.CFA_PATTERN: Entry(BYTE, [codes[letter] for row in raw.cfa.rows for letter in row]),
+        tag.CFA_PLANES: Entry(BYTE, [codes[letter] for letter in raw.cfa.letters]),
         tag.CFA_LAYOUT: Entry(SHORT, [1]),  # square
+    }
+    return {
+        **({} if raw.cfa.mono else filters),
         tag.DEFAULT_SCALE: Entry(RATIONAL, [1, 1]),
         tag.CROP_ORIGIN: Entry(LONG, [0, 0]),
         tag.CROP_SIZE: Entry(LONG, [width, height]),
@@ -172,8 +176,8 @@ def _colour(raw: RawMosaic) -> dict[int, Entry]:
         tag.DNG_BACKWARD: Entry(BYTE, [1, 4, 0, 0]),
         tag.UNIQUE_MODEL: Entry(ASCII, f"{meta.make} {meta.model}".strip() or "hdr-rig"),
         tag.RAW_UNIQUE_ID: Entry(BYTE, identity.digest()),
-        tag.BLACK_REPEAT: Entry(SHORT, [2, 2]),
-        tag.BLACK: Entry(RATIONAL, [rational(black) for black in raw.black]),
+        tag.BLACK_REPEAT: Entry(SHORT, [len(raw.black), len(raw.black[0])]),
+        tag.BLACK: Entry(RATIONAL, [rational(black) for row in raw.black for black in row]),
         tag.WHITE: Entry(LONG, [raw.white]),
         tag.BASELINE_EXPOSURE: Entry(SRATIONAL, [0]),
         tag.BASELINE_NOISE: Entry(RATIONAL, [1]),

@@ -53,8 +53,10 @@ DAYLIGHT = 6500.0
 Array = npt.NDArray[np.float64]
 
 
-def camera_from_xyz(tags: Directory) -> Matrix | None:
+def camera_from_xyz(tags: Directory, channels: int) -> Matrix | None:
     """AnalogBalance x CameraCalibration x ColorMatrix under D65; None if the file has no ColorMatrix.
+
+    A row for each channel; where the file has none of W, it is the sum of the others.
 
     Between two illuminants both factors are interpolated by the reciprocal of the colour temperature;
     beyond them those of the nearest count. The first matrix stands alone where no illuminant is known.
@@ -67,11 +69,13 @@ def camera_from_xyz(tags: Directory) -> Matrix | None:
         (MATRIX_2, CALIBRATION_2, ILLUMINANT_2),
         (MATRIX_3, CALIBRATION_3, ILLUMINANT_3),
     ):
-        matrix = _matrix(tags, matrix_tag)
-        if matrix is None:
+        matrix = _rows(tags, matrix_tag, 3)
+        if matrix is None or len(matrix) not in (3, channels):
             continue
-        own = _matrix(tags, calibration_tag) if calibrated else None
-        pair = matrix, np.eye(3) if own is None else own
+        own = _rows(tags, calibration_tag, len(matrix)) if calibrated else None
+        pair = matrix, np.eye(len(matrix)) if own is None or len(own) != len(matrix) else own
+        if alone is not None and len(alone[0]) != len(matrix):
+            continue
         alone = alone or pair
         temperature = _TEMPERATURES.get(next(iter(integers(tags, illuminant_tag)), 0))
         if temperature is not None:
@@ -80,8 +84,9 @@ def camera_from_xyz(tags: Directory) -> Matrix | None:
         return None
     colour, calibration = _between(found) if found else alone
     balance = numbers(tags, ANALOG_BALANCE)
-    gains = balance if len(balance) == 3 and all(balance) else (1.0, 1.0, 1.0)
-    return as_matrix(np.diag(gains) @ calibration @ colour)
+    gains = balance if len(balance) == len(colour) and all(balance) else (1.0,) * len(colour)
+    rows = np.diag(gains) @ calibration @ colour
+    return as_matrix(rows if len(rows) == channels else [*rows, rows.sum(0)])
 
 
 def _between(found: dict[float, tuple[Array, Array]]) -> tuple[Array, Array]:
@@ -97,6 +102,7 @@ def _between(found: dict[float, tuple[Array, Array]]) -> tuple[Array, Array]:
     return np.asarray(first), np.asarray(second)
 
 
-def _matrix(tags: Directory, tag: int) -> Array | None:
+def _rows(tags: Directory, tag: int, columns: int) -> Array | None:
     values = numbers(tags, tag)
-    return np.reshape(values, (3, 3)) if len(values) == 9 and any(values) else None
+    known = len(values) in (9, 12, 16) and len(values) % columns == 0 and any(values)
+    return np.reshape(values, (-1, columns)) if known else None

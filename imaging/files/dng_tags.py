@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from imaging.cfa import Cfa, Tile, as_tile, repeated
 from imaging.files.tiff import Directory, TiffError, TiffReader, integers, numbers
 
 SUBFILE_TYPE, WIDTH, HEIGHT, BITS, COMPRESSION, PHOTOMETRIC, SAMPLES = 254, 256, 257, 258, 259, 262, 277
@@ -26,15 +27,16 @@ CALIBRATION_1, CALIBRATION_2, CALIBRATION_3 = 50723, 50724, 52530
 ILLUMINANT_1, ILLUMINANT_2, ILLUMINANT_3 = 50778, 50779, 52529
 CAMERA_SIGNATURE, PROFILE_SIGNATURE = 50931, 50932
 BASELINE_EXPOSURE, BASELINE_NOISE, BASELINE_SHARPNESS, LINEAR_LIMIT = 50730, 50731, 50732, 50734
-NOISE_PROFILE = 51041
+NOISE_PROFILE, LINEARIZATION = 51041, 50712
 
-CFA_PHOTOMETRIC = 32803
+CFA_PHOTOMETRIC, LINEAR_PHOTOMETRIC = 32803, 34892
+COLOUR_CODES = {0: "R", 1: "G", 2: "B", 6: "W"}
+"""Of CFAPattern and CFAPlaneColor (TIFF/EP; EXIF's CFAPattern)."""
 LOSSLESS_JPEG = 7
 FOREIGN_COMPRESSIONS = {8: "deflate", 34892: "lossy JPEG", 52546: "JPEG XL"}
 """Allowed by the specification, and beyond LibRaw for the whole numbers of a mosaic."""
 D65 = 21
 
-Black = tuple[float, float, float, float]
 Offset = npt.NDArray[np.float32] | None
 
 
@@ -52,7 +54,7 @@ def check_extents(directories: Sequence[Directory], file: TiffReader) -> None:
                 raise TiffError("pixels lead past the end")
             if is_dng and (len(starts) != len(sizes) or 0 in starts or 0 in sizes):
                 raise TiffError("pixels are missing")
-        if is_dng and integers(directory, PHOTOMETRIC) == (CFA_PHOTOMETRIC,):
+        if is_dng and _number(directory, PHOTOMETRIC) in (CFA_PHOTOMETRIC, LINEAR_PHOTOMETRIC):
             _check_complete(directory)
             if _number(directory, COMPRESSION) == LOSSLESS_JPEG:
                 _check_ends(directory, file)
@@ -95,7 +97,7 @@ def image_tags(directories: Sequence[Directory]) -> Directory | None:
     main = next((directory for directory in directories if DNG_VERSION in directory), None)
     if main is None:
         return None
-    mosaics = [d for d in directories if integers(d, PHOTOMETRIC) == (CFA_PHOTOMETRIC,)]
+    mosaics = [d for d in directories if _number(d, PHOTOMETRIC) in (CFA_PHOTOMETRIC, LINEAR_PHOTOMETRIC)]
     largest = max(mosaics, key=lambda d: _number(d, WIDTH) * _number(d, HEIGHT), default=main)
     return {**main, **largest}
 
@@ -110,41 +112,72 @@ def size(tags: Directory) -> tuple[int, int]:
     return _number(tags, HEIGHT), _number(tags, WIDTH)
 
 
-def is_bayer(tags: Directory) -> bool:
-    """Whether the photosites see red, green and blue and hold whole numbers."""
-    planes, kinds = integers(tags, CFA_PLANES), integers(tags, SAMPLE_FORMAT)
-    return planes in ((), (0, 1, 2)) and kinds in ((), (1,))
+def active_area(tags: Directory) -> tuple[int, int, int, int]:
+    """Top, left, bottom and right of the photosites that count."""
+    height, width = size(tags)
+    told = integers(tags, ACTIVE_AREA)
+    return (told[0], told[1], told[2], told[3]) if len(told) == 4 else (0, 0, height, width)
 
 
-def black(tags: Directory, top: int, left: int, height: int, width: int) -> tuple[Black, Offset] | None:
+def is_mosaic(tags: Directory) -> bool:
+    """Whether there is a sample of whole numbers a photosite, which sees red, green, blue, or all."""
+    return (
+        integers(tags, SAMPLE_FORMAT) in ((), (1,))
+        and _number(tags, PHOTOMETRIC) in (CFA_PHOTOMETRIC, LINEAR_PHOTOMETRIC)
+        and integers(tags, SAMPLES) in ((), (1,))
+        and integers(tags, CFA_LAYOUT) in ((), (1,))
+    )
+
+
+def cfa(tags: Directory) -> Cfa | None:
+    """The table of the mosaic, from its first active photosite on; None if it is none that rig knows."""
+    if _number(tags, PHOTOMETRIC) == LINEAR_PHOTOMETRIC:
+        return Cfa.MONO
+    repeat, sites = integers(tags, CFA_REPEAT), tags.get(CFA_PATTERN, ())
+    codes = list(sites) if isinstance(sites, bytes) else [int(site) for site in integers(tags, CFA_PATTERN)]
+    if len(repeat) != 2 or min(repeat) < 1 or len(codes) != repeat[0] * repeat[1]:
+        return None
+    if integers(tags, CFA_PLANES) not in ((), tuple(sorted(set(codes)))):
+        return None
+    try:
+        text = "".join(COLOUR_CODES[code] for code in codes)
+        return Cfa.from_pattern(np.reshape(["RGBW".index(letter) for letter in text], repeat), "RGBW")
+    except (KeyError, ValueError):
+        return None
+
+
+def black(
+    tags: Directory, top: int, left: int, shape: tuple[int, int], tile: tuple[int, int]
+) -> tuple[Tile, Offset] | None:
     """Black of the photosites of a window that begins at row `top`, column `left` of the stored image.
 
-    The mean of each site of the 2x2 tile, DN, and float32 [height, width] that says how far each photosite
-    departs from the mean of its site; None where none does. BlackLevel repeats from the corner of the
-    active area; BlackLevelDeltaV and BlackLevelDeltaH add to its rows and columns. None if the file has no
-    levels, or they contradict its size.
+    The mean of each site of the tile, whose rows and columns `tile` gives, DN, and float32 of `shape` that
+    says how far each photosite departs from the mean of its site; None where none does. BlackLevel repeats
+    from the corner of the active area; BlackLevelDeltaV and BlackLevelDeltaH add to its rows and columns.
+    None if the file has no levels, or they contradict its size.
     """
     levels = numbers(tags, BLACK)
     rows, columns = (*integers(tags, BLACK_REPEAT)[:2], 1, 1)[:2]
-    if min(rows, columns) < 1 or len(levels) != rows * columns or min(height, width) < 2:
+    (height, width), (down, across) = shape, tile
+    if min(rows, columns) < 1 or len(levels) != rows * columns or height < down or width < across:
         return None
     area = (*integers(tags, ACTIVE_AREA)[:2], 0, 0)[:2]
     deltas = (
         _deltas(tags, BLACK_DELTA_V, top - area[0], height),
         _deltas(tags, BLACK_DELTA_H, left - area[1], width),
     )
-    varied = rows > 2 or columns > 2 or any(np.ptp(delta) > 0 for delta in deltas)
-    down, right = (np.arange(size if varied else 2) for size in (height, width))
-    tile = np.reshape(levels, (rows, columns))
-    whole = tile[np.ix_((down + top - area[0]) % rows, (right + left - area[1]) % columns)]
-    whole = whole + deltas[0][down, None] + deltas[1][right]
-    means = [float(np.mean(whole[row::2, column::2])) for row, column in np.ndindex(2, 2)]
+    varied = down % rows > 0 or across % columns > 0 or any(np.ptp(delta) > 0 for delta in deltas)
+    y, x = np.arange(height if varied else down), np.arange(width if varied else across)
+    stated = np.reshape(levels, (rows, columns))
+    whole = stated[np.ix_((y + top - area[0]) % rows, (x + left - area[1]) % columns)]
+    whole = whole + deltas[0][y, None] + deltas[1][x]
+    means = np.zeros(tile)
+    for row, column in np.ndindex(tile):
+        means[row, column] = np.mean(whole[row::down, column::across])
     offset = None
     if varied:
-        offset = whole.astype(np.float32)
-        for mean, (row, column) in zip(means, np.ndindex(2, 2), strict=True):
-            offset[row::2, column::2] -= np.float32(mean)
-    return (means[0], means[1], means[2], means[3]), offset
+        offset = whole.astype(np.float32) - repeated(means.astype(np.float32), height, width)
+    return as_tile(means), offset
 
 
 def _deltas(tags: Directory, tag: int, start: int, length: int) -> npt.NDArray[np.float64]:
@@ -153,22 +186,31 @@ def _deltas(tags: Directory, tag: int, start: int, length: int) -> npt.NDArray[n
     return found if len(found) == length else np.zeros(length)
 
 
+def largest(tags: Directory) -> int:
+    """The largest number that the bits of a sample hold."""
+    return int(2 ** (_number(tags, BITS) or 16) - 1)
+
+
 def white(tags: Directory) -> int | None:
     """WhiteLevel."""
     return _number(tags, WHITE) or None
 
 
-def as_neutral(values: Sequence[float]) -> tuple[float, float, float] | None:
-    """Camera RGB of a neutral surface, scaled to a largest value of 1; None if it cannot be one."""
-    if len(values) != 3 or not all(0 < value < 1e6 for value in values):
+def as_neutral(values: Sequence[float], channels: int) -> tuple[float, ...] | None:
+    """What each channel sees of a neutral surface, the largest 1; None if it cannot be so.
+
+    Where only R, G and B are told, W is taken for their sum.
+    """
+    if channels == 4 and len(values) == 3:
+        values = (*values, sum(values))
+    if len(values) != channels or not all(0 < value < 1e6 for value in values):
         return None
-    largest = max(values)
-    return values[0] / largest, values[1] / largest, values[2] / largest
+    return tuple(value / max(values) for value in values)
 
 
-def neutral(tags: Directory) -> tuple[float, float, float] | None:
-    """AsShotNeutral."""
-    return as_neutral(numbers(tags, NEUTRAL))
+def neutral(tags: Directory, channels: int) -> tuple[float, ...] | None:
+    """AsShotNeutral, as `as_neutral` has it."""
+    return as_neutral(numbers(tags, NEUTRAL), channels)
 
 
 def noise_profile(tags: Directory) -> tuple[float, float] | None:
@@ -176,7 +218,7 @@ def noise_profile(tags: Directory) -> tuple[float, float] | None:
     values = numbers(tags, NOISE_PROFILE)
     if len(values) < 2 or len(values) % 2:
         return None
-    slope, offset = values[2:4] if len(values) == 6 else values[:2]
+    slope, offset = values[2:4] if len(values) >= 6 else values[:2]
     return (slope, offset) if 0 < slope < np.inf and 0 <= offset < np.inf else None
 
 

@@ -1,7 +1,8 @@
-"""RAW files of any make, read as a Bayer mosaic.
+"""RAW files of any make, read as a mosaic of any colour filter array, or mono.
 
 LibRaw (rawpy) decodes the pixels. What a DNG says in its tags is read from the tags themselves,
-because LibRaw rounds black levels and keeps neither ColorMatrix1 nor NoiseProfile.
+because LibRaw rounds black levels and keeps neither ColorMatrix1 nor NoiseProfile; and so are the pixels of
+DNG files whose photosites lie otherwise than Bayer's, most of which LibRaw takes for Bayer.
 """
 
 import logging
@@ -11,13 +12,15 @@ from tempfile import TemporaryDirectory
 
 import exifread
 import numpy as np
+import numpy.typing as npt
 import rawpy
 
-from imaging.cfa import Cfa
+from imaging.cfa import Cfa, as_tile
 from imaging.compute.memory import check_picture
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import dng_colour, dng_tags
+from imaging.files.dng_pixels import read_pixels
 from imaging.files.exif import from_names, read_exif
 from imaging.files.silence import quiet
 from imaging.files.tiff import Directory, TiffError, TiffReader
@@ -26,6 +29,8 @@ from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
 _MAKERS = (
     "3fr arw cr2 cr3 crw dcr dng erf fff iiq kdc mef mos mrw nef nrw orf pef raf raw rw2 rwl sr2 srf srw x3f"
 )
+TABLE = 12
+"""Rows and columns of photosites that a table is read from: twice what X-Trans repeats after."""
 SUFFIXES = frozenset(f".{name}" for name in _MAKERS.split())
 
 # without a handler, Python would print the library's complaints about damaged files
@@ -45,14 +50,20 @@ def read_raw(path: str | Path) -> RawMosaic:
     """
     path = Path(path)
     tags, metadata = _read_tags(path)
+    cfa = None if tags is None else _cfa(path, tags)
     try:
-        with quiet(), rawpy.imread(str(path)) as raw:
-            mosaic = _with_tags(_decoded(path, raw, tags), tags, raw.sizes)
-            metadata = metadata or _spoken(path, raw)
+        if tags is not None and cfa is not None and not cfa.bayer:
+            mosaic = _of_dng(path, tags, cfa)
+        else:
+            with quiet(), rawpy.imread(str(path)) as raw:
+                decoded, corner = _decoded(path, raw, tags), (raw.sizes.top_margin, raw.sizes.left_margin)
+                mosaic = decoded if tags is None else _with_tags(decoded, tags, corner)
+                metadata = metadata or _spoken(path, raw)
     except InputError:
         raise
     except Exception as error:  # rawpy raises whatever damaged bytes make it trip over
         raise _undecodable(path, tags) from error
+    metadata = metadata or FrameMetadata()
     return _checked(path, replace(mosaic, metadata=metadata))
 
 
@@ -115,62 +126,84 @@ def _read_tags(path: Path) -> tuple[Directory | None, FrameMetadata | None]:
         raise InputError(f"{path} is damaged or cut off: copy it again from the camera.") from error
 
 
-def _decoded(path: Path, raw: rawpy.RawPy, tags: Directory | None) -> RawMosaic:
-    """Pixels, phase, levels and colour as LibRaw sees them."""
-    check_picture(str(path), raw.sizes.raw_width, raw.sizes.raw_height, channels=2)
-    not_bayer = InputError(f"{path} is not a Bayer mosaic, which is all that rig reads: develop it to TIFF.")
-    if raw.raw_type != rawpy.RawType.Flat or not (tags is None or dng_tags.is_bayer(tags)):
-        raise not_bayer
-    try:
-        pixels, pattern = raw.raw_image_visible, raw.raw_pattern
-    except NotImplementedError:  # rawpy's answer to filters it does not know
-        raise not_bayer from None
-    if tags is not None and raw.raw_image.shape != dng_tags.size(tags):
-        raise _undecodable(path, tags)
-    if pattern is None or pattern.shape != (2, 2) or pixels.ndim != 2 or pixels.dtype != np.uint16:
-        raise not_bayer
-    letters = raw.color_desc.decode("ascii", "replace")
-    try:
-        cfa = Cfa("".join(letters[site] for site in pattern.reshape(-1)))
-    except (ValueError, IndexError):
-        raise not_bayer from None
-    levels = raw.black_level_per_channel
-    black = [float(levels[site]) for site in pattern.reshape(-1)]
-    balance = [1 / gain if gain > 0 else 0.0 for gain in raw.camera_whitebalance[:3]]
-    matrix = raw.rgb_xyz_matrix[:3]
-    return RawMosaic(
-        np.array(pixels),
-        cfa,
-        (black[0], black[1], black[2], black[3]),
-        int(raw.white_level),
-        neutral=dng_tags.as_neutral(balance),
-        camera_from_xyz=as_matrix(matrix) if np.any(matrix) else None,
+def _foreign(path: Path) -> InputError:
+    return InputError(
+        f"{path} is no mosaic of red, green, blue and unfiltered photosites, nor mono, which is all that rig "
+        "reads: develop it to TIFF."
     )
 
 
-def _with_tags(mosaic: RawMosaic, tags: Directory | None, sizes: rawpy.ImageSizes) -> RawMosaic:
+def _cfa(path: Path, tags: Directory) -> Cfa:
+    """The table of a DNG; InputError if it has none."""
+    cfa = dng_tags.cfa(tags) if dng_tags.is_mosaic(tags) else None
+    if cfa is None:
+        raise _foreign(path)
+    return cfa
+
+
+def _of_dng(path: Path, tags: Directory, cfa: Cfa) -> RawMosaic:
+    """A mosaic by the tags of a DNG alone; whatever the decoder trips over for damaged bytes."""
+    pixels, area = read_pixels(path, tags), dng_tags.active_area(tags)
+    return _with_tags(RawMosaic(pixels, cfa, ((0.0,),), dng_tags.largest(tags)), tags, area[:2])
+
+
+def _decoded(path: Path, raw: rawpy.RawPy, tags: Directory | None) -> RawMosaic:
+    """Pixels, table, levels and colour as LibRaw sees them."""
+    check_picture(str(path), raw.sizes.raw_width, raw.sizes.raw_height, channels=2)
+    pixels = raw.raw_image_visible
+    if raw.raw_type != rawpy.RawType.Flat or pixels.ndim != 2 or pixels.dtype != np.uint16:
+        raise _foreign(path)
+    if tags is not None and raw.raw_image.shape != dng_tags.size(tags):
+        raise _undecodable(path, tags)
+    # No table that LibRaw knows is longer.
+    sites = raw.raw_colors_visible[:TABLE, :TABLE]
+    letters = raw.color_desc.decode("ascii", "replace")
+    try:
+        cfa = Cfa.MONO if raw.num_colors == 1 else Cfa.from_pattern(_places(sites, letters), "RGBW")
+    except ValueError:
+        raise _foreign(path) from None
+    levels = np.array(raw.black_level_per_channel, np.float64)
+    channels = len(cfa.letters)
+    balance = [1 / gain if gain > 0 else 0.0 for gain in raw.camera_whitebalance[:channels]]
+    matrix = raw.rgb_xyz_matrix[:channels]
+    return RawMosaic(
+        np.array(pixels),
+        cfa,
+        as_tile(levels[sites[: cfa.tile[0], : cfa.tile[1]]]),
+        int(raw.white_level),
+        neutral=dng_tags.as_neutral(balance, channels),
+        camera_from_xyz=as_matrix(matrix) if np.any(matrix) and not cfa.mono else None,
+    )
+
+
+def _places(sites: npt.NDArray[np.integer], letters: str) -> npt.NDArray[np.intp]:
+    """LibRaw's colour numbers as places in RGBW, -1 for other colours."""
+    return np.asarray(np.array(["RGBW".find(letter) for letter in letters], np.intp)[sites])
+
+
+def _with_tags(mosaic: RawMosaic, tags: Directory, corner: tuple[int, int]) -> RawMosaic:
     """The mosaic with what the tags of a DNG say better than LibRaw.
 
-    LibRaw's visible area is the active area, begun one row or column later where that makes its
-    corner even; `sizes` says where.
+    corner: row and column of its first photosite in the stored image. LibRaw's visible area is the active
+    area, begun one row or column later where that makes its corner even.
     """
-    if tags is None:
-        return mosaic
-    told = dng_tags.black(tags, sizes.top_margin, sizes.left_margin, *mosaic.pixels.shape)
+    told = dng_tags.black(tags, *corner, mosaic.pixels.shape, mosaic.cfa.tile)
     black, offset = told or (mosaic.black, None)
+    channels = len(mosaic.cfa.letters)
+    colour = None if mosaic.cfa.mono else dng_colour.camera_from_xyz(tags, channels)
     return replace(
         mosaic,
         black=black,
         black_offset=offset,
         white=dng_tags.white(tags) or mosaic.white,
-        neutral=dng_tags.neutral(tags) or mosaic.neutral,
-        camera_from_xyz=dng_colour.camera_from_xyz(tags) or mosaic.camera_from_xyz,
+        neutral=dng_tags.neutral(tags, channels) or mosaic.neutral,
+        camera_from_xyz=colour or mosaic.camera_from_xyz,
         noise_profile=dng_tags.noise_profile(tags),
     )
 
 
 def _checked(path: Path, mosaic: RawMosaic) -> RawMosaic:
-    if not all(0 <= level < mosaic.white <= 65535 for level in mosaic.black):
+    if not all(0 <= level < mosaic.white <= 65535 for row in mosaic.black for level in row):
         raise InputError(f"{path} has a black level above its white level: copy it again from the camera.")
     if mosaic.pixels.size == 0:
         raise InputError(f"{path} holds no pixels: copy it again from the camera.")

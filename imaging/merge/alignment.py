@@ -72,7 +72,7 @@ def _shift(short: LinearFrame, long: LinearFrame) -> Shift | None:
     (x, y), peak = cv2.phaseCorrelate(logs[0], logs[1], window)
     if peak < SURE:
         return None
-    pixels = 2.0 if short.cfa is not None else 1.0
+    pixels = 1.0 if short.cfa is None else float(short.cfa.cell)
     return Shift(pixels * x, pixels * y, (short.k, long.k))
 
 
@@ -90,16 +90,17 @@ def _fade(short: LinearFrame, long: LinearFrame) -> Array:
 
 
 def _grey(frame: LinearFrame) -> Array:
-    """Mean rate of the channels of a pixel, or of the 2x2 tiles of a mosaic."""
+    """Mean rate of the channels of a pixel, or of the cells of a mosaic."""
     rate = np.where(frame.valid, frame.signal, 0.0).astype(np.float64) / frame.k
     return _pixels(rate, frame.cfa)
 
 
 def _pixels(values: Array, cfa: Cfa | None) -> Array:
-    """Means over the channels of a pixel, or over the 2x2 tiles of a mosaic."""
+    """Means over the channels of a pixel, or over the cells of a mosaic."""
     if values.ndim == 3:
         return np.asarray(values.mean(-1))
     if cfa is None:
         return values
-    height, width = (side - side % 2 for side in values.shape)
-    return np.asarray(values[:height, :width].reshape(height // 2, 2, width // 2, 2).mean((1, 3)))
+    cell = cfa.cell
+    high, wide = (side // cell for side in values.shape)
+    return np.asarray(values[: high * cell, : wide * cell].reshape(high, cell, wide, cell).mean((1, 3)))

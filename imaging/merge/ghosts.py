@@ -82,7 +82,7 @@ def find_ghosts(
 ) -> tuple[Bool, float]:
     """Where the exposures contradict the merged value, bool of its shape, and the noise over its model.
 
-    The chi-square of the rates is summed over the channels of a pixel, or the 2x2 tile of a mosaic. Its
+    The chi-square of the rates is summed over the channels of a pixel, or the cell of a mosaic. Its
     median over the picture tells how much noisier than their model the frames are, which is allowed for.
     hidden: as of `without_ghosts`.
     """
@@ -93,7 +93,8 @@ def find_ghosts(
     if hidden is not None:
         count = np.where(hidden if count.ndim == 2 else hidden[..., None], np.float32(0), count)
         square = np.where(count > 0, square, np.float32(0))
-    square, count = _places(square, frames[0].cfa is not None), _places(count, frames[0].cfa is not None)
+    cell = 1 if frames[0].cfa is None else frames[0].cfa.cell
+    square, count = _places(square, cell), _places(count, cell)
     freedom = np.maximum(count, 1).astype(np.intp)
     told = count > 0
     if not told.any():
@@ -103,7 +104,7 @@ def find_ghosts(
     excess = max(float(np.median((square / middle)[told])), 1.0)
     moved = told & (square / excess > limit)
     moved = ndimage.binary_opening(moved, np.ones((OPENING, OPENING), bool))
-    return _spread(moved, shape), float(np.sqrt(excess))
+    return _spread(moved, shape, cell), float(np.sqrt(excess))
 
 
 def _disagreement(frames: Sequence[LinearFrame], merged: Merged, tolerance: float) -> tuple[Float, Float]:
@@ -127,19 +128,19 @@ def _disagreement(frames: Sequence[LinearFrame], merged: Merged, tolerance: floa
     return np.where(merged.valid, square, 0.0), np.where(merged.valid, np.maximum(count - 1, 0), 0)
 
 
-def _places(values: Float, mosaic: bool) -> Float:
-    """Sums over the channels of a pixel, or the 2x2 tiles of a mosaic; an odd last row stands alone."""
-    if not mosaic:
-        return np.asarray(values.sum(-1) if values.ndim == 3 else values)
+def _places(values: Float, cell: int) -> Float:
+    """Sums over the channels of a pixel, or the cells of a mosaic, the last ones of which may be short."""
+    if values.ndim == 3:
+        return np.asarray(values.sum(-1))
     height, width = values.shape
-    even = np.pad(values, ((0, height % 2), (0, width % 2)))
-    return np.asarray(even.reshape(-(-height // 2), 2, -(-width // 2), 2).sum((1, 3)))
+    whole = np.pad(values, ((0, -height % cell), (0, -width % cell)))
+    return np.asarray(whole.reshape(-(-height // cell), cell, -(-width // cell), cell).sum((1, 3)))
 
 
-def _spread(places: Bool, shape: tuple[int, ...]) -> Bool:
+def _spread(places: Bool, shape: tuple[int, ...], cell: int) -> Bool:
     """Flags of places as flags of all that belongs to them."""
     if places.shape != shape[:2]:
-        places = places.repeat(2, 0).repeat(2, 1)[: shape[0], : shape[1]]
+        places = places.repeat(cell, 0).repeat(cell, 1)[: shape[0], : shape[1]]
     return places if len(shape) == 2 else np.repeat(places[..., None], shape[2], axis=2)
 
 

@@ -78,7 +78,7 @@ class LinearFrame:
     signal: float32 [H, W] (mosaic, black 0 and white 1, noise below black negative) or [H, W, 3].
     k: exposure scale, s. saturated: bool, same shape: the scene is at least this bright.
     dark: bool, the scene is at most this bright (code values at their lower end). valid: bool, False
-    where the file holds no number. cfa: phase of the mosaic. noise: None if not known. ceiling: the
+    where the file holds no number. cfa: of a mosaic. noise: None if not known. ceiling: the
     signal at which the sensor saturates, where that is one number.
     """
 

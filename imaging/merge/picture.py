@@ -7,7 +7,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from imaging.cfa import Cfa
-from imaging.colour import Space, space_from_rec709
+from imaging.colour import Space, rec709_from_camera, space_from_rec709, unmeasured
 from imaging.demosaic import demosaic
 from imaging.merge.ghosts import Deghosted
 from imaging.merge.linear_frame import Bool, Float
@@ -52,7 +52,8 @@ def picture_of(
     usable: Bool = np.asarray(np.isfinite(light))
     flags: list[Bool] = [merged.clipped, merged.dark, np.asarray(~usable), best.ghost]
     if cfa is not None:
-        spread = [ndimage.binary_dilation(flag, np.ones((3, 3), bool)) for flag in flags[:2]]
+        near = np.ones((2 * cfa.cell - 1,) * 2, bool)
+        spread = [ndimage.binary_dilation(flag, near) for flag in flags[:2]]
         colour = demosaic(light, cfa, usable, sigma)
         flags = [*spread, np.asarray(~colour.known.all(-1)), best.ghost]
         light, sigma = np.where(flags[2][..., None], np.float32(np.nan), colour.rgb), colour.sigma
@@ -61,9 +62,10 @@ def picture_of(
     light = light / fall[..., None]
     variance = None if variance is None else variance / fall[..., None] ** 2
     matrix = None if camera is None else camera.camera_from_rec709
-    known_colour = cfa is None or matrix is not None
-    if matrix is not None or (known_colour and space != "rec709"):
-        mixing = space_from_rec709(space) @ np.linalg.inv(np.eye(3) if matrix is None else np.array(matrix))
+    known_colour = cfa is None or cfa.mono or matrix is not None
+    if matrix is not None or light.shape[-1] != 3 or (known_colour and space != "rec709"):
+        to_camera = unmeasured(light.shape[-1]) if matrix is None else matrix
+        mixing = space_from_rec709(space) @ rec709_from_camera(to_camera)
         light = (light @ mixing.T).astype(np.float32)
         variance = None if variance is None else _finite(variance) @ (mixing**2).T
     mask = sum(

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from imaging.cfa import Cfa
 from imaging.merge.linear_frame import LinearFrame, SensorSignalNoise
 from imaging.robust import huber_weight, robust_scale
 
@@ -50,7 +51,7 @@ def overlap(longer: LinearFrame, shorter: LinearFrame) -> Overlap:
     """Compare two exposures of one view, both of one shape, [H, W] or [H, W, 3]."""
     long, short = longer.signal.astype(np.float64), shorter.signal.astype(np.float64)
     usable = longer.valid & shorter.valid & ~longer.saturated & ~shorter.saturated
-    level = _neighbours(np.where(longer.saturated | ~longer.valid, np.inf, long), longer.cfa is not None)
+    level = _neighbours(np.where(longer.saturated | ~longer.valid, np.inf, long), longer.cfa)
     chosen = usable & (level > LOWEST) & (level < HIGHEST)
     columns = np.stack(
         [long, short, _noise(longer, long), _noise(shorter, short), np.ones_like(long)], axis=-1
@@ -175,17 +176,35 @@ def linearity(pairs: Sequence[tuple[Ratio, Sequence[Overlap]]]) -> Linearity | N
     return Linearity(float(beyond.max()), float(np.abs(departures[:, 1]).max()), tuple(found))
 
 
-def _neighbours(signal: Array, mosaic: bool) -> Array:
-    """Mean of the four neighbours (of the same colour in a mosaic) without the photosite itself."""
-    reach = 2 if mosaic else 1
+def _neighbours(signal: Array, cfa: Cfa | None) -> Array:
+    """Mean of the four neighbours without the photosite itself; in a mosaic those of the same colour, which
+    other tables than Bayer's have at any place of the 5x5 around."""
+    finite = np.where(np.isfinite(signal), signal, 1e6)  # a saturated neighbour lifts the mean out of range
+    if cfa is not None and not cfa.bayer and not cfa.mono:
+        return _same_colour(finite, cfa)
+    reach = 2 if cfa is not None and cfa.bayer else 1
     cross = np.zeros((2 * reach + 1, 2 * reach + 1))
     cross[0, reach] = cross[-1, reach] = cross[reach, 0] = cross[reach, -1] = 0.25
-    finite = np.where(np.isfinite(signal), signal, 1e6)  # a saturated neighbour lifts the mean out of range
     if signal.ndim == 2:
         return np.asarray(ndimage.correlate(finite, cross, mode="mirror"))
     return np.stack(
         [ndimage.correlate(finite[..., c], cross, mode="mirror") for c in range(signal.shape[2])], axis=-1
     )
+
+
+def _same_colour(signal: Array, cfa: Cfa) -> Array:
+    """Mean of the photosites of the same colour in the 5x5 around, without the photosite itself."""
+    channels, around = cfa.channels(*signal.shape), np.ones((5, 5))
+    around[2, 2] = 0.0
+    mean = np.empty(signal.shape)
+    for channel in range(len(cfa.letters)):
+        own = channels == channel
+        total, count = (
+            ndimage.correlate(np.where(own, values, 0.0), around, mode="mirror")
+            for values in (signal, np.ones(signal.shape))
+        )
+        mean[own] = (total / np.maximum(count, 1.0))[own]
+    return mean
 
 
 def _noise(frame: LinearFrame, signal: Array) -> Array:

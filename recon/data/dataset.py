@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.cfa import Cfa
+from imaging.colour import unmeasured
 from imaging.errors import ReconstructionError
 from imaging.files import store
 from imaging.files.colmap import SparsePoints, read_points, read_tracks
@@ -39,7 +40,7 @@ class Sensor:
     """What a camera does to radiance, before any shot's exposure.
 
     kind: raw (mosaic or camera RGB, linear), ldr (code values), hdr (linear Rec.709).
-    camera_from_rec709: float64 [3, 3]. falloff: float32 [H, W], vignetting times the camera's gain.
+    camera_from_rec709: float64 [channels, 3]. falloff: float32 [H, W], vignetting times the camera's gain.
     """
 
     kind: ImageKind
@@ -240,9 +241,10 @@ def photographs_sha256(shots: Iterable[ShotRecord]) -> str:
 
 def lens_of_pixels(lens: Lens, kind: ImageKind, width: int, height: int) -> Lens:
     """The lens of a file for what `read_shot` made of it, width x height pixels."""
-    if kind == "raw":  # an odd side loses its last row or column, which moves nothing
+    if kind == "raw":  # rows and columns that complete no tile, or no pair, are lost, which moves nothing
+        whole = 2 * width > lens.width
         even = {"width": lens.width - lens.width % 2, "height": lens.height - lens.height % 2}
-        lens = lens.model_copy(update=even)
+        lens = lens.model_copy(update={"width": width, "height": height} if whole else even)
     return lens.resized(width, height)
 
 
@@ -272,6 +274,7 @@ def _view(
             f"The shots of camera {record.name} at frame {pose.frame} differ in size: delete the odd one out."
         )
     lens = lens_of_pixels(camera.lens, record.kind, width, height)
+    channels = shots[0].pixels.shape[2] if cfa is None else len(cfa.letters)
     return View(
         camera=record.name,
         frame=pose.frame,
@@ -279,7 +282,7 @@ def _view(
         sensor=Sensor(
             kind=record.kind,
             cfa=cfa,
-            camera_from_rec709=np.array(camera.camera_from_rec709 or np.eye(3), np.float64),
+            camera_from_rec709=np.array(camera.camera_from_rec709 or unmeasured(channels), np.float64),
             falloff=falloff(camera, height, width),
             response=camera.response,
         ),

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imaging.cfa import bilinear
+from imaging.colour import rec709_from_camera
 from imaging.demosaic import demosaic
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import Bool, Float
@@ -42,8 +43,8 @@ def radiance_image(view: View) -> tuple[Float, Bool]:
         trusted = bilinear(light, sensor.cfa, merged.valid)[1]
     else:
         rgb, trusted = light / sensor.falloff[..., None], merged.valid
-    rgb = rgb @ np.linalg.inv(sensor.camera_from_rec709).T
-    return np.asarray(rgb, np.float32), np.asarray(trusted.all(-1))
+    linear = rgb @ rec709_from_camera(sensor.camera_from_rec709).T
+    return np.asarray(linear, np.float32), np.asarray(trusted.all(-1))
 
 
 def light_of(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Light:

@@ -83,7 +83,7 @@ def read_shot(
     sensors: Sequence[SensorCalibration] = (),
     mask: Path | None = None,
 ) -> tuple[Shot, Cfa | None]:
-    """One file as a Shot, and the phase of its mosaic if it is one; sensors: of the calibration, for RAW.
+    """One file as a Shot, and the CFA of its mosaic if it is one; sensors: of the calibration, for RAW.
 
     mask: a picture (`imaging.merge.masks`) whose black pixels are not valid in the shot.
     """
@@ -130,7 +130,7 @@ def _masked(
     counts = read_mask(mask, *size)
     height, width = shot.pixels.shape[:2]
     if kind == "raw":
-        counts = _even(counts)
+        counts = _even(counts) if cfa is None or 2 * width <= counts.shape[1] else whole_tiles(counts, cfa)
     if counts.shape != (height, width):
         # A pixel of the smaller image counts if all that it is made of does.
         counts = area_mean(counts, (width, height)) > 0.999
@@ -146,7 +146,7 @@ def _read(
     max_width: int | None,
     sensors: Sequence[SensorCalibration],
 ) -> tuple[Shot, Cfa | None, tuple[int, int]]:
-    """The shot, the phase of its mosaic, and height and width of the file."""
+    """The shot, the CFA of its mosaic, and height and width of the file."""
     if kind == "raw":
         raw = from_raw(read_raw(path), k, sensors)
         shot, cfa = _mosaic(raw, name, max_width)
@@ -173,19 +173,25 @@ def _read(
 
 
 def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot, Cfa | None]:
-    signal, saturated, valid = _even(frame.signal), _even(frame.saturated), _even(frame.valid)
-    width = signal.shape[1]
-    assert frame.cfa is not None
-    # From half the width on, every pixel of the smaller image has sites of all colours under it, and
-    # the mosaic has nothing left to say; above that, scaling a mosaic would blur it for little.
-    size = _smaller(signal, max_width) if max_width and width >= 2 * max_width else None
-    cfa = None if size else frame.cfa
-    if size:
+    cfa = frame.cfa
+    assert cfa is not None
+    # From so much on, every pixel of the smaller image has sites of all colours under it, and the mosaic
+    # has nothing left to say; below that, scaling a mosaic would blur it for little.
+    small = max_width is not None and _even(frame.signal).shape[1] >= cfa.cell * max_width
+    size = _smaller(_even(frame.signal), max_width) if small else None
+    parts = (frame.signal, frame.saturated, frame.valid)
+    signal, saturated, valid = ((_even(one) if size else whole_tiles(one, cfa)) for one in parts)
+    if size and cfa.mono:
+        weight = area_mean(valid, size)
+        signal = area_mean(np.where(valid, signal, 0), size) / weight.clip(1e-6)
+        saturated, valid = area_mean(saturated & valid, size) > 0, weight > 0.5
+    elif size:
         sigma = None if frame.noise is None else np.sqrt(frame.noise.variance(signal))
-        signal = area_mean(demosaic(signal, frame.cfa, valid, sigma).rgb, size)
+        signal = area_mean(demosaic(signal, cfa, valid, sigma).rgb, size)
         # A defect glows into no neighbour: the sites around it stand in for it.
-        saturated = np.repeat((area_mean(saturated & valid, size) > 0)[..., None], 3, axis=2)
-        valid = np.ones(signal.shape, bool)
+        full = area_mean(saturated & valid, size) > 0
+        saturated = np.repeat(full[..., None], signal.shape[2], axis=2)
+        valid, cfa = np.ones(signal.shape, bool), None
     never = np.zeros(signal.shape, bool)
     saturated, valid = np.ascontiguousarray(saturated), np.ascontiguousarray(valid)
     signal = np.ascontiguousarray(signal)
@@ -193,9 +199,15 @@ def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot,
 
 
 def _even(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """A mosaic, or what goes with it, without the last row or column that completes no tile."""
+    """An image without an odd last row or column."""
     height, width = image.shape
     return image[: height - height % 2, : width - width % 2]
+
+
+def whole_tiles(image: npt.NDArray[Any], cfa: Cfa) -> npt.NDArray[Any]:
+    """A mosaic, or what goes with it, without the last rows and columns that complete no tile."""
+    height, width = (side // length * length for side, length in zip(image.shape, cfa.period, strict=True))
+    return image[:height, :width]
 
 
 def _smaller(image: npt.NDArray[np.generic], max_width: int | None) -> tuple[int, int] | None:

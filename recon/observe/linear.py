@@ -73,33 +73,37 @@ class Observation(ABC):
         return 0.0
 
 
-def split(image: Tensor) -> Tensor:
-    """The 2x2 sites of an image [H, W, ...], H and W even: [4, H/2, W/2, ...], in reading order."""
-    height, width = image.shape[:2]
-    tiles = image.reshape(height // 2, 2, width // 2, 2, *image.shape[2:])
-    return tiles.movedim(1, 0).movedim(3, 1).reshape(4, height // 2, width // 2, *image.shape[2:])
+def split(image: Tensor, period: tuple[int, int]) -> Tensor:
+    """The sites of the tiles of an image [H, W, ...]: [P, H / rows, W / columns, ...], in reading order.
+
+    period: rows and columns of a tile, of which H and W are multiples; P: its sites.
+    """
+    (height, width), (rows, columns) = image.shape[:2], period
+    tiles = image.reshape(height // rows, rows, width // columns, columns, *image.shape[2:])
+    return tiles.movedim(1, 0).movedim(3, 1).flatten(0, 1)
 
 
-def join(planes: Tensor) -> Tensor:
-    """The inverse of `split`: [4, h, w, ...] -> [2 h, 2 w, ...]."""
-    _, height, width = planes.shape[:3]
-    tiles = planes.reshape(2, 2, height, width, *planes.shape[3:])
-    return tiles.movedim((2, 0, 3, 1), (0, 1, 2, 3)).reshape(2 * height, 2 * width, *planes.shape[3:])
+def join(planes: Tensor, period: tuple[int, int]) -> Tensor:
+    """The inverse of `split`: [P, h, w, ...] -> [rows h, columns w, ...]."""
+    tiles = planes.reshape(*period, *planes.shape[1:]).movedim((2, 0, 3, 1), (0, 1, 2, 3))
+    return tiles.flatten(2, 3).flatten(0, 1)
 
 
 def through_filter(image: Tensor, matrix: Tensor, cfa: Cfa | None) -> Tensor:
-    """Linear Rec.709 [H, W, 3] behind the colour filters: planes [4, H/2, W/2], or [3, H, W] without CFA.
+    """Linear Rec.709 [H, W, 3] behind the colour filters: planes as `split` has them, or [channels, H, W]
+    without CFA.
 
-    `matrix` is camera_from_rec709 [3, 3]. Each plane of a mosaic is one site of the 2x2 tile, so the
-    two greens stay apart; only the channel that the site lets through is computed.
+    `matrix` is camera_from_rec709 [channels, 3]. Each plane of a mosaic is one site of the tile, so the
+    two greens of Bayer stay apart; only the channel that the site lets through is computed.
     """
     if cfa is None:
         return conv2d(image.movedim(2, 0)[None], matrix[:, :, None, None])[0]
     # A convolution in steps of one tile: kernel p sees nothing but site p of the tile.
-    kernels = matrix.new_zeros(4, 3, 2, 2)
+    rows, columns = cfa.period
+    kernels = matrix.new_zeros(rows * columns, 3, rows, columns)
     for site, channel in enumerate(cfa.pattern.reshape(-1)):
-        kernels[site, :, site // 2, site % 2] = matrix[int(channel)]
-    return conv2d(image.movedim(2, 0)[None], kernels, stride=2)[0]
+        kernels[site, :, site // columns, site % columns] = matrix[int(channel)]
+    return conv2d(image.movedim(2, 0)[None], kernels, stride=(rows, columns))[0]
 
 
 @dataclass(frozen=True)
@@ -137,8 +141,9 @@ class LinearLight(Observation):
     """RAW mosaics, camera RGB and linear EXR, every exposure compared in its own mu-law.
 
     A shot of scale k should show `x = falloff (M L)_channel k`, mosaicked by the camera's own CFA.
-    Saturated photosites are one-sided. SSIM works on the four half-resolution planes of a mosaic, not
-    on the mosaic, whose checkerboard would dominate every window (NH-3DGS, arXiv 2511.12895).
+    Saturated photosites are one-sided. SSIM works on the planes of single sites of the tile, four of
+    half the resolution for Bayer, not on the mosaic, whose checkerboard would dominate every window (NH-3DGS,
+    arXiv 2511.12895).
     """
 
     normaliser: float
@@ -148,7 +153,7 @@ class LinearLight(Observation):
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """All shots of the bracket, darkest first: [shots * 4, H/2, W/2], or [shots * 3, H, W]."""
+        """All shots of the bracket, darkest first: [shots * P, h, w], planes as of `through_filter`."""
         prepared = self._prepared.get(view.name)
         if prepared is None:
             prepared = self._prepared[view.name] = self._prepare(view).to(image.device)
@@ -160,7 +165,7 @@ class LinearLight(Observation):
         return prediction.flatten(0, 1), prepared.target.flatten(0, 1)
 
     def predict(self, image: Tensor, view: View, k: float) -> Tensor:
-        """The signal x: [H, W] for a mosaic, [H, W, 3] without CFA."""
+        """The signal x: [H, W] for a mosaic, [H, W, channels] without CFA."""
         sensor = view.sensor
         matrix = torch.as_tensor(sensor.camera_from_rec709, dtype=image.dtype, device=image.device)
         planes = through_filter(image, matrix, sensor.cfa)
@@ -168,7 +173,7 @@ class LinearLight(Observation):
         scale = self.normaliser * k
         if sensor.cfa is None:
             return planes.movedim(0, 2) * falloff[..., None] * scale
-        return join(planes) * falloff * scale
+        return join(planes, sensor.cfa.period) * falloff * scale
 
     def radiance(self, image: Tensor) -> Tensor:
         """The image times the normaliser."""
@@ -180,11 +185,11 @@ class LinearLight(Observation):
 
     def _prepare(self, view: View) -> _Prepared:
         sensor = view.sensor
-        mosaicked = sensor.cfa is not None
+        period = None if sensor.cfa is None else sensor.cfa.period
 
         def planes(array: np.ndarray) -> Tensor:
             tensor = torch.from_numpy(np.ascontiguousarray(array))
-            return split(tensor) if mosaicked else tensor.movedim(2, 0)
+            return tensor.movedim(2, 0) if period is None else split(tensor, period)
 
         falloff = torch.from_numpy(sensor.falloff)
         scales = [self.normaliser * shot.k for shot in view.shots]
@@ -199,7 +204,7 @@ class LinearLight(Observation):
         valid = torch.stack([planes(shot.valid) for shot in view.shots])
         return _Prepared(
             matrix=torch.from_numpy(sensor.camera_from_rec709.astype(np.float32)),
-            falloff=split(falloff) if mosaicked else falloff[None],
+            falloff=falloff[None] if period is None else split(falloff, period),
             scales=torch.tensor([scale / unit for _, scale, unit in pairs])[:, None, None, None],
             target=target,
             ceiling=torch.where(saturated, target, torch.inf),

@@ -54,7 +54,7 @@ def raw_views(*, rubbish: bool) -> list[list[tuple[RawMosaic, Exposure]]]:
             if rubbish:
                 signal[HIDDEN] = smooth(rng, 0.05, 1.0)[..., 0][HIDDEN]
             pixels = np.rint(64 + 4031 * np.clip(signal, 0, 1)).astype(np.uint16)
-            shots.append((RawMosaic(pixels, Cfa.RGGB, (64.0,) * 4, 4095), Exposure(time=time)))
+            shots.append((RawMosaic(pixels, Cfa.RGGB, ((64.0,),), 4095), Exposure(time=time)))
         found.append(shots)
     return found
 

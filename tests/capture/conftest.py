@@ -84,7 +84,7 @@ class FakeCamera:
         if self.kind == "ldr":
             codes = np.repeat((pixels >> 4).astype(np.uint8)[..., None], 3, axis=2)
             return CameraFile(encode_jpeg(codes, metadata=metadata), ".jpg", 32, 24, metadata)
-        return RawMosaic(pixels, Cfa.RGGB, (64.0,) * 4, 4095, metadata=metadata)
+        return RawMosaic(pixels, Cfa.RGGB, ((64.0,),), 4095, metadata=metadata)
 
     def close(self) -> None:
         self._called("close")

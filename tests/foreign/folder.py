@@ -67,7 +67,7 @@ class Body:
         return RawMosaic(
             codes.astype(np.uint16),
             Cfa.RGGB,
-            (self.black,) * 4,
+            ((self.black,),),
             self.white,
             neutral=(float(neutral[0]), float(neutral[1]), float(neutral[2])),
             camera_from_xyz=as_matrix(CAMERA_FROM_REC709 @ REC709_FROM_XYZ),

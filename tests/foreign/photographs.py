@@ -39,7 +39,7 @@ def raw(light: Light, seed: int, times: Sequence[float] = TIMES) -> list[tuple[R
         read = electrons + READ * rng.standard_normal(sites.shape)
         codes = np.clip(np.rint(BLACK + GAIN * read), 0, white).astype(np.uint16)
         noise = GAIN / span, (GAIN * READ / span) ** 2
-        mosaic = RawMosaic(codes, Cfa.RGGB, (BLACK,) * 4, white, noise_profile=noise)
+        mosaic = RawMosaic(codes, Cfa.RGGB, ((BLACK,),), white, noise_profile=noise)
         shots.append((mosaic, Exposure(time=time)))
     return shots
 

@@ -45,7 +45,7 @@ def make_raw(metadata: FrameMetadata) -> MakeRaw:
         defaults: dict[str, Any] = {
             "pixels": pixels,
             "cfa": Cfa.GBRG,
-            "black": (255.5, 256.0, 257.0, 258.25),
+            "black": ((255.5, 256.0), (257.0, 258.25)),
             "white": white,
             "neutral": (0.5, 1.0, 0.75),
             "camera_from_xyz": ((0.9, -0.3, -0.1), (-0.4, 1.2, 0.2), (0.0, 0.2, 0.6)),

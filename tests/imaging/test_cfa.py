@@ -5,9 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging.cfa import Cfa, bilinear, mosaic
+from imaging.cfa import BAYER, Cfa, bilinear, cell_means, mosaic
 
-all_phases = pytest.mark.parametrize("cfa", list(Cfa))
+all_phases = pytest.mark.parametrize("cfa", BAYER)
+OTHERS = (Cfa.X_TRANS, Cfa.QUAD_BAYER, Cfa.KODAK_RGBW, Cfa.MONO, Cfa.of("RG/BG"))
+other_tables = pytest.mark.parametrize("cfa", OTHERS)
+all_tables = pytest.mark.parametrize("cfa", [*BAYER, *OTHERS])
 
 
 def test_the_phases_as_they_are_read() -> None:
@@ -19,19 +22,77 @@ def test_the_phases_as_they_are_read() -> None:
 
 @all_phases
 def test_a_phase_from_its_pattern(cfa: Cfa) -> None:
-    assert Cfa.from_pattern(cfa.pattern) is cfa
-    assert Cfa.from_pattern(cfa.pattern.tolist()) is cfa
+    assert Cfa.from_pattern(cfa.pattern) == cfa
+    assert Cfa.from_pattern(cfa.pattern.tolist()) == cfa
 
 
-@pytest.mark.parametrize("pattern", [[[0, 1], [2, 1]], [[1, 1], [1, 1]], [[0, 1, 1]], np.zeros((6, 6), int)])
+@pytest.mark.parametrize(
+    "pattern", [[[1, 1], [1, 1]], [[0, 1, 1]], np.zeros((6, 6), int), [[0, 1, 2, 3]], [[-1]]]
+)
 def test_other_patterns_are_refused(pattern: object) -> None:
     with pytest.raises(ValueError, match="Cfa"):
         Cfa.from_pattern(pattern)
 
 
+@pytest.mark.parametrize("text", ["", "RG/G", "CM/YG", "RW/WB", "RGGB/"])
+def test_what_is_no_table_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="no Cfa: rows of equal length hold R, G and B"):
+        Cfa.of(text)
+
+
+@all_tables
+def test_a_table_is_its_text_and_its_pattern_however_often_repeated(cfa: Cfa) -> None:
+    assert Cfa.of(str(cfa)) == cfa
+    assert len({cfa, Cfa.of(str(cfa))}) == 1
+    assert Cfa.from_pattern(np.tile(cfa.pattern, (2, 3)), cfa.letters) == cfa
+
+
+def test_channels_count_in_the_order_of_the_letters() -> None:
+    assert (Cfa.KODAK_RGBW.letters, Cfa.KODAK_RGBW.pattern[0].tolist()) == ("RGBW", [3, 2, 3, 1])
+    assert (Cfa.MONO.letters, Cfa.MONO.pattern.tolist(), Cfa.MONO.tile) == ("W", [[0]], (2, 2))
+    counts = [
+        np.bincount(cfa.pattern.ravel()).tolist() for cfa in (Cfa.X_TRANS, Cfa.QUAD_BAYER, Cfa.KODAK_RGBW)
+    ]
+    assert counts == [[8, 20, 8], [4, 8, 4], [2, 4, 2, 8]]
+
+
+@all_tables
+def test_every_cell_has_every_colour_and_no_smaller_one_that_the_table_is_made_of_has(cfa: Cfa) -> None:
+    channels = cfa.channels(24, 24)
+
+    def whole(side: int) -> bool:
+        cells = (channels[y : y + side, x : x + side] for y in range(0, 24, side) for x in range(0, 24, side))
+        return all(len(np.unique(cell)) == len(cfa.letters) for cell in cells)
+
+    assert whole(cfa.cell)
+    assert not any(cfa.tile[0] % side == 0 and whole(side) for side in range(2, cfa.cell))
+
+
+@all_tables
+def test_cells_are_means_of_their_own_channel(cfa: Cfa) -> None:
+    image = np.random.default_rng(3).random((25, 38))
+    seen, channels, side = cell_means(image, cfa), cfa.channels(25, 38), cfa.cell
+    assert seen.shape == (25 // side, 38 // side, len(cfa.letters))
+    for row, column, channel in np.ndindex(seen.shape):
+        cut = np.s_[side * row : side * (row + 1), side * column : side * (column + 1)]
+        assert seen[row, column, channel] == pytest.approx(
+            image[cut][channels[cut] == channel].mean(), rel=1e-5
+        )
+
+
+@other_tables
+def test_a_constant_image_of_any_table_is_exact(cfa: Cfa) -> None:
+    light = np.broadcast_to(np.array([0.25, 0.5, 3.0, 7.0])[: len(cfa.letters)], (13, 17, len(cfa.letters)))
+    valid = np.random.default_rng(4).random((13, 17)) > 0.05
+    image = np.where(valid, mosaic(light, cfa), 1e6)
+    seen, known = bilinear(image, cfa, valid)
+    assert np.all(seen[known] == light.astype(np.float32)[known])
+    assert known.mean() > 0.9
+
+
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(
-    st.sampled_from(list(Cfa)),
+    st.sampled_from([*BAYER, *OTHERS]),
     st.integers(0, 5),
     st.integers(0, 5),
     st.integers(1, 7),
@@ -49,7 +110,7 @@ def test_a_mosaic_keeps_the_channel_of_each_site(cfa: Cfa) -> None:
     seen = mosaic(rgb, cfa)
     for row in range(5):
         for column in range(7):
-            assert seen[row, column] == rgb[row, column, "RGB".index(cfa[2 * (row % 2) + column % 2])]
+            assert seen[row, column] == rgb[row, column, "RGB".index(cfa.rows[row % 2][column % 2])]
 
 
 @all_phases

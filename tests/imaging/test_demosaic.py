@@ -5,11 +5,11 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from imaging.cfa import Cfa, bilinear, mosaic
+from imaging.cfa import BAYER, Cfa, bilinear, mosaic
 from imaging.demosaic import demosaic
 from imaging.metrics import hdr_psnr_mu
 
-all_phases = pytest.mark.parametrize("cfa", list(Cfa))
+all_phases = pytest.mark.parametrize("cfa", BAYER)
 
 
 def scene(height: int = 90, width: int = 121) -> np.ndarray:

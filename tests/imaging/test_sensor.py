@@ -22,7 +22,7 @@ def raw(light: np.ndarray, bend: float = 0.0) -> RawMosaic:
     return RawMosaic(
         pixels=np.clip(numbers, 0, WHITE).astype(np.uint16),
         cfa=Cfa.RGGB,
-        black=(BLACK, BLACK, BLACK, BLACK),
+        black=((BLACK, BLACK), (BLACK, BLACK)),
         white=WHITE,
         metadata=FrameMetadata(exposure=Exposure(time=0.1, iso=100.0)),
     )
@@ -57,7 +57,7 @@ def test_signals_that_no_light_gives_stay_finite() -> None:
 
 def test_another_iso_never_stands_in() -> None:
     light = np.full((4, 4), 0.5)
-    other = sensor(black=[measured(110.0).model_dump()] * 4, defects=[Defect(x=1, y=2, kind="hot")])
+    other = sensor(black=[[measured(110.0).model_dump()] * 2] * 2, defects=[Defect(x=1, y=2, kind="hot")])
     told = from_raw(raw(light), 1.0, [other.model_copy(update={"iso": 200.0})])
     assert np.array_equal(told.signal, from_raw(raw(light), 1.0).signal)
     here = from_raw(raw(light), 1.0, [other])

@@ -228,7 +228,7 @@ class SimulatedCamera:
             cfa=body.cfa,
             black=body.sensor.black,
             white=body.sensor.white,
-            neutral=(float(neutral[0]), float(neutral[1]), float(neutral[2])),
+            neutral=tuple(neutral.tolist()),
             camera_from_xyz=body.camera_from_xyz,
             noise_profile=(gain / span, ((gain * nominal.read_noise) ** 2 + 1 / 12) / span**2),
             metadata=self._metadata(shot),

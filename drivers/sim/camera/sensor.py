@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.sim.seeds import generator
+from imaging.cfa import Tile, repeated
 
 Map = npt.NDArray[np.float64]
 
@@ -23,7 +24,7 @@ class SensorModel:
     gain: K, DN per electron at ISO 100; read_noise: electrons; full_well: electrons;
     prnu: relative; dsnu: electrons; dark_current: electrons/s; hot_share: of all photosites;
     hot_current: electrons/s, median of the hot ones; row_noise: electrons, of whole rows;
-    black: DN of the 2x2 sites; bit_depth: of the DN, white is its largest; dark_spread: of the dark
+    black: DN of the sites of a tile; bit_depth: of the DN, white is its largest; dark_spread: of the dark
     current over the photosites, natural log; dead_share: of photosites that see less than half of the
     light; ceiling: the largest DN that the converter gives, white when None; nonlinearity: share of the
     signal that is missing at white.
@@ -32,7 +33,7 @@ class SensorModel:
     gain: float
     read_noise: float
     full_well: float
-    black: tuple[float, float, float, float]
+    black: Tile
     bit_depth: int
     prnu: float = 0.0
     dsnu: float = 0.0
@@ -75,8 +76,7 @@ class SimulatedSensor:
         dead = generator(*purpose, "dead")
         self.dead = dead.random(shape) < model.dead_share
         self.response[self.dead] = dead.uniform(0.0, 0.5, int(self.dead.sum()))
-        black = np.array(model.black).reshape(2, 2)
-        self._black: Map = np.tile(black, (-(-height // 2), -(-width // 2)))[:height, :width]
+        self._black: Map = repeated(np.array(model.black, np.float64), height, width)
 
     def expose(
         self,

@@ -11,7 +11,7 @@ from drivers.sim.u3v.pixels import pack
 from drivers.u3v.chunks import join_chunks
 from drivers.u3v.pixels import BY_CODE, FORMATS, PixelFormat
 from drivers.u3v.stream import CHUNKS, IMAGE, Leader
-from imaging.cfa import Cfa
+from imaging.cfa import Cfa, Tile
 from imaging.mosaic import RawMosaic
 
 CHUNK_BYTES = 24
@@ -24,7 +24,7 @@ def offered(cfa: Cfa, bits: int) -> Mapping[str, int]:
     return {
         pixel_format.name: pixel_format.code
         for pixel_format in FORMATS
-        if pixel_format.cfa is cfa and pixel_format.bits <= most and (pixel_format.bits < 16 or bits > 12)
+        if pixel_format.cfa == cfa and pixel_format.bits <= most and (pixel_format.bits < 16 or bits > 12)
     }
 
 
@@ -33,7 +33,7 @@ def shift(pixels: PixelFormat, bits: int) -> int:
     return max(bits - pixels.bits, 0)
 
 
-def refresh(memory: DeviceMemory, cfa: Cfa, black: tuple[float, float, float, float], bits: int) -> None:
+def refresh(memory: DeviceMemory, cfa: Cfa, black: Tile, bits: int) -> None:
     """Set the registers that follow from others: frame size, largest value, black levels."""
     pixels = BY_CODE[memory.get(Feature.PIXEL_FORMAT)]
     size = pixels.row_bytes(memory.get(Feature.WIDTH) * memory.get(Feature.HEIGHT))
@@ -41,8 +41,8 @@ def refresh(memory: DeviceMemory, cfa: Cfa, black: tuple[float, float, float, fl
     lost = shift(pixels, bits)
     memory.put(Feature.DYNAMIC_RANGE_MAX, ((1 << bits) - 1) >> lost)
     sites = np.array(black) / (1 << lost)
-    channels = cfa.pattern.reshape(-1)
-    levels = [sites.mean(), *(sites[channels == channel].mean() for channel in range(3))]
+    channels = cfa.channels(*sites.shape)
+    levels = [sites.mean(), *(sites[channels == channel].mean() for channel in range(len(cfa.letters)))]
     for index, level in enumerate(levels):
         memory.put_float(Feature.BLACK_LEVEL, float(level), index)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
@@ -122,7 +123,7 @@ def _line(camera: NamedSensor, colour: int) -> Series:
     gain_error, read_error = (
         0.0 if level is None else level.sigma for level in (sensor.gain, sensor.read_noise)
     )
-    black = float(np.mean([level.value for level in sensor.black])) if sensor.black else 0.0
+    black = float(np.mean([level.value for level in chain(*sensor.black)])) if sensor.black else 0.0
     lit = [x for x, _ in sensor.transfer if x > 0]
     end = max(sensor.ceiling.value - black if sensor.ceiling else 0.0, max(lit, default=0.0), 100.0)
     signal = np.geomspace(DIMMEST, end, 60)
@@ -183,17 +184,13 @@ def _tables(sensors: Sequence[NamedSensor]) -> Iterable[Table]:
     )  # fmt: skip
     yield Table(
         "Levels",
-        "Black of the four sites of the 2 × 2 tile of colours, and where photosites saturate.",
-        ("Camera", "#Black (0, 0), DN", "#(0, 1)", "#(1, 0)", "#(1, 1)", "#Ceiling, DN",
+        "Black of the darkest and the brightest site of the tile of colours, and where photosites saturate.",
+        ("Camera", "#Least black, DN", "#Most, DN", "#Ceiling, DN",
          "#Full well, e⁻", "#Missing at white, %", "Defects"),
         tuple(
             (
                 camera.name,
-                *(
-                    (plus_minus(level.value, level.sigma) for level in camera.sensor.black)
-                    if camera.sensor.black
-                    else (NOT_DETERMINED, "", "", "")
-                ),
+                *_ends(camera.sensor),
                 _with_error(camera.sensor.ceiling),
                 _with_error(camera.sensor.full_well),
                 _with_error(camera.sensor.nonlinearity, 100.0),
@@ -202,6 +199,14 @@ def _tables(sensors: Sequence[NamedSensor]) -> Iterable[Table]:
             for camera in sensors
         ),
     )  # fmt: skip
+
+
+def _ends(sensor: SensorCalibration) -> tuple[str, str]:
+    """The least and the largest black of the sites."""
+    if sensor.black is None:
+        return NOT_DETERMINED, ""
+    levels = sorted(chain(*sensor.black), key=lambda level: level.value)
+    return plus_minus(levels[0].value, levels[0].sigma), plus_minus(levels[-1].value, levels[-1].sigma)
 
 
 def _with_error(value: Measured | None, scale: float = 1.0) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from imaging.colour import srgb_encode
+from imaging.colour import balanced, srgb_encode
 from imaging.demosaic import demosaic
 from imaging.merge.linear_frame import decode
 from imaging.progress import Progress
@@ -137,7 +137,7 @@ def _as_shown(pixels: Float, view: View) -> Bytes:
 def _balanced(pixels: Float, view: View) -> Float:
     """A linear signal as rgb [H, W, 3] in which a neutral surface is grey."""
     rgb = pixels if view.sensor.cfa is None else demosaic(pixels, view.sensor.cfa).rgb
-    return np.asarray(rgb / np.maximum(view.sensor.camera_from_rec709.sum(1), 1e-3))
+    return balanced(rgb, view.sensor.camera_from_rec709.sum(1).tolist())
 
 
 def _shot_error(shot: Shot, predicted: Float, view: View) -> Bytes:

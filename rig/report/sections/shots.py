@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from imaging.cfa import Cfa
-from imaging.colour import srgb_decode
+from imaging.cfa import cell_means
+from imaging.colour import balanced, srgb_decode
 from imaging.errors import RigError
 from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_light
@@ -100,9 +100,8 @@ def read_preview(session: Session, shot: ShotRecord) -> ShotPreview:
     if kind == "raw":
         raw = read_raw(path)
         signal, clipped = raw.signal(), raw.saturated()
-        rgb, valid = _binned(signal, ~clipped, raw.cfa)
-        if raw.neutral:
-            rgb /= np.maximum(np.asarray(raw.neutral, np.float32), np.float32(1e-3))
+        rgb = balanced(cell_means(signal, raw.cfa), raw.neutral)
+        valid = cell_means(clipped, raw.cfa).max(-1) == 0
         return ShotPreview(float(clipped.mean()), float((signal < DARK).mean()), *_reduced(rgb, valid))
     if kind == "hdr":
         rgb = read_light(path)
@@ -118,17 +117,6 @@ def read_preview(session: Session, shot: ShotRecord) -> ShotPreview:
     return ShotPreview(
         float(counts[levels > CLIPPED].sum()), float(counts[levels < DARK].sum()), *reduced, developed=True
     )
-
-
-def _binned(signal: Float, valid: Bool, cfa: Cfa) -> tuple[Float, Bool]:
-    """Each 2x2 tile of a mosaic as one pixel: rgb [H/2, W/2, 3], and whether all four sites are valid."""
-    height, width = signal.shape[0] // 2 * 2, signal.shape[1] // 2 * 2
-    sites = signal[:height, :width].reshape(height // 2, 2, width // 2, 2)
-    rgb: Float = np.zeros((height // 2, width // 2, 3), np.float32)
-    for (row, column), channel in np.ndenumerate(cfa.pattern):
-        rgb[..., channel] += sites[:, row, :, column] * (0.5 if channel == 1 else 1.0)
-    tiles = valid[:height, :width].reshape(height // 2, 2, width // 2, 2)
-    return rgb, np.asarray(tiles.all((1, 3)), np.bool_)
 
 
 def _reduced(rgb: Float, valid: Bool) -> tuple[Float, Bool]:

@@ -116,7 +116,7 @@ def photograph(
     return RawMosaic(
         np.clip(np.rint(counts), 0, WHITE).astype(np.uint16),
         cfa,
-        (BLACK,) * 4,
+        ((BLACK,),),
         WHITE,
         camera_from_xyz=camera_from_xyz,
         noise_profile=(1 / FULL_WELL, (READ / FULL_WELL) ** 2),

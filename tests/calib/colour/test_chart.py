@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.colour.chart import Found, Missed, best, half, judge, locate, measure_patches
+from calib.colour.chart import Found, Missed, best, judge, locate, measure_patches
 from calib.colour.fit import ChartPatches, ColourModel, held_out, of_camera
 from calib.colour.reference import chart
-from imaging.cfa import Cfa
+from imaging.cfa import Cfa, cell_means
 from imaging.colour import camera_from_rec709
 from imaging.files.raw import read_raw
 from imaging.merge.bracket import Merged, merge_bracket
@@ -27,7 +27,7 @@ def view(corners: np.ndarray, exposure: float = 0.8, **how) -> Merged:
 
 def found_in(merged: Merged) -> Found | Missed:
     assert merged.cfa is not None
-    return best(merged, [2 * outlines for outlines in locate(half(merged.radiance, merged.cfa))])
+    return best(merged, [2 * outlines for outlines in locate(cell_means(merged.radiance, merged.cfa))])
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_patches_measure_what_was_painted(
 def test_vignetting_that_is_known_is_divided_out() -> None:
     merged = view(square_on(WIDTH, HEIGHT, 0.9), vignetting=-0.4)
     assert merged.cfa is not None
-    (outlines, *_) = (2 * one for one in locate(half(merged.radiance, merged.cfa)))
+    (outlines, *_) = (2 * one for one in locate(cell_means(merged.radiance, merged.cfa)))
     bare, flat = measure_patches(merged, outlines), measure_patches(merged, outlines, (-0.4, 0.0, 0.0))
     both = bare.usable & flat.usable
     spread = [np.ptp(np.log((one.rgb / OWN.camera)[both][:, 1])) for one in (bare, flat)]

@@ -44,7 +44,7 @@ def expose(light: Array, time: float, rng: np.random.Generator, label: float | N
     codes = np.clip(np.rint(BLACK + GAIN * np.minimum(electrons, WELL)), 0, WHITE).astype(np.uint16)
     span = WHITE - BLACK
     profile = (GAIN / span, (GAIN * READ / span) ** 2)
-    return RawMosaic(codes, Cfa.RGGB, (BLACK,) * 4, WHITE, noise_profile=profile), Exposure(
+    return RawMosaic(codes, Cfa.RGGB, ((BLACK,),), WHITE, noise_profile=profile), Exposure(
         time=time if label is None else label
     )
 

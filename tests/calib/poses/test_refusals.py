@@ -68,7 +68,7 @@ def test_dim_raw_is_called_black(tmp_path: Path) -> None:
 
     def dark() -> RawMosaic:
         pixels = np.rint(256 + 2 * rng.standard_normal((HEIGHT, WIDTH))).astype(np.uint16)
-        return RawMosaic(pixels, Cfa.RGGB, (256, 256, 256, 256), 4095, noise_profile=(1e-4, 2.8e-7))
+        return RawMosaic(pixels, Cfa.RGGB, ((256,),), 4095, noise_profile=(1e-4, 2.8e-7))
 
     session = make_session(tmp_path / "S", [[(dark(), Exposure(time=0.01))] for _ in range(3)])
     with pytest.raises(CalibrationError, match="3 of them are black"):
@@ -84,7 +84,7 @@ def bracket(seed: int) -> list[tuple[RawMosaic, Exposure]]:
     for label, time in ((1 / 60, 1 / 64), (1 / 15, 1 / 16), (1 / 4, 1 / 4)):
         electrons = rng.poisson(np.minimum(radiance * time, 1.2) * 9000)
         pixels = np.clip(np.rint(256 + electrons * 0.4), 0, 3856).astype(np.uint16)
-        found.append((RawMosaic(pixels, Cfa.RGGB, (256,) * 4, 3856), Exposure(time=label)))
+        found.append((RawMosaic(pixels, Cfa.RGGB, ((256,),), 3856), Exposure(time=label)))
     return found
 
 

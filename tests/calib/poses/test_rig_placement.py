@@ -102,7 +102,7 @@ def test_black_pictures_of_one_camera_are_listed_as_placed_by_the_rig(
     rng = np.random.default_rng(1)
     for file in sorted((own_arm / "raw" / "0001").glob("cam1_*.dng")):
         raw = read_raw(file)
-        noise = raw.black[0] + 2 * rng.standard_normal(raw.pixels.shape)
+        noise = raw.black[0][0] + 2 * rng.standard_normal(raw.pixels.shape)
         write_dng(file, replace(raw, pixels=np.rint(noise).clip(0).astype(np.uint16)))
     shots = store.read_lines(own_arm / "shots.jsonl")
     (own_arm / "shots.jsonl").unlink()

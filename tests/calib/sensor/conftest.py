@@ -11,7 +11,7 @@ from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 
 SIDE = 160
 MODEL = SensorModel(
-    gain=0.4, read_noise=3.0, full_well=10_300.0, black=(256.0, 257.3, 255.0, 256.5), bit_depth=12,
+    gain=0.4, read_noise=3.0, full_well=10_300.0, black=((256.0, 257.3), (255.0, 256.5)), bit_depth=12,
     prnu=0.008, dsnu=0.5, dark_current=0.5, hot_share=1e-3, hot_current=100.0, dead_share=5e-4,
 )  # fmt: skip
 Shoot = Callable[..., tuple[SimulatedSensor, Frames]]

@@ -90,7 +90,9 @@ def test_a_session_of_darks_and_flats_only(dark_and_flat: tuple[Path, Calibratio
     assert camera.noise.prnu == pytest.approx(truth["noise"]["prnu"], rel=0.1)
     assert sensor.levels().white == truth["ceiling"] == 3600
     assert sensor.black is not None
-    assert [level.value for level in sensor.black] == pytest.approx(truth["black"], abs=0.1)
+    assert [[level.value for level in row] for row in sensor.black] == [
+        pytest.approx(row, abs=0.1) for row in truth["black"]
+    ]
     assert {(one.x, one.y) for one in sensor.defects or ()} == {
         (one["x"], one["y"]) for one in truth["defects"]
     }
@@ -128,7 +130,7 @@ def test_brackets_stand_in_at_an_iso_without_darks_and_that_is_said(tmp_path: Pa
     at = {sensor.iso: sensor for sensor in camera.sensors}
     assert set(at) == {100.0, 200.0}
     assert at[100.0].black is not None
-    assert at[100.0].black[0].source == "darks"
+    assert at[100.0].black[0][0].source == "darks"
     gain = at[200.0].gain
     assert gain is not None
     assert gain.source == "brackets"

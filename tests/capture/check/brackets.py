@@ -24,7 +24,7 @@ from tests.capture.conftest import WHEN
 
 Light = npt.NDArray[np.float64]
 BLACK, WHITE = 256.0, 4095
-SENSOR = SensorModel(0.4, 3.0, 10_300.0, (BLACK,) * 4, 12, prnu=0.005, dsnu=0.4)
+SENSOR = SensorModel(0.4, 3.0, 10_300.0, ((BLACK,),), 12, prnu=0.005, dsnu=0.4)
 ELECTRONS = (WHITE - BLACK) / SENSOR.gain
 
 
@@ -60,7 +60,7 @@ def raw(light: Light, exposure: Exposure, seed: int = 0) -> RawMosaic:
     span, gain = WHITE - BLACK, SENSOR.gain
     profile = (gain / span, ((gain * SENSOR.read_noise) ** 2 + 1 / 12) / span**2)
     metadata = FrameMetadata(serial="unit", exposure=exposure)
-    return RawMosaic(pixels, Cfa.RGGB, (BLACK,) * 4, WHITE, noise_profile=profile, metadata=metadata)
+    return RawMosaic(pixels, Cfa.RGGB, ((BLACK,),), WHITE, noise_profile=profile, metadata=metadata)
 
 
 def seen_raw(light: Light, exposure: Exposure, seed: int = 0) -> ReducedPicture:

@@ -44,7 +44,7 @@ def test_clipped_and_black_shares_count_each_photosite_for_its_own_colour(fake_r
     pixels[0::2, 0::2][:3] = 4095  # a quarter of the red sites, phase RGGB
     pixels[0::2, 1::2][:6, :4] = 4095  # an eighth of the greens
     pixels[1::2, 1::2] = 64  # all blue at black
-    data = encode_dng(RawMosaic(pixels, Cfa.RGGB, (64.0,) * 4, 4095))
+    data = encode_dng(RawMosaic(pixels, Cfa.RGGB, ((64.0,),), 4095))
     records = lines(rig.session)
     (rig.session.folder / records[0]["file"]).write_bytes(data)
     records[0]["sha256"] = store.sha256(rig.session.folder / records[0]["file"])

@@ -30,7 +30,7 @@ def jpeg(seed=0, size=(24, 32), **said) -> bytes:
 
 def dng(seed=0, size=(24, 32), **said) -> bytes:
     pixels = np.random.default_rng(seed).integers(0, 4096, size, dtype=np.uint16)
-    return encode_dng(RawMosaic(pixels, Cfa.RGGB, (64.0,) * 4, 4095, metadata=metadata(**said)))
+    return encode_dng(RawMosaic(pixels, Cfa.RGGB, ((64.0,),), 4095, metadata=metadata(**said)))
 
 
 def put(folder: Path, files: dict[str, bytes]) -> Path:

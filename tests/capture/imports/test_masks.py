@@ -203,7 +203,7 @@ def test_what_moves_behind_a_mask_is_no_motion_and_no_exposure(kind, tmp_path):
         else:
             pixels = np.rint(64 + 4031 * np.clip(light, 0, 1)).astype(np.uint16)
             told = FrameMetadata(exposure=Exposure(time=time))
-            path.write_bytes(encode_dng(RawMosaic(pixels, Cfa.RGGB, (64.0,) * 4, 4095, metadata=told)))
+            path.write_bytes(encode_dng(RawMosaic(pixels, Cfa.RGGB, ((64.0,),), 4095, metadata=told)))
         cover = tmp_path / "masks" / f"a{step}.png"
         cover.parent.mkdir(exist_ok=True)
         cv2.imwrite(str(cover), 255 * np.uint8(~hidden))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from imaging.cfa import Cfa
+from imaging.cfa import BAYER, Cfa
 from imaging.errors import ReconstructionError
 from recon.data.truth import true_radiance
 
@@ -84,8 +84,8 @@ def test_every_phase_of_the_mosaic_in_one_scene(studio, train):
     """Four cameras, each of its own phase, are as right as four of one phase; no colours are exchanged."""
     settings = {"cameras": 4, "positions": 1}
     one = train(studio.session("toy", phases=[Cfa.RGGB] * 4, **settings))
-    all_four = train(studio.session("toy", phases=list(Cfa), **settings))
-    assert {view.sensor.cfa for view in all_four.scene.dataset.views} == set(Cfa)
+    all_four = train(studio.session("toy", phases=BAYER, **settings))
+    assert {view.sensor.cfa for view in all_four.scene.dataset.views} == set(BAYER)
     assert all_four.stops() < 1.1 * one.stops()
     assert one.stops() < 0.5
     for view in all_four.scene.dataset.views:

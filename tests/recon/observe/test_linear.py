@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from imaging.cfa import Cfa
+from imaging.cfa import BAYER, Cfa
 from imaging.metrics import mu_law
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.pixels import Shot
-from recon.observe.linear import LIGHT_MU, SIGNAL_MU, LinearLight, join, split
+from recon.observe.linear import LIGHT_MU, SIGNAL_MU, LinearLight, join, split, through_filter
 from recon.observe.photographs import Display
 from recon.splat import SplatCamera
 
@@ -53,13 +53,13 @@ def direct(image: np.ndarray, view: View, scale: float) -> np.ndarray:
     signal = np.zeros((HEIGHT, WIDTH))
     for row in range(HEIGHT):
         for column in range(WIDTH):
-            channel = "RGB".index(str(view.sensor.cfa)[2 * (row % 2) + column % 2])
+            channel = "RGB".index(view.sensor.cfa.rows[row % 2][column % 2])
             light = sum(MATRIX[channel, c] * image[row, column, c] for c in range(3))
             signal[row, column] = view.sensor.falloff[row, column] * light * scale
     return signal
 
 
-@pytest.mark.parametrize("cfa", list(Cfa))
+@pytest.mark.parametrize("cfa", BAYER)
 def test_mosaic_of_every_phase_is_the_direct_formula(cfa):
     image = np.random.default_rng(2).uniform(0, 3, (HEIGHT, WIDTH, 3))
     view = make_view(cfa, ())
@@ -67,7 +67,7 @@ def test_mosaic_of_every_phase_is_the_direct_formula(cfa):
     np.testing.assert_allclose(found.numpy(), direct(image, view, 5.0 * 0.02), rtol=1e-6)
 
 
-@pytest.mark.parametrize("cfa", list(Cfa))
+@pytest.mark.parametrize("cfa", BAYER)
 def test_comparison_holds_every_exposure_in_its_own_mu_law(cfa):
     rng = np.random.default_rng(3)
     image = rng.uniform(0, 1, (HEIGHT, WIDTH, 3)).astype(np.float32)
@@ -77,8 +77,10 @@ def test_comparison_holds_every_exposure_in_its_own_mu_law(cfa):
     for index, shot in enumerate(shots):
         planes = slice(4 * index, 4 * index + 4)
         expected = mu_law(direct(image.astype(float), view, 2.0 * shot.k), mu=SIGNAL_MU)
-        np.testing.assert_allclose(join(prediction[planes]).numpy(), expected, atol=2e-6)
-        np.testing.assert_allclose(join(target[planes]).numpy(), mu_law(shot.pixels, mu=SIGNAL_MU), atol=1e-6)
+        np.testing.assert_allclose(join(prediction[planes], (2, 2)).numpy(), expected, atol=2e-6)
+        np.testing.assert_allclose(
+            join(target[planes], (2, 2)).numpy(), mu_law(shot.pixels, mu=SIGNAL_MU), atol=1e-6
+        )
 
 
 def test_camera_rgb_without_a_mosaic():
@@ -96,9 +98,9 @@ def test_the_scene_space_compares_radiance_not_signal():
     image = torch.rand(HEIGHT, WIDTH, 3)
     prediction, target = LinearLight(100.0, space="scene").compare(image, view, 0.0)
     expected = mu_law(shot.pixels / (100.0 * 0.02), mu=LIGHT_MU)
-    np.testing.assert_allclose(join(target).numpy(), expected, atol=1e-6)
+    np.testing.assert_allclose(join(target, (2, 2)).numpy(), expected, atol=1e-6)
     expected = mu_law(direct(image.double().numpy(), view, 1.0), mu=LIGHT_MU)
-    np.testing.assert_allclose(join(prediction).numpy(), expected, atol=2e-6)
+    np.testing.assert_allclose(join(prediction, (2, 2)).numpy(), expected, atol=2e-6)
 
 
 def test_saturated_photosites_punish_only_what_is_too_dark():
@@ -116,7 +118,7 @@ def test_saturated_photosites_punish_only_what_is_too_dark():
     assert force[0, 0] == 0
     assert force[3, 5] > 0
     assert force[2, 2] > 0
-    assert join(prediction)[0, 0] == join(target)[0, 0]
+    assert join(prediction, (2, 2))[0, 0] == join(target, (2, 2))[0, 0]
 
 
 def test_pixels_without_a_number_count_for_nothing():
@@ -132,13 +134,24 @@ def test_pixels_without_a_number_count_for_nothing():
     assert int((force == 0).sum()) == 1
 
 
-def test_sites_split_and_join():
+@pytest.mark.parametrize("period", [(2, 2), (3, 4), (6, 2), (1, 1)])
+def test_sites_split_and_join(period):
     image = torch.arange(HEIGHT * WIDTH * 2.0).reshape(HEIGHT, WIDTH, 2)
-    planes = split(image)
-    assert planes.shape == (4, HEIGHT // 2, WIDTH // 2, 2)
-    assert torch.equal(planes[1], image[0::2, 1::2])
-    assert torch.equal(planes[2], image[1::2, 0::2])
-    assert torch.equal(join(planes), image)
+    planes = split(image, period)
+    rows, columns = period
+    assert planes.shape == (rows * columns, HEIGHT // rows, WIDTH // columns, 2)
+    for site, (row, column) in enumerate(np.ndindex(period)):
+        assert torch.equal(planes[site], image[row::rows, column::columns])
+    assert torch.equal(join(planes, period), image)
+
+
+@pytest.mark.parametrize("cfa", [Cfa.X_TRANS, Cfa.QUAD_BAYER, Cfa.KODAK_RGBW, Cfa.MONO])
+def test_any_table_shows_each_photosite_what_its_filter_lets_through(cfa):
+    rng = np.random.default_rng(5)
+    light, matrix = rng.random((24, 36, 3)).astype(np.float32), rng.random((len(cfa.letters), 3))
+    planes = through_filter(torch.from_numpy(light), torch.from_numpy(matrix).float(), cfa)
+    expected = (light @ matrix.T)[(*np.indices((24, 36)), cfa.channels(24, 36))]
+    np.testing.assert_allclose(join(planes, cfa.period), expected, rtol=1e-5)
 
 
 def test_display_values_decode_to_radiance_and_back():

@@ -55,7 +55,7 @@ def test_the_true_light_is_right_where_the_sensor_ends_below_white(tmp_path, mea
     light[:, :16] *= 8
     codes = np.minimum(BLACK + mosaic(light, Cfa.RGGB) * (WHITE - BLACK), CEILING).round().astype(np.uint16)
     metadata = FrameMetadata(exposure=Exposure(time=1.0, iso=100))
-    write_dng(tmp_path / "a.dng", RawMosaic(codes, Cfa.RGGB, (float(BLACK),) * 4, WHITE, metadata=metadata))
+    write_dng(tmp_path / "a.dng", RawMosaic(codes, Cfa.RGGB, ((float(BLACK),),), WHITE, metadata=metadata))
     known = SensorCalibration(iso=100, ceiling=Measured(value=CEILING, sigma=0.3, source="brackets"))
     shot, cfa = read_shot(tmp_path / "a.dng", "a.dng", "raw", 1.0, LINEAR, None, (known,) if measured else ())
     assert shot.top == pytest.approx((CEILING - BLACK) / (WHITE - BLACK) if measured else 1)

@@ -72,7 +72,7 @@ def test_photon_transfer_gives_back_what_the_sensor_is(protocol: str) -> None:
     mean, variance, weight = [0.0], dark, [first.size]
     for time in TIMES:
         first, second = pair(camera, time)
-        level = (first + second) / 2 - np.tile(np.reshape(black, (2, 2)), np.array(first.shape) // 2)
+        level = (first + second) / 2 - np.tile(np.array(black), np.array(first.shape) // 2)
         good = (first < 0.95 * body.sensor.white) & (second < 0.95 * body.sensor.white)
         edges = np.quantile(level[good], np.linspace(0, 1, 13))
         for low, high in pairwise(edges):

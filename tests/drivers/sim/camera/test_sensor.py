@@ -8,7 +8,7 @@ import pytest
 from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 
 PLAIN = SensorModel(
-    gain=0.40, read_noise=3.0, full_well=10_300.0, black=(256.0, 257.0, 255.0, 256.0), bit_depth=12
+    gain=0.40, read_noise=3.0, full_well=10_300.0, black=((256.0, 257.0), (255.0, 256.0)), bit_depth=12
 )
 SIZE = 400
 
@@ -25,14 +25,14 @@ def flat(
 
 
 def black_map(model: SensorModel) -> np.ndarray:
-    return np.tile(np.array(model.black).reshape(2, 2), (SIZE // 2, SIZE // 2))
+    return np.tile(np.array(model.black), (SIZE // 2, SIZE // 2))
 
 
 @pytest.mark.parametrize("bits", [12, 14])
 @pytest.mark.parametrize("iso_gain", [1.0, 4.0])
 def test_photon_transfer_gives_back_gain_and_read_noise(bits: int, iso_gain: float) -> None:
     model = replace(
-        PLAIN, bit_depth=bits, gain=0.40 * 4.0 ** (bits == 14), prnu=0.01, dsnu=1.0, black=(1024.0,) * 4
+        PLAIN, bit_depth=bits, gain=0.40 * 4.0 ** (bits == 14), prnu=0.01, dsnu=1.0, black=((1024.0,),)
     )
     sensor = SimulatedSensor(model, SIZE, SIZE, 0, "ptc")
     means, variances = [], []
@@ -90,7 +90,7 @@ def test_well_is_just_above_white_at_iso_100() -> None:
 
 
 def test_frames_clip_at_zero_and_white() -> None:
-    low = flat(SimulatedSensor(replace(PLAIN, black=(1.0,) * 4, read_noise=30.0), SIZE, SIZE), 0.0, 0)
+    low = flat(SimulatedSensor(replace(PLAIN, black=((1.0,),), read_noise=30.0), SIZE, SIZE), 0.0, 0)
     assert low.min() == 0.0
     assert 0.3 < (low == 0).mean() < 0.6
 

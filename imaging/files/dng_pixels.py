@@ -1,0 +1,50 @@
+"""The pixels of a DNG whose colour filters LibRaw does not know: decoded by tifffile and imagecodecs."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import tifffile
+
+from imaging.compute.memory import check_picture
+from imaging.files import dng_tags
+from imaging.files.tiff import Directory, TiffError, integers
+
+
+def read_pixels(path: Path, tags: Directory) -> npt.NDArray[np.uint16]:
+    """Numbers of the active area, uint16 [H, W] or [H, W, samples], linearised as the file says.
+
+    tags: of its largest raw image. TiffError if that cannot be found or has another size; InputError if it is
+    larger than the memory; and whatever the decoder trips over for damaged bytes.
+    """
+    height, width = dng_tags.size(tags)
+    samples = next(iter(integers(tags, dng_tags.SAMPLES)), 1)
+    check_picture(str(path), width, height, channels=2 * samples)
+    with tifffile.TiffFile(path) as file:
+        file.pages.useframes = False
+        page = next((page for page in _pages(file.pages) if _is_raw(page, height, width)), None)
+        if page is None:
+            raise TiffError("the raw image is missing")
+        pixels = np.asarray(page.asarray())
+    if pixels.shape[:2] != (height, width) or pixels.dtype not in (np.uint8, np.uint16):
+        raise TiffError("the raw image is of another size")
+    table = np.array(integers(tags, dng_tags.LINEARIZATION), np.uint16)
+    if table.size:
+        pixels = table[np.minimum(pixels, table.size - 1)]
+    top, left, bottom, right = dng_tags.active_area(tags)
+    return np.ascontiguousarray(pixels[top:bottom, left:right], np.uint16)
+
+
+def _pages(pages: Any) -> Iterator[Any]:
+    """Every page, and those that it holds below it."""
+    for page in pages:
+        yield page
+        if page.pages is not None:
+            yield from _pages(page.pages)
+
+
+def _is_raw(page: Any, height: int, width: int) -> bool:
+    kinds = (dng_tags.CFA_PHOTOMETRIC, dng_tags.LINEAR_PHOTOMETRIC)
+    return (page.imagelength, page.imagewidth) == (height, width) and int(page.photometric) in kinds
