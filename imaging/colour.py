@@ -91,6 +91,25 @@ def unmeasured(channels: int) -> Matrix3:
     return np.concatenate([np.eye(3), np.ones((channels - 3, 3))])
 
 
+def of_channels(matrix: Sequence[Sequence[float]] | None, channels: int) -> Matrix3:
+    """camera_from_rec709 with a row for each channel, float64 [channels, 3]; None as `unmeasured` has it.
+
+    Where only R, G and B were measured, what has no filter is taken for their sum.
+    """
+    if matrix is None:
+        return unmeasured(channels)
+    rows = np.asarray(matrix, np.float64)
+    return rows if len(rows) == channels else np.concatenate([rows, rows.sum(0, keepdims=True)])
+
+
+def with_rgb(matrix: npt.ArrayLike, rgb: npt.ArrayLike) -> Matrix3:
+    """camera_from_rec709 [channels, 3] with other R, G and B; W stays the mixture of them that it was."""
+    before, after = np.asarray(matrix, np.float64), np.asarray(rgb, np.float64)
+    return (
+        np.concatenate([after, before[3:] @ np.linalg.inv(before[:3]) @ after]) if len(before) > 3 else after
+    )
+
+
 def rec709_from_camera(matrix: npt.ArrayLike) -> Matrix3:
     """The inverse [3, channels] of camera_from_rec709 [channels, 3]: by least squares of more than three
     channels, grey of one."""

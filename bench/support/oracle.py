@@ -18,6 +18,7 @@ from imaging.files import store
 from imaging.files.colmap import pycolmap
 from imaging.files.exr import read_exr
 from imaging.lens import Lens
+from imaging.mosaic import as_matrix
 from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.session.session import Session
@@ -68,7 +69,7 @@ def calibrate_from_truth(folder: Path, *, points: int = 2500, seed: int = 0) -> 
 
 
 def _camera(name: str, camera: dict[str, Any], lens: Lens, truth: dict[str, Any]) -> CameraCalibration:
-    curve = truth["response"]
+    curve, rows = truth["response"], camera["camera_from_rec709"]
     response = Response(kind="linear", evidence="the truth")
     if curve is not None:
         response = Response(
@@ -86,7 +87,7 @@ def _camera(name: str, camera: dict[str, Any], lens: Lens, truth: dict[str, Any]
         response=response,
         vignetting=tuple(camera["vignetting"]),
         gain=camera["gain"],
-        camera_from_rec709=None if curve else tuple(tuple(row) for row in camera["camera_from_rec709"]),
+        camera_from_rec709=None if curve or len(rows) == 1 else as_matrix(rows),
     )
 
 

@@ -16,6 +16,7 @@ from calib.data.views import View, read_view
 from calib.light.radiometry import Radiometry
 from calib.sensor.metadata import CameraSensor
 from imaging.cfa import cell_means
+from imaging.colour import balanced, with_rgb
 from imaging.errors import CalibrationError
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import read_linear
@@ -145,7 +146,7 @@ def _look(
         session.file(middle), "raw", light.scale[middle.file], light.responses[name], view.sensors
     )
     assert frame.cfa is not None
-    small = cell_means(frame.signal, frame.cfa)[..., :3]
+    small = balanced(cell_means(frame.signal, frame.cfa), None)
     finds = [frame.cfa.cell * outlines for outlines in locate(small)]
     if not finds:
         return best(merge_bracket([frame]), finds)
@@ -167,14 +168,17 @@ def colours(
     patches = {name: view_found[1].patches for name, view_found in seen.items()}
     trial, rungs, errors = _climb(patches, files, models, reference)
     fits = trial.fits(patches, reference)
-    matrices = {name: as_matrix(one.camera_from_rec709) for name, one in fits.items()}
+    matrices = {
+        name: as_matrix(with_rgb(files[name] or np.eye(3), one.camera_from_rec709))
+        for name, one in fits.items()
+    }
     for name in files:
         if name not in matrices:
             twin = next((other for other in fits if models[other] == models[name]), None)
             if twin is not None:
                 matrices[name] = _of_twin(matrices[twin], files[twin], files[name])
     balanced = {
-        name: _Trial(((name,),), (of_camera(matrix, balanced=True),)).errors(patches, reference)[name]
+        name: _Trial(((name,),), (of_camera(matrix[:3], balanced=True),)).errors(patches, reference)[name]
         for name, matrix in files.items()
         if matrix is not None and name in patches
     }
@@ -199,7 +203,7 @@ def _climb(
     for name in patches:
         alike.setdefault(models[name], []).append(name)
     shared = tuple(tuple(group) for group in alike.values())
-    named = [files[name] or as_matrix(np.eye(3)) for name in patches]
+    named = [(files[name] or as_matrix(np.eye(3)))[:3] for name in patches]
     trial = _Trial(alone, tuple(of_camera(matrix, balanced=False) for matrix in named))
     errors = trial.errors(patches, reference)
     rungs: list[Rung] = []
@@ -248,8 +252,8 @@ def _of_twin(matrix: Matrix, files_twin: Matrix | None, files_own: Matrix | None
     """A twin's matrix, white as much apart as the files of both say."""
     if files_twin is None or files_own is None:
         return matrix
-    whites = np.array(files_own).sum(axis=1) / np.array(files_twin).sum(axis=1)
-    return as_matrix((whites / whites[1])[:, None] * np.array(matrix))
+    whites = np.array(files_own)[:3].sum(axis=1) / np.array(files_twin)[:3].sum(axis=1)
+    return as_matrix(with_rgb(matrix, (whites / whites[1])[:, None] * np.array(matrix)[:3]))
 
 
 def _evidence(

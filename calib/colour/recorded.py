@@ -11,6 +11,7 @@ from calib.light.tracks import tracks_of
 from calib.light.vignetting import DARKEST, Falloff
 from calib.poses.sfm import SceneModel
 from calib.sensor.metadata import CameraSensor
+from imaging.colour import with_rgb
 from imaging.mosaic import Matrix, as_matrix
 from imaging.session.calibration import COLOUR, CalibrationRecord, CameraCalibration
 from imaging.session.records import Rung
@@ -52,7 +53,7 @@ def balance(
     colour = colour - np.log(np.maximum(fall, DARKEST))[:, None]
     order = np.array([known.index(name) if name in known else -1 for name in placed])
     sights = Sights(first.point, order[first.camera], colour)
-    return estimate(sights, known, [np.array(matrices[name]) for name in known], anchors)
+    return estimate(sights, known, [np.array(matrices[name])[:3] for name in known], anchors)
 
 
 def with_balance(record: CalibrationRecord, found: Balance) -> CalibrationRecord:
@@ -65,10 +66,10 @@ def _balanced(camera: CameraCalibration, found: Balance) -> CameraCalibration:
     channels = found.channels.get(camera.name)
     if channels is None or camera.camera_from_rec709 is None:
         return camera
-    matrix, relative, gain = folded(np.array(camera.camera_from_rec709), channels)
+    matrix, relative, gain = folded(np.array(camera.camera_from_rec709[:3]), channels)
     return camera.model_copy(
         update={
-            "camera_from_rec709": as_matrix(matrix),
+            "camera_from_rec709": as_matrix(with_rgb(camera.camera_from_rec709, matrix)),
             "white_balance": relative,
             "white_balance_error": found.errors[camera.name],
             "gain": gain,
@@ -102,7 +103,8 @@ def charts_of(record: CalibrationRecord) -> Charts:
     for camera in record.cameras:
         if camera.camera_from_rec709 is not None:
             balance = np.array(camera.white_balance)[:, None]
-            matrices[camera.name] = as_matrix(np.array(camera.camera_from_rec709) / balance)
+            own = np.array(camera.camera_from_rec709)
+            matrices[camera.name] = as_matrix(with_rgb(own, own[:3] / balance))
     return Charts(matrices, evidence, tuple(rung for rung in record.rungs if rung.name in CHART_RUNGS))
 
 
@@ -119,6 +121,7 @@ def rebalanced(record: CalibrationRecord) -> CalibrationRecord:
         relative = np.ones(3) if camera.chart is not None else np.array(camera.white_balance) / middle
         update: dict[str, object] = {"white_balance": tuple(relative.tolist())}
         if camera.camera_from_rec709 is not None:
-            update["camera_from_rec709"] = as_matrix(relative[:, None] * np.array(camera.camera_from_rec709))
+            own = np.array(camera.camera_from_rec709)
+            update["camera_from_rec709"] = as_matrix(with_rgb(own, relative[:, None] * own[:3]))
         cameras.append(camera.model_copy(update=update))
     return record.model_copy(update={"cameras": tuple(cameras)})

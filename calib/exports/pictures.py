@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from calib.data.views import View, read_view
-from imaging.colour import balanced, rec709_from_camera, srgb_encode
+from imaging.colour import balanced, of_channels, rec709_from_camera, srgb_encode
 from imaging.demosaic import demosaic
 from imaging.merge.bracket import merge_bracket
 from imaging.session.calibration import Response
@@ -55,7 +55,9 @@ def picture(
     light = cv2.resize(light.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     light = light.reshape(*light.shape[:2], -1)  # which the resizing takes from a single channel
     if camera_from_rec709 is not None:
-        light = light @ rec709_from_camera(camera_from_rec709).T.astype(np.float32)
+        light = light @ rec709_from_camera(of_channels(camera_from_rec709, light.shape[2])).T.astype(
+            np.float32
+        )
     elif merged.cfa is not None:
         light = balanced(light, None)
     if merged.cfa is not None:  # channels that saturate at different light would tint the lamps

@@ -36,7 +36,7 @@ class Mount:
     optics: Optics
     cam_from_rig: Array
     cfa: Cfa
-    camera_from_xyz: Matrix
+    camera_from_xyz: Matrix | None
     unit_gain: float
     unit_noise: float
     black: Tile
@@ -96,11 +96,14 @@ def mounts(
     height: int,
     kind: Literal["raw", "ldr"],
     lens: LensKind = "normal",
+    cfa: Cfa | None = None,
 ) -> tuple[Mount, ...]:
-    """The cameras of a rig."""
+    """The cameras of a rig; cfa: of all, which each begins at a place of its own; None: Bayer's."""
     rig_from_plate = _cam_from_plate(seed, 0)
     plate_from_rig: Array = np.asarray(np.linalg.inv(rig_from_plate), np.float64)
-    return tuple(_mount(seed, index, width, height, kind, lens, plate_from_rig) for index in range(cameras))
+    return tuple(
+        _mount(seed, index, width, height, kind, lens, plate_from_rig, cfa) for index in range(cameras)
+    )
 
 
 def _mount(
@@ -111,6 +114,7 @@ def _mount(
     kind: Literal["raw", "ldr"],
     lens_kind: LensKind,
     plate_from_rig: Array,
+    table: Cfa | None,
 ) -> Mount:
     serial = f"SIM-{kind.upper()}-{index + 1:03d}"
     noise = generator(seed, serial, "build")
@@ -131,8 +135,10 @@ def _mount(
     if lens_kind == "fisheye":
         lens = _fisheye(lens, generator(seed, serial, "fisheye"))
     colour = _colour(noise)
-    matrix = colour @ REC709_FROM_XYZ
     cfa = BAYER[int(noise.integers(4))] if index else Cfa.RGGB
+    if table is not None:
+        cfa = table.cropped(index, 2 * index)
+        colour = _with_white(colour, cfa, generator(seed, serial, "white"))
     optics = Optics(
         lens=lens,
         vignetting=(
@@ -150,7 +156,7 @@ def _mount(
         optics=optics,
         cam_from_rig=np.eye(4) if index == 0 else _cam_from_plate(seed, index) @ plate_from_rig,
         cfa=cfa,
-        camera_from_xyz=as_matrix(matrix),
+        camera_from_xyz=None if cfa.mono else as_matrix(colour @ REC709_FROM_XYZ),
         unit_gain=noise.uniform(0.985, 1.015),
         unit_noise=noise.uniform(0.93, 1.07),
         black=black,
@@ -173,6 +179,17 @@ def _fisheye(lens: Lens, noise: np.random.Generator) -> Lens:
         k3=noise.uniform(0.0, 0.005),
         k4=noise.uniform(-0.001, 0.0),
     )
+
+
+def _with_white(colour: Array, cfa: Cfa, noise: np.random.Generator) -> Array:
+    """The rows of a sensor with this table: one without a filter sees nearly the sum of the others.
+
+    Mono is as sensitive as green, to a white surface.
+    """
+    white = noise.uniform(0.85, 1.15, 3) @ colour
+    if cfa.mono:
+        return np.asarray(white[None] / white.sum())
+    return np.concatenate([colour, white[None]]) if "W" in cfa.letters else colour
 
 
 def _colour(noise: np.random.Generator) -> Array:

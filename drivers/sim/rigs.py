@@ -18,7 +18,7 @@ from drivers.sim.scene.gallery import gallery_scene
 from drivers.sim.scene.scene import Scene
 from drivers.sim.scene.subjects import LIGHT, grey
 from drivers.sim.scene.tabletop import demo_scene
-from imaging.cfa import as_tile
+from imaging.cfa import Cfa, as_tile
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.session.records import CameraRecord, Subject
@@ -44,7 +44,7 @@ class RigSettings:
     the sensors differ from what their files say, such as prnu. even: soft light alone, which fits into one
     exposure, instead of lamps; gloss: of all surfaces, None as they are. distortion, vignetting, gains:
     factors on how far lenses and sensitivities are from ideal ones, 0 for just that. curve: of a camera
-    that develops its photographs.
+    that develops its photographs. cfa: of all sensors, begun at a place of its own by each; None: Bayer.
     """
 
     kind: Literal["raw", "ldr"]
@@ -64,6 +64,7 @@ class RigSettings:
     vignetting: float = 1.0
     gains: float = 1.0
     curve: Curve = "film"
+    cfa: Cfa | None = None
     sensor: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -76,6 +77,10 @@ _RIGS = {
     "toy": RigSettings("raw", cameras=2, positions=3, width=64, height=48),
     "toy-ldr": RigSettings("ldr", cameras=2, positions=3, width=64, height=48),
     "toy-fisheye": RigSettings("raw", cameras=2, positions=3, width=64, height=48, lens="fisheye"),
+    "toy-x-trans": RigSettings("raw", cameras=2, positions=3, width=64, height=48, cfa=Cfa.X_TRANS),
+    "toy-quad-bayer": RigSettings("raw", cameras=2, positions=3, width=64, height=48, cfa=Cfa.QUAD_BAYER),
+    "toy-rgbw": RigSettings("raw", cameras=2, positions=3, width=64, height=48, cfa=Cfa.KODAK_RGBW),
+    "toy-mono": RigSettings("raw", cameras=2, positions=3, width=64, height=48, cfa=Cfa.MONO),
 }
 
 
@@ -120,7 +125,13 @@ class SimulatedRig:
                 optics=mount.optics.nearer(settings.distortion, settings.vignetting, settings.gains),
             )
             for mount in mounts(
-                seed, settings.cameras, settings.width, settings.height, settings.kind, settings.lens
+                seed,
+                settings.cameras,
+                settings.width,
+                settings.height,
+                settings.kind,
+                settings.lens,
+                settings.cfa,
             )
         )
         self.board = SimulatedBoard()

@@ -304,8 +304,6 @@ class U3vCamera:
                 f"frame {leader.block} of {session.where} is incomplete ({frame.problem}): shoot it again."
             )
         pixels = format_of(leader.pixel_format)
-        if pixels.cfa is None:
-            raise CameraRefused(f"{session.where} sends {pixels.name}: set it to a Bayer format.")
         image = frame.payload
         chunks: dict[int, bytes] = {}
         if leader.payload_type & CHUNKS:

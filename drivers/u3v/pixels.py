@@ -21,7 +21,7 @@ Image = npt.NDArray[np.uint16]
 
 @dataclass(frozen=True)
 class PixelFormat:
-    """A format. bits: of a value; cfa: the phase at the frame's first pixel, None for monochrome.
+    """A format. bits: of a value; cfa: the table from the frame's first pixel on.
 
     packing: values in bytes ("plain"), as a stream of bits ("p") or pair by pair ("Packed").
     """
@@ -30,7 +30,7 @@ class PixelFormat:
     code: int
     bits: int
     packing: Literal["plain", "p", "Packed"]
-    cfa: Cfa | None
+    cfa: Cfa
 
     @property
     def stored_bits(self) -> int:
@@ -60,11 +60,14 @@ FORMATS: tuple[PixelFormat, ...] = (
         for (bits, packing), codes in _TAILS.items()
         for (letters, cfa), code in zip(_CFAS.items(), codes, strict=True)
     ),
-    PixelFormat("Mono8", 0x01080001, 8, "plain", None),
-    PixelFormat("Mono10", 0x01100003, 10, "plain", None),
-    PixelFormat("Mono12", 0x01100005, 12, "plain", None),
-    PixelFormat("Mono16", 0x01100007, 16, "plain", None),
-    PixelFormat("Mono12p", 0x010C0047, 12, "p", None),
+    PixelFormat("Mono8", 0x01080001, 8, "plain", Cfa.MONO),
+    PixelFormat("Mono10", 0x01100003, 10, "plain", Cfa.MONO),
+    PixelFormat("Mono12", 0x01100005, 12, "plain", Cfa.MONO),
+    PixelFormat("Mono16", 0x01100007, 16, "plain", Cfa.MONO),
+    PixelFormat("Mono10p", 0x010A0046, 10, "p", Cfa.MONO),
+    PixelFormat("Mono12p", 0x010C0047, 12, "p", Cfa.MONO),
+    PixelFormat("Mono10Packed", 0x010C0004, 10, "Packed", Cfa.MONO),
+    PixelFormat("Mono12Packed", 0x010C0006, 12, "Packed", Cfa.MONO),
 )
 BY_CODE = {pixel_format.code: pixel_format for pixel_format in FORMATS}
 BY_NAME = {pixel_format.name: pixel_format for pixel_format in FORMATS}
@@ -76,7 +79,7 @@ def format_of(code: int) -> PixelFormat:
         return BY_CODE[code]
     except KeyError:
         raise CameraRefused(
-            f"pixel format {code:#010x} cannot be unpacked: set the camera to a Bayer format."
+            f"pixel format {code:#010x} cannot be unpacked: set the camera to a Bayer or Mono format."
         ) from None
 
 

@@ -37,9 +37,9 @@ def set_if_there(nodes: NodeMap, name: str, value: str | int | float | bool) -> 
 
 
 def prepare(nodes: NodeMap, name: str) -> PixelFormat:
-    """Stop what runs, leave nothing to automatics and choose the best Bayer format, which is returned.
+    """Stop what runs, leave nothing to automatics and choose the best format, which is returned.
 
-    name: of the camera, for messages. CameraRefused if its sensor has no Bayer mosaic.
+    name: of the camera, for messages. CameraRefused if it has neither a Bayer mosaic nor is mono.
     """
     stop(nodes)
     for automatic in (
@@ -65,20 +65,22 @@ def stop(nodes: NodeMap) -> None:
 
 
 def _choose_format(nodes: NodeMap, name: str) -> PixelFormat:
-    """Set the Bayer format with most bits a value and, of those, fewest in the payload."""
+    """Set the format with most bits a value and, of those, fewest in the payload.
+
+    A camera with a mosaic may offer mono too, which it makes of it.
+    """
     offered = nodes.entries("PixelFormat")
-    bayer = [BY_NAME[entry] for entry in offered if entry in BY_NAME and BY_NAME[entry].cfa is not None]
+    known = [BY_NAME[entry] for entry in offered if entry in BY_NAME]
     if not offered:
         raise CameraRefused(
             f"{name} offers no pixel format: close other programs that use it, and replug it."
         )
-    if not bayer:
-        monochrome = all(entry.startswith("Mono") for entry in offered)
+    if not known:
         raise CameraRefused(
-            f"{name} {'is monochrome' if monochrome else 'sends no Bayer mosaic'} "
-            f"(it offers {', '.join(offered)}): connect a camera with a Bayer mosaic in its place."
+            f"{name} sends neither a Bayer mosaic nor mono (it offers {', '.join(offered)}): connect a "
+            "camera that does in its place."
         )
-    best = max(bayer, key=lambda pixel_format: (pixel_format.bits, _PACKINGS[pixel_format.packing]))
+    best = max(known, key=lambda one: (not one.cfa.mono, one.bits, _PACKINGS[one.packing]))
     nodes.set("PixelFormat", best.name)
     return best
 
@@ -131,10 +133,14 @@ def ladder(low: float, high: float, steps: int) -> tuple[float, ...]:
 
 def black_levels(nodes: NodeMap, pixels: PixelFormat) -> Tile:
     """The BlackLevel of the sites of the tile, DN; by colour where the camera has that, 0 if it says none."""
-    if not nodes.available("BlackLevel") or pixels.cfa is None:
+    if not nodes.available("BlackLevel"):
         return ((0.0,),)
     colours = ("Red", "Green", "Blue")
-    if set(colours) <= set(nodes.entries("BlackLevelSelector")) and nodes.writable("BlackLevelSelector"):
+    if (
+        not pixels.cfa.mono
+        and set(colours) <= set(nodes.entries("BlackLevelSelector"))
+        and nodes.writable("BlackLevelSelector")
+    ):
         levels = []
         for colour in colours:
             nodes.set("BlackLevelSelector", colour)

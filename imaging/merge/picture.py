@@ -7,7 +7,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from imaging.cfa import Cfa
-from imaging.colour import Space, rec709_from_camera, space_from_rec709, unmeasured
+from imaging.colour import Space, of_channels, rec709_from_camera, space_from_rec709
 from imaging.demosaic import demosaic
 from imaging.merge.ghosts import Deghosted
 from imaging.merge.linear_frame import Bool, Float
@@ -64,8 +64,7 @@ def picture_of(
     matrix = None if camera is None else camera.camera_from_rec709
     known_colour = cfa is None or cfa.mono or matrix is not None
     if matrix is not None or light.shape[-1] != 3 or (known_colour and space != "rec709"):
-        to_camera = unmeasured(light.shape[-1]) if matrix is None else matrix
-        mixing = space_from_rec709(space) @ rec709_from_camera(to_camera)
+        mixing = space_from_rec709(space) @ rec709_from_camera(of_channels(matrix, light.shape[-1]))
         light = (light @ mixing.T).astype(np.float32)
         variance = None if variance is None else _finite(variance) @ (mixing**2).T
     mask = sum(

@@ -142,7 +142,8 @@ class CameraCalibration(Record):
     gain: float = Field(default=1.0, gt=0)
     """Sensitivity relative to the rig's mean, divided out by later stages."""
     camera_from_rec709: tuple[tuple[float, float, float], ...] | None = None
-    """[3][3] linear Rec.709 to camera RGB (RAW only), green row summing to 1; None: not known."""
+    """Linear Rec.709 to camera (RAW only), a row of three for R, G, B and W, green summing to 1; None: not
+    known. A row of W that no file states is the sum of the others; mono has none, and sees grey."""
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Sensitivities of red, green and blue relative to the rig and to green, as shared scene points tell
     them: part of `camera_from_rec709` already, kept to be known when that is measured anew."""

@@ -35,7 +35,7 @@ Name = Annotated[str, AfterValidator(_plain_name)]
 
 
 ImageKind = Literal["raw", "ldr", "hdr"]
-"""raw: Bayer mosaics; ldr: display-referred 8 or 16 bit; hdr: linear EXR."""
+"""raw: mosaics; ldr: display-referred 8 or 16 bit; hdr: linear EXR."""
 
 
 class CameraRecord(Record):

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.cfa import Cfa
-from imaging.colour import unmeasured
+from imaging.colour import of_channels
 from imaging.errors import ReconstructionError
 from imaging.files import store
 from imaging.files.colmap import SparsePoints, read_points, read_tracks
@@ -282,7 +282,7 @@ def _view(
         sensor=Sensor(
             kind=record.kind,
             cfa=cfa,
-            camera_from_rec709=np.array(camera.camera_from_rec709 or unmeasured(channels), np.float64),
+            camera_from_rec709=of_channels(camera.camera_from_rec709, channels),
             falloff=falloff(camera, height, width),
             response=camera.response,
         ),

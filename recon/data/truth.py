@@ -26,15 +26,20 @@ def has_truth(session: Path) -> bool:
 def true_radiance(session: Path, view: View) -> npt.NDArray[np.float32]:
     """What a view should show, linear Rec.709 [H, W, 3]; averaged over areas to the view's size.
 
-    As `recon.data.pixels` makes the view of its files: of RAW an odd last row or column is left out first.
+    As `recon.data.pixels` makes the view of its files: of RAW the last rows and columns that complete no
+    tile, or no pair, are left out first. Of a mono camera it is the grey that it sees, three times.
     """
     light = read_exr(session / "truth" / f"{view.id}.exr").rgb()
-    if view.sensor.kind == "raw":
-        height, width = (side - side % 2 for side in light.shape[:2])
-        light = light[:height, :width]
     size = view.lens.width, view.lens.height
+    if view.sensor.kind == "raw":
+        whole = 2 * size[0] > light.shape[1]
+        height, width = (size[1], size[0]) if whole else (side - side % 2 for side in light.shape[:2])
+        light = light[:height, :width]
     if (light.shape[1], light.shape[0]) != size:
         light = area_mean(light, size)
+    if view.sensor.cfa is not None and view.sensor.cfa.mono:
+        camera = store.read_json(session / "truth" / "truth.json")["cameras"][view.camera]
+        light = np.repeat(light @ np.array(camera["camera_from_rec709"]).T, 3, axis=2)
     return np.ascontiguousarray(light, np.float32)
 
 

@@ -52,7 +52,7 @@ class Body:
     sensor: SensorModel
     nominal: SensorModel
     cfa: Cfa
-    camera_from_xyz: Matrix
+    camera_from_xyz: Matrix | None
     curve: response.Curve = "film"
     """By which it develops its photographs."""
     effects: bool = False
@@ -228,7 +228,7 @@ class SimulatedCamera:
             cfa=body.cfa,
             black=body.sensor.black,
             white=body.sensor.white,
-            neutral=tuple(neutral.tolist()),
+            neutral=None if body.cfa.mono else tuple(neutral.tolist()),
             camera_from_xyz=body.camera_from_xyz,
             noise_profile=(gain / span, ((gain * nominal.read_noise) ** 2 + 1 / 12) / span**2),
             metadata=self._metadata(shot),

@@ -15,7 +15,7 @@ class Optics:
     """Lens, vignetting, colour and sensitivity of one camera.
 
     vignetting: (a, b, c) of `V(r) = 1 + a r^2 + b r^4 + c r^6`, r = 1 at the corner from the centre;
-    camera_from_rec709: float64 [3, 3], green row summing to 1; gain: relative sensitivity;
+    camera_from_rec709: float64 [channels, 3], green row summing to 1; gain: relative sensitivity;
     sensor_width_mm: for the focal length that the files name.
     """
 
@@ -27,7 +27,7 @@ class Optics:
 
     @property
     def neutral(self) -> Array:
-        """Camera RGB of white light, the largest 1."""
+        """What each channel sees of white light, the largest 1."""
         white = self.camera_from_rec709.sum(axis=1)
         return np.asarray(white / white.max())
 
@@ -58,6 +58,6 @@ class Optics:
         return np.asarray(1.0 + r2 * (a + r2 * (b + r2 * c)))
 
     def exposure(self, radiance: npt.NDArray[np.floating]) -> Array:
-        """Signal per unit of exposure scale in camera RGB, float64 [H, W, 3], of radiance [H, W, 3]."""
+        """Signal per unit of exposure scale, float64 [H, W, channels], of radiance [H, W, 3]."""
         colour = np.asarray(radiance, np.float64) @ self.camera_from_rec709.T
         return np.asarray(colour * (self.gain * self.falloff())[..., None])

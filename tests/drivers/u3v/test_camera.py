@@ -5,11 +5,10 @@ import pytest
 
 from drivers.camera import Camera
 from drivers.errors import CameraNotFound, CameraRefused, CameraTimeout
-from drivers.sim.u3v import frames
 from drivers.sim.u3v.description import Feature
 from drivers.u3v import U3vCamera, find_cameras
 from drivers.u3v.genicam import NodeMap
-from drivers.u3v.pixels import BY_NAME
+from drivers.u3v.pixels import BY_CODE, BY_NAME
 from drivers.u3v.registers import Sirm
 from drivers.u3v.session import open_session
 from imaging.cfa import BAYER, Cfa
@@ -46,6 +45,18 @@ def test_a_frame_is_what_the_sensor_saw(make_bench: MakeBench, bits: int, cfa: C
         assert np.ravel(frame.black)[site] == pytest.approx(black[pattern == pattern[site]].mean())
     assert frame.metadata.serial == bench.serial
     assert frame.metadata.exposure == Exposure(time=2.0**-6, iso=200)
+
+
+@pytest.mark.parametrize(("bits", "name"), [(12, "Mono12p"), (14, "Mono16")])
+def test_a_mono_camera_is_taken_as_it_is(make_bench: MakeBench, bits: int, name: str) -> None:
+    bench: Bench = make_bench(bits=bits, cfa=Cfa.MONO)
+    camera = bench.camera()
+    frame, truth = shoot(camera), shoot(bench.twin)
+    camera.close()
+    assert BY_CODE[bench.device._memory.get(Feature.PIXEL_FORMAT)].name == name
+    assert np.array_equal(frame.pixels, truth.pixels)
+    assert (frame.cfa, frame.white) == (Cfa.MONO, truth.white)
+    assert frame.black == ((pytest.approx(np.mean(truth.black)),),)
 
 
 def test_the_exposure_is_what_is_applied(make_bench: MakeBench) -> None:
@@ -200,21 +211,20 @@ def test_cameras_are_found_by_serial_number(make_bench: MakeBench) -> None:
 @pytest.mark.parametrize(
     ("formats", "told"),
     [
-        (("Mono8", "Mono12p"), "is monochrome (it offers Mono8, Mono12p)"),
-        (("Mono8", "RGB8"), "sends no Bayer mosaic (it offers Mono8, RGB8)"),
+        (("RGB8",), "sends neither a Bayer mosaic nor mono (it offers RGB8)"),
+        (("RGB8", "YUV8"), "sends neither a Bayer mosaic nor mono (it offers RGB8, YUV8)"),
     ],
 )
 def test_a_sensor_without_a_mosaic_is_refused(
     make_bench: MakeBench, monkeypatch: pytest.MonkeyPatch, formats: tuple[str, ...], told: str
 ) -> None:
-    codes = {"Mono8": 0x01080001, "Mono12p": 0x010C0047, "RGB8": 0x02180014}
-    offered = {name: codes[name] for name in formats}
-    monkeypatch.setattr(frames, "offered", lambda cfa, bits: offered)
-    bench = make_bench()
-    bench.device._memory.put(Feature.PIXEL_FORMAT, codes["Mono8"])
+    bench, entries = make_bench(), NodeMap.entries
+    monkeypatch.setattr(
+        NodeMap, "entries", lambda nodes, name: formats if name == "PixelFormat" else entries(nodes, name)
+    )
     with pytest.raises(CameraRefused) as refused:
         bench.camera().identify()
-    fix = "connect a camera with a Bayer mosaic in its place."
+    fix = "connect a camera that does in its place."
     assert str(refused.value) == f"camera {bench.serial} {told}: {fix}"
     assert bench.bus.open_handles == 0
 

@@ -98,7 +98,7 @@ def test_what_the_simulated_camera_packs_is_unpacked(pixels: PixelFormat, width:
     assert np.array_equal(unpack(data, pixels, width, height), values)
 
 
-CODES: dict[str, tuple[int, Cfa | None]] = {
+CODES: dict[str, tuple[int, Cfa]] = {
     "BayerRG8": (0x01080009, Cfa.RGGB),
     "BayerBG12p": (0x010C0053, Cfa.BGGR),
     "BayerGB12p": (0x010C0055, Cfa.GBRG),
@@ -109,7 +109,7 @@ CODES: dict[str, tuple[int, Cfa | None]] = {
     "BayerGR16": (0x0110002E, Cfa.GRBG),
     "BayerGB12Packed": (0x010C002C, Cfa.GBRG),
     "BayerGB10Packed": (0x010C0028, Cfa.GBRG),
-    "Mono12p": (0x010C0047, None),
+    "Mono12p": (0x010C0047, Cfa.MONO),
 }
 
 
@@ -121,7 +121,7 @@ def test_codes_and_phases(name: str, told: Any) -> None:
 
 
 def test_no_code_is_there_twice() -> None:
-    assert len({one.code for one in FORMATS}) == len({one.name for one in FORMATS}) == len(FORMATS) == 37
+    assert len({one.code for one in FORMATS}) == len({one.name for one in FORMATS}) == len(FORMATS) == 40
 
 
 def test_an_unknown_code_is_refused() -> None:
