@@ -201,8 +201,8 @@ def bilinear(image: npt.NDArray[np.floating], cfa: Cfa, valid: Bool | None = Non
     known = np.zeros(light.shape, bool)
     for channel, weights in enumerate(tents(cfa)):
         own = trusted & (channels == channel)
-        weight = ndimage.convolve(own.astype(np.float64), weights, mode="mirror")
-        total = ndimage.convolve(np.where(own, image, 0.0).astype(np.float64), weights, mode="mirror")
+        weight = _around(own, weights, cfa)
+        total = _around(np.where(own, image, 0.0), weights, cfa)
         known[..., channel] = weight > 0
         value = np.where(own, image, total / np.maximum(weight, 1e-12))
         light[..., channel] = np.where(known[..., channel], value, 0.0)
@@ -218,13 +218,26 @@ def bilinear_variance(variance: npt.NDArray[np.float64], cfa: Cfa, valid: Bool) 
     planes = []
     for channel, weights in enumerate(tents(cfa)):
         own = valid & (channels == channel)
-        weight = ndimage.convolve(own.astype(np.float64), weights, mode="mirror")
+        weight = _around(own, weights, cfa)
         bound = ndimage.binary_dilation(own & ~np.isfinite(variance), np.ones(weights.shape, bool))
         spread = np.where(own & np.isfinite(variance), variance, 0.0).astype(np.float64)
-        total = ndimage.convolve(spread, weights**2, mode="mirror") / np.maximum(weight, 1e-12) ** 2
+        total = _around(spread, weights**2, cfa) / np.maximum(weight, 1e-12) ** 2
         plane = np.where(own, variance, np.where(bound, np.inf, total))
         planes.append(np.where(weight > 0, plane, np.nan))
     return np.stack(planes, axis=-1)
+
+
+def _around(
+    values: npt.NDArray[np.generic], weights: npt.NDArray[np.float64], cfa: Cfa
+) -> npt.NDArray[np.float64]:
+    """Weighted sums over the neighbours; beyond the edges the photosites of the last tile come again."""
+    reach, places = len(weights) // 2, []
+    for length, period in zip(values.shape, cfa.period, strict=True):
+        at = np.arange(-reach, length + reach)
+        at = np.where(at < 0, at + lcm(period, 2), np.where(at >= length, at - lcm(period, 2), at))
+        places.append(at.clip(0, length - 1))
+    found = ndimage.convolve(values[np.ix_(*places)].astype(np.float64), weights, mode="constant")
+    return np.asarray(found[reach : len(found) - reach, reach : found.shape[1] - reach])
 
 
 def tents(cfa: Cfa) -> Iterable[npt.NDArray[np.float64]]:

@@ -5,7 +5,7 @@ Transactions on Image Processing 16(1), 2007): green is interpolated along rows 
 takes the direction in which colour changes less, and red and blue follow green. Two things are different. It
 works on `asinh(light / toe)`, since over the range of a merged bracket the ratios of colours are smooth and
 not their differences; and green stays within the range of its four neighbours, since the code would make
-much of an overshoot at a lamp.
+much of an overshoot at a lamp. `imaging.steered` has other tables than Bayer's, by the same code.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from imaging.cfa import Bool, Cfa, Float, bilinear, bilinear_variance
+from imaging.cfa import Bool, Cfa, Float, bilinear, bilinear_variance, mosaic
+from imaging.steered import interpolated
 
 TOE_OF_LIGHT, TOE_OF_NOISE = 1 / 16, 16.0
 """The code turns linear below this share of the median light, or this many times the least noise."""
@@ -45,7 +46,7 @@ _WINDOW, _NEAR = (5, 5), (3, 3)
 
 @dataclass(frozen=True, eq=False)
 class Demosaicked:
-    """rgb: float32 [H, W, 3], 0 where not known. known: bool [H, W, 3]. sigma: float32 [H, W, 3] or None.
+    """rgb: float32 [H, W, channels], 0 where not known. known: bool, sigma: float32 or None, of that shape.
 
     sigma holds the noise of the photosites and a standard error of the interpolation; infinite near a
     photosite whose own is, NaN where nothing is known. Neighbours share photosites, so their errors are
@@ -71,14 +72,15 @@ def demosaic(
     trusted = np.isfinite(image) if valid is None else valid & np.isfinite(image)
     rgb, known = bilinear(image, cfa, trusted)
     spread = None if sigma is None else bilinear_variance(np.square(sigma, dtype=np.float64), cfa, trusted)
-    if cfa.bayer and trusted.any():
-        filled = np.where(trusted, image, _stand_in(image, trusted)).astype(np.float32)
-        toe = _toe(filled, sigma)
+    if trusted.any() and not cfa.mono:
+        stand_in = _stand_in(image, trusted) if cfa.bayer else mosaic(rgb, cfa)
+        filled = np.where(trusted, image, stand_in).astype(np.float32)
+        toe = _toe(filled, sigma, cfa)
         near = cv2.dilate((~trusted).astype(np.uint8), np.ones((2 * REACH + 1,) * 2, np.uint8)) > 0
-        channels = cfa.channels(*image.shape)
+        channels, start = cfa.channels(*image.shape), None if cfa.bayer else rgb.copy()
         for top in range(0, image.shape[0], ROWS):
-            _strip(top, filled, sigma, toe, channels, near, rgb, spread)
-        for channel in range(3):
+            _strip(top, filled, sigma, toe, channels, near, rgb, spread, start, cfa.densest, cfa.cell)
+        for channel in range(len(cfa.letters)):
             # Beside a lamp red and blue may overshoot, which would set the scale of the scene.
             recorded = filled[trusted & (channels == channel)]
             if recorded.size:
@@ -97,26 +99,40 @@ def _strip(
     near: Bool,
     rgb: Float,
     spread: npt.NDArray[np.float64] | None,
+    start: Float | None,
+    densest: int,
+    cell: int,
 ) -> None:
-    """Put ROWS rows from `top` on into `rgb` and `spread` (variance), but where `near` says so."""
+    """Put ROWS rows from `top` on into `rgb` and `spread` (variance), but where `near` says so.
+
+    start: the channels by tents, of tables that are not Bayer's; densest: their channel with most photosites.
+    cell: of the table; so near a photosite without a value of its own nothing is measured.
+    """
     first = max(top - HALO, 0)
     seen, rows = slice(first, top + ROWS + HALO), slice(top, min(top + ROWS, len(light)))
     inner = slice(top - first, top - first + rows.stop - rows.start)
     own = channels[seen]
     code = np.arcsinh(light[seen] / np.float32(toe))
-    horizontal, disagreement, planes = _interpolated(code, own)
-    sites = np.arange(3) == own[inner][..., None]
+    sites = np.arange(rgb.shape[2]) == own[inner][..., None]
     put = ~(near[rows][..., None] | sites)
-    coded = np.stack(planes, axis=-1)[inner]
+    bound, noise = None, None
+    if sigma is not None:
+        bound = ~np.isfinite(sigma[seen])
+        slope = toe * np.sqrt(1 + np.square(np.sinh(code)))
+        noise = np.where(bound, 0, np.square(np.where(bound, 0, sigma[seen]) / slope)).astype(np.float32)
+    if start is None:
+        horizontal, disagreement, planes = _interpolated(code, own)
+        coded = np.stack(planes, axis=-1)
+        made: npt.NDArray[np.floating] | None
+        made = None if noise is None else _interpolated_variance(noise, own, horizontal, disagreement, planes)
+    else:
+        coded, made = interpolated(code, own, np.arcsinh(start[seen] / np.float32(toe)), densest, noise)
+    coded = coded[inner]
     rgb[rows][put] = (np.float32(toe) * np.sinh(coded))[put]
-    if spread is None or sigma is None:
+    if spread is None or made is None or bound is None:
         return
-    bound = ~np.isfinite(sigma[seen])
-    slope = toe * np.sqrt(1 + np.square(np.sinh(code)))
-    noise = np.where(bound, 0, np.square(np.where(bound, 0, sigma[seen]) / slope)).astype(np.float32)
-    variance = _interpolated_variance(noise, own, horizontal, disagreement, planes)[inner]
-    variance *= np.square(toe * np.cosh(coded))
-    reached = cv2.dilate(bound.astype(np.uint8), np.ones((3, 3), np.uint8))[inner] > 0
+    variance = made[inner].astype(np.float64) * np.square(toe * np.cosh(coded))
+    reached = cv2.dilate(bound.astype(np.uint8), np.ones((2 * cell - 1,) * 2, np.uint8))[inner] > 0
     variance[reached] = np.inf
     spread[rows][put] = variance[put]
 
@@ -216,12 +232,15 @@ def _shares() -> npt.NDArray[np.float64]:
     return table
 
 
-def _toe(light: Float, sigma: npt.NDArray[np.floating] | None) -> float:
+def _toe(light: Float, sigma: npt.NDArray[np.floating] | None, cfa: Cfa) -> float:
     """Where the code turns from linear to logarithmic, which it must not within the noise.
 
-    The least change between photosites of a colour stands in for noise that is not known.
+    The least change between photosites of a colour stands in for noise that is not known; only of Bayer is
+    that every other one.
     """
-    if sigma is None:
+    if sigma is None and not cfa.bayer:
+        least = 0.0
+    elif sigma is None:
         change = np.abs(_filtered(light, _CURVE)) / np.float32(np.sqrt(np.square(_CURVE).sum()))
         least = float(np.percentile(change, 25)) / QUARTER
     else:

@@ -10,6 +10,13 @@ from imaging.demosaic import demosaic
 from imaging.metrics import hdr_psnr_mu
 
 all_phases = pytest.mark.parametrize("cfa", BAYER)
+TABLES = (Cfa.X_TRANS, Cfa.QUAD_BAYER, Cfa.KODAK_RGBW)
+other_tables = pytest.mark.parametrize("cfa", TABLES)
+
+
+def seen_by(cfa: Cfa, light: np.ndarray) -> np.ndarray:
+    """What the channels of a table see of light [H, W, 3]; W half of the sum."""
+    return np.concatenate([light, light.sum(-1, keepdims=True) / 2], -1)[..., : len(cfa.letters)]
 
 
 def scene(height: int = 90, width: int = 121) -> np.ndarray:
@@ -160,3 +167,67 @@ def test_a_bound_makes_what_hangs_on_it_one() -> None:
     assert found.sigma is not None
     assert np.isinf(found.sigma[6, 7, 0])
     assert np.isfinite(found.sigma[9:, :]).all()
+
+
+@other_tables
+@pytest.mark.parametrize("shift", [(0, 0), (1, 2)])
+def test_other_tables_beat_bilinear_on_truth(cfa: Cfa, shift: tuple[int, int]) -> None:
+    cfa = cfa.cropped(*shift)
+    truth = seen_by(cfa, scene())
+    seen = mosaic(truth, cfa)
+    found, plain = demosaic(seen, cfa), bilinear(seen, cfa)[0]
+    ours, theirs = (hdr_psnr_mu(light, truth, truth.max()) for light in (found.rgb, plain))
+    assert ours > theirs + 3
+    assert np.array_equal(mosaic(found.rgb, cfa), seen.astype(np.float32))
+    for channel in range(len(cfa.letters)):
+        recorded = seen[cfa.channels(*seen.shape) == channel]
+        assert np.float32(recorded.min()) <= found.rgb[..., channel].min()
+        assert found.rgb[..., channel].max() <= np.float32(recorded.max())
+
+
+@other_tables
+def test_sigma_of_other_tables_is_the_error(cfa: Cfa) -> None:
+    truth = seen_by(cfa, scene(150, 200))
+    sigma = 0.01 * np.sqrt(mosaic(truth, cfa) + 0.01)
+    seen = mosaic(truth, cfa) + sigma * np.random.default_rng(4).standard_normal(sigma.shape)
+    found = demosaic(seen, cfa, sigma=sigma)
+    assert found.sigma is not None
+    assert np.array_equal(mosaic(found.sigma, cfa), sigma.astype(np.float32))
+    share = (found.rgb - truth) / found.sigma
+    for channel in range(len(cfa.letters)):
+        errors = share[..., channel][cfa.channels(*sigma.shape) != channel]
+        assert 0.85 < np.mean(np.abs(errors) < 2) < 0.99
+        assert 0.5 < np.median(errors**2) / 0.455 < 1.5
+
+
+@other_tables
+def test_what_has_no_value_spreads_into_no_other_table(cfa: Cfa) -> None:
+    truth = seen_by(cfa, scene())
+    seen = mosaic(truth, cfa)
+    valid = np.random.default_rng(3).random(seen.shape) > 0.01
+    found, plain = demosaic(np.where(valid, seen, 1e3), cfa, valid), bilinear(seen, cfa, valid)
+    assert np.array_equal(found.known, plain[1])
+    ours, theirs = (
+        hdr_psnr_mu(np.where(found.known, light, truth), truth, truth.max())
+        for light in (found.rgb, plain[0])
+    )
+    assert ours > theirs + 2
+
+
+def test_mono_is_its_own_picture() -> None:
+    light, sigma = scene()[..., 1], np.full((90, 121), 0.1)
+    found = demosaic(light, Cfa.MONO, sigma=sigma)
+    assert np.array_equal(found.rgb[..., 0], light.astype(np.float32))
+    assert found.sigma is not None
+    assert np.array_equal(found.sigma[..., 0], sigma.astype(np.float32))
+
+
+def test_strips_of_another_table_are_seamless() -> None:
+    light, sigma = mosaic(scene(), Cfa.X_TRANS), np.full((90, 121), 1e-3)
+    whole = demosaic(light, Cfa.X_TRANS, sigma=sigma)
+    with mock.patch("imaging.demosaic.ROWS", 32):
+        parts = demosaic(light, Cfa.X_TRANS, sigma=sigma)
+    assert whole.sigma is not None
+    assert parts.sigma is not None
+    np.testing.assert_allclose(parts.rgb, whole.rgb, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(parts.sigma, whole.sigma, rtol=1e-2)
