@@ -26,6 +26,7 @@ from imaging.session.calibration import (
     Response,
     ViewCalibration,
 )
+from imaging.session.luminance import LuminanceReading
 from imaging.session.records import CameraRecord, Rung
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
@@ -40,6 +41,8 @@ class Evidence:
     sensors: Mapping[str, CameraSensor]
     light: Radiometry
     charts: Charts
+    readings: Sequence[LuminanceReading] | None = None
+    """Of luminance; None: those of the calibration that there is."""
     board: MeasuredBoard | None = None
 
     @property

@@ -13,7 +13,9 @@ from calib.data.views import View, scene_views
 from calib.exports.output import write_calibration
 from calib.light import radiometry
 from calib.light.radiometry import LIGHT_RUNGS, light_of
-from calib.place_views import with_poses
+from calib.luminance.area import require_places
+from calib.luminance.measure import RUNG
+from calib.place_views import with_luminance, with_poses
 from calib.sensor import metadata
 from calib.sensor.measure import MeasuredSensor, measure_sensors
 from calib.sensor.metadata import CameraSensor
@@ -22,10 +24,11 @@ from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import COLOUR, CalibrationRecord, is_stale, read_calibration
+from imaging.session.luminance import LuminanceReading
 from imaging.session.records import Board, ShotRecord
 from imaging.session.session import Session
 
-Part = Literal["sensor", "response", "colour", "poses"]
+Part = Literal["sensor", "response", "colour", "poses", "luminance"]
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,7 @@ _PARTS: dict[Part, _Measures] = {
         fields=("camera_from_rec709", "chart"),
         rungs=frozenset({COLOUR, *CHART_RUNGS}),
     ),
+    "luminance": _Measures(scene="always"),
     "poses": _Measures(sensors=True, poses=True, scene="without a board"),
 }
 _STATED = ("noise", "camera_from_rec709")
@@ -68,26 +72,29 @@ def calibrate(
     only: Part | None = None,
     board: Board | None = None,
     chart: bool = False,
+    luminance: Sequence[LuminanceReading] | None = None,
     progress: Progress = unreported,
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder; returns what was written.
 
     only: redo this part and keep the rest of the calibration that is there; all but 'poses' need no
     poses. board: what the session's shots of a board show, where it does not say so itself. chart: search
-    the views for a colour chart, and measure colours by it. The folder is replaced as a whole or not at
-    all. Views without a pose are listed in the record.
+    the views for a colour chart, and measure colours by it. luminance: readings of meters and lamps, which
+    make the light absolute; None: those of the calibration that is there, (): none. The folder is replaced as
+    a whole or not at all. Views without a pose are listed in the record.
 
     Errors: CalibrationError when no view can be placed and nothing else was learnt, or when an earlier
-    calibration has poses, which then stays; PartialError when the board or the poses had to be left out of
-    what is written; InputError for a damaged session; StorageError.
+    calibration has poses, which then stays; PartialError when the board, the poses or the readings had
+    to be left out of what is written; InputError for a damaged session; StorageError.
     """
     measures = _ALL if only is None else _PARTS[only]
     opened = Session.open(session)
     store.require_writable(_folder(opened))
     if chart and not measures.chart:
         raise InputError(f"a chart tells of colour, not of {only}: leave --chart or --only {only} out.")
+    require_places(opened, luminance or ())
     earlier = None if only is None else _earlier(opened)
-    evidence = _evidence(opened, measures, earlier, progress)
+    evidence = replace(_evidence(opened, measures, earlier, progress), readings=luminance)
     if chart:
         charts = measure_charts(opened, evidence.views, evidence.sensors, evidence.light, earlier, progress)
         evidence = replace(evidence, charts=charts, sensors=charts.applied(evidence.sensors))
@@ -95,7 +102,13 @@ def calibrate(
         record = _with_part(evidence, measures, earlier)
         if only == "colour" and earlier is not None:
             record = rebalanced(record)
+        record = with_luminance(record, evidence)
+        missing = _missing_luminance(record, luminance)
+        if missing and only == "luminance":
+            raise CalibrationError(f"{session}: {missing}.")
         store.write_json(_folder(opened) / "calibration.json", record.model_dump(mode="json"))
+        if missing:
+            raise PartialError(f"{session}: {only} is calibrated, and the light has no scale: {missing}.")
         return record
     evidence, refused = _with_board(evidence, board, progress)
     if evidence.views:
@@ -103,11 +116,20 @@ def calibrate(
     elif evidence.board is None and not evidence.has_sensor_frames:
         raise CalibrationError(refused)
     else:
-        record = assemble(evidence)
+        record = with_luminance(assemble(evidence), evidence)
         write_calibration(opened, record, (), None, progress)
     if refused:
         raise PartialError(f"{session}: the board was left out, and the rest is calibrated: {refused}")
+    if missing := _missing_luminance(record, luminance):
+        raise PartialError(f"{session}: all is calibrated but the scale of light: {missing}.")
     return record
+
+
+def _missing_luminance(record: CalibrationRecord, readings: Sequence[LuminanceReading] | None) -> str:
+    """Why readings that were given gave no scale; empty if they did, or if none were given."""
+    if not readings or record.luminance is not None:
+        return ""
+    return next(rung.reason for rung in record.rungs if rung.name == RUNG)
 
 
 def _folder(session: Session) -> Path:

@@ -7,6 +7,7 @@ from calib.colour.recorded import balance, with_balance
 from calib.exports import pictures
 from calib.exports.output import write_calibration
 from calib.light import tracks, vignetting
+from calib.luminance.measure import scaled
 from calib.poses import sfm
 from calib.poses.known_rig import KnownRig
 from calib.poses.rig_placement import place_by_rig
@@ -35,7 +36,7 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
         measured = _measured_without_poses(evidence)
         if not measured or _has_poses(session):
             raise CalibrationError(f"{session.folder}: {cause}") from error
-        write_calibration(session, assemble(evidence), (), None, progress)
+        write_calibration(session, with_luminance(assemble(evidence), evidence), (), None, progress)
         also = f" The board was left out: {board_refused}" if board_refused else ""
         raise PartialError(f"{session.folder}: {measured}, but no view has a pose: {cause}{also}") from error
     rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
@@ -51,9 +52,20 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
     colours = {view: summary.colour for view, summary in summaries.items()}
     white = balance(model, colours, evidence.sensors, falloff, list(evidence.charts.evidence))
     record = with_balance(assemble(evidence, Placement(model, falloff, by_rig)), white)
+    record = with_luminance(record, evidence)
     factor = pictures.exposure(brightness)
     write_calibration(session, record, _pictures(evidence, record, summaries, factor), model, progress)
     return record
+
+
+def with_luminance(record: CalibrationRecord, evidence: Evidence) -> CalibrationRecord:
+    """The record with the scale of its light, by the readings of the evidence, else by those of the
+    calibration that there is.
+    """
+    earlier = None
+    if evidence.readings is None and (evidence.session.folder / "calibration" / "calibration.json").exists():
+        earlier = read_calibration(evidence.session.folder).luminance
+    return scaled(evidence.session, record, evidence.readings, earlier)
 
 
 def _summaries(evidence: Evidence, progress: Progress) -> dict[ViewId, ViewSummary]:

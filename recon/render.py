@@ -9,7 +9,7 @@ import numpy as np
 
 from imaging.colour import SPACE_PRIMARIES, Space, space_from_rec709
 from imaging.files import store
-from imaging.files.exr import write_exr
+from imaging.files.exr import white_luminance, write_exr
 from imaging.files.photo import encode_png
 from imaging.progress import Progress, unreported
 from recon.result.display import displayed
@@ -88,7 +88,9 @@ def stem(view: Named) -> str:
 
 def attributes(record: ModelRecord, view: Named) -> dict[str, str | float]:
     """What the header of an EXR says of its values."""
+    absolute = {} if record.luminance is None else white_luminance(*record.luminance)
     return {
+        **absolute,
         "rig:view": view.name,
         "rig:values": f"linear radiance {record.radiance}",
         "rig:exposure": record.exposure,

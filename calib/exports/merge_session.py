@@ -3,10 +3,13 @@
     OUT/<frame>/<camera>.exr    R, G, B; sigma.R, sigma.G, sigma.B; mask
 
 Light is in one unit for the whole rig and session: signal (1 = white) per second of exposure scale, with the
-gains and the vignetting of the calibration divided out. sigma is of the noise, for RAW of the interpolation
-of missing colours too, and for photographs of the standard error of their response. It is infinite where the
-light is a bound or interpolated from one, so that 1 / sigma^2 weighs it rightly. The header says all that is
-needed to read it.
+gains and the vignetting of the calibration divided out. Values are light times one factor for the whole
+session, whatever part of it is merged, so that its median opens as middle grey; header and merge.json state
+it, and `light = value / factor`. Where the calibration has a scale of luminance, the header has OpenEXR's
+whiteLuminance, cd/m2 of the value (1, 1, 1). sigma is of the noise, for RAW of the interpolation of missing
+colours too, and for photographs of the standard error of their response. It is infinite where the light is a
+bound or interpolated from one, so that 1 / sigma^2 weighs it rightly. The header says all that is needed to
+read it.
 
 What a mask hides in one exposure is left out of the merge where another exposure shows the place. What is
 hidden in all of them is merged as if it were not, and flagged: it is light, and nobody can fill a hole again.
@@ -15,24 +18,25 @@ hidden in all of them is merged as if it were not, and flagged: it is light, and
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from calib.exports.merge_warnings import warnings_of
+from calib.exports.middle_grey import exposure_factor
 from imaging.colour import SPACE_NAMES, SPACE_PRIMARIES, Space
 from imaging.dial_settings import meant
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.exr import read_exr_header, write_exr
+from imaging.files.exr import read_exr_header, white_luminance, write_exr
 from imaging.merge import alignment
 from imaging.merge.curve_error import with_curve_error
 from imaging.merge.ghosts import TOLERANCE, without_ghosts
 from imaging.merge.linear_frame import Bool, LinearFrame, read_linear
 from imaging.merge.masks import mask_of, without
 from imaging.merge.picture import BITS, CLIPPED, DARK, GHOST, HIDDEN, picture_of
-from imaging.merge.ratios import overlap, ratio
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import (
     CalibrationRecord,
@@ -45,14 +49,16 @@ from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 from imaging.session.view_id import ViewId
 
-VERSION = 4
+VERSION = 5
 """Of what is written; another number makes every file anew."""
-UNIT = "signal (1 = white) per second of exposure scale k = time * ISO/100 / f-number^2, relative"
+UNIT = (
+    "light times rig:exposureFactor; light is signal (1 = white) per second of exposure scale "
+    "k = time * ISO/100 / f-number^2"
+)
+SUMMARY = "merge.json"
 SIGMA = "standard deviation; infinite (no weight) where a bound has a say, NaN where there is no number"
 PAIR = 0.954
 """Median difference of two exposures over the standard deviation of one: 0.6745 times the root of two."""
-WRONG = 0.03
-"""Disagreement, natural log, of overlapping exposures with their labels that is worth telling."""
 
 
 @dataclass(frozen=True)
@@ -84,20 +90,23 @@ def merge_session(
     frame: int | None = None,
     camera: str | None = None,
     space: Space = "rec709",
+    factor: float | None = None,
     progress: Progress = unreported,
 ) -> list[MergedView]:
     """Merge the brackets of the scene (of one frame, of one camera) into EXR files under `out`.
 
     calibration: exposures, responses, gains and colour; None: labels are taken as they are, photographs as
-    sRGB. space: the primaries of what is written. Files that are there and were made from the same are
+    sRGB. space: the primaries of what is written. factor: on the light; None: what shows the median of the
+    session as middle grey; 1: values are light. Files that are there and were made from the same are
     kept. InputError when there is no such bracket, a file is missing or damaged, exposures of a bracket
     are not known, or the colour of a camera is not known and a space other than Rec.709 is asked for.
     """
     session, out = Path(session), Path(out)
     opened = Session.open(session)
+    every = brackets(opened.shots("scene"))
     groups = {
         view: shots
-        for view, shots in brackets(opened.shots("scene")).items()
+        for view, shots in every.items()
         if frame in (None, view.frame) and camera in (None, view.camera)
     }
     if not groups:
@@ -108,13 +117,33 @@ def merge_session(
         )
         raise InputError(f"{session} has no shot of the scene{wanted}: name one that `rig check` lists.")
     store.require_writable(out)
+    if factor is None:
+        factor = exposure_factor(opened, _exposed(opened, every, calibration), calibration, progress)
     found = []
     for done, (view, shots) in enumerate(groups.items()):
         progress("merging", done, len(groups))
         own = None if calibration is None else calibration.camera(view.camera)
         scales = None if calibration is None else calibration.exposure_scale
-        found.append(_merge_view(opened, out, view, shots, own, scales, space))
+        scale = None if calibration is None else calibration.luminance
+        absolute = (scale.value, scale.error) if scale and view.camera in scale.cameras else None
+        found.append(_merge_view(opened, out, view, shots, own, scales, space, factor, absolute))
     progress("merging", len(groups), len(groups))
+    store.write_json(out / SUMMARY, {"schema_version": 1, "units": UNIT, "exposure_factor": factor})
+    return found
+
+
+def _exposed(
+    session: Session, groups: Mapping[ViewId, Sequence[ShotRecord]], calibration: CalibrationRecord | None
+) -> dict[ViewId, list[tuple[ShotRecord, float, Response]]]:
+    """Brackets with the exposure scale and the response of each shot."""
+    scales = None if calibration is None else calibration.exposure_scale
+    found = {}
+    for view, shots in groups.items():
+        kind = session.camera(view.camera).kind
+        own = assumed_response(kind) if calibration is None else calibration.camera(view.camera).response
+        with suppress(InputError):  # what has no exposure tells no light, and is refused where it is merged
+            k = _scales(session, shots, scales)
+            found[view] = [(shot, scale, own) for shot, scale in zip(shots, k, strict=True)]
     return found
 
 
@@ -126,7 +155,10 @@ def _merge_view(
     camera: CameraCalibration | None,
     scales: Mapping[str, float] | None,
     space: Space,
+    factor: float,
+    absolute: tuple[float, float] | None,
 ) -> MergedView:
+    """Merge a bracket; absolute: cd/m2 of light of 1, and its standard error, where they are known."""
     kind = session.camera(view.camera).kind
     if kind == "raw" and space != "rec709" and (camera is None or camera.camera_from_rec709 is None):
         raise InputError(
@@ -136,7 +168,7 @@ def _merge_view(
     k = _scales(session, shots, scales)
     response = camera.response if camera is not None else assumed_response(kind)
     path = out / f"{view}.exr"
-    key = _key(session, shots, k, response, camera, space)
+    key = _key(session, shots, k, response, camera, [space, factor, absolute])
     told = _kept(path, key)
     if told is not None:
         clipped, dark, ghost, hidden, shift, said = told
@@ -160,11 +192,12 @@ def _merge_view(
     clipped, dark, ghost = (float(np.mean(seen & bit > 0)) for bit in (CLIPPED, DARK, GHOST))
     hidden = 0.0 if behind is None else float(behind.mean())
     shares = (clipped, dark, ghost)
-    warnings = _warnings(told_by, shares, shift, check_labels=scales is None)
+    warnings = warnings_of(told_by, shares, shift, check_labels=scales is None)
     attributes: dict[str, str | float] = {
         "rig:key": key,
         "rig:view": str(view),
         "rig:units": UNIT,
+        "rig:exposureFactor": factor,
         "rig:mask": BITS,
         "rig:exposures": "labels" if scales is None else "calibration",
         "rig:k": json.dumps(sorted(k)),
@@ -174,9 +207,13 @@ def _merge_view(
         "rig:colour": SPACE_NAMES[space] if picture.known_colour else "camera RGB",
         "rig:result": json.dumps([*shares, hidden, shift, warnings]),
     }
-    channels = {letter: picture.light[..., index] for index, letter in enumerate("RGB")}
+    if absolute is not None and picture.known_colour:
+        attributes |= white_luminance(absolute[0] / factor, absolute[1] / factor)
+    exposed = np.float32(factor)
+    channels = {letter: exposed * picture.light[..., index] for index, letter in enumerate("RGB")}
     if picture.sigma is not None:
-        channels |= {f"sigma.{letter}": picture.sigma[..., index] for index, letter in enumerate("RGB")}
+        sigmas = exposed * picture.sigma
+        channels |= {f"sigma.{letter}": sigmas[..., index] for index, letter in enumerate("RGB")}
     flags = picture.mask if behind is None else picture.mask | (HIDDEN * behind)
     channels["mask"] = flags.astype(np.float32)
     primaries = SPACE_PRIMARIES[space] if picture.known_colour else None
@@ -235,12 +272,12 @@ def _key(
     k: Sequence[float],
     response: Response,
     camera: CameraCalibration | None,
-    space: Space,
+    asked: Sequence[object],
 ) -> str:
-    """Digest of all that a file is made from."""
+    """Digest of all that a file is made from; asked: space, factor and scale."""
     parts: list[object] = [
         VERSION,
-        space,
+        asked,
         [[shot.sha256, scale] for shot, scale in zip(shots, k, strict=True)],
     ]
     parts.append(response.model_dump(mode="json"))
@@ -261,39 +298,6 @@ def _kept(path: Path, key: str) -> tuple[float, float, float, float, float | Non
     except (InputError, KeyError, ValueError):
         return None
     return (clipped, dark, ghost, hidden, shift, said) if attributes.get("rig:key") == key else None
-
-
-def _warnings(
-    frames: Sequence[LinearFrame], shares: Sequence[float], shift: float | None, *, check_labels: bool
-) -> tuple[str, ...]:
-    """What a user should do otherwise next time."""
-    clipped, dark, ghost = shares
-    said = []
-    if clipped > 0.5:
-        said.append(f"{100 * clipped:.0f} % of it is saturated in every exposure: take shorter ones")
-    if dark > 0.5:
-        said.append(f"{100 * dark:.0f} % of it is black in every exposure: take longer ones")
-    if shift is not None and shift > alignment.SHAKEN:
-        said.append(f"the camera moved by {shift:.1f} px between exposures: fix it to a tripod")
-    if ghost > 0.2:
-        said.append(f"its exposures disagree over {100 * ghost:.0f} % of it: keep the scene still")
-    wrong = _mislabelled(frames) if check_labels else None
-    if wrong is not None and wrong > WRONG:
-        said.append(
-            f"its exposures are off their labels by {100 * np.expm1(wrong):.0f} %: run `rig calibrate` first"
-        )
-    return tuple(said)
-
-
-def _mislabelled(frames: Sequence[LinearFrame]) -> float | None:
-    """Largest disagreement of neighbouring exposures with their labels, natural log; None: no overlap."""
-    ordered = sorted(frames, key=lambda frame: frame.k)
-    found = []
-    for shorter, longer in pairwise(ordered):
-        edge = ratio([overlap(longer, shorter)])
-        if edge is not None:
-            found.append(abs(edge.log - float(np.log(longer.k / shorter.k))))
-    return max(found, default=None)
 
 
 def read_session_calibration(session: Path) -> CalibrationRecord | None:

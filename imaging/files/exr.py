@@ -127,6 +127,13 @@ def write_exr(
             raise OSError(errno.EIO, str(error).rstrip(".").rpartition(". ")[2]) from error
 
 
+def white_luminance(value: float, error: float) -> dict[str, float]:
+    """Attributes of an EXR whose scale of light is known: OpenEXR's `whiteLuminance`, cd/m2 of RGB (1, 1, 1),
+    and its standard error.
+    """
+    return {"whiteLuminance": value, "rig:whiteLuminanceError": error}
+
+
 def read_exr(path: str | Path) -> ExrImage:
     """The first part of an EXR file; InputError if it is none, is damaged, deep or subsampled.
 

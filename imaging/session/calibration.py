@@ -18,6 +18,7 @@ from imaging.noise import SensorNoise
 from imaging.pose import Pose
 from imaging.record import Record, parse
 from imaging.sensor import SensorCalibration
+from imaging.session.luminance import LuminanceScale
 from imaging.session.records import Board, Name, Rung
 from imaging.session.view_id import ViewId, ViewText
 
@@ -200,6 +201,8 @@ class CalibrationRecord(Record):
     """Mean over observations."""
     exposure_scale: dict[str, float]
     """Exposure scale k of each shot's file, s; estimated from overlaps where they allow it."""
+    luminance: LuminanceScale | None = None
+    """What the light is in cd/m2; None: it is relative."""
     rungs: tuple[Rung, ...] = ()
 
     @property

@@ -106,6 +106,10 @@ class ModelRecord(Record):
     """None: scene units times `normaliser` are linear radiance."""
     radiance: str
     """What the radiance is relative to: the gauge."""
+    luminance: tuple[float, float] | None = None
+    """cd/m2 of linear radiance (1, 1, 1), and its standard error; None: the calibration has no scale, or not
+    for all cameras, or training did not keep to the unit of the calibration (a learned curve, display
+    values)."""
     world: WorldTransform
     """Where the scene lies in the world of the calibration: `views` are in the world, the checkpoint
     is in the scene's coordinates."""

@@ -16,7 +16,7 @@ from recon.data.dataset import Dataset, View, photographs_sha256
 from recon.decide.prediction import ENOUGH, Prediction, enough
 from recon.decide.presets import QUALITIES
 from recon.decide.settings import Settings
-from recon.observe.photographs import Display
+from recon.observe.photographs import Display, ToneCurve
 from recon.observe.refinement import Refinement
 from recon.result.display import exposure_of
 from recon.result.environment_files import write_environment
@@ -55,7 +55,8 @@ def write_scene(
     corrected = as_corrected(dataset, training.refinement)
     exposure, degree = exposure_of(training, corrected.views), training.method.degree(1.0)
     write_environment(folder, training, gauge)
-    display_db = write_splats(folder, corrected, training, exposure, gauge, progress)
+    luminance = _luminance(dataset, training)
+    display_db = write_splats(folder, corrected, training, exposure, gauge, luminance, progress)
     if training.refinement is not None and training.refinement.parameters:
         store.write_json(folder / REFINEMENT, training.refinement.facts())
     why = () if training.refinement is None else training.refinement.described_rungs()
@@ -78,6 +79,7 @@ def write_scene(
         if isinstance(observation, Display)
         else None,
         radiance=f"relative to {gauge}",
+        luminance=luminance,
         world=dataset.world,
         offset=offset_of(dataset),
         exposure=exposure,
@@ -97,6 +99,15 @@ def write_scene(
         rungs=(*ladder, *why, *_early_stop(training, settings)),
     )
     store.write_json(folder / MODEL, record.model_dump(mode="json"))
+
+
+def _luminance(dataset: Dataset, training: Training) -> tuple[float, float] | None:
+    """What the light of the scene is in cd/m2, if its unit is that of a calibration that knows."""
+    scale, observation = dataset.calibration.luminance, training.method.observation
+    drifts = isinstance(observation, Display) or (isinstance(observation, ToneCurve) and observation.learned)
+    if scale is None or drifts or not {view.camera for view in dataset.views} <= set(scale.cameras):
+        return None
+    return scale.value, scale.error
 
 
 def as_corrected(dataset: Dataset, refinement: Refinement | None) -> Dataset:

@@ -49,6 +49,19 @@ class Scene:
         """Factor on `radiance` that shows the median of the views as middle grey, 0.18."""
         return self.record.exposure
 
+    @property
+    def luminance_scale(self) -> float | None:
+        """cd/m2 of `radiance` (1, 1, 1): its luminance 0.2126 R + 0.7152 G + 0.0722 B times this is absolute.
+
+        None where the light is relative: no reading (`rig calibrate --luminance`) says what it is.
+        """
+        return None if self.record.luminance is None else self.record.luminance[0]
+
+    @property
+    def luminance_error(self) -> float | None:
+        """Standard error of `luminance_scale`, cd/m2."""
+        return None if self.record.luminance is None else self.record.luminance[1]
+
     def view(self, name: str) -> SceneView:
         """The view of that name, `frame/camera`; ReconstructionError if there is none."""
         for view in self.views:

@@ -22,13 +22,20 @@ def offset_of(dataset: Dataset) -> Vector:
 
 
 def write_splats(
-    folder: Path, dataset: Dataset, training: Training, exposure: float, gauge: str, progress: Progress
+    folder: Path,
+    dataset: Dataset,
+    training: Training,
+    exposure: float,
+    gauge: str,
+    luminance: tuple[float, float] | None,
+    progress: Progress,
 ) -> float | None:
     """splats.ply, of display values, and radiance.ply, of linear Rec.709 radiance in scene units.
 
-    exposure: factor on radiance in the units of the calibration, `gauge`, before it is encoded. Returns the
-    PSNR of splats.ply (`DisplayColours.db`); None of a scene that was trained on display values, which has
-    that file alone, with just the coefficients that were trained.
+    exposure: factor on radiance in the units of the calibration, `gauge`, before it is encoded. luminance:
+    what that is in cd/m2, with its standard error, if it is known. Returns the PSNR of splats.ply
+    (`DisplayColours.db`); None of a scene that was trained on display values, which has that file alone, with
+    just the coefficients that were trained.
     """
     method, light = training.method, training.light
     degree, offset = method.degree(1.0), offset_of(dataset)
@@ -49,7 +56,13 @@ def write_splats(
         store.discard(folder / RADIANCE)
         return None
     note = f"linear Rec.709 radiance over {light.normaliser:.6g} ({gauge}); not clipped, not tone-mapped"
-    write_ply(folder / RADIANCE, gaussians, harmonics, [note, *place], dataset.world, offset)
+    absolute = []
+    if luminance is not None:
+        value, error = (light.normaliser * part for part in luminance)
+        absolute = [
+            f"whiteLuminance {value:.6g}: cd/m2 of (1, 1, 1) in this file, standard error {error:.3g}"
+        ]
+    write_ply(folder / RADIANCE, gaussians, harmonics, [note, *absolute, *place], dataset.world, offset)
     shown = display_colours(
         training.gaussians,
         drawn,

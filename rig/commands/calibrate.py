@@ -1,6 +1,6 @@
 """`rig calibrate`: cameras, lenses and poses of a session."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -9,6 +9,7 @@ import typer
 
 from imaging.errors import PartialError
 from rig.commands.board import EXAMPLE, BoardText, board_text
+from rig.commands.luminance import HELP, ReadingText, reading_text, readings_of
 from rig.commands.options import JsonOption, SessionArgument
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, removed_on_failure, running
@@ -16,10 +17,11 @@ from rig.terminal.text import command_line, counted, number
 
 if TYPE_CHECKING:
     from imaging.session.calibration import CalibrationRecord
+    from imaging.session.luminance import LuminanceReading
     from imaging.session.records import Board
     from imaging.session.view_id import ViewId
 
-Part = Literal["sensor", "response", "colour", "poses"]
+Part = Literal["sensor", "response", "colour", "poses", "luminance"]
 
 
 def calibrate(
@@ -38,18 +40,23 @@ def calibrate(
     chart: Annotated[
         bool, typer.Option("--chart", help="Measure colours by a ColorChecker that some views show.")
     ] = False,
+    luminance: Annotated[
+        list[ReadingText] | None, typer.Option(parser=reading_text, metavar="READING", help=HELP)
+    ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Calibrate cameras, lenses and poses.
 
     Poses, lenses, exposure ratios, response and vignetting come from the pictures themselves; the sensor
     from darks and flats, lenses, rig and scale from a board, where the session has them.
+    Light is relative until --luminance says what it is in cd/m2; readings stay for later runs.
     Writes SESSION/calibration with a COLMAP model and report.html.
 
     Example: rig calibrate S
     """
     with running("calibrate") as status:
-        return run_calibrate(session, status, only, board.board() if board else None, chart)
+        described = board.board() if board else None
+        return run_calibrate(session, status, only, described, chart, readings_of(luminance))
 
 
 def run_calibrate(
@@ -58,6 +65,7 @@ def run_calibrate(
     only: Part | None = None,
     board: "Board | None" = None,
     chart: bool = False,
+    luminance: "Sequence[LuminanceReading] | None" = None,
 ) -> CommandResult:
     """Calibrate, write the report and say what came of it."""
     folder = session / "calibration"
@@ -66,7 +74,9 @@ def run_calibrate(
         from rig.report.pages.calibration import calibration_report
 
         try:
-            record = calibrate_session(session, only=only, board=board, chart=chart, progress=status)
+            record = calibrate_session(
+                session, only=only, board=board, chart=chart, luminance=luminance, progress=status
+            )
         except PartialError:
             # What was measured has its page too; the error says what is missing.
             calibration_report(session, status)
@@ -116,11 +126,13 @@ def _cameras_result(session: Path, record: "CalibrationRecord") -> CommandResult
     data = {
         "session": str(session),
         "responses": responses,
+        "luminance": _luminance_figures(record),
         "sensors": sensors,
         "charts": _chart_figures(record),
         "report": str(report),
     }
-    return CommandResult(data, [*lines, *_chart_lines(session, record), f"Report: {report}"])
+    lines += [*_chart_lines(session, record), *_luminance_lines(session, record)]
+    return CommandResult(data, [*lines, f"Report: {report}"])
 
 
 def _chart_lines(session: Path, record: "CalibrationRecord") -> list[str]:
@@ -130,6 +142,26 @@ def _chart_lines(session: Path, record: "CalibrationRecord") -> list[str]:
         f"patches {number(chart['delta_e_mean'])} in the mean, {number(chart['delta_e_max'])} at most"
         for name, chart in _chart_figures(record).items()
     ]
+
+
+def _luminance_lines(session: Path, record: "CalibrationRecord") -> Iterator[str]:
+    """The scale of light and its readings; why one of an earlier run is lost."""
+    scale = record.luminance
+    if scale is None:
+        for rung in record.rungs:
+            if rung.name == "luminance":
+                yield f"{session}: the light has no scale in cd/m2 any more: {rung.reason}"
+        return
+    yield f"{session}: light of 1 is {scale}, for {', '.join(scale.cameras)}"
+    if len(scale.readings) > 1:
+        for one in scale.readings:
+            percent = f"{100 * one.residual:+.2g}".replace("-", "−")
+            yield f"{session}: {one.reading}: {number(one.luminance)} cd/m², {percent} % off that scale"
+
+
+def _luminance_figures(record: "CalibrationRecord") -> dict[str, Any] | None:
+    """The scale of light; None: it is relative."""
+    return None if record.luminance is None else record.luminance.model_dump(mode="json")
 
 
 def _chart_figures(record: "CalibrationRecord") -> dict[str, dict[str, Any]]:
@@ -173,6 +205,7 @@ def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
         *[f"{session}: {view} {_why_unplaced(record, view)}: its pose is the rig's" for view in by_rig],
         *[f"{session}: {doubt}" for doubt in record.doubts],
         *_chart_lines(session, record),
+        *_luminance_lines(session, record),
         f"Report: {report}",
         f"Next: {command_line('rig', 'reconstruct', session)}",
     ]
@@ -186,6 +219,7 @@ def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
         "doubts": list(record.doubts),
         "points": record.points,
         "reprojection_px": record.reprojection_px,
+        "luminance": _luminance_figures(record),
         "charts": _chart_figures(record),
         "report": str(report),
     }

@@ -1,5 +1,6 @@
 """`rig merge`: brackets as linear EXR files."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -7,7 +8,7 @@ import typer
 
 from rig.commands.options import JsonOption, SessionArgument, SpaceOption
 from rig.terminal.result import CommandResult, removed_on_failure, running
-from rig.terminal.text import command_line, counted
+from rig.terminal.text import command_line, counted, number
 
 if TYPE_CHECKING:
     from calib.exports.merge_session import MergedView
@@ -20,14 +21,27 @@ def merge(
     frame: Annotated[int | None, typer.Option(min=0, help="Only this frame.")] = None,
     camera: Annotated[str | None, typer.Option(metavar="NAME", help="Only this camera.")] = None,
     space: SpaceOption = "rec709",
+    exposure: Annotated[
+        float | None,
+        typer.Option(
+            metavar="STOPS",
+            min=-60,
+            max=60,
+            help="Values are the light times 2^STOPS, 0 for the light itself. If it is not given, the median "
+            "of the whole session is middle grey, to the nearest stop.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Merge brackets to linear EXR files.
 
-    Writes OUT/FRAME/CAMERA.exr with light, its standard deviation and a mask. All files share one scale.
-    Exposures and response are those of rig calibrate where it was run, else labels and sRGB. What a mask of
-    the session hides in one exposure is taken from the others; what it hides in all of them keeps its light,
-    and 16 in the mask. RAW of a camera without calibrated colour stays camera RGB.
+    Writes OUT/FRAME/CAMERA.exr with light, its standard deviation and a mask. All files of a session share
+    one scale, whatever camera, exposures and part of it: light times one factor, by which its median opens as
+    middle grey. Headers (rig:exposureFactor) and OUT/merge.json state the factor, and light = value / factor;
+    where rig calibrate --luminance was run, whiteLuminance in the header makes values absolute. Exposures and
+    response are those of rig calibrate where it was run, else labels and sRGB. What a mask of the session
+    hides in one exposure is taken from the others; what it hides in all of them keeps its light, and 16 in
+    the mask. RAW of a camera without calibrated colour stays camera RGB.
 
     Example: rig merge S merged/ --frame 0
     """
@@ -35,16 +49,26 @@ def merge(
         running("merge") as status,
         removed_on_failure(out, unless=lambda path: any(path.rglob("*.exr"))),
     ):
-        from calib.exports.merge_session import merge_session, read_session_calibration
+        from calib.exports.merge_session import SUMMARY, merge_session, read_session_calibration
         from imaging.colour import SPACE_NAMES
+        from imaging.files.store import read_json
 
         calibration = read_session_calibration(session)
         merged = merge_session(
-            session, out, calibration, frame=frame, camera=camera, space=space, progress=status
+            session,
+            out,
+            calibration,
+            frame=frame,
+            camera=camera,
+            space=space,
+            factor=None if exposure is None else 2.0**exposure,
+            progress=status,
         )
+        factor = float(read_json(out / SUMMARY)["exposure_factor"])
     kept = sum(picture.kept for picture in merged)
     source = "labels (there is no calibration)" if calibration is None else "the calibration"
     lines = [f"{out}: {counted(len(merged), 'merged picture')}, exposures from {source}"]
+    lines.append(_scale_line(factor, calibration, middle_grey=exposure is None))
     if kept:
         lines.append(f"{counted(kept, 'file')} of an earlier run kept")
     lines += [f"{picture.file}: {warning}" for picture in merged for warning in picture.warnings]
@@ -63,10 +87,24 @@ def merge(
         "session": str(session),
         "exposures": "labels" if calibration is None else "calibration",
         "space": space,
+        "exposure_factor": factor,
         "camera_rgb": uncoloured,
         "files": [_picture_data(picture) for picture in merged],
     }
     return CommandResult(data, lines, _missing(session, merged), usable=True)
+
+
+def _scale_line(factor: float, calibration: "CalibrationRecord | None", *, middle_grey: bool) -> str:
+    """What a value in the files is."""
+    stops = f"{math.log2(factor):+g}".replace("-", "−")
+    why = ", which shows the median of the session as middle grey, to the nearest stop" if middle_grey else ""
+    values = f"Values are light times {number(factor)} ({stops} stops){why}"
+    if calibration is None or calibration.luminance is None:
+        return values
+    scale = calibration.luminance
+    return (
+        f"{values}; a value of 1 is {number(scale.value / factor)} ± {number(scale.error / factor, 2)} cd/m²"
+    )
 
 
 def _camera_rgb(

@@ -7,7 +7,7 @@ from pathlib import Path
 from imaging.progress import Progress, unreported
 from imaging.session.calibration import CalibrationRecord, is_stale, read_calibration
 from imaging.session.session import Session
-from rig.report.charts.topic import Tile
+from rig.report.charts.topic import Tile, plus_minus
 from rig.report.page import Page, now, write_page
 from rig.report.sections.calibrated import calibrated
 from rig.report.sections.captured import captured
@@ -27,6 +27,9 @@ def _tiles(record: CalibrationRecord, registered: str) -> Iterable[Tile]:
         curves = sum(camera.response.residual is not None for camera in record.cameras)
         yield Tile(f"{sensors} of {len(record.cameras)}", "", "sensors measured")
         yield Tile(f"{curves} of {len(record.cameras)}", "", "responses measured")
+    if record.luminance is not None:
+        scale = record.luminance
+        yield Tile(plus_minus(scale.value, scale.error), "cd/m²", "of light of 1")
     if record.board is not None:
         yield Tile(number(record.board.rms_px), "px", "rms of the board's corners")
 

@@ -17,6 +17,7 @@ from imaging.session.session import Session
 from rig.report.charts.calibration_charts import charts
 from rig.report.charts.colour_chart import colour_topic
 from rig.report.charts.lens_charts import lens_topic
+from rig.report.charts.luminance_table import luminance_tables
 from rig.report.charts.pose_charts import pose_topic
 from rig.report.charts.residuals import read_residuals
 from rig.report.charts.sensor_charts import sensor_topic
@@ -30,6 +31,7 @@ TOPICS = (
     ("Exposure and response", ("exposure_", "response")),
     ("Colour", ("camera_colour", "colour_", "chart_", "white_")),
     ("Light over the image and between cameras", ("vignetting", "camera_gain")),
+    ("Scale of light", ("luminance",)),
     ("Lenses", ("lens_", "board_lens")),
     ("Rig and poses", ("rig_", "board_", "pose_")),
 )
@@ -136,6 +138,7 @@ def _light(session: Session, record: CalibrationRecord) -> Topic:
                  "#Vignetting in the corner", "#Gain", "Noise model"),
                 tuple(_row(camera, record) for camera in record.cameras),
             ),
+            *luminance_tables(record),
         ),
     )  # fmt: skip
 

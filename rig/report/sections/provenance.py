@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from imaging.files import store
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.session import Session
+from rig.report.charts.topic import plus_minus
 
 if TYPE_CHECKING:
     from recon.result.model import ModelRecord
@@ -69,6 +70,8 @@ def _rows(
         yield "Widest image", f"{chosen.max_width:,} px"
         yield "Trained on calibration", model.calibration_sha256
         yield "Unit of light", model.radiance
+        if model.luminance is not None:
+            yield "Light of 1", plus_minus(*model.luminance, "cd/m²")
         yield "Versions of the training", _versions(model.versions)
     yield (
         "This page",

@@ -129,7 +129,9 @@ def _charts(
 ) -> Iterable[tuple[str, str, Markup]]:
     decades = metrics.get("relative_error_by_decade") or []
     if decades:
-        middle = [math.sqrt(row["low"] * row["high"]) for row in decades]
+        # The truth is in a unit of its own; what aligns the light with it leads to that of the calibration.
+        absolute = None if model.luminance is None else model.luminance[0] / metrics["alignment_scale"]
+        middle = [(absolute or 1.0) * math.sqrt(row["low"] * row["high"]) for row in decades]
         yield (
             "Error by brightness",
             "How far the light of held-out views is from the truth, for each power of ten of the true light.",
@@ -149,7 +151,7 @@ def _charts(
                         colour=0,
                     ),
                 ],
-                "true light, relative units",
+                "true light, relative units" if absolute is None else "true light, cd/m²",
                 "relative error, %",
                 x_scale="log",
                 y_scale="log",

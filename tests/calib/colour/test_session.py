@@ -1,6 +1,7 @@
 """A session whose views show a chart: its cameras' colours, those of their twins, and refusals."""
 
 import json
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from calib.colour.measure import Charts, colours
 from calib.colour.recorded import charts_of, rebalanced
 from calib.colour.reference import chart
 from calib.data.views import View
+from calib.luminance.area import LUMINANCE
 from imaging.colour import REC709_FROM_XYZ
 from imaging.colour_difference import delta_e
 from imaging.errors import CalibrationError, InputError
@@ -21,7 +23,9 @@ from imaging.exposure import Exposure
 from imaging.mosaic import Matrix, RawMosaic, as_matrix
 from imaging.progress import unreported
 from imaging.session.calibration import CalibrationRecord, read_calibration
+from imaging.session.luminance import LuminanceReading
 from imaging.session.records import CameraRecord
+from imaging.session.view_id import ViewId
 from tests.calib.conftest import make_session
 
 from .charts import painted, photograph, square_on
@@ -118,6 +122,27 @@ def test_a_twin_that_saw_no_chart_has_the_same_colours(seen: Path) -> None:
     record = read_calibration(seen)
     assert record.camera("b").chart is None
     assert record.camera("b").camera_from_rec709 == record.camera("a").camera_from_rec709
+
+
+@pytest.mark.parametrize("illuminance", [True, False])
+def test_its_greys_are_the_scale_of_light_where_its_luminance_is_read(
+    illuminance: bool, seen: Path, tmp_path: Path
+) -> None:
+    session = Path(shutil.copytree(seen, tmp_path / "session"))
+    camera = TINT @ TRUE
+    patches = chart() @ camera.T
+    light = painted(patches, camera @ np.ones(3), square_on(WIDTH, HEIGHT, 0.6), WIDTH, HEIGHT)
+    white, candelas = 1.6 * camera[1].sum() / light.max(), 250.0
+    read = {"illuminance": np.pi * candelas * white}
+    if not illuminance:  # off the white patch
+        read = {"luminance": candelas * white * float(LUMINANCE @ chart()[18])}
+    reading = LuminanceReading(**read, error=0.04, source="meter")
+    scale = calibrate(session, only="luminance", luminance=[reading]).luminance
+    assert scale is not None
+    assert scale.value == pytest.approx(candelas, rel=0.01)
+    assert scale.cameras == ("a",)
+    assert scale.readings[0].views == (ViewId(2, "a"),)
+    assert 0.04 * candelas < scale.error < 0.08 * candelas
 
 
 def test_what_an_earlier_calibration_knew_of_charts_is_kept(seen: Path) -> None:

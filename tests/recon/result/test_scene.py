@@ -12,6 +12,8 @@ import recon.reconstruct as stage
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.files.exr import read_exr
+from imaging.session.luminance import LuminanceReading, LuminanceScale, ReadingEvidence
+from imaging.session.view_id import ViewId
 from recon.evaluate import evaluate
 from recon.reconstruct import Quality, reconstruct
 from recon.render import render
@@ -27,10 +29,25 @@ def draft():
         yield
 
 
+def with_scale(session: Path) -> None:
+    """As if a spot meter had been read: light of 1 is 250 +- 10 cd/m2."""
+    path = session / "calibration" / "calibration.json"
+    record = json.loads(path.read_text())
+    reading = LuminanceReading(view="0000/cam0", area=(1, 1, 9, 9), luminance=50.0, error=0.04, source="spot")
+    evidence = ReadingEvidence(
+        reading=reading, views=(ViewId(0, "cam0"),), luminance=50.0, light=0.2, light_error=0.01,
+        shots_sha256="", residual=0.0,
+    )  # fmt: skip
+    cameras = [camera["name"] for camera in record["cameras"]]
+    scale = LuminanceScale(value=250.0, error=10.0, cameras=cameras, readings=(evidence,))
+    path.write_text(json.dumps(record | {"luminance": scale.model_dump(mode="json")}))
+
+
 @pytest.fixture(scope="module")
 def trained(toy, tmp_path_factory, draft) -> Path:
-    """Of RAW, with its poses corrected; not to be changed."""
+    """Of RAW, with its poses corrected, and a scale of light; not to be changed."""
     session = shutil.copytree(toy, tmp_path_factory.mktemp("scene") / "session")
+    with_scale(session)
     overrides = stage.Overrides(refine="poses+exposures+vignetting")
     return reconstruct(session, quality="draft", overrides=overrides)
 
@@ -44,6 +61,18 @@ def scene(trained, tmp_path) -> Path:
 
 def pictures(folder: Path, out: Path) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in render(folder, out)}
+
+
+def test_a_scale_of_light_is_in_all_that_holds_light(trained: Path, tmp_path: Path) -> None:
+    scene = open_scene(trained)
+    assert (scene.luminance_scale, scene.luminance_error) == (250.0, 10.0)
+    for file in render(trained, tmp_path, views=[scene.views[0].name]):
+        if file.suffix == ".exr":
+            header = read_exr(file).attributes
+            assert (header["whiteLuminance"], header["rig:whiteLuminanceError"]) == (250.0, 10.0)
+    ply = (trained / "radiance.ply").read_bytes().partition(b"end_header")[0].decode()
+    (line,) = (line for line in ply.splitlines() if "whiteLuminance" in line)
+    assert float(line.split()[2].rstrip(":")) == pytest.approx(250.0 * scene.record.normaliser, rel=1e-5)
 
 
 def recalibrate(session: Path) -> None:

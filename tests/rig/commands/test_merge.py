@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.luminance.area import LUMINANCE
 from imaging.colour import PRIMARIES, space_from_rec709, srgb_encode
 from imaging.exposure import Exposure
 from imaging.files import store
@@ -151,7 +152,7 @@ def masked_bracket(folder: Path) -> tuple[Path, np.ndarray]:
 
 def test_what_one_exposure_hides_is_taken_from_the_others(rig: Run, tmp_path: Path) -> None:
     session, light = masked_bracket(tmp_path)
-    code, out, _ = rig("merge", str(session), str(tmp_path / "M"), "--json")
+    code, out, _ = rig("merge", str(session), str(tmp_path / "M"), "--exposure", "0", "--json")
     assert code == 0
     (told,) = json.loads(out)["files"]
     assert told["ghost"] < 0.01
@@ -217,11 +218,65 @@ def test_a_stale_calibration_is_refused(rig: Run, toy: Path, tmp_path: Path) -> 
 
 
 def test_a_single_exposure_is_its_own_picture(rig: Run, tmp_path: Path) -> None:
-    session = bracket(tmp_path, [flat(128)], [0.5])
-    code, _, _ = rig("merge", str(session), str(tmp_path / "M"))
+    session, light = bracket(tmp_path, [flat(128)], [0.5]), 0.2159 / Exposure(time=0.5).scale
+    code, _, _ = rig("merge", str(session), str(tmp_path / "M"), "--exposure", "0")
     assert code == 0
     (file,) = (tmp_path / "M").rglob("*.exr")
-    assert np.median(read_exr(file).rgb()) == pytest.approx(0.2159 / Exposure(time=0.5).scale, rel=1e-3)
+    assert np.median(read_exr(file).rgb()) == pytest.approx(light, rel=1e-3)
+
+
+def test_pictures_open_at_middle_grey_by_one_stated_factor(rig: Run, toy: Path, tmp_path: Path) -> None:
+    whole, part, plain = (
+        json.loads(rig("merge", str(toy), str(tmp_path / name), *options, "--json")[1])
+        for name, *options in (("W",), ("P", "--frame", "2"), ("L", "--frame", "2", "--exposure", "0"))
+    )
+    factor = whole["exposure_factor"]
+    assert part["exposure_factor"] == factor  # of the session, whatever part of it is merged
+    assert json.loads((tmp_path / "P" / "merge.json").read_text())["exposure_factor"] == factor
+    assert np.log2(factor) == round(np.log2(factor)) != 0
+    images = [read_exr(Path(entry["file"])) for entry in whole["files"]]
+    assert {image.attributes["rig:exposureFactor"] for image in images} == {factor}
+    median = np.median(np.concatenate([image.rgb().ravel() for image in images]))
+    assert abs(np.log2(median / 0.18)) < 0.75
+    for entry in plain["files"]:
+        light = read_exr(Path(entry["file"]))
+        exposed = read_exr(tmp_path / "W" / f"{entry['frame']:04d}" / f"{entry['camera']}.exr")
+        for name in ("R", "G", "B", "sigma.R", "sigma.G", "sigma.B"):
+            assert np.array_equal(exposed.channels[name] / np.float32(factor), light.channels[name])
+        assert np.array_equal(exposed.channels["mask"], light.channels["mask"])
+        assert "whiteLuminance" not in exposed.attributes
+
+
+def test_a_scale_of_light_makes_the_values_absolute(rig: Run, toy: Path, tmp_path: Path) -> None:
+    truth = read_exr(toy / "truth" / "0000" / "cam1.exr").rgb()[1:13, 48:60] @ np.array(LUMINANCE)
+    args = ("calibrate", str(toy), "--only", "luminance", "--luminance")
+    code, out, _ = rig(*args, f"0000/cam1:48,1,12,12={100 * truth.mean()},+-3%")
+    assert code == 0
+    assert "light of 1 is " in out
+    assert "luminance" in rig("explain", str(toy))[1]
+    page = (toy / "calibration" / "report.html").read_text()
+    assert "Scale of light" in page
+    code, out, _ = rig("merge", str(toy), str(tmp_path / "M"), "--frame", "0")
+    assert code == 0
+    assert "a value of 1 is" in out
+    image = read_exr(tmp_path / "M" / "0000" / "cam1.exr")
+    found = image.attributes["whiteLuminance"] * np.median(image.rgb()[1:13, 48:60] @ np.array(LUMINANCE))
+    assert found == pytest.approx(100 * np.median(truth), rel=0.1)
+    assert image.attributes["rig:whiteLuminanceError"] > 0.03 * image.attributes["whiteLuminance"]
+    # Nobody has compared the other camera with this one.
+    assert "whiteLuminance" not in read_exr(tmp_path / "M" / "0000" / "cam0.exr").attributes
+
+
+def test_a_session_without_exposures_elsewhere_still_merges_what_has_them(rig: Run, tmp_path: Path) -> None:
+    session = bracket(tmp_path, [flat(128)], [0.5])
+    opened = Session.open(session)
+    (shot,) = opened.shots()
+    for step in range(2):
+        blank = {"frame": 1, "step": step, "reported": None}
+        opened.append_shot(ShotRecord.model_validate(shot.model_dump() | blank))
+    code, out, _ = rig("merge", str(session), str(tmp_path / "M"), "--frame", "0", "--json")
+    assert code == 0
+    assert json.loads(out)["exposure_factor"] == 0.5
 
 
 def test_another_space_is_the_same_light_and_says_so(rig: Run, toy: Path, tmp_path: Path) -> None:

@@ -1,0 +1,46 @@
+"""What a user should do otherwise next time, as a merged bracket tells."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from imaging.merge import alignment
+from imaging.merge.linear_frame import LinearFrame
+from imaging.merge.ratios import overlap, ratio
+
+WRONG = 0.03
+"""Disagreement, natural log, of overlapping exposures with their labels that is worth telling."""
+
+
+def warnings_of(
+    frames: Sequence[LinearFrame], shares: Sequence[float], shift: float | None, *, check_labels: bool
+) -> tuple[str, ...]:
+    """What a user should do otherwise next time."""
+    clipped, dark, ghost = shares
+    said = []
+    if clipped > 0.5:
+        said.append(f"{100 * clipped:.0f} % of it is saturated in every exposure: take shorter ones")
+    if dark > 0.5:
+        said.append(f"{100 * dark:.0f} % of it is black in every exposure: take longer ones")
+    if shift is not None and shift > alignment.SHAKEN:
+        said.append(f"the camera moved by {shift:.1f} px between exposures: fix it to a tripod")
+    if ghost > 0.2:
+        said.append(f"its exposures disagree over {100 * ghost:.0f} % of it: keep the scene still")
+    wrong = _mislabelled(frames) if check_labels else None
+    if wrong is not None and wrong > WRONG:
+        said.append(
+            f"its exposures are off their labels by {100 * np.expm1(wrong):.0f} %: run `rig calibrate` first"
+        )
+    return tuple(said)
+
+
+def _mislabelled(frames: Sequence[LinearFrame]) -> float | None:
+    """Largest disagreement of neighbouring exposures with their labels, natural log; None: no overlap."""
+    ordered = sorted(frames, key=lambda frame: frame.k)
+    found = []
+    for shorter, longer in pairwise(ordered):
+        edge = ratio([overlap(longer, shorter)])
+        if edge is not None:
+            found.append(abs(edge.log - float(np.log(longer.k / shorter.k))))
+    return max(found, default=None)

@@ -1,0 +1,168 @@
+"""The scale of light of a calibration, from readings of luminance and the pictures that show what was
+read."""
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from calib.light.vignetting import NOTICED, NOTICED_IN_SHEEN
+from calib.luminance.area import AreaLight, area_light
+from calib.luminance.chart import chart_light, chart_views
+from calib.luminance.scale import Comparison, combined
+from imaging.errors import CalibrationError
+from imaging.session.calibration import CalibrationRecord
+from imaging.session.luminance import LuminanceReading, LuminanceScale, ReadingEvidence
+from imaging.session.records import Rung
+from imaging.session.session import Session, brackets
+from imaging.session.view_id import ViewId
+
+RUNG = "luminance"
+AIM = 0.01
+"""Relative, of every reading: the meter and the marked area see not quite the same place from the same
+side."""
+FALLOFF_UNKNOWN = 0.3
+"""Relative, at the corner: what a lens may take there that nobody measured."""
+GAIN_UNKNOWN = 0.05
+"""Relative: cameras of one model that nothing has compared."""
+
+
+def scaled(
+    session: Session,
+    record: CalibrationRecord,
+    readings: Sequence[LuminanceReading] | None,
+    earlier: LuminanceScale | None,
+) -> CalibrationRecord:
+    """The record with the scale of its light, and the rung that says how it was found.
+
+    readings: None: those of `earlier`, a calibration of the session before; none: the scale is forgotten.
+    Where it cannot be had the record has none, and the rung says why.
+    """
+    rungs = tuple(rung for rung in record.rungs if rung.name != RUNG)
+    bare = record.model_copy(update={"luminance": None, "rungs": rungs})
+    kept = () if earlier is None else earlier.readings
+    if readings is None:
+        readings = [one.reading for one in kept]
+    if not readings:
+        return bare
+    try:
+        _require_shots(session, kept, readings)
+        scale = measure_scale(session, bare, readings)
+    except CalibrationError as error:
+        lost = Rung(name=RUNG, taken=False, reason=str(error).removesuffix("."))
+        return bare.model_copy(update={"rungs": (*rungs, lost)})
+    return bare.model_copy(update={"luminance": scale, "rungs": (*rungs, _rung(scale))})
+
+
+def measure_scale(
+    session: Session, record: CalibrationRecord, readings: Sequence[LuminanceReading]
+) -> LuminanceScale:
+    """The scale of a record's light in cd/m2; CalibrationError when a reading cannot be looked up or they
+    contradict each other, InputError for a damaged file.
+    """
+    known: list[float] = []
+    lights: list[AreaLight] = []
+    views: list[tuple[ViewId, ...]] = []
+    for reading in readings:
+        if reading.view is not None and reading.area is not None:
+            light = area_light(session, record, reading.view, reading.area)
+            views.append((reading.view,))
+            lights.append(area_light(session, record, reading.view, reading.area))
+            known.append(reading.luminance or reading.known(1.0) * (reading.reflectance or 1.0))
+        else:
+            views.append(chart_views(record))
+            light, white = chart_light(session, record)
+            lights.append(light)
+            known.append(reading.known(white))
+    cameras = _cameras(record, {view.camera for shown in views for view in shown})
+    apart = GAIN_UNKNOWN if not _compared(record) and len(cameras) > 1 else 0.0
+    errors = [
+        float(np.sqrt(light.error**2 + AIM**2 + _falloff_error(record, light.radius, shown) ** 2 + apart**2))
+        for light, shown in zip(lights, views, strict=True)
+    ]
+    found = combined(
+        [
+            Comparison(str(reading), stated, light.light, error, reading.error, reading.source)
+            for reading, stated, light, error in zip(readings, known, lights, errors, strict=True)
+        ]
+    )
+    return LuminanceScale(
+        value=found.value,
+        error=found.error,
+        cameras=cameras,
+        readings=tuple(
+            ReadingEvidence(
+                reading=reading,
+                views=shown,
+                luminance=stated,
+                light=light.light,
+                light_error=error,
+                shots_sha256=_shots_sha256(session, shown),
+                residual=float(residual),
+            )
+            for reading, shown, stated, light, error, residual in zip(
+                readings, views, known, lights, errors, found.residuals, strict=True
+            )
+        ),
+    )
+
+
+def _require_shots(
+    session: Session, kept: Iterable[ReadingEvidence], readings: Sequence[LuminanceReading]
+) -> None:
+    """CalibrationError if a reading of an earlier run was of pictures that the session has no more."""
+    for one in kept:
+        if one.reading in readings and _shots_sha256(session, one.views) != one.shots_sha256:
+            raise CalibrationError(
+                f"the shots of {', '.join(map(str, one.views))}, which showed what was read, are others now: "
+                "read it again and give it with --luminance."
+            )
+
+
+def _shots_sha256(session: Session, views: Sequence[ViewId]) -> str:
+    groups = brackets(session.shots("scene"))
+    hashes = [[shot.sha256 for shot in groups.get(view, [])] for view in views]
+    return hashlib.sha256(json.dumps(hashes).encode()).hexdigest()
+
+
+def _compared(record: CalibrationRecord) -> bool:
+    """Whether the sensitivities of the cameras were compared by points that they share."""
+    return any(rung.name == "camera_gain" for rung in record.rungs)
+
+
+def _cameras(record: CalibrationRecord, read: set[str]) -> tuple[str, ...]:
+    """The cameras that the scale holds for."""
+    placed = {view.camera for view in record.views}
+    if _compared(record) and read & placed:
+        read = read | placed
+    return tuple(camera.name for camera in record.cameras if camera.name in read)
+
+
+def _falloff_error(record: CalibrationRecord, radius: float, views: Sequence[ViewId]) -> float:
+    """Relative, of what gain and vignetting of the cameras were divided out at a radius."""
+    rungs = {rung.name: rung for rung in record.rungs}
+    tried = [rungs[name] for name in ("vignetting", "camera_gain") if name in rungs]
+    if any(rung.gain is not None for rung in tried):
+        by_side = rungs.get("vignetting_by_side")
+        return NOTICED_IN_SHEEN if by_side is not None and by_side.taken else NOTICED
+    if all(any(record.camera(view.camera).vignetting) for view in views):
+        return NOTICED  # flats, or a calibration that was given
+    return FALLOFF_UNKNOWN * radius**2
+
+
+def _rung(scale: LuminanceScale) -> Rung:
+    names = [str(one.reading) for one in scale.readings]
+    worst = max(abs(one.residual) for one in scale.readings)
+    agree = f", which agree to {100 * worst:.2g} %" if len(names) > 1 else ""
+    count = "a reading" if len(names) == 1 else f"{len(names)} readings"
+    return Rung(
+        name=RUNG,
+        taken=True,
+        gain=scale.value,
+        standard_error=scale.error,
+        unit="cd/m² for light of 1",
+        reason=f"the scale of light, from {count} at {', '.join(names)}{agree}; it holds for "
+        f"{', '.join(scale.cameras)}",
+        parameters=1,
+    )

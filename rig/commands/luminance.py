@@ -1,0 +1,100 @@
+"""Readings of luminance on the command line: `0003/cam0:1200,800,60,40=85cd/m2,+-3%`."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from imaging.session.luminance import LuminanceReading
+
+EXAMPLE = "0000/cam0:1200,800,60,40=85cd/m2"
+HELP = (
+    "How bright something in a picture is: VIEW:LEFT,TOP,WIDTH,HEIGHT=READING, in pixels of the file; repeat "
+    f"it for more. READING is a luminance, as in {EXAMPLE} (spot meter, known lamp), or an illuminance and a "
+    "reflectance, as in 0000/cam0:1200,800,60,40=1200lx,18% (grey card). chart=1200lx is of the calibrated "
+    "colour chart. Add ,+-3% for the standard error of meter and card together (5 % if it is not given), and "
+    ",by=NAME where readings are by different meters or of different lamps: those of one meter share its "
+    "error. none forgets the readings of earlier runs."
+)
+ERROR = 0.05
+"""Standard error of a reading that states none: luminance meters of class L to B of DIN 5032-7 have 5 to 10 %
+as a limit, photographers' spot meters a tenth of a stop."""
+_NUMBER = r"(\d+(?:\.\d*)?(?:[eE][+-]?\d+)?|\.\d+)"
+
+
+class ReadingText(str):
+    """What was given for a reading, read when it is needed."""
+
+    def reading(self) -> LuminanceReading:
+        """The reading; InputError of one sentence that says what is wrong with the text."""
+        from pydantic import ValidationError
+
+        from imaging.errors import InputError
+        from imaging.session.luminance import LuminanceReading
+
+        place, separator, value = self.strip().partition("=")
+        try:
+            if not separator:
+                raise ValueError("a reading follows after '='")
+            return LuminanceReading.model_validate(_place(place) | _value(value))
+        except ValidationError as error:
+            message = error.errors()[0]["msg"].removeprefix("Value error, ")
+            reason = f"{message[:1].lower()}{message[1:]}"
+        except ValueError as error:
+            reason = str(error)
+        raise InputError(
+            f"--luminance {str(self)!r}: {reason}; write a reading as {EXAMPLE}, or with lux and reflectance "
+            "as 0000/cam0:1200,800,60,40=1200lx,18%."
+        )
+
+
+def _place(text: str) -> dict[str, object]:
+    """View and area; neither for the chart."""
+    if text.strip() == "chart":
+        return {}
+    view, separator, area = text.rpartition(":")
+    numbers = re.fullmatch(r"\s*(\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*", area)
+    if not (separator and numbers):
+        raise ValueError(
+            "before '=' stand a view and left, top, width and height of an area in it, or 'chart'"
+        )
+    return {"view": view.strip(), "area": tuple(map(int, numbers.groups()))}
+
+
+def _value(text: str) -> dict[str, object]:
+    """Luminance or illuminance, reflectance, error and source."""
+    fields: dict[str, object] = {"error": ERROR}
+    for part in text.split(","):
+        word = part.strip()
+        if found := re.fullmatch(rf"{_NUMBER}\s*(cd/m2|cd/m²|cd/m\^2|nits?|lx|lux)?", word):
+            name = "illuminance" if found[2] in ("lx", "lux") else "luminance"
+            fields[name] = float(found[1])
+        elif found := re.fullmatch(rf"(?:\+-|±|\+/-)\s*{_NUMBER}\s*%", word):
+            fields["error"] = float(found[1]) / 100
+        elif found := re.fullmatch(rf"{_NUMBER}\s*%", word):
+            fields["reflectance"] = float(found[1]) / 100
+        elif found := re.fullmatch(r"by=\s*(\S.*)", word):
+            fields["source"] = found[1]
+        else:
+            raise ValueError(f"{word!r} is no luminance, illuminance, reflectance or error")
+    fields.setdefault("source", "light meter" if "illuminance" in fields else "spot meter")
+    return fields
+
+
+def reading_text(text: str) -> ReadingText:
+    """For typer."""
+    if not text.strip():
+        raise typer.BadParameter(f"write a reading as {EXAMPLE}")
+    return ReadingText(text)
+
+
+def readings_of(texts: list[ReadingText] | None) -> tuple[LuminanceReading, ...] | None:
+    """The readings that were given; None: none were, those of earlier runs stay; (): they are forgotten."""
+    if not texts:
+        return None
+    if [text.strip() for text in texts] == ["none"]:
+        return ()
+    return tuple(text.reading() for text in texts)
