@@ -43,6 +43,8 @@ class CameraFile:
     height: int
     metadata: FrameMetadata
     bit_depth: int = 8
+    developed: tuple[str, bytes] | None = None
+    """Suffix and bytes of the photograph that the camera made of the same exposure beside its RAW file."""
 
 
 class Camera(Protocol):

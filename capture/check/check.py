@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.bracket.deviation import deviates, stops_apart
+from capture.check.developed_files import developed_problems
 from capture.check.examine import Read, examine_all
 from capture.check.findings import CheckReport, Exposed, Problem, ProblemKind, StepSkew
 from capture.check.masks import mask_problems
@@ -68,6 +69,7 @@ def check(session: str | Path, progress: Progress = unreported) -> CheckReport:
         problems.extend(differences)
     problems.extend(_missing(plans, shots, again))
     problems.extend(mask_problems(opened, shots, again))
+    problems.extend(developed_problems(opened, shots))
     problems.extend(_duplicates(shots))
     problems.extend(_unrecorded(opened, shots))
     together = {plan.plan: plan.tolerance for plan in plans if plan.tolerance is not None}

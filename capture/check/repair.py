@@ -7,7 +7,7 @@ from pathlib import Path
 
 from capture.check.findings import FindingModel
 from capture.check.shot_index import read_index, stray_files
-from capture.pictures.read import read_picture
+from capture.pictures.read import kind_of, read_picture
 from capture.record.shot_files import ShotId, mask_file, shot_file
 from imaging.errors import InputError
 from imaging.files import store
@@ -42,17 +42,22 @@ def repair(session: Path, progress: Progress = unreported) -> RepairReport:
         shots, damaged = read_index(opened)
         kept = _one_a_file([shot for shot in shots if _is_there(opened, shot)])
         strays = stray_files(opened, kept)
+        developed = _developed_of([*strays, *(shot.file for shot in kept)])
+        strays = [file for file in strays if file not in developed.values()]
         added: list[ShotRecord] = []
         unrepaired: list[str] = []
         for number, file in enumerate(strays):
             progress(f"reading {file}", number, len(strays))
             try:
-                added.append(_shot_of(opened, file, [*kept, *added]))
+                shot = _shot_of(opened, file, [*kept, *added])
+                added.append(_with_developed(opened, shot, developed))
             except InputError as error:
                 unrepaired.append(str(error))
         progress("read", len(strays), len(strays))
         dropped = [shot.file for shot in shots if shot not in kept]
-        backup = _rewrite(session, [*kept, *added]) if dropped or damaged or added else None
+        whole = [_with_developed(opened, shot, developed) for shot in kept]
+        changed = dropped or damaged or added or whole != kept
+        backup = _rewrite(session, [*whole, *added]) if changed else None
     return RepairReport(
         session=str(session),
         dropped=(*damaged, *dropped),
@@ -60,6 +65,24 @@ def repair(session: Path, progress: Progress = unreported) -> RepairReport:
         left=tuple(unrepaired),
         backup=backup,
     )
+
+
+def _developed_of(files: list[str]) -> dict[str, str]:
+    """Of RAW files, by name, the photographs of the same name that cameras made beside them."""
+    raws = {Path(file).with_suffix(""): file for file in files if kind_of(Path(file)) == "raw"}
+    photos = [file for file in files if kind_of(Path(file)) == "ldr"]
+    return {raws[stem]: file for file in photos if (stem := Path(file).with_suffix("")) in raws}
+
+
+def _with_developed(session: Session, shot: ShotRecord, developed: dict[str, str]) -> ShotRecord:
+    """The record with the photograph beside its RAW file if it had none; without one that is not there."""
+    found = developed.get(shot.file)
+    if found is not None and shot.developed is None:
+        digest = store.sha256(store.inside(session.folder, found))
+        return shot.model_copy(update={"developed": found, "developed_sha256": digest})
+    if shot.developed is not None and not (session.folder / shot.developed).is_file():
+        return shot.model_copy(update={"developed": None, "developed_sha256": None})
+    return shot
 
 
 def _is_there(session: Session, shot: ShotRecord) -> bool:

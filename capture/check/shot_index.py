@@ -33,7 +33,7 @@ def read_index(session: Session) -> tuple[list[ShotRecord], list[str]]:
 
 def stray_files(session: Session, shots: list[ShotRecord]) -> list[str]:
     """Files below raw/ that no record names, relative to the session, in order; links are not followed."""
-    named = {shot.file for shot in shots}
+    named = {shot.file for shot in shots} | {shot.developed for shot in shots}
     raw = session.folder / "raw"
     files = [Path(place) / name for place, _, names in os.walk(raw) for name in names]
     relative = sorted(path.relative_to(session.folder).as_posix() for path in files)

@@ -10,7 +10,7 @@ from typing import Any
 
 from capture.imports.originals import Original, shown
 from capture.record.new_session import begin, is_vacant
-from capture.record.shot_files import ShotId, mask_file, shot_file
+from capture.record.shot_files import ShotId, mask_file, save_developed, shot_file
 from imaging.errors import InputError, StorageError
 from imaging.files import store
 from imaging.merge.masks import read_mask
@@ -101,16 +101,18 @@ def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> l
         if (place.plan, *place.shot_id) not in have:
             try:
                 data = place.original.path.read_bytes()
+                beside = place.original.developed
+                developed = None if beside is None else (beside.suffix, beside.read_bytes())
             except OSError as error:
                 reason = (error.strerror or str(error)).lower()
                 unread.append(f"{shown(place.original.path)} could not be read ({reason})")
                 continue
-            _copy(session, place, data)
+            _copy(session, place, data, developed)
     progress("copied", len(usable), len(usable))
     return unread
 
 
-def _copy(session: Session, place: Place, data: bytes) -> None:
+def _copy(session: Session, place: Place, data: bytes, developed: tuple[str, bytes] | None) -> None:
     """Files first, line second, as the recorder does. InputError for a mask that does not fit."""
     original, shot_id = place.original, place.shot_id
     assert original.picture is not None
@@ -122,6 +124,7 @@ def _copy(session: Session, place: Place, data: bytes) -> None:
         cover = place.mask.read_bytes()
         mask_sha256 = hashlib.sha256(cover).hexdigest()
         store.write_bytes(session.folder / mask, cover)
+    beside, beside_sha256 = save_developed(session, shot_id, developed)
     store.write_bytes(session.folder / file, data)
     session.append_shot(
         ShotRecord(
@@ -132,6 +135,8 @@ def _copy(session: Session, place: Place, data: bytes) -> None:
             step=shot_id.step,
             file=file,
             sha256=hashlib.sha256(data).hexdigest(),
+            developed=beside,
+            developed_sha256=beside_sha256,
             reported=original.exposure,
             width=original.picture.width,
             height=original.picture.height,

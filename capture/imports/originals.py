@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from capture.imports.exposure_list import NAME as EXPOSURE_LIST
@@ -33,6 +33,8 @@ class Original:
     picture: PictureFacts | None
     exposure: Exposure | None = None
     error: str | None = None
+    developed: Path | None = None
+    """The photograph that the camera made beside a RAW file."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +58,9 @@ def survey(
     exposures: a list that speaks for all of them. InputError when that list cannot be read.
     """
     paths, others = _walked(folder)
-    beside: list[Path] = []
+    developed: dict[Path, Path] = {}
     if named is None:
-        paths, beside = _without_developed(paths)
+        paths, developed = _without_developed(paths)
     else:
         others, paths = [], list(named)
     notes: list[str] = []
@@ -71,12 +73,13 @@ def survey(
         note = f"{_files(len(others))} left aside as no picture that rig reads: {names}{more}."
         foreign = sorted({path.suffix.lower() for path in others} & FOREIGN.keys())
         notes.append(note.rstrip(".") + f"; {FOREIGN[foreign[0]]}." if foreign else note)
-    if beside:
-        notes.append(f"{_files(len(beside))} left aside because a RAW file of the same name is there.")
+    if developed:
+        count = "1 file" if len(developed) == 1 else f"{len(developed)} files"
+        notes.append(f"{count} kept beside the RAW files of the same name, and not read.")
     originals: list[Original] = []
     for number, path in enumerate(paths):
         progress(f"reading {shown(path.name)}", number, len(paths))
-        originals.append(_read(path, listed.get(path)))
+        originals.append(replace(_read(path, listed.get(path)), developed=developed.get(path)))
     progress("read", len(paths), len(paths))
     notes += [*_unknown(originals, listed), *_transparent(originals), *_profiles(originals)]
     return Survey(tuple(originals), tuple(notes))
@@ -122,12 +125,12 @@ def _walked(folder: Path) -> tuple[list[Path], list[Path]]:
     return sorted(pictures, key=order), sorted(others, key=order)
 
 
-def _without_developed(paths: list[Path]) -> tuple[list[Path], list[Path]]:
-    """RAW+JPEG pairs are one exposure: the RAW counts."""
-    raws = {(path.parent, path.stem.casefold()) for path in paths if kind_of(path) == "raw"}
-    beside = [p for p in paths if kind_of(p) == "ldr" and (p.parent, p.stem.casefold()) in raws]
-    aside = set(beside)
-    return [path for path in paths if path not in aside], beside
+def _without_developed(paths: list[Path]) -> tuple[list[Path], dict[Path, Path]]:
+    """RAW+JPEG pairs are one exposure: the RAW counts; the photographs that are beside one, by it."""
+    raws = {(path.parent, path.stem.casefold()): path for path in paths if kind_of(path) == "raw"}
+    pairs = [(raws.get((p.parent, p.stem.casefold())), p) for p in paths if kind_of(p) == "ldr"]
+    aside = {photo for own, photo in pairs if own is not None}
+    return [path for path in paths if path not in aside], {own: photo for own, photo in pairs if own}
 
 
 def _unknown(originals: list[Original], listed: Mapping[Path, Exposure]) -> list[str]:

@@ -164,7 +164,8 @@ class CameraWorker:
         if isinstance(frame, RawMosaic):
             held, pixels = frame.pixels.nbytes, frame.pixels.size
         else:
-            held, pixels = len(frame.data), frame.width * frame.height
+            beside = 0 if frame.developed is None else len(frame.developed[1])
+            held, pixels = len(frame.data) + beside, frame.width * frame.height
         with self._clock.lock:
             self._sizes[self.name] = 2 * pixels
             if frame.metadata.opened is not None:  # more exact than when the order was given

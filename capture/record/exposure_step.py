@@ -29,6 +29,8 @@ class SavedShot:
 
     file: str
     sha256: str
+    developed: str | None
+    developed_sha256: str | None
     reported: Exposure
     width: int
     height: int

@@ -257,6 +257,8 @@ class CaptureRun:
             step=shot_id.step,
             file=written.file,
             sha256=written.sha256,
+            developed=written.developed,
+            developed_sha256=written.developed_sha256,
             requested=requested,
             reported=written.reported,
             width=written.width,

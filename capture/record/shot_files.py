@@ -50,10 +50,15 @@ def save_frame(
     digest = hashlib.sha256()
     for piece in pieces:
         digest.update(piece)
+    developed = None if isinstance(frame, RawMosaic) else frame.developed
+    # First: a shot without its own file is taken again.
+    beside, beside_sha256 = save_developed(session, ShotId(camera, step.frame, step.number), developed)
     store.write_pieces(session.folder / file, pieces)
     return SavedShot(
         file=file,
         sha256=digest.hexdigest(),
+        developed=beside,
+        developed_sha256=beside_sha256,
         reported=captured.reported,
         width=width,
         height=height,
@@ -61,6 +66,18 @@ def save_frame(
         opened=captured.opened,
         retries=captured.retries,
     )
+
+
+def save_developed(
+    session: Session, shot_id: ShotId, developed: tuple[str, bytes] | None
+) -> tuple[str | None, str | None]:
+    """Write the photograph beside a RAW file, its suffix and bytes; its name and hash, if there is one."""
+    if developed is None:
+        return None, None
+    suffix, data = developed
+    file = shot_file(shot_id, suffix.lstrip(".").lower())
+    store.write_bytes(session.folder / file, data)
+    return file, hashlib.sha256(data).hexdigest()
 
 
 def mask_file(shot_id: ShotId, suffix: str) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import TypeVar
 
 from usb.backend import IBackend
@@ -13,7 +14,7 @@ from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
 from drivers.ptp.codes import PropertyCode
 from drivers.ptp.connection import Connection
 from drivers.ptp.exposure import SAME, Dial, DialChoice, apart
-from drivers.ptp.picture import best_of, whole_file
+from drivers.ptp.picture import best_of, developed_beside, suffix, whole_file
 from drivers.ptp.session import Download, PtpSession
 from drivers.ptp.shot import Shot, StoredShot
 from drivers.ptp.vendors.standard import StandardBody
@@ -126,7 +127,8 @@ class PtpCamera:
         return self._clock.now()
 
     def collect(self) -> CameraFile:
-        """The picture that trigger() took: the RAW file if there is one, else what the camera developed.
+        """The picture that trigger() took: the RAW file if there is one, else what the camera developed; of a
+        camera that gives both, both.
 
         A camera that is unplugged meanwhile is found again and asked for the shot. CameraTimeout if no
         picture comes, CameraProtocol if it stays damaged.
@@ -265,7 +267,7 @@ class PtpCamera:
         raise CameraRefused(f"{self.where} no longer has {file.info.filename}: take the shot again.")
 
     def _fetched(self, body: StandardBody, stored: StoredShot) -> CameraFile:
-        """The best picture of the shot, whole; the camera may then forget all of them."""
+        """The pictures of the shot, the best one whole; the camera may then forget all of them."""
         best = best_of(stored.objects)
         try:
             frame = whole_file(body.fetch(best), best)
@@ -275,11 +277,27 @@ class PtpCamera:
                 frame = whole_file(body.fetch(best), best)
             except InputError as error:
                 raise CameraProtocol(f"{self.where} delivered a damaged file twice: {error}") from error
+        frame = replace(frame, developed=self._developed(body, best, stored))
         for file in stored.objects:
             with suppress(CameraError):  # the picture is here; what is stuck shows in the next shot
                 body.discard(file)
         self._verify(body, frame, stored)
         return frame
+
+    def _developed(self, body: StandardBody, best: Download, stored: StoredShot) -> tuple[str, bytes] | None:
+        """The photograph beside the RAW file; None if there is none, or the camera does not give it whole.
+
+        A camera that is lost over it is asked for all of the shot again.
+        """
+        file = developed_beside(best, stored.objects)
+        if file is None:
+            return None
+        try:
+            return suffix(file), body.fetch(file)
+        except CameraLost:
+            raise
+        except CameraError:  # the exposure is here: it is not worth a shot
+            return None
 
     def _verify(self, body: StandardBody, frame: CameraFile, stored: StoredShot) -> None:
         """Hold the file's own exposure against what the camera had read back, and learn from it."""

@@ -35,6 +35,13 @@ def best_of(objects: list[Download]) -> Download:
     raise CameraProtocol(f"The camera delivered no picture that rig reads ({names}): set it to RAW.")
 
 
+def developed_beside(best: Download, objects: list[Download]) -> Download | None:
+    """The photograph of a shot that has a RAW file too; None if there is none."""
+    if suffix(best) not in raw.SUFFIXES:
+        return None
+    return next((file for file in objects if suffix(file) in photo.SUFFIXES), None)
+
+
 def whole_file(data: bytes, file: Download) -> CameraFile:
     """A downloaded file, read to its end while the camera still has it; InputError if it is damaged."""
     kind = suffix(file)

@@ -140,6 +140,10 @@ class ShotRecord(Record):
     file: str
     """Path relative to the session folder."""
     sha256: str
+    developed: str | None = None
+    """The photograph that the camera made of the same exposure beside its RAW file, relative to the session:
+    kept and hashed, and read by nothing."""
+    developed_sha256: str | None = None
     requested: Exposure | None = None
     reported: Exposure | None = None
     estimated: Exposure | None = None

@@ -28,7 +28,7 @@ class CameraProfile:
 
     vendor, product: of the USB descriptor; extension: DeviceInfo's vendor id; raw_format: of its RAW objects;
     prefix: of file names; raw_setting: what CompressionSetting is when it shoots RAW; write: seconds from the
-    end of an exposure until the file is on the card.
+    end of an exposure until the file is on the card; jpeg: whether it writes one beside each RAW file.
     """
 
     name: str
@@ -47,6 +47,7 @@ class CameraProfile:
     folder: str = "100HDRIG"
     raw_setting: int = 4
     write: float = 0.15
+    jpeg: bool = False
 
 
 PROFILES = {

@@ -6,6 +6,8 @@ from enum import Enum
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from drivers.camera import CameraFile
 from drivers.ptp.codes import FormatCode, ResponseCode
 from drivers.sim.camera import shutter
@@ -15,8 +17,11 @@ from drivers.sim.ptp.dials import SimulatedDial
 from drivers.sim.ptp.profiles import CameraProfile
 from drivers.sim.ptp.store import Photograph, Store
 from drivers.sim.usb.timeline import Timeline
+from imaging.colour import srgb_encode
 from imaging.exposure import Exposure
 from imaging.files.dng import encode_dng
+from imaging.files.photo import encode_jpeg
+from imaging.mosaic import RawMosaic
 
 
 class News(Enum):
@@ -93,10 +98,15 @@ class Shooting:
         return ResponseCode.OK
 
     def _store(self, transaction: int, fault_of: dict[Kind, Fault], memory_handle: int | None) -> None:
-        handle = self.store.add(photograph(self.camera.collect(), self.profile), memory_handle)
+        frame = self.camera.collect()
+        handles = [self.store.add(photograph(frame, self.profile), memory_handle)]
+        if self.profile.jpeg and isinstance(frame, RawMosaic):
+            second = None if memory_handle is None else memory_handle + 1
+            handles.append(self.store.add(developed(frame), second, beside=True))
         self.shooting = False
         self.shots += 1
-        news = [Announcement(kind, handle, transaction) for kind in News]
+        news = [Announcement(News.OBJECT_ADDED, handle, transaction) for handle in handles]
+        news.append(Announcement(News.CAPTURE_COMPLETE, handles[0], transaction))
         if Kind.REORDERED_EVENTS in fault_of:
             news.reverse()
         if lost := fault_of.get(Kind.LOST_EVENT):
@@ -107,6 +117,15 @@ class Shooting:
                 self._announce(announcement)
             else:
                 self.timeline.call_later(late.seconds, partial(self._announce, announcement))
+
+
+def developed(frame: Any) -> Photograph:
+    """The small JPEG that a camera makes of a mosaic: a grey one, of its green photosites."""
+    light = np.clip(frame.signal()[::2, 1::2], 0.0, 1.0)
+    codes = np.rint(255 * srgb_encode(light)).astype(np.uint8)[..., None].repeat(3, 2)
+    height, width = codes.shape[:2]
+    data = encode_jpeg(codes, 90)
+    return Photograph(data, FormatCode.EXIF_JPEG, ".JPG", width, height, frame.metadata.captured_at)
 
 
 def photograph(frame: Any, profile: CameraProfile) -> Photograph:

@@ -33,7 +33,7 @@ class Store:
         self.full = False
         """Whether it takes no more, whatever its capacity, until something is deleted."""
         self._prefix = prefix
-        self._next = 0
+        self._next = self._files = 0
         self._bytes: dict[int, bytes] = {}
         self._infos: dict[int, ObjectInfo] = {}
         for handle, parent, name in ((_ROOT, 0, "DCIM"), (_FOLDER, _ROOT, folder)):
@@ -58,10 +58,14 @@ class Store:
         """How many pictures fit into that many bytes, going by the largest so far."""
         return min(room // max(map(len, self._bytes.values()), default=1 << 25), 0xFFFFFFFE)
 
-    def add(self, photograph: Photograph, memory_handle: int | None = None) -> int:
-        """Store a file and return its handle; `memory_handle` keeps it in working memory, off the card."""
-        self._next += 1
-        handle = _FIRST_FILE + self._next - 1 if memory_handle is None else memory_handle
+    def add(self, photograph: Photograph, memory_handle: int | None = None, beside: bool = False) -> int:
+        """Store a file and return its handle; `memory_handle` keeps it in working memory, off the card.
+
+        beside: it is named as the file before, from which its suffix tells it.
+        """
+        self._next += 0 if beside else 1
+        self._files += 1
+        handle = _FIRST_FILE + self._files - 1 if memory_handle is None else memory_handle
         moment = pack_moment(photograph.taken)
         self._infos[handle] = ObjectInfo(
             storage=STORAGE if memory_handle is None else 0,

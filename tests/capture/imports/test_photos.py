@@ -106,7 +106,7 @@ def test_of_a_raw_and_a_jpeg_of_one_name_the_raw_counts(tmp_path):
     )
     result = import_photos(photos, tmp_path / "s")
     assert sorted(sources(Session.open(tmp_path / "s")).values()) == ["IMG_1.DNG", "img_2.jpg"]
-    assert "1 file is left aside because a RAW file of the same name is there." in result.guesses
+    assert "1 file kept beside the RAW files of the same name, and not read." in result.guesses
 
 
 @pytest.mark.parametrize(
