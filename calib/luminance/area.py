@@ -105,7 +105,7 @@ def _weights(camera: CameraCalibration, raw: bool, view: ViewId) -> Array:
         return np.asarray(LUMINANCE @ np.linalg.inv(np.array(camera.camera_from_rec709)))
     if raw:
         raise CalibrationError(
-            f"the colour of camera {view.camera} is not known, and camera RGB has no luminance: show it a "
+            f"the colour of camera {view.camera} is not known, so that its light has no luminance: show it a "
             "colour chart and add --chart, or read something in a picture of a camera whose colour is known."
         )
     return np.asarray(LUMINANCE)

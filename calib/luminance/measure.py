@@ -75,7 +75,7 @@ def measure_scale(
             light, white = chart_light(session, record)
             lights.append(light)
             known.append(reading.known(white))
-    cameras = _cameras(record, {view.camera for shown in views for view in shown})
+    cameras = _cameras(session, record, {view.camera for shown in views for view in shown})
     apart = GAIN_UNKNOWN if not _compared(record) and len(cameras) > 1 else 0.0
     errors = [
         float(np.sqrt(light.error**2 + AIM**2 + _falloff_error(record, light.radius, shown) ** 2 + apart**2))
@@ -131,9 +131,14 @@ def _compared(record: CalibrationRecord) -> bool:
     return any(rung.name == "camera_gain" for rung in record.rungs)
 
 
-def _cameras(record: CalibrationRecord, read: set[str]) -> tuple[str, ...]:
-    """The cameras that the scale holds for."""
-    placed = {view.camera for view in record.views}
+def _cameras(session: Session, record: CalibrationRecord, read: set[str]) -> tuple[str, ...]:
+    """The cameras that the scale holds for; not those whose light has no colour, and so no luminance."""
+    coloured = {
+        camera.name
+        for camera in record.cameras
+        if camera.camera_from_rec709 is not None or session.camera(camera.name).kind != "raw"
+    }
+    placed = {view.camera for view in record.views} & coloured
     if _compared(record) and read & placed:
         read = read | placed
     return tuple(camera.name for camera in record.cameras if camera.name in read)

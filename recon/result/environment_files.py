@@ -8,7 +8,7 @@ import numpy.typing as npt
 import torch
 
 from imaging.files import store
-from imaging.files.exr import write_exr
+from imaging.files.exr import white_luminance, write_exr
 from recon.result.model import ENVIRONMENT
 from recon.scene.appearance import Appearance
 from recon.scene.environment import Environment
@@ -23,7 +23,9 @@ OVERLAP = 0.6
 """Standard deviation of a Gaussian over the distance to its neighbours, as training starts with."""
 
 
-def write_environment(folder: Path, training: Training, gauge: str) -> None:
+def write_environment(
+    folder: Path, training: Training, gauge: str, luminance: tuple[float, float] | None
+) -> None:
     """environment.exr: linear Rec.709 radiance in the units of the calibration; none without environment."""
     far = training.environment
     if far is None:
@@ -36,6 +38,7 @@ def write_environment(folder: Path, training: Training, gauge: str) -> None:
         folder / ENVIRONMENT,
         units.float().numpy(),
         attributes={
+            **({} if luminance is None else white_luminance(*luminance)),
             "rig:values": f"linear radiance relative to {gauge}",
             "rig:layout": "latitude and longitude as OpenEXR has them: the middle of the picture is "
             "longitude 0, its left end 180 degrees, its uppermost row latitude 90; vectors are in world axes",

@@ -54,8 +54,8 @@ def write_scene(
     gauge = "the calibration's response" if ldr else "camera signal = radiance x exposure scale"
     corrected = as_corrected(dataset, training.refinement)
     exposure, degree = exposure_of(training, corrected.views), training.method.degree(1.0)
-    write_environment(folder, training, gauge)
     luminance = _luminance(dataset, training)
+    write_environment(folder, training, gauge, luminance)
     display_db = write_splats(folder, corrected, training, exposure, gauge, luminance, progress)
     if training.refinement is not None and training.refinement.parameters:
         store.write_json(folder / REFINEMENT, training.refinement.facts())
