@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands import (
+    bench,
     calibrate,
     cameras,
     capture,
@@ -71,6 +72,7 @@ COMMANDS: dict[str, Callable[..., CommandResult]] = {
     "explain": explain.explain,
     "render": render.render,
     "trade": trade.trade,
+    "bench": bench.bench,
     "simulate": simulate.simulate,
     "cameras": cameras.cameras,
     "doctor": doctor.doctor,

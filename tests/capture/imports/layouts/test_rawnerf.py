@@ -27,7 +27,7 @@ NAMES = [f"IMG_{number}" for number in (9, 10, 11, 12, 13, 14, 15, 16, 17, 18)]
 def dng(seed: int, time: float = 1 / 45) -> bytes:
     pixels = np.random.default_rng(seed).integers(528, 4096, SIZE, dtype=np.uint16)
     told = FrameMetadata(make="Apple", model="iPhone X", exposure=Exposure(time=time, f_number=1.8, iso=100))
-    return encode_dng(RawMosaic(pixels, Cfa.RGGB, (528.0,) * 4, 4095, metadata=told))
+    return encode_dng(RawMosaic(pixels, Cfa.RGGB, ((528.0,),), 4095, metadata=told))
 
 
 def sidecar(time: str = "1/45") -> str:
@@ -125,7 +125,7 @@ def test_a_sidecar_tells_the_exposure_and_every_eighth_name_is_for_testing(tmp_p
     dataset = load(session.folder)
     assert {stems(session)[view.frame][0] for view in dataset.held_out} == {"IMG_10", "IMG_18"}
     assert len(dataset.train) == 8
-    assert dataset.train[0].sensor.cfa is Cfa.RGGB
+    assert dataset.train[0].sensor.cfa == Cfa.RGGB
 
 
 def test_the_test_view_of_a_test_scene_is_the_first_by_name(tmp_path, picture, put):

@@ -1,0 +1,15 @@
+"""Data sets of papers, trained and measured as their papers do it: import, calibration, scene, table."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rig.benchmarks.protocol import Protocol
+
+
+def protocols() -> "dict[str, Protocol]":
+    """By the name that the command line has for them."""
+    from rig.benchmarks.hdr_nerf import HDR_NERF
+    from rig.benchmarks.hdr_plenoxels import HDR_PLENOXELS
+    from rig.benchmarks.rawnerf import RAWNERF
+
+    return {"rawnerf": RAWNERF, "hdr-nerf": HDR_NERF, "hdr-plenoxels": HDR_PLENOXELS}

@@ -1,0 +1,64 @@
+"""HDR-Plenoxels' scenes (Jun-Seong et al., ECCV 2022): photographs of unknown exposure and white balance."""
+
+from pathlib import Path
+
+from imaging.progress import Progress
+from rig.benchmarks.protocol import Choices, Column, Figures, Protocol
+
+EVERY = 4
+"""One photograph in so many, by name, is for testing."""
+
+
+def _is_scene(folder: Path) -> bool:
+    from capture.imports.layouts import llff
+
+    return llff.is_one(folder)
+
+
+def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
+    from capture.imports.photos import import_photos
+    from recon.decide.overrides import Overrides
+    from recon.protocols import hdr_plenoxels
+    from recon.reconstruct import reconstruct
+
+    if not (session / "calibration" / "calibration.json").is_file():
+        import_photos(scene, session, layout="llff", progress=progress).require_complete()
+    _hold_out(session)
+    folder = reconstruct(
+        session,
+        quality=choices.quality,
+        seed=choices.seed,
+        overrides=Overrides(views=choices.views),
+        name=choices.name,
+        progress=progress,
+    )
+    return hdr_plenoxels.measure(folder, progress)
+
+
+def _hold_out(session: Path) -> None:
+    from imaging.files import store
+    from imaging.session.records import SplitRecord
+    from imaging.session.session import SPLIT, Session
+
+    if (session / SPLIT).exists():
+        return
+    shots = Session.open(session).shots("scene")
+    train, test = (
+        tuple(shot.file for shot in shots if (shot.frame % EVERY == 0) == tested) for tested in (False, True)
+    )
+    record = SplitRecord(reason="HDR-Plenoxels", train=train, test=test)
+    store.write_json(session / SPLIT, record.model_dump(mode="json"))
+
+
+HDR_PLENOXELS = Protocol(
+    name="HDR-Plenoxels",
+    is_scene=_is_scene,
+    run=_run,
+    columns={"psnr": Column("dB", 2), "ssim": Column("SSIM", 4)},
+    published={
+        "HDR-Plenoxels, 5 rendered scenes (its repository)": {"psnr": 26.86},
+        "HDR-Plenoxels, 4 photographed scenes (its repository)": {"psnr": 28.32},
+    },
+    note="Right halves of every fourth photograph, each channel at the exposure that fits the left half, "
+    "which training does not see (in the paper it does), at the width of the preset.",
+)

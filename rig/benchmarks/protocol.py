@@ -1,0 +1,117 @@
+"""What the protocols of data sets have in common: scenes that are found, done once each, and a table."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from imaging.errors import InputError, RigError
+from imaging.files import store
+from imaging.progress import Progress
+from recon.decide.presets import QualityName
+
+Figures = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What is asked for. views: training views that are looked at, evenly chosen; None: all."""
+
+    quality: QualityName = "standard"
+    seed: int = 0
+    views: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the scenes that are trained so."""
+        return f"{self.quality}-{self.seed}" + ("" if self.views is None else f"-{self.views}-views")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A figure in the table."""
+
+    title: str
+    digits: int
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How a data set is trained and measured.
+
+    is_scene: whether a folder is one of its scenes, by file names. run: from the folder of a scene and that
+    of its session to its figures; what is done already is kept. columns: by the name of the figure.
+    published: method and source, and its figures. note: what the figures are of, a sentence or two.
+    """
+
+    name: str
+    is_scene: Callable[[Path], bool]
+    run: Callable[[Path, Path, Choices, Progress], Figures]
+    columns: Mapping[str, Column]
+    published: Mapping[str, Figures]
+    note: str
+
+
+def scenes_in(protocol: Protocol, folder: Path) -> list[Path]:
+    """The folder if it is a scene, else the scenes in it, by name; InputError if there is none."""
+    if not folder.is_dir():
+        raise InputError(
+            f"{folder} is not a folder: name a scene of the data set, or the folder of its scenes."
+        )
+    if protocol.is_scene(folder):
+        return [folder]
+    scenes = sorted(path for path in folder.iterdir() if path.is_dir() and protocol.is_scene(path))
+    if not scenes:
+        raise InputError(
+            f"{folder} is no scene of {protocol.name} and holds none: name a folder as the data set has it, "
+            "unpacked."
+        )
+    return scenes
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """figures: of each scene that was measured, by its name; failed: why others were not."""
+
+    figures: dict[str, Figures]
+    failed: dict[str, str]
+
+    def means(self) -> Figures:
+        """Over the scenes that have a figure."""
+        keys = dict.fromkeys(key for figures in self.figures.values() for key in figures)
+        values = {key: [one[key] for one in self.figures.values() if key in one] for key in keys}
+        return {key: sum(found) / len(found) for key, found in values.items()}
+
+
+def run_scenes(
+    protocol: Protocol, scenes: list[Path], out: Path, choices: Choices, progress: Progress
+) -> Outcome:
+    """Train and measure scenes, each in OUT/SCENE; those that were measured with these choices are kept.
+
+    Where one of several fails, the others are still worked on. RigError if the only one fails.
+    """
+    figures: dict[str, Figures] = {}
+    failed: dict[str, str] = {}
+    for scene in scenes:
+        name = scene.resolve().name
+        place = out / name
+        try:
+            figures[name] = _figures(protocol, scene, place, choices, progress)
+        except RigError as error:
+            if len(scenes) == 1:
+                raise
+            failed[name] = str(error)
+    return Outcome(figures, failed)
+
+
+def _figures(protocol: Protocol, scene: Path, place: Path, choices: Choices, progress: Progress) -> Figures:
+    file = place / f"{choices.name}.json"
+    asked: dict[str, Any] = {"protocol": protocol.name, "scene": str(scene.resolve())} | asdict(choices)
+    if file.is_file():
+        kept = store.read_json(file)
+        if isinstance(kept, dict) and kept.get("asked") == asked:
+            return {str(key): float(value) for key, value in kept["figures"].items()}
+        raise InputError(f"{file} is of another scene or protocol: name another folder with --out.")
+    figures = protocol.run(scene, place / "session", choices, progress)
+    store.write_json(file, {"asked": asked, "figures": figures})
+    return figures

@@ -1,0 +1,50 @@
+"""RawNeRF's test scenes (Mildenhall et al., CVPR 2022): raw PSNR, and RGB after an affine fit."""
+
+from pathlib import Path
+
+from imaging.progress import Progress
+from rig.benchmarks.protocol import Choices, Column, Figures, Protocol
+
+MERGED = "hdrplus_test/merged.dng"
+
+
+def _is_scene(folder: Path) -> bool:
+    return (folder / MERGED).is_file()
+
+
+def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
+    from capture.imports.photos import import_photos
+    from recon.decide.overrides import Overrides
+    from recon.protocols import rawnerf
+    from recon.reconstruct import reconstruct
+
+    if not (session / "calibration" / "calibration.json").is_file():
+        import_photos(scene, session, layout="rawnerf", progress=progress).require_complete()
+    folder = reconstruct(
+        session,
+        method="nh-3dgs",
+        quality=choices.quality,
+        seed=choices.seed,
+        overrides=Overrides(views=choices.views),
+        name=choices.name,
+        progress=progress,
+    )
+    return rawnerf.measure(folder, scene / MERGED)
+
+
+RAWNERF = Protocol(
+    name="RawNeRF",
+    is_scene=_is_scene,
+    run=_run,
+    columns={
+        "raw_psnr": Column("RAW dB", 2),
+        "rgb_psnr": Column("RGB dB", 2),
+        "rgb_ssim": Column("RGB SSIM", 4),
+    },
+    published={
+        "Raw3DGS (Li et al., arXiv 2406.08300)": {"raw_psnr": 59.49, "rgb_psnr": 23.53},
+        "Scaffold-GS with the loss of RawNeRF (the same)": {"raw_psnr": 58.08, "rgb_psnr": 22.69},
+    },
+    note="Test views against the clean mosaic, at full resolution; RGB after an affine fit of each channel, "
+    "as developed by multinerf. Published: 100 training views.",
+)
