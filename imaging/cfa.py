@@ -166,11 +166,13 @@ def mosaic(light: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[np.floating
     return np.take_along_axis(light, channels[..., None].astype(np.intp), axis=2)[..., 0]
 
 
-def cell_means(image: npt.NDArray[np.generic], cfa: Cfa) -> Float:
+def cell_means(image: npt.NDArray[np.generic], cfa: Cfa | None) -> Float:
     """Mean of each channel over the cells of a mosaic [H, W]: float32 [H // cell, W // cell, channels].
 
-    Rows and columns that complete no cell are left out.
+    Rows and columns that complete no cell are left out. Without a CFA the image has its channels already.
     """
+    if cfa is None:
+        return np.asarray(image, np.float32)
     side, letters = cfa.cell, cfa.letters
     high, wide = image.shape[0] // side, image.shape[1] // side
     period = [lcm(side, length) for length in cfa.period]

@@ -42,9 +42,9 @@ class FrameMetadata:
 
 @dataclass(frozen=True)
 class RawMosaic:
-    """A mosaic of any colour filter array, or of none (mono).
+    """A mosaic of any colour filter array, mono, or light that was demosaicked before it was stored.
 
-    pixels: uint16 [H, W], DN, as stored, black not subtracted.
+    pixels: uint16 [H, W], DN, as stored, black not subtracted; [H, W, 3] where `cfa` is None.
     black: DN of the sites of a tile that repeats, of its own period.
     black_offset: float32 [H, W], DN, by which black departs from `black` at each photosite, on average 0
     over every site of the tile; None: nowhere.
@@ -56,7 +56,7 @@ class RawMosaic:
     """
 
     pixels: npt.NDArray[np.uint16]
-    cfa: Cfa
+    cfa: Cfa | None
     black: Tile
     white: int
     neutral: tuple[float, ...] | None = None
@@ -84,12 +84,12 @@ class RawMosaic:
 
     def black_map(self) -> npt.NDArray[np.float32]:
         """Black level of every photosite, DN, float32 [H, W]."""
-        level = repeated(np.array(self.black, np.float32), *self.pixels.shape)
+        level = repeated(np.array(self.black, np.float32), *self.pixels.shape[:2])
         return level if self.black_offset is None else level + self.black_offset
 
     def signal(self) -> npt.NDArray[np.float32]:
         """Linear signal, black 0 and white 1, float32 [H, W]; noise below black stays negative."""
-        black = self.black_map()
+        black = self.black_map() if self.pixels.ndim == 2 else self.black_map()[..., None]
         return ((self.pixels.astype(np.float32) - black) / (self.white - black)).astype(np.float32)
 
     def saturated(self) -> npt.NDArray[np.bool_]:
@@ -103,7 +103,7 @@ class RawMosaic:
         return replace(
             self,
             pixels=np.ascontiguousarray(self.pixels[rows, columns]),
-            cfa=self.cfa.cropped(top, left),
+            cfa=None if self.cfa is None else self.cfa.cropped(top, left),
             black=rolled(self.black, top, left),
             black_offset=offset,
         )

@@ -145,7 +145,8 @@ def _look(
     frame = read_linear(
         session.file(middle), "raw", light.scale[middle.file], light.responses[name], view.sensors
     )
-    assert frame.cfa is not None
+    if frame.cfa is None:
+        return Missed("its files hold demosaicked light, not mosaics")
     small = balanced(cell_means(frame.signal, frame.cfa), None)
     finds = [frame.cfa.cell * outlines for outlines in locate(small)]
     if not finds:

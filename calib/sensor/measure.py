@@ -66,6 +66,9 @@ def _camera(session: Session, camera: CameraRecord, views: Sequence[View]) -> Me
     for iso in isos:
         own = [[shot for shot in shots if _iso(shot) == iso] for shots in (darks, flats)]
         nominal = _nominal(session, [*own[0], *own[1], *scene], iso)
+        if nominal is None:
+            missing.append(f"{camera.name} gives demosaicked light, which does not tell its sensor")
+            break
         measured = SensorCalibration(iso=iso)
         blind = None
         if not (own[0] and own[1]):
@@ -103,9 +106,12 @@ def _stops(shots: Iterable[ShotRecord]) -> set[float | None]:
     return {shot.exposure.f_number for shot in shots if shot.exposure is not None}
 
 
-def _nominal(session: Session, shots: Iterable[ShotRecord], iso: float | None) -> Nominal:
+def _nominal(session: Session, shots: Iterable[ShotRecord], iso: float | None) -> Nominal | None:
+    """What the first file of an ISO says; None if it is no mosaic."""
     first = next(shot for shot in shots if _iso(shot) == iso)
     raw = read_raw(session.file(first))
+    if raw.cfa is None:
+        return None
     black = sites(raw.black_map(), raw.cfa.tile).mean(axis=(1, 2), dtype=np.float64)
     return Nominal(np.asarray(black), float(raw.white), raw.cfa.tile)
 

@@ -45,7 +45,7 @@ def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> Camera
     if camera.kind == "raw":
         raw = read_raw(path)
         metadata = raw.metadata
-        height, width = raw.pixels.shape
+        height, width = raw.pixels.shape[:2]
         if (width, height) != (shot.width, shot.height):
             raise InputError(
                 f"{path} has {width}x{height} pixels, its record says {shot.width}x{shot.height}: "

@@ -46,7 +46,7 @@ class RawLook:
 
     def add(self, exposure: Exposure, position: int, take: int, frame: RawMosaic) -> None:
         """Keep a frame, or what of a large one tells as much."""
-        thinned = replace(frame, pixels=subsampled(frame.pixels, lcm(*frame.cfa.period)))
+        thinned = replace(frame, pixels=subsampled(frame.pixels, lcm(*_table(frame).period)))
         self._probes.setdefault(exposure, {})[position, take] = thinned
 
     def clips(self, exposure: Exposure) -> bool:
@@ -87,12 +87,12 @@ class RawLook:
                 )
                 for position in positions
             ]
-            takes.append(np.concatenate([_without_hot_pixels(one, frame.cfa).ravel() for one in merged]))
+            takes.append(np.concatenate([_without_hot_pixels(one, _table(frame)).ravel() for one in merged]))
         slope, floor = noise.profile(_exposure(longest))
         scale = _exposure(longest).scale
         unseen = PRESENT * (PRESENT * slope + math.sqrt(PRESENT**2 * slope**2 + 4 * floor)) / 2 / scale
         targets = []
-        for channel, letter in enumerate(frame.cfa.letters):
+        for channel, letter in enumerate(_table(frame).letters):
             first, other = (values[channels == channel] for values in takes)
             dark = percentile(first, other, DARK_PERCENTILE)
             bright = percentile(first, other, BRIGHT_PERCENTILE)
@@ -126,12 +126,18 @@ def _exposure(shots: Shots) -> Exposure:
 
 
 def _sites(frame: RawMosaic) -> npt.NDArray[np.uint8]:
-    return frame.cfa.channels(*frame.pixels.shape)
+    return _table(frame).channels(*frame.pixels.shape)
+
+
+def _table(frame: RawMosaic) -> Cfa:
+    """What a sensor gave, unlike a file, is a mosaic."""
+    assert frame.cfa is not None
+    return frame.cfa
 
 
 def _counted(shots: Shots) -> range:
     """Numbers of the channels of the frames."""
-    return range(len(next(iter(shots.values())).cfa.letters))
+    return range(len(_table(next(iter(shots.values()))).letters))
 
 
 def _channel(shots: Shots, take: int, channel: int) -> Values:

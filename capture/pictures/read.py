@@ -126,11 +126,18 @@ def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) ->
 
 
 def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> PictureFacts:
-    height, width = mosaic.pixels.shape
+    height, width = mosaic.pixels.shape[:2]
     saturated, signal = frame.saturated, frame.signal
+    cfa = mosaic.cfa
+    if cfa is None:
+        shares = saturated.mean((0, 1)).tolist()
+        black, lit = float(np.mean(signal <= 0)), float(np.mean(signal > LIT))
+        return PictureFacts(
+            "raw", width, height, mosaic.metadata, (shares[0], shares[1], shares[2]), black, lit
+        )
     clipped, sites = [0, 0, 0], [0, 0, 0]
-    (down, across), letters = mosaic.cfa.period, mosaic.cfa.letters
-    for (row, column), channel in np.ndenumerate(mosaic.cfa.pattern):
+    (down, across), letters = cfa.period, cfa.letters
+    for (row, column), channel in np.ndenumerate(cfa.pattern):
         plane = saturated[row::down, column::across]
         # What has no filter sees all colours.
         for colour in ["RGB".find(letters[channel])] if letters[channel] != "W" else range(3):

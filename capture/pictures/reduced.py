@@ -56,11 +56,12 @@ class ReducedPicture:
     patches: PatchCodes | None
 
 
-def of_raw(frame: LinearFrame, cfa: Cfa) -> ReducedPicture:
+def of_raw(frame: LinearFrame, cfa: Cfa | None) -> ReducedPicture:
     """A RAW frame; the greens of each cell are one sample. What is not valid in it tells nothing."""
     noise = frame.noise if isinstance(frame.noise, SensorSignalNoise) else TYPICAL
-    green, useless = cfa.densest, frame.saturated | ~frame.valid
-    count = float((cfa.pattern == green).mean()) * cfa.cell**2
+    useless = frame.saturated | ~frame.valid
+    green = 1 if cfa is None else cfa.densest
+    count = 1.0 if cfa is None else float((cfa.pattern == green).mean()) * cfa.cell**2
     return ReducedPicture(
         cell_means(frame.signal, cfa)[..., green],
         cell_means(useless, cfa)[..., green] > 0,
@@ -134,15 +135,16 @@ def _patches(codes: Float, counts: Bool | None) -> PatchCodes:
     )
 
 
-def _reduced(frame: LinearFrame, cfa: Cfa) -> LinearFrame:
+def _reduced(frame: LinearFrame, cfa: Cfa | None) -> LinearFrame:
     """A large mosaic as its channels [h, w, channels] of block means; one is saturated if any site is.
 
     It is valid if all are.
     """
-    height, width = frame.signal.shape
+    height, width = frame.signal.shape[:2]
     if height * width <= ENOUGH:
         return frame
-    side = int(np.ceil(np.sqrt(len(cfa.letters) * height * width / (cfa.cell**2 * ENOUGH))))
+    channels, cell = (3, 1) if cfa is None else (len(cfa.letters), cfa.cell)
+    side = int(np.ceil(np.sqrt(channels * height * width / (cell**2 * ENOUGH))))
     signal, clipped, hidden = (
         _blocks(cell_means(values, cfa), side) for values in (frame.signal, frame.saturated, ~frame.valid)
     )

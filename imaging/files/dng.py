@@ -90,8 +90,8 @@ def _as_stored(pixels: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
 
 
 def _check(raw: RawMosaic) -> None:
-    if raw.pixels.dtype != np.uint16 or raw.pixels.ndim != 2:
-        raise ValueError(f"a mosaic is uint16 [H, W], not {raw.pixels.dtype} {raw.pixels.shape}")
+    if raw.pixels.dtype != np.uint16 or raw.pixels.ndim != 2 or raw.cfa is None:
+        raise ValueError(f"a mosaic is uint16 [H, W] with a CFA, not {raw.pixels.dtype} {raw.pixels.shape}")
     if min(raw.pixels.shape) < _SMALLEST_SIDE:
         raise ValueError(f"a RAW file has {_SMALLEST_SIDE} pixels or more a side, not {raw.pixels.shape}")
     if raw.black_offset is not None:
@@ -127,6 +127,7 @@ def _tiles(pixels: npt.NDArray[np.uint16]) -> Iterator[bytes]:
 
 def _layout(raw: RawMosaic, tiled: bool) -> dict[int, Entry]:
     """How the pixels lie in the file: strips or tiles, never the tags of both."""
+    assert raw.cfa is not None
     height, width = raw.pixels.shape
     entries = {
         tag.SUBFILE_TYPE: Entry(LONG, [0]),  # the full image
@@ -148,6 +149,7 @@ def _layout(raw: RawMosaic, tiled: bool) -> dict[int, Entry]:
 
 def _geometry(raw: RawMosaic) -> dict[int, Entry]:
     """Which photosites there are, and that all of them count."""
+    assert raw.cfa is not None
     height, width = raw.pixels.shape
     codes = {letter: code for code, letter in tag.COLOUR_CODES.items()}
     filters = {

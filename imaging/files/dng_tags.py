@@ -119,6 +119,15 @@ def active_area(tags: Directory) -> tuple[int, int, int, int]:
     return (told[0], told[1], told[2], told[3]) if len(told) == 4 else (0, 0, height, width)
 
 
+def is_developed(tags: Directory) -> bool:
+    """Whether all pixels have three colours of whole numbers: light that was demosaicked (LinearRaw)."""
+    return (
+        integers(tags, SAMPLE_FORMAT) in ((), (1,), (1, 1, 1))
+        and _number(tags, PHOTOMETRIC) == LINEAR_PHOTOMETRIC
+        and integers(tags, SAMPLES) == (3,)
+    )
+
+
 def is_mosaic(tags: Directory) -> bool:
     """Whether there is a sample of whole numbers a photosite, which sees red, green, blue, or all."""
     return (
@@ -178,6 +187,17 @@ def black(
     if varied:
         offset = whole.astype(np.float32) - repeated(means.astype(np.float32), height, width)
     return as_tile(means), offset
+
+
+def levels(tags: Directory) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Black and white of the three samples of a pixel; TiffError if these are no levels."""
+    low, high = numbers(tags, BLACK) or (0.0,), numbers(tags, WHITE) or (float(largest(tags)),)
+    if integers(tags, BLACK_REPEAT) not in ((), (1, 1)) or {len(low), len(high)} - {1, 3}:
+        raise TiffError("the levels are not those of three colours")
+    black, top = np.broadcast_to(low, 3).astype(np.float64), np.broadcast_to(high, 3).astype(np.float64)
+    if not np.all((black >= 0) & (black < top)):
+        raise TiffError("black is above white")
+    return black, top
 
 
 def _deltas(tags: Directory, tag: int, start: int, length: int) -> npt.NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""RAW files of any make, read as a mosaic of any colour filter array, or mono.
+"""RAW files of any make, read as a mosaic of any colour filter array, mono, or light that was demosaicked.
 
 LibRaw (rawpy) decodes the pixels. What a DNG says in its tags is read from the tags themselves,
 because LibRaw rounds black levels and keeps neither ColorMatrix1 nor NoiseProfile; and so are the pixels of
@@ -50,9 +50,12 @@ def read_raw(path: str | Path) -> RawMosaic:
     """
     path = Path(path)
     tags, metadata = _read_tags(path)
-    cfa = None if tags is None else _cfa(path, tags)
+    developed = tags is not None and dng_tags.is_developed(tags)
+    cfa = None if tags is None or developed else _cfa(path, tags)
     try:
-        if tags is not None and cfa is not None and not cfa.bayer:
+        if tags is not None and developed:
+            mosaic = _of_linear_dng(path, tags)
+        elif tags is not None and cfa is not None and not cfa.bayer:
             mosaic = _of_dng(path, tags, cfa)
         else:
             with quiet(), rawpy.imread(str(path)) as raw:
@@ -147,6 +150,24 @@ def _of_dng(path: Path, tags: Directory, cfa: Cfa) -> RawMosaic:
     return _with_tags(RawMosaic(pixels, cfa, ((0.0,),), dng_tags.largest(tags)), tags, area[:2])
 
 
+def _of_linear_dng(path: Path, tags: Directory) -> RawMosaic:
+    """Demosaicked light, lossy or not, with black at 0 and white at 65535; errors as `_of_dng`."""
+    pixels, (black, white) = read_pixels(path, tags), dng_tags.levels(tags)
+    if pixels.ndim != 3 or pixels.shape[2] != 3:
+        raise TiffError("the samples of a pixel are missing")
+    share = (pixels.astype(np.float32) - black.astype(np.float32)) / (white - black).astype(np.float32)
+    light = np.rint(65535 * share.clip(0, 1)).astype(np.uint16)
+    return RawMosaic(
+        light,
+        None,
+        ((0.0,),),
+        65535,
+        neutral=dng_tags.neutral(tags, 3),
+        camera_from_xyz=dng_colour.camera_from_xyz(tags, 3),
+        noise_profile=dng_tags.noise_profile(tags),
+    )
+
+
 def _decoded(path: Path, raw: rawpy.RawPy, tags: Directory | None) -> RawMosaic:
     """Pixels, table, levels and colour as LibRaw sees them."""
     check_picture(str(path), raw.sizes.raw_width, raw.sizes.raw_height, channels=2)
@@ -187,7 +208,9 @@ def _with_tags(mosaic: RawMosaic, tags: Directory, corner: tuple[int, int]) -> R
     corner: row and column of its first photosite in the stored image. LibRaw's visible area is the active
     area, begun one row or column later where that makes its corner even.
     """
-    told = dng_tags.black(tags, *corner, mosaic.pixels.shape, mosaic.cfa.tile)
+    assert mosaic.cfa is not None
+    height, width = mosaic.pixels.shape
+    told = dng_tags.black(tags, *corner, (height, width), mosaic.cfa.tile)
     black, offset = told or (mosaic.black, None)
     channels = len(mosaic.cfa.letters)
     colour = None if mosaic.cfa.mono else dng_colour.camera_from_xyz(tags, channels)

@@ -133,11 +133,17 @@ def from_raw(raw: RawMosaic, k: float, sensors: Sequence[SensorCalibration] = ()
         k,
         saturated=raw.pixels >= top,
         dark=np.zeros(signal.shape, bool),
-        valid=levels.valid(*signal.shape),
+        valid=_valid(levels, signal),
         cfa=raw.cfa,
         noise=noise,
         ceiling=float(levels.straight(np.array((top - black) / (raw.white - black), np.float32))),
     )
+
+
+def _valid(levels: Levels, signal: Float) -> Bool:
+    """Where no defect is, of the shape of the signal."""
+    valid = levels.valid(*signal.shape[:2])
+    return valid if signal.ndim == 2 else np.repeat(valid[..., None], signal.shape[2], axis=2)
 
 
 def from_codes(codes: npt.NDArray[np.floating], k: float, response: Response) -> LinearFrame:

@@ -129,8 +129,10 @@ def _masked(
         return shot, cfa
     counts = read_mask(mask, *size)
     height, width = shot.pixels.shape[:2]
-    if kind == "raw":
-        counts = _even(counts) if cfa is None or 2 * width <= counts.shape[1] else whole_tiles(counts, cfa)
+    if kind == "raw" and 2 * width <= counts.shape[1]:
+        counts = _even(counts)
+    elif cfa is not None:
+        counts = whole_tiles(counts, cfa)
     if counts.shape != (height, width):
         # A pixel of the smaller image counts if all that it is made of does.
         counts = area_mean(counts, (width, height)) > 0.999
@@ -174,18 +176,18 @@ def _read(
 
 def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot, Cfa | None]:
     cfa = frame.cfa
-    assert cfa is not None
     # From so much on, every pixel of the smaller image has sites of all colours under it, and the mosaic
     # has nothing left to say; below that, scaling a mosaic would blur it for little.
-    small = max_width is not None and _even(frame.signal).shape[1] >= cfa.cell * max_width
+    cell = 2 if cfa is None else cfa.cell
+    small = max_width is not None and _even(frame.signal).shape[1] >= cell * max_width
     size = _smaller(_even(frame.signal), max_width) if small else None
     parts = (frame.signal, frame.saturated, frame.valid)
     signal, saturated, valid = ((_even(one) if size else whole_tiles(one, cfa)) for one in parts)
-    if size and cfa.mono:
+    if size and (cfa is None or cfa.mono):
         weight = area_mean(valid, size)
         signal = area_mean(np.where(valid, signal, 0), size) / weight.clip(1e-6)
         saturated, valid = area_mean(saturated & valid, size) > 0, weight > 0.5
-    elif size:
+    elif size and cfa is not None:
         sigma = None if frame.noise is None else np.sqrt(frame.noise.variance(signal))
         signal = area_mean(demosaic(signal, cfa, valid, sigma).rgb, size)
         # A defect glows into no neighbour: the sites around it stand in for it.
@@ -200,12 +202,14 @@ def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot,
 
 def _even(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """An image without an odd last row or column."""
-    height, width = image.shape
+    height, width = image.shape[:2]
     return image[: height - height % 2, : width - width % 2]
 
 
-def whole_tiles(image: npt.NDArray[Any], cfa: Cfa) -> npt.NDArray[Any]:
+def whole_tiles(image: npt.NDArray[Any], cfa: Cfa | None) -> npt.NDArray[Any]:
     """A mosaic, or what goes with it, without the last rows and columns that complete no tile."""
+    if cfa is None:
+        return image
     height, width = (side // length * length for side, length in zip(image.shape, cfa.period, strict=True))
     return image[:height, :width]
 

@@ -143,7 +143,8 @@ class LinearLight(Observation):
     A shot of scale k should show `x = falloff (M L)_channel k`, mosaicked by the camera's own CFA.
     Saturated photosites are one-sided. SSIM works on the planes of single sites of the tile, four of
     half the resolution for Bayer, not on the mosaic, whose checkerboard would dominate every window (NH-3DGS,
-    arXiv 2511.12895).
+    arXiv 2511.12895). Planes of larger tiles are small (36 for X-Trans); SSIM on means of channels over cells
+    instead was as good (toy-x-trans, 96x72: 31.36 and 31.37 dB, without SSIM 31.10).
     """
 
     normaliser: float
