@@ -75,6 +75,11 @@ def _contradiction(
     return (
         f"the readings of luminance contradict each other: light of 1 is {first.known / first.light:.4g} "
         f"cd/m² by {first.name} and {second.known / second.light:.4g} by {second.name}, "
-        f"{100 * away[one, other]:.2g} % apart where their errors make {100 * allowed[one, other]:.2g} % "
+        f"{_percent(away[one, other])} apart where their errors make {_percent(allowed[one, other])} "
         "likely: correct or leave out the wrong one, or state a larger error."
     )
+
+
+def _percent(share: float) -> str:
+    """With two digits, and never as a power of ten."""
+    return f"{float(f'{100 * share:.2g}'):g} %"

@@ -102,9 +102,8 @@ def _scale_line(factor: float, calibration: "CalibrationRecord | None", *, middl
     if calibration is None or calibration.luminance is None:
         return values
     scale = calibration.luminance
-    return (
-        f"{values}; a value of 1 is {number(scale.value / factor)} ± {number(scale.error / factor, 2)} cd/m²"
-    )
+    white = f"{number(scale.value / factor)} ± {number(scale.error / factor, 2)} cd/m²"
+    return f"{values}; a value of 1 is {white}, for {', '.join(scale.cameras)}"
 
 
 def _camera_rgb(
