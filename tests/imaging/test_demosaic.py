@@ -4,10 +4,12 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter, uniform_filter
 
 from imaging.cfa import BAYER, Cfa, bilinear, mosaic
 from imaging.demosaic import demosaic
 from imaging.metrics import hdr_psnr_mu
+from tests.foreign.scenes import spots
 
 all_phases = pytest.mark.parametrize("cfa", BAYER)
 TABLES = (Cfa.X_TRANS, Cfa.QUAD_BAYER, Cfa.KODAK_RGBW)
@@ -158,6 +160,29 @@ def test_sigma_is_the_error_in_smooth_and_in_textured_places(noise: float) -> No
         errors = share[place[..., None] & interpolated]
         assert 0.87 < np.mean(np.abs(errors) < 2) < 0.98
         assert 0.6 < np.mean(np.minimum(np.abs(errors), 5) ** 2) < 2.0
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_sigma_is_the_error_however_much_colour_changes(seed: int) -> None:
+    """Blots of all sizes and colours, as foliage has them: no edge along which colour stays the same."""
+    cfa, rng = Cfa.RGGB, np.random.default_rng(seed)
+    rows, columns = np.mgrid[:256, :256]
+    fade = np.exp2(-6 * columns / 256)[..., None]  # of the blots: from all of their contrast to hardly any
+    blots = gaussian_filter(spots(seed, 256).astype(float), (0.6, 0.6, 0))
+    truth = 0.4 * np.exp(fade * np.log(blots / 0.4)) * np.exp2(2 * np.sin(rows / 40))[..., None]
+    sigma = 0.01 * np.sqrt(mosaic(truth, cfa))
+    found = demosaic(mosaic(truth, cfa) + sigma * rng.standard_normal(sigma.shape), cfa, sigma=sigma)
+    assert found.sigma is not None
+    share = np.minimum(np.abs(found.rgb - truth) / found.sigma, 10) ** 2
+    interpolated = np.arange(3) != cfa.channels(*sigma.shape)[..., None]
+    log = np.log(truth)
+    colour = np.sqrt(
+        sum(uniform_filter(one**2, 3) - uniform_filter(one, 3) ** 2 for one in (log - log[..., 1:2]).T)
+    ).T
+    for place in np.array_split(np.argsort(colour, axis=None), 6):
+        chosen = np.zeros(colour.size, bool)
+        chosen[place] = True
+        assert 0.5 < np.mean(share[chosen.reshape(colour.shape)[..., None] & interpolated]) < 2.1
 
 
 def test_a_bound_makes_what_hangs_on_it_one() -> None:
