@@ -11,7 +11,7 @@ The order, which `decisions.py` has as code:
 5. most Gaussians: by the budget, or by how many samples the training views hold (`size`).
 6. starting points: with the depths of as many views as the time has room for.
 7. trials: whether short trainings may decide what follows (`trials`, `probe`).
-8. environment: where views see the same light in the same directions, by a trial (`far_field`).
+8. environment: by whether views see the same light in the same directions, and a trial (`far_field`).
 9. corrections of the calibration: by its own errors, else by trials (`corrections`).
 10. number of Gaussians: by trials that halve it (`size`).
 11. iterations, and the predicted quality: by a training in miniature (`probe`, `prediction`).

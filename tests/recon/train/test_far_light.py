@@ -7,14 +7,17 @@ import pytest
 
 from imaging.errors import InputError
 from imaging.files.exr import read_exr
+from imaging.progress import unreported
 from recon import reconstruct as stage
 from recon.data.dataset import Dataset, View
 from recon.data.geometry import rays
-from recon.decide.far_field import SUGGESTED, far_share
+from recon.decide.far_field import BESIDE, SUGGESTED, environment_for, far_share
 from recon.decide.overrides import Overrides
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import open_scene
 from recon.train.far_light import far_light
+from recon.train.ranks import Ranks
+from tests.recon.decide.test_corrections import settings
 
 
 def light(directions: np.ndarray) -> np.ndarray:
@@ -63,8 +66,19 @@ def test_a_near_thing_in_one_view_does_not_hide_what_others_see(toy_dataset: Dat
 
 
 def test_a_far_field_is_suggested_by_far_light_and_not_by_a_wall(toy_dataset: Dataset) -> None:
-    assert far_share(toy_dataset.train, pictures(toy_dataset, wall=None)) > 0.5
+    sky = pictures(toy_dataset, wall=None)
+    assert far_share(toy_dataset.train, sky) > 0.5
+    assert far_share(toy_dataset.train, sky, BESIDE) < 0.5 * far_share(toy_dataset.train, sky)
     assert far_share(toy_dataset.train, pictures(toy_dataset, wall=1.0)) < SUGGESTED
+
+
+def test_where_no_trial_is_made_the_agreement_of_views_decides(toy_dataset: Dataset) -> None:
+    wanted = settings()
+    grey = [(np.full_like(rgb, 0.2), seen) for rgb, seen in pictures(toy_dataset, wall=None)]
+    for images, taken in ((pictures(toy_dataset, wall=None), True), (grey, False)):
+        decided, rung = environment_for(toy_dataset, wanted, images, "no time", Ranks(), unreported)
+        assert decided is rung.taken is taken
+        assert "no time" in rung.reason
 
 
 def test_a_scene_with_an_environment_is_drawn_stored_and_written(toy, monkeypatch) -> None:
