@@ -142,6 +142,11 @@ def few() -> float:
     return max(plain - other for plain, *others in zip(*degrees, strict=True) for other in others)
 
 
+def noise_gains(views: str) -> list[float]:
+    """RAW dB that whitened residuals gain, and its standard error."""
+    return cells("rawnerf_protocol", views, "whitened, squares", but="three scales")[0][1:]
+
+
 def gained() -> float:
     """Mean over the scenes of the ladder, dB."""
     of = [
@@ -232,6 +237,11 @@ CLAIMS = (
             for scene in ("demo", "gallery")
         ],
     ),
+    Claim(
+        r"noise gains ([\d.]+) and ([\d.]+) dB of RAW",
+        lambda: [noise_gains(f"{views} views")[0] for views in (8, 12)],
+    ),
+    Claim(r"nothing at 4 \((-[\d.]+) \+- ([\d.]+)\)", lambda: noise_gains("4 views")),
     Claim(
         r"HDR-GS reaches ([\d.]+) dB from one exposure a view, where 3DGS, .*? has ([\d.]+)",
         lambda: [cell("hdr_nerf_protocol", "OE dB", f"{name}, Exp-1") for name in ("HDR-GS", "vanilla 3DGS")],
@@ -330,6 +340,8 @@ SETTINGS = (
     r"where they are 0\.6 px off and nothing at 0\.3",
     r"within 0\.2 dB of the best light",
     r"4 to 8 views",
+    r"at 8 and 12 views of a phone at night and nothing at 4",
+    r"where Raw3DGS reports 3 dB",
 )
 """What was measured, rather than what came of it."""
 
