@@ -6,7 +6,7 @@
 Mitsuba's light (`tests/foreign`), photographed by a few lines that share nothing with the simulator, goes
 through the commands as a user gives them; what they leave on the disk is held to the truth by numpy. Finished
 rows are kept under --work by commit; the table has, of each scene, the first commit that was measured and the
-last, from bench/results/foreign.json. --quick: 20 views of 200 px, draft.
+last, from bench/results/foreign.json. --quick: 28 views of 160 px, draft.
 """
 
 import argparse
@@ -27,7 +27,6 @@ from imaging.files import store
 from tests.foreign import judge, subjects
 from tests.foreign.folder import Body, Shots, photograph, tell_poses
 from tests.foreign.lit import LitScene
-from tests.foreign.scenes import Array
 
 Times = tuple[tuple[float, ...], ...]
 
@@ -91,13 +90,13 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def one_case(case: Case, folder: Path, quality: str, quick: bool) -> dict[str, Any]:
     """What became of one set of photographs."""
-    scene = case.scene(views=20, width=200, samples=9, traced=64) if quick else case.scene()
+    scene = case.scene(views=28, width=160, samples=9, traced=64) if quick else case.scene()
     light = scene.light()
     if folder.exists():
         shutil.rmtree(folder)
     shots = photograph(folder / "photos", light, case.body, case.times, developed=case.developed)
     if case.given:
-        tell_poses(shots, scene.poses, scene.focal, (scene.width, scene.height), surface_points(scene))
+        tell_poses(shots, scene.poses, scene.focal, (scene.width, scene.height), scene.surface_points())
     session, merged = folder / "S", folder / "merged"
     began = time.perf_counter()
     said = [_rig("import", shots.folder, session), _rig("check", session)]
@@ -128,19 +127,6 @@ def _calibrated(case: Case, scene: LitScene, session: Path, shots: Shots) -> dic
     if case.developed:
         row["response"] = judge.response_figure(session)
     return row if case.given else row | judge.pose_figures(session, scene.poses, scene.focal)
-
-
-def surface_points(scene: LitScene, count: int = 1500) -> Array:
-    """Points [count, 3] on the panels, a few thousandths off, as structure from motion leaves them."""
-    rng = np.random.default_rng(7)
-    areas = np.array([np.prod(np.linalg.norm(p.place[:3, :2], axis=0)) for p in scene.panels.values()])
-    places = np.stack([panel.place for panel in scene.panels.values()])
-    chosen = rng.choice(len(places), count, p=areas / areas.sum())
-    local = np.concatenate(
-        [rng.uniform(-1, 1, (count, 2)), np.zeros((count, 1)), np.ones((count, 1))], axis=1
-    )
-    world = np.einsum("nij,nj->ni", places[chosen], local)[:, :3]
-    return np.asarray(world + 0.005 * rng.standard_normal(world.shape))
 
 
 def _rig(*arguments: object) -> str:
@@ -207,11 +193,11 @@ def table(result: dict[str, Any], options: argparse.Namespace) -> str:
     lines = [
         "# Foreign truth: path-traced light, taken the whole way",
         "",
-        "`python -m bench.foreign.whole_way --write`: Mitsuba's light of a room with lamps, gold, mirror and "
-        "glass, and of objects before a light probe, photographed by a camera that shares no code with the "
-        "simulator (28 views of 400 px, one rig each; labels of exposures off by 4 %), imported, checked, "
-        "calibrated, merged, trained (preset "
-        f"{options.quality}) and evaluated. Of each scene the first commit that was measured, and the last. "
+        f"`python -m bench.foreign.whole_way{' --quick' * options.quick} --write`: Mitsuba's light, "
+        "photographed by a camera that shares no code with the simulator (28 views of "
+        f"{160 if options.quick else 400} px, one rig each; labels of exposures off by 4 %), imported, "
+        f"checked, calibrated, merged, trained (preset {options.quality}) and evaluated. Of each scene the "
+        "first commit that was measured, and the last. "
         f"{words(result['machine'])}.",
     ]
     for title, columns in COLUMNS.items():

@@ -83,6 +83,16 @@ class LitScene:
         """Pixels [V, H, W] that show a part whose name begins with one of these."""
         return np.isin(self.seen(), [n for n, part in enumerate(self.parts) if part.startswith(names)])
 
+    def surface_points(self, count: int = 1500) -> Array:
+        """Points [count, 3] on the panels, a few thousandths off, as structure from motion leaves them."""
+        rng = np.random.default_rng(7)
+        places = np.stack([panel.place for panel in self.panels.values()])
+        areas = np.linalg.norm(places[:, :3, :2], axis=1).prod(axis=1)
+        chosen = rng.choice(len(places), count, p=areas / areas.sum())
+        flat = [rng.uniform(-1, 1, (count, 2)), np.zeros((count, 1)), np.ones((count, 1))]
+        world = np.einsum("nij,nj->ni", places[chosen], np.concatenate(flat, axis=1))[:, :3]
+        return np.asarray(world + 0.005 * rng.standard_normal(world.shape))
+
     @cached_property
     def _kept(self) -> dict[str, npt.NDArray[Any]]:
         file = CACHE / f"{self.name}-{self._hash()}.npz"

@@ -19,7 +19,7 @@ GLASS: Shape = {"type": "dielectric", "int_ior": 1.5}
 def room(
     name: str = "room", views: int = 28, width: int = 400, samples: int = 16, traced: int = 128
 ) -> LitScene:
-    """A room 6 by 6 by 3, looked at from near its middle: lamps 18 stops above the light under a table."""
+    """A room 6 by 6 by 3, looked at across its middle: lamps 18 stops above the light under a table."""
     half, tall = 3.0, 1.5
     panels = {
         "floor": Panel(moved(0, 0, -tall, size=(half, half, 1)), spots(1, 768, 0.7), (48, 48)),
@@ -33,6 +33,7 @@ def room(
     panels |= _table("table", (1.75, 1.5, -0.6), (0.8, 0.7, 0.05), 0.85, 20)
     panels |= _slab("plinth", moved(-1.9, 0.9, -1.0, turn=20, size=(0.4, 0.4, 0.5)), 30, (8, 8))
     panels |= _slab("chest", moved(-1.0, -2.0, -1.1, turn=-15, size=(0.7, 0.4, 0.4)), 40, (8, 8))
+    panels |= _slab("crate", moved(0.1, -0.1, -0.95, turn=35, size=(0.4, 0.3, 0.55)), 70, (8, 8))
     shapes: dict[str, Shape] = {
         "lamp_bright": _lamp(-0.6, 2.3, 0.75, 0.05, (12e3, 10e3, 7e3)),
         "lamp_warm": _lamp(-2.4, -2.3, 0.6, 0.08, (900.0, 520.0, 200.0)),
@@ -51,9 +52,17 @@ def room(
 
 
 def objects(
-    name: str = "objects", views: int = 28, width: int = 400, samples: int = 16, traced: int = 128
+    name: str = "objects",
+    views: int = 28,
+    width: int = 400,
+    samples: int = 16,
+    traced: int = 128,
+    span: float = 360.0,
 ) -> LitScene:
-    """A crate, each side of its own, between metal and glass on a round of ground before a light probe."""
+    """A crate, each side of its own, between metal and glass on a square of ground before a light probe.
+
+    span: degrees of the way around it that the views stand on.
+    """
     panels = {"floor": Panel(moved(0, 0, -1, size=(2.6, 2.6, 1)), spots(51, 768), (40, 40))}
     panels |= _slab("crate", moved(0, 0, -0.25, turn=25, size=(0.75, 0.75, 0.75)), 60, (16, 16))
     shapes = {
@@ -61,12 +70,10 @@ def objects(
         "polished": _ball(-1.3, 1.0, -0.6, 0.4, POLISHED),
         "glass": _ball(-0.8, -1.5, -0.6, 0.4, GLASS),
     }
-    poses = np.concatenate([ring(views - views // 2, 4.5, 0.9, seed=1), ring(views // 2, 4.2, 2.0, seed=2)])
-    # In the order in which somebody walks around: low, high, low, high.
-    order = np.argsort([np.arctan2(*_centre(pose)[1::-1]) % (2 * np.pi) for pose in poses])
-    return LitScene(
-        name, panels, shapes, poses[order], cathedral(), 50.0, width, width * 3 // 4, samples, traced
-    )
+    # Somebody walks around, and holds the camera low and high by turns.
+    low, high = (ring(views, away, up, span=span, seed=1) for away, up in ((4.5, 0.9), (4.2, 2.0)))
+    poses = np.where(np.arange(views)[:, None, None] % 2, high, low)
+    return LitScene(name, panels, shapes, poses, cathedral(), 50.0, width, width * 3 // 4, samples, traced)
 
 
 def cathedral() -> Light:
@@ -122,11 +129,11 @@ def _table(
 
 
 def _looking_around(number: int, count: int) -> Array:
-    """One of so many poses near the middle, outwards, now a little up from above, now down from below."""
+    """One of so many poses around the middle, across it to the other side, now level, now a little down."""
     rng = np.random.default_rng([count, number])
     turn = 2 * np.pi * number / count + rng.normal(0, 0.03)
-    ahead = np.array([np.cos(turn), np.sin(turn), (0.1, -0.28)[number % 2] + rng.normal(0, 0.02)])
-    centre = (1.1 + rng.normal(0, 0.05)) * ahead * (1, 1, 0) + (0, 0, (0.25, -0.1)[number % 2])
+    ahead = np.array([np.cos(turn), np.sin(turn), (0.0, -0.2)[number % 2] + rng.normal(0, 0.02)])
+    centre = -(1.6 + rng.normal(0, 0.05)) * ahead * (1, 1, 0) + (0, 0, (0.0, 0.3)[number % 2])
     return look_at(centre, centre + ahead)
 
 
@@ -141,7 +148,3 @@ def _stretched(texture: Light, across: int, up: int) -> Light:
     return np.ascontiguousarray(
         texture[: rows * up // max(across, up), : columns * across // max(across, up)]
     )
-
-
-def _centre(pose: Array) -> Array:
-    return np.asarray(-pose[:3, :3].T @ pose[:3, 3])
