@@ -44,10 +44,13 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
     names = sorted(model.lenses)
     progress("measuring falloff", 0, 1)
     brightness = {view: summary.brightness for view, summary in summaries.items()}
+    through = {view.camera.name: frozenset(shot.band for shot in view.shots) for view in evidence.views}
+    filters = list(dict.fromkeys(through[name] for name in names))
     falloff = vignetting.estimate(
-        tracks.tracks_of(model, brightness, names),
+        tracks.tracks_of(model, brightness, names).apart([filters.index(through[name]) for name in names]),
         names,
         {camera.name: f"{camera.make} {camera.model}" for camera in session.record.cameras},
+        comparable=len(filters) == 1,
     )
     colours = {view: summary.colour for view, summary in summaries.items()}
     white = balance(model, colours, evidence.sensors, falloff, list(evidence.charts.evidence))

@@ -1,6 +1,6 @@
 """What is taken from the images of one view, so that no more than one view's images are held at a time."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from calib.data.features import Features, extract, unmasked
 from calib.data.previews import is_faint, preview
-from calib.data.views import View, read_view
+from calib.data.views import View, of_one_band, read_view
 from calib.light.tracks import brightness_at, colour_at, light
 from imaging.files.photo import encode_png
 from imaging.merge.bracket import Merged, merge_bracket
@@ -64,14 +64,12 @@ def summarise(
     Features are found in the whole picture, since the border of a mask would look like a thing of the
     scene; those behind a mask are dropped then. No brightness is told from behind a mask.
     """
-    frames = read_view(session, view, scale, response)
-    lit = [_is_lit(frame) for frame in frames]
-    if not any(lit):
-        lit = [True] * len(frames)
-    merged = merge_bracket(list(compress(frames, lit)))
-    picture = preview(merged)
+    parts = of_one_band([view])
+    bands = [_merged(session, part, scale, response, hidden=False) for part in parts]
+    picture = preview(mean_of_bands(bands, alike=True))
     if any(shot.mask is not None for shot in view.shots):
-        merged = merge_bracket(list(compress(masked(session, view.shots, frames), lit)))
+        bands = [_merged(session, part, scale, response, hidden=True) for part in parts]
+    merged = mean_of_bands(bands)
     height, width = picture.shape
     blank = _blank(merged)
     found = _unmasked(session, view, extract(picture, threads), width, height)
@@ -86,6 +84,53 @@ def summarise(
         blank=blank,
         faint=is_faint(merged),
     )
+
+
+def _merged(
+    session: Session, view: View, scale: Mapping[str, float], response: Response, *, hidden: bool
+) -> Merged:
+    """The bracket of a view through one filter; hidden: without what is behind a mask."""
+    frames = read_view(session, view, scale, response)
+    lit = [_is_lit(frame) for frame in frames]
+    if not any(lit):
+        lit = [True] * len(frames)
+    return merge_bracket(list(compress(masked(session, view.shots, frames) if hidden else frames, lit)))
+
+
+def mean_of_bands(merged: Sequence[Merged], *, alike: bool = False) -> Merged:
+    """One picture of a view through several filters, whose pixels lie on each other.
+
+    alike: each band counts by its own median, so that features are found in all; else light is added up as it
+    is, as comparable from view to view as that of each band.
+    """
+    if len(merged) == 1:
+        return merged[0]
+    weights = [1.0 / (_median(one) if alike else 1.0) / len(merged) for one in merged]
+    sigma = None
+    if all(one.sigma is not None for one in merged):
+        parts = [
+            weight * one.sigma for weight, one in zip(weights, merged, strict=True) if one.sigma is not None
+        ]
+        sigma = np.sqrt(np.sum(np.square(parts), axis=0)).astype(np.float32)
+    clipped, dark = (
+        np.logical_or.reduce([getattr(one, name) for one in merged]) for name in ("clipped", "dark")
+    )
+    return Merged(
+        radiance=np.sum([w * one.radiance for w, one in zip(weights, merged, strict=True)], axis=0).astype(
+            np.float32
+        ),
+        sigma=sigma,
+        valid=np.logical_and.reduce([one.valid for one in merged]),
+        clipped=clipped,
+        dark=dark & ~clipped,
+        cfa=merged[0].cfa,
+    )
+
+
+def _median(merged: Merged) -> float:
+    """Of what is known of a picture, at least tiny."""
+    known = merged.radiance[merged.valid]
+    return max(float(np.median(known)), 1e-12) if known.size else 1.0
 
 
 def _is_lit(frame: LinearFrame) -> bool:

@@ -46,10 +46,10 @@ def evaluate(folder: str | Path, progress: Progress = unreported) -> dict[str, A
     What the names mean is said in `rig.report.metrics`. Figures against truth use one peak, the
     truth's maximum over the held-out views, and `_aligned` ones a single scale for all of them; PSNRs are
     means over views, stops_median and relative_error_by_decade (of aligned radiance) pool their values.
-    `views` has the same per view. `measured_on` says whether the views are test views, which nothing was
-    chosen by, or the validation view that the training was ended by, where that is the only one; `held_out`
-    and `validation` name both kinds. Below four views nothing is held out: the result says so and has no such
-    figures.
+    `views` has the same per view and `bands`, of a scene of bands, per band. `measured_on` says whether the
+    views are test views, which nothing was chosen by, or the validation view that the training was ended by,
+    where that is the only one; `held_out` and `validation` name both kinds. Below four views nothing is held
+    out: the result says so and has no such figures.
     """
     folder = Path(folder)
     read_model(folder)
@@ -115,13 +115,18 @@ def measured(
                 [image[mask] for image, mask in zip(side, masks, strict=True)] for side in (light, reference)
             )
             pooled = _against_light(ours, true, rows)
+            if opened.dataset.bands:
+                pooled["bands"] = _by_band(opened, renders, ours, true, pooled["alignment_scale"])
     return light, seconds, rows, pooled
 
 
 def _reference(opened: Opened) -> list[Float] | None:
     """The true light of the held-out views: of the simulator, or of EXR files; None without either."""
     if has_truth(opened.dataset.session):
-        return [true_radiance(opened.dataset.session, view) for view in opened.dataset.reported]
+        return [
+            true_radiance(opened.dataset.session, view, opened.dataset.bands)
+            for view in opened.dataset.reported
+        ]
     if opened.dataset.kind == "hdr":
         return [view.shots[-1].pixels / np.float32(view.shots[-1].k) for view in opened.dataset.reported]
     return None
@@ -131,7 +136,9 @@ def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, 
     """Fills the rows; returns what is pooled over the views."""
     peak = max(0.0, *(float(image.max()) for image in truth))
     # Views of several cameras may differ in size: pooled, they are so many pixels.
-    everything, true = (np.concatenate([image.reshape(-1, 3) for image in side]) for side in (light, truth))
+    everything, true = (
+        np.concatenate([image.reshape(-1, image.shape[-1]) for image in side]) for side in (light, truth)
+    )
     scale = metrics.align_scale(everything, true)
     for row, image, goal in zip(rows, light, truth, strict=True):
         aligned = image * scale
@@ -159,7 +166,9 @@ def _against_shots(opened: Opened, renders: list[torch.Tensor], rows: list[dict[
     for row, image, view in zip(rows, renders, opened.dataset.reported, strict=True):
         if view.sensor.kind == "hdr":
             continue
-        predicted = [opened.training.method.observation.predict(image, view, shot.k) for shot in view.shots]
+        predicted = [
+            opened.training.method.observation.predict(image, view, shot.k, shot.band) for shot in view.shots
+        ]
         if view.sensor.kind == "raw":
             _note(row, "raw_psnr", map(shot_psnr, predicted, view.shots))
             continue
@@ -173,6 +182,29 @@ def _against_shots(opened: Opened, renders: list[torch.Tensor], rows: list[dict[
             _note(row, f"ldr_psnr_{suffix}", itertools.starmap(shot_psnr, pairs))
             if min(view.lens.width, view.lens.height) >= 11:
                 _note(row, "ssim" if trained else "ssim_ne", itertools.starmap(_ssim, pairs))
+
+
+def _by_band(
+    opened: Opened, renders: list[torch.Tensor], light: list[Float], truth: list[Float], scale: float
+) -> list[dict[str, Any]]:
+    """Of each band what its shots (raw_psnr) and its true light say; the scale is that of all bands."""
+    ours, true = (
+        np.concatenate([image.reshape(-1, image.shape[-1]) for image in side]) for side in (light, truth)
+    )
+    found = []
+    for number, band in enumerate(opened.dataset.bands):
+        row: dict[str, Any] = {"band": band.name}
+        psnrs = (
+            shot_psnr(opened.training.method.observation.predict(image, view, shot.k, number), shot)
+            for image, view in zip(renders, opened.dataset.reported, strict=True)
+            for shot in view.shots
+            if shot.band == number
+        )
+        _note(row, "raw_psnr", psnrs)
+        row["hdr_psnr_mu_aligned"] = metrics.hdr_psnr_mu(ours[:, number] * scale, true[:, number])
+        row["stops_median"] = metrics.stops_median(ours[:, number] * scale, true[:, number])
+        found.append(row)
+    return found
 
 
 def _note(row: dict[str, Any], key: str, figures: Iterable[float | None]) -> None:

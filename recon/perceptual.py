@@ -18,12 +18,11 @@ import torch
 from imaging.colour import srgb_decode
 from imaging.colour_difference import delta_e
 from imaging.files import store
-from imaging.files.exr import write_exr
 from imaging.files.photo import encode_png
 from imaging.progress import Progress, unreported
 from recon.data.dataset import View
-from recon.render import attributes, stem
-from recon.result.display import displayed
+from recon.render import stem, write_light
+from recon.result.display import displayed, in_colour
 from recon.result.scene import Opened
 
 Float = npt.NDArray[np.float32]
@@ -62,13 +61,14 @@ def compare_pictures(
     rows = []
     for turn, view in enumerate(opened.dataset.reported):
         progress("comparing pictures", turn, len(light))
-        header = attributes(opened.record, view)
-        write_exr(folder / RENDERS / f"{stem(view)}.exr", light[turn], attributes=header)
+        write_light(folder / RENDERS / f"{stem(view)}.exr", light[turn], opened.record, view)
         goal = None
         if truth is not None:
             goal = np.asarray(truth[turn] / np.float32(scale), np.float32)
-            write_exr(folder / REFERENCES / f"{stem(view)}.exr", goal, attributes=header)
-        pairs = list(_pairs(opened, view, light[turn], goal))
+            write_light(folder / REFERENCES / f"{stem(view)}.exr", goal, opened.record, view)
+        bands = opened.record.bands
+        shown, goal = in_colour(light[turn], bands), None if goal is None else in_colour(goal, bands)
+        pairs = list(_pairs(opened, view, shown, goal))
         for pair in pairs:
             store.write_bytes(folder / RENDERS / f"{pair.name}.png", encode_png(pair.ours))
             store.write_bytes(folder / REFERENCES / f"{pair.name}.png", encode_png(pair.reference))
@@ -76,7 +76,7 @@ def compare_pictures(
         if find_spec("flip_evaluator") is not None:
             row |= _summary("flip", [errors for pair in pairs if (errors := _flip(pair)) is not None])
             if goal is not None:
-                errors = hdr_flip(light[turn], goal, view.seen)
+                errors = hdr_flip(shown, goal, view.seen)
                 row |= _summary("hdr_flip", [] if errors is None else [errors])
         rows.append(row)
     return rows

@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import torch
+
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.progress import Progress, unreported
@@ -35,6 +37,7 @@ from recon.train.warm_up import warm_up
 __all__ = ["QUALITIES", "START_SHARE", "MethodName", "Quality", "QualityName", "reconstruct"]
 
 _AS_IT_IS = Overrides()
+_CPU = torch.device("cpu")
 
 
 def reconstruct(
@@ -113,7 +116,8 @@ def reconstruct(
             dataset = dataset.with_validation()
         folder = store.inside(session, f"{shelf}/{name or default_name(chosen, quality, budget)}")
         place, checkpoint = place_for(folder, asked, dataset.calibration_sha256, replace)
-        run = Run(dataset, asked, training_device(), ranks, countdown, progress, tell, clock)
+        device = _CPU if dataset.bands else training_device()  # the kernels of GPUs draw three channels
+        run = Run(dataset, asked, device, ranks, countdown, progress, tell, clock)
         _reconstruct(place, run, checkpoint, (*reasons, *rungs(dataset, chosen)))
         if place != folder and ranks.first:
             store.replace_folder(place, folder)
@@ -171,7 +175,9 @@ def _begun(folder: Path, run: Run) -> tuple[Training, Decisions]:
 
     Trials count as training.
     """
-    warm_up(run.progress, run.device, fisheye=any(view.lens.fisheye for view in run.dataset.views))
+    views = run.dataset.views
+    fisheye = any(view.lens.fisheye for view in views)
+    warm_up(run.progress, run.device, fisheye=fisheye, channels=views[0].channels)
     started = run.clock()
     case = Case.of(run)
     decided = decide(case)

@@ -6,13 +6,16 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from imaging.colour import SPACE_PRIMARIES, Space, space_from_rec709
+from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr import white_luminance, write_exr
 from imaging.files.photo import encode_png
 from imaging.progress import Progress, unreported
-from recon.result.display import displayed
+from imaging.session.bands import LAYOUT, channels
+from recon.result.display import displayed, in_colour
 from recon.result.model import ModelRecord
 from recon.result.scene import open_scene
 
@@ -30,7 +33,8 @@ def render(
     """Render views of a reconstruction into `out`; the files written, EXR first.
 
     views: names `frame/camera`; None: every view of the scene. Of each view an EXR of linear
-    radiance in the units of the calibration, its primaries those of `space`, and one PNG for each of
+    radiance in the units of the calibration, its primaries those of `space` (of a scene of bands a spectral
+    EXR, a channel each, and PNG in false colours), and one PNG for each of
     `stops`: sRGB of the radiance times 2^(exposure + stops), clipped. exposure: None takes what shows
     the median of the scene as middle grey; the EXR name that factor as `rig:exposure`.
     ReconstructionError for a view that the scene does not have.
@@ -38,8 +42,10 @@ def render(
     out = Path(out)
     store.require_writable(out)
     scene = open_scene(folder)
+    bands = scene.record.bands
+    if bands and space != "rec709":
+        raise InputError(f"{folder} has the light of bands, which has no primaries: leave --space out.")
     chosen = scene.views if views is None else tuple(scene.view(name) for name in views)
-    from_rec709 = space_from_rec709(space).astype(np.float32)
     shown = math.log2(scene.exposure) if exposure is None else exposure
     files, pictures = [], []
     store.make_folder(out)
@@ -47,19 +53,27 @@ def render(
         progress("rendering", done, len(chosen))
         image = scene.radiance(view.splat_camera)
         path = out / f"{stem(view)}.exr"
-        write_exr(
-            path,
-            image @ from_rec709.T,
-            chromaticities=SPACE_PRIMARIES[space],
-            attributes=attributes(scene.record, view),
-        )
+        write_light(path, image, scene.record, view, space)
         files.append(path)
         for step in stops:
             path = out / (f"{stem(view)}.png" if len(stops) == 1 else f"{stem(view)}_{step:+g}ev.png")
-            store.write_bytes(path, encode_png(displayed(image, 2.0 ** (shown + step))))
+            store.write_bytes(path, encode_png(displayed(in_colour(image, bands), 2.0 ** (shown + step))))
             pictures.append(path)
     progress("rendering", len(chosen), len(chosen))
     return files + pictures
+
+
+def write_light(
+    path: Path, light: npt.NDArray[np.float32], record: ModelRecord, view: "Named", space: Space = "rec709"
+) -> None:
+    """Write light [H, W, C] of a scene as EXR: of bands a channel each, else in the primaries of a space."""
+    header = attributes(record, view)
+    if record.bands:
+        planes = {name: light[..., index] for index, name in enumerate(channels(record.bands))}
+        write_exr(path, planes, chromaticities=None, attributes=header | LAYOUT)
+        return
+    matrix = space_from_rec709(space).astype(np.float32)
+    write_exr(path, light @ matrix.T, chromaticities=SPACE_PRIMARIES[space], attributes=header)
 
 
 class Named(Protocol):

@@ -131,7 +131,7 @@ class LogBlending(LinearLight):
         """Prediction and target, of light."""
         return super().compare(self._light(image), *rest)
 
-    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+    def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
         """The signal of a shot, of light."""
         return super().predict(self._light(image), view, k)
 

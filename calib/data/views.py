@@ -1,7 +1,7 @@
 """What a session holds, as calibration sees it: one view per camera and frame, with its bracket."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from imaging.errors import CalibrationError, InputError
 from imaging.merge.linear_frame import LinearFrame, read_linear
@@ -50,6 +50,17 @@ def views_of(session: Session, kind: Subject) -> list[View]:
                 f"({', '.join(f'{w}x{h}' for w, h in sorted(sizes))}): import each size as its own camera."
             )
     return sorted(views, key=lambda view: (view.camera.name, view.frame))
+
+
+def of_one_band(views: Sequence[View]) -> list[View]:
+    """The views again, those through several filters once for each band, with its shots: what compares
+    exposures may compare only those of one band.
+    """
+    return [
+        replace(view, shots=tuple(shot for shot in view.shots if shot.band == band))
+        for view in views
+        for band in dict.fromkeys(shot.band for shot in view.shots)
+    ]
 
 
 def read_view(

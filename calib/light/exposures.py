@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.data.views import View, read_view
+from calib.data.views import View, of_one_band, read_view
 from imaging.merge.linear_frame import LinearFrame
 from imaging.merge.masks import masked
 from imaging.merge.ratios import LABEL_SIGMA, Linearity, Overlap, Ratio, linearity, overlap, ratio, solve
@@ -40,7 +40,8 @@ class Exposures:
 
 @dataclass(frozen=True)
 class _Steps:
-    """The steps of one camera: ln of the labels, trust in them, and overlaps by longer and shorter step."""
+    """The steps of one camera through one filter: ln of the labels, trust in them, overlaps by longer and
+    shorter step."""
 
     labels: dict[Key, float]
     sigma: float
@@ -77,27 +78,28 @@ def estimate(session: Session, views: Sequence[View], progress: Progress) -> Exp
     noise explains.
     """
     scale = labelled(views)
-    by_camera: dict[str, dict[int, View]] = {}
-    for view in views:
-        by_camera.setdefault(view.camera.name, {})[view.frame] = view
-    solved: dict[str, _Solved] = {}
+    by_camera: dict[tuple[str, str | None], dict[int, View]] = {}
+    parts = of_one_band(views)
+    for view in parts:
+        by_camera.setdefault((view.camera.name, view.shots[0].band), {})[view.frame] = view
+    solved: dict[tuple[str, str | None], _Solved] = {}
     done = 0
 
     def step() -> None:
         nonlocal done
-        progress("comparing exposures", done, len(views))
+        progress("comparing exposures", done, len(parts))
         done += 1
 
-    for name, own in by_camera.items():
+    for key, own in by_camera.items():
         steps = _measure(session, own, step)
         result = _solve(steps, list(own))
         if result is None:
             continue
-        solved[name] = result
+        solved[key] = result
         for frame, view in own.items():
             for shot in view.shots:
                 scale[shot.file] = float(np.exp(result.scale[frame, _key(shot)]))
-    lines = {name: result.linearity for name, result in solved.items() if result.linearity is not None}
+    lines = {name: result.linearity for (name, _), result in solved.items() if result.linearity is not None}
     return Exposures(scale, bool(solved), lines, _rungs(list(solved.values())))
 
 

@@ -60,6 +60,12 @@ class Tracks:
     brightness: Array
     direction: Array
 
+    def apart(self, groups: Sequence[int]) -> "Tracks":
+        """The same with a point told apart by the group of the cameras, as many as `camera` counts, that see
+        it: those that look through different filters see different light of it."""
+        own = np.array(groups, np.int64)[self.camera]
+        return replace(self, point=self.point * (max(groups, default=0) + 1) + own)
+
     def part(self, keep: npt.NDArray[np.bool_]) -> "Tracks":
         """The observations that `keep` [N] names."""
         return Tracks(
@@ -100,12 +106,15 @@ class _Fit:
     scale: float
 
 
-def estimate(tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str]) -> Falloff:
+def estimate(
+    tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str], *, comparable: bool = True
+) -> Falloff:
     """Falloff and gains that held-out tracks ask for, and nothing else.
 
     cameras: names, in the order of `Tracks.camera`; models: of each camera, by name. Cameras of one
     model share a falloff unless their own predict held-out tracks better. Of falloff and gains the one that
-    tells more is tried first, so that it does not pass for the other.
+    tells more is tried first, so that it does not pass for the other. comparable: whether the cameras see the
+    same light; if not, they get no gains.
     """
     count = len(cameras)
     none = _Shape((), gains=False)
@@ -119,7 +128,7 @@ def estimate(tracks: Tracks, cameras: Sequence[str], models: Mapping[str, str]) 
     groups = {model: index for index, model in enumerate(dict.fromkeys(models[name] for name in cameras))}
     shared = tuple(groups[models[name]] for name in cameras)
     shape, rungs, noticed = none, list[Rung](), NOTICED
-    both = _Shape(shared, gains=count > 1)
+    both = _Shape(shared, gains=comparable and count > 1)
     if (shines := _shines(tracks, both, count)) is not None:
         rung, sides = shines
         rungs.append(rung)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.views import View
+from calib.data.views import View, of_one_band
 from calib.sensor import brackets, emva
 from calib.sensor.brackets import Blind
 from calib.sensor.emva import Frames, Nominal
@@ -48,6 +48,7 @@ class MeasuredSensor:
 def measure_sensors(session: Session, views: Sequence[View], progress: Progress) -> dict[str, MeasuredSensor]:
     """Every RAW camera of the session; InputError for a missing or damaged file."""
     cameras = [camera for camera in session.record.cameras if camera.kind == "raw"]
+    views = of_one_band(views)
     found = {}
     for done, camera in enumerate(cameras):
         progress("measuring the sensors", done, len(cameras))

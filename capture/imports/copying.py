@@ -15,7 +15,7 @@ from imaging.errors import InputError, StorageError
 from imaging.files import store
 from imaging.merge.masks import read_mask
 from imaging.progress import Progress
-from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord
+from imaging.session.records import Band, CameraRecord, PlanRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 
 ORIGIN = "import"
@@ -29,6 +29,7 @@ class Place:
     shot_id: ShotId
     plan: str
     mask: Path | None = None
+    band: str | None = None
 
 
 def begin_or_continue(
@@ -37,6 +38,7 @@ def begin_or_continue(
     plans: Sequence[PlanRecord],
     places: Sequence[Place],
     last: str,
+    bands: tuple[Band, ...] = (),
 ) -> tuple[Session, bool]:
     """A new session, or the one that a killed import of the same photographs left; and whether it is new.
 
@@ -45,12 +47,14 @@ def begin_or_continue(
     """
     if not is_vacant(out):
         session = Session.open(out) if (out / "session.json").exists() else None
-        if session is None or not _is_part(session, cameras, plans, places):
+        if session is None or not _is_part(session, cameras, plans, places, bands):
             raise InputError(f"{out} is not empty, and holds no part of this import: name a new folder.")
         if not _is_unfinished(session, places, last):
             raise InputError(f"{out} holds this import already, complete: name a new folder to import again.")
         return session, False
-    record = SessionRecord(name=out.resolve().name, created=datetime.now(UTC), origin=ORIGIN, cameras=cameras)
+    record = SessionRecord(
+        name=out.resolve().name, created=datetime.now(UTC), origin=ORIGIN, cameras=cameras, bands=bands
+    )
     return begin(out, record), True
 
 
@@ -67,6 +71,7 @@ def _is_part(
     cameras: tuple[CameraRecord, ...],
     plans: Sequence[PlanRecord],
     places: Sequence[Place],
+    bands: tuple[Band, ...],
 ) -> bool:
     """Whether all that the session holds belongs to this import."""
     sources = _sources(places)
@@ -76,6 +81,7 @@ def _is_part(
     return (
         session.record.origin == ORIGIN
         and session.record.cameras == cameras
+        and session.record.bands == bands
         and there.items() <= wanted.items()
         and shots.items() <= sources.items()
     )
@@ -144,6 +150,7 @@ def _copy(session: Session, place: Place, data: bytes, developed: tuple[str, byt
             source=shown(original.path),
             mask=mask,
             mask_sha256=mask_sha256,
+            band=place.band,
         )
     )
 

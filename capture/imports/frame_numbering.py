@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from capture.imports.bands import split_by_band
 from capture.imports.clock_matching import Together, match_frames
 from capture.imports.grouping import Bracket, PhotoSeries, split_into_brackets
 from capture.imports.layouts.given import Given, GivenPhoto
 from capture.imports.originals import Original
-from imaging.session.records import CameraRecord
+from imaging.session.records import Band, CameraRecord
 
 
 @dataclass(frozen=True)
@@ -23,13 +24,21 @@ class Numbered:
 
 
 def frames_in_time(
-    series: Sequence[PhotoSeries], count: int | None, together: Together | None
+    series: Sequence[PhotoSeries],
+    count: int | None,
+    together: Together | None,
+    band_of: Mapping[Path, str] | None = None,
+    bands: Sequence[Band] = (),
 ) -> tuple[list[Numbered], list[str]]:
     """Brackets of `count` photographs, or as guessed; those of one instant share a frame.
 
-    Cameras that were fired together become a rig. Returned with a sentence for each guess.
+    Cameras that were fired together become a rig. band_of: which of the `bands` photographs were taken
+    through. Returned with a sentence for each guess.
     """
-    split = [split_into_brackets(sequence, count) for sequence in series]
+    split = [
+        split_by_band(sequence, count, band_of, bands) if band_of else split_into_brackets(sequence, count)
+        for sequence in series
+    ]
     matched = match_frames(
         [sequence.camera for sequence in series], [brackets for brackets, _ in split], together
     )

@@ -41,18 +41,20 @@ def sort_into_cameras(
     originals: Sequence[Original],
     by: Identity | None = None,
     lenses: Mapping[Path, str] | None = None,
+    filters: frozenset[str] = frozenset(),
 ) -> tuple[list[PhotoSeries], list[str]]:
     """One camera a serial number, else a make and model, else a folder; sizes are never mixed.
 
     by: sorted by this instead. lenses: a layout's word for the camera of each photograph; it is believed
-    unless `by` says otherwise, and photographs of two words are never mixed. A file that could not be
+    unless `by` says otherwise, and photographs of two words are never mixed. filters: names of bands in lower
+    case, whose folders are of no camera of their own. A file that could not be
     read belongs to the only camera of its folder and kind, if there is one.
     """
     members: dict[tuple[str, ...], list[Original]] = {}
     at_home: dict[tuple[Path, str], set[tuple[str, ...]]] = {}
     for original in originals:
         if original.picture is not None:
-            key = _camera_key(folder, original, by, (lenses or {}).get(original.path))
+            key = _camera_key(folder, original, by, (lenses or {}).get(original.path), filters)
             members.setdefault(key, []).append(original)
             at_home.setdefault((original.path.parent, original.kind), set()).add(key)
     for original in originals:
@@ -88,7 +90,9 @@ def _in_time(photos: list[Original]) -> list[Original]:
     return [photo for _, photo in sorted(zip(times, photos, strict=True), key=lambda pair: pair[0])]
 
 
-def _camera_key(folder: Path, original: Original, by: Identity | None, lens: str | None) -> tuple[str, ...]:
+def _camera_key(
+    folder: Path, original: Original, by: Identity | None, lens: str | None, filters: frozenset[str]
+) -> tuple[str, ...]:
     """What makes two photographs those of one camera; its first part says by what."""
     assert original.picture is not None
     picture = original.picture
@@ -102,7 +106,9 @@ def _camera_key(folder: Path, original: Original, by: Identity | None, lens: str
         return ("serial", metadata.make, metadata.model, metadata.serial, *rest)
     if by != "folder" and (metadata.make or metadata.model):
         return ("model", metadata.make, metadata.model, "", *rest)
-    return ("folder", "", "", shown(original.path.parent.relative_to(folder)), *rest)
+    home = original.path.parent.relative_to(folder)
+    own = [part for part in home.parts if part.casefold() not in filters]
+    return ("folder", "", "", shown(Path(*own)), *rest)
 
 
 def _reason(key: tuple[str, ...], by: Identity | None) -> str:

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from capture.bracket.deviation import deviates
+from capture.imports.bands import bands_of, read_band_list
 from capture.imports.clock_matching import Together
 from capture.imports.copying import ORIGIN, Place, append_plans, begin_or_continue, copy_all, take_back
 from capture.imports.frame_numbering import Numbered, frames_in_time, frames_of_layout
@@ -61,6 +62,7 @@ def import_photos(
     together: Together | None = None,
     exposures: str | Path | None = None,
     masks: str | Path | None = None,
+    bands: str | Path | None = None,
     progress: Progress = unreported,
 ) -> ImportResult:
     """Make a session at `out` of the photographs in `folder` and its subfolders; these stay untouched.
@@ -69,8 +71,9 @@ def import_photos(
     layout become the session's calibration. cameras: what tells cameras apart. bracket: so many
     consecutive photographs of a camera are one bracket. together: what makes brackets of several cameras
     one frame. exposures: a list of them (`exposure_list`). Each is guessed when None. masks: a folder of
-    them, named as the photographs; those that a layout names when None. An import that was killed is
-    completed by the same call.
+    them, named as the photographs; those that a layout names when None. bands: a list of the filters before
+    mono cameras (`imports.bands`), whose names are folders or in the names of files. An import that was
+    killed is completed by the same call.
 
     Errors: InputError when `folder` holds nothing usable, its layout is damaged, or `out` is not empty or
     inside `folder`; StorageError when the disk refuses; both leave nothing behind. Files that cannot be
@@ -83,6 +86,7 @@ def import_photos(
     name = layout or detect(folder)
     given = read_layout(folder, name)
     named = None if given is None else {photo.path: photo.exposure for photo in given.photos}
+    filters = () if bands is None else read_band_list(Path(bands))
     surveyed = survey(folder, progress, named=named, exposures=exposures)
     lost = () if given is None else given.missing
     if not any(original.picture for original in surveyed.originals):
@@ -92,10 +96,13 @@ def import_photos(
         check_sizes(given, surveyed.originals)
         notes = [_told_layout(given, layout), *given.notes, *notes]
     labels = None if given is None else {photo.path: photo.camera for photo in given.photos}
-    sorted_series, guesses = sort_into_cameras(folder, surveyed.originals, cameras, labels)
+    band_of = bands_of(folder, [original.path for original in surveyed.originals], filters) if filters else {}
+    sorted_series, guesses = sort_into_cameras(
+        folder, surveyed.originals, cameras, labels, frozenset(band.name.casefold() for band in filters)
+    )
     numbered, why = (
-        frames_in_time(sorted_series, bracket, together)
-        if given is None
+        frames_in_time(sorted_series, bracket, together, band_of, filters)
+        if given is None or filters
         else frames_of_layout(sorted_series, given, bracket, together)
     )
     guesses += why
@@ -111,11 +118,11 @@ def import_photos(
     for entry in numbered:
         new_plans = _plans(entry)
         plans.extend(new_plans)
-        places.extend(_places(entry, new_plans, covers))
+        places.extend(_places(entry, new_plans, covers, band_of))
     records = tuple(entry.camera for entry in numbered)
     last = CALIBRATION if has_poses(given) else "session.json"
     with folder_made(out), sole_writer(out):
-        session, begun_here = begin_or_continue(out, records, plans, places, last)
+        session, begun_here = begin_or_continue(out, records, plans, places, last, filters)
         try:
             append_plans(session, plans)
             if given is not None:
@@ -203,10 +210,18 @@ def _agreed(originals: Sequence[Original]) -> Exposure | None:
     return first if same else None
 
 
-def _places(entry: Numbered, plans: Sequence[PlanRecord], masks: Mapping[Path, Path]) -> list[Place]:
+def _places(
+    entry: Numbered, plans: Sequence[PlanRecord], masks: Mapping[Path, Path], band_of: Mapping[Path, str]
+) -> list[Place]:
     plan_of = {frame: plan.plan for plan in plans for frame in plan.frames}
     return [
-        Place(original, ShotId(entry.camera.name, frame, step), plan_of[frame], masks.get(original.path))
+        Place(
+            original,
+            ShotId(entry.camera.name, frame, step),
+            plan_of[frame],
+            masks.get(original.path),
+            band_of.get(original.path),
+        )
         for frame, bracket in entry.brackets.items()
         for step, original in enumerate(bracket)
     ]

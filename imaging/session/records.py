@@ -34,6 +34,19 @@ def _plain_name(value: str) -> str:
 Name = Annotated[str, AfterValidator(_plain_name)]
 
 
+class Band(Record):
+    """A filter before a mono camera, and the light that it lets through."""
+
+    name: Name
+    wavelength_nm: float | None = Field(default=None, gt=0)
+    """Of its middle; None: not known."""
+    bandwidth_nm: float | None = Field(default=None, gt=0)
+    """Full width at half of the maximum; None: not known."""
+
+
+MOST_BANDS = 16
+"""In one session: as many channels as a scene may have."""
+
 ImageKind = Literal["raw", "ldr", "hdr"]
 """raw: mosaics; ldr: display-referred 8 or 16 bit; hdr: linear EXR."""
 
@@ -62,6 +75,18 @@ class SessionRecord(Record):
     """'sim:NAME' (with the seed), 'import', or the rig file."""
     seed: int | None = None
     cameras: tuple[CameraRecord, ...]
+    bands: tuple[Band, ...] = ()
+    """The filters that mono cameras look through, of which every shot of the scene names one; none: the light
+    is Rec.709's."""
+
+    @field_validator("bands")
+    @classmethod
+    def _distinct_bands(cls, bands: tuple[Band, ...]) -> tuple[Band, ...]:
+        if len({band.name for band in bands}) < len(bands):
+            raise ValueError("two bands have the same name")
+        if len(bands) > MOST_BANDS:
+            raise ValueError(f"there are {len(bands)} bands, and a scene has at most {MOST_BANDS}")
+        return bands
 
     @field_validator("cameras")
     @classmethod
@@ -159,6 +184,8 @@ class ShotRecord(Record):
     """A picture of the same size, relative to the session folder, black where the shot is to be ignored."""
     mask_sha256: str | None = None
     """Of the mask; None: it has none, or one of a session that does not say."""
+    band: Name | None = None
+    """The filter that it was taken through, one of the session's bands; None: the session has none."""
 
     @property
     def identity(self) -> tuple[str, str, int, int]:

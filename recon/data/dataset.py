@@ -18,9 +18,10 @@ from imaging.files import store
 from imaging.files.colmap import SparsePoints, read_points, read_tracks
 from imaging.lens import Lens
 from imaging.progress import Progress, unreported
+from imaging.session.bands import in_order
 from imaging.session.calibration import CalibrationRecord, Response, ViewCalibration, read_calibration
 from imaging.session.falloff import falloff
-from imaging.session.records import CameraRecord, ImageKind, ShotRecord
+from imaging.session.records import Band, CameraRecord, ImageKind, ShotRecord
 from imaging.session.session import SPLIT, Session, brackets
 from imaging.session.view_id import ViewId
 from recon.data.holdout import held_out, tested_views, used_shots
@@ -52,13 +53,16 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One camera at one frame: its bracket, and where it stood, in scene coordinates (`recon.data.world`)."""
+    """One camera at one frame: its bracket, of each band, and where it stood, in scene coordinates
+    (`recon.data.world`)."""
 
     camera: str
     frame: int
     lens: SplatCamera
     sensor: Sensor
     shots: tuple[Shot, ...]
+    channels: int = 3
+    """Of the scene's light: Rec.709's, or the bands of the session."""
 
     @property
     def id(self) -> ViewId:
@@ -102,6 +106,8 @@ class Dataset:
     """Names of the validation views."""
     world: WorldTransform = SAME
     """Where the scene, with its views, lies in the world of the calibration."""
+    bands: tuple[Band, ...] = ()
+    """The channels of the scene's light, by wavelength; none: those of Rec.709."""
 
     @property
     def validation(self) -> tuple[View, ...]:
@@ -230,6 +236,7 @@ def read_views(
         calibration=calibration,
         calibration_sha256=calibration_sha256,
         world=world,
+        bands=in_order(session.record.bands),
     )
 
 
@@ -246,6 +253,24 @@ def lens_of_pixels(lens: Lens, kind: ImageKind, width: int, height: int) -> Lens
         even = {"width": lens.width - lens.width % 2, "height": lens.height - lens.height % 2}
         lens = lens.model_copy(update={"width": width, "height": height} if whole else even)
     return lens.resized(width, height)
+
+
+def _band(session: Session, shot: ShotRecord, cfa: Cfa | None) -> int | None:
+    """The place of a shot's band among those of the session; None: it has none."""
+    names = [band.name for band in in_order(session.record.bands)]
+    if not names:
+        return None
+    if cfa is None or not cfa.mono:
+        raise ReconstructionError(
+            f"{session.file(shot)} is no RAW of a mono camera, and {session.folder} has the light of bands: "
+            "train with mono cameras alone, or import the session without --bands."
+        )
+    if shot.band not in names:
+        raise ReconstructionError(
+            f"{session.file(shot)} names no band of {session.folder}, which has {', '.join(names)}: "
+            "correct shots.jsonl."
+        )
+    return names.index(shot.band)
 
 
 def _view(
@@ -267,7 +292,7 @@ def _view(
         path, sensors = session.file(shot), camera.sensors
         mask = None if shot.mask is None else store.inside(session.folder, shot.mask)
         read, cfa = read_shot(path, shot.file, record.kind, scale, camera.response, max_width, sensors, mask)
-        shots.append(read)
+        shots.append(replace(read, band=_band(session, shot, cfa)))
     height, width = shots[0].pixels.shape[:2]
     if any(shot.pixels.shape != shots[0].pixels.shape for shot in shots):
         raise ReconstructionError(
@@ -286,5 +311,6 @@ def _view(
             falloff=falloff(camera, height, width),
             response=camera.response,
         ),
-        shots=tuple(sorted(shots, key=lambda shot: shot.k)),
+        shots=tuple(sorted(shots, key=lambda shot: (shot.band or 0, shot.k))),
+        channels=len(session.record.bands) or 3,
     )

@@ -8,7 +8,7 @@ from imaging.cfa import bilinear
 from imaging.colour import rec709_from_camera
 from imaging.demosaic import demosaic
 from imaging.merge.bracket import merge_bracket
-from imaging.merge.linear_frame import Bool, Float
+from imaging.merge.linear_frame import Bool, Float, LinearFrame
 from recon.data.dataset import Dataset, View
 
 
@@ -28,12 +28,15 @@ _STEP = {"raw": 1 / 4095, "ldr": 1 / 255, "hdr": 0.0}
 
 
 def radiance_image(view: View) -> tuple[Float, Bool]:
-    """Linear radiance [H, W, 3] and where it is trusted [H, W]: the merged bracket, demosaicked.
+    """Linear radiance [H, W, channels] and where it is trusted [H, W]: the merged bracket, demosaicked.
 
-    Where all shots are saturated the shortest gives a lower bound, which is returned but not trusted.
-    It serves to start the Gaussians and to set the scene's scale; training compares with the shots.
+    Where all shots are saturated the shortest gives a lower bound, which is returned but not trusted. Of a
+    band that the view has no shot of, the light is NaN. It serves to start the Gaussians and to set the
+    scene's scale; training compares with the shots.
     """
     sensor = view.sensor
+    if view.shots[0].band is not None:
+        return _of_bands(view)
     response = sensor.response if sensor.kind == "ldr" else None
     merged = merge_bracket([shot.linear(response, sensor.cfa) for shot in view.shots])
     light = np.nan_to_num(merged.radiance, nan=0.0, posinf=0.0, neginf=0.0)
@@ -47,6 +50,29 @@ def radiance_image(view: View) -> tuple[Float, Bool]:
     return np.asarray(linear, np.float32), np.asarray(trusted.all(-1))
 
 
+def _of_bands(view: View) -> tuple[Float, Bool]:
+    """The same of shots through filters, each band's bracket merged by itself."""
+    groups: dict[int, list[LinearFrame]] = {}
+    for shot in view.shots:
+        assert shot.band is not None
+        groups.setdefault(shot.band, []).append(shot.linear(None, view.sensor.cfa))
+    light = np.full((*view.shots[0].pixels.shape, view.channels), np.nan, np.float32)
+    trusted = np.ones(view.shots[0].pixels.shape, bool)
+    for band, frames in groups.items():
+        merged = merge_bracket(frames)
+        light[..., band] = (
+            np.nan_to_num(merged.radiance, nan=0.0, posinf=0.0, neginf=0.0) / view.sensor.falloff
+        )
+        trusted &= merged.valid
+    return light, trusted
+
+
+def grey(image: Float) -> Float:
+    """The mean of the channels [H, W] that a radiance image has."""
+    known = ~np.isnan(image[0, 0])
+    return np.asarray((image if known.all() else image[..., known]).mean(-1), np.float32)
+
+
 def light_of(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Light:
     """The two scalars of a scene, from the radiance images of its training views.
 
@@ -55,7 +81,7 @@ def light_of(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Light:
     photographs) of the longest exposures, the least that they can tell from black, but not less
     than 2^-20 of the normaliser, which is what it is for EXR, whose numbers have no steps.
     """
-    brightest = np.concatenate([rgb.max(-1).reshape(-1) for rgb, _ in images])
+    brightest = np.concatenate([np.nanmax(light, axis=-1).reshape(-1) for light, _ in images])
     top = float(np.percentile(brightest, 99.99)) if brightest.size else 0.0
     normaliser = top if np.isfinite(top) and top > 0 else 1.0
     steps = [_STEP[view.sensor.kind] / max(shot.k for shot in view.shots) for view in dataset.train]

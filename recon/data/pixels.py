@@ -43,7 +43,8 @@ class Shot:
     saturated: bool, same shape: the scene is at least this bright. dark: bool, the scene is at most
     this bright (LDR only). valid: bool, same shape; False where the file holds no number.
     noise: of the linear signal; None if not known. ceiling: the signal at which the sensor saturates (RAW
-    only), as it was measured, else that of the file's white level.
+    only), as it was measured, else that of the file's white level. band: the channel of the scene's light
+    that it shows, of a mono camera behind a filter; None: all of them, as its camera sees Rec.709.
     """
 
     file: str
@@ -54,6 +55,7 @@ class Shot:
     valid: Bool
     noise: Noise | None = None
     ceiling: float | None = None
+    band: int | None = None
 
     @property
     def top(self) -> float:

@@ -1,6 +1,6 @@
 """`truth/` of a simulated session, which only an evaluation may read: images, poses, exposures, gains."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,9 @@ import numpy.typing as npt
 from imaging.files import store
 from imaging.files.exr import read_exr
 from imaging.pose import Pose
+from imaging.session.bands import channels
 from imaging.session.calibration import CalibrationRecord
+from imaging.session.records import Band
 from imaging.session.view_id import ViewId
 from recon.data.dataset import View
 from recon.data.pixels import area_mean
@@ -23,13 +25,17 @@ def has_truth(session: Path) -> bool:
     return (session / "truth" / "truth.json").is_file()
 
 
-def true_radiance(session: Path, view: View) -> npt.NDArray[np.float32]:
-    """What a view should show, linear Rec.709 [H, W, 3]; averaged over areas to the view's size.
+def true_radiance(session: Path, view: View, bands: Sequence[Band] = ()) -> npt.NDArray[np.float32]:
+    """What a view should show, linear Rec.709 [H, W, 3], or [H, W, bands]; averaged over areas to the
+    view's size.
 
     As `recon.data.pixels` makes the view of its files: of RAW the last rows and columns that complete no
     tile, or no pair, are left out first. Of a mono camera it is the grey that it sees, three times.
     """
-    light = read_exr(session / "truth" / f"{view.id}.exr").rgb()
+    image = read_exr(session / "truth" / f"{view.id}.exr")
+    light = (
+        image.rgb() if not bands else np.stack([image.channels[name] for name in channels(bands)], axis=-1)
+    )
     size = view.lens.width, view.lens.height
     if view.sensor.kind == "raw":
         whole = 2 * size[0] > light.shape[1]
@@ -37,7 +43,7 @@ def true_radiance(session: Path, view: View) -> npt.NDArray[np.float32]:
         light = light[:height, :width]
     if (light.shape[1], light.shape[0]) != size:
         light = area_mean(light, size)
-    if view.sensor.cfa is not None and view.sensor.cfa.mono:
+    if not bands and view.sensor.cfa is not None and view.sensor.cfa.mono:
         camera = store.read_json(session / "truth" / "truth.json")["cameras"][view.camera]
         light = np.repeat(light @ np.array(camera["camera_from_rec709"]).T, 3, axis=2)
     return np.ascontiguousarray(light, np.float32)

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import map_coordinates, uniform_filter
 
+from imaging.errors import ReconstructionError
 from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress
 from imaging.session.records import Rung
@@ -51,6 +52,15 @@ def environment_for(
     images: radiance images of the training views. The same on all ranks.
     """
     asked = settings.overrides.environment
+    if dataset.bands:
+        if asked:
+            raise ReconstructionError(
+                f"{dataset.session} has the light of bands, and an environment that of Rec.709: leave "
+                "--set environment=1 out."
+            )
+        return False, Rung(
+            name=NAME, taken=False, reason="the light is that of bands, which it does not have"
+        )
     if asked is not None:
         rung = Rung(name=NAME, taken=asked, reason="asked for" if asked else "left out, as asked for")
     elif ranks.first:

@@ -107,7 +107,7 @@ def _whitened(training: Training, image: Tensor, view: View, logs: Tensor, judge
     total, count = 0.0, 0
     for shot, log in zip(view.shots, logs.tolist(), strict=True):
         assert shot.noise is not None
-        signal = training.method.observation.predict(image, view, shot.k * float(np.exp(log)))
+        signal = training.method.observation.predict(image, view, shot.k * float(np.exp(log)), shot.band)
         residual = signal.cpu().numpy() - shot.pixels
         residual = np.where(shot.saturated, np.minimum(residual, 0.0), residual)
         squares = residual**2 / shot.noise.variance(np.maximum(shot.pixels, 0.0))

@@ -14,6 +14,7 @@ from scipy.ndimage import map_coordinates
 from imaging.merge.linear_frame import Bool, Float
 from recon.data.dataset import Dataset
 from recon.data.geometry import project
+from recon.data.light import grey
 from recon.scene.harmonics import DEGREE, basis
 
 Array = npt.NDArray[np.float64]
@@ -63,7 +64,7 @@ def looks(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Looks:
         if rows_seen is None:
             continue
         pixels, depth = project(view.lens, xyz[rows_seen])
-        bright = rgb @ np.array(_LUMINANCE)
+        bright = rgb @ np.array(_LUMINANCE) if view.shots[0].band is None else grey(rgb)
         usable = trusted & view.seen & np.isfinite(bright) & (bright > 0)
         log = np.log(np.where(usable, bright, np.nan))
         x, y = pixels.T - 0.5

@@ -54,8 +54,10 @@ class Observation(ABC):
         ...
 
     @abstractmethod
-    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
-        """What a shot of exposure scale `k` would hold, unclipped: like `Shot.pixels`."""
+    def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
+        """What a shot of exposure scale `k` through the filter of a band would hold, unclipped: like
+        `Shot.pixels`.
+        """
         ...
 
     @abstractmethod
@@ -165,7 +167,7 @@ class LinearLight(Observation):
             prediction = torch.where(prepared.valid, prediction, prepared.target)
         return prediction.flatten(0, 1), prepared.target.flatten(0, 1)
 
-    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+    def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
         """The signal x: [H, W] for a mosaic, [H, W, channels] without CFA."""
         sensor = view.sensor
         matrix = torch.as_tensor(sensor.camera_from_rec709, dtype=image.dtype, device=image.device)

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from recon.data.dataset import Dataset, View
 from recon.data.light import Light
+from recon.observe.bands import BandedLight
 from recon.observe.calibrated_curves import tone_curve
 from recon.observe.linear import LinearLight, Observation
 from recon.observe.photographs import ToneCurve
@@ -44,9 +45,9 @@ class Mixed(Observation):
         """As the view's own kind has it."""
         return self._of(view).compare(image, view, progress, factors)
 
-    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+    def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
         """As the view's own kind has it."""
-        return self._of(view).predict(image, view, k)
+        return self._of(view).predict(image, view, k, band)
 
     def radiance(self, image: Tensor) -> Tensor:
         """The image times the normaliser."""
@@ -65,7 +66,9 @@ class Mixed(Observation):
 
 
 def linear_or_mixed(dataset: Dataset, light: Light) -> Observation:
-    """LinearLight, unless some of the session's cameras give photographs."""
+    """LinearLight, or that of bands, unless some of the session's cameras give photographs."""
+    if dataset.bands:
+        return BandedLight(light.normaliser)
     linear = LinearLight(light.normaliser)
     photographs = any(view.sensor.kind == "ldr" for view in dataset.views)
     return Mixed(linear, tone_curve(dataset, light)) if photographs else linear

@@ -121,7 +121,7 @@ class ToneCurve(Observation):
         prediction = prediction.clamp(codes.floor, codes.ceiling)
         return torch.lerp(codes.target, prediction, weight), codes.target
 
-    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+    def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
         """Codes of a shot of exposure scale `k`, within 0..1, [H, W, 3]."""
         return self._expose(image, view, [k], None, self.theta.detach(), leaky=False)[0].movedim(0, 2)
 
@@ -212,7 +212,7 @@ class Display(Observation):
         prediction = image.movedim(2, 0)[None].expand(len(view.shots), 3, -1, -1).flatten(0, 1)
         return prediction.clamp(codes.floor, codes.ceiling), codes.target
 
-    def predict(self, image: Tensor, view: View, k: float) -> Tensor:
+    def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
         """The image itself, within 0..1, whatever the exposure."""
         return image.clamp(0.0, 1.0)
 

@@ -8,7 +8,9 @@ import numpy.typing as npt
 import torch
 
 from imaging.colour import srgb_encode
-from recon.data.dataset import View
+from imaging.session.bands import false_colour
+from imaging.session.records import Band
+from recon.data.dataset import Dataset
 from recon.splat import SplatCamera
 from recon.train.training import Training
 
@@ -29,14 +31,20 @@ def displayed(image: npt.NDArray[Any], scale: float) -> npt.NDArray[np.uint8]:
     return np.asarray(np.round(255 * srgb_encode(np.clip(image * scale, 0, 1))), np.uint8)
 
 
-def exposure_of(training: Training, views: Sequence[View]) -> float:
+def in_colour(light: npt.NDArray[np.float32], bands: Sequence[Band]) -> npt.NDArray[np.float32]:
+    """Light [H, W, C] for the eye, linear Rec.709 [H, W, 3]: itself, or the false colours of bands."""
+    return light if not bands else (light @ false_colour(bands).T).astype(np.float32)
+
+
+def exposure_of(training: Training, dataset: Dataset) -> float:
     """`display_scale` of a scene in training, from renders of some of the views, evenly chosen."""
+    views = dataset.views
     chosen = sorted({round(place) for place in np.linspace(0, len(views) - 1, MOST_VIEWS)})
-    return display_scale(_radiance(training, views[place].lens) for place in chosen)
+    return display_scale(in_colour(_radiance(training, views[place].lens), dataset.bands) for place in chosen)
 
 
 def _radiance(training: Training, camera: SplatCamera) -> npt.NDArray[np.float32]:
-    """Linear Rec.709 radiance [H, W, 3]."""
+    """Linear radiance [H, W, C]."""
     with torch.no_grad():
         degree = training.method.degree(1.0)
         image = training.renderer()(training.gaussians, camera, degree=degree).image

@@ -12,7 +12,7 @@ from imaging.lens import Lens
 from imaging.pose import Pose
 from imaging.record import Record, parse
 from imaging.session.calibration import CalibrationRecord, Response
-from imaging.session.records import Name, Rung
+from imaging.session.records import Band, Name, Rung
 from imaging.session.view_id import ViewId
 from recon.data.world import Vector, WorldTransform
 from recon.decide.prediction import Prediction
@@ -122,6 +122,8 @@ class ModelRecord(Record):
     was trained on display values, which are in splats.ply as they are."""
     degree: int = Field(ge=0, le=2)
     """Of the harmonics."""
+    bands: tuple[Band, ...]
+    """The channels of the light, by wavelength; none: those of Rec.709."""
     views: tuple[SceneView, ...]
     """In order of frame and camera."""
     gaussians: int

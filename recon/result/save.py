@@ -53,8 +53,8 @@ def write_scene(
     ldr = dataset.kind == "ldr"
     gauge = "the calibration's response" if ldr else "camera signal = radiance x exposure scale"
     corrected = as_corrected(dataset, training.refinement)
-    exposure, degree = exposure_of(training, corrected.views), training.method.degree(1.0)
-    luminance = _luminance(dataset, training)
+    exposure, degree = exposure_of(training, corrected), training.method.degree(1.0)
+    luminance = None if dataset.bands else _luminance(dataset, training)  # of Rec.709 alone
     write_environment(folder, training, gauge, luminance)
     display_db = write_splats(folder, corrected, training, exposure, gauge, luminance, progress)
     if training.refinement is not None and training.refinement.parameters:
@@ -80,6 +80,7 @@ def write_scene(
         else None,
         radiance=f"relative to {gauge}",
         luminance=luminance,
+        bands=dataset.bands,
         world=dataset.world,
         offset=offset_of(dataset),
         exposure=exposure,

@@ -45,6 +45,11 @@ class Scene:
         return self.record.views
 
     @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels of `radiance`: of the bands by wavelength, else red, green and blue."""
+        return tuple(band.name for band in self.record.bands) or ("red", "green", "blue")
+
+    @property
     def exposure(self) -> float:
         """Factor on `radiance` that shows the median of the views as middle grey, 0.18."""
         return self.record.exposure
@@ -70,7 +75,7 @@ class Scene:
         raise ReconstructionError(f"{self.folder} has no view {name!r}: name one as {self.views[0].name}.")
 
     def render(self, camera: SplatCamera) -> torch.Tensor:
-        """What a camera sees, in scene units, without gradient: float32 [H, W, 3]."""
+        """What a camera sees, in scene units, without gradient: float32 [H, W, channels]."""
         return self.drawn(self.record.world.camera(camera))
 
     def drawn(self, camera: SplatCamera) -> torch.Tensor:
@@ -79,7 +84,7 @@ class Scene:
             return self.renderer(self.gaussians, camera, degree=self.record.degree).image
 
     def radiance(self, camera: SplatCamera) -> npt.NDArray[np.float32]:
-        """What a camera sees as linear Rec.709 radiance, float32 [H, W, 3].
+        """What a camera sees as linear radiance, float32 [H, W, C]: Rec.709, or the bands of `channels`.
 
         A camera signal is this times the exposure scale of a shot (`imaging.Exposure.scale`, s), before
         vignetting and the camera's colour filters; 1 is the white of the camera.
@@ -118,7 +123,7 @@ class Opened:
         return self.scene.drawn(camera)
 
     def radiance(self, view: View) -> npt.NDArray[np.float32]:
-        """Linear Rec.709 radiance of a view of `dataset`, float32 [H, W, 3]."""
+        """Linear radiance of a view of `dataset`, float32 [H, W, channels]."""
         return self.scene.radiance(self.scene.view(view.name).splat_camera)
 
     def view(self, name: str) -> View:

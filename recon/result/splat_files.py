@@ -1,17 +1,23 @@
 """The PLY files of a scene: one that viewers show as it should look, and one of its linear light."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
+import numpy as np
 import torch
+from torch import Tensor
 
 from imaging.files import store
 from imaging.progress import Progress
+from imaging.session.bands import false_colour
 from recon.data.dataset import Dataset
 from recon.data.world import Vector
 from recon.observe.photographs import Display
 from recon.result.display_colours import display_colours, steps_after
 from recon.result.environment_files import DOME, dome_of
 from recon.result.model import RADIANCE, SPLATS
+from recon.scene.appearance import Appearance, Parameters, Rate
 from recon.scene.ply import plain_harmonics, write_ply
 from recon.train.training import Training
 
@@ -19,6 +25,35 @@ from recon.train.training import Training
 def offset_of(dataset: Dataset) -> Vector:
     """What the coordinates in the files leave out of those of the world."""
     return dataset.world.offset(max(max(view.lens.fx, view.lens.fy) for view in dataset.views))
+
+
+@dataclass(frozen=True)
+class _FalseColour:
+    """The light of bands as the eye is shown it: another appearance, in linear Rec.709.
+
+    matrix: float32 [3, bands].
+    """
+
+    appearance: Appearance
+    matrix: Tensor
+    rates: ClassVar[dict[str, Rate]] = {}
+
+    def start(self, light: Tensor) -> Parameters:
+        """Not of a finished scene."""
+        raise NotImplementedError
+
+    def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
+        """Linear Rec.709 [N, 3] >= 0."""
+        light = self.appearance.colours(parameters, directions, degree)
+        return (light @ self.matrix.to(light).T).clamp_min(0.0)
+
+    def luminance(self, parameters: Parameters) -> Tensor:
+        """Of the bands."""
+        return self.appearance.luminance(parameters)
+
+    def penalty(self, parameters: Parameters) -> Tensor:
+        """Of the bands."""
+        return self.appearance.penalty(parameters)
 
 
 def write_splats(
@@ -31,6 +66,9 @@ def write_splats(
     progress: Progress,
 ) -> float | None:
     """splats.ply, of display values, and radiance.ply, of linear Rec.709 radiance in scene units.
+
+    Of a scene of bands both are in false colours, as viewers know three channels; the light is in the
+    checkpoint.
 
     exposure: factor on radiance in the units of the calibration, `gauge`, before it is encoded. luminance:
     what that is in cd/m2, with its standard error, if it is known. Returns the PSNR of splats.ply
@@ -49,13 +87,19 @@ def write_splats(
             f"looked at"
         )
     gaussians = drawn.to(torch.device("cpu"))
-    harmonics = plain_harmonics(gaussians, method.appearance, degree)
+    appearance, renderer, what = method.appearance, training.renderer(), "linear Rec.709 radiance"
+    if dataset.bands:
+        matrix = torch.from_numpy(false_colour(dataset.bands).astype(np.float32))
+        appearance = _FalseColour(method.appearance, matrix)
+        renderer = replace(renderer, appearance=appearance)
+        what = f"false colours of the bands {', '.join(band.name for band in dataset.bands)}"
+    harmonics = plain_harmonics(gaussians, appearance, degree)
     if isinstance(method.observation, Display):
         note = "display values, the codes of the photographs"
         write_ply(folder / SPLATS, gaussians, harmonics, [note, *place], dataset.world, offset)
         store.discard(folder / RADIANCE)
         return None
-    note = f"linear Rec.709 radiance over {light.normaliser:.6g} ({gauge}); not clipped, not tone-mapped"
+    note = f"{what} over {light.normaliser:.6g} ({gauge}); not clipped, not tone-mapped"
     absolute = []
     if luminance is not None:
         value, error = (light.normaliser * part for part in luminance)
@@ -66,7 +110,7 @@ def write_splats(
     shown = display_colours(
         training.gaussians,
         drawn,
-        training.renderer(),
+        renderer,
         degree,
         exposure * light.normaliser,
         steps_after(training.iteration),
@@ -75,7 +119,7 @@ def write_splats(
         progress=progress,
     )
     note = (
-        f"display values: sRGB of linear Rec.709 radiance x {exposure:.6g} ({gauge}), clipped at 1; "
+        f"display values: sRGB of {what} x {exposure:.6g} ({gauge}), clipped at 1; "
         f"drawn by a viewer {shown.db:.1f} dB from that; linear light is in {RADIANCE}"
     )
     write_ply(folder / SPLATS, gaussians, shown.harmonics, [note, *place], dataset.world, offset)

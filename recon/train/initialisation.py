@@ -24,7 +24,8 @@ FEWEST_POINTS = 8
 
 @dataclass(frozen=True)
 class Start:
-    """Points that training may start from: SfM points first, swept ones behind. Colours are radiance.
+    """Points that training may start from: SfM points first, swept ones behind. Colours are radiance,
+    [P, C].
 
     left_out: views whose depths were not swept for want of time.
     """
@@ -65,7 +66,7 @@ def start_points(
         sparse = sparse[np.sort(rng.choice(len(sparse), size=count, replace=False))]
     skipped: list[int] = []
     maps = plane_sweep(
-        dataset.train, [rgb for rgb, _ in images], sparse, progress=progress, over=over, skipped=skipped
+        dataset.train, [image for image, _ in images], sparse, progress=progress, over=over, skipped=skipped
     )
     dense = sample(maps, max(count - len(sparse), 0), rng)
     xyz = np.concatenate([sparse, dense])
@@ -81,7 +82,7 @@ def start_points(
 def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress) -> Array:
     """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
     points = [np.zeros((0, 3))]
-    for depth_map in plane_sweep(dataset.train, [rgb for rgb, _ in images], None, progress=progress):
+    for depth_map in plane_sweep(dataset.train, [image for image, _ in images], None, progress=progress):
         # Beyond the middle of the image's depths by so much, a match tells a direction and no place.
         near = depth_map.trusted & (depth_map.depth < 20 * np.median(depth_map.depth))
         points.append(lift(depth_map.view.lens, depth_map.centres[near], depth_map.depth[near]))
@@ -91,21 +92,24 @@ def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progres
 def colours_at(
     dataset: Dataset, images: list[tuple[Float, Bool]], xyz: Array
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Median radiance [P, 3] of points over the training views that see their place, and who was seen.
+    """Median radiance [P, C] of points over the training views that see their place, and who was seen.
 
     The median forgives the views in which something else stands before the point.
     """
-    samples = np.full((len(images), len(xyz), 3), np.nan)
-    for row, (view, (rgb, _)) in enumerate(zip(dataset.train, images, strict=True)):
+    samples = np.full((len(images), len(xyz), images[0][0].shape[-1]), np.nan)
+    for row, (view, (image, _)) in enumerate(zip(dataset.train, images, strict=True)):
         pixels, depth = project(view.lens, xyz)
         x, y = np.floor(pixels[:, 0]), np.floor(pixels[:, 1])
         inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < view.lens.width) & (y < view.lens.height)
         at = y[inside].astype(int), x[inside].astype(int)
-        samples[row, inside] = np.where(view.seen[at][:, None], rgb[at], np.nan)
-    visible = np.isfinite(samples).all(-1).any(0)
-    median = np.zeros((len(xyz), 3))
-    median[visible] = np.nanmedian(samples[:, visible], axis=0)
-    return np.maximum(median, 0.0), visible
+        samples[row, inside] = np.where(view.seen[at][:, None], image[at], np.nan)
+    seen = np.isfinite(samples).any(0)
+    visible = seen.any(-1)
+    median = np.zeros(samples.shape[1:])
+    median[seen] = np.nanmedian(samples[:, seen], axis=0)
+    # A band that no view of the point was taken through starts as bright as the others.
+    others = median.sum(-1, keepdims=True) / np.maximum(seen.sum(-1, keepdims=True), 1)
+    return np.maximum(np.where(seen, median, others), 0.0), visible
 
 
 def gaussians_at(

@@ -72,7 +72,8 @@ def held_out_psnr(
                 psnrs = [psnr_of(error / valid)] if valid else []
             else:
                 figures = (
-                    shot_psnr(method.observation.predict(image, view, shot.k), shot) for shot in view.shots
+                    shot_psnr(method.observation.predict(image, view, shot.k, shot.band), shot)
+                    for shot in view.shots
                 )
                 psnrs = [psnr for psnr in figures if psnr is not None]
             if psnrs:

@@ -18,6 +18,7 @@ from imaging.compute.threads import thread_count
 from imaging.progress import Progress, unreported
 from recon.data.dataset import View
 from recon.data.geometry import inside, lift, project, project_camera, rays
+from recon.data.light import grey
 
 Float = npt.NDArray[np.float32]
 Bool = npt.NDArray[np.bool_]
@@ -54,7 +55,7 @@ def plane_sweep(
     over: Callable[[], bool] | None = None,
     skipped: list[int] | None = None,
 ) -> list[DepthMap]:
-    """Depth maps of `views`, from their radiance `images` [H, W, 3] and sparse `points` [P, 3].
+    """Depth maps of `views`, from their radiance `images` [H, W, C] and sparse `points` [P, 3].
 
     The range of depths of each view comes from the points in front of it, widened by a quarter
     in inverse depth; views that see fewer than 8 of them get no map. Without points (None) the range
@@ -95,7 +96,7 @@ def plane_sweep(
 
 def _log_image(image: Float, view: View, width: int) -> Float:
     size = (min(width, view.lens.width), max(1, round(view.lens.height * min(1, width / view.lens.width))))
-    small = cv2.resize(image.mean(-1), size, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(grey(image), size, interpolation=cv2.INTER_AREA)
     # Noise of the shadows would be the only texture left without a floor; a thousandth of the view's
     # bright end keeps ten stops of structure.
     floor = max(float(np.percentile(small, 99)) / 1000, 1e-12)

@@ -11,23 +11,25 @@ from recon.splat import Limits, SplatCamera, SplatStats, rasterize
 _CPU = torch.device("cpu")
 
 
-def warm_up(progress: Progress, device: torch.device = _CPU, *, fisheye: bool = False) -> None:
+def warm_up(
+    progress: Progress, device: torch.device = _CPU, *, fisheye: bool = False, channels: int = 3
+) -> None:
     """Run each kernel once, on next to nothing: those of the CPU, then those of `device` if it is another.
 
     The first time on a machine this compiles for some ten to twenty seconds; the result is kept on disk
     (see `imaging.compute.jit`; Triton has a cache of its own) and loaded in a fraction of a second
     afterwards. progress: (message, done, total). fisheye: also those that project through fisheyes, compiled
-    apart.
+    apart; channels: of the light, for which the blending is.
     """
     kept = any(cache_folder().rglob("*.nbi"))
     doing = "loading" if kept else "compiling, once on this machine,"
     total = 3 if device == _CPU else 4
     progress(f"{doing} the rasteriser", 0, total)
-    image = _render(_CPU)
+    image = _render(_CPU, channels=channels)
     progress(f"{doing} its gradient", 1, total)
     image.sum().backward()  # type: ignore[no-untyped-call]
     if fisheye:
-        _render(device, fisheye=True).sum().backward()  # type: ignore[no-untyped-call]
+        _render(device, fisheye=True, channels=channels).sum().backward()  # type: ignore[no-untyped-call]
     progress(f"{doing} SSIM", 2, total)
     planes = image.detach().permute(2, 0, 1).contiguous()
     photometric_loss(planes.requires_grad_(), torch.zeros_like(planes), 0.5)
@@ -37,12 +39,12 @@ def warm_up(progress: Progress, device: torch.device = _CPU, *, fisheye: bool = 
     progress("kernels are ready", total, total)
 
 
-def _render(device: torch.device, *, fisheye: bool = False) -> torch.Tensor:
+def _render(device: torch.device, *, fisheye: bool = False, channels: int = 3) -> torch.Tensor:
     """One Gaussian on 16x16 pixels."""
     camera = SplatCamera(np.eye(4), fx=20.0, fy=20.0, cx=8.0, cy=8.0, width=16, height=16, fisheye=fisheye)
     means = torch.tensor([[0.0, 0.0, 2.0]], requires_grad=True)
     quats, scales = torch.tensor([[1.0, 0.0, 0.0, 0.0]]), torch.full((1, 3), 0.1)
     means, quats, scales = means.to(device), quats.to(device), scales.to(device)
-    opacities, colours = torch.tensor([0.5], device=device), torch.ones(1, 3, device=device)
+    opacities, colours = torch.tensor([0.5], device=device), torch.ones(1, channels, device=device)
     stats = SplatStats(1)
     return rasterize(means, quats, scales, opacities, colours, camera, None, Limits(), stats).image

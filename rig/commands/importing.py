@@ -46,6 +46,13 @@ def import_(
         Path | None,
         typer.Option(help="A folder of PNG masks named as the photos, black where they are to be ignored."),
     ] = None,
+    bands: Annotated[
+        Path | None,
+        typer.Option(
+            help="A list of the filters before mono cameras, a line 'name, wavelength, bandwidth' in nm "
+            "each; their names are folders of the photos or in their names."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Make a session of photographs.
@@ -68,6 +75,7 @@ def import_(
             together=together,
             exposures=exposures,
             masks=masks,
+            bands=bands,
             progress=status,
         )
         if result.views:

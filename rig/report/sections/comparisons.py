@@ -14,6 +14,7 @@ from imaging.progress import Progress
 from recon.data.dataset import View
 from recon.data.pixels import Shot
 from recon.data.truth import has_truth, true_radiance
+from recon.result.display import in_colour
 from recon.result.scene import Opened
 from rig.report.charts.pictures import (
     MAP_STOPS,
@@ -75,13 +76,15 @@ def pictures(opened: Opened, scale: float, progress: Progress) -> PicturesSectio
     with_truth = has_truth(opened.dataset.session)
     kind = "Held-out views, which the training never saw" if held_out else "Training views: none was held out"
     against = "the simulator's true light" if with_truth else "the photographs themselves"
-    truths = [true_radiance(opened.dataset.session, view) for view in views] if with_truth else []
+    session, bands = opened.dataset.session, opened.record.bands
+    truths = [in_colour(true_radiance(session, view, bands), bands) for view in views] if with_truth else []
     stops = three_exposures(np.stack(truths)) if with_truth else (0.0, 0.0, 0.0)
     compared = []
     for done, view in enumerate(views):
         progress("drawing held-out views", done, len(views))
         if with_truth:
-            columns = _against_truth(truths[done], opened.radiance(view) * np.float32(scale), stops)
+            light = in_colour(opened.radiance(view), bands) * np.float32(scale)
+            columns = _against_truth(truths[done], light, stops)
         else:
             columns = _against_shots(opened, view)
         compared.append(Comparison(f"Camera {view.camera}, frame {view.frame}", tuple(columns)))
@@ -117,7 +120,9 @@ def _against_shots(opened: Opened, view: View) -> Iterable[tuple[ComparedPicture
     middle = view.shots[count // 2]
     errors = []
     for shot in [view.shots[index] for index in sorted({0, count // 2, count - 1})]:
-        predicted = opened.training.method.observation.predict(image, view, shot.k).detach().numpy()
+        predicted = (
+            opened.training.method.observation.predict(image, view, shot.k, shot.band).detach().numpy()
+        )
         name = "" if count == 1 else f", {_relative(float(np.log2(shot.k / middle.k)))}"
         photograph = _photo(_as_shown(shot.pixels, view), f"Photograph{name}")
         render = _photo(_as_shown(predicted, view), f"Render{name}")

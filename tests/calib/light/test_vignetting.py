@@ -156,3 +156,14 @@ def test_what_no_lens_does_is_refused_with_its_mend(truth):
     assert not rung.taken
     assert "less than 5 % of the light of the middle" in rung.reason
     assert rung.reason.endswith("mask what is dark, or shoot flats")
+
+
+def test_cameras_behind_different_filters_get_no_gains_and_share_no_points():
+    """One sees a band four times as bright as the others; that is the scene's colour, and no sensitivity."""
+    tracks = made([(-0.3, 0.05, 0.0)] * 4, [1.0, 1.0, 1.0, 4.0], points=400)
+    tracks = tracks.apart([0, 0, 0, 1])
+    found = estimate(tracks, NAMES, MODELS, comparable=False)
+    assert found.gain == dict.fromkeys(NAMES, 1.0)
+    r = 0.8
+    a, b, c = found.vignetting["d"]
+    assert 1 + a * r**2 + b * r**4 + c * r**6 == pytest.approx(1 - 0.3 * r**2 + 0.05 * r**4, abs=0.03)

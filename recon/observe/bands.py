@@ -1,0 +1,89 @@
+"""What mono cameras behind filters make of light: every shot shows one channel of the scene."""
+
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from recon.data.dataset import View
+from recon.observe.linear import SIGNAL_MU, Observation
+from recon.observe.losses import exposed_mu_law, mu_law
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """What of a view does not change, for J shots in order of their bands.
+
+    rows: of each channel that was seen, its shots. falloff [H, W]; scales [J, 1, 1]; target, ceiling, valid
+    [J, H, W]: the ceiling is the target where that is saturated, else infinite.
+    """
+
+    rows: dict[int, slice]
+    falloff: Tensor
+    scales: Tensor
+    target: Tensor
+    ceiling: Tensor
+    valid: Tensor
+
+
+@dataclass
+class BandedLight(Observation):
+    """RAW of mono cameras, every exposure compared in its own mu-law: `x = falloff L_band k`.
+
+    Saturated photosites are one-sided, as in `recon.observe.linear`.
+    """
+
+    normaliser: float
+    _prepared: dict[str, _Prepared] = field(default_factory=dict, repr=False)
+
+    def compare(
+        self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """All shots, band by band and darkest first: [shots, H, W], from an image [H, W, channels]."""
+        prepared = self._prepared.get(view.name)
+        if prepared is None:
+            prepared = self._prepared[view.name] = self._prepare(view, image.device)
+        scales = prepared.scales if factors is None else prepared.scales * factors[:, None, None]
+        prediction = torch.cat(
+            [
+                exposed_mu_law(
+                    image[:, :, band] * prepared.falloff, scales[rows], prepared.ceiling[rows], SIGNAL_MU
+                )
+                for band, rows in prepared.rows.items()
+            ]
+        )
+        return torch.where(prepared.valid, prediction, prepared.target), prepared.target
+
+    def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
+        """The signal x [H, W] behind the filter of a band."""
+        assert band is not None, "every shot has a band"
+        falloff = torch.as_tensor(view.sensor.falloff, dtype=image.dtype, device=image.device)
+        return image[:, :, band] * falloff * (self.normaliser * k)
+
+    def radiance(self, image: Tensor) -> Tensor:
+        """The image times the normaliser."""
+        return image * self.normaliser
+
+    def units(self, radiance: Tensor) -> Tensor:
+        """Radiance over the normaliser."""
+        return radiance / self.normaliser
+
+    def _prepare(self, view: View, device: torch.device) -> _Prepared:
+        bands = [shot.band for shot in view.shots]
+        rows = {
+            band: slice(bands.index(band), bands.index(band) + bands.count(band))
+            for band in bands
+            if band is not None
+        }
+        target = torch.stack([mu_law(torch.from_numpy(shot.pixels), SIGNAL_MU) for shot in view.shots])
+        saturated = torch.stack([torch.from_numpy(shot.saturated) for shot in view.shots])
+        return _Prepared(
+            rows,
+            falloff=torch.from_numpy(view.sensor.falloff).to(device),
+            scales=torch.tensor([self.normaliser * shot.k for shot in view.shots], device=device)[
+                :, None, None
+            ],
+            target=target.to(device),
+            ceiling=torch.where(saturated, target, torch.inf).to(device),
+            valid=torch.stack([torch.from_numpy(shot.valid) for shot in view.shots]).to(device),
+        )
