@@ -166,7 +166,7 @@ def _evidence(
     if measures.light or earlier is None:
         light = radiometry.measure_light(session, views, progress)
     else:
-        light = light_of(earlier)
+        light = light_of(earlier, views)
     charts = charts_of(earlier) if measures.poses and earlier is not None else Charts()
     return Evidence(session, views, charts.applied(sensors), light, charts)
 
@@ -226,5 +226,10 @@ def _with_part(
         "rungs": (*(rung for rung in fresh.rungs if rung.name in names), *kept),
     }
     if "response" in measures.fields:
-        update["exposure_scale"] = fresh.exposure_scale
+        developed = {view.id: view.exposure for view in earlier.views}
+        update["exposure_scale"] = {
+            shot.file: fresh.exposure_scale[shot.file] * developed.get(view.id, 1.0)
+            for view in evidence.views
+            for shot in view.shots
+        }
     return earlier.model_copy(update=update)

@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Mapping
 
 from calib.assemble import Evidence, Placement, assemble
-from calib.colour.recorded import balance, with_balance
+from calib.colour.recorded import balance, with_balance, with_development
 from calib.exports import pictures
 from calib.exports.output import write_calibration
-from calib.light import tracks, vignetting
+from calib.light import each_photograph, tracks, vignetting
 from calib.luminance.measure import scaled
 from calib.poses import sfm
 from calib.poses.known_rig import KnownRig
@@ -44,6 +44,10 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
     names = sorted(model.lenses)
     progress("measuring falloff", 0, 1)
     brightness = {view: summary.brightness for view, summary in summaries.items()}
+    colours = {view: summary.colour for view, summary in summaries.items()}
+    photographs = {camera.name for camera in session.record.cameras if camera.kind == "ldr"}
+    development = each_photograph.estimate(*each_photograph.sights_of(model, colours, photographs, None))
+    brightness = development.brightness(brightness)
     through = {view.camera.name: frozenset(shot.band for shot in view.shots) for view in evidence.views}
     filters = list(dict.fromkeys(through[name] for name in names))
     falloff = vignetting.estimate(
@@ -52,9 +56,14 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
         {camera.name: f"{camera.make} {camera.model}" for camera in session.record.cameras},
         comparable=len(filters) == 1,
     )
-    colours = {view: summary.colour for view, summary in summaries.items()}
+    if development.exposure:
+        # The first estimate took the falloff for part of what photographs differ by.
+        sights = each_photograph.sights_of(model, colours, photographs, falloff)
+        development = each_photograph.estimate(*sights)
     white = balance(model, colours, evidence.sensors, falloff, list(evidence.charts.evidence))
     record = with_balance(assemble(evidence, Placement(model, falloff, by_rig)), white)
+    if photographs:
+        record = with_development(record, development, evidence.views)
     record = with_luminance(record, evidence)
     factor = pictures.exposure(brightness)
     write_calibration(session, record, _pictures(evidence, record, summaries, factor), model, progress)

@@ -7,7 +7,9 @@ import numpy.typing as npt
 
 from calib.colour.measure import Charts
 from calib.colour.white_balance import Balance, Sights, estimate, folded
-from calib.light.tracks import tracks_of
+from calib.data.views import View
+from calib.light.each_photograph import Development
+from calib.light.tracks import sightings
 from calib.light.vignetting import DARKEST, Falloff
 from calib.poses.sfm import SceneModel
 from calib.sensor.metadata import CameraSensor
@@ -39,20 +41,16 @@ def balance(
     if len(known) < 2:
         return Balance({}, {}, ())
     usable = {
-        view: colour if view.camera in known else np.full(colour.shape, np.nan)
+        view: np.isfinite(colour).all(axis=1) & np.full(len(colour), view.camera in known)
         for view, colour in colours.items()
     }
-    planes = [
-        tracks_of(model, {key: colour[:, channel] for key, colour in usable.items()}, placed)
-        for channel in range(3)
-    ]
-    first = planes[0]
-    terms = np.array([falloff.vignetting[name] for name in placed])[first.camera]
-    fall = 1.0 + (terms * first.radius[:, None] ** np.array([2, 4, 6])).sum(axis=1)
-    colour = np.stack([plane.brightness for plane in planes], axis=1)
-    colour = colour - np.log(np.maximum(fall, DARKEST))[:, None]
-    order = np.array([known.index(name) if name in known else -1 for name in placed])
-    sights = Sights(first.point, order[first.camera], colour)
+    seen = sightings(model, usable)
+    camera = np.array([known.index(view.camera) if view.camera in known else -1 for view in seen.views])
+    terms = np.array([falloff.vignetting[name] for name in known])[camera[seen.view]]
+    fall = 1.0 + (terms * seen.radius[:, None] ** np.array([2, 4, 6])).sum(axis=1)
+    light = seen.values({view: colour[:, :3] for view, colour in colours.items()})
+    colour = light - np.log(np.maximum(fall, DARKEST))[:, None]
+    sights = Sights(seen.point, camera[seen.view], colour)
     return estimate(sights, known, [np.array(matrices[name])[:3] for name in known], anchors)
 
 
@@ -75,6 +73,27 @@ def _balanced(camera: CameraCalibration, found: Balance) -> CameraCalibration:
             "gain": gain,
         }
     )
+
+
+def with_development(
+    record: CalibrationRecord, development: Development, views: Sequence[View]
+) -> CalibrationRecord:
+    """The record with the exposure and the white balance that each photograph was developed with."""
+    scale = dict(record.exposure_scale)
+    for view in views:
+        for shot in view.shots:
+            scale[shot.file] *= development.exposure.get(view.id, 1.0)
+    placed = tuple(
+        view.model_copy(
+            update={
+                "exposure": development.exposure.get(view.id, 1.0),
+                "white_balance": development.white_balance.get(view.id, (1.0, 1.0, 1.0)),
+            }
+        )
+        for view in record.views
+    )
+    rungs = (*record.rungs, *development.rungs)
+    return record.model_copy(update={"views": placed, "exposure_scale": scale, "rungs": rungs})
 
 
 def with_charts(record: CalibrationRecord, charts: Charts) -> CalibrationRecord:

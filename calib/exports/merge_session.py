@@ -119,14 +119,17 @@ def merge_session(
     store.require_writable(out)
     if factor is None:
         factor = exposure_factor(opened, _exposed(opened, every, calibration), calibration, progress)
+    placed = () if calibration is None else calibration.views
+    developed = {view.id: view.white_balance for view in placed}
     found = []
     for done, (view, shots) in enumerate(groups.items()):
         progress("merging", done, len(groups))
         own = None if calibration is None else calibration.camera(view.camera)
+        white = developed.get(view) if opened.camera(view.camera).kind == "ldr" else None
         scales = None if calibration is None else calibration.exposure_scale
         scale = None if calibration is None else calibration.luminance
         absolute = (scale.value, scale.error) if scale and view.camera in scale.cameras else None
-        found.append(_merge_view(opened, out, view, shots, own, scales, space, factor, absolute))
+        found.append(_merge_view(opened, out, view, shots, own, scales, space, factor, absolute, white))
     progress("merging", len(groups), len(groups))
     store.write_json(out / SUMMARY, {"schema_version": 1, "units": UNIT, "exposure_factor": factor})
     return found
@@ -157,6 +160,7 @@ def _merge_view(
     space: Space,
     factor: float,
     absolute: tuple[float, float] | None,
+    white_balance: tuple[float, float, float] | None,
 ) -> MergedView:
     """Merge a bracket; absolute: cd/m2 of light of 1, and its standard error, where they are known."""
     kind = session.camera(view.camera).kind
@@ -168,7 +172,7 @@ def _merge_view(
     k = _scales(session, shots, scales)
     response = camera.response if camera is not None else assumed_response(kind)
     path = out / f"{view}.exr"
-    key = _key(session, shots, k, response, camera, [space, factor, absolute])
+    key = _key(session, shots, k, response, camera, [space, factor, absolute, white_balance])
     told = _kept(path, key)
     if told is not None:
         clipped, dark, ghost, hidden, shift, said = told
@@ -185,7 +189,7 @@ def _merge_view(
     frames, told_by, behind = _masked(session, shots, frames)
     best = without_ghosts(frames, max(TOLERANCE, (response.residual or 0.0) / PAIR), behind)
     best = replace(best, merged=with_curve_error(best.merged, frames, response))
-    picture = picture_of(best, frames[0].cfa, camera, space)
+    picture = picture_of(best, frames[0].cfa, camera, space, white_balance)
     moved = alignment.shifts(told_by)
     shift = max((one.size for one in moved), default=None)
     seen = picture.mask if behind is None or behind.all() else picture.mask[~behind]
@@ -274,7 +278,7 @@ def _key(
     camera: CameraCalibration | None,
     asked: Sequence[object],
 ) -> str:
-    """Digest of all that a file is made from; asked: space, factor and scale."""
+    """Digest of all that a file is made from; asked: space, factor, scale and white balance."""
     parts: list[object] = [
         VERSION,
         asked,

@@ -66,10 +66,18 @@ def measure_light(session: Session, views: Sequence[View], progress: Progress) -
     return Radiometry(scale, responses, tuple(rungs), measured)
 
 
-def light_of(record: CalibrationRecord) -> Radiometry:
-    """Exposures and responses of an earlier calibration, for one that measures other parts again."""
+def light_of(record: CalibrationRecord, views: Sequence[View]) -> Radiometry:
+    """Exposures and responses of an earlier calibration, for one that measures other parts again.
+
+    What each photograph has of its own is left out: poses tell it.
+    """
+    scale, developed = dict(record.exposure_scale), {view.id: view.exposure for view in record.views}
+    for view in views:
+        for shot in view.shots:
+            if shot.file in scale:
+                scale[shot.file] /= developed.get(view.id, 1.0)
     return Radiometry(
-        scale=dict(record.exposure_scale),
+        scale=scale,
         responses={camera.name: camera.response for camera in record.cameras},
         rungs=tuple(rung for rung in record.rungs if rung.name in LIGHT_RUNGS),
         measured=False,

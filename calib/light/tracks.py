@@ -86,34 +86,66 @@ def _sites(
     return row, column
 
 
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """Where views saw scene points; rows are observations, in order of points and views.
+
+    point: int [N], which scene point; view: int [N], of `views`; feature: int [N], of that view; radius:
+    float64 [N], 1 at the corner of the image; direction: float64 [N, 3], unit, from the point to the camera.
+    """
+
+    views: list[ViewId]
+    point: npt.NDArray[np.int64]
+    view: npt.NDArray[np.int64]
+    feature: npt.NDArray[np.int64]
+    radius: Array
+    direction: Array
+
+    def values(self, of_features: Mapping[ViewId, Array]) -> Array:
+        """What views hold of each of their features, [K] or [K, C], at those that were seen: [N, ...]."""
+        seen = self.views[self.view[0]] if len(self.view) else next(iter(of_features))
+        found = np.empty((len(self.point), *of_features[seen].shape[1:]))
+        for number, view in enumerate(self.views):
+            rows = self.view == number
+            if rows.any():
+                found[rows] = of_features[view][self.feature[rows]]
+        return found
+
+
+def sightings(model: SceneModel, usable: Mapping[ViewId, npt.NDArray[np.bool_]]) -> Sightings:
+    """Of all scene points that two views or more see; usable: bool [K], which features of a view count."""
+    images = {index: model.reconstruction.image(index) for index in model.reconstruction.reg_image_ids()}
+    views = sorted(ViewId.of_image(image.name) for image in images.values())
+    number = {index: views.index(ViewId.of_image(image.name)) for index, image in images.items()}
+    centres = {index: np.asarray(image.projection_center()) for index, image in images.items()}
+    rows: list[tuple[int, int, int, float]] = []
+    towards: list[Array] = []
+    for index, point in enumerate(sorted(model.reconstruction.points3D)):
+        track = model.reconstruction.points3D[point].track
+        for element in sorted(track.elements, key=lambda one: one.image_id):
+            view = views[number[element.image_id]]
+            if usable[view][element.point2D_idx]:
+                x, y = np.ravel(images[element.image_id].point2D(element.point2D_idx).xy)
+                radius = _radius(x, y, model.lenses[view.camera])
+                rows.append((index, number[element.image_id], element.point2D_idx, radius))
+                towards.append(centres[element.image_id] - model.reconstruction.points3D[point].xyz)
+    table = np.array(rows, np.float64).reshape(-1, 4)
+    direction = np.array(towards, np.float64).reshape(-1, 3)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    point, view, feature = table[:, :3].astype(np.int64).T
+    seen = np.bincount(point, minlength=1)[point] >= 2
+    return Sightings(views, point[seen], view[seen], feature[seen], table[seen, 3], direction[seen])
+
+
 def tracks_of(model: SceneModel, brightness: Mapping[ViewId, Array], cameras: Sequence[str]) -> Tracks:
     """Observations of all scene points that two views or more see well, in order of points and views.
 
     brightness: of each feature of each view, as `brightness_at` gives it; cameras: names, in the order that
     `Tracks.camera` counts.
     """
-    rows: list[tuple[int, int, float, float]] = []
-    towards: list[Array] = []
-    images = {index: model.reconstruction.image(index) for index in model.reconstruction.reg_image_ids()}
-    views = {index: ViewId.of_image(image.name) for index, image in images.items()}
-    centres = {index: np.asarray(image.projection_center()) for index, image in images.items()}
-    for number, point in enumerate(sorted(model.reconstruction.points3D)):
-        track = model.reconstruction.points3D[point].track
-        for element in sorted(track.elements, key=lambda one: one.image_id):
-            view = views[element.image_id]
-            value = float(brightness[view][element.point2D_idx])
-            if np.isfinite(value):
-                x, y = np.ravel(images[element.image_id].point2D(element.point2D_idx).xy)
-                radius = _radius(x, y, model.lenses[view.camera])
-                rows.append((number, cameras.index(view.camera), radius, value))
-                towards.append(centres[element.image_id] - model.reconstruction.points3D[point].xyz)
-    table = np.array(rows, np.float64).reshape(-1, 4)
-    direction = np.array(towards, np.float64).reshape(-1, 3)
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    point = table[:, 0].astype(np.int64)
-    seen = np.bincount(point, minlength=1)[point] >= 2
-    tracks = Tracks(point, table[:, 1].astype(np.int64), table[:, 2], table[:, 3], direction)
-    return tracks.part(seen)
+    seen = sightings(model, {view: np.isfinite(values) for view, values in brightness.items()})
+    camera = np.array([cameras.index(view.camera) for view in seen.views], np.int64)
+    return Tracks(seen.point, camera[seen.view], seen.radius, seen.values(brightness), seen.direction)
 
 
 def _radius(x: float, y: float, lens: Lens) -> float:

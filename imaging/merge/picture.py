@@ -38,15 +38,23 @@ class Picture:
 
 
 def picture_of(
-    best: Deghosted, cfa: Cfa | None, camera: CameraCalibration | None, space: Space = "rec709"
+    best: Deghosted,
+    cfa: Cfa | None,
+    camera: CameraCalibration | None,
+    space: Space = "rec709",
+    white_balance: tuple[float, float, float] | None = None,
 ) -> Picture:
     """A merged bracket in colour, with what lens and camera do to light divided out.
 
-    RAW of a camera whose colour is not known stays camera RGB, whatever the space.
+    RAW of a camera whose colour is not known stays camera RGB, whatever the space. white_balance: that
+    photographs were developed with, if they were.
     """
     merged = best.merged
     height, width = merged.radiance.shape[:2]
     fall = np.ones((height, width), np.float32) if camera is None else falloff(camera, height, width)
+    developed = (
+        fall[..., None] if white_balance is None else fall[..., None] * np.array(white_balance, np.float32)
+    )
     light = merged.radiance
     sigma = merged.sigma
     usable: Bool = np.asarray(np.isfinite(light))
@@ -59,8 +67,8 @@ def picture_of(
         light, sigma = np.where(flags[2][..., None], np.float32(np.nan), colour.rgb), colour.sigma
     variance = None if sigma is None else sigma.astype(np.float64) ** 2
     flags = [np.asarray(flag if flag.ndim == 2 else flag.any(-1)) for flag in flags]
-    light = light / fall[..., None]
-    variance = None if variance is None else variance / fall[..., None] ** 2
+    light = light / developed
+    variance = None if variance is None else variance / developed**2
     matrix = None if camera is None else camera.camera_from_rec709
     known_colour = cfa is None or cfa.mono or matrix is not None
     if matrix is not None or light.shape[-1] != 3 or (known_colour and space != "rec709"):

@@ -163,6 +163,11 @@ class ViewCalibration(Record):
     points: int
     """Scene points seen by it."""
     error: PoseError | None = None
+    exposure: float = Field(default=1.0, gt=0)
+    """Of a photograph: factor on the exposure that its label tells, in the scales of its shots already."""
+    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Of a photograph: factors on red, green and blue light that it was developed with, relative to green and
+    to the mean of all photographs."""
     by_rig: bool = False
     """Nothing was recognised in its picture, or what was is contradicted: the other cameras of its rig alone
     tell where it was."""

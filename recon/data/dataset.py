@@ -42,6 +42,7 @@ class Sensor:
 
     kind: raw (mosaic or camera RGB, linear), ldr (code values), hdr (linear Rec.709).
     camera_from_rec709: float64 [channels, 3]. falloff: float32 [H, W], vignetting times the camera's gain.
+    white_balance: factors on red, green and blue light that a photograph was developed with.
     """
 
     kind: ImageKind
@@ -49,6 +50,7 @@ class Sensor:
     camera_from_rec709: npt.NDArray[np.float64]
     falloff: Float
     response: Response
+    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,6 +312,7 @@ def _view(
             camera_from_rec709=of_channels(camera.camera_from_rec709, channels),
             falloff=falloff(camera, height, width),
             response=camera.response,
+            white_balance=pose.white_balance,
         ),
         shots=tuple(sorted(shots, key=lambda shot: (shot.band or 0, shot.k))),
         channels=len(session.record.bands) or 3,

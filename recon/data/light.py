@@ -45,7 +45,8 @@ def radiance_image(view: View) -> tuple[Float, Bool]:
         rgb = demosaic(light / sensor.falloff, sensor.cfa, sigma=sigma).rgb
         trusted = bilinear(light, sensor.cfa, merged.valid)[1]
     else:
-        rgb, trusted = light / sensor.falloff[..., None], merged.valid
+        developed = sensor.falloff[..., None] * np.array(sensor.white_balance, np.float32)
+        rgb, trusted = light / developed, merged.valid
     linear = rgb @ rec709_from_camera(sensor.camera_from_rec709).T
     return np.asarray(linear, np.float32), np.asarray(trusted.all(-1))
 

@@ -7,11 +7,8 @@ from imaging.session.records import Rung
 from recon.data.dataset import Dataset
 from recon.decide.presets import MethodName
 from recon.methods import hdr_gs, nh_3dgs, vanilla
-from recon.observe.calibrated_curves import Curves
+from recon.observe.calibrated_curves import STOP_APART, Curves, developed
 from recon.observe.tone_grid import EXACT
-
-STOP_APART = 0.99
-"""Stops between exposures from which a bracket counts as one (a little less than one, for rounding)."""
 
 
 def method_for(dataset: Dataset, asked: MethodName) -> tuple[str, tuple[Rung, ...]]:
@@ -45,6 +42,9 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
     apart = float(stops.max() - stops.min())
     several = any(len(view.shots) > 1 for view in dataset.train)
     measured = all(view.sensor.response.residual is not None for view in dataset.train)
+    if developed(dataset):
+        reason = "the camera chose exposure or white balance anew for each photograph"
+        return hdr_gs.NAME, (_rung("tone curve", True, reason),)
     if (several or measured) and apart >= STOP_APART:
         reason = f"exposures of {'a view' if several else 'the views'} lie up to {apart:.1f} stops apart"
         if not several:

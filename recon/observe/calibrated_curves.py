@@ -1,6 +1,7 @@
 """The tone curves that a training on photographs starts from: those of the calibration's responses."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,18 @@ from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.observe.photographs import ToneCurve
 from recon.observe.tone_grid import Grid, curve_values, middle_of, needed, remap_rate, sampled
+from recon.scene.appearance import Rate
 
+ASSUMED = Rate(2e-1, 5e-4)
+"""Learning rate of a curve that was not measured. That of one that was cannot leave a wrong start: where an
+assumed curve is flat and the true one is not, its steps have to grow fifty times
+(bench/decided/ablation_hdr_gs.py)."""
+ASSUMED_SMOOTHNESS = 0.1
+"""Weight of roughness of a curve that was not measured: such a rate follows more of the noise."""
+STOP_APART = 0.99
+"""Stops between exposures from which they tell of the curve (a little less than one, for rounding)."""
+TOO_FAR_APART = 6.0
+"""Stops between exposures from which few pixels are well exposed in both."""
 KNOWN_RESIDUAL = 0.01
 """A calibrated curve whose held-out disagreement, natural log, is below this counts as known."""
 
@@ -46,6 +58,7 @@ class Curves:
         residuals = [0.0 if response.kind == "linear" else response.residual for response in distinct]
         measured = None not in residuals
         known = all(residual is not None and residual < KNOWN_RESIDUAL for residual in residuals)
+        known = known or not (measured or _told(dataset, scales))
         nodes = finest = Grid().nodes()
         if measured:
             starts = (sampled(response, finest, rate, middle) for response in distinct)
@@ -53,6 +66,24 @@ class Curves:
             nodes = finest[needed(finest, np.stack(curves))]
         of_camera = {camera: distinct.index(response) for camera, response in responses.items()}
         return cls(distinct, of_camera, rate, middle, nodes, len(finest), measured, known)
+
+
+def _told(dataset: Dataset, scales: Sequence[float]) -> bool:
+    """Whether photographs tell a curve apart from the light, that the calibration did not measure.
+
+    Exposures that were found in photographs came through the assumed curve themselves.
+    """
+    gaps = np.diff(np.unique(np.round(np.log2(scales), 2)))
+    return not developed(dataset) and bool(((gaps >= STOP_APART) & (gaps < TOO_FAR_APART)).any())
+
+
+def developed(dataset: Dataset) -> bool:
+    """Whether photographs differ by more than their labels tell, in exposure or white balance."""
+    return any(
+        (view.exposure, *view.white_balance) != (1.0,) * 4
+        for view in dataset.calibration.views
+        if dataset.calibration.camera(view.camera).response.kind != "linear"
+    )
 
 
 def tone_curve(dataset: Dataset, light: Light) -> ToneCurve:
@@ -63,7 +94,7 @@ def tone_curve(dataset: Dataset, light: Light) -> ToneCurve:
     """
     curves = Curves.of(dataset)
     theta = [sampled(response, curves.nodes, curves.rate, curves.middle) for response in curves.responses]
-    return ToneCurve(
+    made = ToneCurve(
         normaliser=light.normaliser,
         nodes=torch.from_numpy(curves.nodes.astype(np.float32)),
         theta=torch.stack(theta),
@@ -73,3 +104,4 @@ def tone_curve(dataset: Dataset, light: Light) -> ToneCurve:
         epsilon=0.01 * (light.reference or 2.0**-20),
         fixed=1.0 if curves.known else 0.2,
     )
+    return made if curves.measured else replace(made, curve_rate=ASSUMED, smoothness=ASSUMED_SMOOTHNESS)

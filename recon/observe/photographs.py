@@ -56,12 +56,12 @@ def _codes(view: View) -> _Codes:
 
 @dataclass
 class ToneCurve(Observation):
-    """Code values through one monotone curve a channel: `C = g(r (ln (E + eps) + ln k - m))`.
+    """Code values through one monotone curve a channel: `C = g(r (ln (E + eps) + ln w k - m))`.
 
-    HDRGS (Wu et al., arXiv 2408.06543). theta [R, 3, M - 1]: the curves of R different responses.
-    `of_camera` says which a camera has. The curve is fixed for the first `fixed` of the training,
-    or for all of it when the response is known. Scale gauge: m is that of the calibration's response,
-    so radiance stays in the units of the calibration as far as the curve does not drift along x.
+    HDRGS (Wu et al., arXiv 2408.06543); w is the photograph's white balance. theta [R, 3, M - 1]: the curves
+    of R different responses. `of_camera` says which a camera has. The curve is fixed for the first `fixed` of
+    the training, or for all of it when the response is known. Scale gauge: m is that of the calibration's
+    response, so radiance stays in the units of the calibration as far as the curve does not drift along x.
 
     balance: errors of codes count `(0.1 / s) ** balance` times, s being how many codes the shots of a pixel
     change in the mean when its light grows by a natural log. With 0 an error counts by the code, and the
@@ -181,10 +181,11 @@ class ToneCurve(Observation):
         falloff = torch.from_numpy(view.sensor.falloff).to(image)
         light = torch.log(image * falloff[..., None] + self.epsilon)
         # In float64, where the normaliser and the scales cancel: another unit of light changes no bit.
-        offset = image.new_tensor(np.log(self.normaliser * np.array(scales)) - self.middle)
+        developed = np.outer(scales, view.sensor.white_balance)
+        offset = image.new_tensor(np.log(self.normaliser * developed) - self.middle)
         if factors is not None:
-            offset = offset + factors.log()
-        x = self.rate * (light.movedim(2, 0)[None] + offset[:, None, None, None])
+            offset = offset + factors.log()[:, None]
+        x = self.rate * (light.movedim(2, 0)[None] + offset[..., None, None])
         values = curve_values(curves[self.of_camera[view.camera]]).to(image)
         nodes = self.nodes.to(image.dtype)
         channels = [apply_curve(x[:, channel], values[channel], nodes, leaky=leaky) for channel in range(3)]

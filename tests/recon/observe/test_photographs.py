@@ -1,5 +1,7 @@
 """The tone curve's comparison with photographs: what a code tells, and how much an error of it counts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -7,8 +9,9 @@ import torch
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.pixels import Shot
+from recon.observe.calibrated_curves import ASSUMED, ASSUMED_SMOOTHNESS
 from recon.observe.photographs import LEAST_SLOPE, TYPICAL_SLOPE, ToneCurve
-from recon.observe.tone_grid import Grid, curve_parameters
+from recon.observe.tone_grid import Grid, curve_parameters, sampled
 from recon.splat import SplatCamera
 
 HEIGHT, WIDTH = 3, 40
@@ -108,3 +111,41 @@ def test_what_is_trained_depends_on_the_progress_and_on_no_comparison_before():
     assert early == 0.0
     assert late.requires_grad
     assert late > 0
+
+
+def test_white_balance_of_a_photograph_is_light_of_its_channels() -> None:
+    curve, image = make_curve(0.5), ramp()
+    view = make_view(curve, image)
+    white = (1.3, 1.0, 0.6)
+    balanced = replace(view, sensor=replace(view.sensor, white_balance=white))
+    for k in SCALES:
+        plain = curve.predict(image * torch.tensor(white), view, k)
+        assert torch.allclose(curve.predict(image, balanced, k), plain, atol=2e-6)
+
+
+def test_a_curve_that_was_assumed_becomes_the_one_that_made_the_photographs() -> None:
+    """From sRGB, which is flat where the true curve, a sigmoid, is not; the light is known here."""
+    true, image = make_curve(0.5), ramp()
+    view = make_view(true, image, (0.0, 1.0))
+    nodes = Grid().nodes()
+    srgb = Response(kind="srgb", evidence="assumed")
+    curve = replace(
+        true, theta=sampled(srgb, nodes, RATE, MIDDLE)[None].requires_grad_(), curve_rate=ASSUMED,
+        smoothness=ASSUMED_SMOOTHNESS, fixed=0.0, _prepared={},
+    )  # fmt: skip
+    begun = curve.curves()[0]
+    optimizer = torch.optim.Adam([curve.theta])
+    steps = 150
+    for step in range(steps):
+        for group in optimizer.param_groups:
+            group["lr"] = curve.curve_rate.at(step / steps)
+        optimizer.zero_grad()
+        prediction, target = curve.compare(image, view, 0.5)
+        loss = (prediction - target).abs().mean() + curve.penalty(0.5)
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+    told = slice(int(np.searchsorted(nodes, -4.0)), int(np.searchsorted(nodes, 4.0)))
+    goal = true.curves()[0]
+    before, after = ((each - goal)[:, told].square().mean().sqrt() for each in (begun, curve.curves()[0]))
+    assert before > 0.1
+    assert after < 0.02

@@ -1,0 +1,218 @@
+"""Auto exposure and auto white balance: what each photograph was developed with, by points that it shares.
+
+A camera that develops its pictures may choose brightness and white balance anew for each. A matte scene
+point has one light, so what the photographs of its track differ by is theirs, of each channel:
+`ln rgb = ln point + ln d_photograph`. Points are eliminated; what is left is a robust least-squares problem
+with a number for each photograph and channel, after Goldman, "Vignette and exposure calibration and
+compensation" (2010).
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+
+from calib.light.tracks import LUMINANCE, sightings
+from calib.light.vignetting import DARKEST, NOTICED_IN_SHEEN, Falloff
+from calib.poses.sfm import SceneModel
+from imaging.robust import huber_loss, huber_weight, robust_scale
+from imaging.session.records import ONE_OF_SEVERAL, Rung
+from imaging.session.view_id import ViewId
+
+Array = npt.NDArray[np.float64]
+Int = npt.NDArray[np.int64]
+
+FEWEST_POINTS = 100
+FEWEST_SIGHTS = 30
+"""Of a photograph, below which it stays as its label has it."""
+ROUNDS = 10
+HUBER = 1.5
+FOLDS = 5
+OWN = "of its own for each photograph"
+UNIT = "robust whitened loss per held-out point"
+EXPOSURE, WHITE_BALANCE = "exposure_each_photograph", "white_balance_each_photograph"
+
+
+@dataclass(frozen=True, eq=False)
+class PhotographSights:
+    """Colours of scene points in photographs; rows are observations.
+
+    point, view: int [N]; colour: float64 [N, 3], natural log of linear light, falloff and gain divided out.
+    """
+
+    point: Int
+    view: Int
+    colour: Array
+
+    def part(self, keep: npt.NDArray[np.bool_]) -> "PhotographSights":
+        """The observations that `keep` [N] names."""
+        return PhotographSights(self.point[keep], self.view[keep], self.colour[keep])
+
+
+@dataclass(frozen=True)
+class Development:
+    """What photographs were developed with, relative to their labels and to all of them.
+
+    exposure: factor on the exposure scale of a view's shots; white_balance: red, green and blue relative to
+    green. Views that are not named are as their labels say.
+    """
+
+    exposure: Mapping[ViewId, float]
+    white_balance: Mapping[ViewId, tuple[float, float, float]]
+    rungs: tuple[Rung, ...] = ()
+
+    def brightness(self, of_features: Mapping[ViewId, Array]) -> dict[ViewId, Array]:
+        """Natural log of luminance of each view's features, as labels have it, put right."""
+        return {
+            view: values
+            - np.log(self.exposure.get(view, 1.0) * (LUMINANCE @ self.white_balance.get(view, (1,) * 3)))
+            for view, values in of_features.items()
+        }
+
+
+def sights_of(
+    model: SceneModel, colours: Mapping[ViewId, Array], photographs: Collection[str], falloff: Falloff | None
+) -> tuple[PhotographSights, list[ViewId]]:
+    """What the cameras named as `photographs` saw of points that they share, and the views.
+
+    colours: of each feature of each view, as `colour_at` gives it. falloff: taken away; None: not known yet.
+    """
+    usable: dict[ViewId, npt.NDArray[np.bool_]] = {}
+    for view, colour in colours.items():
+        usable[view] = np.isfinite(colour).all(axis=1) & np.full(len(colour), view.camera in photographs)
+    seen = sightings(model, usable)
+    light = seen.values(colours)
+    if falloff is not None:
+        names = [view.camera for view in seen.views]
+        terms = np.array([falloff.vignetting[name] for name in names])[seen.view]
+        fall = 1.0 + (terms * seen.radius[:, None] ** np.array([2, 4, 6])).sum(axis=1)
+        gain = np.array([falloff.gain[name] for name in names])[seen.view]
+        light -= np.log(np.maximum(fall, DARKEST) * gain)[:, None]
+    return PhotographSights(seen.point, seen.view, light), seen.views
+
+
+def estimate(sights: PhotographSights, views: list[ViewId]) -> Development:
+    """Exposure and white balance of each photograph, each as far as held-out points ask for it.
+
+    views: in the order of `PhotographSights.view`.
+    """
+    sights = _shared(sights)
+    points = np.unique(sights.point)
+    if len(points) < FEWEST_POINTS:
+        reason = f"fewer than {FEWEST_POINTS} points are seen well, in every channel, by several photographs"
+        return Development({}, {}, (_left(EXPOSURE, reason), _left(WHITE_BALANCE, reason)))
+    count = len(views)
+    known = np.bincount(sights.view, minlength=count) >= FEWEST_SIGHTS
+    logs = np.where(known[:, None], _solved(sights, count), 0.0)
+    for camera in {view.camera for view in views}:
+        # What all photographs of a camera have in common is its gain, which the falloff comes with.
+        taken_by = known & np.array([view.camera == camera for view in views])
+        if taken_by.any():
+            logs[taken_by] -= logs[taken_by].mean()
+    common = logs.mean(axis=1, keepdims=True)
+    rungs = [
+        _judged(sights, count, EXPOSURE, f"an exposure {OWN}", _no_exposure, _one_exposure),
+        _judged(sights, count, WHITE_BALANCE, f"a white balance {OWN}", _one_exposure, _as_is),
+    ]
+    parts = (common[known], (logs - common)[known])
+    for index, (part, what) in enumerate(zip(parts, ("brightness", "colour"), strict=True)):
+        size = float(np.sqrt(np.mean(np.square(part)))) if known.any() else 0.0
+        reason = f"{rungs[index].reason}; the photographs differ in {what} by {100 * size:.2g} %"
+        taken = rungs[index].taken and size > NOTICED_IN_SHEEN
+        rungs[index] = rungs[index].model_copy(update={"taken": taken, "reason": reason})
+    exposure, white = rungs[0].taken, rungs[1].taken
+    # Green carries the exposure where colours are told apart, the mean of the channels where they are not.
+    scale = logs[:, 1] - (0.0 if exposure else common[:, 0]) if white else common[:, 0]
+    told = [index for index in range(count) if known[index]]
+    return Development(
+        {views[i]: float(np.exp(scale[i])) for i in told} if exposure or white else {},
+        {views[i]: _relative(logs[i]) for i in told} if white else {},
+        tuple(rungs),
+    )
+
+
+def _left(name: str, reason: str) -> Rung:
+    return Rung(name=name, taken=False, reason=reason)
+
+
+def _relative(logs: Array) -> tuple[float, float, float]:
+    red, green, blue = (float(value) for value in np.exp(logs - logs[1]))
+    return red, green, blue
+
+
+def _no_exposure(logs: Array) -> Array:
+    return np.zeros_like(logs)
+
+
+def _one_exposure(logs: Array) -> Array:
+    return np.repeat(logs.mean(axis=1, keepdims=True), 3, axis=1)
+
+
+def _as_is(logs: Array) -> Array:
+    return logs
+
+
+def _judged(
+    sights: PhotographSights,
+    count: int,
+    name: str,
+    reason: str,
+    simple: Callable[[Array], Array],
+    freer: Callable[[Array], Array],
+) -> Rung:
+    """Whether held-out points are predicted better by the freer of two readings of the same numbers."""
+    fold = np.unique(sights.point, return_inverse=True)[1] % FOLDS
+    differences = []
+    for held in range(FOLDS):
+        logs = _solved(_shared(sights.part(fold != held)), count)
+        test = sights.part(fold == held)
+        residuals = [_residual(test, each(logs)) for each in (simple, freer)]
+        scale = max(robust_scale(residuals[1]), 1e-6)
+        _, point = np.unique(test.point, return_inverse=True)
+        low, high = (huber_loss(each / scale, HUBER).mean(axis=1) for each in residuals)
+        differences.append(np.bincount(point, low - high) / np.bincount(point))
+    gains = np.concatenate(differences)
+    error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
+    return Rung.judged(name, float(gains.mean()), error, UNIT, reason, 3 * count, ONE_OF_SEVERAL)
+
+
+def _shared(sights: PhotographSights) -> PhotographSights:
+    """Of the points those that two photographs see or more."""
+    _, point, seen = np.unique(sights.point, return_inverse=True, return_counts=True)
+    return sights.part(seen[point] >= 2)
+
+
+def _solved(sights: PhotographSights, count: int) -> Array:
+    """ln d [count, 3], zero in the mean over the photographs of every channel."""
+    _, point = np.unique(sights.point, return_inverse=True)
+    points = int(point.max()) + 1
+    logs = np.zeros((count, 3))
+    for channel in range(3):
+        value = sights.colour[:, channel]
+        weight = np.ones(len(value))
+        for _ in range(ROUNDS):
+            cross = sparse.coo_matrix((weight, (point, sights.view)), (points, count)).tocsr()
+            total = np.bincount(point, weight, points)
+            share = sparse.diags(1 / np.maximum(total, 1e-12)) @ cross
+            own = np.bincount(sights.view, weight, count)
+            normal = np.diag(own) - (cross.T @ share).toarray()
+            right = np.bincount(sights.view, weight * value, count)
+            right -= share.T @ np.bincount(point, weight * value, points)
+            # A photograph that shares no point, and the gauge of all, are left at zero.
+            logs[:, channel] = np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right
+            left = value - logs[sights.view, channel]
+            left -= (np.bincount(point, weight * left, points) / np.maximum(total, 1e-12))[point]
+            weight = huber_weight(left, HUBER * max(robust_scale(left), 1e-6))
+    seen = np.bincount(sights.view, minlength=count) > 0
+    logs[seen] -= logs[seen].mean(axis=0)
+    return logs
+
+
+def _residual(sights: PhotographSights, logs: Array) -> Array:
+    """What is left between the photographs of each point, [N, 3]."""
+    _, point = np.unique(sights.point, return_inverse=True)
+    left = sights.colour - logs[sights.view]
+    middle = np.stack([np.bincount(point, column) for column in left.T], axis=1) / np.bincount(point)[:, None]
+    return np.asarray(left - middle[point])
