@@ -38,8 +38,8 @@ def true_radiance(session: Path, view: View, bands: Sequence[Band] = ()) -> npt.
     )
     size = view.lens.width, view.lens.height
     if view.sensor.kind == "raw":
-        whole = 2 * size[0] > light.shape[1]
-        height, width = (size[1], size[0]) if whole else (side - side % 2 for side in light.shape[:2])
+        tile = (2, 2) if view.sensor.cfa is None else view.sensor.cfa.period
+        height, width = (side - side % length for side, length in zip(light.shape, tile, strict=False))
         light = light[:height, :width]
     if (light.shape[1], light.shape[0]) != size:
         light = area_mean(light, size)

@@ -189,7 +189,7 @@ def test_beside_poses_that_were_given_the_files_tell_noise_and_colours(tmp_path:
     shots = [
         (
             RawMosaic(
-                rng.poisson(400 * time, (48, 64)).astype(np.uint16), Cfa.RGGB, (0.0,) * 4, 4095,
+                rng.poisson(400 * time, (48, 64)).astype(np.uint16), Cfa.RGGB, ((0.0,),), 4095,
                 camera_from_xyz=stated, noise_profile=noise.profile(0.0, 4095.0),
             ),
             Exposure(time=time),
@@ -254,7 +254,7 @@ def small(own_arm: Path, looks: dict[ViewId, ViewSummary], monkeypatch: pytest.M
             store.append_line(own_arm / "shots.jsonl", shot)
     record = read_calibration(own_arm)
     monkeypatch.setattr("calib.place_views.summarise", lambda session, view, *rest: looks[view.id])
-    monkeypatch.setattr("calib.light.radiometry.measure_light", lambda *rest: light_of(record))
+    monkeypatch.setattr("calib.light.radiometry.measure_light", lambda *rest: light_of(record, ()))
     monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
     return own_arm
 

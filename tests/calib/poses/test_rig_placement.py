@@ -109,13 +109,13 @@ def test_black_pictures_of_one_camera_are_listed_as_placed_by_the_rig(
     for shot in shots:
         if shot["camera"] in ("cam0", "cam1"):
             store.append_line(own_arm / "shots.jsonl", shot)
-    light = light_of(read_calibration(own_arm))
+    light = light_of(read_calibration(own_arm), ())
     monkeypatch.setattr("calib.light.radiometry.measure_light", lambda *rest: light)
     monkeypatch.setattr(sfm, "climb", lambda *rest: (Free(), ()))
     none = vignetting.Falloff(
         {"cam0": (0.0, 0.0, 0.0), "cam1": (0.0, 0.0, 0.0)}, {"cam0": 1.0, "cam1": 1.0}, ()
     )
-    monkeypatch.setattr(vignetting, "estimate", lambda *rest: none)
+    monkeypatch.setattr(vignetting, "estimate", lambda *rest, comparable: none)
     record = calibrate(own_arm, progress=unreported)
     assert record.unregistered == ()
     (lost,) = (view for view in record.views if view.by_rig)

@@ -29,14 +29,14 @@ HEADROOM = 1 << 30
 READER = """
 import json, resource, sys, time
 from pathlib import Path
-from capture.imports.layouts.hdr_nerf import _table
+from capture.imports.layouts.llff import read_rows
 from capture.imports.layouts.ply_points import read_ply_points
 from capture.pictures.read import read_picture
 from imaging.files import exr, raw
 from imaging.errors import InputError
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (used + int(sys.argv[2]),) * 2)
-readers = {".ply": read_ply_points, ".npy": _table}
+readers = {".ply": read_ply_points, ".npy": lambda path: read_rows(path, 17)}
 told = {}
 for path in sorted(Path(sys.argv[1]).iterdir()):
     began = time.process_time()

@@ -31,7 +31,7 @@ def test_the_truth_of_a_smaller_view_is_the_whole_picture_made_smaller(tmp_path,
         return
     height = round(whole.shape[0] * width / whole.shape[1])
     lens = SimpleNamespace(width=width, height=height)
-    view = SimpleNamespace(id=ViewId(0, "cam"), lens=lens, sensor=SimpleNamespace(kind=kind))
+    view = SimpleNamespace(id=ViewId(0, "cam"), lens=lens, sensor=SimpleNamespace(kind=kind, cfa=None))
     perfect = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
     assert metrics.hdr_psnr_mu(perfect, true_radiance(tmp_path, view)) > 130
 

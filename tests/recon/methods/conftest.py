@@ -48,7 +48,7 @@ class Studio:
         self, name: str, times: Sequence[float] = (), phases: Sequence[Cfa] = (), **overrides: Any
     ) -> Path:
         """One of the simulated rig `name`: shot at `times`, with mosaics of these phases, other settings."""
-        key = json.dumps([name, times, phases, overrides], sort_keys=True)
+        key = json.dumps([name, times, phases, overrides], sort_keys=True, default=str)
         if key not in self._made:
             rig = simulate(name, **{"samples": 2, "width": 32, "height": 24, **overrides})
             if times:

@@ -341,7 +341,7 @@ def test_raw_brings_the_colours_and_the_noise_that_its_files_state(tmp_path):
     profile = SensorNoise(gain=0.5, read_noise=2.0).profile(64.0, 4095.0)
     pixels = np.random.default_rng(0).integers(64, 4000, (48, 64), dtype=np.uint16)
     raw = RawMosaic(
-        pixels, Cfa.RGGB, (64.0,) * 4, 4095, camera_from_xyz=as_matrix(matrix), noise_profile=profile
+        pixels, Cfa.RGGB, ((64.0,),), 4095, camera_from_xyz=as_matrix(matrix), noise_profile=profile
     )
     value = {"frames": [one | {"file_path": f"images/{n}.dng"} for n, one in enumerate(frames())]}
     folder = scene(tmp_path / "n", LENS | value, photos=0)
