@@ -46,8 +46,11 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
     brightness = {view: summary.brightness for view, summary in summaries.items()}
     colours = {view: summary.colour for view, summary in summaries.items()}
     photographs = {camera.name for camera in session.record.cameras if camera.kind == "ldr"}
-    development = each_photograph.estimate(*each_photograph.sights_of(model, colours, photographs, None))
-    brightness = development.brightness(brightness)
+    development = each_photograph.Development({}, {})
+    if photographs:
+        sights = each_photograph.sights_of(model, colours, photographs, None)
+        development = each_photograph.estimate(*sights)
+        brightness = development.brightness(brightness)
     through = {view.camera.name: frozenset(shot.band for shot in view.shots) for view in evidence.views}
     filters = list(dict.fromkeys(through[name] for name in names))
     falloff = vignetting.estimate(

@@ -3,6 +3,7 @@
 import math
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -154,13 +155,19 @@ def toy_template(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _small_scenes() -> Iterator[None]:
+@contextmanager
+def small_scenes() -> Iterator[None]:
     """A draft of a few Gaussians and iterations: these tests look at commands and pages, not at quality."""
     from recon.reconstruct import QUALITIES, Quality
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(QUALITIES, "draft", Quality(iterations=20, gaussians=400, width=320))
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _small_scenes() -> Iterator[None]:
+    with small_scenes():  # a module at a time: tests of other folders in the same process want the real draft
         yield
 
 
@@ -170,7 +177,8 @@ def scene_template(toy_template: Path, tmp_path_factory: pytest.TempPathFactory)
     from rig.commands.reconstruct import run_reconstruct
 
     session = Path(shutil.copytree(toy_template, tmp_path_factory.mktemp("scene") / "toy"))
-    run_reconstruct(session, Silence(), method="auto", quality="draft", budget=None, seed=0, name=None)
+    with small_scenes():
+        run_reconstruct(session, Silence(), method="auto", quality="draft", budget=None, seed=0, name=None)
     return session
 
 
