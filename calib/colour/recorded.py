@@ -10,7 +10,7 @@ from calib.colour.white_balance import Balance, Sights, estimate, folded
 from calib.data.views import View
 from calib.light.each_photograph import Development
 from calib.light.tracks import sightings
-from calib.light.vignetting import DARKEST, Falloff
+from calib.light.vignetting import DARKEST, Falloff, light_left
 from calib.poses.sfm import SceneModel
 from calib.sensor.metadata import CameraSensor
 from imaging.colour import with_rgb
@@ -47,7 +47,7 @@ def balance(
     seen = sightings(model, usable)
     camera = np.array([known.index(view.camera) if view.camera in known else -1 for view in seen.views])
     terms = np.array([falloff.vignetting[name] for name in known])[camera[seen.view]]
-    fall = 1.0 + (terms * seen.radius[:, None] ** np.array([2, 4, 6])).sum(axis=1)
+    fall = light_left(terms, seen.radius)
     light = seen.values({view: colour[:, :3] for view, colour in colours.items()})
     colour = light - np.log(np.maximum(fall, DARKEST))[:, None]
     sights = Sights(seen.point, camera[seen.view], colour)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from calib.light.tracks import LUMINANCE, sightings
-from calib.light.vignetting import DARKEST, NOTICED_IN_SHEEN, Falloff
+from calib.light.vignetting import DARKEST, NOTICED_IN_SHEEN, Falloff, light_left
 from calib.poses.sfm import SceneModel
 from imaging.robust import huber_loss, huber_weight, robust_scale
 from imaging.session.records import ONE_OF_SEVERAL, Rung
@@ -87,7 +87,7 @@ def sights_of(
     if falloff is not None:
         names = [view.camera for view in seen.views]
         terms = np.array([falloff.vignetting[name] for name in names])[seen.view]
-        fall = 1.0 + (terms * seen.radius[:, None] ** np.array([2, 4, 6])).sum(axis=1)
+        fall = light_left(terms, seen.radius)
         gain = np.array([falloff.gain[name] for name in names])[seen.view]
         light -= np.log(np.maximum(fall, DARKEST) * gain)[:, None]
     return PhotographSights(seen.point, seen.view, light), seen.views

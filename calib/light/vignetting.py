@@ -242,7 +242,7 @@ def _fit(tracks: Tracks, shape: _Shape, cameras: int) -> _Fit:
     fit = _Fit(np.zeros((lenses, 3)), np.zeros(cameras), 1.0)
     _, own = np.unique(tracks.point, return_inverse=True)
     weight = np.ones(len(own))
-    powers = tracks.radius[:, None] ** np.array([2, 4, 6])
+    powers = radial_powers(tracks.radius)
     lens = np.array(shape.lenses or [0] * cameras)[tracks.camera]
     for _ in range(ROUNDS):
         residual = demeaned(_residual(tracks, fit, shape)[:, None], weight, own)[:, 0]
@@ -296,15 +296,14 @@ def _stepped(
 
 def _darkest(polynomials: Array) -> float:
     """Least light that falloffs [G, 3] leave at any radius, of the middle."""
-    return float((1.0 + polynomials @ RADII ** np.array([[2], [4], [6]])).min(initial=1.0))
+    return float((1.0 + polynomials @ radial_powers(RADII).T).min(initial=1.0))
 
 
 def _light(fit: _Fit, shape: _Shape) -> Array:
     """Natural log of what each camera leaves of the light at each of `RADII`, [cameras, R], in the mean 0."""
     light = np.repeat(fit.log_gain[:, None], len(RADII), axis=1)
     if shape.lenses:
-        powers = RADII ** np.array([[2], [4], [6]])
-        light += np.log(1.0 + fit.polynomials[np.array(shape.lenses)] @ powers)
+        light += np.log(1.0 + fit.polynomials[np.array(shape.lenses)] @ radial_powers(RADII).T)
     return np.asarray(light - light.mean())
 
 
@@ -312,12 +311,21 @@ def _falloff(tracks: Tracks, fit: _Fit, shape: _Shape) -> Array:
     if not shape.lenses:
         return np.ones(len(tracks.radius))
     own = fit.polynomials[np.array(shape.lenses)[tracks.camera]]
-    powers = tracks.radius[:, None] ** np.array([2, 4, 6])
-    return np.asarray(1.0 + (own * powers).sum(1))
+    return light_left(own, tracks.radius)
 
 
 def _residual(tracks: Tracks, fit: _Fit, shape: _Shape) -> Array:
     return np.asarray(tracks.brightness - np.log(_falloff(tracks, fit, shape)) - fit.log_gain[tracks.camera])
+
+
+def radial_powers(radius: Array) -> Array:
+    """Second, fourth and sixth power of radii [N], 1 at the corner of the sensor: [N, 3]."""
+    return np.asarray(radius[:, None] ** np.array([2, 4, 6]))
+
+
+def light_left(polynomials: Array, radius: Array) -> Array:
+    """What falloffs [N, 3] leave of the light at radii [N], each of its own; 1 in the middle."""
+    return np.asarray(1.0 + (polynomials * radial_powers(radius)).sum(axis=1))
 
 
 def demeaned(values: Array, weight: Array, own: npt.NDArray[np.int64]) -> Array:

@@ -39,8 +39,8 @@ class _FalseColour:
     rates: ClassVar[dict[str, Rate]] = {}
 
     def start(self, light: Tensor) -> Parameters:
-        """Not of a finished scene."""
-        raise NotImplementedError
+        """Of the bands."""
+        return self.appearance.start(light)
 
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
         """Linear Rec.709 [N, 3] >= 0."""

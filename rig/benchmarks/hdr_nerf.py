@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from imaging.progress import Progress
-from rig.benchmarks.protocol import Choices, Column, Figures, Protocol
+from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported, trained
 
 
 def _is_scene(folder: Path) -> bool:
@@ -14,25 +14,13 @@ def _is_scene(folder: Path) -> bool:
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
     from calib.calibrate import calibrate
-    from capture.imports.photos import import_photos
     from imaging.session.calibration import read_calibration
-    from recon.decide.overrides import Overrides
     from recon.evaluate import evaluate
-    from recon.reconstruct import reconstruct
 
-    if not (session / "calibration" / "calibration.json").is_file():
-        import_photos(scene, session, layout="hdr-nerf", progress=progress).require_complete()
+    imported(scene, session, "hdr-nerf", progress)
     if all(camera.response.kind == "srgb" for camera in read_calibration(session).cameras):
         calibrate(session, only="response", progress=progress)
-    folder = reconstruct(
-        session,
-        method="hdr-gs",
-        quality=choices.quality,
-        seed=choices.seed,
-        overrides=Overrides(views=choices.views),
-        name=choices.name,
-        progress=progress,
-    )
+    folder = trained(session, "hdr-gs", choices, progress)
     found = evaluate(folder, progress)
     return {key: found[key] for key in HDR_NERF.columns if key in found}
 

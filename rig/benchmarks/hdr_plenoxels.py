@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from imaging.progress import Progress
-from rig.benchmarks.protocol import Choices, Column, Figures, Protocol
+from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported, trained
 
 EVERY = 4
 """One photograph in so many, by name, is for testing."""
@@ -16,22 +16,11 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
-    from capture.imports.photos import import_photos
-    from recon.decide.overrides import Overrides
     from recon.protocols import hdr_plenoxels
-    from recon.reconstruct import reconstruct
 
-    if not (session / "calibration" / "calibration.json").is_file():
-        import_photos(scene, session, layout="llff", progress=progress).require_complete()
+    imported(scene, session, "llff", progress)
     _hold_out(session)
-    folder = reconstruct(
-        session,
-        quality=choices.quality,
-        seed=choices.seed,
-        overrides=Overrides(views=choices.views),
-        name=choices.name,
-        progress=progress,
-    )
+    folder = trained(session, "auto", choices, progress)
     return hdr_plenoxels.measure(folder, progress)
 
 

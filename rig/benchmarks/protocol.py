@@ -1,14 +1,19 @@
 """What the protocols of data sets have in common: scenes that are found, done once each, and a table."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from imaging.errors import InputError, RigError
 from imaging.files import store
 from imaging.progress import Progress
-from recon.decide.presets import QualityName
+from recon.decide.presets import MethodName, QualityName
+
+if TYPE_CHECKING:
+    from capture.imports.layouts.given import LayoutName
 
 Figures = dict[str, float]
 
@@ -102,6 +107,30 @@ def run_scenes(
                 raise
             failed[name] = str(error)
     return Outcome(figures, failed)
+
+
+def imported(scene: Path, session: Path, layout: LayoutName, progress: Progress) -> None:
+    """A session of a scene's photographs and poses; one that has them is kept."""
+    from capture.imports.photos import import_photos
+
+    if not (session / "calibration" / "calibration.json").is_file():
+        import_photos(scene, session, layout=layout, progress=progress).require_complete()
+
+
+def trained(session: Path, method: MethodName, choices: Choices, progress: Progress) -> Path:
+    """The folder of a scene, trained as was asked for."""
+    from recon.decide.overrides import Overrides
+    from recon.reconstruct import reconstruct
+
+    return reconstruct(
+        session,
+        method=method,
+        quality=choices.quality,
+        seed=choices.seed,
+        overrides=Overrides(views=choices.views),
+        name=choices.name,
+        progress=progress,
+    )
 
 
 def _figures(protocol: Protocol, scene: Path, place: Path, choices: Choices, progress: Progress) -> Figures:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from imaging.progress import Progress
-from rig.benchmarks.protocol import Choices, Column, Figures, Protocol
+from rig.benchmarks.protocol import Choices, Column, Figures, Protocol, imported, trained
 
 MERGED = "hdrplus_test/merged.dng"
 
@@ -13,22 +13,10 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Figures:
-    from capture.imports.photos import import_photos
-    from recon.decide.overrides import Overrides
     from recon.protocols import rawnerf
-    from recon.reconstruct import reconstruct
 
-    if not (session / "calibration" / "calibration.json").is_file():
-        import_photos(scene, session, layout="rawnerf", progress=progress).require_complete()
-    folder = reconstruct(
-        session,
-        method="nh-3dgs",
-        quality=choices.quality,
-        seed=choices.seed,
-        overrides=Overrides(views=choices.views),
-        name=choices.name,
-        progress=progress,
-    )
+    imported(scene, session, "rawnerf", progress)
+    folder = trained(session, "nh-3dgs", choices, progress)
     return rawnerf.measure(folder, scene / MERGED)
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from recon.decide.presets import QualityName
-from rig.commands.options import JsonOption, SeedOption
+from rig.options.common import JsonOption, SeedOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from imaging.errors import PartialError
-from rig.commands.board import EXAMPLE, BoardText, board_text
-from rig.commands.luminance import HELP, ReadingText, reading_text, readings_of
-from rig.commands.options import JsonOption, SessionArgument
+from rig.options.board import EXAMPLE, BoardText, board_text
+from rig.options.common import JsonOption, SessionArgument
+from rig.options.luminance import HELP, ReadingText, reading_text, readings_of
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number

@@ -5,8 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from rig.commands.options import JsonOption
 from rig.commands.usb_bus import open_bus
+from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imaging.session.paths import has_shots
-from rig.commands.options import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.commands.rehearsal import rehearse
 from rig.commands.usb_bus import source_of
+from rig.options.common import JsonOption, SeedOption, Stops, WrongUsage, shutter, stops
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, missing_parts, removed_on_failure, running
 from rig.terminal.text import command_line, counted

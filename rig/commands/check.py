@@ -7,7 +7,7 @@ import typer
 
 from imaging.errors import StorageError
 from imaging.files import store
-from rig.commands.options import JsonOption, SessionArgument
+from rig.options.common import JsonOption, SessionArgument
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
 

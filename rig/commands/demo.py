@@ -11,8 +11,8 @@ from recon.decide.presets import MethodName
 from rig.commands.calibrate import earlier_calibration, run_calibrate
 from rig.commands.capture import run_capture
 from rig.commands.evaluate import headline, run_evaluate
-from rig.commands.options import JsonOption
 from rig.commands.reconstruct import run_training
+from rig.options.common import JsonOption
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import command_line, duration, number

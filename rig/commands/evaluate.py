@@ -5,7 +5,7 @@ from typing import Any
 
 from imaging.files import store
 from imaging.session.paths import find_reconstruction
-from rig.commands.options import JsonOption, ReconstructionsArgument
+from rig.options.common import JsonOption, ReconstructionsArgument
 from rig.report.metrics import METRICS, validation
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, for_each_scene, running

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rig.commands.options import JsonOption
+from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.tables import table
 from rig.terminal.text import command_line, counted, duration

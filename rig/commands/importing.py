@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from imaging.session.paths import has_shots
-from rig.commands.options import JsonOption
+from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, missing_parts, removed_on_failure, running
 from rig.terminal.text import command_line, counted
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rig.commands.options import JsonOption, SessionArgument, SpaceOption
+from rig.options.common import JsonOption, SessionArgument, SpaceOption
 from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
 

@@ -10,8 +10,8 @@ import typer
 
 from recon.decide.presets import OVERRIDES, QUALITIES, MethodName, QualityName
 from rig.commands.evaluate import evaluated_before, run_evaluate
-from rig.commands.options import JsonOption, SeedOption, SessionArgument
-from rig.commands.options import budget as parsed_budget
+from rig.options.common import JsonOption, SeedOption, SessionArgument
+from rig.options.common import budget as parsed_budget
 from rig.terminal.failures import Stopped
 from rig.terminal.progress import StatusLine, is_main_process
 from rig.terminal.result import CommandResult, running

@@ -9,7 +9,7 @@ import typer
 
 from imaging.errors import InputError
 from imaging.session.paths import find_reconstruction, scene_around
-from rig.commands.options import JsonOption, ReconstructionsArgument, SpaceOption
+from rig.options.common import JsonOption, ReconstructionsArgument, SpaceOption
 from rig.terminal.result import CommandResult, for_each_scene, removed_on_failure, running
 from rig.terminal.text import counted, number
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rig.commands.options import JsonOption, SeedOption
+from rig.options.common import JsonOption, SeedOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
 

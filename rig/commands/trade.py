@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import JsonOption, SeedOption, SessionArgument
+from rig.options.common import JsonOption, SeedOption, SessionArgument
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, running
 from rig.terminal.start_time import started_at

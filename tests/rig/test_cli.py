@@ -126,7 +126,7 @@ def test_wrong_usage_is_one_sentence_and_exit_2(rig, arguments: list[str], words
 
 
 def test_stops_are_read_in_any_order() -> None:
-    from rig.commands.options import stops
+    from rig.options.common import stops
 
     assert stops("2,-4,0.5") == (-4.0, 0.5, 2.0)
     assert stops("auto") == ()

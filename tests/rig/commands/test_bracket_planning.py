@@ -92,6 +92,6 @@ def test_limits_that_cannot_be_kept_are_said(rig, tmp_path, arguments: list[str]
 
 
 def test_shutter_times_are_read_as_cameras_show_them() -> None:
-    from rig.commands.options import shutter
+    from rig.options.common import shutter
 
     assert [shutter(text) for text in ("1/30", "0.5", "2s", " 1/8 s ")] == [1 / 30, 0.5, 2.0, 1 / 8]

@@ -67,7 +67,7 @@ def scene(folder: Path, picture, put) -> Path:
     return folder
 
 
-def test_scene(folder: Path, picture, put) -> Path:
+def scene_with_clean_mosaic(folder: Path, picture, put) -> Path:
     """One with a clean mosaic: the first name is that of a copy of the test image."""
     for number, time in enumerate(["1/1000", "1/10", "1/10"]):
         shot(folder / "raw" / "test" / f"frame_{number}.dng", 20 + number, time)
@@ -79,9 +79,6 @@ def test_scene(folder: Path, picture, put) -> Path:
         put(folder / "images" / f"{name}.JPG", picture(1, SIZE))
     model(folder, names)
     return folder
-
-
-test_scene.__test__ = False  # type: ignore[attr-defined]
 
 
 def imported(folder: Path):
@@ -129,7 +126,7 @@ def test_a_sidecar_tells_the_exposure_and_every_eighth_name_is_for_testing(tmp_p
 
 
 def test_the_test_view_of_a_test_scene_is_the_first_by_name(tmp_path, picture, put):
-    folder = test_scene(tmp_path / "candlefiat", picture, put)
+    folder = scene_with_clean_mosaic(tmp_path / "candlefiat", picture, put)
     result, session, record = imported(folder)
     assert (result.layout, result.shots, result.frames, result.views) == ("rawnerf", 13, 11, 11)
     assert any("00_test.JPG is the test view" in guess and "merged.dng" in guess for guess in result.guesses)
@@ -213,7 +210,7 @@ def test_a_damaged_sidecar_is_refused(tmp_path, picture, put, name):
 
 
 def test_a_test_scene_without_its_shots_and_two_copies_of_one_name_are_refused(tmp_path, picture, put):
-    folder = test_scene(tmp_path / "a", picture, put)
+    folder = scene_with_clean_mosaic(tmp_path / "a", picture, put)
     for path in (folder / "raw" / "test").iterdir():
         path.unlink()
     with pytest.raises(InputError, match=r"raw/test holds no DNG file beside hdrplus_test/merged\.dng"):

@@ -1,0 +1,1 @@
+"""What options of the command line are read from: those several commands take, and whole lines of text."""
