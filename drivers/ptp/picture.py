@@ -35,6 +35,11 @@ def best_of(objects: list[Download]) -> Download:
     raise CameraProtocol(f"The camera delivered no picture that rig reads ({names}): set it to RAW.")
 
 
+def has_raw(objects: list[Download]) -> bool:
+    """Whether one of them is a RAW file."""
+    return any(suffix(file) in raw.SUFFIXES for file in objects)
+
+
 def developed_beside(best: Download, objects: list[Download]) -> Download | None:
     """The photograph of a shot that has a RAW file too; None if there is none."""
     if suffix(best) not in raw.SUFFIXES:

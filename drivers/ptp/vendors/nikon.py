@@ -1,14 +1,14 @@
 """Nikon: remote mode, RAW into the camera's memory, DeviceReady and GetEvent by polling.
 
-Source: libgphoto2's codes, and the property lists of a Z 6 and a D780 (its dumps). Verified
+Source: libgphoto2's codes, and the property lists of a Z 6, a D780 and 60 older bodies (its dumps). Verified
 against: the simulated cameras, which follow the same notes; no hardware. Left out: bulb, in-camera
 bracketing, live view, Wi-Fi pairing. A body that lists none of Nikon's operations is spoken to in plain PTP.
 """
 
 from contextlib import suppress
 
-from drivers.errors import CameraRefused, CameraTimeout
-from drivers.ptp.codec import Event, Reader, damaged
+from drivers.errors import CameraLost, CameraRefused, CameraTimeout
+from drivers.ptp.codec import Event, Reader, Value, damaged
 from drivers.ptp.codes import (
     UNKNOWN_LENGTH,
     DataType,
@@ -21,18 +21,32 @@ from drivers.ptp.codes import (
 )
 from drivers.ptp.datasets import EnumForm
 from drivers.ptp.exposure import NIKON_ISO, NIKON_TIME
+from drivers.ptp.picture import has_raw
 from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, READY_TIMEOUT, Download
 from drivers.ptp.vendors.standard import StandardBody
-from drivers.ptp.waiting import deadline
+from drivers.ptp.waiting import LATE, deadline
+from imaging.errors import CameraError
 
 MEMORY_HANDLE = 0xFFFF0001
 """Where a picture lies that went to the camera's memory."""
-_NEF, _TO_MEMORY, _NO_AUTOFOCUS = 0x04, 1, 0xFFFFFFFF
+_TO_MEMORY, _NO_AUTOFOCUS = 1, 0xFFFFFFFF
 _PAUSE, _ASK_AFTER = 0.05, 1.0
 _MEMORY_RELEASES = (
     NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA,
     NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM,
 )
+
+
+def nef_setting(values: tuple[Value, ...]) -> int | None:
+    """The CompressionSetting that means NEF alone, by those that a body lists; None if it has none.
+
+    What lies above is NEF+JPEG. By libgphoto2's tables and the lists of its dumps: 7 since the D500, which
+    counts two kinds of each JPEG; 3 of bodies as the D40 and the D200, which write no TIFF; else 4.
+    """
+    numbers = [value for value in values if isinstance(value, int)]
+    most = max(numbers, default=0)
+    nef = 7 if most > 7 else 3 if 3 in numbers and most < 7 else 4
+    return nef if nef in numbers else None
 
 
 def unpack_events(data: bytes) -> list[Event]:
@@ -48,6 +62,8 @@ class NikonBody(StandardBody):
     """A Nikon DSLR or Z."""
 
     releases = (*_MEMORY_RELEASES, Operation.INITIATE_CAPTURE)
+    _files = 1
+    """Of a shot: two of a body that is set to NEF+JPEG."""
 
     @property
     def _to_memory(self) -> bool:
@@ -60,7 +76,7 @@ class NikonBody(StandardBody):
         return not self._to_memory
 
     def enter(self) -> None:
-        """Remote mode, memory as the destination, NEF as the format."""
+        """Remote mode, memory as the destination, NEF as the format unless it is set to NEF+JPEG."""
         if self.session.supports(NikonOperation.GET_VENDOR_PROP_CODES):
             vendor_codes = Reader(self.session.get(NikonOperation.GET_VENDOR_PROP_CODES)).array(
                 DataType.UINT16
@@ -72,9 +88,7 @@ class NikonBody(StandardBody):
         if self._to_memory and NikonProperty.RECORDING_MEDIA in self.listed:
             self.write(NikonProperty.RECORDING_MEDIA, _TO_MEMORY)
         if PropertyCode.COMPRESSION_SETTING in self.listed:
-            form = self.describe(PropertyCode.COMPRESSION_SETTING).form
-            if isinstance(form, EnumForm) and _NEF in form.values:
-                self.write(PropertyCode.COMPRESSION_SETTING, _NEF)
+            self._choose_format()
         fine = self._dial(NIKON_TIME)
         if fine is not None and self.describe(fine.code).writable:
             self.time = fine  # exact, where ExposureTime counts 100 us
@@ -126,30 +140,71 @@ class NikonBody(StandardBody):
         clock.sleep(exposure)  # whoever asks meanwhile learns nothing
         self._until_ready(deadline(exposure))
         ask_at = clock.now() + _ASK_AFTER
+        files, news = list[Download](), clock.now()
         while clock.now() < end:
-            for event in self._events():
-                if event.code in (NikonEvent.OBJECT_ADDED_IN_SDRAM, EventCode.OBJECT_ADDED):
-                    handle = event.parameters[0] or MEMORY_HANDLE
-                    return [Download(handle, self.session.object_info(handle), bytearray())]
-            if clock.now() >= ask_at:
+            handles = [
+                event.parameters[0] or MEMORY_HANDLE
+                for event in self._events()
+                if event.code in (NikonEvent.OBJECT_ADDED_IN_SDRAM, EventCode.OBJECT_ADDED)
+            ]
+            if not handles and clock.now() >= ask_at:
                 # The event may be lost.
-                with suppress(CameraRefused):
-                    return [Download(MEMORY_HANDLE, self.session.object_info(MEMORY_HANDLE), bytearray())]
-                ask_at = clock.now() + _ASK_AFTER
+                handles, ask_at = [MEMORY_HANDLE], clock.now() + _ASK_AFTER
+            for handle in handles:
+                if len(files) < self._files and self._takes(handle, files):
+                    news = clock.now()
+            if len(files) == self._files or (has_raw(files) and clock.now() - news >= LATE):
+                return files
             clock.sleep(_PAUSE)
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
     def fetch(self, file: Download) -> bytes:
         """From memory in one go, from a card in pieces."""
-        if file.handle != MEMORY_HANDLE:
+        if not _in_memory(file):
             return super().fetch(file)
+        if file.data:
+            return bytes(file.data)
         most = 1 << 32 if file.info.size == UNKNOWN_LENGTH else max(file.info.size, 1)
         return self.session.get(Operation.GET_OBJECT, file.handle, timeout=READY_TIMEOUT, most=most)
 
     def discard(self, file: Download) -> None:
         """Delete it from memory, else the next shot finds the camera busy."""
-        if file.handle == MEMORY_HANDLE:
+        if _in_memory(file) and not file.data:
             self._forget(file.handle)
+
+    def _choose_format(self) -> None:
+        description = self.describe(PropertyCode.COMPRESSION_SETTING)
+        values = description.form.values if isinstance(description.form, EnumForm) else ()
+        nef, now = nef_setting(values), description.current
+        if nef is None or not isinstance(now, int):
+            return
+        if now > nef:
+            self._files = 2
+        else:
+            self.write(PropertyCode.COMPRESSION_SETTING, nef)
+
+    def _takes(self, handle: int, files: list[Download]) -> bool:
+        """Add an object to those of the shot; whether there was one.
+
+        Of two in memory the first has to leave it before the second is seen: most bodies call both the same.
+        """
+        try:
+            file = Download(handle, self.session.object_info(handle), bytearray())
+            if any(one.handle == handle and not _in_memory(one) for one in files):  # told twice
+                return False
+            if self._files > 1 and _in_memory(file):
+                file.data[:] = self.fetch(file)
+                self._forget(handle)
+        except CameraRefused:
+            return False
+        except CameraLost:
+            raise
+        except CameraError:
+            if has_raw(files):  # the exposure is here: a JPEG is not worth a shot
+                return False
+            raise
+        files.append(file)
+        return True
 
     def _forget(self, handle: int) -> None:
         with suppress(CameraRefused):  # there is none
@@ -163,3 +218,8 @@ class NikonBody(StandardBody):
 
     def _events(self) -> list[Event]:
         return unpack_events(self.session.get(NikonOperation.GET_EVENT, timeout=QUICK_TIMEOUT))
+
+
+def _in_memory(file: Download) -> bool:
+    """Whether an object lies in the camera's memory: in no folder."""
+    return file.info.parent == 0

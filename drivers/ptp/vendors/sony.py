@@ -5,21 +5,23 @@ against: the simulated cameras, which follow the same notes; no hardware. Protoc
 spoken. Left out: bodies that take shutter speed only in steps, protocol 3 and its own properties, bulb.
 """
 
-from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
+from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused, CameraTimeout
 from drivers.ptp.codec import Reader, Value, damaged, pack_value
 from drivers.ptp.codes import UNKNOWN_LENGTH, DataType, Operation, PropertyCode, SonyOperation, SonyProperty
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.ptp.exposure import SONY_ISO, SONY_TIME, STANDARD_F_NUMBER, Dial
+from drivers.ptp.picture import has_raw
 from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, READY_TIMEOUT, Download
 from drivers.ptp.vendors.standard import StandardBody
-from drivers.ptp.waiting import deadline
+from drivers.ptp.waiting import LATE, deadline
+from imaging.errors import CameraError
 
 MEMORY_HANDLE = 0xFFFFC001
 """Where the picture lies that is next to be read."""
 READY = 0x8000
 """ObjectInMemory at and above which that picture may be read; reading earlier crashes the firmware."""
 VERSION = 0x00C8
-_RAW = 0x10
+_RAW, _RAW_AND_JPEG = 0x10, range(0x11, 0x15)
 _UP, _DOWN = 1, 2
 _HOST = 1
 _START_UP, _PAUSE = 8.0, 0.05
@@ -61,6 +63,8 @@ class SonyBody(StandardBody):
     """An Alpha in PC Remote mode."""
 
     releases = (SonyOperation.SDIO_CONNECT,)
+    _files = 1
+    """Of a shot: two of a body that is set to RAW+JPEG."""
 
     @property
     def remembers(self) -> bool:
@@ -68,13 +72,20 @@ class SonyBody(StandardBody):
         return False
 
     def enter(self) -> None:
-        """The handshake, RAW as the format and the host as the destination, as far as they can be set."""
+        """The handshake, RAW as the format and the host as the destination, as far as they can be set.
+
+        A body that is set to RAW+JPEG stays so.
+        """
         for phase in (1, 2):
             self.session.get(SonyOperation.SDIO_CONNECT, phase, 0, 0)
         self.session.get(SonyOperation.GET_EXT_DEVICE_INFO, VERSION, 1)
         self.session.get(SonyOperation.SDIO_CONNECT, 3, 0, 0)
         listed = self._after_start_up()
-        self._choose(listed.get(PropertyCode.COMPRESSION_SETTING), _RAW)
+        quality = listed.get(PropertyCode.COMPRESSION_SETTING)
+        if quality is not None and quality.current in _RAW_AND_JPEG:
+            self._files = 2
+        else:
+            self._choose(quality, _RAW)
         self._choose(listed.get(SonyProperty.SAVE_DESTINATION), _HOST)
         self.time, self.iso = Dial(self, *SONY_TIME), Dial(self, *SONY_ISO)
         self.f_number = Dial(self, *STANDARD_F_NUMBER) if PropertyCode.F_NUMBER in listed else None
@@ -125,18 +136,34 @@ class SonyBody(StandardBody):
                 self._press(button, _UP, patience)
 
     def wait(self, exposure: float) -> list[Download]:
-        """Until it says that a picture lies in its memory."""
+        """Until it says that a picture lies in its memory; of two, the first is read to see the second."""
         clock = self.session.clock
         end = clock.now() + deadline(exposure)
         clock.sleep(exposure)  # whoever asks meanwhile learns nothing
+        files, news = list[Download](), clock.now()
         while clock.now() < end:
-            if self._in_memory() >= READY:
-                return [Download(MEMORY_HANDLE, self.session.object_info(MEMORY_HANDLE), bytearray())]
+            try:
+                if self._in_memory() >= READY:
+                    file = Download(MEMORY_HANDLE, self.session.object_info(MEMORY_HANDLE), bytearray())
+                    if self._files > 1:
+                        self.fetch(file)
+                    files.append(file)
+                    news = clock.now()
+            except CameraLost:
+                raise
+            except CameraError:
+                if not has_raw(files):  # else the exposure is here: a JPEG is not worth a shot
+                    raise
+                return files
+            if len(files) == self._files or (has_raw(files) and clock.now() - news >= LATE):
+                return files
             clock.sleep(_PAUSE)
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
     def fetch(self, file: Download) -> bytes:
         """In one go, which also frees the memory."""
+        if file.data:
+            return bytes(file.data)
         most = 1 << 32 if file.info.size == UNKNOWN_LENGTH else max(file.info.size, 1)
         file.data[:] = self.session.get(Operation.GET_OBJECT, file.handle, timeout=READY_TIMEOUT, most=most)
         return bytes(file.data)

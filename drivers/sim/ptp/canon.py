@@ -20,8 +20,6 @@ from drivers.sim.ptp.standard import Manner, always
 from drivers.sim.ptp.store import STORAGE
 
 MEMORY_HANDLE = 0x91910000
-IN_MEMORY = (MEMORY_HANDLE, MEMORY_HANDLE + 1)
-"""Objects in working memory: of RAW+JPEG the JPEG is the second."""
 GET_STORAGE_IDS, GET_STORAGE_INFO, GET_OBJECT, DELETE_OBJECT = 0x9101, 0x9102, 0x9104, 0x9105
 GET_DEVICE_INFO_EX, REQUEST_PROPERTY = 0x9108, 0x9127
 """Operations of Canon's own that gphoto2 uses besides those of `codes`."""
@@ -40,7 +38,7 @@ def _is_full_press(request: Request) -> bool:
 class Canon(Manner):
     """What a camera in remote mode does."""
 
-    memory_handle = MEMORY_HANDLE
+    memory_handles = (MEMORY_HANDLE, MEMORY_HANDLE + 1)
     polled = True
     _records: list[bytes]
     _destination = CARD
@@ -76,7 +74,6 @@ class Canon(Manner):
     def begin(self) -> None:
         """No records before event mode."""
         super().begin()
-        self.shooting.store.delete(IN_MEMORY[1])
         self._records = []
 
     def announce(self, announcement: Announcement) -> None:
@@ -86,7 +83,7 @@ class Canon(Manner):
             return
         self._count_shots()
         name = info.filename.encode("ascii") + b"\0"
-        if announcement.handle in IN_MEMORY:
+        if announcement.handle in self.memory_handles:
             fields = struct.pack("<IIIII", announcement.handle, info.format, 0, info.size, 0)
             self._record(CanonEvent.REQUEST_OBJECT_TRANSFER, fields + name)
         else:
@@ -178,9 +175,9 @@ class Canon(Manner):
     def _release(self, request: Request) -> Reply:
         if self._to_host and not self._host_room:
             return Reply(ResponseCode.STORE_FULL)
-        if any(self.shooting.store.data(handle) is not None for handle in IN_MEMORY):
+        if self.fills_memory():
             return Reply(ResponseCode.DEVICE_BUSY)
-        memory = MEMORY_HANDLE if self._to_host else None
+        memory = self.memory_handles if self._to_host else None
         return Reply(self.shooting.shoot(request.transaction, request.faults, memory), (0,))
 
     def _object(self, request: Request) -> Reply:
@@ -196,7 +193,7 @@ class Canon(Manner):
 
     def _complete(self, request: Request) -> Reply:
         """The host has all of an object; one in memory goes, and the next shot may come."""
-        if request.parameter(0) in IN_MEMORY:
+        if request.parameter(0) in self.memory_handles:
             self.shooting.store.delete(request.parameter(0))
         return Reply()
 

@@ -25,7 +25,7 @@ _STANDARD_BELOW = 0xD000
 class Nikon(Manner):
     """Capture to card or to memory, DeviceReady, GetEvent."""
 
-    memory_handle = MEMORY_HANDLE
+    memory_handles = (MEMORY_HANDLE, MEMORY_HANDLE)
     polled = True
     _events: list[tuple[int, int]]
 
@@ -53,7 +53,7 @@ class Nikon(Manner):
 
     def announce(self, announcement: Announcement) -> None:
         """Keep it until the host asks."""
-        in_memory = announcement.handle == MEMORY_HANDLE
+        in_memory = announcement.handle in self.memory_handles
         if announcement.news is News.OBJECT_ADDED:
             code = NikonEvent.OBJECT_ADDED_IN_SDRAM if in_memory else EventCode.OBJECT_ADDED
             self._events.append((code, announcement.handle))
@@ -81,9 +81,9 @@ class Nikon(Manner):
         return Reply(data=pack_array(DataType.UINT16, vendor_codes))
 
     def _to_memory(self, request: Request) -> Reply:
-        if self.shooting.store.data(MEMORY_HANDLE) is not None:
+        if self.fills_memory():
             return Reply(ResponseCode.DEVICE_BUSY)
-        return Reply(self.shooting.shoot(request.transaction, request.faults, MEMORY_HANDLE))
+        return Reply(self.shooting.shoot(request.transaction, request.faults, self.memory_handles))
 
     def _to_media(self, request: Request) -> Reply:
         return self._to_memory(request) if request.parameter(1) == 1 else self._capture(request)

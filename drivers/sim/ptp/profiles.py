@@ -27,8 +27,9 @@ class CameraProfile:
     """A model of camera.
 
     vendor, product: of the USB descriptor; extension: DeviceInfo's vendor id; raw_format: of its RAW objects;
-    prefix: of file names; raw_setting: what CompressionSetting is when it shoots RAW; write: seconds from the
-    end of an exposure until the file is on the card; jpeg: whether it writes one beside each RAW file.
+    prefix: of file names; jpeg_settings, raw_setting, raw_jpeg_settings: what CompressionSetting is when it
+    shoots JPEG, RAW or both; jpeg: whether it stands at both; write: seconds from the end of an exposure
+    until the file is on the card.
     """
 
     name: str
@@ -45,7 +46,9 @@ class CameraProfile:
     raw_format: int = FormatCode.DNG
     prefix: str = "IMG_"
     folder: str = "100HDRIG"
+    jpeg_settings: tuple[int, ...] = (0, 1, 2)
     raw_setting: int = 4
+    raw_jpeg_settings: tuple[int, ...] = (5, 6, 7)
     write: float = 0.15
     jpeg: bool = False
 
@@ -94,6 +97,9 @@ PROFILES = {
             raw_format=FormatCode.UNDEFINED,
             prefix="DSC_",
             folder="100NCZ_6",
+            jpeg_settings=(0, 1, 2, 3, 4, 5, 6),
+            raw_setting=7,
+            raw_jpeg_settings=(8, 9, 10, 11, 12, 13),
         ),
         CameraProfile(
             "sony-a7m4",
@@ -110,7 +116,9 @@ PROFILES = {
             raw_format=FormatCode.VENDOR_RAW_1,
             prefix="DSC0",
             folder="100MSDCF",
+            jpeg_settings=(1, 2, 3, 4),
             raw_setting=0x10,
+            raw_jpeg_settings=(0x11, 0x12, 0x13, 0x14),
         ),
     )
 }

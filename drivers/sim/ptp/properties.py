@@ -28,10 +28,11 @@ def _fixed(code: int, kind: DataType, value: Value, *values: Value) -> DevicePro
 
 def _others(profile: CameraProfile, focal_length_mm: float) -> tuple[DevicePropDesc, ...]:
     """What every profile has besides its dials, and what its maker adds."""
-    jpeg_and_raw = (0, 1, 2, profile.raw_setting)
+    qualities = (*profile.jpeg_settings, profile.raw_setting, *profile.raw_jpeg_settings)
+    quality = profile.raw_jpeg_settings[-1] if profile.jpeg else profile.raw_setting
     standard = (
         DevicePropDesc(PropertyCode.BATTERY_LEVEL, DataType.UINT8, False, 100, 100, RangeForm(0, 100, 1)),
-        _fixed(PropertyCode.COMPRESSION_SETTING, DataType.UINT8, profile.raw_setting, *jpeg_and_raw),
+        _fixed(PropertyCode.COMPRESSION_SETTING, DataType.UINT8, quality, *qualities),
         _fixed(PropertyCode.WHITE_BALANCE, DataType.UINT16, 4, 2, 4, 6),
         _fixed(PropertyCode.FOCAL_LENGTH, DataType.UINT32, round(100 * focal_length_mm)),
         _fixed(PropertyCode.FOCUS_MODE, DataType.UINT16, _MANUAL, _MANUAL),
@@ -101,6 +102,8 @@ class SimulatedProperties:
         dial = self._shooting.dials.get(code)
         if dial is None:
             self.put(code, value)
+            if code == PropertyCode.COMPRESSION_SETTING:
+                self._shooting.quality = value
         else:
             assert isinstance(value, int)
             self._shooting.turn(dial, value)

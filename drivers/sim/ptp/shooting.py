@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from drivers.camera import CameraFile
+from drivers.ptp.codec import Value
 from drivers.ptp.codes import FormatCode, ResponseCode
 from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
@@ -55,6 +56,8 @@ class Shooting:
         self.exposure = camera.set_exposure(Exposure(time=1 / 60))
         self.shooting = False
         """Whether a shot is under way, from the release until its file is stored."""
+        self.quality: Value = profile.raw_jpeg_settings[-1] if profile.jpeg else profile.raw_setting
+        """CompressionSetting: whether the next shot is RAW, JPEG or both."""
         self.shots = 0
         """How many there were."""
         able = camera.capabilities()
@@ -75,15 +78,18 @@ class Shooting:
         return True
 
     def shoot(
-        self, transaction: int, faults: Sequence[Fault], memory_handle: int | None = None
+        self, transaction: int, faults: Sequence[Fault], memory_handles: tuple[int, int] | None = None
     ) -> ResponseCode:
-        """Release the shutter; the file is announced once it is stored. memory_handle: see `Store.add`."""
+        """Release the shutter; the file is announced once it is stored.
+
+        memory_handles: of a file that stays in working memory, and of the JPEG beside it; see `Store.add`.
+        """
         fault_of = {fault.kind: fault for fault in faults}
         if Kind.STORE_FULL in fault_of:
             self.store.full = True
         if self.shooting:
             return ResponseCode.DEVICE_BUSY
-        if self.store.free == 0 and memory_handle is None:
+        if self.store.free == 0 and memory_handles is None:
             return ResponseCode.STORE_FULL
         off = fault_of.get(Kind.EXPOSURE_OFF)
         wanted = self.exposure.with_time(self.exposure.time * (1.0 + (off.share if off else 0.0)))
@@ -94,15 +100,23 @@ class Shooting:
         slow = fault_of.get(Kind.SLOW_CARD)
         write = self.profile.write + (slow.seconds if slow else 0.0)
         lasting = shutter.applied(label).time + write
-        self.timeline.call_later(lasting, lambda: self._store(transaction, fault_of, memory_handle))
+        self.timeline.call_later(lasting, lambda: self._store(transaction, fault_of, memory_handles))
         return ResponseCode.OK
 
-    def _store(self, transaction: int, fault_of: dict[Kind, Fault], memory_handle: int | None) -> None:
+    def _store(
+        self, transaction: int, fault_of: dict[Kind, Fault], memory_handles: tuple[int, int] | None
+    ) -> None:
         frame = self.camera.collect()
-        handles = [self.store.add(photograph(frame, self.profile), memory_handle)]
-        if self.profile.jpeg and isinstance(frame, RawMosaic):
-            second = None if memory_handle is None else memory_handle + 1
-            handles.append(self.store.add(developed(frame), second, beside=True))
+        files = [photograph(frame, self.profile)]
+        if isinstance(frame, RawMosaic):
+            if self.quality in self.profile.jpeg_settings:
+                files = [developed(frame)]
+            elif self.quality in self.profile.raw_jpeg_settings:
+                files.append(developed(frame))
+        handles = [
+            self.store.add(file, memory, beside=number > 0)
+            for number, (file, memory) in enumerate(zip(files, memory_handles or (None, None), strict=False))
+        ]
         self.shooting = False
         self.shots += 1
         news = [Announcement(News.OBJECT_ADDED, handle, transaction) for handle in handles]

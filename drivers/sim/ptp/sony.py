@@ -31,7 +31,7 @@ def _is_full_press(request: Request) -> bool:
 class Sony(Manner):
     """SDIO_Connect, GetAllExtDevicePropInfo, the shutter button."""
 
-    memory_handle = MEMORY_HANDLE
+    memory_handles = (MEMORY_HANDLE, MEMORY_HANDLE)
     _connected = 0
 
     def operations(self) -> dict[int, Handler]:
@@ -80,8 +80,8 @@ class Sony(Manner):
     def _everything(self, request: Request) -> Reply:
         if self._connected < 3:
             return Reply(ResponseCode.ACCESS_DENIED)
-        ready = self.shooting.store.data(MEMORY_HANDLE) is not None
-        self.properties.put(SonyProperty.OBJECT_IN_MEMORY, _OBJECT_READY + 1 if ready else 0)
+        ready = self.shooting.store.count(MEMORY_HANDLE)
+        self.properties.put(SonyProperty.OBJECT_IN_MEMORY, _OBJECT_READY + ready if ready else 0)
         descriptions = [self.properties.description(code) for code in self.properties.codes()]
         entries = [_entry(description) for description in descriptions if description is not None]
         return Reply(data=struct.pack("<II", len(entries), 0) + b"".join(entries))
@@ -103,10 +103,9 @@ class Sony(Manner):
             return Reply(ResponseCode.INVALID_PARAMETER)
         if not _is_full_press(request):
             return Reply()
-        store = self.shooting.store
-        if store.data(MEMORY_HANDLE) is not None:
+        if self.fills_memory():
             return Reply(ResponseCode.DEVICE_BUSY)
-        return Reply(self.shooting.shoot(request.transaction, request.faults, MEMORY_HANDLE))
+        return Reply(self.shooting.shoot(request.transaction, request.faults, self.memory_handles))
 
     def _step(self, code: int, data: bytes) -> Reply:
         """Turn a dial by steps: on is shorter for the shutter, more for the others; it stops at its ends."""

@@ -17,8 +17,9 @@ def always(request: Request) -> bool:
 class Manner:
     """InitiateCapture, and events on the interrupt endpoint."""
 
-    memory_handle: int | None = None
-    """The object in working memory, where a shot may stay until the host has fetched it."""
+    memory_handles: tuple[int, int] | None = None
+    """Of objects in working memory, where a shot may stay until the host has fetched it: of a RAW file or
+    whatever there is, and of the JPEG beside it."""
     polled = False
     """Whether events wait until the host asks for them, so that none is lost."""
 
@@ -35,10 +36,15 @@ class Manner:
         """The properties that DeviceInfo names."""
         return self.properties.codes()
 
+    def fills_memory(self) -> bool:
+        """Whether a shot is in working memory."""
+        return any(self.shooting.store.count(handle) for handle in self.memory_handles or ())
+
     def begin(self) -> None:
         """A session was opened; what the one before left in memory is gone."""
-        if self.memory_handle is not None:
-            self.shooting.store.delete(self.memory_handle)
+        for handle in self.memory_handles or ():
+            while self.shooting.store.delete(handle):
+                pass
 
     def announce(self, announcement: Announcement) -> None:
         """Tell the host about a shot."""

@@ -36,6 +36,8 @@ class Store:
         self._next = self._files = 0
         self._bytes: dict[int, bytes] = {}
         self._infos: dict[int, ObjectInfo] = {}
+        self._behind: list[tuple[int, bytes, ObjectInfo]] = []
+        """Files in working memory that wait until the one before under the same handle is deleted."""
         for handle, parent, name in ((_ROOT, 0, "DCIM"), (_FOLDER, _ROOT, folder)):
             self._infos[handle] = ObjectInfo(
                 storage=STORAGE,
@@ -61,13 +63,14 @@ class Store:
     def add(self, photograph: Photograph, memory_handle: int | None = None, beside: bool = False) -> int:
         """Store a file and return its handle; `memory_handle` keeps it in working memory, off the card.
 
-        beside: it is named as the file before, from which its suffix tells it.
+        A second one under that handle is seen when the first is deleted. beside: it is named as the file
+        before, from which its suffix tells it.
         """
         self._next += 0 if beside else 1
         self._files += 1
         handle = _FIRST_FILE + self._files - 1 if memory_handle is None else memory_handle
         moment = pack_moment(photograph.taken)
-        self._infos[handle] = ObjectInfo(
+        info = ObjectInfo(
             storage=STORAGE if memory_handle is None else 0,
             format=photograph.format,
             size=len(photograph.data),
@@ -80,8 +83,15 @@ class Store:
             capture_date=moment,
             modification_date=moment,
         )
-        self._bytes[handle] = photograph.data
+        if handle in self._bytes:
+            self._behind.append((handle, photograph.data, info))
+        else:
+            self._bytes[handle], self._infos[handle] = photograph.data, info
         return handle
+
+    def count(self, handle: int) -> int:
+        """How many files there are under a handle of working memory, seen or waiting."""
+        return (handle in self._bytes) + [behind for behind, _, _ in self._behind].count(handle)
 
     def object_info(self, handle: int) -> ObjectInfo | None:
         """About an object; None if there is none."""
@@ -101,6 +111,11 @@ class Store:
             return False
         del self._infos[handle]
         self.full = False
+        for place, (behind, data, info) in enumerate(self._behind):
+            if behind == handle:
+                self._bytes[handle], self._infos[handle] = data, info
+                del self._behind[place]
+                break
         return True
 
     def _matching(self, wanted: int, parent: int) -> Iterable[int]:

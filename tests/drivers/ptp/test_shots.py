@@ -2,20 +2,16 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 
 from drivers.camera import Camera, CameraFile
 from drivers.errors import CameraClaimed, CameraLost, CameraPermission, CameraRefused
 from drivers.ptp import PtpCamera, find_cameras
-from drivers.ptp.session import Download
-from drivers.ptp.vendors.standard import StandardBody
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import Fault, FaultPlan, Kind
 from drivers.sim.ptp.profiles import PROFILES, profile
 from drivers.sim.ptp.responder import Responder
-from drivers.sim.ptp.store import Photograph, Store
 from drivers.sim.ptp.usb_device import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.bus import Holder, VirtualBus
@@ -287,43 +283,3 @@ def test_cameras_of_one_model_are_told_apart_when_both_come_back(rigs: dict[str,
         bench.bus.plug(device)
     for camera, serial in zip(cameras, serials, strict=True):
         assert shot(camera, EXPOSURE).metadata.serial == serial
-
-
-@pytest.mark.parametrize("name", ["generic", "canon-eos-6d"])
-def test_a_camera_that_writes_raw_and_jpeg_gives_both_byte_for_byte(
-    name: str, rigs: dict[str, SimulatedRig], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(PROFILES, name, replace(PROFILES[name], jpeg=True))
-    bench, sent = Bench(rigs["toy"], name), list[bytes]()
-    add = Store.add
-
-    def stored(store: Store, photograph: Photograph, *args: object, **options: object) -> int:
-        sent.append(photograph.data)
-        return add(store, photograph, *args, **options)
-
-    monkeypatch.setattr(Store, "add", stored)
-    for number in range(2):
-        frame = shot(bench.camera, EXPOSURE)
-        assert isinstance(frame, CameraFile)
-        raw, jpeg = sent[-2:]
-        assert (frame.suffix, frame.data, frame.developed) == (".dng", raw, (".jpg", jpeg))
-        assert len(sent) == 2 * (number + 1)
-
-
-def test_a_jpeg_that_does_not_come_costs_no_shot(
-    rigs: dict[str, SimulatedRig], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(PROFILES, "generic", replace(PROFILES["generic"], jpeg=True))
-    bench = Bench(rigs["toy"], "generic")
-    fetch = StandardBody.fetch
-
-    def refused(body: StandardBody, file: Download) -> bytes:
-        if file.info.filename.endswith(".JPG"):
-            raise CameraRefused("the card has it no more")
-        return fetch(body, file)
-
-    monkeypatch.setattr(StandardBody, "fetch", refused)
-    frame = shot(bench.camera, EXPOSURE)
-    assert isinstance(frame, CameraFile)
-    assert frame.developed is None
-    assert frame.suffix == ".dng"
