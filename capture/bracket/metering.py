@@ -16,7 +16,7 @@ from capture.bracket.planner import Target
 from capture.bracket.raw_metering import RawLook
 from capture.bracket.single_exposure import expose
 from drivers.camera import Camera, CameraFile
-from imaging.errors import CaptureError
+from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure
 from imaging.files.photo import Photo, decode_photo
 from imaging.files.raw import SUFFIXES as RAW_SUFFIXES
@@ -62,7 +62,11 @@ def meter(
                 taken, errors = expose(ready, exposure)
                 failed.update({name: str(error) for name, error in errors.items()})
                 for name, captured in taken.items():
-                    frame = _decoded(captured.frame, name)
+                    try:
+                        frame = _decoded(captured.frame, name)
+                    except InputError as error:
+                        failed[name] = f"it delivered a damaged file: {error}"
+                        continue
                     look = looks.setdefault(name, RawLook() if isinstance(frame, RawMosaic) else CodeLook())
                     if isinstance(look, RawLook) and isinstance(frame, RawMosaic):
                         look.add(exposure, position, take, frame)

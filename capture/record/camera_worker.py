@@ -21,8 +21,8 @@ from imaging.mosaic import RawMosaic
 
 GIVE_UP_AFTER = 3
 """Shots that a camera may miss in a row, with all attempts, before the run goes on without it."""
-COPIES = 3
-"""Frames in memory during a download: the bytes that came, and twice what their decoder makes of them."""
+COPIES = 2
+"""Frames in memory during a download: the bytes that came, and what they are put together into."""
 
 HandOver = Callable[[ExposureStep, str, CapturedFrame, int], None]
 """Takes over a frame: its exposure step, its camera, itself, and the bytes of the budget that it holds."""

@@ -15,15 +15,17 @@ from capture.record.camera_worker import CameraWorker
 from capture.record.exposure_step import ExposureStep, RunState, SavedShot
 from capture.record.memory_budget import MemoryBudget
 from capture.record.thread_group import Inbox, ThreadGroup
-from drivers.camera import Camera
+from drivers.camera import Camera, CameraFile
 from drivers.clock import Clock
-from imaging.errors import RigError, StorageError
+from imaging.errors import CameraError, RigError, StorageError
 
 WRITERS = 4
 """Some hash while the disk has the others wait."""
 
 Save = Callable[[ExposureStep, str, CapturedFrame], SavedShot]
 """Makes a file of a camera's frame; StorageError if the disk refuses."""
+Prove = Callable[[SavedShot], None]
+"""Decodes a camera's own file; CameraError if it is damaged."""
 
 
 class _UnsavedFrame(NamedTuple):
@@ -35,14 +37,30 @@ class _UnsavedFrame(NamedTuple):
     held: int
 
 
+class _UnprovenShot(NamedTuple):
+    """A camera's own file that is on the disk and nobody has decoded yet."""
+
+    step: ExposureStep
+    camera: str
+    saved: SavedShot
+
+
 class CaptureThreads:
     """The threads, begun and ended by `with`; `state` is shared with the exposure steps that they shoot."""
 
     def __init__(
-        self, cameras: Mapping[str, Camera], clock: Clock, save: Save, state: RunState, budget: MemoryBudget
+        self,
+        cameras: Mapping[str, Camera],
+        clock: Clock,
+        save: Save,
+        prove: Prove,
+        state: RunState,
+        budget: MemoryBudget,
     ) -> None:
-        self._clock, self._save, self._state, self._budget = clock, save, state, budget
+        self._clock, self._save, self._prove = clock, save, prove
+        self._state, self._budget = state, budget
         self._unsaved: Inbox[_UnsavedFrame] = Inbox(clock)
+        self._unproven: Inbox[_UnprovenShot] = Inbox(clock)
         sizes: dict[str, int] = {}
         self._workers = {
             name: CameraWorker(name, camera, clock, state, budget, sizes, self._hand_over)
@@ -53,6 +71,7 @@ class CaptureThreads:
             {
                 **{f"camera {name}": worker.serve for name, worker in self._workers.items()},
                 **{f"writer {number}": self._write for number in range(WRITERS)},
+                "prover": self._read_back,
             },
             self._end,
         )
@@ -99,6 +118,7 @@ class CaptureThreads:
         """The work of one writing thread."""
         while (unsaved := self._unsaved.get()) is not None:
             step, camera, frame, held = unsaved
+            is_own_file = isinstance(frame.frame, CameraFile)
             outcome: SavedShot | RigError
             try:
                 outcome = self._state.halted or self._save(step, camera, frame)
@@ -107,6 +127,28 @@ class CaptureThreads:
                 outcome = error
             del unsaved, frame  # or this frame would stay while the next is waited for
             self._budget.release(held)
+            if is_own_file and isinstance(outcome, SavedShot):
+                self._unproven.put(_UnprovenShot(step, camera, outcome))
+            else:
+                step.finish(camera, outcome)
+
+    def _read_back(self) -> None:
+        """The work of the thread that decodes each camera's file once its bytes are written and let go of.
+
+        Neither camera nor disk waits for it; it is one thread, since what is decoded takes more memory than
+        what is written.
+        """
+        while (unproven := self._unproven.get()) is not None:
+            step, camera, saved = unproven
+            outcome: SavedShot | RigError = saved
+            try:
+                self._prove(saved)
+            except CameraError as error:
+                step.count_failure(camera)
+                outcome = error
+            except StorageError as error:
+                self.halt(error)
+                outcome = error
             step.finish(camera, outcome)
 
     def _end(self) -> None:
@@ -115,3 +157,4 @@ class CaptureThreads:
         for worker in self._workers.values():
             worker.orders.close()
         self._unsaved.close()
+        self._unproven.close()

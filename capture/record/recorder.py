@@ -18,7 +18,7 @@ from capture.record.camera_worker import CameraGivenUp
 from capture.record.capture_threads import CaptureThreads
 from capture.record.exposure_step import PATIENCE, ExposureStep, RunState, SavedShot
 from capture.record.memory_budget import MemoryBudget
-from capture.record.shot_files import ShotId, save_frame
+from capture.record.shot_files import ShotId, must_decode, save_frame
 from drivers.camera import Camera
 from drivers.clock import THIS_MACHINE, Clock
 from imaging.errors import CameraError, CaptureError, PartialError, RigError, StorageError
@@ -107,11 +107,14 @@ def record(
     for leftover in leftovers(session):
         store.discard(leftover)
     run = CaptureRun(session, plan, clock, progress, tolerance, leader)
-    save = partial(save_frame, session, compression)
+    save, prove = partial(save_frame, session, compression), partial(must_decode, session)
     progress("shooting", run.kept, len(run.planned))
     if len(run.done) < len(run.planned):
         budget = MemoryBudget(clock)
-        with clock.worker("recorder"), CaptureThreads(taking_part, clock, save, run.state, budget) as threads:
+        with (
+            clock.worker("recorder"),
+            CaptureThreads(taking_part, clock, save, prove, run.state, budget) as threads,
+        ):
             for frame in run.frames():
                 move_to(frame)
                 run.take(frame, threads)

@@ -6,7 +6,9 @@ from typing import NamedTuple
 
 from capture.bracket.single_exposure import CapturedFrame
 from capture.record.exposure_step import ExposureStep, SavedShot
-from imaging.files import store
+from drivers.errors import CameraProtocol
+from imaging.errors import InputError
+from imaging.files import photo, raw, store
 from imaging.files.dng import Compression, dng_pieces
 from imaging.mosaic import RawMosaic
 from imaging.session.session import Session
@@ -66,6 +68,24 @@ def save_frame(
         opened=captured.opened,
         retries=captured.retries,
     )
+
+
+def must_decode(session: Session, saved: SavedShot) -> None:
+    """Read a camera's own file back from the disk; CameraProtocol if its pixels are damaged.
+
+    It is then removed with what lies beside it: the shot is to be taken again.
+    """
+    path = session.folder / saved.file
+    try:
+        if raw.is_raw(path):
+            raw.read_raw(path)
+        else:
+            photo.decode_codes(path.read_bytes(), saved.file)
+    except InputError as error:
+        for file in (saved.file, saved.developed):
+            if file is not None:
+                store.discard(session.folder / file)
+        raise CameraProtocol(f"the camera delivered a damaged file: {error}") from error
 
 
 def save_developed(

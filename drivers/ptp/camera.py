@@ -14,7 +14,7 @@ from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
 from drivers.ptp.codes import PropertyCode
 from drivers.ptp.connection import Connection
 from drivers.ptp.exposure import SAME, Dial, DialChoice, apart
-from drivers.ptp.picture import best_of, developed_beside, suffix, whole_file
+from drivers.ptp.picture import as_told, best_of, developed_beside, suffix
 from drivers.ptp.session import Download, PtpSession
 from drivers.ptp.shot import Shot, StoredShot
 from drivers.ptp.vendors.standard import StandardBody
@@ -267,20 +267,22 @@ class PtpCamera:
         raise CameraRefused(f"{self.where} no longer has {file.info.filename}: take the shot again.")
 
     def _fetched(self, body: StandardBody, stored: StoredShot) -> CameraFile:
-        """The pictures of the shot, the best one whole; the camera may then forget all of them."""
+        """The pictures of the shot, all bytes of the best one; the camera may then forget all of them."""
         best = best_of(stored.objects)
         try:
-            frame = whole_file(body.fetch(best), best)
+            frame = as_told(body.fetch(best), best)
         except InputError:
             best.data.clear()
             try:
-                frame = whole_file(body.fetch(best), best)
+                frame = as_told(body.fetch(best), best)
             except InputError as error:
                 raise CameraProtocol(f"{self.where} delivered a damaged file twice: {error}") from error
         frame = replace(frame, developed=self._developed(body, best, stored))
         for file in stored.objects:
             with suppress(CameraError):  # the picture is here; what is stuck shows in the next shot
                 body.discard(file)
+        for file in stored.objects:
+            file.data = bytearray()  # the frame has a copy
         self._verify(body, frame, stored)
         return frame
 

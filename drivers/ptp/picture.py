@@ -1,7 +1,6 @@
-"""Files of a shot: which one to take, and whether it came whole."""
+"""Files of a shot: which one to take, and what its header says."""
 
-from pathlib import Path, PurePath
-from tempfile import TemporaryDirectory
+from pathlib import PurePath
 
 from drivers.camera import CameraFile
 from drivers.errors import CameraProtocol
@@ -47,16 +46,14 @@ def developed_beside(best: Download, objects: list[Download]) -> Download | None
     return next((file for file in objects if suffix(file) in photo.SUFFIXES), None)
 
 
-def whole_file(data: bytes, file: Download) -> CameraFile:
-    """A downloaded file, read to its end while the camera still has it; InputError if it is damaged."""
+def as_told(data: bytes, file: Download) -> CameraFile:
+    """A downloaded file by its header; InputError if that, or its end, shows it to be damaged or cut off.
+
+    Its pixels are not decoded here: the camera would wait for that.
+    """
     kind = suffix(file)
     if kind in raw.SUFFIXES:
-        mosaic = raw.decode_raw(data, kind)
-        height, width = mosaic.pixels.shape
-        return CameraFile(data, kind, width, height, mosaic.metadata, mosaic.white.bit_length())
-    with TemporaryDirectory(prefix="rig-") as folder:
-        path = Path(folder) / f"picture{kind}"
-        path.write_bytes(data)
-        developed = photo.read_photo(path)
-    height, width, _ = developed.pixels.shape
-    return CameraFile(data, kind, width, height, developed.metadata)
+        header = raw.read_raw_header(data, kind)
+        return CameraFile(data, kind, header.width, header.height, header.metadata, header.white.bit_length())
+    width, height, metadata = photo.read_photo_header(data, file.info.filename)
+    return CameraFile(data, kind, width, height, metadata)

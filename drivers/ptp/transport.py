@@ -177,7 +177,8 @@ class Transport:
             last = len(piece)
         surplus = bytes(buffer[header.length :])
         self._surplus = surplus if len(surplus) >= HEADER_SIZE else b""
-        return bytes(buffer[: header.length])
+        del buffer[header.length :]
+        return bytes(buffer)
 
     def _read_to_its_end(self, buffer: bytearray, timeout: float, most: int) -> None:
         """The rest of a container of unknown length: up to a short packet, unless that is the header's."""

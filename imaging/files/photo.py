@@ -92,6 +92,25 @@ def decode_photo(data: bytes, name: str) -> Photo:
     )
 
 
+def read_photo_header(data: bytes, name: str) -> tuple[int, int, FrameMetadata]:
+    """Width, height and metadata of the bytes of a photograph; of JPEG and PNG no pixel is decoded.
+
+    InputError as `read_photo`, also where the file is seen to be cut off; damage among the pixels is not.
+    """
+    file = BytesIO(data)
+    if data.startswith(JPEG_MAGIC):
+        shell, whole = jpeg_shell(file), jpeg_is_whole(data)
+    elif data.startswith(PNG_MAGIC):
+        shell, whole = png_shell(file), png_is_whole(file)
+    else:
+        decoded = decode_photo(data, name)
+        height, width, _ = decoded.pixels.shape
+        return width, height, decoded.metadata
+    if not (whole and shell.width and shell.height):
+        raise InputError(f"{name} is damaged or cut off: copy it again from the camera.")
+    return shell.width, shell.height, decode_exif(shell.exif) if shell.exif else FrameMetadata()
+
+
 def decode_codes(data: bytes, name: str, fix: str = "copy it again from the camera") -> npt.NDArray[Any]:
     """Code values of a JPEG, PNG or TIFF file, uint8 or uint16 [H, W, C]; errors as `read_photo`.
 

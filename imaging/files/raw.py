@@ -6,9 +6,11 @@ DNG files whose photosites lie otherwise than Bayer's, most of which LibRaw take
 """
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import BinaryIO
 
 import exifread
 import numpy as np
@@ -61,7 +63,9 @@ def read_raw(path: str | Path) -> RawMosaic:
             with quiet(), rawpy.imread(str(path)) as raw:
                 decoded, corner = _decoded(path, raw, tags), (raw.sizes.top_margin, raw.sizes.left_margin)
                 mosaic = decoded if tags is None else _with_tags(decoded, tags, corner)
-                metadata = metadata or _spoken(path, raw)
+                if metadata is None:
+                    with path.open("rb") as file:
+                        metadata = _spoken(file, raw)
     except InputError:
         raise
     except Exception as error:  # rawpy raises whatever damaged bytes make it trip over
@@ -78,14 +82,44 @@ def decode_raw(data: bytes, suffix: str) -> RawMosaic:
         return read_raw(path)
 
 
+@dataclass(frozen=True)
+class RawHeader:
+    """What a RAW file says before its pixels. white: the largest code, as far as it is told there."""
+
+    width: int
+    height: int
+    white: int
+    metadata: FrameMetadata
+
+
+def read_raw_header(data: bytes, suffix: str) -> RawHeader:
+    """The header in the bytes of a RAW file, none of whose pixels is decoded.
+
+    InputError as `read_raw`, also where the file is seen to be cut off; damage among the pixels is not.
+    """
+    path = Path(f"picture{suffix}")
+    tags, metadata = _tags(path, BytesIO(data))
+    try:
+        if tags is not None:
+            top, left, bottom, right = dng_tags.active_area(tags)
+            height, width, white = bottom - top, right - left, dng_tags.white(tags) or dng_tags.largest(tags)
+        else:
+            with quiet(), rawpy.imread(BytesIO(data)) as raw:
+                height, width, white = raw.sizes.height, raw.sizes.width, int(raw.white_level)
+                metadata = metadata or _spoken(BytesIO(data), raw)
+    except Exception as error:  # rawpy raises whatever damaged bytes make it trip over
+        raise _undecodable(path, tags) from error
+    return RawHeader(width, height, white, metadata or FrameMetadata())
+
+
 def read_raw_metadata(path: Path) -> FrameMetadata:
     """What a RAW file says about camera and exposure, its pixels left alone; InputError as `read_raw`."""
     tags, metadata = _read_tags(path)
     if metadata is not None:
         return metadata
     try:
-        with quiet(), rawpy.imread(str(path)) as raw:
-            return _spoken(path, raw)
+        with quiet(), rawpy.imread(str(path)) as raw, path.open("rb") as file:
+            return _spoken(file, raw)
     except Exception as error:
         raise _undecodable(path, tags) from error
 
@@ -107,17 +141,7 @@ def _read_tags(path: Path) -> tuple[Directory | None, FrameMetadata | None]:
     """
     try:
         with path.open("rb") as file:
-            head = file.read(4)
-            if not head:
-                raise InputError(f"{path} is empty: copy it again from the camera.")
-            if head not in (b"II*\0", b"MM\0*"):
-                if path.suffix.lower() == ".dng":
-                    raise InputError(f"{path} is not a DNG file: name a RAW file of a camera.")
-                return None, None
-            reader = TiffReader(file)
-            directories = reader.directories()
-            dng_tags.check_extents(directories, reader)
-            return dng_tags.image_tags(directories), read_exif(reader)
+            return _tags(path, file)
     except IsADirectoryError as error:
         raise InputError(f"{path} is a folder: name a RAW file in it.") from error
     except FileNotFoundError as error:
@@ -125,6 +149,22 @@ def _read_tags(path: Path) -> tuple[Directory | None, FrameMetadata | None]:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise InputError(f"{path} cannot be read ({reason}): check the disk and its permissions.") from error
+
+
+def _tags(path: Path, file: BinaryIO) -> tuple[Directory | None, FrameMetadata | None]:
+    """The same of an open file."""
+    head = file.read(4)
+    if not head:
+        raise InputError(f"{path} is empty: copy it again from the camera.")
+    if head not in (b"II*\0", b"MM\0*"):
+        if path.suffix.lower() == ".dng":
+            raise InputError(f"{path} is not a DNG file: name a RAW file of a camera.")
+        return None, None
+    try:
+        reader = TiffReader(file)
+        directories = reader.directories()
+        dng_tags.check_extents(directories, reader)
+        return dng_tags.image_tags(directories), read_exif(reader)
     except TiffError as error:
         raise InputError(f"{path} is damaged or cut off: copy it again from the camera.") from error
 
@@ -233,11 +273,10 @@ def _checked(path: Path, mosaic: RawMosaic) -> RawMosaic:
     return mosaic
 
 
-def _spoken(path: Path, raw: rawpy.RawPy) -> FrameMetadata:
+def _spoken(file: BinaryIO, raw: rawpy.RawPy) -> FrameMetadata:
     """Metadata of containers that are no TIFF (CR3, RAF, ORF, RW2): ExifRead's, else LibRaw's."""
     try:
-        with path.open("rb") as file:
-            tags = exifread.process_file(file, details=False)
+        tags = exifread.process_file(file, details=False)
         found = from_names({name: getattr(tag, "values", ()) for name, tag in tags.items()})
     except Exception:  # the parser raises whatever unknown bytes make it trip over
         found = FrameMetadata()
