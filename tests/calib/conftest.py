@@ -16,18 +16,20 @@ from imaging.mosaic import RawMosaic
 from imaging.progress import unreported
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
+from tests.conftest import MadeOnce
 
 
 @pytest.fixture(scope="session")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def arm(made_once: MadeOnce) -> Path:
     """The demo's rig at three of its six positions, captured and calibrated; copy it before changing it."""
     from calib.calibrate import calibrate
     from capture.simulated import capture_simulated
 
-    folder = tmp_path_factory.mktemp("arm") / "session"
-    capture_simulated("demo", folder, seed=1, frames=3)
-    calibrate(folder, progress=unreported)
-    return folder
+    def make(folder: Path) -> None:
+        capture_simulated("demo", folder, seed=1, frames=3)
+        calibrate(folder, progress=unreported)
+
+    return made_once("arm", make)
 
 
 @pytest.fixture

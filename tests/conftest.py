@@ -1,0 +1,35 @@
+"""Of all tests: how many threads a process has, and folders that processes make only once between them."""
+
+import fcntl
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+# Torch and BLAS would have as many threads in each of pytest's processes as there are cores, which spin while
+# they wait for each other: with two processes on two cores matching features takes three times the processor
+# time. They read this when they are first imported. The threads of `imaging.compute.threads` stay.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+MadeOnce = Callable[[str, Callable[[Path], object]], Path]
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
+    """A folder of this name, made by the first process of the run that asks for it; not to be changed."""
+    base = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        base = base.parent  # that of the process which gave this one its tests
+
+    def made(name: str, make: Callable[[Path], object]) -> Path:
+        folder, done = base / name, base / f"{name}.done"
+        with (base / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not done.exists():
+                folder.mkdir()
+                make(folder)
+                done.touch()
+        return folder
+
+    return made
