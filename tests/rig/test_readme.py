@@ -18,7 +18,13 @@ from rig.cli import COMMANDS
 REPOSITORY = Path(__file__).resolve().parents[2]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 
-SHORTER = {"--budget 5m": "--budget 45s", "--frames 12": "--frames 3"}
+SHORTER = {
+    "--budget 5m": "--budget 45s",
+    "--frames 12": "--frames 2",
+    "--darks": "--darks --frames 4",
+    "--flats": "--flats --frames 4",
+    "--board": "--board --frames 8",
+}
 """What the README allows minutes for, and what is allowed here."""
 CAMERAS = {"init", "capture"}
 """Commands that speak to cameras, which are simulated here."""

@@ -92,7 +92,8 @@ def test_wrong_corners_are_dropped_and_right_ones_kept(stage: Stage) -> None:
     assert sum(len(corners.ids) for corners in kept.values()) > 0.97 * right
 
 
-def test_cameras_that_share_no_view_are_named(stage: Stage) -> None:
+def test_cameras_that_share_no_view_are_named(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(uncertainty, "DRAWS", 2)  # how sure it is is not looked at
     seen = {
         view: corners
         for view, corners in stage.seen(20).items()
@@ -113,10 +114,11 @@ def test_too_few_views_say_what_to_shoot(stage: Stage) -> None:
         first_guess(stage.board, few, stage.sizes)
 
 
-def test_a_richer_lens_is_taken_when_it_is_there(stage: Stage) -> None:
+def test_a_richer_lens_is_taken_when_it_is_there(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
     """Tangential terms of 2e-3 move corners by pixels; the simulated lenses have almost none."""
     import cv2
 
+    monkeypatch.setattr(uncertainty, "DRAWS", 2)  # how sure it is is not looked at
     rng = np.random.default_rng(0)
     seen: dict[ViewId, Corners] = {}
     for frame in range(16):
@@ -157,7 +159,8 @@ def test_a_lens_that_changes_meanwhile_is_found_by_halves(stage: Stage) -> None:
     assert ratios["cam2"] > DISAGREE
 
 
-def test_the_same_corners_give_the_same_rig(stage: Stage) -> None:
+def test_the_same_corners_give_the_same_rig(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(uncertainty, "DRAWS", 6)
     seen = stage.seen(8)
     one, other = (solve_group(stage.board, seen, stage.sizes, unreported) for _ in range(2))
     assert one.solved is not None
