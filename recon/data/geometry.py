@@ -21,13 +21,20 @@ def project(lens: SplatCamera, xyz: npt.ArrayLike) -> tuple[Array, Array]:
 
 def project_camera(lens: SplatCamera, camera: Array) -> tuple[Array, Array]:
     """The same for points [..., 3] in the camera's own axes."""
-    depth = camera[..., 2]
+    # Component by component: numpy takes several times as long over a last axis of two.
+    x, y, depth = camera[..., 0], camera[..., 1], camera[..., 2]
     safe = np.where(np.abs(depth) > 1e-12, depth, 1e-12)
-    tangents = camera[..., :2] / safe[..., None]
+    tangents = np.empty((*depth.shape, 2))
+    u, v = np.divide(x, safe, out=tangents[..., 0]), np.divide(y, safe, out=tangents[..., 1])
     if np.isfinite(lens.monotone_radius2):  # beyond it the lens would fold the world back into the image
-        radius = np.maximum(np.linalg.norm(tangents, axis=-1, keepdims=True), 1e-12)
-        tangents = tangents * np.minimum(1.0, np.sqrt(lens.monotone_radius2) / radius)
-    return lens.distort(tangents) * (lens.fx, lens.fy) + (lens.cx, lens.cy), depth
+        radius = np.maximum(np.sqrt(u * u + v * v), 1e-12)
+        kept = np.minimum(1.0, np.sqrt(lens.monotone_radius2) / radius)
+        u *= kept
+        v *= kept
+    bent, pixels = lens.distort(tangents), np.empty_like(tangents)
+    pixels[..., 0] = bent[..., 0] * lens.fx + lens.cx
+    pixels[..., 1] = bent[..., 1] * lens.fy + lens.cy
+    return pixels, depth
 
 
 def inside(lens: SplatCamera, pixels: Array, depth: Array) -> npt.NDArray[np.bool_]:
