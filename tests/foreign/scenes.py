@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import fft
 
 Array = npt.NDArray[np.float64]
 Shape = dict[str, Any]
@@ -150,17 +151,23 @@ def surface(
 
 def spots(seed: int, size: int = 512, contrast: float = 1.0) -> npt.NDArray[np.float32]:
     """A texture [size, size, 3] like no other of another seed: coloured blots from large to small."""
-    from scipy import ndimage
-
     rng = np.random.default_rng(seed)
     texture = np.full((size, size, 3), 0.4)
     for blot in np.geomspace(size / 8, size / 128, 5):
-        grey, *colour = ndimage.gaussian_filter(
-            rng.standard_normal((4, size, size)), (0, blot / 2, blot / 2), mode="wrap"
-        )
+        grey, *colour = _blurred(rng.standard_normal((4, size, size)), blot / 2)
         sharp = np.tanh(3 * (grey / grey.std())[..., None] + 1.5 * np.stack(colour, -1) / np.std(colour))
         texture += contrast * 0.12 * sharp
     return np.clip(texture, 0.04, 0.9).astype(np.float32)
+
+
+def _blurred(images: Array, sigma: float) -> Array:
+    """Square images [N, S, S] that repeat, under a Gaussian cut off at four sigmas: by FFT, as it is wide."""
+    size, reach = images.shape[-1], round(4 * sigma)
+    steps = np.arange(-reach, reach + 1)
+    kernel = np.bincount(steps % size, np.exp(-0.5 * (steps / sigma) ** 2), minlength=size)
+    passed = fft.fft(kernel / kernel.sum()).real
+    spectrum = fft.rfft2(images) * passed[:, None] * passed[: size // 2 + 1]
+    return np.asarray(fft.irfft2(spectrum, (size, size)))
 
 
 def plain(value: float = 0.5) -> npt.NDArray[np.float32]:
