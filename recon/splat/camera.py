@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -114,18 +114,21 @@ class SplatCamera:
         """
         if self.fisheye:
             return -math.inf, math.inf, -math.inf, math.inf
-        low, high = self._field_of_view
-        half = 0.5 * margin * (high - low)
-        (u_min, v_min), (u_max, v_max) = low - half, high + half
-        return float(u_min), float(u_max), float(v_min), float(v_max)
+        u_min, v_min, u_max, v_max = _field_of_view(self.width, self.height, self.lens)
+        wide, tall = 0.5 * margin * (u_max - u_min), 0.5 * margin * (v_max - v_min)
+        return u_min - wide, u_max + wide, v_min - tall, v_max + tall
 
-    @cached_property
-    def _field_of_view(self) -> tuple[Floats, Floats]:
-        """Least and largest undistorted tangents on the border of the image, each [2]."""
-        ends = np.linspace(0.0, 1.0, 17)
-        near, far = np.zeros(17), np.ones(17)
-        border = np.concatenate([(ends, near), (ends, far), (near, ends), (far, ends)], axis=1).T
-        pixels = border * [self.width, self.height]
-        bent = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
-        tangents = optics.undistort(bent, self.lens[4:], fisheye=self.fisheye)
-        return tangents.min(axis=0), tangents.max(axis=0)
+
+@lru_cache(maxsize=1024)
+def _field_of_view(width: int, height: int, lens: tuple[float, ...]) -> tuple[float, float, float, float]:
+    """Least, then largest undistorted tangents (u, v) on the border of the image, of no fisheye.
+
+    Kept by lens: a camera whose pose is refined is another one at every step, with the same field of view.
+    """
+    ends = np.linspace(0.0, 1.0, 17)
+    near, far = np.zeros(17), np.ones(17)
+    border = np.concatenate([(ends, near), (ends, far), (near, ends), (far, ends)], axis=1).T
+    bent = (border * [width, height] - lens[2:4]) / lens[:2]
+    tangents = optics.undistort(bent, lens[4:], fisheye=False)
+    low, high = tangents.min(axis=0), tangents.max(axis=0)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
