@@ -279,16 +279,13 @@ def test_stopped_half_way_the_old_calibration_stays(
 
 
 def test_the_same_session_gives_the_same_calibration(small: Path) -> None:
+    """A camera without a shot is in it, with nothing known."""
     first, second = (calibrate(small, progress=unreported) for _ in range(2))
     assert len(first.views) == 6
     assert second.model_copy(update={"created": first.created}) == first
-
-
-def test_a_camera_without_a_shot_is_listed_with_nothing_known(small: Path) -> None:
-    record = calibrate(small, progress=unreported)
-    assert record.camera("cam3").lens is None
-    assert record.camera("cam3").cam_from_rig is None
-    assert {view.camera for view in record.views} == {"cam0", "cam1", "cam2"}
+    assert first.camera("cam3").lens is None
+    assert first.camera("cam3").cam_from_rig is None
+    assert {view.camera for view in first.views} == {"cam0", "cam1", "cam2"}
 
 
 def test_pose_of_a_pycolmap_motion() -> None:

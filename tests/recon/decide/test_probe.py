@@ -43,6 +43,7 @@ def sixteen(toy_long, tmp_path, monkeypatch):
     """A session of sixteen views, for a preset that is short."""
     monkeypatch.setitem(QUALITIES, "standard", Quality(30, 400, 64))
     monkeypatch.setattr("recon.decide.corrections.TRIAL_LOOKS", 2)
+    monkeypatch.setattr("recon.decide.corrections.TRIAL_GAUSSIANS", 400)
     return shutil.copytree(toy_long.session, tmp_path / "session")
 
 
@@ -80,5 +81,6 @@ def test_a_time_without_room_leaves_them_out_and_says_so(sixteen, monkeypatch):
 def test_other_budgets_leave_time_for_corrections(toy_long, monkeypatch, amount, unit):
     monkeypatch.setattr("recon.decide.corrections.TRIAL_LOOKS", 1)
     monkeypatch.setattr("recon.decide.corrections.TRIAL_GAUSSIANS", 100)
+    monkeypatch.setattr("recon.decide.held_out_evidence.STEPS", 4)
     wanted = settings(iterations=5, budget=amount, budget_unit=unit)
     assert all(rung.gain is not None for rung in rungs_of(toy_long, wanted))

@@ -50,7 +50,7 @@ def quality(dataset, name) -> float:
     method = METHODS[name](dataset, light)
     gaussians = gaussians_at(points, method.appearance, method.observation.units)
     training = Training.begin(method, light, gaussians, dataset.extent)
-    train(training, dataset, Plan(150, DensityRules(900)), log=lambda _: None, save=lambda: None)
+    train(training, dataset, Plan(60, DensityRules(900)), log=lambda _: None, save=lambda: None)
     (view,) = dataset.held_out
     with torch.no_grad():
         image = training.renderer()(training.gaussians, view.lens, degree=2).image

@@ -108,7 +108,7 @@ def test_the_command_trains_on_two_ranks_and_only_one_speaks(session_copy: Path)
         "--budget",
         "90s",
         "--set",
-        "iterations=60",
+        "iterations=20",
         "--json",
     ]
     first, second = together(command)
