@@ -53,6 +53,8 @@ class RawMosaic:
     camera_from_xyz: a row for each channel, XYZ to camera under D65 (DNG ColorMatrix), scale free; None if
     unknown.
     noise_profile: (S, O), variance = S * signal + O on 0..1 (DNG NoiseProfile); None if unknown.
+    noise_shares: by how much the variance of each channel is greater than that, of light without a CFA; None:
+    by nothing.
     """
 
     pixels: npt.NDArray[np.uint16]
@@ -64,6 +66,7 @@ class RawMosaic:
     noise_profile: tuple[float, float] | None = None
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
     black_offset: npt.NDArray[np.float32] | None = None
+    noise_shares: tuple[float, ...] | None = None
 
     @property
     def noise(self) -> SensorNoise | None:

@@ -1,6 +1,7 @@
-"""Photographs that cameras made beside their RAW files: absent, or not those that were recorded."""
+"""Files kept beside those that are read, by the camera or of a pixel shift: absent, or not as recorded."""
 
 from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 
 from capture.check.findings import Problem, ProblemKind
 from imaging.errors import InputError
@@ -10,20 +11,26 @@ from imaging.session.session import Session
 
 
 def developed_problems(session: Session, shots: Sequence[ShotRecord]) -> Iterator[Problem]:
-    """A problem for each photograph beside a RAW file that is not what its record says."""
-    for shot in shots:
-        if shot.developed is None:
-            continue
-        name = f"{shot.developed}, which the camera made beside {shot.file},"
+    """A problem for each file beside that of a shot that is not what its record says."""
+    beside = [
+        (shot, file, digest, f"{file}, {what} {shot.file},")
+        for shot in shots
+        for file, digest, what in (
+            (shot.developed, shot.developed_sha256, "which the camera made beside"),
+            *((own, told, "one of the exposures of") for own, told in _of_pixel_shift(shot)),
+        )
+        if file is not None
+    ]
+    for shot, file, digest, name in beside:
         kind: ProblemKind = "absent"
         try:
-            path = store.inside(session.folder, shot.developed)
+            path = store.inside(session.folder, file)
         except InputError:
-            kind, message = "index", f"shots.jsonl names {shot.developed!r}, which leads out of the session."
+            kind, message = "index", f"shots.jsonl names {file!r}, which leads out of the session."
         else:
             if not path.is_file():
                 message = f"{name} is not there: restore it from a copy."
-            elif store.sha256(path) != shot.developed_sha256:
+            elif store.sha256(path) != digest:
                 kind = "altered"
                 message = (
                     f"{name} is not the file that was recorded (its SHA-256 differs): restore it from a copy."
@@ -32,9 +39,14 @@ def developed_problems(session: Session, shots: Sequence[ShotRecord]) -> Iterato
                 continue
         yield Problem(
             kind=kind,
-            file=shot.developed,
+            file=file,
             camera=shot.camera,
             frame=shot.frame,
             step=shot.step,
             message=message,
         )
+
+
+def _of_pixel_shift(shot: ShotRecord) -> Iterator[tuple[str, str | None]]:
+    """Name and hash of each exposure; the hash is None where the record has too few."""
+    return zip_longest(shot.shifted, shot.shifted_sha256[: len(shot.shifted)])

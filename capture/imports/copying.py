@@ -10,15 +10,22 @@ from typing import Any
 
 from capture.imports.originals import Original, shown
 from capture.record.new_session import begin, is_vacant
-from capture.record.shot_files import ShotId, mask_file, save_developed, shot_file
+from capture.record.shot_files import ShotId, mask_file, save_developed, shifted_file, shot_file
 from imaging.errors import InputError, StorageError
 from imaging.files import store
+from imaging.files.dng import encode_dng
+from imaging.files.raw import read_raw
 from imaging.merge.masks import read_mask
+from imaging.merge.pixel_shift import COUNT, combined
 from imaging.progress import Progress
 from imaging.session.records import Band, CameraRecord, PlanRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 
 ORIGIN = "import"
+
+
+class ShiftError(InputError):
+    """Exposures of a pixel shift that cannot be put together."""
 
 
 @dataclass(frozen=True)
@@ -106,23 +113,33 @@ def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> l
         progress(f"copying {shown(place.original.path.name)}", number, len(usable))
         if (place.plan, *place.shot_id) not in have:
             try:
-                data = place.original.path.read_bytes()
+                data = [path.read_bytes() for path in place.original.shifted or (place.original.path,)]
                 beside = place.original.developed
                 developed = None if beside is None else (beside.suffix, beside.read_bytes())
             except OSError as error:
                 reason = (error.strerror or str(error)).lower()
                 unread.append(f"{shown(place.original.path)} could not be read ({reason})")
                 continue
-            _copy(session, place, data, developed)
+            try:
+                _copy(session, place, data, developed)
+            except ShiftError as error:
+                unread.append(f"{shown(place.original.path)} and the {COUNT - 1} after it: {error}")
     progress("copied", len(usable), len(usable))
     return unread
 
 
-def _copy(session: Session, place: Place, data: bytes, developed: tuple[str, bytes] | None) -> None:
-    """Files first, line second, as the recorder does. InputError for a mask that does not fit."""
+def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[str, bytes] | None) -> None:
+    """Files first, line second, as the recorder does.
+
+    read: the file, or those of a pixel shift. InputError for a mask that does not fit, ShiftError for
+    exposures that do not fit each other.
+    """
     original, shot_id = place.original, place.shot_id
     assert original.picture is not None
-    file = shot_file(shot_id, original.path.suffix.lower().lstrip("."))
+    data, suffix = (
+        (read[0], original.path.suffix.lower()) if not original.shifted else (_light(place), ".dng")
+    )
+    file = shot_file(shot_id, suffix.lstrip("."))
     mask = mask_sha256 = None
     if place.mask is not None:
         read_mask(place.mask, original.picture.height, original.picture.width)
@@ -131,6 +148,9 @@ def _copy(session: Session, place: Place, data: bytes, developed: tuple[str, byt
         mask_sha256 = hashlib.sha256(cover).hexdigest()
         store.write_bytes(session.folder / mask, cover)
     beside, beside_sha256 = save_developed(session, shot_id, developed)
+    kept = [shifted_file(shot_id, n, path.suffix.lower()) for n, path in enumerate(original.shifted, start=1)]
+    for name, exposure in zip(kept, read, strict=False):
+        store.write_bytes(session.folder / name, exposure)
     store.write_bytes(session.folder / file, data)
     session.append_shot(
         ShotRecord(
@@ -143,6 +163,8 @@ def _copy(session: Session, place: Place, data: bytes, developed: tuple[str, byt
             sha256=hashlib.sha256(data).hexdigest(),
             developed=beside,
             developed_sha256=beside_sha256,
+            shifted=tuple(kept),
+            shifted_sha256=tuple(hashlib.sha256(exposure).hexdigest() for exposure in read[: len(kept)]),
             reported=original.exposure,
             width=original.picture.width,
             height=original.picture.height,
@@ -153,6 +175,14 @@ def _copy(session: Session, place: Place, data: bytes, developed: tuple[str, byt
             band=place.band,
         )
     )
+
+
+def _light(place: Place) -> bytes:
+    """The DNG file of what the exposures of a pixel shift saw together."""
+    try:
+        return encode_dng(combined([read_raw(path) for path in place.original.shifted]))
+    except (InputError, ValueError) as error:
+        raise ShiftError(str(error)) from error
 
 
 def take_back(out: Path) -> None:

@@ -35,6 +35,8 @@ class Original:
     error: str | None = None
     developed: Path | None = None
     """The photograph that the camera made beside a RAW file."""
+    shifted: tuple[Path, ...] = ()
+    """The exposures of the pixel shift that begins with `path`."""
 
 
 @dataclass(frozen=True)

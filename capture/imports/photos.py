@@ -18,6 +18,7 @@ from capture.imports.layouts import detect, read_layout
 from capture.imports.layouts.given import Given, LayoutName
 from capture.imports.masks import masks_asked, told_masks
 from capture.imports.originals import FOREIGN, Original, survey
+from capture.imports.pixel_shift import put_together
 from capture.record.new_session import folder_made
 from capture.record.shot_files import ShotId
 from imaging.errors import InputError, PartialError
@@ -63,6 +64,7 @@ def import_photos(
     exposures: str | Path | None = None,
     masks: str | Path | None = None,
     bands: str | Path | None = None,
+    pixel_shift: bool = False,
     progress: Progress = unreported,
 ) -> ImportResult:
     """Make a session at `out` of the photographs in `folder` and its subfolders; these stay untouched.
@@ -72,8 +74,9 @@ def import_photos(
     consecutive photographs of a camera are one bracket. together: what makes brackets of several cameras
     one frame. exposures: a list of them (`exposure_list`). Each is guessed when None. masks: a folder of
     them, named as the photographs; those that a layout names when None. bands: a list of the filters before
-    mono cameras (`imports.bands`), whose names are folders or in the names of files. An import that was
-    killed is completed by the same call.
+    mono cameras (`imports.bands`), whose names are folders or in the names of files. pixel_shift: every
+    four photographs of a camera are one, between which its sensor moved (`imports.pixel_shift`). An import
+    that was killed is completed by the same call.
 
     Errors: InputError when `folder` holds nothing usable, its layout is damaged, or `out` is not empty or
     inside `folder`; StorageError when the disk refuses; both leave nothing behind. Files that cannot be
@@ -100,6 +103,11 @@ def import_photos(
     sorted_series, guesses = sort_into_cameras(
         folder, surveyed.originals, cameras, labels, frozenset(band.name.casefold() for band in filters)
     )
+    if pixel_shift:
+        if given is not None:
+            raise InputError("pixel shift is read of folders of photographs: add --layout photos.")
+        sorted_series, shift_notes = put_together(sorted_series)
+        guesses += shift_notes
     numbered, why = (
         frames_in_time(sorted_series, bracket, together, band_of, filters)
         if given is None or filters

@@ -151,7 +151,7 @@ def _reduced(frame: LinearFrame, cfa: Cfa | None) -> LinearFrame:
     saturated, valid = clipped > 0, hidden == 0
     noise = frame.noise
     if isinstance(noise, SensorSignalNoise):
-        noise = SensorSignalNoise(noise.slope / side**2, noise.floor / side**2)
+        noise = SensorSignalNoise(noise.slope / side**2, noise.floor / side**2, noise.shares)
     none = np.zeros(signal.shape, bool)
     return LinearFrame(signal, frame.k, saturated, none, valid, None, noise, ceiling=1.0)
 

@@ -100,6 +100,11 @@ def save_developed(
     return file, hashlib.sha256(data).hexdigest()
 
 
+def shifted_file(shot_id: ShotId, number: int, suffix: str) -> str:
+    """Where an exposure of a pixel shift lies, relative to the session; counted from 1."""
+    return f"shifted/{shot_id.view}_{shot_id.step}_{number}{suffix}"
+
+
 def mask_file(shot_id: ShotId, suffix: str) -> str:
     """Where the mask of a shot lies, relative to the session."""
     return f"masks/{shot_id.view}_{shot_id.step}{suffix}"

@@ -66,7 +66,7 @@ def dng_pieces(raw: RawMosaic, compression: Compression = "none") -> list[bytes 
     white, a number that is no number.
     """
     _check(raw)
-    tiled = compression == "ljpeg"
+    tiled = compression == "ljpeg" and raw.cfa is not None
     segments: list[bytes | memoryview]
     segments = list(_tiles(raw.pixels)) if tiled else [_as_stored(raw.pixels).data.cast("B")]
     lengths = [len(segment) for segment in segments]
@@ -90,9 +90,12 @@ def _as_stored(pixels: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
 
 
 def _check(raw: RawMosaic) -> None:
-    if raw.pixels.dtype != np.uint16 or raw.pixels.ndim != 2 or raw.cfa is None:
-        raise ValueError(f"a mosaic is uint16 [H, W] with a CFA, not {raw.pixels.dtype} {raw.pixels.shape}")
-    if min(raw.pixels.shape) < _SMALLEST_SIDE:
+    if raw.pixels.dtype != np.uint16 or raw.pixels.shape[2:] != (() if raw.cfa else (3,)):
+        raise ValueError(
+            f"a mosaic is uint16 [H, W] with a CFA, or light [H, W, 3], not {raw.pixels.dtype} "
+            f"{raw.pixels.shape}"
+        )
+    if min(raw.pixels.shape[:2]) < _SMALLEST_SIDE:
         raise ValueError(f"a RAW file has {_SMALLEST_SIDE} pixels or more a side, not {raw.pixels.shape}")
     if raw.black_offset is not None:
         raise ValueError("black that varies from photosite to photosite is not written")
@@ -127,16 +130,17 @@ def _tiles(pixels: npt.NDArray[np.uint16]) -> Iterator[bytes]:
 
 def _layout(raw: RawMosaic, tiled: bool) -> dict[int, Entry]:
     """How the pixels lie in the file: strips or tiles, never the tags of both."""
-    assert raw.cfa is not None
-    height, width = raw.pixels.shape
+    height, width = raw.pixels.shape[:2]
+    samples = 3 if raw.cfa is None else 1
+    linear = raw.cfa is None or raw.cfa.mono
     entries = {
         tag.SUBFILE_TYPE: Entry(LONG, [0]),  # the full image
         tag.WIDTH: Entry(LONG, [width]),
         tag.HEIGHT: Entry(LONG, [height]),
-        tag.BITS: Entry(SHORT, [16]),
+        tag.BITS: Entry(SHORT, [16] * samples),
         tag.COMPRESSION: Entry(SHORT, [tag.LOSSLESS_JPEG if tiled else 1]),
-        tag.PHOTOMETRIC: Entry(SHORT, [tag.LINEAR_PHOTOMETRIC if raw.cfa.mono else tag.CFA_PHOTOMETRIC]),
-        tag.SAMPLES: Entry(SHORT, [1]),
+        tag.PHOTOMETRIC: Entry(SHORT, [tag.LINEAR_PHOTOMETRIC if linear else tag.CFA_PHOTOMETRIC]),
+        tag.SAMPLES: Entry(SHORT, [samples]),
         tag.PLANAR: Entry(SHORT, [1]),
     }
     if tiled:
@@ -149,17 +153,18 @@ def _layout(raw: RawMosaic, tiled: bool) -> dict[int, Entry]:
 
 def _geometry(raw: RawMosaic) -> dict[int, Entry]:
     """Which photosites there are, and that all of them count."""
-    assert raw.cfa is not None
-    height, width = raw.pixels.shape
+    height, width = raw.pixels.shape[:2]
     codes = {letter: code for code, letter in tag.COLOUR_CODES.items()}
-    filters = {
-        tag.CFA_REPEAT: Entry(SHORT, list(raw.cfa.period)),
-        tag.CFA_PATTERN: Entry(BYTE, [codes[letter] for row in raw.cfa.rows for letter in row]),
-        tag.CFA_PLANES: Entry(BYTE, [codes[letter] for letter in raw.cfa.letters]),
-        tag.CFA_LAYOUT: Entry(SHORT, [1]),  # square
-    }
+    filters: dict[int, Entry] = {}
+    if raw.cfa is not None and not raw.cfa.mono:
+        filters = {
+            tag.CFA_REPEAT: Entry(SHORT, list(raw.cfa.period)),
+            tag.CFA_PATTERN: Entry(BYTE, [codes[letter] for row in raw.cfa.rows for letter in row]),
+            tag.CFA_PLANES: Entry(BYTE, [codes[letter] for letter in raw.cfa.letters]),
+            tag.CFA_LAYOUT: Entry(SHORT, [1]),  # square
+        }
     return {
-        **({} if raw.cfa.mono else filters),
+        **filters,
         tag.DEFAULT_SCALE: Entry(RATIONAL, [1, 1]),
         tag.CROP_ORIGIN: Entry(LONG, [0, 0]),
         tag.CROP_SIZE: Entry(LONG, [width, height]),
@@ -171,6 +176,7 @@ def _colour(raw: RawMosaic) -> dict[int, Entry]:
     """What the numbers mean: levels, colour and noise."""
     meta = raw.metadata
     # Noise tells mosaics apart in some rows as in all; a hash of all took longer than the disk.
+    samples = 3 if raw.cfa is None else 1
     identity = hashlib.md5(_as_stored(raw.pixels[::_IDENTIFYING]).data, usedforsecurity=False)
     entries = {
         tag.SOFTWARE: Entry(ASCII, "hdr-rig"),
@@ -179,8 +185,8 @@ def _colour(raw: RawMosaic) -> dict[int, Entry]:
         tag.UNIQUE_MODEL: Entry(ASCII, f"{meta.make} {meta.model}".strip() or "hdr-rig"),
         tag.RAW_UNIQUE_ID: Entry(BYTE, identity.digest()),
         tag.BLACK_REPEAT: Entry(SHORT, [len(raw.black), len(raw.black[0])]),
-        tag.BLACK: Entry(RATIONAL, [rational(black) for row in raw.black for black in row]),
-        tag.WHITE: Entry(LONG, [raw.white]),
+        tag.BLACK: Entry(RATIONAL, [rational(black) for row in raw.black for black in row] * samples),
+        tag.WHITE: Entry(LONG, [raw.white] * samples),
         tag.BASELINE_EXPOSURE: Entry(SRATIONAL, [0]),
         tag.BASELINE_NOISE: Entry(RATIONAL, [1]),
         tag.BASELINE_SHARPNESS: Entry(RATIONAL, [1]),
@@ -195,5 +201,7 @@ def _colour(raw: RawMosaic) -> dict[int, Entry]:
     if raw.neutral is not None:
         entries[tag.NEUTRAL] = Entry(RATIONAL, [rational(value) for value in raw.neutral])
     if raw.noise_profile is not None:
-        entries[tag.NOISE_PROFILE] = Entry(DOUBLE, list(raw.noise_profile))
+        shares = raw.noise_shares or (1.0,)
+        pairs = [share * value for share in shares for value in raw.noise_profile]
+        entries[tag.NOISE_PROFILE] = Entry(DOUBLE, pairs)
     return entries

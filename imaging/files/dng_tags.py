@@ -242,5 +242,14 @@ def noise_profile(tags: Directory) -> tuple[float, float] | None:
     return (slope, offset) if 0 < slope < np.inf and 0 <= offset < np.inf else None
 
 
+def noise_shares(tags: Directory) -> tuple[float, ...] | None:
+    """The variance of each of three channels over that of `noise_profile`; None where it is the same."""
+    values = numbers(tags, NOISE_PROFILE)
+    slopes = values[::2]
+    if len(values) != 6 or noise_profile(tags) is None or not min(slopes) > 0 or len(set(slopes)) == 1:
+        return None
+    return tuple(slope / slopes[1] for slope in slopes)
+
+
 def _number(directory: Directory, tag: int) -> int:
     return next(iter(integers(directory, tag)), 0)

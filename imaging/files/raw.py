@@ -191,20 +191,23 @@ def _of_dng(path: Path, tags: Directory, cfa: Cfa) -> RawMosaic:
 
 
 def _of_linear_dng(path: Path, tags: Directory) -> RawMosaic:
-    """Demosaicked light, lossy or not, with black at 0 and white at 65535; errors as `_of_dng`."""
+    """Light of three colours, lossy or not, of unequal levels with black at 0 and white at 65535."""
     pixels, (black, white) = read_pixels(path, tags), dng_tags.levels(tags)
     if pixels.ndim != 3 or pixels.shape[2] != 3:
         raise TiffError("the samples of a pixel are missing")
-    share = (pixels.astype(np.float32) - black.astype(np.float32)) / (white - black).astype(np.float32)
-    light = np.rint(65535 * share.clip(0, 1)).astype(np.uint16)
+    level, top = float(black[0]), int(white[0])
+    if pixels.dtype != np.uint16 or np.any(black != level) or np.any(white != top):
+        share = (pixels.astype(np.float32) - black.astype(np.float32)) / (white - black).astype(np.float32)
+        pixels, level, top = np.rint(65535 * share.clip(0, 1)).astype(np.uint16), 0.0, 65535
     return RawMosaic(
-        light,
+        pixels,
         None,
-        ((0.0,),),
-        65535,
+        ((level,),),
+        top,
         neutral=dng_tags.neutral(tags, 3),
         camera_from_xyz=dng_colour.camera_from_xyz(tags, 3),
         noise_profile=dng_tags.noise_profile(tags),
+        noise_shares=dng_tags.noise_shares(tags),
     )
 
 

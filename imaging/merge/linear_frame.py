@@ -39,14 +39,19 @@ class Noise(Protocol):
 
 @dataclass(frozen=True)
 class SensorSignalNoise:
-    """Shot and read noise of a signal in 0..1, as a DNG NoiseProfile: `slope * mean + floor`."""
+    """Shot and read noise of a signal in 0..1, as a DNG NoiseProfile: `slope * mean + floor`.
+
+    shares: by what this is multiplied in each channel of a signal [..., channels]; None: by nothing.
+    """
 
     slope: float
     floor: float
+    shares: tuple[float, ...] | None = None
 
     def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
         """Variance at a mean signal; a negative mean counts as black."""
-        return np.asarray(self.slope * np.maximum(mean, 0.0) + self.floor)
+        variance = np.asarray(self.slope * np.maximum(mean, 0.0) + self.floor)
+        return variance if self.shares is None else variance * np.asarray(self.shares, np.float32)
 
 
 class CodeSignalNoise:
@@ -125,9 +130,8 @@ def from_raw(raw: RawMosaic, k: float, sensors: Sequence[SensorCalibration] = ()
         raw = replace(raw, black=levels.black)
     signal, black = levels.straight(raw.signal()), float(np.mean(raw.black))
     top = raw.white if levels.white is None else min(levels.white, raw.white)
-    noise = SensorSignalNoise(*raw.noise_profile) if raw.noise_profile else None
-    if levels.noise is not None:
-        noise = SensorSignalNoise(*levels.noise.profile(black, raw.white))
+    profile = raw.noise_profile if levels.noise is None else levels.noise.profile(black, raw.white)
+    noise = None if profile is None else SensorSignalNoise(*profile, raw.noise_shares)
     return LinearFrame(
         signal,
         k,

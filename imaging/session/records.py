@@ -169,6 +169,10 @@ class ShotRecord(Record):
     """The photograph that the camera made of the same exposure beside its RAW file, relative to the session:
     kept and hashed, and read by nothing."""
     developed_sha256: str | None = None
+    shifted: tuple[str, ...] = ()
+    """The exposures of a pixel shift that `file` was put together from, relative to the session: kept as the
+    camera made them and hashed, and read by nothing."""
+    shifted_sha256: tuple[str, ...] = ()
     requested: Exposure | None = None
     reported: Exposure | None = None
     estimated: Exposure | None = None

@@ -53,6 +53,13 @@ def import_(
             "each; their names are folders of the photos or in their names."
         ),
     ] = None,
+    pixel_shift: Annotated[
+        bool,
+        typer.Option(
+            "--pixel-shift",
+            help="Every four RAW photographs of a camera are one, between which its sensor moved.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Make a session of photographs.
@@ -76,6 +83,7 @@ def import_(
             exposures=exposures,
             masks=masks,
             bands=bands,
+            pixel_shift=pixel_shift,
             progress=status,
         )
         if result.views:

@@ -1,0 +1,113 @@
+"""Pixel shift against the light that the simulator rendered, and against the mosaic of one exposure."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.rigs import SimulatedRig, simulate
+from imaging.cfa import BAYER, Cfa
+from imaging.demosaic import demosaic
+from imaging.errors import InputError
+from imaging.exposure import Exposure
+from imaging.files.dng import write_dng
+from imaging.files.raw import read_raw
+from imaging.merge.linear_frame import LinearFrame, from_raw
+from imaging.merge.pixel_shift import Shift, combined, shifts
+from imaging.mosaic import RawMosaic
+
+ORDERS: tuple[tuple[Shift, ...], ...] = (
+    ((0, 0), (0, 1), (1, 1), (1, 0)),
+    ((0, 0), (-1, 0), (-1, -1), (0, -1)),
+    ((0, 0), (1, -1), (0, -1), (1, 0)),
+)
+
+
+@pytest.fixture(scope="module")
+def toy() -> SimulatedRig:
+    return simulate("toy", cameras=1, positions=1, width=160, height=120, samples=2)
+
+
+def shot(rig: SimulatedRig, order: Sequence[Shift], cfa: Cfa = Cfa.RGGB) -> list[RawMosaic]:
+    """What a camera delivers whose sensor moves by these rows and columns."""
+    view, frames = rig.radiance(0, 0), []
+    for step, (row, column) in enumerate(order):
+        body = replace(rig.bodies[0], cfa=cfa)
+        camera = SimulatedCamera(body, lambda frame, by=(-row, -column): np.roll(view, by, (0, 1)))
+        camera.place(0, step)
+        camera.set_exposure(Exposure(time=1 / 60, f_number=4.0, iso=100.0))
+        camera.arm()
+        camera.trigger()
+        frame = camera.collect()
+        assert isinstance(frame, RawMosaic)
+        frames.append(frame)
+    return frames
+
+
+def errors(rig: SimulatedRig, light: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Departures from the true light in camera RGB, in units of the signal, where usable; [pixels, 3]."""
+    truth = rig.bodies[0].optics.exposure(rig.radiance(0, 0))
+    inner = (slice(4, -4), slice(4, -4))
+    usable = usable[inner].all(2)
+    scale = np.median((light[inner] / truth[inner])[usable])
+    return (light[inner] / scale - truth[inner])[usable]
+
+
+@pytest.mark.parametrize("cfa", BAYER)
+@pytest.mark.parametrize("order", ORDERS)
+def test_where_the_sensor_moved_follows_from_the_pictures(
+    toy: SimulatedRig, order: Sequence[Shift], cfa: Cfa
+) -> None:
+    frames = shot(toy, order, cfa)
+    assert shifts([frame.signal() for frame in frames], cfa) == list(order)
+
+
+def test_light_that_was_not_demosaicked_is_nearer_to_the_truth_and_its_sigma_holds(
+    toy: SimulatedRig, tmp_path: Path
+) -> None:
+    frames = shot(toy, ORDERS[0])
+    write_dng(tmp_path / "light.dng", combined(frames))
+    raw = read_raw(tmp_path / "light.dng")
+    np.testing.assert_array_equal(raw.pixels, combined(frames).pixels)
+    assert (raw.cfa, raw.white, raw.metadata.exposure) == (None, frames[0].white, frames[0].metadata.exposure)
+    frame: LinearFrame = from_raw(raw, 1.0)
+    assert frame.noise is not None
+    together = errors(toy, frame.signal, ~frame.saturated)
+    single = demosaic(frames[0].signal(), Cfa.RGGB)
+    alone = errors(toy, single.rgb, ~frame.saturated)
+    gain = 10 * np.log10(np.mean(alone**2) / np.mean(together**2))
+    assert gain > 8.0
+    truth = toy.bodies[0].optics.exposure(toy.radiance(0, 0))
+    scale = np.median((frame.signal / truth)[~frame.saturated])
+    sigma = np.sqrt(frame.noise.variance(truth * scale)) / scale
+    whole = (frame.signal / scale - truth) / sigma
+    inner = ~frame.saturated & (np.indices(frame.signal.shape)[:2].min(0) > 3)
+    inner[-4:], inner[:, -4:] = False, False
+    chi_square = [np.mean(whole[..., channel][inner[..., channel]] ** 2) for channel in range(3)]
+    np.testing.assert_allclose(chi_square, 1.0, atol=0.1)
+
+
+def test_a_saturated_sample_saturates_its_colour_there(toy: SimulatedRig) -> None:
+    frames = shot(toy, ORDERS[0])
+    pixels = frames[1].pixels.copy()
+    pixels[40, 61] = frames[1].white  # a green photosite, which saw what lies a column further on
+    frames[1] = replace(frames[1], pixels=pixels)
+    light = combined(frames)
+    before = combined(shot(toy, ORDERS[0]))
+    assert light.saturated()[40, 62].tolist() == [False, True, False]
+    assert light.saturated().sum() == before.saturated().sum() + 1
+
+
+def test_what_is_no_pixel_shift_is_refused(toy: SimulatedRig) -> None:
+    still = shot(toy, [(0, 0)] * 4)
+    with pytest.raises(InputError, match="did not move by one photosite"):
+        combined(still)
+    with pytest.raises(InputError, match="3 files are no group"):
+        combined(still[:3])
+    with pytest.raises(InputError, match="Bayer mosaics only"):
+        combined([replace(still[0], cfa=Cfa.X_TRANS)] * 4)
+    with pytest.raises(InputError, match="differ in size"):
+        combined([*still[:3], replace(still[3], white=4000)])
