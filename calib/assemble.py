@@ -9,6 +9,7 @@ from statistics import median
 from typing import Literal
 
 from calib.boards.measure import MeasuredBoard
+from calib.colour import unfiltered
 from calib.colour.measure import Charts
 from calib.colour.recorded import with_charts
 from calib.data.views import View
@@ -158,6 +159,7 @@ def _rungs(evidence: Evidence, placement: Placement | None) -> tuple[Rung, ...]:
     raw = {name: sensor for name, sensor in evidence.sensors.items() if session.camera(name).kind == "raw"}
     return (
         *metadata.rungs(raw),
+        *unfiltered.rungs(raw),
         *evidence.light.rungs,
         *(() if placement is None else (*placement.model.rungs, *placement.falloff.rungs)),
         *(() if board is None else board.rungs),

@@ -7,6 +7,7 @@ from typing import Literal
 
 from calib.assemble import Evidence, assemble
 from calib.boards.measure import measure_board
+from calib.colour import unfiltered
 from calib.colour.measure import Charts, measure_charts
 from calib.colour.recorded import CHART_RUNGS, charts_of, rebalanced
 from calib.data.views import View, scene_views
@@ -56,7 +57,7 @@ _PARTS: dict[Part, _Measures] = {
         light=True,
         chart=True,
         fields=("camera_from_rec709", "chart"),
-        rungs=frozenset({COLOUR, *CHART_RUNGS}),
+        rungs=frozenset({COLOUR, unfiltered.NAME, *CHART_RUNGS}),
     ),
     "luminance": _Measures(scene="always"),
     "poses": _Measures(sensors=True, poses=True, scene="without a board"),
@@ -167,6 +168,7 @@ def _evidence(
         light = radiometry.measure_light(session, views, progress)
     else:
         light = light_of(earlier, views)
+    sensors = unfiltered.measured(session, views, sensors, light)
     charts = charts_of(earlier) if measures.poses and earlier is not None else Charts()
     return Evidence(session, views, charts.applied(sensors), light, charts)
 

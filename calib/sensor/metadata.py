@@ -36,6 +36,8 @@ class CameraSensor:
     lens: Lens
     focal_known: bool
     measured: MeasuredSensor = field(default_factory=MeasuredSensor)
+    white_change: float | None = None
+    """By how much the row of W changed when it was measured, relative; None: it was not, or there is none."""
 
 
 def describe(session: Session, camera: CameraRecord, shot: ShotRecord) -> CameraSensor:
