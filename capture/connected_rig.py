@@ -149,6 +149,7 @@ def _source(
             kind=named[table.name][1].kind,
             rig=table.rig,
             position=table.position,
+            band=None if table.band is None else table.band.name,
         )
         for table in tables.camera
     )
@@ -171,6 +172,7 @@ def _source(
         size=None,
         board=tables.board,
         beside=nothing_beside,
+        bands=tables.bands,
     )
 
 

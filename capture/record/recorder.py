@@ -269,6 +269,7 @@ class CaptureRun:
             captured_at=written.captured_at,
             skew=None if first is None else max(0.0, written.opened - first),
             retries=written.retries,
+            band=self._session.camera(shot_id.camera).band,
         )
         try:
             self._session.append_shot(shot)

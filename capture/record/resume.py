@@ -50,7 +50,8 @@ def _is_rig_file(origin: str) -> bool:
 def _summary(camera: CameraRecord) -> str:
     """All that has to be the same again."""
     rig = "no rig" if camera.rig is None else f"rig {camera.rig}"
-    return f"{camera.name} as {camera.serial} ({camera.kind}, {rig})"
+    band = "" if camera.band is None else f", behind {camera.band}"
+    return f"{camera.name} as {camera.serial} ({camera.kind}, {rig}{band})"
 
 
 def continued(

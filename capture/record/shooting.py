@@ -47,6 +47,7 @@ def shoot(
         origin=source.origin,
         seed=source.seed,
         cameras=source.records,
+        bands=source.bands,
     )
     with folder_made(out), sole_writer(out):
         session = _existing(out, request)

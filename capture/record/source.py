@@ -11,7 +11,7 @@ from drivers.clock import Clock
 from imaging.exposure import Exposure
 from imaging.files.dng import Compression
 from imaging.progress import Progress
-from imaging.session.records import Board, CameraRecord, PlanRecord, Subject
+from imaging.session.records import Band, Board, CameraRecord, PlanRecord, Subject
 from imaging.session.session import Session
 
 Stops = tuple[float, ...]
@@ -65,6 +65,8 @@ class Source:
     """What is shown where a board is to be."""
     beside: Callable[[Session, PlanRecord, Progress], AbstractContextManager[None]]
     """What is written along with the shots of a plan."""
+    bands: tuple[Band, ...] = ()
+    """The filters that stay before its cameras; none: it has no filters."""
 
     def close(self) -> None:
         """Let go of the cameras."""

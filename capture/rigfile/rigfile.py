@@ -17,12 +17,14 @@ from pydantic_core import ErrorDetails
 
 from capture.bracket.planner import BracketGoals
 from capture.check.check import SKEW_TOLERANCE
+from capture.rigfile.filters import band_of, fault_of_bands
 from capture.rigfile.shutter_time import seconds_of
 from capture.rigfile.toml_lines import Path as KeyPath
 from capture.rigfile.toml_lines import key_lines, line_of
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.session.records import Board, Name
+from imaging.session.bands import in_order
+from imaging.session.records import Band, Board, Name
 
 
 def _time(value: Any) -> float:
@@ -88,13 +90,15 @@ class CameraTable(_Table):
     """A camera: `serial` is its identity, `name` its place in file names.
 
     rig: cameras that name the same rig keep their places to each other; None: it stands alone. position: in
-    the rig, m, in any axes; with those of two cameras the scene has a scale.
+    the rig, m, in any axes; with those of two cameras the scene has a scale. band: the filter before a mono
+    camera.
     """
 
     name: Annotated[Name, Field(strict=True)]
     serial: Text
     rig: Text | None = None
     position: Annotated[tuple[float, float, float], BeforeValidator(_place)] | None = None
+    band: Annotated[Band, BeforeValidator(band_of)] | None = None
 
 
 class BracketTable(_Table):
@@ -150,6 +154,13 @@ class RigTables(_Table):
     trigger: TriggerTable = TriggerTable()
     board: Board | None = None
     camera: Annotated[tuple[CameraTable, ...], Field(min_length=1)]
+
+    @property
+    def bands(self) -> tuple[Band, ...]:
+        """The filters before the cameras, each once, by wavelength; none if these have none."""
+        return in_order(
+            list({camera.band.name: camera.band for camera in self.camera if camera.band}.values())
+        )
 
 
 @dataclass(frozen=True)
@@ -268,6 +279,9 @@ def _must_be_one_rig(rig: RigFile) -> None:
     cameras, trigger = rig.tables.camera, rig.tables.trigger
     for key in ("name", "serial"):
         _must_differ(rig, key, [getattr(camera, key) for camera in cameras])
+    fault = fault_of_bands([camera.band for camera in cameras])
+    if fault is not None:
+        raise InputError(f"{rig.at('camera', fault[0], 'band')}: {fault[1]}")
     if trigger.leader is not None and trigger.leader not in {camera.name for camera in cameras}:
         raise InputError(
             f"{rig.at('trigger', 'leader')}: there is no camera {trigger.leader!r}; "

@@ -103,7 +103,10 @@ def _camera(name: str, camera: Listed, *, alone: bool) -> str:
     about = f"{camera.identity.make} {camera.identity.model}, {camera.protocol}{size}"
     place = "# position = [0.2, 0.0, 0.0]  # in its rig, in metres, in any axes\n"
     rig = "" if alone else f'rig = "rig"\n{place}'
-    table = f"name = {_quoted(name)}\nserial = {_quoted(camera.identity.serial)}\n{rig}"
+    band = (
+        '# band = "650nm, 650, 40"     # the filter before a mono camera: name, nm of its middle and width\n'
+    )
+    table = f"name = {_quoted(name)}\nserial = {_quoted(camera.identity.serial)}\n{rig}{band}"
     return f"\n[[camera]]  # {_printable(about)}\n{table}"
 
 

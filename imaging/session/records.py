@@ -63,6 +63,8 @@ class CameraRecord(Record):
     """Cameras that name the same rig are rigidly mounted to each other; None: it stands alone."""
     position: tuple[float, float, float] | None = None
     """Where it is in its rig, m, in any axes, as it was measured: between two cameras it is the scale."""
+    band: Name | None = None
+    """The filter that stays before it, one of the session's bands; None: there is none, or it is changed."""
 
 
 class SessionRecord(Record):

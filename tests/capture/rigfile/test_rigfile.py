@@ -164,7 +164,7 @@ def test_every_setting_that_is_commented_out_may_be_used(tmp_path: Path) -> None
     """Each `# key = value` of the file, without its mark, is a setting that is understood."""
     lines = rig_file_text([listed("A", f_numbers=())]).splitlines()
     options = [n for n, line in enumerate(lines) if re.match(r"# (\[\w+\]|\w+ = )", line)]
-    assert len(options) == 15
+    assert len(options) == 16
     for number in options:
         lines[number] = lines[number].removeprefix("# ")
     tables = read(tmp_path, "\n".join(lines)).tables
