@@ -17,11 +17,17 @@ WORK = Path(tempfile.gettempdir()) / "hdr-rig-bench"
 """Where sessions and finished rows are kept, if no other place is named."""
 
 
-def arguments(text: str | None) -> argparse.ArgumentParser:
-    """A parser with the flags of every script; `text` is the script's docstring."""
+def arguments(text: str | None, seeds: int | None = None) -> argparse.ArgumentParser:
+    """A parser with the flags of every script; `text` is the script's docstring.
+
+    seeds: of trainings, unless another number is asked for, which are kept in a folder; None: has none.
+    """
     parser = argparse.ArgumentParser(description=(text or "").splitlines()[0])
     for flag in ("--quick", "--json", "--write"):
         parser.add_argument(flag, action="store_true")
+    if seeds is not None:
+        parser.add_argument("--seeds", type=int, default=seeds)
+        parser.add_argument("--work", type=Path, default=WORK)
     return parser
 
 

@@ -45,6 +45,7 @@ class RigSettings:
     exposure, instead of lamps; gloss: of all surfaces, None as they are. distortion, vignetting, gains:
     factors on how far lenses and sensitivities are from ideal ones, 0 for just that. curve: of a camera
     that develops its photographs. cfa: of all sensors, begun at a place of its own by each; None: Bayer.
+    glare: share of the light that lenses scatter.
     """
 
     kind: Literal["raw", "ldr"]
@@ -65,6 +66,7 @@ class RigSettings:
     gains: float = 1.0
     curve: Curve = "film"
     cfa: Cfa | None = None
+    glare: float = 0.0
     sensor: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -122,7 +124,10 @@ class SimulatedRig:
         self.mounts: tuple[Mount, ...] = tuple(
             replace(
                 mount,
-                optics=mount.optics.nearer(settings.distortion, settings.vignetting, settings.gains),
+                optics=replace(
+                    mount.optics.nearer(settings.distortion, settings.vignetting, settings.gains),
+                    glare=settings.glare,
+                ),
             )
             for mount in mounts(
                 seed,

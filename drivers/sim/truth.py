@@ -144,6 +144,7 @@ def _camera(rig: SimulatedRig, index: int) -> dict[str, Any]:
         "camera_from_rec709": optics.camera_from_rec709.tolist(),
         "vignetting": list(optics.vignetting),
         "gain": optics.gain,
+        "glare": optics.glare,
         "noise": {"gain": sensor.gain, "read_noise": sensor.read_noise, "prnu": sensor.prnu},
         "black": [list(row) for row in sensor.black],
         "white": sensor.white,

@@ -42,7 +42,8 @@ class Sensor:
 
     kind: raw (mosaic or camera RGB, linear), ldr (code values), hdr (linear Rec.709).
     camera_from_rec709: float64 [channels, 3]. falloff: float32 [H, W], vignetting times the camera's gain.
-    white_balance: factors on red, green and blue light that a photograph was developed with.
+    white_balance: factors on red, green and blue light that a photograph was developed with. glare: share of
+    the light that the lens scatters.
     """
 
     kind: ImageKind
@@ -51,6 +52,7 @@ class Sensor:
     falloff: Float
     response: Response
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    glare: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

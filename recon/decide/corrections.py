@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from typing import get_args
 
 import numpy as np
+import torch
 
+from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import ONE_OF_SEVERAL, Rung
@@ -12,6 +14,7 @@ from recon.data.dataset import Dataset, View, load
 from recon.data.geometry import inside, project
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
+from recon.decide.stray_light import glare_of
 from recon.decide.trials import Trials, room
 from recon.methods import vanilla
 from recon.observe.refinement import Refined, Refinement
@@ -19,6 +22,8 @@ from recon.train.ranks import Ranks
 from recon.train.training import Training
 
 ALL: tuple[Refined, ...] = get_args(Refined)
+TRIED: tuple[Refined, ...] = ("poses", "exposures", "vignetting")
+"""By trials, where the calibration does not tell; glare is told by scene points."""
 KNOWN_PX = 0.3
 """Poses that are surer than this, in pixels of the training images, leave next to nothing to gain, and no
 trial can tell it (bench/recon/refine.py)."""
@@ -34,31 +39,39 @@ UNIT = "dB of the residuals of views held out of a trial"
 
 
 def refinement_for(
-    dataset: Dataset, settings: Settings, against_trials: str | None, ranks: Ranks, progress: Progress
+    dataset: Dataset,
+    images: list[tuple[Float, Bool]],
+    settings: Settings,
+    against_trials: str | None,
+    ranks: Ranks,
+    progress: Progress,
 ) -> Refinement:
     """What a training with these settings corrects: as asked, else by evidence; the same on all ranks.
 
-    against_trials: why none is made; None: they are.
+    images: radiance images of the training views. against_trials: why none is made; None: they are.
     """
     asked = settings.overrides.refine
+    shares, glare = glare_of(dataset, images, "refine glare")
     if asked is not None:
         rungs = [
             _rung(name, name in asked, "asked for" if name in asked else "not asked for") for name in ALL
         ]
     elif ranks.first:
-        rungs = rungs_by_evidence(dataset, settings, against_trials, progress)
+        known = _displayed(dataset, settings.method, "glare") or glare
+        rungs = [*rungs_by_evidence(dataset, settings, against_trials, progress), known]
     else:
         rungs = [_rung(name, False, "as the first process decided") for name in ALL]
     taken = [name for name, rung in zip(ALL, rungs, strict=True) if ranks.broadcast(float(rung.taken))]
-    return Refinement.of(dataset, taken, tuple(rungs))
+    told = torch.tensor([ranks.broadcast(share) for share in shares])
+    return Refinement.of(dataset, taken, tuple(rungs), told)
 
 
 def rungs_by_evidence(
     dataset: Dataset, settings: Settings, against_trials: str | None, progress: Progress
 ) -> list[Rung]:
-    """A rung for each correction, in order: by the calibration, else by a trial, else not taken."""
-    rungs = {name: _without_trial(name, dataset, settings.method) for name in ALL}
-    undecided = [name for name in ALL if rungs[name] is None]
+    """A rung for each of `TRIED`, in order: by the calibration, else by a trial, else not taken."""
+    rungs = {name: _without_trial(name, dataset, settings.method) for name in TRIED}
+    undecided = [name for name in TRIED if rungs[name] is None]
     if undecided and against_trials is not None:
         rungs |= {name: _rung(name, False, against_trials) for name in undecided}
     elif undecided:
@@ -111,8 +124,8 @@ def _without_trial(name: Refined, dataset: Dataset, method: str) -> Rung | None:
                 name, False, f"the calibration's poses are sure to {px:.2f} px of the training images"
             )
         return None
-    if dataset.kind == "ldr" and method == vanilla.NAME:
-        return _rung(name, False, "display values are taken as they are, without any idea of exposure")
+    if (rung := _displayed(dataset, method, name)) is not None:
+        return rung
     if name == "exposures":
         percent = _exposure_error_percent(calibration, dataset.train)
         if percent is not None and percent < KNOWN_PERCENT:
@@ -122,6 +135,13 @@ def _without_trial(name: Refined, dataset: Dataset, method: str) -> Rung | None:
     if measured is not None:
         falloff = "a falloff" if measured.taken else "no falloff"
         return _rung(name, False, f"the calibration found {falloff} on scene points that several views share")
+    return None
+
+
+def _displayed(dataset: Dataset, method: str, name: Refined) -> Rung | None:
+    """The rung, where no light is told from display values."""
+    if dataset.kind == "ldr" and method == vanilla.NAME:
+        return _rung(name, False, "display values are taken as they are, with no idea of light")
     return None
 
 

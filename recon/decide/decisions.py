@@ -104,7 +104,10 @@ class Decisions:
         dataset = case.dataset
         method = self.settings.composed(dataset, case.light)
         gaussians = gaussians_at(self.points, method.appearance, method.observation.units)
-        refinement = Refinement.of(dataset, self.refinement.parameters, self.refinement.rungs)
+        decided = self.refinement
+        refinement = Refinement.of(
+            dataset, decided.parameters, decided.rungs, decided.parameters.get("glare")
+        )
         far = None if self.far is None else self.far.copied()
         return Training.begin(method, case.light, gaussians, dataset.extent, case.device, refinement, far)
 
@@ -191,7 +194,9 @@ def environment(case: Case, decided: Decisions) -> Decisions:
 def corrections(case: Case, decided: Decisions) -> Decisions:
     """Looks at the errors of the calibration, else at trials; chooses what training corrects in it."""
     asked = case.asked.model_copy(update={"environment": decided.settings.environment})
-    refinement = refinement_for(case.dataset, asked, decided.against_trials, case.ranks, case.progress)
+    refinement = refinement_for(
+        case.dataset, case.images, asked, decided.against_trials, case.ranks, case.progress
+    )
     return replace(decided, refinement=refinement)
 
 

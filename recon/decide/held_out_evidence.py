@@ -98,7 +98,7 @@ def _image(training: Training, view: View, pose: Tensor, extent: float) -> Tenso
         camera_delta=camera_delta(pose, extent),
     ).image  # fmt: skip
     refinement = training.refinement
-    return image if refinement is None else refinement.shaded(image, view, 1.0).to(image.dtype)
+    return image if refinement is None else refinement.through_lens(image, view, 1.0).to(image.dtype)
 
 
 def _whitened(training: Training, image: Tensor, view: View, logs: Tensor, judged: Tensor) -> float:

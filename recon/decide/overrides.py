@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_WHAT = "(poses|exposures|vignetting)"
+_WHAT = "(poses|exposures|vignetting|glare)"
 _REFINE = rf"^(none|{_WHAT}(\+{_WHAT})*)$"
 
 

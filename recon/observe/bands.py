@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from recon.data.dataset import View
+from recon.observe.glare import scattered
 from recon.observe.linear import SIGNAL_MU, Observation
 from recon.observe.losses import exposed_mu_law, mu_law
 
@@ -43,6 +44,7 @@ class BandedLight(Observation):
         prepared = self._prepared.get(view.name)
         if prepared is None:
             prepared = self._prepared[view.name] = self._prepare(view, image.device)
+        image = scattered(image, view.sensor.glare)
         scales = prepared.scales if factors is None else prepared.scales * factors[:, None, None]
         prediction = torch.cat(
             [
@@ -58,7 +60,8 @@ class BandedLight(Observation):
         """The signal x [H, W] behind the filter of a band."""
         assert band is not None, "every shot has a band"
         falloff = torch.as_tensor(view.sensor.falloff, dtype=image.dtype, device=image.device)
-        return image[:, :, band] * falloff * (self.normaliser * k)
+        light = scattered(image, view.sensor.glare)
+        return light[:, :, band] * falloff * (self.normaliser * k)
 
     def radiance(self, image: Tensor) -> Tensor:
         """The image times the normaliser."""

@@ -16,6 +16,7 @@ from torch.nn.functional import conv2d
 
 from imaging.cfa import Cfa
 from recon.data.dataset import View
+from recon.observe.glare import scattered
 from recon.observe.losses import exposed_mu_law, mu_law
 from recon.scene.appearance import Rate
 
@@ -160,6 +161,7 @@ class LinearLight(Observation):
         prepared = self._prepared.get(view.name)
         if prepared is None:
             prepared = self._prepared[view.name] = self._prepare(view).to(image.device)
+        image = scattered(image, view.sensor.glare)
         light = through_filter(image, prepared.matrix, view.sensor.cfa) * prepared.falloff
         scales = prepared.scales if factors is None else prepared.scales * factors[:, None, None, None]
         prediction = exposed_mu_law(light, scales, prepared.ceiling, prepared.mu)
@@ -171,7 +173,7 @@ class LinearLight(Observation):
         """The signal x: [H, W] for a mosaic, [H, W, channels] without CFA."""
         sensor = view.sensor
         matrix = torch.as_tensor(sensor.camera_from_rec709, dtype=image.dtype, device=image.device)
-        planes = through_filter(image, matrix, sensor.cfa)
+        planes = through_filter(scattered(image, sensor.glare), matrix, sensor.cfa)
         falloff = torch.as_tensor(sensor.falloff, dtype=image.dtype, device=image.device)
         scale = self.normaliser * k
         if sensor.cfa is None:

@@ -12,6 +12,7 @@ from imaging.merge.linear_frame import decode
 from imaging.session.calibration import Response
 from recon.data.dataset import View
 from recon.data.tone import encode
+from recon.observe.glare import scattered
 from recon.observe.linear import Observation
 from recon.observe.tone_grid import apply_curve, curve_values, roughness
 from recon.scene.appearance import Rate
@@ -179,7 +180,7 @@ class ToneCurve(Observation):
     ) -> Tensor:
         """Codes of shots of these scales through curves such as `theta`, [shots, 3, H, W]."""
         falloff = torch.from_numpy(view.sensor.falloff).to(image)
-        light = torch.log(image * falloff[..., None] + self.epsilon)
+        light = torch.log(scattered(image, view.sensor.glare) * falloff[..., None] + self.epsilon)
         # In float64, where the normaliser and the scales cancel: another unit of light changes no bit.
         developed = np.outer(scales, view.sensor.white_balance)
         offset = image.new_tensor(np.log(self.normaliser * developed) - self.middle)

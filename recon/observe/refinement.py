@@ -1,8 +1,8 @@
-"""What training may correct in the calibration: poses, exposures and vignetting, a little each.
+"""What training may correct in the calibration: poses, exposures, vignetting and glare, a little each.
 
-Parameters beside the Gaussians, all zero at first. They move after the scene has taken shape; before that
-they would follow its gaps. What no picture can tell is taken out of them after every step: a motion or a
-scale of all cameras together, and one factor on all exposures.
+Parameters beside the Gaussians, all zero at first but for the glare, which scene points tell. They move after
+the scene has taken shape; before that they would follow its gaps. What no picture can tell is taken out of
+them after every step: a motion or a scale of all cameras together, and one factor on all exposures.
 """
 
 from collections.abc import Callable, Collection
@@ -16,12 +16,13 @@ from torch import Tensor
 
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset, View
+from recon.observe.glare import scattered
 from recon.scene.appearance import Rate
 from recon.scene.checkpoint import Checkpoint
 from recon.splat import SplatCamera
 from recon.splat.moved import DELTA, moved
 
-Refined = Literal["poses", "exposures", "vignetting"]
+Refined = Literal["poses", "exposures", "vignetting", "glare"]
 
 BEGIN = 0.2
 """Share of the training after which the corrections are let go."""
@@ -29,9 +30,12 @@ RATES: dict[Refined, Rate] = {
     "poses": Rate(2e-3, 2e-5),
     "exposures": Rate(2e-2, 2e-4),
     "vignetting": Rate(2e-1, 1e-4),
+    "glare": Rate(1e-3, 1e-5),
 }
 """A view is looked at once an epoch, and Adam divides by how large its gradient is on the average: each
 look moves a pose by the rate times the square root of the number of views."""
+MOST_GLARE = 0.2
+"""A lens that scatters more of the light shows nothing else."""
 
 
 @dataclass(eq=False)
@@ -41,7 +45,7 @@ class Refinement:
     poses [V, 6]: motion of each training view in camera axes, after `cam_from_world`: translation in units of
     the scene's extent, then rotation vector, radians. exposures [S]: natural log of a factor on the scale of
     each training shot. vignetting [C, 3]: of each camera, `1 + a r^2 + b r^4 + c r^6` times the calibrated
-    falloff, r = 1 at the corner.
+    falloff, r = 1 at the corner. glare [C]: share of the light that each camera's lens scatters.
     """
 
     dataset: Dataset
@@ -67,14 +71,24 @@ class Refinement:
             self._gauges[name] = torch.from_numpy(gauges[name](self.dataset).astype(np.float32))
 
     @classmethod
-    def of(cls, dataset: Dataset, names: Collection[Refined], rungs: tuple[Rung, ...] = ()) -> "Refinement":
-        """Nothing corrected yet; `names` say what may be."""
+    def of(
+        cls,
+        dataset: Dataset,
+        names: Collection[Refined],
+        rungs: tuple[Rung, ...] = (),
+        glare: Tensor | None = None,
+    ) -> "Refinement":
+        """Nothing corrected yet; `names` say what may be. glare: what is known of it; None: nothing."""
         shapes: dict[Refined, tuple[int, ...]] = {
             "poses": (len(dataset.train), 6),
             "exposures": (sum(len(view.shots) for view in dataset.train),),
             "vignetting": (len({view.camera for view in dataset.train}), 3),
+            "glare": (len({view.camera for view in dataset.train}),),
         }
-        return cls(dataset, {name: torch.zeros(shapes[name]) for name in shapes if name in names}, rungs)
+        parameters = {name: torch.zeros(shapes[name]) for name in shapes if name in names}
+        if glare is not None and "glare" in parameters:
+            parameters["glare"] = glare.clone()
+        return cls(dataset, parameters, rungs)
 
     @classmethod
     def stored(cls, dataset: Dataset, checkpoint: Checkpoint) -> "Refinement":
@@ -102,8 +116,15 @@ class Refinement:
         rows = [self._shots[shot.file] for shot in view.shots]
         return self.parameters["exposures"][rows].exp()
 
-    def shaded(self, image: Tensor, view: View, progress: float) -> Tensor:
-        """An image [H, W, 3] behind the corrected part of the vignetting."""
+    def through_lens(self, image: Tensor, view: View, progress: float) -> Tensor:
+        """An image [H, W, 3] behind the corrected parts of glare and vignetting."""
+        row = self._cameras.get(view.camera)
+        if "glare" in self.parameters and row is not None:
+            share = self.parameters["glare"][row]
+            image = scattered(image, share if progress >= BEGIN else share.detach())
+        return self._shaded(image, view, progress)
+
+    def _shaded(self, image: Tensor, view: View, progress: float) -> Tensor:
         row = self._cameras.get(view.camera)
         if progress < BEGIN or "vignetting" not in self.parameters or row is None:
             return image
@@ -118,9 +139,11 @@ class Refinement:
         for name, gauge in self._gauges.items():
             values = self.parameters[name].view(-1)
             values -= gauge @ (gauge.mT @ values)
+        if "glare" in self.parameters:
+            self.parameters["glare"].clamp_(0.0, MOST_GLARE)
 
     def corrected(self, whole: Dataset | None = None) -> Dataset:
-        """The data set with everything corrected; the held-out views get their camera's vignetting alone.
+        """The data set with everything corrected; the held-out views get their camera's lens alone.
 
         whole: the same session with other views held out; those that were trained on are corrected.
         """
@@ -142,8 +165,11 @@ class Refinement:
                 shots = tuple(replace(shot, k=shot.k * factor) for shot, factor in pairs)
         if "vignetting" in self.parameters:
             plain = torch.from_numpy(sensor.falloff)[..., None]
-            shaded = self.shaded(plain, view, 1.0).detach().numpy()[..., 0]
+            shaded = self._shaded(plain, view, 1.0).detach().numpy()[..., 0]
             sensor = replace(sensor, falloff=shaded.clip(1e-3))
+        if "glare" in self.parameters and view.camera in self._cameras:
+            share = float(self.parameters["glare"].detach()[self._cameras[view.camera]])
+            sensor = replace(sensor, glare=share)
         return replace(view, lens=lens, shots=shots, sensor=sensor)
 
     def described_rungs(self) -> tuple[Rung, ...]:
@@ -164,6 +190,9 @@ class Refinement:
         if "vignetting" in values:
             corner = float(values["vignetting"].sum(dim=1).abs().median())
             amounts["refine vignetting"] = f"by {100 * corner:.2g} % in the corners"
+        if "glare" in values:
+            share = float(values["glare"].median())
+            amounts["refine glare"] = f"{100 * share:.2g} % of the light is scattered"
         return tuple(
             rung.model_copy(update={"reason": f"{rung.reason}; {amounts[rung.name]}"})
             if rung.name in amounts
@@ -191,6 +220,8 @@ class Refinement:
             facts["vignetting"] = {
                 name: values["vignetting"][row].tolist() for name, row in self._cameras.items()
             }
+        if "glare" in values:
+            facts["glare"] = {name: float(values["glare"][row]) for name, row in self._cameras.items()}
         return facts
 
 

@@ -63,7 +63,7 @@ def held_out_psnr(
             degree = method.degree(progress)
             image = renderer(gaussians, view.lens, degree=degree).image
             if refinement is not None:
-                image = refinement.shaded(image, view, progress)
+                image = refinement.through_lens(image, view, progress)
             if view.sensor.kind == "hdr":
                 prediction, target = method.observation.compare(image, view, progress)
                 # What is not valid is equal in both: it adds nothing to the sum.

@@ -92,7 +92,7 @@ def _loss(training: Training, renderer: Renderer, view: View, done: float) -> to
     image = renderer(
         gaussians, view.lens, degree=method.degree(done), stats=training.stats, camera_delta=delta
     ).image
-    image = refinement.shaded(image, view, done) if refinement else image
+    image = refinement.through_lens(image, view, done) if refinement else image
     prediction, target = method.observation.compare(image, view, done, factors)
     return (
         method.loss(prediction, target)

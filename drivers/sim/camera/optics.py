@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from drivers.sim.camera.stray_light import scattered
 from imaging.lens import Lens
 
 Array = npt.NDArray[np.float64]
@@ -16,7 +17,7 @@ class Optics:
 
     vignetting: (a, b, c) of `V(r) = 1 + a r^2 + b r^4 + c r^6`, r = 1 at the corner from the centre;
     camera_from_rec709: float64 [channels, 3], green row summing to 1; gain: relative sensitivity;
-    sensor_width_mm: for the focal length that the files name.
+    sensor_width_mm: for the focal length that the files name; glare: share of the light that is scattered.
     """
 
     lens: Lens
@@ -24,6 +25,7 @@ class Optics:
     camera_from_rec709: Array
     gain: float = 1.0
     sensor_width_mm: float = 6.287
+    glare: float = 0.0
 
     @property
     def neutral(self) -> Array:
@@ -59,5 +61,6 @@ class Optics:
 
     def exposure(self, radiance: npt.NDArray[np.floating]) -> Array:
         """Signal per unit of exposure scale, float64 [H, W, channels], of radiance [H, W, 3]."""
-        colour = np.asarray(radiance, np.float64) @ self.camera_from_rec709.T
+        light = np.asarray(radiance, np.float64)
+        colour = (scattered(light, self.glare) if self.glare else light) @ self.camera_from_rec709.T
         return np.asarray(colour * (self.gain * self.falloff())[..., None])

@@ -48,7 +48,7 @@ def test_a_few_small_pictures_are_decided_without_a_trial(toy_dataset):
         "direction-dependent colour",
         "environment",
     ]
-    assert [rung.taken for rung in decided.refinement.rungs] == [False] * 3
+    assert [rung.taken for rung in decided.refinement.rungs] == [False] * 4
     assert len(decided.points.xyz) <= 200
     assert decided.prediction is None
     assert decided.settings.iterations == wanted.iterations

@@ -24,7 +24,7 @@ def shot(band: int, k: float, saturated: bool = False) -> Shot:
 
 def view(*shots: Shot) -> Any:
     falloff = RNG.uniform(0.5, 1, SIZE).astype(np.float32)
-    return SimpleNamespace(name="0000/cam0", shots=shots, sensor=SimpleNamespace(falloff=falloff))
+    return SimpleNamespace(name="0000/cam0", shots=shots, sensor=SimpleNamespace(falloff=falloff, glare=0.0))
 
 
 def test_each_shot_shows_its_band_at_its_exposure() -> None:

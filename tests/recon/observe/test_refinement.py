@@ -1,4 +1,4 @@
-"""Poses, exposures and vignetting that training corrects: truth, gauges, gradients, resuming, records."""
+"""What training corrects in the calibration: truth, gauges, gradients, resuming, records."""
 
 from dataclasses import replace
 
@@ -291,7 +291,7 @@ def test_nothing_moves_before_the_scene_has_taken_shape(wrong):
 
 
 def test_what_was_corrected_is_told_and_rendered(session_copy):
-    overrides = Overrides.of(["refine=poses+exposures+vignetting", "iterations=20", "gaussians=200"])
+    overrides = Overrides.of(["refine=poses+exposures+vignetting+glare", "iterations=20", "gaussians=200"])
     folder = reconstruct(session_copy, quality="draft", overrides=overrides)
     record, facts = read_model(folder), store.read_json(folder / "refinement.json")
     rungs = {rung.name: rung for rung in record.rungs}

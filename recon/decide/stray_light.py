@@ -1,0 +1,147 @@
+"""How much of the light each lens scatters, told by dark scene points before surroundings that change.
+
+A dark point has one light of its own. What it seems to have more where its picture lies nearer to lamps is
+veiling glare: `E = (1 - share) L + share halo`, the halo being that of the picture itself
+(`recon.observe.glare`). Points are eliminated; what is left is a linear problem of one number a camera. A
+black level that is off by as much in all views is no part of it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from scipy.ndimage import map_coordinates
+
+from imaging.merge.linear_frame import Bool, Float
+from imaging.robust import huber_weight, robust_scale
+from imaging.session.records import Rung
+from recon.data.dataset import Dataset
+from recon.data.geometry import project
+from recon.observe.glare import spread
+
+Array = npt.NDArray[np.float64]
+Int = npt.NDArray[np.int64]
+
+DARK = 0.1
+"""Of the light of its halo, what a point has at most: what brighter ones differ by is their gloss."""
+LEAST = 0.002
+"""Share of the light below which glare is left to be."""
+NOISE, SHIFT = 0.02, 0.3
+"""What makes looks at a point differ: a part of its light, and a place that is off by so many px."""
+UNSURE = 0.2
+"""Of a halo, what may come from clipped light, which is a lower bound."""
+FEWEST_VIEWS, FEWEST_POINTS = 5, 30
+FOLDS, ROUNDS, HUBER = 5, 10, 1.5
+UNIT = "ln(1 + r^2) per held-out point, r in standard deviations"
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+@dataclass(frozen=True, eq=False)
+class DarkSights:
+    """What cameras [N] saw of dark points [N]: light and halo [N] there, in what noise and a misplaced look
+    would change the point's light by.
+    """
+
+    point: Int
+    camera: Int
+    light: Array
+    halo: Array
+
+    def part(self, keep: Bool) -> "DarkSights":
+        """The sights that `keep` [N] names."""
+        return DarkSights(self.point[keep], self.camera[keep], self.light[keep], self.halo[keep])
+
+
+def glare_of(dataset: Dataset, images: list[tuple[Float, Bool]], name: str) -> tuple[list[float], Rung]:
+    """The share that each camera of the training views scatters, in order of the views; and why.
+
+    images: radiance images of the training views. The rung, of that name, is taken where held-out points ask
+    for it and the share is no smaller than `LEAST`.
+    """
+    cameras = list(dict.fromkeys(view.camera for view in dataset.train))
+    nothing = [0.0] * len(cameras)
+    if dataset.bands:
+        return nothing, Rung(name=name, taken=False, reason="views of one band each are not compared")
+    sights = dark_sights(dataset, images, cameras)
+    points, fold = np.unique(sights.point, return_inverse=True)
+    if len(points) < FEWEST_POINTS:
+        reason = f"fewer than {FEWEST_POINTS} dark scene points are seen by {FEWEST_VIEWS} training views"
+        return nothing, Rung(name=name, taken=False, reason=reason)
+    gains = np.concatenate([_gains(sights, fold % FOLDS == held, len(cameras)) for held in range(FOLDS)])
+    shares = _solved(sights, len(cameras)).clip(0.0).tolist()
+    share = float(np.median(shares))
+    told = f"{len(points)} dark scene points tell that {100 * share:.2g} % of the light is scattered"
+    error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
+    rung = Rung.judged(name, float(gains.mean()), error, UNIT, told, len(cameras))
+    return shares, rung.model_copy(update={"taken": rung.taken and share >= LEAST})
+
+
+def dark_sights(dataset: Dataset, images: list[tuple[Float, Bool]], cameras: list[str]) -> DarkSights:
+    """Every training view at every dark point that calibration saw in it; cameras: as they are numbered."""
+    xyz, tracks = dataset.tracks()
+    light, halo, slope = np.full((3, len(dataset.train), len(xyz)), np.nan)
+    for row, (view, (rgb, trusted)) in enumerate(zip(dataset.train, images, strict=True)):
+        seen = tracks.get(view.id.image_name)
+        if seen is None:
+            continue
+        bright, usable = rgb @ _LUMINANCE, trusted & view.seen
+        stack = torch.from_numpy(np.stack([bright, np.where(usable, 0.0, bright)], axis=-1))
+        around, unsure = spread(stack).numpy().transpose(2, 0, 1)
+        pixels, depth = project(view.lens, xyz[seen])
+        at = pixels.T[::-1] - 0.5
+        own, halo_there = (
+            map_coordinates(np.where(kept, values, np.nan), at, order=1, cval=np.nan)
+            for values, kept in ((bright, usable), (around, unsure < UNSURE * around))
+        )
+        steep = map_coordinates(np.hypot(*np.gradient(bright)), at, order=1, cval=np.nan)
+        good = (depth > 0) & np.isfinite(own) & np.isfinite(halo_there) & np.isfinite(steep)
+        for table, values in ((light, own), (halo, halo_there), (slope, steep)):
+            table[row, seen[good]] = values[good]
+    often = np.flatnonzero(np.isfinite(light).sum(0) >= FEWEST_VIEWS)
+    light, halo, slope = light[:, often], halo[:, often], slope[:, often]
+    middle = np.nanmean(light, axis=0)
+    dark = (middle > 0) & (middle < DARK * np.nanmean(halo, axis=0))
+    unit = np.hypot(NOISE * middle, SHIFT * np.nanmedian(slope, axis=0))[dark]
+    light, halo = light[:, dark] / unit, halo[:, dark] / unit
+    view_of, point = np.nonzero(np.isfinite(light))
+    numbers = np.array([cameras.index(view.camera) for view in dataset.train])
+    return DarkSights(point, numbers[view_of], light[view_of, point], halo[view_of, point])
+
+
+def _gains(sights: DarkSights, held: Bool, cameras: int) -> Array:
+    """By how much each held-out point is told better with the shares that the other points tell."""
+    shares, test = _solved(sights.part(~held), cameras), sights.part(held)
+    after = _residual(test, shares)
+    scale = max(robust_scale(after), 1e-6)
+    # As if errors were of a Cauchy distribution: where something stands before a point, it tells nothing.
+    less = [np.log1p((one / scale) ** 2) for one in (_residual(test, np.zeros(cameras)), after)]
+    sights_of = np.bincount(test.point)
+    return np.asarray((np.bincount(test.point, less[0] - less[1]) / np.maximum(sights_of, 1))[sights_of > 0])
+
+
+def _solved(sights: DarkSights, cameras: int) -> Array:
+    """The shares, by robust least squares in what sights of a point differ by."""
+    columns = np.zeros((len(sights.light), cameras))
+    columns[np.arange(len(sights.light)), sights.camera] = sights.halo
+    weight, shares = np.ones(len(sights.light)), np.zeros(cameras)
+    for _ in range(ROUNDS):
+        slopes = columns - _mean(sights.point, columns, weight)
+        light = sights.light - _mean(sights.point, sights.light[:, None], weight)[:, 0]
+        normal = slopes.T @ (weight[:, None] * slopes)
+        shares = np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ (slopes.T @ (weight * light))
+        left = light - slopes @ shares
+        weight = huber_weight(left, HUBER * max(robust_scale(left), 1e-6))
+    return np.asarray(shares)
+
+
+def _residual(sights: DarkSights, shares: Array) -> Array:
+    """What is left between the sights of each point, [N]."""
+    left = (sights.light - shares[sights.camera] * sights.halo)[:, None]
+    return np.asarray((left - _mean(sights.point, left, np.ones(len(left))))[:, 0])
+
+
+def _mean(point: Int, values: Array, weight: Array) -> Array:
+    """Weighted means of the sights [N, C] of each point, at each sight."""
+    total = np.maximum(np.bincount(point, weight), 1e-12)
+    return np.stack([(np.bincount(point, weight * column) / total)[point] for column in values.T], axis=1)
