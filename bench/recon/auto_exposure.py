@@ -4,8 +4,9 @@
 
 The demo's views, a photograph each, through sRGB, without labels; each brighter or darker and of another
 white balance as drawn. `labels`: the calibration's poses and falloff, photographs taken as equally exposed
-and balanced, as before `calib/light/each_photograph.py`. `own`: as the calibration tells. Held-out views are
-compared with the simulator's light where it is not among the brightest tenth, after one scale a scene.
+and balanced. `own`: as the calibration tells (`calib/light/each_photograph.py`), by either method. Held-out
+views are compared with the simulator's light where it is not among the brightest tenth, after one scale a
+scene.
 """
 
 import argparse
@@ -19,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.support.oracle import oracle_session
-from bench.support.record import WORK, arguments, deliver, machine, words
+from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
@@ -29,7 +30,7 @@ from imaging.files.exr import read_exr
 from imaging.files.photo import encode_png
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
-from recon.reconstruct import reconstruct
+from recon.reconstruct import MethodName, reconstruct
 from recon.result.scene import open_scene
 
 
@@ -47,6 +48,7 @@ CASES = {
     "auto white balance": Case(0.0, 0.12),
     "both": Case(0.35, 0.12),
 }
+METHODS: tuple[MethodName | None, ...] = (None, "vanilla", "hdr-gs")
 MIDDLE = 0.25
 """Of the scene's median radiance in an average photograph, linear."""
 
@@ -68,8 +70,8 @@ def photographed(base: Path, case: Case, seed: int, frames: int) -> tuple[Path, 
     return folder, factors
 
 
-def trained(options: argparse.Namespace, name: str, known: bool, seed: int) -> dict[str, Any]:
-    """Figures of one training."""
+def trained(options: argparse.Namespace, name: str, method: MethodName | None, seed: int) -> dict[str, Any]:
+    """Figures of one training; method: None for that which is chosen of photographs as labelled."""
     base = options.work / f"auto-exposure-{options.frames}" / str(seed) / name.replace(" ", "-")
     session = base / "S"
     if not (session / "calibration" / "calibration.json").exists():
@@ -84,7 +86,7 @@ def trained(options: argparse.Namespace, name: str, known: bool, seed: int) -> d
     told = np.array([view.exposure * np.array(view.white_balance) for view in record.views])
     off = np.log(told / factors[[number[view.id] for view in record.views]])
     row: dict[str, Any] = {"placed": len(record.views), "factors_off": float(np.std(off - off.mean(axis=0)))}
-    if not known:
+    if method is None:
         session = base / "labels"
         shutil.rmtree(session, ignore_errors=True)
         shutil.copytree(base / "S", session, ignore=shutil.ignore_patterns("reconstructions"))
@@ -97,10 +99,11 @@ def trained(options: argparse.Namespace, name: str, known: bool, seed: int) -> d
         ]
         record = record.model_copy(update={"views": tuple(alike), "exposure_scale": scale})
         store.write_json(session / "calibration" / "calibration.json", record.model_dump(mode="json"))
-    made = reconstruct(session, quality="draft", seed=seed, name="scene", replace=True)
-    return (
-        row | {"method": open_scene(made).record.settings.method} | light_errors(made, base / "light", number)
+    made = reconstruct(
+        session, method=method or "auto", quality="draft", seed=seed, name="scene", replace=True
     )
+    used = open_scene(made).record.settings.method
+    return row | {"method": used} | light_errors(made, base / "light", number)
 
 
 def light_errors(made: Path, lights: Path, number: dict[Any, int]) -> dict[str, float]:
@@ -121,14 +124,18 @@ def light_errors(made: Path, lights: Path, number: dict[Any, int]) -> dict[str, 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     cache = Cache(options.work / f"auto-exposure-{options.frames}.jsonl")
-    rows = {
-        f"{name}, {'own' if known else 'labels'}": [
-            cache.get(f"{name} {known} {seed}", partial(trained, options, name, known, seed))
-            for seed in range(options.seeds)
-        ]
+    rows = [
+        {
+            "photographs": name,
+            "known": "labels" if method is None else "own",
+            "trainings": [
+                cache.get(f"{name} {method} {seed}", partial(trained, options, name, method, seed))
+                for seed in range(options.seeds)
+            ],
+        }
         for name in CASES
-        for known in (False, True)
-    }
+        for method in METHODS
+    ]
     return {"machine": machine(), "seeds": options.seeds, "rows": rows}
 
 
@@ -143,22 +150,23 @@ def report(result: dict[str, Any]) -> str:
         "points that the photographs share. Light of held-out views, the brightest tenth left out, after one",
         "scale.",
         "",
-        "| photographs | method | factors off, % | stops, median | stops, 90 % |",
-        "|---|---|---|---|---|",
+        "| photographs | taken as | method | factors off, % | stops, median | stops, 90 % |",
+        "|---|---|---|---|---|---|",
     ]
-    for name, rows in result["rows"].items():
-        off = 100 * np.mean([row["factors_off"] for row in rows])
-        told = f"{off:.1f}" if name.endswith("own") else ""
-        stops, high = (np.mean([row[key] for row in rows]) for key in ("stops", "stops_p90"))
-        lines.append(f"| {name} | {rows[0]['method']} | {told} | {stops:.3f} | {high:.3f} |")
+    for row in result["rows"]:
+        off, stops, high = (
+            np.mean([one[key] for one in row["trainings"]]) for key in ("factors_off", "stops", "stops_p90")
+        )
+        told = f"{100 * off:.1f}" if row["known"] == "own" else ""
+        lines.append(
+            f"| {row['photographs']} | {row['known']} | {row['trainings'][0]['method']} | {told} "
+            f"| {stops:.3f} | {high:.3f} |"
+        )
     return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    parser = arguments(__doc__)
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--work", type=Path, default=WORK)
-    options = parser.parse_args()
+    options = arguments(__doc__, seeds=2).parse_args()
     options.frames = 3 if options.quick else 6
     options.seeds = 1 if options.quick else options.seeds
     result = measure(options)

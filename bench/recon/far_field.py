@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.support.record import WORK, arguments, deliver, machine, words
+from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import session as simulated
 from imaging.files import store
 from imaging.files.colmap import pycolmap
@@ -191,10 +191,7 @@ def report(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = arguments(__doc__)
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--work", type=Path, default=WORK)
-    options = parser.parse_args()
+    options = arguments(__doc__, seeds=2).parse_args()
     result = measure(options)
     deliver(options, "far_field", result, report(result))
 

@@ -10,6 +10,11 @@ from recon.methods import hdr_gs, nh_3dgs, vanilla
 from recon.observe.calibrated_curves import STOP_APART, Curves, developed
 from recon.observe.tone_grid import EXACT
 
+BEYOND_ONE = 1.5
+"""Stops between photographs that were exposed one by one, from which on they tell of more light than display
+values hold. A castle whose photographs lie 1.1 stops apart is better with gains on display values
+(bench/decided/each_photograph.py)."""
+
 
 def method_for(dataset: Dataset, asked: MethodName) -> tuple[str, tuple[Rung, ...]]:
     """The method as asked for, or chosen, and the reasons; ReconstructionError where it does not fit."""
@@ -30,7 +35,8 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
     """The method for `auto`, and the reasons.
 
     Linear input is modelled as it is. Photographs get a tone curve when their exposures differ, since
-    only then the curve can be told from the light; otherwise display values are all there is.
+    only then the curve can be told from the light; otherwise display values are all there is. What a camera
+    chose anew for each photograph is gains on these, unless that spans more light.
     """
     if dataset.kind != "ldr":
         if any(view.sensor.kind == "ldr" for view in dataset.views):
@@ -43,8 +49,10 @@ def chosen_method(dataset: Dataset) -> tuple[str, tuple[Rung, ...]]:
     several = any(len(view.shots) > 1 for view in dataset.train)
     measured = all(view.sensor.response.residual is not None for view in dataset.train)
     if developed(dataset):
-        reason = "the camera chose exposure or white balance anew for each photograph"
-        return hdr_gs.NAME, (_rung("tone curve", True, reason),)
+        chose = "the camera chose exposure or white balance anew for each photograph"
+        reason = f"{chose}, up to {apart:.1f} stops apart"
+        curved = apart >= BEYOND_ONE
+        return (hdr_gs if curved else vanilla).NAME, (_rung("tone curve", curved, reason),)
     if (several or measured) and apart >= STOP_APART:
         reason = f"exposures of {'a view' if several else 'the views'} lie up to {apart:.1f} stops apart"
         if not several:

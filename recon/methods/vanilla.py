@@ -7,7 +7,8 @@ up to degree 2 (3), growth by rank to a given number (above a threshold, to any)
 (every 3,000 iterations), cut-offs for high contrast, 300 to 4,000 iterations (30,000). The learning rates
 of the colours are those of 3DGS on photographs.
 
-On photographs alone it is trained on their display values, with no idea of exposure. On RAW and EXR, and on
+On photographs alone it is trained on their display values, with no idea of exposure; only what the camera
+chose anew for each of them, as the calibration found it, it knows as gains. On RAW and EXR, and on
 photographs beside them, it sees the same mosaics through the same mu-law as NH-3DGS; only the appearance
 differs, with learning rates tuned for it (bench/decided/appearance.py).
 """
@@ -20,6 +21,7 @@ from imaging.session.calibration import Response
 from recon.data.dataset import Dataset
 from recon.data.light import Light
 from recon.methods.method import Method
+from recon.observe.calibrated_curves import developed
 from recon.observe.mixed import linear_or_mixed
 from recon.observe.photographs import Display
 from recon.scene.appearance import PlainHarmonics, Rate
@@ -41,5 +43,5 @@ def compose(dataset: Dataset, light: Light) -> Method:
     return Method(
         name=NAME,
         appearance=APPEARANCE,
-        observation=Display(responses[0], float(np.exp(np.median(np.log(scales))))),
+        observation=Display(responses[0], float(np.exp(np.median(np.log(scales)))), developed(dataset)),
     )

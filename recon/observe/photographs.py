@@ -20,6 +20,9 @@ from recon.scene.appearance import Rate
 LAST_CODE = 1.5 / 255
 """A code that is nearer than this to an end of the scale bounds the light and does not tell it."""
 
+DISPLAY_POWER = 1 / 2.2
+"""Display values are about light to this power."""
+
 TYPICAL_SLOPE, LEAST_SLOPE = 0.1, 0.02
 """Codes, of 1, a natural log of light: of a pixel of weight 1, and the least that one is weighted by."""
 
@@ -198,31 +201,47 @@ class Display(Observation):
     """Code values as they are, as 3DGS has them, without any idea of exposure.
 
     `k` is the exposure scale at which the display values are read as light, when radiance is asked for.
+    developed: the calibration found what each photograph was developed with, its exposure and white balance.
+    The scene then has the display values at `k`, above 1 where only darker photographs tell them, and each
+    photograph those times its own factors, falloff among them, to the `DISPLAY_POWER`.
     """
 
     response: Response
     k: float
+    developed: bool = False
     _prepared: dict[str, _Codes] = field(default_factory=dict, repr=False)
 
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """The image, once for every shot whatever its exposure, beside the photographs: [shots * 3, H, W]."""
+        """The image as every shot shows it, beside the photographs: [shots * 3, H, W]."""
         codes = self._prepared.get(view.name)
         if codes is None:
             codes = self._prepared[view.name] = _codes(view).to(image.device)
-        prediction = image.movedim(2, 0)[None].expand(len(view.shots), 3, -1, -1).flatten(0, 1)
+        gains = self._gains(image, view, [shot.k for shot in view.shots])
+        prediction = (image[None] * gains).movedim(3, 1).flatten(0, 1)
         return prediction.clamp(codes.floor, codes.ceiling), codes.target
 
     def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
-        """The image itself, within 0..1, whatever the exposure."""
-        return image.clamp(0.0, 1.0)
+        """The image as the photograph shows it, within 0..1."""
+        return (image * self._gains(image, view, [k])[0]).clamp(0.0, 1.0)
 
     def radiance(self, image: Tensor) -> Tensor:
         """The image through the inverse response, over `k`."""
-        codes = image.detach().clamp(0, 1).cpu().numpy()
-        return torch.from_numpy(decode(codes, self.response) / np.float32(self.k))
+        codes = image.detach().cpu().numpy()
+        light = decode(codes.clip(0, 1), self.response) / np.float32(self.k)
+        return torch.from_numpy(light * codes.clip(1) ** (1 / DISPLAY_POWER) if self.developed else light)
 
     def units(self, radiance: Tensor) -> Tensor:
         """Radiance [N, 3] as codes at `k`."""
-        return torch.from_numpy(encode(radiance.cpu().numpy() * self.k, self.response))
+        light = radiance.cpu().numpy() * np.float32(self.k)
+        codes = encode(light, self.response)
+        return torch.from_numpy(codes * light.clip(1) ** DISPLAY_POWER if self.developed else codes)
+
+    def _gains(self, image: Tensor, view: View, scales: Sequence[float]) -> Tensor:
+        """On the display values of each shot, [shots, H, W, 3]; of size 1 where they are all alike."""
+        if not self.developed:
+            return image.new_ones(len(scales), 1, 1, 1)
+        developed = np.outer(scales, view.sensor.white_balance) / self.k
+        falloff = torch.from_numpy(view.sensor.falloff).to(image)[..., None]
+        return (falloff * image.new_tensor(developed)[:, None, None]) ** DISPLAY_POWER

@@ -76,10 +76,14 @@ class SceneView(Record):
 
 
 class DisplayValues(Record):
-    """How a scene of display values is read as light: the inverse of the response, over `k`."""
+    """How a scene of display values is read as light: the inverse of the response, over `k`.
+
+    developed: as `recon.observe.photographs.Display` has it.
+    """
 
     response: Response
     k: float = Field(gt=0)
+    developed: bool = False
 
 
 class ModelRecord(Record):

@@ -75,7 +75,7 @@ def write_scene(
         calibration_sha256=dataset.calibration_sha256,
         normaliser=light.normaliser,
         reference=light.reference,
-        display=DisplayValues(response=observation.response, k=observation.k)
+        display=DisplayValues(response=observation.response, k=observation.k, developed=observation.developed)
         if isinstance(observation, Display)
         else None,
         radiance=f"relative to {gauge}",

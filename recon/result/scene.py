@@ -91,7 +91,7 @@ class Scene:
         """
         image, display = self.render(camera), self.record.display
         if display is not None:
-            image = Display(display.response, display.k).radiance(image)
+            image = Display(display.response, display.k, display.developed).radiance(image)
         else:
             image = image * self.record.normaliser
         return np.ascontiguousarray(image.numpy(), np.float32)

@@ -61,6 +61,28 @@ def test_no_grid_where_no_curve_is_learned(photographs, toy_dataset):
     assert "tone grid" not in {one.name for one in rungs(toy_dataset, "nh-3dgs")}
 
 
+@pytest.mark.parametrize(("k", "method"), [((1.0, 1.3), "vanilla"), ((1.0, 5.0), "hdr-gs")])
+def test_photographs_exposed_one_by_one_get_a_curve_where_they_tell_more_light_than_one_does(
+    photographs, k, method
+):
+    """Of the first shot of each view, developed as calibration found it."""
+
+    def single(view, number):
+        shot = replace(view.shots[0], k=k[number % 2])
+        return replace(view, shots=(shot,))
+
+    views = tuple(view.model_copy(update={"exposure": 1.2}) for view in photographs.calibration.views)
+    alone = replace(
+        told(photographs, None),
+        train=tuple(single(view, number) for number, view in enumerate(photographs.train)),
+        calibration=photographs.calibration.model_copy(update={"views": views}),
+    )
+    chosen, (rung,) = chosen_method(alone)
+    assert chosen == method
+    assert rung.taken == (method == "hdr-gs")
+    assert "anew for each photograph" in rung.reason
+
+
 def test_raw_without_a_matrix_is_said_to_stay_camera_rgb(toy_dataset):
     def rung(dataset):
         (one,) = (one for one in rungs(dataset, "nh-3dgs") if one.name == "camera colour")

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from imaging.colour import srgb_encode
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
 from recon.data.pixels import Shot
 from recon.observe.calibrated_curves import ASSUMED, ASSUMED_SMOOTHNESS
-from recon.observe.photographs import LEAST_SLOPE, TYPICAL_SLOPE, ToneCurve
+from recon.observe.photographs import DISPLAY_POWER, LEAST_SLOPE, TYPICAL_SLOPE, Display, ToneCurve
 from recon.observe.tone_grid import Grid, curve_parameters, sampled
 from recon.splat import SplatCamera
 
@@ -149,3 +150,29 @@ def test_a_curve_that_was_assumed_becomes_the_one_that_made_the_photographs() ->
     before, after = ((each - goal)[:, told].square().mean().sqrt() for each in (begun, curve.curves()[0]))
     assert before > 0.1
     assert after < 0.02
+
+
+def test_display_values_know_what_each_photograph_was_developed_with_and_no_label() -> None:
+    """Twice the light, bluer, as sRGB has it but for its foot; else all photographs are alike."""
+    view, image = make_view(make_curve(0.5), ramp()), torch.linspace(0.2, 0.5, 3 * HEIGHT * WIDTH)
+    image = image.reshape(HEIGHT, WIDTH, 3)
+    white = (0.9, 1.0, 1.2)
+    bright = replace(view, sensor=replace(view.sensor, white_balance=white))
+    knows, plain = (Display(Response(kind="srgb", evidence="test"), 0.5, known) for known in (True, False))
+    shown = knows.predict(image, bright, 1.0)
+    light = knows.radiance(image) * np.float32(0.5) * 2 * torch.tensor(white)
+    exact = torch.from_numpy(srgb_encode(light.numpy().astype(np.float64)))
+    torch.testing.assert_close(shown.double(), exact, atol=0.02, rtol=0)
+    torch.testing.assert_close(knows.predict(image, view, 0.5), image)
+    torch.testing.assert_close(plain.predict(image, bright, 1.0), image)
+    ours, theirs = knows.compare(image, bright, 0.0)
+    assert ours.shape == theirs.shape == (3 * len(SCALES), HEIGHT, WIDTH)
+
+
+def test_what_only_darker_photographs_tell_is_beyond_white() -> None:
+    knows = Display(Response(kind="srgb", evidence="test"), 0.5, True)
+    light = torch.tensor([[0.02, 0.5, 1.9], [2.1, 4.0, 30.0]])
+    codes = knows.units(light)
+    assert codes[1, 2] == pytest.approx(15**DISPLAY_POWER, rel=1e-4)
+    torch.testing.assert_close(knows.radiance(codes), light, rtol=1e-4, atol=1e-5)
+    assert Display(knows.response, 0.5).units(light).max() <= 1.0001
