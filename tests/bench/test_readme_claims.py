@@ -201,6 +201,19 @@ CLAIMS = (
         ],
     ),
     Claim(
+        r"all (\d+) views are placed, right to ([\d.]+) degrees in the median, and held-out views are "
+        r"([\d.]+) stops off, ([\d.]+) in the darkest tenth",
+        lambda: [
+            cells("foreign", column, "room, RAW of 14 bits", under=under)[-1][0]
+            for column, under in (
+                ("views", "Poses"),
+                ("degrees, median", "Poses"),
+                ("stops", "Held-out"),
+                ("darkest tenth", "Held-out"),
+            )
+        ],
+    ),
+    Claim(
         r"views are ([\d.]+) stops off in the median, ([\d.]+) at the far background; merged brackets "
         r"come to ([\d.]+) dB with a chi-square of ([\d.]+)",
         lambda: [
