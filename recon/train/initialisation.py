@@ -20,6 +20,10 @@ from recon.train.plane_sweep import plane_sweep, sample
 Array = npt.NDArray[np.float64]
 
 FEWEST_POINTS = 8
+SAMPLES_AT_ONCE = 1_000_000
+"""Looks at points, of all views together, that are held in memory."""
+MOST_FIRST = 16
+"""Views that are swept over all depths, where poses came without points."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +69,11 @@ def start_points(
     if len(sparse) > count:
         sparse = sparse[np.sort(rng.choice(len(sparse), size=count, replace=False))]
     skipped: list[int] = []
-    maps = plane_sweep(
-        dataset.train, [image for image, _ in images], sparse, progress=progress, over=over, skipped=skipped
-    )
-    dense = sample(maps, max(count - len(sparse), 0), rng)
-    xyz = np.concatenate([sparse, dense])
+    xyz = sparse
+    if len(sparse) < count:
+        pictures = [image for image, _ in images]
+        maps = plane_sweep(dataset.train, pictures, sparse, progress=progress, over=over, skipped=skipped)
+        xyz = np.concatenate([sparse, sample(maps, count - len(sparse), rng)])
     rgb, visible = colours_at(dataset, images, xyz)
     if visible.sum() < FEWEST_POINTS:
         raise ReconstructionError(
@@ -82,7 +86,8 @@ def start_points(
 def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress) -> Array:
     """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
     points = [np.zeros((0, 3))]
-    for depth_map in plane_sweep(dataset.train, [image for image, _ in images], None, progress=progress):
+    pictures = [image for image, _ in images]
+    for depth_map in plane_sweep(dataset.train, pictures, None, most=MOST_FIRST, progress=progress):
         # Beyond the middle of the image's depths by so much, a match tells a direction and no place.
         near = depth_map.trusted & (depth_map.depth < 20 * np.median(depth_map.depth))
         points.append(lift(depth_map.view.lens, depth_map.centres[near], depth_map.depth[near]))
@@ -96,6 +101,17 @@ def colours_at(
 
     The median forgives the views in which something else stands before the point.
     """
+    at_once = max(SAMPLES_AT_ONCE // len(images), 1)
+    parts = [
+        _colours_at(dataset, images, xyz[first : first + at_once])
+        for first in range(0, max(len(xyz), 1), at_once)
+    ]
+    return np.concatenate([rgb for rgb, _ in parts]), np.concatenate([visible for _, visible in parts])
+
+
+def _colours_at(
+    dataset: Dataset, images: list[tuple[Float, Bool]], xyz: Array
+) -> tuple[Array, npt.NDArray[np.bool_]]:
     samples = np.full((len(images), len(xyz), images[0][0].shape[-1]), np.nan)
     for row, (view, (image, _)) in enumerate(zip(dataset.train, images, strict=True)):
         pixels, depth = project(view.lens, xyz)

@@ -6,7 +6,7 @@ log-radiance patches in the neighbouring views, gives a point for most pixels in
 new observations: only training views are looked at.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -17,8 +17,9 @@ import numpy.typing as npt
 from imaging.compute.threads import thread_count
 from imaging.progress import Progress, unreported
 from recon.data.dataset import View
-from recon.data.geometry import inside, lift, project, project_camera, rays
+from recon.data.geometry import inside, lift, project, rays
 from recon.data.light import grey
+from recon.train.warped_plane import warp
 
 Float = npt.NDArray[np.float32]
 Bool = npt.NDArray[np.bool_]
@@ -27,6 +28,8 @@ PLANES = 56
 NEIGHBOURS = 4
 PATCH = 7
 """Pixels of the coarse image."""
+MOST_SWEPT = 48
+"""Views of a larger session whose depths are swept; the others are looked at by their neighbours."""
 GOLDEN = 0.6180339887498949
 TRUSTED_SCORE = 0.6
 MOST_PARALLAX = 1.5
@@ -52,17 +55,21 @@ def plane_sweep(
     *,
     width: int = 160,
     progress: Progress = unreported,
+    most: int = MOST_SWEPT,
     over: Callable[[], bool] | None = None,
     skipped: list[int] | None = None,
 ) -> list[DepthMap]:
-    """Depth maps of `views`, from their radiance `images` [H, W, C] and sparse `points` [P, 3].
+    """Depth maps of at most `most` of the `views`, from the radiance `images` [H, W, C] of all of them.
 
+    points: sparse ones of the scene, [P, 3].
     The range of depths of each view comes from the points in front of it, widened by a quarter
     in inverse depth; views that see fewer than 8 of them get no map. Without points (None) the range
     goes from infinity to as near as the planes can tell apart, seen from the neighbours. over: asked before
     each view; when it says yes, the views that are left get no map and their indices go into `skipped`.
     Views are taken in an order that soon has some of everywhere.
     """
+    chosen = spread(views, most)
+    everyone = range(len(views))
     logs = [_log_image(image, view, width) for image, view in zip(images, views, strict=True)]
 
     def depth_of(index: int) -> tuple[Float, Float] | None:
@@ -70,15 +77,15 @@ def plane_sweep(
             if skipped is not None:
                 skipped.append(index)
             return None
-        near = _neighbours(index, views)
+        near = _neighbours(index, views, everyone)
         bounds = _reach(views[index], near, views, width) if points is None else _bounds(views[index], points)
         return _sweep_one(index, near, views, logs, bounds) if bounds and near else None
 
     raw: list[tuple[Float, Float] | None] = [None] * len(views)
-    order = sorted(range(len(views)), key=lambda index: index * GOLDEN % 1)
+    order = sorted(chosen, key=lambda index: index * GOLDEN % 1)
     with ThreadPoolExecutor(thread_count()) as pool:
         for done, (index, swept) in enumerate(zip(order, pool.map(depth_of, order), strict=True)):
-            progress("sweeping depth", done, len(views))
+            progress("sweeping depth", done, len(chosen))
             raw[index] = swept
     maps = []
     for index, view in enumerate(views):
@@ -87,7 +94,7 @@ def plane_sweep(
             continue
         depth, score = swept
         centres = _coarse_centres(view, depth.shape[1], depth.shape[0])
-        trusted = (score > TRUSTED_SCORE) & _confirmed(index, depth, centres, views, raw)
+        trusted = (score > TRUSTED_SCORE) & _confirmed(index, depth, centres, views, raw, chosen)
         size = depth.shape[1], depth.shape[0]
         trusted &= cv2.resize(view.seen.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
         maps.append(DepthMap(view, _fill(depth, trusted), trusted, centres))
@@ -125,11 +132,33 @@ def _reach(view: View, near: list[int], views: tuple[View, ...], width: int) -> 
     return 0.0, (PLANES - 1) * MOST_PARALLAX / (focal * baseline)
 
 
-def _neighbours(index: int, views: tuple[View, ...]) -> list[int]:
+def spread(views: tuple[View, ...], most: int) -> list[int]:
+    """At most so many views, in order: pairs of near ones, the pairs as far from each other as can be."""
+    if len(views) <= most:
+        return list(range(len(views)))
+    centres = np.stack([view.centre for view in views])
+    ahead = np.stack([view.lens.cam_from_world[2, :3] for view in views])
+    reach = float(np.linalg.norm(centres - centres.mean(0), axis=1).max())
+    apart = np.linalg.norm(centres[:, None] - centres, axis=2) / max(reach, 1e-9)
+    apart += np.linalg.norm(ahead[:, None] - ahead, axis=2)
+    chosen: list[int] = []
+    distance = np.full(len(views), np.inf)
+    while len(chosen) + 2 <= most and distance.max() > 0:
+        farthest = int(distance.argmax())
+        for index in (farthest, *_neighbours(farthest, views, range(len(views)))[:1]):
+            if distance[index] > 0:
+                chosen.append(index)
+                distance = np.minimum(distance, apart[index])
+                distance[index] = 0
+    return sorted(chosen)
+
+
+def _neighbours(index: int, views: tuple[View, ...], among: Collection[int]) -> list[int]:
     """The views nearest to this one that look the same way and do not stand in the same place."""
     reference = views[index]
     others = []
-    for other, view in enumerate(views):
+    for other in among:
+        view = views[other]
         distance = float(np.linalg.norm(view.centre - reference.centre))
         facing = float(reference.lens.cam_from_world[2, :3] @ view.lens.cam_from_world[2, :3])
         if other != index and distance > 1e-9 and facing > 0.5:
@@ -148,21 +177,17 @@ def _sweep_one(
     # The better half of the neighbours, two of four at most, so that one that is covered there has no vote.
     first = np.full((PLANES, height, width), -1.0, np.float32)
     second = first.copy() if len(near) > 2 else first
+    warped, shown = np.empty_like(image), np.empty(image.shape, bool)
     for other in near:
-        lens, target = views[other].lens, logs[other]
+        lens = views[other].lens
         relative = lens.cam_from_world @ np.linalg.inv(reference.cam_from_world)
         turned = direction @ relative[:3, :3].T
-        scale = np.array([target.shape[1] / lens.width, target.shape[0] / lens.height])
         for plane, inverse in enumerate(planes):
-            pixels, depth = project_camera(lens, turned + inverse * relative[:3, 3])
-            at = (pixels * scale - 0.5).astype(np.float32)
-            warped = cv2.remap(
-                target, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-            )
+            warp(lens, logs[other], turned, inverse * relative[:3, 3], warped, shown)
             other_mean, other_deviation = _moments(warped)
             cross = cv2.blur(image * warped, (PATCH, PATCH)) - mean * other_mean
             score = (cross + 1e-4) / (deviation * other_deviation + 1e-4)
-            score = np.where(inside(lens, pixels, depth), score, np.float32(-1.0))
+            score[~shown] = -1.0
             if second is not first:
                 np.maximum(second[plane], np.minimum(first[plane], score), out=second[plane])
             np.maximum(first[plane], score, out=first[plane])
@@ -194,11 +219,12 @@ def _confirmed(
     centres: npt.NDArray[np.float64],
     views: tuple[View, ...],
     raw: list[tuple[Float, Float] | None],
+    swept: Collection[int],
 ) -> Bool:
     """Where at least one other view puts a surface at the same place."""
     place = lift(views[index].lens, centres, depth)
     confirmed = np.zeros(depth.shape, bool)
-    for other in _neighbours(index, views):
+    for other in _neighbours(index, views, swept):
         other_map = raw[other]
         if other_map is None:
             continue

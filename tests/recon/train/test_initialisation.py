@@ -1,6 +1,7 @@
 """Where training starts from, against the simulator's true surfaces."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from recon.data.truth import true_radiance
 from recon.scene.appearance import LuminanceChromaticity
 from recon.splat import SplatCamera
 from recon.train.initialisation import colours_at, gaussians_at, start_points
-from recon.train.plane_sweep import plane_sweep
+from recon.train.plane_sweep import plane_sweep, spread
 
 LENS = SplatCamera(
     np.eye(4) + np.array([[0, 0, 0, 0.3], [0, 0, 0, -0.2], [0, 0, 0, 1.0], [0, 0, 0, 0]]),
@@ -23,6 +24,15 @@ LENS = SplatCamera(
 FISHEYE = replace(
     LENS, fx=150.0, fy=151.0, k1=0.03, k2=-0.01, k3=0.004, k4=-0.001, p1=0.0, p2=0.0, fisheye=True
 )
+
+
+def ring_view(angle: float) -> SimpleNamespace:
+    """A view of the origin from a distance of 1."""
+    ahead = -np.array([np.cos(angle), np.sin(angle), 0.0])
+    motion = np.eye(4)
+    motion[:3, :3] = np.stack([np.cross([0, 0, -1.0], ahead), [0, 0, -1.0], ahead])
+    motion[:3, 3] = motion[:3, :3] @ ahead
+    return SimpleNamespace(centre=-ahead, lens=replace(LENS, cam_from_world=motion))
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +139,25 @@ def test_too_few_points_are_refused(toy_dataset, images, session_copy):
     oracle.calibrate_from_truth(session_copy, points=4)
     with pytest.raises(ReconstructionError, match="4 scene points"):
         start_points(load(session_copy), images, 100, np.random.default_rng(0))
+
+
+def test_of_many_views_some_are_swept_from_everywhere_with_one_that_confirms_each():
+    """Views on a ring that look inwards, three hundred of them."""
+    angles = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+    views = tuple(ring_view(angle) for angle in angles)
+    chosen = spread(views, 48)
+    assert len(chosen) == 48
+    assert chosen == sorted(set(chosen))
+    gaps = np.diff([*chosen, chosen[0] + 300])
+    assert gaps.max() < 3 * 300 / 24
+    assert (np.minimum(gaps, np.roll(gaps, 1)) == 1).all()
+    assert spread(views[:48], 48) == list(range(48))
+    assert len(spread(views[:1] * 60, 48)) < 3
+
+
+def test_points_are_coloured_the_same_in_parts(toy_dataset, images, monkeypatch):
+    xyz = toy_dataset.points().xyz
+    whole = colours_at(toy_dataset, images, xyz)
+    monkeypatch.setattr("recon.train.initialisation.SAMPLES_AT_ONCE", 40 * len(images))
+    for together, apart in zip(whole, colours_at(toy_dataset, images, xyz), strict=True):
+        np.testing.assert_array_equal(together, apart)
