@@ -1,9 +1,12 @@
 """The poses of a session's views, and what these tell of lenses, falloff and colours, as its calibration."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from importlib.metadata import version
 
 from calib.assemble import Evidence, Placement, assemble
 from calib.colour.recorded import balance, with_balance, with_development
+from calib.data.unfinished import Arrays, Unfinished
 from calib.exports import pictures
 from calib.exports.output import write_calibration
 from calib.light import each_photograph, tracks, vignetting
@@ -27,11 +30,13 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
     else was learnt, or an earlier calibration has poses; PartialError when only the rest could be written.
     """
     session = evidence.session
-    summaries = _summaries(evidence, progress)
+    kept = Unfinished(session.folder, _question(evidence))
+    summaries = _summaries(evidence, kept, progress)
     try:
         # One thread: Ceres adds up in the order in which its threads finish.
-        model = _solved(evidence, summaries, 1, progress)
+        model = _solved(evidence, summaries, 1, kept, progress)
     except CalibrationError as error:
+        kept.finish()
         cause = f"{str(error)[0].lower()}{str(error)[1:]}"
         measured = _measured_without_poses(evidence)
         if not measured or _has_poses(session):
@@ -70,6 +75,7 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
     record = with_luminance(record, evidence)
     factor = pictures.exposure(brightness)
     write_calibration(session, record, _pictures(evidence, record, summaries, factor), model, progress)
+    kept.finish()
     return record
 
 
@@ -83,13 +89,28 @@ def with_luminance(record: CalibrationRecord, evidence: Evidence) -> Calibration
     return scaled(evidence.session, record, evidence.readings, earlier)
 
 
-def _summaries(evidence: Evidence, progress: Progress) -> dict[ViewId, ViewSummary]:
+def _question(evidence: Evidence) -> list[object]:
+    """All that features and matches follow from."""
+    session, shots = evidence.session, [shot for view in evidence.views for shot in view.shots]
+    masks = {shot.mask: (session.folder / shot.mask).stat() for shot in shots if shot.mask is not None}
+    return [
+        {name: version(name) for name in ("hdr-rig", "pycolmap", "numpy")},
+        [shot.model_dump(mode="json") for shot in shots],
+        [(name, stat.st_size, stat.st_mtime_ns) for name, stat in masks.items()],
+        [evidence.light.scale[shot.file] for shot in shots],
+        {name: response.model_dump(mode="json") for name, response in evidence.light.responses.items()},
+        repr(evidence.sensors),
+    ]
+
+
+def _summaries(evidence: Evidence, kept: Unfinished, progress: Progress) -> dict[ViewId, ViewSummary]:
     threads = available_cores()
     summaries = {}
     for done, view in enumerate(evidence.views):
         progress("finding features", done, len(evidence.views))
         name = view.camera.name
-        summaries[view.id] = summarise(
+        find = partial(
+            summarise,
             evidence.session,
             view,
             evidence.light.scale,
@@ -97,12 +118,21 @@ def _summaries(evidence: Evidence, progress: Progress) -> dict[ViewId, ViewSumma
             evidence.sensors[name].camera_from_rec709,
             threads,
         )
+        summaries[view.id] = ViewSummary.of(kept.one(str(view.id), partial(_arrays, find)))
     progress("finding features", len(evidence.views), len(evidence.views))
     return summaries
 
 
+def _arrays(find: Callable[[], ViewSummary]) -> Arrays:
+    return find().arrays()
+
+
 def _solved(
-    evidence: Evidence, summaries: Mapping[ViewId, ViewSummary], threads: int, progress: Progress
+    evidence: Evidence,
+    summaries: Mapping[ViewId, ViewSummary],
+    threads: int,
+    kept: Unfinished,
+    progress: Progress,
 ) -> sfm.SceneModel:
     cameras, board = evidence.session.record.cameras, evidence.board
     sizes = {view.camera: (summary.width, summary.height) for view, summary in summaries.items()}
@@ -133,6 +163,7 @@ def _solved(
         pictures={view: summary.png for view, summary in summaries.items() if not summary.faint},
         brightness={view: summary.brightness for view, summary in summaries.items()},
         exact={camera.name for camera in cameras if camera.kind == "raw"},
+        kept=kept,
     )
 
 

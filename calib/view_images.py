@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from calib.data.features import Features, extract, unmasked
 from calib.data.previews import is_faint, preview
+from calib.data.unfinished import Arrays
 from calib.data.views import View, of_one_band, read_view
 from calib.light.tracks import brightness_at, colour_at, light
 from imaging.files.photo import encode_png
@@ -49,6 +50,30 @@ class ViewSummary:
     colour: npt.NDArray[np.float64]
     blank: str | None
     faint: bool
+
+    def arrays(self) -> Arrays:
+        """All of it, as files keep it; `of` is the inverse."""
+        return {
+            "png": np.frombuffer(self.png, np.uint8),
+            "size": np.array([self.width, self.height]),
+            "points": self.features.points,
+            "descriptors": self.features.descriptors,
+            "brightness": self.brightness,
+            "colour": self.colour,
+            "blank": np.array(self.blank or ""),
+            "faint": np.array(self.faint),
+        }
+
+    @classmethod
+    def of(cls, arrays: Arrays) -> "ViewSummary":
+        """What `arrays` made."""
+        width, height = (int(side) for side in arrays["size"])
+        features = Features(arrays["points"], arrays["descriptors"])
+        blank = str(arrays["blank"]) or None
+        return cls(
+            arrays["png"].tobytes(), width, height, features, arrays["brightness"], arrays["colour"],
+            blank, bool(arrays["faint"]),
+        )  # fmt: skip
 
 
 def summarise(
@@ -91,7 +116,8 @@ def _merged(
 ) -> Merged:
     """The bracket of a view through one filter; hidden: without what is behind a mask."""
     frames = read_view(session, view, scale, response)
-    lit = [_is_lit(frame) for frame in frames]
+    # A single frame is taken as it is.
+    lit = [len(frames) > 1 and _is_lit(frame) for frame in frames]
     if not any(lit):
         lit = [True] * len(frames)
     return merge_bracket(list(compress(masked(session, view.shots, frames) if hidden else frames, lit)))

@@ -1,8 +1,8 @@
 """Features of every view and what of them two views share, written to a COLMAP database in memory."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from functools import partial
 from typing import Any
 
 import cv2
@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.data.matching import match
+from calib.data.pairs import pairs_to_match
 from calib.data.previews import enlargement
+from calib.data.unfinished import Unfinished
 from imaging.files.colmap import pycolmap
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
@@ -30,10 +32,10 @@ PLANAR_SHARE = 0.85
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """points: float64 [K, 2], preview pixels, centres at +0.5; descriptors: float32 [K, 128], unit length."""
+    """points: float64 [K, 2], preview pixels, centres at +0.5; descriptors: [K, 128], of any length."""
 
     points: npt.NDArray[np.float64]
-    descriptors: Float
+    descriptors: npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -72,16 +74,21 @@ def extract(picture: Float, threads: int) -> Features:
     options.num_threads = threads
     options.use_gpu = False
     options.sift.peak_threshold = PEAK_THRESHOLD
-    options.sift.max_num_features = min(MOST_FEATURES, max(picture.size // PIXELS_EACH, 500))
+    most = options.sift.max_num_features = min(MOST_FEATURES, max(picture.size // PIXELS_EACH, 500))
     scale = enlargement(picture.shape[1])
     if scale > 1:
         picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
     picture = np.ascontiguousarray(np.clip(picture, 0.0, 1.0), np.float32)
-    extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
-    keypoints, descriptors = extractor.extract_from_float32_array(picture)
+    # COLMAP drops whole octaves of the smallest features, as long as enough are left: most pictures of
+    # full size are searched for nothing at twice their size, which takes three times as long.
+    for octave in (0, -1):
+        options.sift.first_octave = octave
+        extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
+        keypoints, descriptors = extractor.extract_from_float32_array(picture)
+        if len(keypoints) >= most:
+            break
     points = np.array(pycolmap.keypoints_to_matrix(keypoints), np.float64).reshape(-1, 4)[:, :2]
-    vectors = np.asarray(descriptors.data).astype(np.float32).reshape(len(points), 128)
-    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True) + 1e-9
+    vectors = np.asarray(descriptors.data).reshape(len(points), 128)
     return Features(points / scale, vectors)
 
 
@@ -101,13 +108,15 @@ def fill_database(
     cameras: Mapping[str, Any],
     features: Mapping[ViewId, Features],
     max_error: float,
+    tied: Sequence[Collection[str]],
+    kept: Unfinished,
     progress: Progress,
 ) -> dict[tuple[ViewId, ViewId], MatchedPair]:
-    """Write cameras, images and verified matches of all pairs of views; returns the pairs that match.
+    """Write cameras, images and verified matches of pairs of views; returns the pairs that match.
 
     cameras: pycolmap cameras by name; their `camera_id` is set here. Every camera is a rig of its own
     here, every image a frame; a common rig is found from their poses later. max_error: of the epipolar
-    geometry, px.
+    geometry, px. tied: names of cameras that are mounted to each other. kept: matches of an earlier run.
     """
     images: dict[ViewId, int] = {}
     rigs: dict[str, int] = {}
@@ -131,20 +140,23 @@ def fill_database(
     options.ransac.max_error = max_error
     options.detect_watermark = False
     pairs = {}
-    every = list(combinations(features, 2))
-    for done, (a, b) in enumerate(every):
-        progress("matching", done, len(every))
-        matches = match(features[a].descriptors, features[b].descriptors)
-        if len(matches) < FEWEST_MATCHES:
-            continue
-        geometry = pycolmap.estimate_two_view_geometry(
-            cameras[a.camera], features[a].points, cameras[b.camera], features[b].points, matches, options
-        )
-        database.write_matches(images[a], images[b], matches)
-        inliers = np.asarray(geometry.inlier_matches)
-        if len(inliers) >= FEWEST_MATCHES:
-            database.write_two_view_geometry(images[a], images[b], geometry)
-            one, other = features[a].points[inliers[:, 0]], features[b].points[inliers[:, 1]]
-            pairs[a, b] = MatchedPair(one, other, inliers)
+    every = pairs_to_match({view: own.descriptors for view, own in features.items()}, tied)
+    try:
+        for done, (a, b) in enumerate(every):
+            progress("matching", done, len(every))
+            one, other = features[a], features[b]
+            matches = kept.small(f"{a} {b}", partial(match, one.descriptors, other.descriptors))
+            if len(matches) < FEWEST_MATCHES:
+                continue
+            geometry = pycolmap.estimate_two_view_geometry(
+                cameras[a.camera], one.points, cameras[b.camera], other.points, matches, options
+            )
+            database.write_matches(images[a], images[b], matches)
+            inliers = np.asarray(geometry.inlier_matches)
+            if len(inliers) >= FEWEST_MATCHES:
+                database.write_two_view_geometry(images[a], images[b], geometry)
+                pairs[a, b] = MatchedPair(one.points[inliers[:, 0]], other.points[inliers[:, 1]], inliers)
+    finally:
+        kept.flush()
     progress("matching", len(every), len(every))
     return pairs

@@ -19,6 +19,8 @@ MIN_WIDTH = 640
 """Narrower ones are enlarged to it, inside the feature extractor only: SIFT's first octave is coarse."""
 LOCAL_SHARE = 0.8
 """Of the local mean that is taken away; all of it would leave halos as the only large features."""
+SAMPLE = 500_000
+"""Values of a view that tell how bright it is in all."""
 FAINT = 4.0
 """Signal-to-noise ratio of photosites below which a view is smoothed, so that noise hides no features."""
 BLUR = 1.0
@@ -60,7 +62,14 @@ def is_faint(merged: Merged) -> bool:
     """Whether most of a view is little more than noise."""
     if merged.sigma is None or not merged.valid.any():
         return False
-    light, noise = (float(np.median(part[merged.valid])) for part in (merged.radiance, merged.sigma))
+    # Coprime to the channels of a pixel and the tiles of a mosaic, so that all of them are among the sample.
+    step = 1 + 6 * (merged.valid.size // (6 * SAMPLE))
+    valid = merged.valid.reshape(-1)[::step]
+    if not valid.any():
+        return False
+    light, noise = (
+        float(np.median(part.reshape(-1)[::step][valid])) for part in (merged.radiance, merged.sigma)
+    )
     return light < FAINT * noise
 
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from calib.light.vignetting import Tracks
 from calib.poses.sfm import SceneModel
@@ -49,18 +49,24 @@ def light(merged: Merged, camera_from_rec709: Array | None) -> ViewLight:
     weights = LUMINANCE
     if camera_from_rec709 is not None:
         weights = LUMINANCE @ rec709_from_camera(camera_from_rec709[:3])
-    planes = [ndimage.uniform_filter(rgb[..., c].astype(np.float32), window) for c in range(3)]
-    colour = np.stack(planes, axis=-1)
-    luminance = (colour @ weights).astype(np.float32)
-    trusted = ndimage.minimum_filter(known, window) & (luminance > 0)
+    colour = _mean(rgb.astype(np.float32), window)
+    luminance = colour @ weights.astype(np.float32)
+    around = np.ones((window, window), np.uint8)
+    trusted = (cv2.erode(known.astype(np.uint8), around) > 0) & (luminance > 0)
     vivid = colour.min(axis=-1) > 0
     if merged.sigma is not None:
         sigma = merged.sigma if merged.sigma.ndim == 2 else merged.sigma.mean(-1)
-        noise = ndimage.uniform_filter(np.nan_to_num(sigma, posinf=1e30), window) / window
+        noise = _mean(np.nan_to_num(sigma, posinf=1e30), window) / window
         trusted &= luminance > LEAST_SNR * noise
         # Red and blue have a quarter of the sites, hence twice the noise.
         vivid &= colour.min(axis=-1) > 2 * LEAST_SNR * noise
     return ViewLight(luminance, colour, np.asarray(trusted), np.asarray(trusted & vivid))
+
+
+def _mean(picture: npt.NDArray[np.float32], window: int) -> npt.NDArray[np.float32]:
+    """The mean of a picture [h, w] or [h, w, C] over squares; beyond its border it is mirrored."""
+    mean = cv2.blur(np.ascontiguousarray(picture), (window, window), borderType=cv2.BORDER_REFLECT)
+    return np.asarray(mean, np.float32)
 
 
 def brightness_at(view: ViewLight, points: Array, width: int, height: int) -> Array:

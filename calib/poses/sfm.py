@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.data.features import FEWEST_MATCHES, Features, fill_database
+from calib.data.unfinished import Unfinished
 from calib.poses.bundle_adjustment import Free, adjust, drop_outliers, lens_of, misses
 from calib.poses.contradictions import ResolvedModel, resolve_contradictions
 from calib.poses.known_rig import NOTHING, KnownRig, camera_of, tie_rigs, to_metres
@@ -80,6 +81,7 @@ def solve(
     pictures: Mapping[ViewId, bytes] | None = None,
     brightness: Mapping[ViewId, npt.NDArray[np.float64]] | None = None,
     exact: Collection[str] = (),
+    kept: Unfinished | None = None,
 ) -> SceneModel:
     """Place the views. Errors: CalibrationError that names the cause when none can be placed.
 
@@ -88,12 +90,13 @@ def solve(
     from a file's focal length rather than from nothing. known: what a board gave, which stays, lenses
     at picture size; the model is in metres where that placed two cameras of a rig. blank: why a view shows
     nothing, of those that do not. pictures: of views with little noise, as grey PNGs, for places more exact
-    than those of features.
+    than those of features. kept: matches of an earlier run.
     """
     require_features(features, blank or {})
     scene = _Scene(
-        features, rigs, threads, progress, focal_known, known, pictures or {}, brightness or {}, exact
-    )
+        features, rigs, threads, progress, focal_known, known, pictures or {}, brightness or {}, exact,
+        kept or Unfinished(),
+    )  # fmt: skip
     adjusted = _adjusted(scene, cameras)
     rungs: tuple[Rung, ...] = ()
     if adjusted.is_fisheye and not any(lens.fisheye for lens in cameras.values()):
@@ -122,6 +125,7 @@ class _Scene:
     pictures: Mapping[ViewId, bytes]
     brightness: Mapping[ViewId, npt.NDArray[np.float64]]
     exact: Collection[str]
+    kept: Unfinished
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +204,7 @@ def _settled(
     scene: _Scene, database: Any, models: Mapping[str, Any], cameras: Mapping[str, Lens], max_error: float
 ) -> ResolvedModel:
     """Views matched and mapped, without what contradicts itself. models: pycolmap cameras by name."""
-    pairs = fill_database(database, models, scene.features, max_error, scene.progress)
+    pairs = fill_database(database, models, scene.features, max_error, scene.rigs, scene.kept, scene.progress)
     if not pairs:
         raise CalibrationError(
             "No two views share enough of the scene to be placed: take views that overlap by two thirds."

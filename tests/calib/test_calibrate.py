@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from calib.calibrate import calibrate
+from calib.data.matching import match
+from calib.data.unfinished import KEPT
 from calib.data.views import scene_views
 from calib.light.radiometry import light_of
 from calib.poses import sfm
@@ -274,13 +276,34 @@ def test_stopped_half_way_the_old_calibration_stays(
 
     with pytest.raises(error):
         calibrate(small, progress=stop)
-    assert bytes_of(small) == before
-    assert not list(small.glob(".*"))
+    left = {file: digest for file, digest in bytes_of(small).items() if not file.startswith(KEPT)}
+    assert left == before
+    assert list(small.glob(".*")) == [small / KEPT]
 
 
-def test_the_same_session_gives_the_same_calibration(small: Path) -> None:
+def test_a_stopped_calibration_goes_on_and_ends_as_an_undisturbed_one(
+    small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A camera without a shot is in it, with nothing known."""
-    first, second = (calibrate(small, progress=unreported) for _ in range(2))
+    matched: list[int] = []
+
+    def counted(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        matched.append(len(one))
+        return match(one, other)
+
+    def stop(message: str, done: int, total: int) -> None:
+        if (message, done) == ("matching", 9):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("calib.data.features.match", counted)
+    with pytest.raises(KeyboardInterrupt):
+        calibrate(small, progress=stop)
+    assert len(matched) == 9
+    first = calibrate(small, progress=unreported)
+    assert len(matched) == 15
+    assert not list(small.glob(".*"))
+    second = calibrate(small, progress=unreported)
+    assert len(matched) == 30
     assert len(first.views) == 6
     assert second.model_copy(update={"created": first.created}) == first
     assert first.camera("cam3").lens is None

@@ -1,0 +1,91 @@
+"""What a calibration has found so far, kept beside the session until it is written: a stopped one goes on."""
+
+import hashlib
+import io
+import json
+import time
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.files import store
+
+Arrays = dict[str, npt.NDArray[Any]]
+
+KEPT = ".calibration.unfinished"
+EVERY = 30.0
+"""Seconds of matching that a killed calibration loses at most."""
+
+
+class Unfinished:
+    """Arrays by name, found once; in memory, and in files as soon as there is a folder.
+
+    Everything is for one question: what was kept for another is thrown away. A damaged file counts for
+    nothing. StorageError where the disk refuses.
+    """
+
+    def __init__(self, session: Path | None = None, question: object = None) -> None:
+        self._folder = None if session is None else session / KEPT
+        self._few: Arrays = {}
+        self._known: Arrays = {}
+        self._since = time.monotonic()
+        if self._folder is None:
+            return
+        asked = hashlib.sha256(json.dumps(question, sort_keys=True, default=str).encode()).hexdigest()
+        told = self._folder / "question"
+        if not told.is_file() or told.read_text() != asked:
+            store.discard(self._folder)
+            store.make_folder(self._folder)
+            store.write_bytes(told, asked.encode())
+        for file in sorted(self._folder.glob("few-*.npz")):
+            self._known |= _read(file) or {}
+
+    def one(self, name: str, find: Callable[[], Arrays]) -> Arrays:
+        """What takes seconds to find and much room: a file of its own, and none of it in memory."""
+        if self._folder is None:
+            return find()
+        file = self._folder / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.npz"
+        found = _read(file)
+        if found is None:
+            found = find()
+            store.write_bytes(file, _written(found))
+        return found
+
+    def small(self, name: str, find: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[Any]:
+        """What is one of many: kept in memory, and written some at a time; `flush` writes the rest."""
+        if name not in self._known:
+            self._known[name] = self._few[name] = find()
+            if time.monotonic() - self._since > EVERY:
+                self.flush()
+        return self._known[name]
+
+    def flush(self) -> None:
+        """Write what is in memory alone."""
+        if self._folder is not None and self._few:
+            number = len(list(self._folder.glob("few-*.npz")))
+            store.write_bytes(self._folder / f"few-{number:05d}.npz", _written(self._few))
+        self._few, self._since = {}, time.monotonic()
+
+    def finish(self) -> None:
+        """Forget it all, since what it was for is written."""
+        if self._folder is not None:
+            store.discard(self._folder)
+
+
+def _written(arrays: Arrays) -> bytes:
+    whole = io.BytesIO()
+    np.savez(whole, **arrays)  # type: ignore[arg-type]
+    return whole.getvalue()
+
+
+def _read(file: Path) -> Arrays | None:
+    """None of a file that is not there, or not whole."""
+    try:
+        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as found:
+            return {name: found[name] for name in found.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError):
+        return None

@@ -1,0 +1,45 @@
+"""Matches against the definition: the two nearest of each feature, found by sorting all angles."""
+
+import numpy as np
+import pytest
+
+from calib.data.matching import FARTHEST, RATIO, ROWS, match
+
+
+def descriptors(rng: np.random.Generator, count: int) -> np.ndarray:
+    """As SIFT's: no component is negative, length 1."""
+    found = rng.exponential(size=(count, 128)).astype(np.float32)
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+def by_definition(one: np.ndarray, other: np.ndarray) -> set[tuple[int, int]]:
+    angles = np.arccos(np.clip(one.astype(np.float64) @ other.T.astype(np.float64), -1, 1))
+
+    def nearest(table: np.ndarray) -> list[int | None]:
+        order = np.argsort(table, axis=1)[:, :2]
+        first, second = (np.take_along_axis(table, order[:, [k]], 1)[:, 0] for k in (0, 1))
+        good = (first < FARTHEST) & (first < RATIO * second)
+        return [int(index) if fine else None for index, fine in zip(order[:, 0], good, strict=True)]
+
+    there, back = nearest(angles), nearest(angles.T)
+    return {(i, j) for i, j in enumerate(there) if j is not None and back[j] == i}
+
+
+@pytest.mark.parametrize("count", [2, ROWS - 1, ROWS, 2 * ROWS + 7])
+def test_matches_are_those_of_the_definition(count):
+    rng = np.random.default_rng(count)
+    one = descriptors(rng, count)
+    noisy = np.abs(
+        one[rng.permutation(count)] + rng.uniform(0, 0.06, (count, 1)) * rng.normal(size=one.shape)
+    )
+    repeated = one[: count // 8] + 1e-3 * descriptors(rng, count // 8)
+    other = np.concatenate([noisy, repeated, descriptors(rng, 40)]).astype(np.float32)
+    other /= np.linalg.norm(other, axis=1, keepdims=True)
+    found = {(int(a), int(b)) for a, b in match(one, other)}
+    assert found == by_definition(one, other)
+    assert {(b, a) for a, b in found} == {(int(a), int(b)) for a, b in match(other, one)}
+
+
+def test_too_few_features_match_nothing():
+    one = descriptors(np.random.default_rng(0), 5)
+    assert match(one[:1], one).shape == match(one, one[:0]).shape == (0, 2)

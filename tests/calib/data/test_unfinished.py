@@ -1,0 +1,69 @@
+"""What a stopped calibration has found is found once, and never taken for the answer to another question."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.data import unfinished
+from calib.data.unfinished import KEPT, Unfinished
+
+VALUE = np.arange(6, dtype=np.uint8).reshape(2, 3)
+
+
+def never():
+    raise AssertionError("found twice")
+
+
+def begun(session: Path, question: object = "q") -> Unfinished:
+    kept = Unfinished(session, question)
+    kept.one("0003/left", lambda: {"points": VALUE, "name": np.array("black")})
+    kept.small("a b", lambda: VALUE)
+    kept.flush()
+    return kept
+
+
+def test_what_was_found_is_there_again(tmp_path):
+    begun(tmp_path)
+    again = Unfinished(tmp_path, "q")
+    found = again.one("0003/left", never)
+    assert found["points"].dtype == VALUE.dtype
+    assert (found["points"] == VALUE).all()
+    assert str(found["name"]) == "black"
+    assert (again.small("a b", never) == VALUE).all()
+    again.small("a c", lambda: VALUE + 1)
+    again.flush()
+    assert (Unfinished(tmp_path, "q").small("a c", never) == VALUE + 1).all()
+    again.finish()
+    assert not (tmp_path / KEPT).exists()
+
+
+def test_another_question_finds_nothing(tmp_path):
+    begun(tmp_path)
+    other = Unfinished(tmp_path, "another")
+    assert (other.small("a b", lambda: VALUE + 7) == VALUE + 7).all()
+    assert (other.one("0003/left", lambda: {"points": VALUE + 7})["points"] == VALUE + 7).all()
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 no more", None])
+def test_damaged_files_count_for_nothing(tmp_path, damage):
+    begun(tmp_path)
+    for file in (tmp_path / KEPT).glob("*.npz"):
+        file.write_bytes(file.read_bytes()[:-40] if damage is None else damage)
+    again = Unfinished(tmp_path, "q")
+    assert (again.small("a b", lambda: VALUE + 7) == VALUE + 7).all()
+    assert (again.one("0003/left", lambda: {"points": VALUE + 7})["points"] == VALUE + 7).all()
+
+
+def test_killed_it_loses_the_last_seconds_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(unfinished, "EVERY", -1.0)
+    Unfinished(tmp_path, "q").small("a b", lambda: VALUE)
+    assert (Unfinished(tmp_path, "q").small("a b", never) == VALUE).all()
+
+
+def test_without_a_session_matches_are_kept_in_memory():
+    kept = Unfinished()
+    kept.small("a b", lambda: VALUE)
+    kept.flush()
+    assert (kept.small("a b", never) == VALUE).all()
+    kept.finish()
