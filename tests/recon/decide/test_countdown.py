@@ -78,7 +78,7 @@ def test_no_scene_of_three_iterations_is_made_in_silence(session_copy, monkeypat
 
 
 def test_depths_of_some_views_are_left_out_and_said(session_copy, monkeypatch) -> None:
-    monkeypatch.setitem(QUALITIES, "draft", Quality(5, 400, 64))
+    monkeypatch.setitem(QUALITIES, "draft", Quality(5, 1200, 64))
     monkeypatch.setattr(Countdown, "start_over", lambda self: lambda: True)
     said: list[str] = []
     reconstruct(session_copy, quality="draft", budget=600.0, tell=said.append)
