@@ -92,11 +92,11 @@ def with_luminance(record: CalibrationRecord, evidence: Evidence) -> Calibration
 def _question(evidence: Evidence) -> list[object]:
     """All that features and matches follow from."""
     session, shots = evidence.session, [shot for view in evidence.views for shot in view.shots]
-    masks = {shot.mask: (session.folder / shot.mask).stat() for shot in shots if shot.mask is not None}
+    masks = {path: path.stat() for path in map(session.mask, shots) if path is not None and path.is_file()}
     return [
         {name: version(name) for name in ("hdr-rig", "pycolmap", "numpy")},
         [shot.model_dump(mode="json") for shot in shots],
-        [(name, stat.st_size, stat.st_mtime_ns) for name, stat in masks.items()],
+        [(path.name, stat.st_size, stat.st_mtime_ns) for path, stat in masks.items()],
         [evidence.light.scale[shot.file] for shot in shots],
         {name: response.model_dump(mode="json") for name, response in evidence.light.responses.items()},
         repr(evidence.sensors),
@@ -118,7 +118,7 @@ def _summaries(evidence: Evidence, kept: Unfinished, progress: Progress) -> dict
             evidence.sensors[name].camera_from_rec709,
             threads,
         )
-        summaries[view.id] = ViewSummary.of(kept.one(str(view.id), partial(_arrays, find)))
+        summaries[view.id] = ViewSummary.of(kept.large(str(view.id), partial(_arrays, find)))
     progress("finding features", len(evidence.views), len(evidence.views))
     return summaries
 

@@ -37,14 +37,14 @@ class Unfinished:
             return
         asked = hashlib.sha256(json.dumps(question, sort_keys=True, default=str).encode()).hexdigest()
         told = self._folder / "question"
-        if not told.is_file() or told.read_text() != asked:
+        if not told.is_file() or told.read_bytes() != asked.encode():
             store.discard(self._folder)
             store.make_folder(self._folder)
             store.write_bytes(told, asked.encode())
         for file in sorted(self._folder.glob("few-*.npz")):
             self._known |= _read(file) or {}
 
-    def one(self, name: str, find: Callable[[], Arrays]) -> Arrays:
+    def large(self, name: str, find: Callable[[], Arrays]) -> Arrays:
         """What takes seconds to find and much room: a file of its own, and none of it in memory."""
         if self._folder is None:
             return find()

@@ -14,6 +14,7 @@ from drivers.sim.camera.camera import Body, SimulatedCamera
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.exposure import Exposure
 from imaging.files.dng import write_dng
+from imaging.files.raw import read_raw
 from imaging.merge.linear_frame import from_raw
 from imaging.mosaic import RawMosaic
 
@@ -72,4 +73,7 @@ def test_a_calibration_has_the_row_that_was_measured(rig: SimulatedRig, tmp_path
     rows = np.array(record.cameras[0].camera_from_rec709)
     np.testing.assert_allclose(rows[3] @ np.linalg.inv(rows[:3]), SHARES / 1.5, atol=0.02)
     rung = next(rung for rung in record.rungs if rung.name == NAME)
-    assert "1 cameras" in rung.reason
+    told = read_raw(tmp_path / "photos" / "IMG_0.dng").camera_from_rec709
+    assert told is not None
+    off = np.linalg.norm(rows[3] - told[3]) / np.linalg.norm(told[3])
+    assert f"off by {100 * off:.1f} %" in rung.reason

@@ -17,7 +17,7 @@ def never():
 
 def begun(session: Path, question: object = "q") -> Unfinished:
     kept = Unfinished(session, question)
-    kept.one("0003/left", lambda: {"points": VALUE, "name": np.array("black")})
+    kept.large("0003/left", lambda: {"points": VALUE, "name": np.array("black")})
     kept.small("a b", lambda: VALUE)
     kept.flush()
     return kept
@@ -26,7 +26,7 @@ def begun(session: Path, question: object = "q") -> Unfinished:
 def test_what_was_found_is_there_again(tmp_path):
     begun(tmp_path)
     again = Unfinished(tmp_path, "q")
-    found = again.one("0003/left", never)
+    found = again.large("0003/left", never)
     assert found["points"].dtype == VALUE.dtype
     assert (found["points"] == VALUE).all()
     assert str(found["name"]) == "black"
@@ -42,7 +42,7 @@ def test_another_question_finds_nothing(tmp_path):
     begun(tmp_path)
     other = Unfinished(tmp_path, "another")
     assert (other.small("a b", lambda: VALUE + 7) == VALUE + 7).all()
-    assert (other.one("0003/left", lambda: {"points": VALUE + 7})["points"] == VALUE + 7).all()
+    assert (other.large("0003/left", lambda: {"points": VALUE + 7})["points"] == VALUE + 7).all()
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 no more", None])
@@ -52,7 +52,13 @@ def test_damaged_files_count_for_nothing(tmp_path, damage):
         file.write_bytes(file.read_bytes()[:-40] if damage is None else damage)
     again = Unfinished(tmp_path, "q")
     assert (again.small("a b", lambda: VALUE + 7) == VALUE + 7).all()
-    assert (again.one("0003/left", lambda: {"points": VALUE + 7})["points"] == VALUE + 7).all()
+    assert (again.large("0003/left", lambda: {"points": VALUE + 7})["points"] == VALUE + 7).all()
+
+
+def test_a_damaged_question_is_another_one(tmp_path):
+    begun(tmp_path)
+    (tmp_path / KEPT / "question").write_bytes(b"\xff\xfe")
+    assert (Unfinished(tmp_path, "q").small("a b", lambda: VALUE + 7) == VALUE + 7).all()
 
 
 def test_killed_it_loses_the_last_seconds_alone(tmp_path, monkeypatch):
