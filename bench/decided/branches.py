@@ -19,8 +19,8 @@ from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache, Trial, prepare, quality, session
 from recon.methods import nh_3dgs
 from recon.scene.appearance import Rate
+from recon.start.initialisation import gaussians_at
 from recon.train.densification import DensityRules
-from recon.train.initialisation import gaussians_at
 from recon.train.resume import checkpoint_of, restored
 from recon.train.trainer import train
 from recon.train.training import Plan, Training

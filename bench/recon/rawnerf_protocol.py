@@ -42,8 +42,8 @@ from recon.methods.method import Method
 from recon.observe.linear import LinearLight
 from recon.protocols.rawnerf import score
 from recon.reconstruct import START_SHARE
+from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.initialisation import gaussians_at, start_points
 from recon.train.learning_rates import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training

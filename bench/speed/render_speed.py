@@ -30,8 +30,8 @@ from recon.scene.gaussians import GEOMETRY, Gaussians, Renderer, limits_for
 from recon.scene.harmonics import C0, DEGREE
 from recon.splat import Limits
 from recon.splat.torch_threads import torch_on_one_thread
+from recon.start.initialisation import gaussians_at
 from recon.train.densification import DensityRules
-from recon.train.initialisation import gaussians_at
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 from recon.train.warm_up import warm_up

@@ -26,8 +26,8 @@ from bench.support.trial import prepare, session
 from recon.decide.probe import LATE
 from recon.methods import nh_3dgs
 from recon.observe.linear import LinearLight
+from recon.start.initialisation import gaussians_at
 from recon.train.densification import DensityRules
-from recon.train.initialisation import gaussians_at
 from recon.train.schedule import Schedule
 from recon.train.trainer import train
 from recon.train.training import Plan, Training

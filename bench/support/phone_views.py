@@ -28,7 +28,7 @@ from recon.data.light import radiance_image
 from recon.data.pixels import Shot
 from recon.protocols.rawnerf import Reference
 from recon.splat import SplatCamera
-from recon.train.initialisation import start_points
+from recon.start.initialisation import start_points
 
 Array = npt.NDArray[np.float64]
 Light = npt.NDArray[np.float32]

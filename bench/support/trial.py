@@ -20,8 +20,8 @@ from recon.data.truth import true_radiance
 from recon.methods.method import Method
 from recon.observe.recorded import shot_psnr
 from recon.reconstruct import START_SHARE
+from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.initialisation import Start, gaussians_at, start_points
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 from recon.train.warm_up import warm_up

@@ -27,8 +27,8 @@ from recon.decide.size import degree_for, fewer, gaussians_for, most_for
 from recon.decide.trials import reason_against_trials
 from recon.observe.refinement import Refinement
 from recon.scene.environment import Environment
-from recon.train.far_light import far_light, without_far
-from recon.train.initialisation import Start, gaussians_at, start_points
+from recon.start.far_light import far_light, without_far
+from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train.ranks import Ranks
 from recon.train.training import Training
 

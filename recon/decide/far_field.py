@@ -16,7 +16,7 @@ from recon.decide.corrections import TRIAL_GAUSSIANS, TRIAL_WIDTH, UNIT
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
 from recon.decide.trials import Trials, room
-from recon.train.far_light import ALIKE, LUMINANCE
+from recon.start.far_light import ALIKE, LUMINANCE
 from recon.train.ranks import Ranks
 
 Array = npt.NDArray[np.float64]

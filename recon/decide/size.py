@@ -23,7 +23,7 @@ from recon.decide.view_dependence import FEWEST_POINTS, FEWEST_VIEWS, Gains, gai
 from recon.observe.refinement import Refinement
 from recon.scene.harmonics import DEGREE
 from recon.scene.ply import most_gaussians
-from recon.train.initialisation import Start
+from recon.start.initialisation import Start
 from recon.train.ranks import Ranks
 
 COUNT, COLOUR = "number of Gaussians", "direction-dependent colour"

@@ -19,9 +19,9 @@ from recon.decide.overrides import Overrides
 from recon.decide.settings import Settings
 from recon.methods import METHODS
 from recon.observe.refinement import Refined, Refinement
+from recon.start.far_light import far_light, without_far
+from recon.start.initialisation import Start, gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.far_light import far_light, without_far
-from recon.train.initialisation import Start, gaussians_at, start_points
 from recon.train.learning_rates import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training

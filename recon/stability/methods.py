@@ -20,8 +20,8 @@ from recon.data.tone import encode
 from recon.methods import METHODS
 from recon.splat import Limits, SplatCamera, rasterize
 from recon.stability.scenes import camera, cloud
+from recon.start.initialisation import Start, gaussians_at
 from recon.train.densification import DensityRules
-from recon.train.initialisation import Start, gaussians_at
 from recon.train.learning_rates import rate_factor
 from recon.train.trainer import train
 from recon.train.training import Plan, Training

@@ -1,2 +1,2 @@
-"""The training loop, what it starts from, and what happens on the way. Which training runs is decided in
-`recon.decide`."""
+"""The training loop, and what happens on the way. It starts from what is in `recon.start`; which training
+runs is decided in `recon.decide`."""

@@ -14,8 +14,8 @@ from recon.methods import nh_3dgs
 from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.scene.gaussians import Gaussians
+from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.initialisation import gaussians_at, start_points
 from recon.train.training import Plan, Training
 
 from .test_corrections import rungs_of, settings

@@ -36,7 +36,7 @@ from recon.reconstruct import reconstruct
 from recon.result.model import read_model
 from recon.result.scene import open_model
 from recon.scene.ply import most_gaussians
-from recon.train.initialisation import Start, start_points
+from recon.start.initialisation import Start, start_points
 from recon.train.ranks import Ranks
 
 QUICK = Quality(80, 800, 64)

@@ -21,8 +21,8 @@ from recon.result.scene import open_model
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.splat.moved import moved
+from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.initialisation import gaussians_at, start_points
 from recon.train.resume import checkpoint_of, light_in, restored
 from recon.train.trainer import train
 from recon.train.training import Plan, Training

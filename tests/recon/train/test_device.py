@@ -14,8 +14,8 @@ from recon.data.dataset import load
 from recon.data.light import light_of, radiance_image
 from recon.methods import METHODS
 from recon.scene.appearance import LuminanceChromaticity, PlainHarmonics
+from recon.start.initialisation import gaussians_at, start_points
 from recon.train.device import device_name, training_device
-from recon.train.initialisation import gaussians_at, start_points
 from recon.train.training import Training
 
 META = torch.device("meta")

@@ -10,9 +10,9 @@ import torch
 from recon.data.light import light_of, radiance_image
 from recon.methods import METHODS
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
+from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
 from recon.train.early_stopping import COOL_DOWN, Deadline, EarlyStop, Goal
-from recon.train.initialisation import gaussians_at, start_points
 from recon.train.live_curve import Moment, chosen_views, period
 from recon.train.resume import checkpoint_of, light_in, restored
 from recon.train.schedule import Schedule

@@ -11,8 +11,8 @@ from recon.data.light import light_of, radiance_image
 from recon.data.truth import true_radiance
 from recon.methods import METHODS
 from recon.scene.gaussians import Gaussians
+from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.initialisation import gaussians_at, start_points
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 

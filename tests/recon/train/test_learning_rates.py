@@ -8,8 +8,8 @@ from recon.decide import trials
 from recon.decide.settings import Settings
 from recon.methods import METHODS
 from recon.observe.refinement import RATES, Refinement
+from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.initialisation import gaussians_at, start_points
 from recon.train.learning_rates import USUAL, rate_factor
 from recon.train.ranks import Ranks
 from recon.train.trainer import train

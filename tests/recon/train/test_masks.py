@@ -16,8 +16,8 @@ from recon.data.dataset import load
 from recon.data.light import light_of, radiance_image
 from recon.data.truth import true_radiance
 from recon.methods import METHODS
+from recon.start.initialisation import colours_at, gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.initialisation import colours_at, gaussians_at, start_points
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
 

@@ -17,8 +17,8 @@ from recon.methods import METHODS
 from recon.observe.refinement import Refinement
 from recon.result.model import read_model
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
+from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
-from recon.train.initialisation import gaussians_at, start_points
 from recon.train.ranks import Ranks, joined
 from recon.train.resume import checkpoint_of
 from recon.train.trainer import train

@@ -25,7 +25,7 @@ from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
 from recon.data.dataset import load
 from recon.data.light import radiance_image
-from recon.train.initialisation import start_points
+from recon.start.initialisation import start_points
 
 LENS = {"fl_x": 70.0, "fl_y": 72.0, "cx": 33.0, "cy": 22.5, "w": 64, "h": 48}
 TERMS = {"k1": -0.1, "k2": 0.03, "p1": 0.004, "p2": -0.003}

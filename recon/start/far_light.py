@@ -13,7 +13,7 @@ from imaging.merge.linear_frame import Bool, Float
 from recon.data.dataset import View
 from recon.data.geometry import inside, project_camera, rays
 from recon.scene.environment import Environment, texels
-from recon.train.initialisation import FEWEST_POINTS, Start
+from recon.start.initialisation import FEWEST_POINTS, Start
 
 Array = npt.NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from recon.data.dataset import Dataset
 from recon.data.geometry import lift, project
 from recon.scene.appearance import Appearance
 from recon.scene.gaussians import Gaussians
-from recon.train.plane_sweep import plane_sweep, sample
+from recon.start.plane_sweep import plane_sweep, sample
 
 Array = npt.NDArray[np.float64]
 

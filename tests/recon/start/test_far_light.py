@@ -15,7 +15,7 @@ from recon.decide.far_field import BESIDE, SUGGESTED, environment_for, far_share
 from recon.decide.overrides import Overrides
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import open_scene
-from recon.train.far_light import far_light
+from recon.start.far_light import far_light
 from recon.train.ranks import Ranks
 from tests.recon.decide.test_corrections import settings
 

@@ -11,7 +11,7 @@ from recon.data.dataset import load
 from recon.data.geometry import inside, project
 from recon.data.light import radiance_image
 from recon.data.truth import true_radiance
-from recon.train.initialisation import start_points
+from recon.start.initialisation import start_points
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import pytest
 
 from recon.data.geometry import inside, project_camera, rays
 from recon.splat import SplatCamera
-from recon.train.warped_plane import warp
+from recon.start.warped_plane import warp
 
 BROWN = {"k1": -0.08, "k2": 0.02, "p1": 2e-3, "p2": -1e-3}
 FISHEYE = {"k1": -0.05, "k2": 0.01, "k3": -2e-3, "k4": 5e-4, "fisheye": True}

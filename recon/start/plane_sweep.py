@@ -19,7 +19,7 @@ from imaging.progress import Progress, unreported
 from recon.data.dataset import View
 from recon.data.geometry import inside, lift, project, rays
 from recon.data.light import grey
-from recon.train.warped_plane import warp
+from recon.start.warped_plane import warp
 
 Float = npt.NDArray[np.float32]
 Bool = npt.NDArray[np.bool_]

@@ -14,8 +14,8 @@ from recon.data.light import light_of, radiance_image
 from recon.data.truth import true_radiance
 from recon.scene.appearance import LuminanceChromaticity
 from recon.splat import SplatCamera
-from recon.train.initialisation import colours_at, gaussians_at, start_points
-from recon.train.plane_sweep import plane_sweep, spread
+from recon.start.initialisation import colours_at, gaussians_at, start_points
+from recon.start.plane_sweep import plane_sweep, spread
 
 LENS = SplatCamera(
     np.eye(4) + np.array([[0, 0, 0, 0.3], [0, 0, 0, -0.2], [0, 0, 0, 1.0], [0, 0, 0, 0]]),
@@ -158,6 +158,6 @@ def test_of_many_views_some_are_swept_from_everywhere_with_one_that_confirms_eac
 def test_points_are_coloured_the_same_in_parts(toy_dataset, images, monkeypatch):
     xyz = toy_dataset.points().xyz
     whole = colours_at(toy_dataset, images, xyz)
-    monkeypatch.setattr("recon.train.initialisation.SAMPLES_AT_ONCE", 40 * len(images))
+    monkeypatch.setattr("recon.start.initialisation.SAMPLES_AT_ONCE", 40 * len(images))
     for together, apart in zip(whole, colours_at(toy_dataset, images, xyz), strict=True):
         np.testing.assert_array_equal(together, apart)
