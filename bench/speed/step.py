@@ -27,6 +27,7 @@ from recon.decide.probe import LATE
 from recon.methods import nh_3dgs
 from recon.observe.linear import LinearLight
 from recon.start.initialisation import gaussians_at
+from recon.train.adam import Adam
 from recon.train.densification import DensityRules
 from recon.train.schedule import Schedule
 from recon.train.trainer import train
@@ -39,7 +40,7 @@ PARTS = {
     "colours, forward": (type(nh_3dgs.LuminanceChromaticity()), "colours"),
     "observation, forward": (LinearLight, "compare"),
     "L1 and SSIM with gradient": (recon.observe.losses, "photometric_loss"),
-    "Adam": (torch.optim.Adam, "step"),
+    "Adam": (Adam, "step"),
     "backward, all": (torch.Tensor, "backward"),
 }
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy import special
 
 from imaging.errors import CalibrationError
 
@@ -55,7 +55,7 @@ def combined(comparisons: Sequence[Comparison]) -> Combined:
     variance = 1.0 / float(inverse.sum())
     mean = variance * float((inverse @ logs).sum())
     residuals = logs - mean
-    if len(logs) > 1 and stats.chi2.sf(residuals @ inverse @ residuals, len(logs) - 1) < UNLIKELY:
+    if len(logs) > 1 and special.chdtrc(len(logs) - 1, residuals @ inverse @ residuals) < UNLIKELY:
         raise CalibrationError(_contradiction(comparisons, logs, covariance))
     value = float(np.exp(mean))
     return Combined(value, value * float(np.sqrt(variance)), residuals)

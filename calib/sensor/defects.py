@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage, stats
+from scipy import ndimage, special
 
 from calib.sensor.stack import Map, Period, Stack, sites
 from imaging.cfa import repeated
@@ -29,7 +29,7 @@ def in_the_dark(dark: Stack) -> tuple[Bool, Bool]:
     if freedom >= 7:
         planes = sites(dark.variance, dark.tile)
         usual = np.median(planes, axis=(1, 2))
-        limit = max(float(stats.chi2.isf(NOISY, freedom)) / freedom, 4.0)
+        limit = max(float(special.chdtri(freedom, NOISY)) / freedom, 4.0)
         # Rounding lifts the scatter of a photosite at the edge of a code; a quarter DN^2 is its most.
         ceiling = np.maximum(usual * limit, usual + 0.25)
         noisy = _joined(planes > ceiling[:, None, None], hot.shape, dark.tile) & ~hot

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
-from scipy.stats import chi2
+from scipy import ndimage, special
 
 from imaging.merge.bracket import MARGIN, Merged, merge_bracket
 from imaging.merge.linear_frame import Bool, Float, LinearFrame
@@ -100,7 +99,7 @@ def find_ghosts(
     if not told.any():
         return np.zeros(shape, bool), 1.0
     table = np.arange(1, int(freedom.max()) + 1)
-    middle, limit = chi2.ppf(0.5, table)[freedom - 1], chi2.isf(CHANCE, table)[freedom - 1]
+    middle, limit = special.chdtri(table, 0.5)[freedom - 1], special.chdtri(table, CHANCE)[freedom - 1]
     excess = max(float(np.median((square / middle)[told])), 1.0)
     moved = told & (square / excess > limit)
     moved = ndimage.binary_opening(moved, np.ones((OPENING, OPENING), bool))

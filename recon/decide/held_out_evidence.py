@@ -15,6 +15,7 @@ from recon.data.dataset import View
 from recon.observe.refinement import Refined, camera_delta
 from recon.splat.moved import moved
 from recon.splat.torch_threads import torch_on_one_thread
+from recon.train.adam import Adam
 from recon.train.training import Training
 
 SQUARE = 8
@@ -75,12 +76,12 @@ def _fitted(
     ]
     if not groups:
         return pose, logs
-    optimizer = torch.optim.Adam(groups)
+    optimizer = Adam(groups)
     for step in range(STEPS):
         for group in optimizer.param_groups:
             first, last = group["rates"]
             group["lr"] = first * (last / first) ** (step / STEPS)
-        optimizer.zero_grad(set_to_none=True)
+        optimizer.zero_grad()
         image = _image(training, view, pose, extent)
         prediction, target = training.method.observation.compare(image, view, 1.0, logs.exp())
         half = _on_planes(_half(view, 0), target)

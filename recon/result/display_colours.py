@@ -18,6 +18,7 @@ from recon.scene.harmonics import COEFFICIENTS
 from recon.scene.ply import fitted_harmonics
 from recon.splat import Limits, SplatCamera
 from recon.splat.torch_threads import torch_on_one_thread
+from recon.train.adam import Adam
 
 Array = npt.NDArray[np.float64]
 Pair = tuple[SplatCamera, Tensor]
@@ -106,14 +107,14 @@ def _fit(
     """Bring what `viewer` draws of `model` nearer to pictures; in place."""
     rates = {"sh_dc": DC_RATE, "sh_rest": REST_RATE}
     groups = [{"name": name, "params": [model.parameters[name].requires_grad_(True)]} for name in rates]
-    optimizer = torch.optim.Adam(groups, lr=1.0, eps=1e-15)
+    optimizer = Adam(groups, eps=1e-15)
     order = np.random.Generator(np.random.PCG64(0)).permutation(len(pairs))
     for step in range(steps):
         progress("fitting display colours", step, steps)
         for group in optimizer.param_groups:
             group["lr"] = rates[group["name"]].at(step / steps)
         camera, shown = pairs[order[step % len(pairs)]]
-        optimizer.zero_grad(set_to_none=True)
+        optimizer.zero_grad()
         image = viewer(model, camera, degree=degree).image
         (image.clamp(0, 1) - shown / 255).square().mean().backward()
         optimizer.step()

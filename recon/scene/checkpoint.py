@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
@@ -49,23 +48,3 @@ def read_checkpoint(path: Path) -> Checkpoint:
         raise ReconstructionError(f"{path} is missing: run `rig reconstruct` first.") from error
     except (OSError, ValueError, KeyError, TypeError, SafetensorError) as error:
         raise ReconstructionError(f"{path} is damaged: delete it and reconstruct again.") from error
-
-
-def adam_tensors(optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
-    """The memory of an Adam whose groups are named, as flat tensors."""
-    tensors = {}
-    for group in optimizer.param_groups:
-        for key, value in optimizer.state.get(group["params"][0], {}).items():
-            tensors[f"adam.{group['name']}.{key}"] = torch.as_tensor(value)
-    return tensors
-
-
-def restore_adam(optimizer: torch.optim.Optimizer, tensors: dict[str, Tensor]) -> None:
-    """Give an Adam its memory back; `tensors` by `NAME.KEY`, as `adam_tensors` wrote them."""
-    for group in optimizer.param_groups:
-        prefix, device = group["name"] + ".", group["params"][0].device
-        state = {
-            key[len(prefix) :]: value.to(device) for key, value in tensors.items() if key.startswith(prefix)
-        }
-        if state:
-            optimizer.state[group["params"][0]] = state

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from recon.scene.gaussians import Gaussians
 from recon.splat import SplatStats
+from recon.train.adam import Adam
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class Change:
     keep: Tensor
     new: dict[str, Tensor]
 
-    def apply(self, gaussians: Gaussians, optimizer: torch.optim.Optimizer) -> None:
+    def apply(self, gaussians: Gaussians, optimizer: Adam) -> None:
         """Do it, in place: the optimizer's memory follows the Gaussians, new ones begin without any."""
         for group in optimizer.param_groups:
             name = group["name"]

@@ -7,7 +7,7 @@ import torch
 from recon.data.light import Light
 from recon.methods.method import Method
 from recon.observe.refinement import Refinement
-from recon.scene.checkpoint import Checkpoint, adam_tensors, restore_adam
+from recon.scene.checkpoint import Checkpoint
 from recon.scene.environment import NAME as ENVIRONMENT
 from recon.scene.environment import Environment
 from recon.scene.gaussians import Gaussians
@@ -41,7 +41,7 @@ def checkpoint_of(training: Training, facts: dict[str, Any]) -> Checkpoint:
             **{f"shared.{name}": value for name, value in training.method.observation.shared.items()},
             **{f"refinement.{name}": value for name, value in corrections.items()},
             **{f"{ENVIRONMENT}.{name}": value for name, value in far.items()},
-            **adam_tensors(training.optimizer),
+            **{f"adam.{name}": value for name, value in training.optimizer.tensors().items()},
             **stats,
         },
         {**facts, **state},
@@ -71,7 +71,7 @@ def restored(
     training = Training.begin(
         method, light_in(checkpoint), gaussians, extent, device, refinement, environment
     )
-    restore_adam(training.optimizer, checkpoint.part("adam"))
+    training.optimizer.restore(checkpoint.part("adam"))
     for key, value in checkpoint.part("stats").items():
         setattr(training.stats, key, value.numpy().copy())
     training.iteration = facts["iteration"]

@@ -14,6 +14,7 @@ from recon.observe.refinement import RATES
 from recon.scene.gaussians import Renderer
 from recon.splat import SplatStats
 from recon.splat.torch_threads import torch_on_one_thread
+from recon.train.adam import Adam
 from recon.train.densification import Density
 from recon.train.interrupt import deferred
 from recon.train.monitor import Monitor
@@ -63,7 +64,7 @@ def train(
             position = schedule.position(training.iteration)
             done = position / schedule.planned
             _set_rates(optimizer, plan, done)
-            optimizer.zero_grad(set_to_none=True)
+            optimizer.zero_grad()
             total = 0.0
             for view in _views(training.iteration, dataset.train, plan, ranks):
                 loss = _loss(training, renderer, view, done) / plan.batch
@@ -112,7 +113,7 @@ def _densify(training: Training, density: Density, done: float, seed: int, ranks
     training.stats = SplatStats(len(training.gaussians))
 
 
-def _set_rates(optimizer: torch.optim.Optimizer, plan: Plan, done: float) -> None:
+def _set_rates(optimizer: Adam, plan: Plan, done: float) -> None:
     """Learning rates and momenta of an iteration."""
     for group in optimizer.param_groups:
         factor = 1.0 if group["name"] in RATES else plan.rate_factor

@@ -15,6 +15,7 @@ from recon.scene.environment import RATE as ENVIRONMENT_RATE
 from recon.scene.environment import Environment
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
 from recon.splat import SplatStats
+from recon.train.adam import Adam
 from recon.train.densification import DensityRules
 from recon.train.live_curve import Moment, held_out_psnr
 from recon.train.ranks import Ranks
@@ -54,7 +55,7 @@ class Training:
     method: Method
     light: Light
     gaussians: Gaussians
-    optimizer: torch.optim.Optimizer
+    optimizer: Adam
     stats: SplatStats
     refinement: Refinement | None = None
     environment: Environment | None = None
@@ -98,7 +99,7 @@ class Training:
             }
             for name, value in parameters.items()
         ]
-        optimizer = torch.optim.Adam(groups, eps=1e-15, fused=True)
+        optimizer = Adam(groups, eps=1e-15)
         return cls(method, light, gaussians, optimizer, SplatStats(len(gaussians)), refinement, environment)
 
     def renderer(self) -> Renderer:

@@ -14,6 +14,7 @@ from recon.observe.calibrated_curves import ASSUMED, ASSUMED_SMOOTHNESS
 from recon.observe.photographs import DISPLAY_POWER, LEAST_SLOPE, TYPICAL_SLOPE, Display, ToneCurve
 from recon.observe.tone_grid import Grid, curve_parameters, sampled
 from recon.splat import SplatCamera
+from recon.train.adam import Adam
 
 HEIGHT, WIDTH = 3, 40
 SCALES = (1 / 8, 2.0, 32.0)
@@ -135,7 +136,7 @@ def test_a_curve_that_was_assumed_becomes_the_one_that_made_the_photographs() ->
         smoothness=ASSUMED_SMOOTHNESS, fixed=0.0, _prepared={},
     )  # fmt: skip
     begun = curve.curves()[0]
-    optimizer = torch.optim.Adam([curve.theta])
+    optimizer = Adam([{"params": [curve.theta]}])
     steps = 150
     for step in range(steps):
         for group in optimizer.param_groups:
