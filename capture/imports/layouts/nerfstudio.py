@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -168,7 +168,7 @@ def read(folder: Path) -> Given:
     lenses: dict[Lens | None, str] = {}
     photos: dict[Path, GivenPhoto] = {}
     missing = []
-    for entry in (entry for source in sources for entry in entries(source)):
+    for entry, use in ((entry, _use(source, sources)) for source in sources for entry in entries(source)):
         path = _photo(folder, entry.file_path)
         if path in photos:
             raise InputError(f"{entry.where} names {shown(path)} a second time: take one of both out.")
@@ -179,7 +179,7 @@ def read(folder: Path) -> Given:
         camera = lenses.setdefault(lens, str(len(lenses)))
         pose = entry.cam_from_world()
         photos[path] = GivenPhoto(
-            path, camera, lens, pose if lens else None, entry.exposure(), mask=_mask(folder, entry)
+            path, camera, lens, pose if lens else None, entry.exposure(), use=use, mask=_mask(folder, entry)
         )
     return Given(
         "nerfstudio",
@@ -187,22 +187,25 @@ def read(folder: Path) -> Given:
         tuple(sorted(photos.values(), key=lambda photo: natural(photo.path))),
         points=_scene_points(folder, sources[0]),
         missing=tuple(missing),
-        notes=tuple(_notes(sources, photos.values(), lenses)),
+        notes=tuple(_notes(photos.values(), lenses)),
     )
 
 
-def _notes(
-    sources: list[Path], photos: Iterable[GivenPhoto], lenses: dict[Lens | None, str]
-) -> Iterable[str]:
+def _use(source: Path, sources: list[Path]) -> Literal["train", "test"] | None:
+    """What the photographs of one of the files are for; those for validation are for neither beside a test."""
+    part = source.stem.removeprefix("transforms").removeprefix("_")
+    if part == "val":
+        return "test" if all(other.name != "transforms_test.json" for other in sources) else None
+    return {"train": "train", "test": "test"}.get(part)  # type: ignore[return-value]
+
+
+def _notes(photos: Iterable[GivenPhoto], lenses: dict[Lens | None, str]) -> Iterable[str]:
     if None in lenses:
         count = sum(photo.lens is None for photo in photos)
         yield (
             f"{count} photos come without lens and pose, since rig has no lens of their camera_model: "
             "undistort the images first if the poses matter."
         )
-    if len(sources) > 1:
-        names = ", ".join(source.name for source in sources)
-        yield f"The photos of {names} are one set: rig holds out views of its own choice."
 
 
 def _scene_points(folder: Path, source: Path) -> Array | None:

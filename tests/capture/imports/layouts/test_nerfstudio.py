@@ -107,7 +107,27 @@ def test_a_blender_scene_has_a_field_of_view_and_names_without_a_suffix(tmp_path
     lens = read_calibration(session.folder).cameras[0].lens
     assert lens.fx == lens.fy == pytest.approx(32 / math.tan(0.4))
     assert (lens.model, lens.cx, lens.cy, result.views) == ("PINHOLE", 32, 24, 4)
-    assert any("transforms_train.json, transforms_test.json are one set" in g for g in result.guesses)
+    assert any("3 views are for training and 1 for testing" in guess for guess in result.guesses)
+    split = session.split()
+    assert split is not None
+    assert (len(split.train), len(split.test)) == (3, 1)
+
+
+@pytest.mark.parametrize("names, uses", [("train val test", (2, 1, 1)), ("train val", (2, 2, 0))])
+def test_what_a_blender_scene_validates_with_is_tested_on_where_it_has_no_other_test(tmp_path, names, uses):
+    folder = scene(tmp_path / "n", "{}")
+    (folder / "transforms.json").unlink()
+    training, testing, neither = uses
+    parts = {"train": frames()[:2], "val": frames()[2:], "test": []}
+    if "test" in names:
+        parts |= {"val": frames()[2:3], "test": frames()[3:]}
+    for name in names.split():
+        (folder / f"transforms_{name}.json").write_text(json.dumps(LENS | {"frames": parts[name]}))
+    _, session, _ = imported(folder)
+    split = session.split()
+    assert split is not None
+    assert (len(split.train), len(split.test)) == (training, testing)
+    assert len(session.shots("scene")) - len(split.train) - len(split.test) == neither
 
 
 def test_photos_that_no_frame_names_are_not_imported_and_absent_ones_are_told(tmp_path):
