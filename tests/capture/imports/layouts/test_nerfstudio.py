@@ -113,7 +113,7 @@ def test_a_blender_scene_has_a_field_of_view_and_names_without_a_suffix(tmp_path
     assert (len(split.train), len(split.test)) == (3, 1)
 
 
-@pytest.mark.parametrize("names, uses", [("train val test", (2, 1, 1)), ("train val", (2, 2, 0))])
+@pytest.mark.parametrize(("names", "uses"), [("train val test", (2, 1, 1)), ("train val", (2, 2, 0))])
 def test_what_a_blender_scene_validates_with_is_tested_on_where_it_has_no_other_test(tmp_path, names, uses):
     folder = scene(tmp_path / "n", "{}")
     (folder / "transforms.json").unlink()
