@@ -13,6 +13,7 @@ from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.data.geometry import lift, project
+from recon.data.light import light_of
 from recon.scene.appearance import Appearance
 from recon.scene.gaussians import Gaussians
 from recon.start.plane_sweep import plane_sweep, sample
@@ -22,6 +23,8 @@ Array = npt.NDArray[np.float64]
 FEWEST_POINTS = 8
 SAMPLES_AT_ONCE = 1_000_000
 """Looks at points, of all views together, that are held in memory."""
+DARK = 1 / 12.92
+"""Of the dimmest radiance that matters, what is as good as black: a photograph's code at its dark end."""
 MOST_FIRST = 16
 """Views that are swept over all depths, where poses came without points."""
 
@@ -47,20 +50,24 @@ def start_points(
     rng: np.random.Generator,
     progress: Progress = unreported,
     over: Callable[[], bool] | None = None,
+    first: Array | None = None,
 ) -> Start:
     """At most `count` coloured points: SfM points (as many as fit), then points of the plane sweep.
 
-    `images` are the radiance images of the training views. Poses that came without any points get
-    theirs from a first sweep over all depths. over: asked before each view is swept; those that are due when
-    it says yes are left out. ReconstructionError when there are fewer than 8 points, or fewer are seen, since
-    then nothing says where the scene is.
+    `images` are the radiance images of the training views. Poses that came without any points get theirs
+    from a first sweep over all depths; first: what `points_of_poses` found by it, if it was made. over: asked
+    before each view is swept; those that are due when it says yes are left out. ReconstructionError when
+    there are fewer than 8 points, or fewer are seen, since then nothing says where the scene is.
     """
     model = dataset.points()
     # Points that came with somebody else's poses, but without the images that saw them, are believed.
     good = np.isfinite(model.xyz).all(1) & ((model.views >= 2) | ~model.views.any())
     if good.any():
         good &= model.error <= max(2.0, 3 * float(np.median(model.error[good])))
-    sparse = model.xyz[good] if len(model.xyz) else _points_of_poses(dataset, images, progress)
+    if len(model.xyz):
+        sparse = model.xyz[good]
+    else:
+        sparse = points_of_poses(dataset, images, progress) if first is None else first
     if len(sparse) < FEWEST_POINTS:
         raise ReconstructionError(
             f"{dataset.session} has {len(sparse)} scene points in calibration/colmap, too few to start from: "
@@ -69,12 +76,17 @@ def start_points(
     if len(sparse) > count:
         sparse = sparse[np.sort(rng.choice(len(sparse), size=count, replace=False))]
     skipped: list[int] = []
+    dimmest = _dimmest(dataset, images)
     xyz = sparse
     if len(sparse) < count:
         pictures = [image for image, _ in images]
-        maps = plane_sweep(dataset.train, pictures, sparse, progress=progress, over=over, skipped=skipped)
+        maps = plane_sweep(
+            dataset.train, pictures, sparse, dimmest=dimmest, progress=progress, over=over, skipped=skipped
+        )
         xyz = np.concatenate([sparse, sample(maps, count - len(sparse), rng)])
     rgb, visible = colours_at(dataset, images, xyz)
+    # A swept point that is dark to most views that look there stands in empty space before black.
+    visible[len(sparse) :] &= rgb[len(sparse) :].max(-1) > dimmest
     if visible.sum() < FEWEST_POINTS:
         raise ReconstructionError(
             f"{dataset.session} shows {int(visible.sum())} of its {len(xyz)} scene points where its images "
@@ -83,13 +95,23 @@ def start_points(
     return Start(xyz[visible], rgb[visible], int(visible[: len(sparse)].sum()), len(skipped))
 
 
-def _points_of_poses(dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress) -> Array:
+def _dimmest(dataset: Dataset, images: list[tuple[Float, Bool]]) -> float:
+    """Radiance below which a start has nothing."""
+    light = light_of(dataset, images)
+    return DARK * light.normaliser * (light.reference or 0.0)
+
+
+def points_of_poses(
+    dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress = unreported
+) -> Array:
     """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
     points = [np.zeros((0, 3))]
-    pictures = [image for image, _ in images]
-    for depth_map in plane_sweep(dataset.train, pictures, None, most=MOST_FIRST, progress=progress):
+    pictures, dimmest = [image for image, _ in images], _dimmest(dataset, images)
+    for depth_map in plane_sweep(
+        dataset.train, pictures, None, dimmest=dimmest, most=MOST_FIRST, progress=progress
+    ):
         # Beyond the middle of the image's depths by so much, a match tells a direction and no place.
-        near = depth_map.trusted & (depth_map.depth < 20 * np.median(depth_map.depth))
+        near = depth_map.trusted & depth_map.lit & (depth_map.depth < 20 * np.median(depth_map.depth))
         points.append(lift(depth_map.view.lens, depth_map.centres[near], depth_map.depth[near]))
     return np.concatenate(points)
 

@@ -40,11 +40,13 @@ AGREEMENT = 0.03
 
 @dataclass(frozen=True, eq=False)
 class DepthMap:
-    """Depth along the axis [h, w] at the coarse pixel centres; trusted [h, w] where views agree."""
+    """Depth along the axis [h, w] at the coarse pixel centres; trusted [h, w] where views agree; lit [h, w]
+    where the view shows light that matters."""
 
     view: View
     depth: Float
     trusted: Bool
+    lit: Bool
     centres: npt.NDArray[np.float64]
 
 
@@ -53,6 +55,7 @@ def plane_sweep(
     images: list[Float],
     points: npt.NDArray[np.float64] | None,
     *,
+    dimmest: float = 0.0,
     width: int = 160,
     progress: Progress = unreported,
     most: int = MOST_SWEPT,
@@ -61,7 +64,7 @@ def plane_sweep(
 ) -> list[DepthMap]:
     """Depth maps of at most `most` of the `views`, from the radiance `images` [H, W, C] of all of them.
 
-    points: sparse ones of the scene, [P, 3].
+    points: sparse ones of the scene, [P, 3]. dimmest: the least radiance that matters.
     The range of depths of each view comes from the points in front of it, widened by a quarter
     in inverse depth; views that see fewer than 8 of them get no map. Without points (None) the range
     goes from infinity to as near as the planes can tell apart, seen from the neighbours. over: asked before
@@ -97,7 +100,8 @@ def plane_sweep(
         trusted = (score > TRUSTED_SCORE) & _confirmed(index, depth, centres, views, raw, chosen)
         size = depth.shape[1], depth.shape[0]
         trusted &= cv2.resize(view.seen.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
-        maps.append(DepthMap(view, _fill(depth, trusted), trusted, centres))
+        lit = cv2.resize(np.nanmax(images[index], axis=-1), size, interpolation=cv2.INTER_AREA) > dimmest
+        maps.append(DepthMap(view, _fill(depth, trusted), trusted, lit, centres))
     return maps
 
 
@@ -259,15 +263,20 @@ def _fill(depth: Float, trusted: Bool) -> Float:
 
 
 def sample(maps: list[DepthMap], count: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
-    """`count` scene points, drawn evenly over the pixels of all maps, each jittered within its pixel."""
-    sizes = [depth_map.depth.size for depth_map in maps]
-    if not sizes or count <= 0:
+    """At most `count` scene points, drawn evenly over the lit pixels of all maps.
+
+    Where a view shows no light, depth is a guess, and a Gaussian there would hide what is lit behind it.
+    """
+    lit = [np.flatnonzero(depth_map.lit) for depth_map in maps]
+    total = sum(map(len, lit))
+    if not total or count <= 0:
         return np.zeros((0, 3))
-    chosen = np.sort(rng.choice(sum(sizes), size=min(count, sum(sizes)), replace=False))
+    chosen = np.sort(rng.choice(total, size=min(count, total), replace=False))
     points, start = [], 0
-    for depth_map, size in zip(maps, sizes, strict=True):
-        pixels = chosen[(chosen >= start) & (chosen < start + size)] - start
-        start += size
+    for depth_map, candidates in zip(maps, lit, strict=True):
+        end = start + len(candidates)
+        pixels = candidates[chosen[(chosen >= start) & (chosen < end)] - start]
+        start = end
         centres = depth_map.centres.reshape(-1, 2)[pixels]
         points.append(lift(depth_map.view.lens, centres, depth_map.depth.reshape(-1)[pixels]))
     return np.concatenate(points)

@@ -121,6 +121,24 @@ def test_start_has_the_number_asked_for_and_the_colours_of_the_views(toy_dataset
     assert scales.max() <= 64 * scales.min() * 1.001
 
 
+def test_nothing_starts_in_the_empty_space_before_a_black_background(toy_dataset, images):
+    """Where the depth of black pixels is a guess, Gaussians there would hide what is lit behind them."""
+
+    def before_black(view, rgb):
+        pixels = np.stack(np.meshgrid(*(np.arange(size) + 0.5 for size in rgb.shape[1::-1])), -1)
+        depth = true_depth(toy_dataset, view, pixels)
+        return np.where((depth > np.median(depth))[..., None], 0, rgb)
+
+    black = [
+        (before_black(view, rgb), trusted)
+        for view, (rgb, trusted) in zip(toy_dataset.train, images, strict=True)
+    ]
+    start = start_points(toy_dataset, black, 2000, np.random.Generator(np.random.PCG64(3)))
+    swept = start.rgb[start.sparse :]
+    assert len(swept) > 500
+    assert (swept.max(-1) <= 0).mean() < 0.02
+
+
 def test_colours_forgive_what_is_covered_in_a_few_views(toy_dataset, images):
     view = toy_dataset.train[0]
     pixels = np.array([[32.5, 20.5], [12.5, 40.5]])
