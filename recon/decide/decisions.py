@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from imaging.merge.linear_frame import Bool, Float
@@ -28,7 +29,7 @@ from recon.decide.trials import reason_against_trials
 from recon.observe.refinement import Refinement
 from recon.scene.environment import Environment
 from recon.start.far_light import far_light, without_far
-from recon.start.initialisation import Start, gaussians_at, start_points
+from recon.start.initialisation import Start, gaussians_at, points_of_poses, start_points
 from recon.train.ranks import Ranks
 from recon.train.training import Training
 
@@ -81,7 +82,8 @@ class Case(Run):
 class Decisions:
     """What is decided so far.
 
-    settings: those asked for, with what was decided in place of it. points: to start from. far: what is
+    settings: those asked for, with what was decided in place of it. first: points of a sweep over all depths,
+    where poses came without any. points: to start from. far: what is
     behind them at the start. against_trials: why none is made; None: they are. rungs: the evidence for the
     size and the environment; that for the corrections is in `refinement`.
     """
@@ -90,6 +92,7 @@ class Decisions:
     refinement: Refinement
     rungs: tuple[Rung, ...] = ()
     prediction: Prediction | None = None
+    first: npt.NDArray[np.float64] | None = None
     points: Start | None = None
     far: Environment | None = None
     against_trials: str | None = None
@@ -138,8 +141,11 @@ def report(case: Case, decided: Decisions) -> Decisions:
 
 def degree(case: Case, decided: Decisions) -> Decisions:
     """Looks at scene points from all sides; chooses the degree of the harmonics, and leaves its rung."""
-    chosen, rung = degree_for(case.dataset, case.asked, case.images, case.ranks)
-    return replace(decided.setting(degree=chosen), rungs=(rung,))
+    first = (
+        None if len(case.dataset.points().xyz) else points_of_poses(case.dataset, case.images, case.progress)
+    )
+    chosen, rung = degree_for(case.dataset, case.asked, case.images, case.ranks, first)
+    return replace(decided.setting(degree=chosen), rungs=(rung,), first=first)
 
 
 def most_gaussians(case: Case, decided: Decisions) -> Decisions:
@@ -154,7 +160,7 @@ def start(case: Case, decided: Decisions) -> Decisions:
     rng = np.random.Generator(np.random.PCG64([asked.seed, 0x57A27]))
     # Several processes have to begin with the same points, whichever is slower.
     over = countdown.start_over() if countdown is not None and case.ranks.count == 1 else None
-    points = start_points(case.dataset, case.images, count, rng, case.progress, over)
+    points = start_points(case.dataset, case.images, count, rng, case.progress, over, decided.first)
     if countdown is not None and points.left_out:
         few = f"{points.left_out} of {len(case.dataset.train)} views"
         case.say(f"{countdown.seconds:g} s leave no room for the depths of {few}.")

@@ -18,17 +18,25 @@ OVERRIDES = (
 
 @dataclass(frozen=True)
 class Quality:
-    """A preset: how long, how many at most, how fine. bench/recon/presets.py has the fronts behind it."""
+    """A preset: how long, how many at most, how fine. bench/recon/presets.py has the fronts behind it.
+
+    looks: iterations for each training view, where those of the preset are fewer.
+    """
 
     iterations: int
     gaussians: int
     width: int
+    looks: int = 0
+
+    def iterations_of(self, views: int) -> int:
+        """How many for so many training views: each has to be looked at often enough."""
+        return max(self.iterations, self.looks * views)
 
 
 QUALITIES: dict[str, Quality] = {
-    "draft": Quality(300, 20_000, 320),
-    "standard": Quality(2000, 40_000, 640),
-    "best": Quality(4000, 80_000, 1280),
+    "draft": Quality(300, 20_000, 320, looks=10),
+    "standard": Quality(2000, 40_000, 640, looks=40),
+    "best": Quality(4000, 80_000, 1280, looks=100),
 }
 
 START_SHARE = 0.5

@@ -99,6 +99,7 @@ def asked_for(
     With several processes a step takes a view of each, and there are so many times fewer.
     """
     preset = QUALITIES[quality]
+    iterations = overrides.iterations or preset.iterations_of(len(dataset.train))
     gaussians = overrides.gaussians or preset.gaussians
     if budget is not None and budget.gaussians is not None:
         # More Gaussians than pixels cannot be distinguished.
@@ -109,7 +110,7 @@ def asked_for(
             "method": method,
             "quality": quality,
             "seed": seed,
-            "iterations": math.ceil((overrides.iterations or preset.iterations) / processes),
+            "iterations": math.ceil(iterations / processes),
             "batch": processes,
             "max_gaussians": gaussians,
             "max_width": overrides.width or preset.width,

@@ -54,17 +54,22 @@ Array = npt.NDArray[np.float64]
 
 
 def degree_for(
-    dataset: Dataset, settings: Settings, images: list[tuple[Float, Bool]], ranks: Ranks
+    dataset: Dataset,
+    settings: Settings,
+    images: list[tuple[Float, Bool]],
+    ranks: Ranks,
+    points: Array | None = None,
 ) -> tuple[int, Rung]:
     """The degree of the harmonics, and why: as asked, else by the evidence; the same on all ranks.
 
-    images: radiance images of the training views. The rung's parameters are those of one Gaussian.
+    images: radiance images of the training views. points: of the scene, where calibration has none. The
+    rung's parameters are those of one Gaussian.
     """
     evidence, asked = None, settings.overrides.degree
     if asked is not None:
         degree, reason = asked, "as asked for"
     else:
-        evidence = gains(looks(dataset, images))
+        evidence = gains(looks(dataset, images, points))
         if evidence is None:
             degree = UNTOLD
             reason = (
@@ -182,8 +187,16 @@ class Ladder:
         while len(counts) <= MOST_HALVINGS and counts[-1] // 2 >= FEWEST and max(means) - means[-1] < LOSS:
             counts.append(counts[-1] // 2)
             means.append(float(self.db(counts[-1]).mean()))
-        count = fewest(counts, means)
-        near = min(counts, key=lambda tried: abs(np.log(tried / count)))
+        enough = fewest(counts, means)
+        near = min(counts, key=lambda tried: abs(np.log(tried / enough)))
+        count, longer = enough, ""
+        if starved(means):
+            share = self.trials.settings.iterations * self.trials.settings.batch / self.iterations
+            count = min(self.most, round(enough * share))
+            longer = (
+                f"; {enough:,} are all that so short a training has use for, and this one has {share:.0f} "
+                "times its iterations"
+            )
         gain, error = _paired(self.db(near), self.db(self.most))
         tried_counts = ", ".join(f"{mean:.2f} dB with {c:,}" for c, mean in zip(counts, means, strict=True))
         number = Rung(
@@ -193,7 +206,7 @@ class Ladder:
             standard_error=error,
             unit=UNIT,
             reason=f"{count:,} of at most {self.most:,}, the fewest that lose less than {LOSS:g} dB in "
-            f"trainings of {self.iterations} iterations: {tried_counts}",
+            f"trainings of {self.iterations} iterations: {tried_counts}{longer}",
             parameters=PLAIN * count,
         )
         return count, number
@@ -232,6 +245,14 @@ def fewest(counts: list[int], means: list[float]) -> int:
         return counts[last]
     share = (means[last] - line) / (means[last] - means[last + 1])
     return int(counts[last] * (counts[last + 1] / counts[last]) ** share)
+
+
+def starved(means: list[float]) -> bool:
+    """Whether the trials were too short for the most Gaussians: dB over falling counts rise at first.
+
+    What is best then follows the iterations and not the scene.
+    """
+    return means[0] < max(means) - LOSS
 
 
 def fewer(points: Start, count: int, seed: int) -> Start:

@@ -4,18 +4,20 @@ Every scene point that many training views saw is looked at as often. The lumina
 from all the others: by their mean, and by harmonics of the direction fitted to them. No training is needed.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import torch
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import map_coordinates, minimum_filter
 
 from imaging.merge.linear_frame import Bool, Float
 from recon.data.dataset import Dataset
-from recon.data.geometry import project
+from recon.data.geometry import inside, project
 from recon.data.light import grey
 from recon.scene.harmonics import DEGREE, basis
+from recon.splat import SplatCamera
 
 Array = npt.NDArray[np.float64]
 
@@ -26,6 +28,11 @@ MOST_POINTS = 2000
 """Those that most views saw; more of them tell no more."""
 RIDGE = 0.1
 """Variance of a look over that of a coefficient: how far the coefficients are trusted to be off zero."""
+MOST_UNTRACKED = 5000
+CELLS = 80
+"""Across a picture, in which the nearest of points covers the others."""
+BEHIND = 0.05
+"""Of its depth, by how much a point may lie behind the nearest beside it and not be covered."""
 NOISE, SHIFT = 0.01, 0.3
 """What makes looks differ without any gloss: a part of the light, and a place that is off by so many px."""
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
@@ -53,9 +60,17 @@ class Gains:
     error: Array
 
 
-def looks(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Looks:
-    """Every training view at every scene point that calibration saw in it; `images`: radiance images."""
-    xyz, tracks = dataset.tracks()
+def looks(dataset: Dataset, images: list[tuple[Float, Bool]], points: Array | None = None) -> Looks:
+    """Every training view at every scene point that calibration saw in it; `images`: radiance images.
+
+    points [P, 3]: others, of which no more is known than where they are; some of them, evenly chosen, are
+    looked at from where they are not covered by others.
+    """
+    if points is None:
+        xyz, tracks = dataset.tracks()
+    else:
+        xyz = points[:: 1 + len(points) // MOST_UNTRACKED]
+        tracks = {view.id.image_name: uncovered(view.lens, points, xyz) for view in dataset.train}
     shape = len(dataset.train), len(xyz)
     light, slope = np.full(shape, np.nan), np.full(shape, np.nan)
     towards = np.zeros((*shape, 3))
@@ -78,6 +93,25 @@ def looks(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Looks:
         offset = xyz[rows_seen] - view.centre
         towards[row, rows_seen] = offset / np.linalg.norm(offset, axis=1, keepdims=True).clip(1e-12)
     return Looks(light, towards, slope)
+
+
+def uncovered(lens: SplatCamera, points: Array, xyz: Array) -> npt.NDArray[np.int64]:
+    """Which of `xyz` [Q, 3] a camera sees: those in its picture with none of `points` [P, 3] before them."""
+    size = lens.width / CELLS
+    shape = math.ceil(lens.height / size) + 1, CELLS + 1
+
+    def cells(pixels: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        column, row = np.floor(pixels / size).astype(np.int64).T
+        return row, column
+
+    nearest = np.full(shape, np.inf)
+    pixels, depth = project(lens, points)
+    shown = inside(lens, pixels, depth)
+    np.minimum.at(nearest, cells(pixels[shown]), depth[shown])
+    nearest = minimum_filter(nearest, 3)
+    pixels, depth = project(lens, xyz)
+    rows = np.flatnonzero(inside(lens, pixels, depth))
+    return np.asarray(rows[depth[rows] <= (1 + BEHIND) * nearest[cells(pixels[rows])]], np.int64)
 
 
 def gains(found: Looks) -> Gains | None:

@@ -97,7 +97,7 @@ def write_scene(
         ending="interrupted" if interrupted else training.ending or "schedule",
         held_out_db=training.curve[-1].db if training.curve else None,
         predicted=predicted,
-        rungs=(*ladder, *why, *_early_stop(training, settings)),
+        rungs=(*ladder, *why, *_early_stop(training, settings, len(dataset.train))),
     )
     store.write_json(folder / MODEL, record.model_dump(mode="json"))
 
@@ -147,12 +147,12 @@ def _scene_view(view: View, dataset: Dataset, use: Use) -> SceneView:
     )
 
 
-def _early_stop(training: Training, settings: Settings) -> tuple[Rung, ...]:
+def _early_stop(training: Training, settings: Settings, views: int) -> tuple[Rung, ...]:
     """Whether the training was made shorter, before it or on the way; nothing where nobody looked."""
     if not settings.early_stop:
         return ()
     cut, turns = training.ending == "early stop", training.schedule.turns if training.schedule else ()
-    asked = settings.overrides.iterations or QUALITIES[settings.quality].iterations
+    asked = settings.overrides.iterations or QUALITIES[settings.quality].iterations_of(views)
     worth = enough(asked)
     reason = f"at most {worth} of {asked} iterations, as scenes before gained less than {ENOUGH:g} dB by more"
     if cut:

@@ -38,7 +38,7 @@ class Session:
         preset, overrides = QUALITIES[choice.quality], choice.overrides
         return overrides.model_copy(
             update={
-                "iterations": overrides.iterations or preset.iterations,
+                "iterations": overrides.iterations or preset.iterations_of(self.views),
                 "gaussians": overrides.gaussians or preset.gaussians,
                 "width": min(overrides.width or preset.width, self.width),
             }
@@ -72,20 +72,21 @@ def planned(session: Session, trained: Point | None) -> list[Choice]:
     that one thing alone is changed. None: it could not be trained.
     """
     standard = QUALITIES["standard"]
+    iterations = standard.iterations_of(session.views)
     count = standard.gaussians if trained is None else trained.gaussians
     decided = {} if trained is None else _decided(trained)
     width = min(standard.width, session.width)
     wanted: list[tuple[str, dict[str, Any]]] = [
-        ("iterations", {"iterations": standard.iterations // 2}),
+        ("iterations", {"iterations": iterations // 2}),
         ("Gaussians", {"gaussians": count // 2}),
         ("Gaussians", {"gaussians": 2 * count}),
         ("resolution", {"width": width // 2}),
         ("exposures", {"exposures": 1}),
-        ("iterations", {"iterations": standard.iterations // 4}),
+        ("iterations", {"iterations": iterations // 4}),
         *((("corrections", {"refine": "none"}),) if decided.get("refine") else ()),
         ("SH degree", {"degree": 0}),
         ("views", {"views": session.views // 2}),
-        ("iterations", {"iterations": 2 * standard.iterations}),
+        ("iterations", {"iterations": 2 * iterations}),
         ("loss", {"ssim": 0.2}),
         ("growth", {"growth": 0.0}),
         ("SH degree", {"degree": 1}),

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from recon.result.model import ModelRecord
 
 _PRESETS = "; ".join(
-    f"{name} {preset.iterations:,} iterations, at most {preset.gaussians:,} Gaussians, {preset.width} px wide"
+    f"{name} {preset.iterations:,} iterations or {preset.looks} for each training view, at most "
+    f"{preset.gaussians:,} Gaussians, {preset.width} px wide"
     for name, preset in QUALITIES.items()
 )
 

@@ -192,7 +192,7 @@ def read(folder: Path) -> Given:
 
 
 def _use(source: Path, sources: list[Path]) -> Literal["train", "test"] | None:
-    """What the photographs of one of the files are for; those for validation are for neither beside a test."""
+    """What photographs of one of the files are for; those for validation are for neither beside a test."""
     part = source.stem.removeprefix("transforms").removeprefix("_")
     if part == "val":
         return "test" if all(other.name != "transforms_test.json" for other in sources) else None

@@ -9,7 +9,7 @@ import numpy as np
 
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
-from recon.decide.presets import QUALITIES, START_SHARE
+from recon.decide.presets import START_SHARE
 from recon.observe.losses import Photometric
 from recon.trade import Point, Trade, front, read_trade
 from recon.trade.records import FOLDER
@@ -119,10 +119,10 @@ def _tables(trade: Trade) -> Iterable[Table]:
 
 def settings(point: Point) -> dict[str, float | str | None]:
     """What a training was made with, by hand or as its scene decided; None: as the method has it."""
-    overrides, preset = point.choice.overrides, QUALITIES[point.choice.quality]
+    overrides = point.choice.overrides
     overridden = {key: getattr(overrides, key) for key in AXES}
     return overridden | {
-        "iterations": overrides.iterations or preset.iterations,
+        "iterations": point.iterations,
         "gaussians": overrides.gaussians or point.gaussians,
         "width": point.width,
         "degree": point.degree,

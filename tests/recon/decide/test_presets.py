@@ -10,6 +10,7 @@ from PIL import Image
 import recon.decide.presets
 from bench.recon import presets
 from imaging.files import store
+from recon.decide.presets import Quality
 
 BENCH = Path(__file__).parents[3] / "bench"
 
@@ -21,10 +22,15 @@ def test_the_presets_lie_on_the_recorded_fronts() -> None:
     recorded = store.read_json(path)
     # As the file has them: other tests make them shorter for as long as they run.
     qualities = runpy.run_path(str(Path(recon.decide.presets.__file__)))["QUALITIES"]
-    assert recorded["presets"] == {name: vars(preset) for name, preset in qualities.items()}, (
+    assert recorded["presets"] == {name: presets.as_trained(preset) for name, preset in qualities.items()}, (
         "the presets changed since: bench/recon/presets.py --write"
     )
     assert presets.verdict(recorded["rows"])["wrong"] == []
+
+
+def test_of_many_views_a_preset_looks_at_each_often_enough() -> None:
+    quality = Quality(300, 20_000, 320, looks=10)
+    assert [quality.iterations_of(views) for views in (1, 30, 31, 100)] == [300, 300, 310, 1000]
 
 
 def scene(draft: float, standard: float, best: float, behind: float = 0.0) -> dict[str, Any]:

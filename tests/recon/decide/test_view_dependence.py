@@ -6,9 +6,11 @@ from torch import from_numpy
 
 from imaging.files.colmap import read_tracks
 from recon.data.dataset import load
+from recon.data.geometry import lift
 from recon.data.light import radiance_image
 from recon.decide.size import lowest
 from recon.decide.view_dependence import (
+    CELLS,
     FEWEST_POINTS,
     FEWEST_VIEWS,
     RIDGE,
@@ -17,6 +19,7 @@ from recon.decide.view_dependence import (
     _missed,
     gains,
     looks,
+    uncovered,
 )
 from recon.scene.harmonics import basis
 
@@ -115,3 +118,32 @@ def test_looks_are_where_calibration_saw_a_point_and_light_is_a_number(toy):
         assert np.array_equal(after.light[2:], before.light[2:], equal_nan=True)
         assert not np.isinf(after.light).any()
         assert not np.isinf(after.slope).any()
+
+
+def test_points_without_tracks_are_looked_at_where_nothing_stands_before_them(toy):
+    dataset = load(toy)
+    lens = dataset.train[0].lens
+    pixels = np.stack(np.meshgrid(np.arange(2.5, lens.width, 2), np.arange(2.5, lens.height, 2)), -1)
+    pixels = pixels.reshape(-1, 2)
+    near, far = (lift(lens, pixels, np.full(len(pixels), depth)) for depth in (0.5, 1.0))
+    half = pixels[:, 0] < lens.width / 2
+    points = np.concatenate([near[half], far])
+    outside = near[:1] + 100
+    seen = uncovered(lens, points, np.concatenate([points, outside]))
+    assert set(seen) >= set(range(half.sum()))
+    rows = seen[seen >= half.sum()] - half.sum()
+    # A cell of the border may count for both sides.
+    assert pixels[rows, 0].min() > lens.width / 2 - 3 * lens.width / CELLS
+    assert len(rows) > 0.9 * (~half).sum()
+    assert len(points) not in seen
+
+
+def test_points_without_tracks_tell_gloss_as_tracks_do(toy):
+    dataset = load(toy)
+    images = [radiance_image(view) for view in dataset.train]
+    xyz, _ = dataset.tracks()
+    told, given = looks(dataset, images), looks(dataset, images, xyz)
+    assert given.light.shape == told.light.shape
+    both = np.isfinite(told.light) & np.isfinite(given.light)
+    assert both.sum() > 0.8 * np.isfinite(told.light).sum()
+    assert np.array_equal(told.light[both], given.light[both])
