@@ -1,0 +1,73 @@
+"""What the README claims of capture and calibration, and of light that shares no code with the simulator."""
+
+from .claim import Claim, cell, cells
+
+CLAIMS = (
+    Claim(
+        r"between views right to ([\d.]+) degrees and turns to ([\d.]+) in the median",
+        lambda: [
+            cell("calibration", key, "320 px, 0 EV", under="Scene")
+            for key in ("direction, degrees", "rotation, degrees")
+        ],
+    ),
+    Claim(
+        r"Capture: ([\d,]+) simulated scenes",
+        lambda: [sum(one[0] for one in cells("planner", "scenes, of these beyond the list"))],
+    ),
+    Claim(r"(\d+) captures killed", lambda: [sum(one[0] for one in cells("kill", "sessions"))]),
+    Claim(
+        r"noise of a sensor to ([\d.]+) %",
+        lambda: [
+            max(of[0] for key in ("gain %", "read noise %") for of in cells("sensor", key, but="0.2 DN"))
+        ],
+    ),
+    Claim(r"\(([\d.]+) % where the noise", lambda: [cell("sensor", "read noise %", "0.2 DN")]),
+    Claim(
+        r"response of developed photographs to ([\d.]+) %",
+        lambda: [max(of[0] for of in cells("response", "rig"))],
+    ),
+    Claim(
+        r"placed to ([\d.]+) degrees and ([\d.]+) mm at worst",
+        lambda: [
+            max(of[2] for of in cells("calibration", key, but="calibrateMultiview"))
+            for key in ("rotation, degrees", "translation, mm")
+        ],
+    ),
+    Claim(
+        r"AUC@1 of ([\d.]+) in the median, but to ([\d.]+) where",
+        lambda: [cell("calibration", "AUC@1", f"320 px, {ev} EV", under="Scene") for ev in ("0", "-8")],
+    ),
+    Claim(
+        r"alike (\d+) of (\d+) placed views stand wrongly, each of them warned of, where (\d+) of (\d+) did",
+        lambda: [
+            sum(one[0] for one in cells("foreign_poses", column))
+            for column in ("wrong 1", "placed with", "wrong", "placed without")
+        ],
+    ),
+    Claim(
+        r"all (\d+) views are placed, right to ([\d.]+) degrees in the median, and held-out views are "
+        r"([\d.]+) stops off, ([\d.]+) in the darkest tenth",
+        lambda: [
+            cells("foreign", column, "room, RAW of 14 bits", under=under)[-1][0]
+            for column, under in (
+                ("views", "Poses"),
+                ("degrees, median", "Poses"),
+                ("stops", "Held-out"),
+                ("darkest tenth", "Held-out"),
+            )
+        ],
+    ),
+    Claim(
+        r"views are ([\d.]+) stops off in the median, ([\d.]+) at the far background; merged brackets "
+        r"come to ([\d.]+) dB with a chi-square of ([\d.]+)",
+        lambda: [
+            cells("foreign", column, "objects, RAW of 12 bits, poses given", under=under)[-1][0]
+            for column, under in (
+                ("stops", "Held-out"),
+                ("background", "Held-out"),
+                ("merged, dB", "Photographs"),
+                ("chi-square", "Photographs"),
+            )
+        ],
+    ),
+)

@@ -1,0 +1,200 @@
+"""What the README claims of reconstruction."""
+
+import math
+
+from .claim import FIGURE, Claim, cell, cells, line, stored, tables
+
+EXR, RAW = "merged EXR", "RAW brackets"
+
+
+def by_scene(name: str, scene: str, trained: str, coloured: str) -> float:
+    """dB of a scene in the table by scene that follows a comparison."""
+    (found,) = [
+        one[scene]
+        for one in tables(name)[1][1]
+        if (one["trained on"], one["appearance"]) == (trained, coloured)
+    ]
+    return float(found)
+
+
+def compared(name: str, trained: str, coloured: str) -> list[float]:
+    """Difference and error, dB, of the row of a comparison that is of this input and this appearance."""
+    (found,) = [
+        one for one in tables(name)[0][1] if (one["trained on"], one["appearance"]) == (trained, coloured)
+    ]
+    return [float(one) for one in FIGURE.findall(found["dB"])][1:]
+
+
+def presets(quality: str, key: str) -> list[float]:
+    """Of every scene."""
+    return [one["presets"][quality][key] for one in stored("presets")["rows"]]
+
+
+def below(quality: str) -> list[float]:
+    """dB of every scene that a preset lies below best."""
+    return [best - own for best, own in zip(presets("best", "db"), presets(quality, "db"), strict=True)]
+
+
+def rate_gains(iterations: str) -> list[float]:
+    """dB of the light, scene by scene, between the usual rates and those nearest to what is taken."""
+    gains = []
+    for one in tables("learning_rates")[0][1]:
+        if one["iterations"] == iterations:
+            told = [FIGURE.findall(part) for part in one["factor: pictures / light, dB"].split(", ")]
+            light = {float(factor): float(value) for factor, _, value in told}
+            near = min(light, key=lambda factor: abs(math.log(factor / float(one["taken"]))))
+            gains.append(light[near] - light[1.0])
+    return gains
+
+
+def few() -> float:
+    """The most that colours of no direction gain of the light of few views, dB."""
+    degrees = [[at[1] for at in cells("few_views", f"degree {degree}")] for degree in range(3)]
+    return max(plain - other for plain, *others in zip(*degrees, strict=True) for other in others)
+
+
+def noise_gains(views: str) -> list[float]:
+    """RAW dB that whitened residuals gain, and its standard error."""
+    return cells("rawnerf_protocol", views, "whitened, squares", but="three scales")[0][1:]
+
+
+def gained() -> float:
+    """Mean over the scenes of the ladder, dB."""
+    of = [
+        (one[0], mean[0])
+        for one, mean in zip(cells("ladder", "scenes"), cells("ladder", "dB, mean"), strict=True)
+    ]
+    return sum(count * mean for count, mean in of) / sum(count for count, _ in of)
+
+
+CLAIMS = (
+    Claim(r"preset standard ([\d.]+) dB from the true", lambda: [presets("standard", "truth_db")[0]]),
+    Claim(
+        r"RAW mosaics is ([\d.]+) dB above 3DGS with tuned rates and ([\d.]+) \+- ([\d.]+) above 3DGS as pub",
+        lambda: [
+            compared("methods", EXR, "SH of 3DGS, tuned")[0],
+            *compared("methods", EXR, "3DGS, as published"),
+        ],
+    ),
+    Claim(
+        r"merged mosaic a view it is ([\d.]+) \+- ([\d.]+) better",
+        lambda: [
+            -compared("methods", "merged mosaics", "luminance-chromaticity")[0],
+            compared("methods", "merged mosaics", "luminance-chromaticity")[1],
+        ],
+    ),
+    Claim(
+        r"Bilinear demosaicking costs 3DGS ([\d.]+) dB",
+        lambda: [
+            compared("methods", "merged EXR, bilinear", "SH of 3DGS, tuned")[0]
+            - compared("methods", EXR, "SH of 3DGS, tuned")[0]
+        ],
+    ),
+    Claim(
+        r"same mosaics it is ([\d.]+) \+- ([\d.]+) dB above 3DGS with tuned",
+        lambda: compared("methods", RAW, "SH of 3DGS, tuned"),
+    ),
+    Claim(
+        r"([\d.]+) \+- ([\d.]+) above 3DGS with its usual",
+        lambda: compared("methods", RAW, "SH of 3DGS, usual rates"),
+    ),
+    Claim(
+        r"scenes disagree: (-[\d.]+) dB on the demo, ([\d.]+) on the gallery",
+        lambda: [
+            by_scene("methods", scene, RAW, "luminance-chromaticity")
+            - by_scene("methods", scene, RAW, "softplus of SH")
+            for scene in ("demo", "gallery")
+        ],
+    ),
+    Claim(
+        r"noise gains ([\d.]+) and ([\d.]+) dB of RAW",
+        lambda: [noise_gains(f"{views} views")[0] for views in (8, 12)],
+    ),
+    Claim(r"nothing at 4 \((-[\d.]+) \+- ([\d.]+)\)", lambda: noise_gains("4 views")),
+    Claim(
+        r"HDR-GS reaches ([\d.]+) dB from one exposure a view, where 3DGS, .*? has ([\d.]+)",
+        lambda: [cell("hdr_nerf_protocol", "OE dB", f"{name}, Exp-1") for name in ("HDR-GS", "vanilla 3DGS")],
+    ),
+    Claim(
+        r"come out within ([\d.]+) dB of those that it saw, the response within ([\d.]+) %",
+        lambda: [
+            max(
+                cell("hdr_nerf_protocol", "OE dB", name) - cell("hdr_nerf_protocol", "NE dB", name)
+                for name in ("HDR-GS, Exp-1", "HDR-GS, Exp-3")
+            ),
+            max(of[0] for of in cells("hdr_nerf_protocol", "response RMSE, %", "HDR-GS, Exp")),
+        ],
+        bound=True,
+    ),
+    Claim(
+        r"radiance within ([\d.]+) dB of what NH-3DGS makes of the true light \(([\d.]+) from one",
+        lambda: [
+            cell("hdr_nerf_protocol", "HDR dB, aligned", "NH-3DGS on the true light")
+            - cell("hdr_nerf_protocol", "HDR dB, aligned", f"HDR-GS, {which}")
+            for which in ("Exp-3", "Exp-1")
+        ],
+    ),
+    Claim(
+        r"train the demo in (\d+), (\d+) and (\d+) s to ([\d.]+), ([\d.]+) and ([\d.]+) dB",
+        lambda: [
+            presets(quality, key)[0] for key in ("seconds", "db") for quality in ("draft", "standard", "best")
+        ],
+    ),
+    Claim(
+        r"draft is (\d+) times faster",
+        lambda: [
+            min(
+                best / draft
+                for best, draft in zip(presets("best", "seconds"), presets("draft", "seconds"), strict=True)
+            )
+        ],
+    ),
+    Claim(r"and ([\d.]+) to ([\d.]+) dB below it", lambda: [min(below("draft")), max(below("draft"))]),
+    Claim(r"at most ([\d.]+) dB below; of", lambda: [max(below("standard"))], bound=True),
+    Claim(r"of (\d+) trainings none", lambda: [sum(one["trainings"] for one in stored("presets")["rows"])]),
+    Claim(
+        r"more than ([\d.]+) dB better than a preset",
+        lambda: [max(max(presets(quality, "behind_db")) for quality in ("draft", "standard", "best"))],
+    ),
+    Claim(r"that is worth ([\d.]+) to ([\d.]+) dB", lambda: [min(rate_gains("300")), max(rate_gains("300"))]),
+    Claim(r"at 100 (\d) to (\d) \(five", lambda: [min(rate_gains("100")), max(rate_gains("100"))]),
+    Claim(r"poses in training gains ([\d.]+) dB", lambda: line("refine", r"(?m)^0\.6 px: ([+-][\d.]+) dB")),
+    Claim(
+        r"trains `best` in ([\d.]+) of its iterations for ([\d.]+) dB",
+        lambda: line("early_stop", r"(?m)^best: ([\d.]+) dB.*?; ([\d.]+) of")[::-1],
+    ),
+    Claim(
+        r"`standard` in ([\d.]+) for ([\d.]+) \(",
+        lambda: line("early_stop", r"(?m)^standard: ([\d.]+) dB.*?; ([\d.]+) of")[::-1],
+    ),
+    Claim(
+        r"may have, (\d+) % were taken or left as (\d+) simulated",
+        lambda: [
+            *line("ladder", r"(?m)^([\d.]+) % of \d+ choices"),
+            sum(one[0] for one in cells("ladder", "scenes")),
+        ],
+    ),
+    Claim(
+        r"lost more than ([\d.]+) dB, their pictures up to ([\d.]+) \(the mean gained ([\d.]+)\)",
+        lambda: [
+            -min(one[0] for one in cells("ladder", "truth, worst")),
+            -min(one[0] for one in cells("ladder", "dB, worst")),
+            gained(),
+        ],
+    ),
+    Claim(
+        r"need little are at least ([\d.]+) times faster or smaller",
+        lambda: line("ladder", r"the least is ([\d.]+) times faster or smaller"),
+    ),
+    Claim(
+        r"the demo and the gallery is ([\d.]+) and ([\d.]+) times",
+        lambda: [cell("count", "ratio", name) for name in ("demo", "gallery")],
+    ),
+    Claim(r"views have up to ([\d.]+) dB more of the light", lambda: [few()]),
+    Claim(
+        r"is right to ([\de-]+) in the worst pixel",
+        lambda: [
+            max(of[0] for of in cells("stability", "forward", "2^40 (12 decades)", under="Worst error"))
+        ],
+    ),
+)
