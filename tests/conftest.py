@@ -1,4 +1,4 @@
-"""Of all tests: how many threads a process has, and folders that processes make only once between them."""
+"""Of all tests: their order, how many threads a process has, and folders that processes make only once."""
 
 import fcntl
 import os
@@ -11,6 +11,27 @@ import pytest
 # they wait for each other: with two processes on two cores matching features takes three times the processor
 # time. They read this when they are first imported. The threads of `imaging.compute.threads` stay.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+LONGEST = (
+    "rig/test_readme.py",
+    "foreign/test_room.py",
+    "calib/test_calibrate.py",
+    "recon/splat/test_gpu_compile.py",
+    "foreign/test_objects.py",
+    "calib/poses/test_known_rig.py",
+    "foreign/test_alike.py",
+    "rig/test_wheel.py",
+)
+"""Files whose tests take longest. They go first: one that came last would keep one of two processes at work
+and the other idle. (pytest-xdist by itself takes files of many tests first; pyproject.toml says not to.)"""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first, the others in the order of their names."""
+    tests = Path(__file__).parent
+    place = {tests / name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
+
 
 MadeOnce = Callable[[str, Callable[[Path], object]], Path]
 

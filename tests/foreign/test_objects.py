@@ -1,6 +1,5 @@
 """Foreign objects before a light probe, seen from half around, from poses that are given: RAW and JPEG."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,25 +9,10 @@ from imaging.files import store
 from rig.__main__ import main
 
 from . import judge, subjects
-from .folder import Body, Shots, photograph, tell_poses
-from .lit import Light, LitScene
+from .folder import Body, photograph, tell_poses
+from .taken import Taken
 
 pytest.importorskip("mitsuba")
-
-
-@dataclass(frozen=True)
-class Taken:
-    """What came of a set of photographs; exits: code of each command."""
-
-    scene: LitScene
-    light: Light
-    shots: Shots
-    session: Path
-    exits: dict[str, int]
-
-    @property
-    def reconstruction(self) -> Path:
-        return self.session / "reconstructions" / "scene"
 
 
 def imported(folder: Path, body: Body, times: tuple[tuple[float, ...], ...], developed: bool) -> Taken:

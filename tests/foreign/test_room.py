@@ -1,8 +1,5 @@
 """A foreign room with lamps, gold, mirror and glass, in RAW brackets: the whole way, as a user goes it."""
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,28 +7,12 @@ from imaging.files import store
 from rig.__main__ import main
 
 from . import judge, subjects
-from .folder import Body, Shots, photograph
-from .lit import Light, LitScene
+from .folder import Body, photograph
+from .taken import Taken
 
 pytest.importorskip("mitsuba")
 
 BRACKET = (1 / 4000, 1 / 250, 1 / 15, 1.0)
-
-
-@dataclass(frozen=True)
-class Taken:
-    """What came of the room; exits: code of each command."""
-
-    scene: LitScene
-    light: Light
-    shots: Shots
-    session: Path
-    merged: Path
-    exits: dict[str, int]
-
-    @property
-    def reconstruction(self) -> Path:
-        return self.session / "reconstructions" / "scene"
 
 
 @pytest.fixture(scope="module")
@@ -40,16 +21,17 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Taken:
     scene = subjects.room(views=18, width=160, samples=9, traced=64)
     light = scene.light()
     shots = photograph(folder / "photos", light, Body(14, seed=1), (BRACKET,))
-    session, merged = folder / "S", folder / "merged"
+    session = folder / "S"
     exits = {"import": main(["import", str(shots.folder), str(session)])}
+    taken = Taken(scene, light, shots, session, exits)
     exits["check"] = main(["check", str(session)])
     exits["calibrate"] = main(["calibrate", str(session)])
-    exits["merge"] = main(["merge", str(session), str(merged)])
+    exits["merge"] = main(["merge", str(session), str(taken.merged)])
     judge.tell_truth(session, light, scene.poses, shots)
     trained = ["--quality", "draft", "--set", "iterations=200", "--name", "scene"]
     exits["reconstruct"] = main(["reconstruct", str(session), *trained])
-    exits["evaluate"] = main(["evaluate", str(session / "reconstructions" / "scene")])
-    return Taken(scene, light, shots, session, merged, exits)
+    exits["evaluate"] = main(["evaluate", str(taken.reconstruction)])
+    return taken
 
 
 def test_the_room_has_eighteen_stops(room: Taken) -> None:

@@ -9,32 +9,36 @@ import pytest
 from bench.support import oracle
 from drivers.sim import rigs
 from recon.data.dataset import Dataset, load
+from tests.conftest import MadeOnce
 
 
 @pytest.fixture(scope="session")
-def toy(tmp_path_factory) -> Path:
+def toy(made_once: MadeOnce) -> Path:
     """Six RAW views of 64x48, three exposures each; not to be changed."""
-    return oracle.oracle_session(tmp_path_factory.mktemp("toy") / "toy", "toy", points=300)
+    return made_once("recon-toy", lambda folder: oracle.oracle_session(folder, "toy", points=300))
 
 
 @pytest.fixture(scope="session")
-def toy_ldr(tmp_path_factory) -> Path:
+def toy_ldr(made_once: MadeOnce) -> Path:
     """Six views of 64x48 as JPEG, five exposures each; not to be changed."""
-    return oracle.oracle_session(tmp_path_factory.mktemp("toy") / "toy-ldr", "toy-ldr", points=300)
+    return made_once("recon-toy-ldr", lambda folder: oracle.oracle_session(folder, "toy-ldr", points=300))
 
 
 @pytest.fixture(scope="session")
-def toy_dataset(toy) -> Dataset:
+def toy_dataset(toy: Path) -> Dataset:
     return load(toy)
 
 
 @pytest.fixture(scope="session")
-def toy_long(tmp_path_factory):
+def toy_long(made_once: MadeOnce) -> Dataset:
     """Sixteen views of the toy rig with their true calibration."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(rigs._RIGS, "toy-long", replace(rigs._RIGS["toy"], positions=8))
-        folder = oracle.oracle_session(tmp_path_factory.mktemp("toy") / "toy", "toy-long", points=600)
-    return load(folder)
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setitem(rigs._RIGS, "toy-long", replace(rigs._RIGS["toy"], positions=8))
+            oracle.oracle_session(folder, "toy-long", points=600)
+
+    return load(made_once("recon-toy-long", make))
 
 
 @pytest.fixture

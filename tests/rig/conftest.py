@@ -17,6 +17,7 @@ from imaging.noise import SensorNoise
 from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.session.records import Rung
+from tests.conftest import MadeOnce
 
 
 def calibrated_from_truth(session: Path) -> CalibrationRecord:
@@ -145,14 +146,15 @@ def _write_colmap(folder: Path, points: np.ndarray, record: CalibrationRecord) -
 
 
 @pytest.fixture(scope="session")
-def toy_template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def toy_template(made_once: MadeOnce) -> Path:
     """A captured and calibrated toy session; copy it before changing it."""
     from capture.simulated import capture_simulated
 
-    folder = tmp_path_factory.mktemp("toy") / "toy"
-    capture_simulated("toy", folder, seed=3)
-    calibrated_from_truth(folder)
-    return folder
+    def make(folder: Path) -> None:
+        capture_simulated("toy", folder, seed=3)
+        calibrated_from_truth(folder)
+
+    return made_once("rig-toy", make)
 
 
 @contextmanager
@@ -172,14 +174,16 @@ def _small_scenes() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def scene_template(toy_template: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def scene_template(toy_template: Path, made_once: MadeOnce) -> Path:
     """The same with a scene, trained for a moment, evaluated and reported; copy it before changing it."""
     from rig.commands.reconstruct import run_reconstruct
 
-    session = Path(shutil.copytree(toy_template, tmp_path_factory.mktemp("scene") / "toy"))
-    with small_scenes():
-        run_reconstruct(session, Silence(), method="auto", quality="draft", budget=None, seed=0, name=None)
-    return session
+    def make(folder: Path) -> None:
+        shutil.copytree(toy_template, folder, dirs_exist_ok=True)
+        with small_scenes():
+            run_reconstruct(folder, Silence(), method="auto", quality="draft", budget=None, seed=0, name=None)
+
+    return made_once("rig-scene", make)
 
 
 class Silence:

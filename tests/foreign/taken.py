@@ -1,0 +1,28 @@
+"""What came of photographs of foreign light that rig was given."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from .folder import Shots
+from .lit import Light, LitScene
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A scene, its true light, what was photographed of it, and the session; exits: code of each command."""
+
+    scene: LitScene
+    light: Light
+    shots: Shots
+    session: Path
+    exits: dict[str, int]
+
+    @property
+    def merged(self) -> Path:
+        """Where brackets were merged to, if they were."""
+        return self.session.with_name("merged")
+
+    @property
+    def reconstruction(self) -> Path:
+        """The scene that was trained, if it was."""
+        return self.session / "reconstructions" / "scene"
