@@ -14,6 +14,7 @@ Array = npt.NDArray[np.float64]
 
 CUT = 4.0
 """Observations that miss by more than this many times the median are dropped."""
+MOST_ITERATIONS = 50
 
 
 @dataclass(frozen=True)
@@ -31,10 +32,18 @@ class Free:
     placed: frozenset[int] = frozenset()
 
 
-def adjust(reconstruction: Any, free: Free, scale: float, threads: int, *, points_only: bool = False) -> None:
+def adjust(
+    reconstruction: Any,
+    free: Free,
+    scale: float,
+    threads: int,
+    *,
+    points_only: bool = False,
+    iterations: int = MOST_ITERATIONS,
+) -> None:
     """Adjust points, poses and lenses in place, with a Cauchy loss of `scale` px.
 
-    points_only: poses and lenses stay.
+    points_only: poses and lenses stay. iterations: at most.
     """
     for number, camera in reconstruction.cameras.items():
         if number not in free.fixed:
@@ -51,7 +60,7 @@ def adjust(reconstruction: Any, free: Free, scale: float, threads: int, *, point
     options.ceres.loss_function_scale = scale
     solver = options.ceres.solver_options
     solver.num_threads = threads
-    solver.max_num_iterations = 50
+    solver.max_num_iterations = iterations
     solver.function_tolerance = 1e-6
     config = pycolmap.BundleAdjustmentConfig()
     for image in sorted(reconstruction.reg_image_ids()):
