@@ -13,7 +13,8 @@ from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
 from drivers.ptp.codes import PropertyCode
 from drivers.ptp.connection import Connection
-from drivers.ptp.exposure import SAME, Dial, DialChoice, apart
+from drivers.ptp.dials import Dials
+from drivers.ptp.exposure import Dial
 from drivers.ptp.picture import as_told, best_of, developed_beside, suffix
 from drivers.ptp.session import Download, PtpSession
 from drivers.ptp.shot import Shot, StoredShot
@@ -38,26 +39,18 @@ def find_cameras(backend: IBackend, clock: Clock) -> list["PtpCamera"]:
 
 
 class PtpCamera:
-    """One camera, known by its serial number; found again under it after it was unplugged.
-
-    confirmed: whether the file last collected was exposed as the camera had read back, by its own metadata.
-    certain: whether what was last set has one meaning, or a file has told which one it is.
-    """
+    """One camera, known by its serial number; found again under it after it was unplugged."""
 
     def __init__(self, device: usb.UsbDevice, backend: IBackend, clock: Clock) -> None:
         self._connection, self._clock = Connection(device, backend, clock), clock
         self._body: StandardBody | None = None
         self._wanted: Exposure | None = None
-        self._choices: list[tuple[Dial, DialChoice]] = []
-        self._asked: dict[int, float] = {}
-        self._proven: dict[tuple[int, float], DialChoice] = {}
-        """By property and value asked for: where the last picture shows a dial to have stood."""
+        self.dials = Dials()
         self._shot: Shot | None = None
         self._failed = False
         self._listening: StandardBody | None = None
         """The body that was ready, and has answered since: it need not be waited for again."""
         self._size, self._bits = (0, 0), 0
-        self.confirmed = self.certain = False
 
     @property
     def where(self) -> str:
@@ -87,7 +80,7 @@ class PtpCamera:
         """Set the nearest exposure the camera lists and return what it reads back.
 
         A time that ExposureTime's 100 us leave open is the candidate nearest to the request, and not
-        `certain`. CameraRefused if the camera is not at manual exposure.
+        certain. CameraRefused if the camera is not at manual exposure.
         """
         self._shot = self._listening = None
         applied = self._again(lambda body: self._set(body, exposure))
@@ -111,7 +104,7 @@ class PtpCamera:
         self._must(self._wanted is not None, "be triggered")
         body = self._connected()
         self._shot, self._failed = None, True
-        time = next(choice.value for dial, choice in self._choices if dial is body.time)
+        time = next(choice.value for dial, choice in self.dials.setting.choices if dial is body.time)
         before, self._listening = frozenset(body.earlier), None
         try:
             try:
@@ -178,7 +171,7 @@ class PtpCamera:
                 rest = shot.ends - self._clock.now()
                 # A dark frame as long as the exposure may follow a long one.
                 shot.objects = body.wait(max(rest, shot.time - _DARK_FRAME, 0.0))
-            return StoredShot(shot.objects, body, self._choices, self._asked)
+            return StoredShot(shot.objects, body, self.dials.setting)
 
         return self._again(stored)
 
@@ -216,7 +209,8 @@ class PtpCamera:
         return self._body
 
     def _drop(self) -> None:
-        body, self._body, self._proven = self._body, None, {}
+        body, self._body = self._body, None
+        self.dials.forget()
         if body is not None:
             body.session.transport.close()
 
@@ -230,20 +224,7 @@ class PtpCamera:
             raise CameraRefused(f"{self.where} has no exposure time to set: turn its mode dial to M.")
         body.wait_ready()
         self._listening = body
-        asked = ((body.f_number, exposure.f_number), (body.iso, exposure.iso), (body.time, exposure.time))
-        # A dial is left alone if the last picture proves that it stands right: less to go wrong.
-        self._asked = {dial.code: value for dial, value in asked if dial is not None and value is not None}
-        stands = {} if self._failed else self._proven
-        proven = {key: choice for key, choice in stands.items() if self._asked.get(key[0]) == key[1]}
-        self._proven = proven
-        self._choices = [
-            (dial, proven.get((dial.code, value)) or dial.set(value, self._clock.sleep))
-            for dial, value in asked
-            if dial is not None and value is not None
-        ]
-        self.certain = all(choice.certain for _, choice in self._choices)
-        at = {id(dial): choice.value for dial, choice in self._choices}
-        return Exposure(time=at[id(body.time)], f_number=at.get(id(body.f_number)), iso=at.get(id(body.iso)))
+        return self.dials.set(body, exposure, self._clock.sleep, afresh=self._failed)
 
     def _continue_on(self, body: StandardBody, shot: Shot) -> None:
         """Take a shot up again in a new session: the same files under whatever handles they have now."""
@@ -283,7 +264,8 @@ class PtpCamera:
                 body.discard(file)
         for file in stored.objects:
             file.data = bytearray()  # the frame has a copy
-        self._verify(body, frame, stored)
+        self._size, self._bits = (frame.width, frame.height), frame.bit_depth
+        self.dials.learn(body, frame.metadata.exposure, stored.setting)
         return frame
 
     def _developed(self, body: StandardBody, best: Download, stored: StoredShot) -> tuple[str, bytes] | None:
@@ -300,26 +282,6 @@ class PtpCamera:
             raise
         except CameraError:  # the exposure is here: it is not worth a shot
             return None
-
-    def _verify(self, body: StandardBody, frame: CameraFile, stored: StoredShot) -> None:
-        """Hold the file's own exposure against what the camera had read back, and learn from it."""
-        self._size, self._bits = (frame.width, frame.height), frame.bit_depth
-        stated = frame.metadata.exposure
-        self._proven = {}
-        self.confirmed = stated is not None
-        if stated is None:
-            return
-        values = {id(body.time): stated.time, id(body.f_number): stated.f_number, id(body.iso): stated.iso}
-        for dial, choice in self._choices:
-            value = values.get(id(dial))
-            if value is not None:
-                dial.learn(choice, value)
-                agrees = apart(choice.value, value) <= SAME
-                self.confirmed &= agrees
-                # The dial may have been turned since, for the next shot.
-                if agrees and choice.certain and self._asked.get(dial.code) == stored.asked[dial.code]:
-                    self._proven[dial.code, stored.asked[dial.code]] = choice
-        self.certain = self.certain or self.confirmed
 
 
 def _values(dial: Dial | None) -> tuple[float, ...]:

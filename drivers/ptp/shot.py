@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from drivers.ptp.exposure import Dial, DialChoice
+from drivers.ptp.dials import Setting
 from drivers.ptp.session import Download
 from drivers.ptp.vendors.standard import StandardBody
 
@@ -30,5 +30,4 @@ class StoredShot:
 
     objects: list[Download]
     body: StandardBody
-    choices: list[tuple[Dial, DialChoice]]
-    asked: dict[int, float]
+    setting: Setting

@@ -85,8 +85,8 @@ def test_a_shot_is_the_one_that_the_sensor_made(rigs: dict[str, SimulatedRig], n
         frame = camera.collect()
         assert frame.metadata.exposure is not None
         assert math.isclose(frame.metadata.exposure.time, time, rel_tol=1e-5)
-        assert camera.certain
-        assert camera.confirmed
+        assert camera.dials.certain
+        assert camera.dials.confirmed
         assert same(frame, bench.truth(wanted))
     camera.close()
     assert bench.bus.open_handles == 0
@@ -120,24 +120,24 @@ def test_a_developing_camera_gives_its_own_bytes(rigs: dict[str, SimulatedRig]) 
 def test_a_time_that_ticks_leave_open_is_uncertain_until_a_file_tells(rigs: dict[str, SimulatedRig]) -> None:
     camera = Bench(rigs["toy"], "generic").camera
     assert camera.set_exposure(EXPOSURE).time == 1 / 125
-    assert camera.certain
+    assert camera.dials.certain
     wanted = EXPOSURE.with_time(1 / 8000)
     assert camera.set_exposure(wanted).time == 1 / 8000
-    assert not camera.certain
+    assert not camera.dials.certain
     shot(camera, wanted)
-    assert camera.confirmed
+    assert camera.dials.confirmed
     assert camera.set_exposure(wanted).time == 1 / 8000
-    assert camera.certain
+    assert camera.dials.certain
     # Of 2 ticks, this body makes 1/5000 s, and its file says so.
     wanted = EXPOSURE.with_time(1 / 4000)
     assert camera.set_exposure(wanted).time == 1 / 4000
-    assert not camera.certain
+    assert not camera.dials.certain
     frame = shot(camera, wanted)
     assert frame.metadata.exposure is not None
     assert math.isclose(frame.metadata.exposure.time, 1 / 5000, rel_tol=1e-5)
-    assert not camera.confirmed
+    assert not camera.dials.confirmed
     assert camera.set_exposure(wanted).time in (1 / 5000, 1 / 3200)
-    assert camera.certain
+    assert camera.dials.certain
 
 
 # The makes tell of a shot when they are asked: nothing is sent that may be lost.
