@@ -13,10 +13,12 @@ pytest.importorskip("triton", reason="Triton is for Linux")
 ARCHITECTURES = (80, 90)
 
 
-def test_every_kernel_compiles_and_spills_next_to_nothing(tmp_path: Path) -> None:
-    """For A100 and H100: a cubin each, at most 48 kB of shared memory, at most 256 bytes a thread spilled."""
-    environment = {**os.environ, "TRITON_CACHE_DIR": str(tmp_path)}
-    environment.pop("TRITON_INTERPRET", None)
+def test_every_kernel_compiles_and_spills_next_to_nothing() -> None:
+    """For A100 and H100: a cubin each, at most 48 kB of shared memory, at most 256 bytes a thread spilled.
+
+    Triton keeps what it compiled, by a hash of the kernel and of itself: half a minute once on a machine.
+    """
+    environment = {name: value for name, value in os.environ.items() if name != "TRITON_INTERPRET"}
     command = [sys.executable, str(Path(__file__).with_name("compile_kernels.py")), *map(str, ARCHITECTURES)]
     result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240)
     assert result.returncode == 0, result.stderr
