@@ -140,6 +140,20 @@ def test_a_time_that_ticks_leave_open_is_uncertain_until_a_file_tells(rigs: dict
     assert camera.dials.certain
 
 
+def test_a_file_is_held_against_the_setting_of_its_own_shot(rigs: dict[str, SimulatedRig]) -> None:
+    """And not of the next, for which the camera is set before the file is fetched."""
+    camera = Bench(rigs["toy"], "generic").camera
+    camera.set_exposure(EXPOSURE.with_time(1 / 8000))
+    camera.arm()
+    camera.trigger()
+    stored = camera.keep()
+    camera.set_exposure(EXPOSURE)
+    camera.fetch(stored)
+    assert camera.dials.confirmed
+    camera.set_exposure(EXPOSURE.with_time(1 / 8000))
+    assert camera.dials.certain  # the file told what a tick means
+
+
 # The makes tell of a shot when they are asked: nothing is sent that may be lost.
 EVENT_FAULTS = [
     ("generic", Kind.LOST_EVENT),
