@@ -6,7 +6,7 @@ log-radiance patches in the neighbouring views, gives a point for most pixels in
 new observations: only training views are looked at.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -40,12 +40,17 @@ AGREEMENT = 0.03
 
 @dataclass(frozen=True, eq=False)
 class DepthMap:
-    """Depth along the axis [h, w] at the coarse pixel centres; trusted [h, w] where views agree; lit [h, w]
-    where the view shows light that matters."""
+    """Depth along the axis [h, w] at the coarse pixel centres.
+
+    trusted [h, w]: where texture tells it and views agree; elsewhere it is filled in from there. believed
+    [h, w]: there, and where what was filled in for another view agrees, as it does on a bare wall. lit
+    [h, w]: where the view shows light that matters.
+    """
 
     view: View
     depth: Float
     trusted: Bool
+    believed: Bool
     lit: Bool
     centres: npt.NDArray[np.float64]
 
@@ -84,25 +89,31 @@ def plane_sweep(
         bounds = _reach(views[index], near, views, width) if points is None else _bounds(views[index], points)
         return _sweep_one(index, near, views, logs, bounds) if bounds and near else None
 
-    raw: list[tuple[Float, Float] | None] = [None] * len(views)
+    swept: dict[int, tuple[Float, Float]] = {}
     order = sorted(chosen, key=lambda index: index * GOLDEN % 1)
     with ThreadPoolExecutor(thread_count()) as pool:
-        for done, (index, swept) in enumerate(zip(order, pool.map(depth_of, order), strict=True)):
+        for done, (index, found) in enumerate(zip(order, pool.map(depth_of, order), strict=True)):
             progress("sweeping depth", done, len(chosen))
-            raw[index] = swept
-    maps = []
-    for index, view in enumerate(views):
-        swept = raw[index]
-        if swept is None:
-            continue
-        depth, score = swept
-        centres = _coarse_centres(view, depth.shape[1], depth.shape[0])
-        trusted = (score > TRUSTED_SCORE) & _confirmed(index, depth, centres, views, raw, chosen)
-        size = depth.shape[1], depth.shape[0]
-        trusted &= cv2.resize(view.seen.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
-        lit = cv2.resize(np.nanmax(images[index], axis=-1), size, interpolation=cv2.INTER_AREA) > dimmest
-        maps.append(DepthMap(view, _fill(depth, trusted), trusted, lit, centres))
-    return maps
+            if found is not None:
+                swept[index] = found
+    depths = {index: swept[index][0] for index in sorted(swept)}
+    centres = {index: _coarse_centres(views[index], *depth.shape[::-1]) for index, depth in depths.items()}
+    trusted, filled = {}, {}
+    for index, depth in depths.items():
+        sure = (swept[index][1] > TRUSTED_SCORE) & _confirmed(index, depths, centres[index], views, chosen)
+        trusted[index] = sure & (_at_size(views[index].seen.astype(np.float32), depth) > 0.5)
+        filled[index] = _fill(depth, trusted[index])
+    return [
+        DepthMap(
+            view=views[index],
+            depth=depth,
+            trusted=trusted[index],
+            believed=trusted[index] | _confirmed(index, filled, centres[index], views, chosen),
+            lit=_at_size(np.nanmax(images[index], axis=-1), depth) > dimmest,
+            centres=centres[index],
+        )
+        for index, depth in filled.items()
+    ]
 
 
 def _log_image(image: Float, view: View, width: int) -> Float:
@@ -217,28 +228,32 @@ def _moments(image: Float) -> tuple[Float, Float]:
     return mean, np.sqrt(np.maximum(square - mean * mean, 0))
 
 
+def _at_size(picture: Float, depth: Float) -> Float:
+    """A picture [H, W] averaged to the size of a depth map."""
+    return np.asarray(cv2.resize(picture, depth.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
+
+
 def _confirmed(
     index: int,
-    depth: Float,
+    depths: Mapping[int, Float],
     centres: npt.NDArray[np.float64],
     views: tuple[View, ...],
-    raw: list[tuple[Float, Float] | None],
     swept: Collection[int],
 ) -> Bool:
     """Where at least one other view puts a surface at the same place."""
-    place = lift(views[index].lens, centres, depth)
-    confirmed = np.zeros(depth.shape, bool)
+    place = lift(views[index].lens, centres, depths[index])
+    confirmed = np.zeros(depths[index].shape, bool)
     for other in _neighbours(index, views, swept):
-        other_map = raw[other]
-        if other_map is None:
+        depth = depths.get(other)
+        if depth is None:
             continue
         lens = views[other].lens
         pixels, at = project(lens, place)
-        height, width = other_map[0].shape
+        height, width = depth.shape
         x = np.floor(pixels[..., 0] * width / lens.width).astype(int)
         y = np.floor(pixels[..., 1] * height / lens.height).astype(int)
         there = (x >= 0) & (y >= 0) & (x < width) & (y < height) & (at > 0)
-        other_depth = other_map[0][y.clip(0, height - 1), x.clip(0, width - 1)]
+        other_depth = depth[y.clip(0, height - 1), x.clip(0, width - 1)]
         confirmed |= there & (np.abs(other_depth - at) < AGREEMENT * np.maximum(at, 1e-12))
     return confirmed
 
@@ -263,17 +278,17 @@ def _fill(depth: Float, trusted: Bool) -> Float:
 
 
 def sample(maps: list[DepthMap], count: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
-    """At most `count` scene points, drawn evenly over the lit pixels of all maps.
+    """At most `count` scene points, drawn evenly over the pixels of all maps that are believed and lit.
 
-    Where a view shows no light, depth is a guess, and a Gaussian there would hide what is lit behind it.
+    Anywhere else depth is a guess, and a Gaussian there would hide what is behind it.
     """
-    lit = [np.flatnonzero(depth_map.lit) for depth_map in maps]
-    total = sum(map(len, lit))
+    found = [np.flatnonzero(depth_map.lit & depth_map.believed) for depth_map in maps]
+    total = sum(map(len, found))
     if not total or count <= 0:
         return np.zeros((0, 3))
     chosen = np.sort(rng.choice(total, size=min(count, total), replace=False))
     points, start = [], 0
-    for depth_map, candidates in zip(maps, lit, strict=True):
+    for depth_map, candidates in zip(maps, found, strict=True):
         end = start + len(candidates)
         pixels = candidates[chosen[(chosen >= start) & (chosen < end)] - start]
         start = end

@@ -179,3 +179,18 @@ def test_points_are_coloured_the_same_in_parts(toy_dataset, images, monkeypatch)
     monkeypatch.setattr("recon.start.initialisation.SAMPLES_AT_ONCE", 40 * len(images))
     for together, apart in zip(whole, colours_at(toy_dataset, images, xyz), strict=True):
         np.testing.assert_array_equal(together, apart)
+
+
+def test_depth_between_textures_is_believed_where_views_agree(toy_dataset, images):
+    """It is wrong more often than where texture tells it, and nearer to the truth than what no view confirms."""
+    maps = plane_sweep(toy_dataset.train, [rgb for rgb, _ in images], toy_dataset.points().xyz)
+    errors = {"trusted": [], "believed": [], "else": []}
+    for depth_map in maps:
+        error = np.abs(depth_map.depth / true_depth(toy_dataset, depth_map.view, depth_map.centres) - 1)
+        assert not (depth_map.trusted & ~depth_map.believed).any()
+        errors["trusted"].append(error[depth_map.trusted])
+        errors["believed"].append(error[depth_map.believed & ~depth_map.trusted])
+        errors["else"].append(error[~depth_map.believed])
+    trusted, believed, others = (np.concatenate(part) for part in errors.values())
+    assert min(len(trusted), len(believed), len(others)) > 100
+    assert np.median(trusted) < np.median(believed) < np.median(others)
