@@ -2,6 +2,8 @@
 
 import math
 
+from recon.decide.presets import QUALITIES
+
 from .claim import FIGURE, Claim, cell, cells, line, stored, tables
 
 EXR, RAW = "merged EXR", "RAW brackets"
@@ -47,6 +49,13 @@ def rate_gains(iterations: str) -> list[float]:
     return gains
 
 
+def dark(what: str) -> list[float]:
+    """Least and most stops that the darkest fifth is off, of all lenses that scatter light."""
+    rows = [one for one in tables("glare")[0][1] if float(one["scattered, %"]) > 0]
+    stops = [float(one[f"dark, {what}"]) for one in rows]
+    return [min(stops), max(stops)]
+
+
 def few() -> float:
     """The most that colours of no direction gain of the light of few views, dB."""
     degrees = [[at[1] for at in cells("few_views", f"degree {degree}")] for degree in range(3)]
@@ -68,6 +77,14 @@ def gained() -> float:
 
 
 CLAIMS = (
+    Claim(
+        r"presets take (\d+), (\d+) and (\d+) iterations for each training view",
+        lambda: [preset.looks for preset in QUALITIES.values()],
+    ),
+    Claim(
+        r"darkest fifth ([\d.]+) to ([\d.]+) stops off for ([\d.]+) to ([\d.]+)",
+        lambda: [*dark("decided"), *dark("left")],
+    ),
     Claim(r"preset standard ([\d.]+) dB from the true", lambda: [presets("standard", "truth_db")[0]]),
     Claim(
         r"RAW mosaics is ([\d.]+) dB above 3DGS with tuned rates and ([\d.]+) \+- ([\d.]+) above 3DGS as pub",

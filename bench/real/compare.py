@@ -1,0 +1,218 @@
+"""rig beside OpenSplat on real photographs: the same pixels, poses, split and processor seconds.
+
+    python -m bench.real.compare [--sets castle,monstree,lego] [--budgets 60,240] [--width 400] [--quick]
+        [--opensplat CHECKOUT] [--json] [--write] [--seeds 1] [--work FOLDER]
+
+Sets are folders of RIG_DATA, or any session, nerfstudio, COLMAP or Blender folder. What comes without poses
+is calibrated by rig once, and both train on that. One view in eight is held out, or what the set tests on.
+rig: `reconstruct` with nothing but the budget, which counts from the first file it reads. OpenSplat: see
+`bench/real/opensplat.py`; of its variants the better one on the held-out views is shown, in its favour. What
+comes out of both is a PLY file, drawn by one renderer (`bench/real/neutral.py`), behind it what each draws
+there itself. Finished rows are kept in FOLDER.
+"""
+
+import argparse
+import os
+import resource
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.real import opensplat
+from bench.real.neutral import Array, PlySplats, in_world, measured
+from bench.real.peer_folder import picture_of, transparency, write_peer_folder
+from bench.support.record import arguments, deliver, machine, words
+from bench.support.trial import Cache
+from calib.calibrate import calibrate
+from capture.imports.photos import import_photos
+from imaging.session.session import SESSION
+from recon.data.dataset import Dataset, View, load
+from recon.data.light import radiance_image
+from recon.reconstruct import QualityName, reconstruct
+from recon.result.model import SPLATS
+from recon.result.scene import Opened, open_model
+from recon.start.initialisation import start_points
+from recon.train.warm_up import warm_up
+
+SETS = {"castle": "sceaux", "monstree": "monstree", "lego": "lego"}
+QUALITY: QualityName = "best"
+BLACK = (0.0, 0.0, 0.0)
+PEER_POINTS = 20_000
+"""That the peer starts from where poses came without points: rig's own, of its plane sweep."""
+
+
+def session_of(name: str, work: Path) -> Path:
+    """A calibrated session of a set."""
+    source = Path(os.environ["RIG_DATA"]) / SETS[name] if name in SETS else Path(name)
+    if (source / SESSION).is_file():
+        return source
+    session = work / f"{source.name}-session"
+    if not (session / SESSION).is_file():
+        import_photos(source, session)
+    if not (session / "calibration" / "calibration.json").is_file():
+        calibrate(session)
+    return session
+
+
+def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, Any]:
+    """Of one training by rig; `budget` in processor seconds."""
+    warm_up(lambda message, done, total: None)
+    before = _used()
+    folder = reconstruct(
+        session,
+        quality=QUALITY,
+        budget=budget,
+        seed=seed,
+        overrides=_width(width),
+        name=f"real-{width}-{budget:g}-{seed}",
+        replace=True,
+        clock=time.process_time,
+    )
+    seconds = _used() - before
+    opened = open_model(folder)
+    views = list(opened.dataset.held_out)
+    own = measured(views, [picture_of(view) for view in views], lambda view: _own(opened, view))
+    row: dict[str, Any] = {
+        "seconds": seconds,
+        "iterations": opened.training.iteration,
+        "gaussians": len(opened.scene.gaussians),
+        "method": opened.record.settings.method,
+        "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
+        **vars(own),
+    }
+    # What rig draws itself is what its users see; a viewer that draws its file has to show the same.
+    splats = PlySplats.read(folder / SPLATS)
+    viewer = measured(
+        views,
+        [picture_of(view) for view in views],
+        lambda view: splats.drawn(in_world(view, opened.dataset.world), BLACK),
+    )
+    return row | {"viewer": viewer.gained}
+
+
+def peer_rows(
+    session: Path, width: int, budget: float, program: Path, work: Path, seed: int
+) -> list[dict[str, Any]]:
+    """Of each variant of OpenSplat."""
+    dataset = load(session, max_width=width)
+    folder = work / f"{session.name}-{width}-peer"
+    if not (folder / "transforms.json").is_file():
+        _write_folder(dataset, folder)
+    rows = []
+    for variant in opensplat.VARIANTS:
+        run = opensplat.trained(program, folder, budget, variant, folder / "runs")
+        splats = PlySplats.read(run.ply)
+        views = list(dataset.held_out)
+        # Where photographs are transparent they stand before black, else its own colour is behind.
+        own = [
+            BLACK if transparency(dataset, view).any() else opensplat.BACKGROUND for view in dataset.held_out
+        ]
+        behind = dict(zip((view.name for view in views), own, strict=True))
+        figures = measured(
+            views,
+            [picture_of(view) for view in views],
+            lambda view, splats=splats, behind=behind: splats.drawn(  # type: ignore[misc]
+                in_world(view, dataset.world), behind[view.name]
+            ),
+        )
+        rows.append(
+            {
+                "variant": variant.name,
+                "seconds": run.seconds,
+                "iterations": run.iterations,
+                "gaussians": len(splats),
+                **vars(figures),
+            }
+        )
+    return rows
+
+
+def _write_folder(dataset: Dataset, folder: Path) -> None:
+    model = dataset.points()
+    points = model.xyz[np.isfinite(model.xyz).all(1)]
+    images = [radiance_image(view) for view in dataset.train]
+    rng = np.random.Generator(np.random.PCG64(0))
+    start = start_points(dataset, images, max(len(points), PEER_POINTS), rng)
+    count = start.sparse if len(points) else len(start.xyz)
+    colours = (start.rgb[:count] / np.quantile(start.rgb[:count], 0.98)).clip(0, 1) ** (1 / 2.2)
+    write_peer_folder(
+        dataset, dataset.world.to_world(start.xyz[:count]), colours, folder, opensplat.BACKGROUND
+    )
+
+
+def _own(opened: Opened, view: View) -> Array:
+    (shot,) = view.shots
+    image = opened.training.method.observation.predict(opened.render(view.lens), view, shot.k)
+    return image.double().numpy()
+
+
+def _width(width: int) -> Any:
+    from recon.decide.overrides import Overrides
+
+    return Overrides(width=width)
+
+
+def _used() -> float:
+    return time.process_time()
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    cache = Cache(options.work / "real.jsonl")
+    program = opensplat.built(options.work / "opensplat", options.opensplat)
+    rows = []
+    for name in options.sets.split(","):
+        session = session_of(name, options.work)
+        for budget in map(float, options.budgets.split(",")):
+            for seed in range(options.seeds):
+                key = f"{name} {options.width} {budget:g} {seed}"
+                ours = cache.get(f"rig {key}", partial(rig_row, session, options.width, budget, seed))
+                theirs = cache.get(
+                    f"OpenSplat {key}",
+                    partial(peer_rows, session, options.width, budget, program, options.work, seed),
+                )
+                best = max(theirs, key=lambda row: row["gained"])
+                rows.append({"set": name, "budget": budget, "seed": seed, "rig": ours, "OpenSplat": best})
+    peer = opensplat.version(program)
+    return {"machine": machine(), "width": options.width, "peer": peer, "rows": rows}
+
+
+def report(result: dict[str, Any]) -> str:
+    lines = [
+        "# Real photographs: rig beside OpenSplat in the same processor seconds",
+        "",
+        f"`python -m bench.real.compare --write`: {result['width']} px wide, held-out views, as the script's "
+        f"head says. OpenSplat {result['peer']}. {words(result['machine'])}.",
+        "",
+        "| set | trainer | processor s | iterations | Gaussians | PSNR, dB | after a gain a channel | SSIM |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in result["rows"]:
+        for trainer in ("rig", "OpenSplat"):
+            one = row[trainer]
+            what = one.get("method") or one["variant"]
+            lines.append(
+                f"| {row['set']} | {trainer} ({what}) | {one['seconds']:.0f} of {row['budget']:.0f} "
+                f"| {one['iterations']:,} | {one['gaussians']:,} | {one['psnr']:.2f} | {one['gained']:.2f} "
+                f"| {one['ssim']:.3f} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = arguments(__doc__, seeds=1)
+    parser.add_argument("--sets", default=",".join(SETS))
+    parser.add_argument("--budgets", default="60,240")
+    parser.add_argument("--width", type=int, default=400)
+    parser.add_argument("--opensplat", type=Path)
+    options = parser.parse_args()
+    if options.quick:
+        options.sets, options.budgets, options.width = "castle", "30", 200
+    result = measure(options)
+    deliver(options, "real", result, report(result))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,154 @@
+"""Quality over iterations, Gaussians and processor seconds on real photographs: what presets come from.
+
+    python -m bench.real.curves [--sets lego,monstree,castle] [--width 200] [--quick] [--json] [--write]
+        [--seeds 1] [--work FOLDER]
+
+Every number of iterations with every number of Gaussians, all else as decided without trials; the harmonics
+of degree 0 and, at the best of them, of degree 2. Held-out views, as `rig evaluate` has them. For each number
+of iterations the number of Gaussians is given that is best, and the fewest within 0.25 dB of it; the exponent
+says how that grows with the iterations. Finished trainings are kept in FOLDER.
+"""
+
+import argparse
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.real.compare import session_of
+from bench.real.neutral import measured
+from bench.real.peer_folder import picture_of
+from bench.support.record import arguments, deliver, machine, words
+from bench.support.trial import Cache
+from recon.decide.overrides import Overrides
+from recon.reconstruct import reconstruct
+from recon.result.scene import open_model
+from recon.train.warm_up import warm_up
+
+ITERATIONS = (250, 1000, 4000)
+GAUSSIANS = (5_000, 20_000, 80_000)
+NEAR = 0.25
+"""dB within which fewer Gaussians are as good."""
+
+
+def trained(
+    session: Path, width: int, iterations: int, gaussians: int, degree: int, seed: int
+) -> dict[str, Any]:
+    """Figures of one training; `seconds` of the processor, from the first file to the written scene."""
+    warm_up(lambda message, done, total: None)
+    began = time.process_time()
+    overrides = Overrides(
+        width=width,
+        iterations=iterations,
+        gaussians=gaussians,
+        degree=degree,
+        refine="none",
+        environment=False,
+    )
+    folder = reconstruct(
+        session, quality="best", seed=seed, overrides=overrides, name="curve", shelf="curves", replace=True
+    )
+    seconds = time.process_time() - began
+    opened = open_model(folder)
+    views = list(opened.dataset.held_out)
+    observation = opened.training.method.observation
+
+    def drawn(view: Any) -> Any:
+        (shot,) = view.shots
+        return observation.predict(opened.render(view.lens), view, shot.k).double().numpy()
+
+    figures = measured(views, [picture_of(view) for view in views], drawn)
+    return {"seconds": seconds, "gaussians": len(opened.scene.gaussians), **vars(figures)}
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    cache = Cache(options.work / "real-curves.jsonl")
+    sets = []
+    for name in options.sets.split(","):
+        session = session_of(name, options.work)
+
+        def mean(
+            iterations: int, count: int, degree: int, name: str = name, session: Path = session
+        ) -> dict[str, float]:
+            rows = [
+                cache.get(
+                    f"{name} {options.width} {iterations} {count} {degree} {seed}",
+                    partial(trained, session, options.width, iterations, count, degree, seed),
+                )
+                for seed in range(options.seeds)
+            ]
+            return {key: float(np.mean([row[key] for row in rows])) for key in ("gained", "seconds", "ssim")}
+
+        table = {
+            str(iterations): {str(count): mean(iterations, count, 0) for count in options.gaussians}
+            for iterations in options.iterations
+        }
+        last = table[str(options.iterations[-1])]
+        best = max(last, key=lambda count: last[count]["gained"])
+        turning = mean(options.iterations[-1], int(best), 2)
+        sets.append({"set": name, "table": table, "best": int(best), "turning": turning})
+    return {"machine": machine(), "width": options.width, "seeds": options.seeds, "sets": sets}
+
+
+def needed(row: dict[str, dict[str, float]]) -> tuple[int, int]:
+    """Of trainings of one length: the best number of Gaussians, and the fewest that are as good."""
+    best = max(row, key=lambda count: row[count]["gained"])
+    enough = [count for count in row if row[count]["gained"] >= row[best]["gained"] - NEAR]
+    return int(best), min(map(int, enough))
+
+
+def exponent(table: dict[str, dict[str, dict[str, float]]]) -> float:
+    """Of the fewest Gaussians that are as good as any, over the iterations: a line through logarithms."""
+    lengths = np.log([float(iterations) for iterations in table])
+    counts = np.log([float(needed(row)[1]) for row in table.values()])
+    return float(np.polyfit(lengths, counts, 1)[0])
+
+
+def report(result: dict[str, Any]) -> str:
+    lines = [
+        "# Real photographs: quality over iterations and Gaussians",
+        "",
+        f"`python -m bench.real.curves --write`: {result['width']} px wide, {result['seeds']} seed(s), "
+        "harmonics of degree 0, no corrections. dB of held-out views after a gain a channel, and processor "
+        f"seconds. {words(result['machine'])}.",
+    ]
+    for one in result["sets"]:
+        table = one["table"]
+        counts = [int(count) for count in next(iter(table.values()))]
+        lines += [
+            "",
+            f"## {one['set']}",
+            "",
+            "| iterations | " + " | ".join(f"{count:,}" for count in counts) + " | best | as good |",
+            "|" + "---|" * (len(counts) + 3),
+        ]
+        for iterations, row in table.items():
+            cells = [f"{row[str(c)]['gained']:.2f} ({row[str(c)]['seconds']:.0f} s)" for c in counts]
+            best, enough = needed(row)
+            lines.append(f"| {int(iterations):,} | " + " | ".join(cells) + f" | {best:,} | {enough:,} |")
+        last = table[list(table)[-1]][str(one["best"])]
+        lines += [
+            "",
+            f"What is as good grows with the iterations to the power {exponent(table):.2f}. Harmonics of "
+            f"degree 2 with {one['best']:,}: {one['turning']['gained'] - last['gained']:+.2f} dB, "
+            f"{one['turning']['seconds']:.0f} s.",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = arguments(__doc__, seeds=1)
+    parser.add_argument("--sets", default="lego,monstree,castle")
+    parser.add_argument("--width", type=int, default=200)
+    options = parser.parse_args()
+    options.iterations, options.gaussians = ITERATIONS, GAUSSIANS
+    if options.quick:
+        options.iterations, options.gaussians = ITERATIONS[:2], GAUSSIANS[:2]
+    result = measure(options)
+    deliver(options, "real_curves", result, report(result))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,125 @@
+"""OpenSplat (C++, AGPL-3.0, https://github.com/pierotofy/OpenSplat) as its users run it on a CPU.
+
+It is built here from its source: `git clone` of the newest release, cmake, libtorch of the installed torch,
+and nlohmann-json, nanoflann, cxxopts and OpenCV where the system has them. It knows no budget of time, so its
+number of iterations is found that takes as many processor seconds as rig is given, and its schedule, which is
+meant for 30,000, is shortened in proportion.
+"""
+
+import resource
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from imaging.files import store
+
+SOURCE = "https://github.com/pierotofy/OpenSplat"
+RELEASE = "v1.1.4"
+BACKGROUND = (0.6130, 0.0101, 0.3984)
+"""What it draws behind its Gaussians: a constant of its source."""
+WHOLE = 30_000
+"""Iterations that its schedule is made for."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A way to run it. downscales: how many times its first pictures are halved."""
+
+    name: str
+    downscales: int
+
+
+VARIANTS = (Variant("full size", 0), Variant("coarse to fine", 2))
+CLOSE = 0.08
+"""A run may take this share more or less than the budget."""
+TRIES = 4
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A run: its file, its iterations, and the processor seconds that it took."""
+
+    ply: Path
+    iterations: int
+    seconds: float
+
+
+def built(work: Path, source: Path | None = None) -> Path:
+    """The program, built once in `work`; source: a checkout in place of a clone of `RELEASE`."""
+    program = work / "build" / "opensplat"
+    if program.is_file():
+        return program
+    if source is None:
+        source = work / "source"
+        if not source.is_dir():
+            _run(["git", "clone", "--depth", "1", "--branch", RELEASE, SOURCE, str(source)])
+    options = [
+        "-DGPU_RUNTIME=CPU",
+        "-DCMAKE_BUILD_TYPE=Release",
+        "-DCMAKE_CXX_FLAGS=-march=native",
+        "-DFETCHCONTENT_TRY_FIND_PACKAGE_MODE=ALWAYS",
+        f"-DCMAKE_PREFIX_PATH={torch.utils.cmake_prefix_path}",
+    ]
+    _run(["cmake", "-S", str(source), "-B", str(work / "build"), *options])
+    _run(["cmake", "--build", str(work / "build"), "--parallel", "2"])
+    return program
+
+
+def version(program: Path) -> str:
+    """As it says itself."""
+    return subprocess.run([program, "--version"], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def trained(program: Path, folder: Path, budget: float, variant: Variant, out: Path) -> Outcome:
+    """The run of a nerfstudio folder that takes about `budget` processor seconds; kept once it is done."""
+    record = out / f"{variant.name.replace(' ', '-')}-{budget:g}.json"
+    ply = record.with_suffix(".ply")
+    if record.is_file():
+        kept = store.read_json(record)
+        return Outcome(ply, kept["iterations"], kept["seconds"])
+    out.mkdir(parents=True, exist_ok=True)
+    iterations, known = 30, [(0, 0.0)]
+    for _ in range(TRIES):
+        seconds = _iterated(program, folder, iterations, variant, ply)
+        known.append((iterations, seconds))
+        if abs(seconds / budget - 1) < CLOSE:
+            break
+        (fewer, less), (more, longer) = sorted(known, key=lambda run: abs(run[1] - budget))[:2]
+        pace = max((longer - less) / (more - fewer), 1e-6)
+        iterations = max(10, round(more + (budget - longer) / pace))
+    store.write_json(record, {"iterations": iterations, "seconds": seconds, "runs": known})
+    return Outcome(ply, known[-1][0], seconds)
+
+
+def _iterated(program: Path, folder: Path, iterations: int, variant: Variant, ply: Path) -> float:
+    """Processor seconds of one run from start to end."""
+    share = min(iterations / WHOLE, 1.0)
+    options = {
+        "num-iters": iterations,
+        "num-downscales": variant.downscales,
+        "resolution-schedule": max(1, round(3000 * share)),
+        "sh-degree-interval": max(1, round(1000 * share)),
+        "warmup-length": max(10, round(500 * share)),
+        "refine-every": max(10, round(100 * share)),
+        "stop-screen-size-at": max(1, round(4000 * share)),
+    }
+    words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
+    before = _children()
+    _run([str(program), str(folder), "--cpu", "--keep-crs", "-o", str(ply), *words])
+    return _children() - before
+
+
+def _children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _run(command: list[str]) -> None:
+    if shutil.which(command[0]) is None:
+        raise SystemExit(f"{command[0]} is not installed: install it, or leave the peer out.")
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"{' '.join(command)} failed:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
