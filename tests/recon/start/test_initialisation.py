@@ -182,7 +182,7 @@ def test_points_are_coloured_the_same_in_parts(toy_dataset, images, monkeypatch)
 
 
 def test_depth_between_textures_is_believed_where_views_agree(toy_dataset, images):
-    """It is wrong more often than where texture tells it, and nearer to the truth than what no view confirms."""
+    """Wrong more often than where texture tells it, and nearer to the truth than what no view confirms."""
     maps = plane_sweep(toy_dataset.train, [rgb for rgb, _ in images], toy_dataset.points().xyz)
     errors = {"trusted": [], "believed": [], "else": []}
     for depth_map in maps:
