@@ -104,11 +104,15 @@ def _sources(places: Sequence[Place]) -> dict[Any, str]:
     return {(p.plan, *p.shot_id): shown(p.original.path) for p in places if p.original.picture is not None}
 
 
-def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> list[str]:
-    """Copy what is not there yet, camera by camera; a sentence for each file that vanished meanwhile."""
+def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> tuple[list[str], list[str]]:
+    """Copy what is not there yet, camera by camera.
+
+    A sentence for each file that vanished meanwhile, and for each pixel shift in which something moved.
+    """
     have = {shot.identity for shot in session.shots() if session.file(shot).is_file()}
     usable = [place for place in places if place.original.picture is not None]
     unread: list[str] = []
+    moved: list[str] = []
     for number, place in enumerate(usable):
         progress(f"copying {shown(place.original.path.name)}", number, len(usable))
         if (place.plan, *place.shot_id) not in have:
@@ -121,24 +125,30 @@ def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> l
                 unread.append(f"{shown(place.original.path)} could not be read ({reason})")
                 continue
             try:
-                _copy(session, place, data, developed)
+                share = _copy(session, place, data, developed)
             except ShiftError as error:
                 unread.append(f"{shown(place.original.path)} and the {COUNT - 1} after it: {error}")
+                continue
+            if share:
+                moved.append(
+                    f"Something moved between {shown(place.original.path)} and the {COUNT - 1} after it, in "
+                    f"{share:.1%} of the picture: there the first of them is demosaicked alone."
+                )
     progress("copied", len(usable), len(usable))
-    return unread
+    return unread, moved
 
 
-def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[str, bytes] | None) -> None:
-    """Files first, line second, as the recorder does.
+def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[str, bytes] | None) -> float:
+    """Files first, line second, as the recorder does; the share of the picture that moved.
 
     read: the file, or those of a pixel shift. InputError for a mask that does not fit, ShiftError for
     exposures that do not fit each other.
     """
     original, shot_id = place.original, place.shot_id
     assert original.picture is not None
-    data, suffix = (
-        (read[0], original.path.suffix.lower()) if not original.shifted else (_light(place), ".dng")
-    )
+    data, suffix, moved = read[0], original.path.suffix.lower(), 0.0
+    if original.shifted:
+        (data, moved), suffix = _light(place), ".dng"
     file = shot_file(shot_id, suffix.lstrip("."))
     mask = mask_sha256 = None
     if place.mask is not None:
@@ -175,12 +185,14 @@ def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[st
             band=place.band,
         )
     )
+    return moved
 
 
-def _light(place: Place) -> bytes:
-    """The DNG file of what the exposures of a pixel shift saw together."""
+def _light(place: Place) -> tuple[bytes, float]:
+    """The DNG file of what the exposures of a pixel shift saw together, and the share that moved."""
     try:
-        return encode_dng(combined([read_raw(path) for path in place.original.shifted]))
+        light, moved = combined([read_raw(path) for path in place.original.shifted])
+        return encode_dng(light), moved
     except (InputError, ValueError) as error:
         raise ShiftError(str(error)) from error
 

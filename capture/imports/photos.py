@@ -136,7 +136,8 @@ def import_photos(
             if given is not None:
                 notes += write_split(session, given, places)
                 notes += write_truth(session, given, places)
-            unread = copy_all(session, places, progress)
+            unread, moved = copy_all(session, places, progress)
+            notes += moved
             given_views = 0
             if given is not None and has_poses(given):
                 progress("writing the calibration", 0, 1)

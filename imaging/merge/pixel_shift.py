@@ -6,32 +6,51 @@ Which way the sensor moved follows from the pictures, so that the order of no ma
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from imaging.cfa import Cfa, bilinear
+from imaging.demosaic import demosaic
 from imaging.errors import InputError
 from imaging.mosaic import RawMosaic
 
 COUNT = 4
-"""Exposures of a group. Sixteen, of half photosites, are not read."""
+"""Exposures of a group. Those of 8 and 16, by half photosites, are refused."""
+MOST_MOVED = 0.25
+"""Share of the picture above which a group in which something moved is none."""
 
 Number = TypeVar("Number", bound=np.generic)
 Shift = tuple[int, int]
 _STEPS: tuple[Shift, ...] = tuple((row, column) for row in (-1, 0, 1) for column in (-1, 0, 1))
 _CLASSES = {(0, 1), (1, 0), (1, 1)}
 """By which the others have to differ from the first, odd or even in rows and columns."""
+_PLACING, _RESPONDING = 0.1, 0.01
+"""What makes two samples of one place differ beside noise: photosites by which a sensor misses its place, and
+by how much photosites respond unlike each other."""
+_WINDOW, _UNLIKELY, _HOT = 5, 4.0, 25.0
+"""Photosites across that are looked at together, the mean of squares over variance that noise does not reach
+in so many (1, with a standard deviation of 0.3; 2, where a file states half of its noise), and the most that
+one counts: a hot photosite is no motion."""
 
 
-def combined(frames: Sequence[RawMosaic]) -> RawMosaic:
+class Combined(NamedTuple):
+    """What a group saw together. moved: the share of the picture that only its first frame tells of."""
+
+    light: RawMosaic
+    moved: float
+
+
+def combined(frames: Sequence[RawMosaic]) -> Combined:
     """A picture of three colours a photosite, uint16 [H, W, 3] without CFA, on the grid of the first frame.
 
     Green is the mean of two samples: `noise_shares` says by how much the variance of each channel differs
     from that of `noise_profile`, which is green's. A channel is saturated where any of its samples is. What
-    the outermost rows and columns, which the sensor left, lack is that of the pixel beside. InputError for
-    frames that are no such group.
+    the outermost rows and columns, which the sensor left, lack is that of the pixel beside. Where the two
+    samples of green contradict each other something moved, and the first frame alone is demosaicked.
+    InputError for frames that are no such group, or where much of the picture moved.
     """
     first = frames[0]
     _must_fit(frames)
@@ -40,20 +59,36 @@ def combined(frames: Sequence[RawMosaic]) -> RawMosaic:
     codes = [frame.pixels.astype(np.float32) - frame.black_map() + level for frame in frames]
     shape, channels = first.pixels.shape, first.cfa.channels(*first.pixels.shape)
     total, count = np.zeros((*shape, 3), np.float32), np.zeros((*shape, 3), np.uint8)
-    full = np.zeros((*shape, 3), bool)
+    full, apart = np.zeros((*shape, 3), bool), np.zeros(shape, np.float32)
     for frame, code, shift in zip(frames, codes, shifts(codes, first.cfa), strict=True):
         seen, inside = _moved(channels, shift), _inside(shape, shift)
         for channel in range(3):
             mine = inside & (seen == channel)
+            if channel == 1:  # of the two samples the difference
+                apart[mine] = _moved(code, shift)[mine] - apart[mine]
             total[..., channel][mine] += _moved(code, shift)[mine]
             count[..., channel] += mine
             full[..., channel] |= mine & _moved(frame.saturated(), shift)
     light = total / np.maximum(count, 1)
+    known = (count[..., 1] == 2) & ~full[..., 1]
+    moved = _contradicted(light[..., 1] - level, np.where(known, apart, 0), first)
+    share = float(moved.mean())
+    if share > MOST_MOVED:
+        raise InputError(
+            f"the scene or the camera moved between them in {share:.0%} of the picture: shoot from a tripod "
+            "what does not move, or import only the first of every group, without --pixel-shift."
+        )
+    if share:
+        light[moved] = demosaic(codes[0] - level, first.cfa).rgb[moved] + level
+        full[moved] = (cv2.dilate(first.saturated().astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)[
+            moved, None
+        ]
+        count[moved] = 1
     light[full] = first.white
     pixels = np.rint(np.clip(light, 0, first.white - ~full)).astype(np.uint16)
     _fill(pixels, count > 0)
     profile = first.noise_profile
-    return replace(
+    together = replace(
         first,
         pixels=pixels,
         cfa=None,
@@ -62,13 +97,14 @@ def combined(frames: Sequence[RawMosaic]) -> RawMosaic:
         noise_profile=None if profile is None else (profile[0] / 2, profile[1] / 2),
         noise_shares=(2.0, 1.0, 2.0),
     )
+    return Combined(together, share)
 
 
 def shifts(codes: Sequence[npt.NDArray[np.float32]], cfa: Cfa) -> list[Shift]:
     """Rows and columns by which each frame has to be moved to lie on the first, whose CFA all have.
 
     Every frame is held against the colours between the photosites of the first. InputError where a frame fits
-    best as it is: the sensor did not move.
+    best as it is: the sensor did not move, or by half a photosite.
     """
     guess, _ = bilinear(codes[0], cfa)
     channels = cfa.channels(*codes[0].shape)
@@ -84,8 +120,37 @@ def shifts(codes: Sequence[npt.NDArray[np.float32]], cfa: Cfa) -> list[Shift]:
     best = [min(cost, key=lambda shift: cost[shift]) for cost in costs]
     classes = [(abs(row), abs(column)) for row, column in best]
     if set(classes) != _CLASSES:
-        raise InputError("the sensor did not move by one photosite between them: import them as they are.")
+        raise InputError(
+            f"the sensor did not move by one photosite between them: shoot groups of {COUNT} (those of 8 and "
+            "16, by half photosites, are not read), or import without --pixel-shift."
+        )
     return [(0, 0), *best]
+
+
+def _contradicted(
+    green: npt.NDArray[np.floating], apart: npt.NDArray[np.floating], first: RawMosaic
+) -> npt.NDArray[np.bool_]:
+    """Where the two samples of green, `apart` so much, differ by more than noise: bool [H, W].
+
+    green: their mean above black, DN. Without a noise profile the noise is that of most of the picture.
+    """
+    level = np.maximum(green, 0)
+    slopes = [np.roll(green, -1, axis) - np.roll(green, 1, axis) for axis in (0, 1)]
+    allowed = (_PLACING / 2) ** 2 * (slopes[0] ** 2 + slopes[1] ** 2) + 2 * (_RESPONDING * level) ** 2
+    span = first.white - float(np.mean(first.black))
+    if first.noise_profile is not None:
+        slope, offset = first.noise_profile
+        noise = 2 * (slope * span * level + offset * span**2)
+    else:
+        edges = np.unique(np.quantile(level, np.linspace(0, 1, 17)))
+        bins = np.clip(np.searchsorted(edges, level, "right") - 1, 0, max(len(edges) - 2, 0))
+        present = np.unique(bins)
+        spread = [np.quantile(apart[bins == one] ** 2, 0.75) for one in present]
+        noise = np.interp(bins, present, spread) / 1.323 + 1 / 6  # of a chi-square; rounding of both
+    chi = np.minimum(apart**2 / (noise + allowed), _HOT).astype(np.float32)
+    chi = cv2.blur(chi, (_WINDOW, _WINDOW))
+    near = np.ones((_WINDOW, _WINDOW), np.uint8)
+    return np.asarray(cv2.dilate((chi > _UNLIKELY).astype(np.uint8), near) > 0)
 
 
 def _must_fit(frames: Sequence[RawMosaic]) -> None:

@@ -99,3 +99,22 @@ def test_files_that_are_no_pixel_shift_are_refused_or_named(photos: Path, tmp_pa
     result = import_photos(still, tmp_path / "T", pixel_shift=True)
     assert result.shots == 0
     assert "the sensor did not move" in result.missing[0]
+
+
+def test_a_group_in_which_something_moved_is_named(photos: Path, tmp_path: Path) -> None:
+    some = tmp_path / "some"
+    some.mkdir()
+    for number in range(4):
+        (some / f"{number}.dng").write_bytes((photos / f"IMG_00{number}.dng").read_bytes())
+    raw = read_raw(some / "2.dng")
+    pixels = raw.pixels.copy()
+    pixels[30:42, 40:52] = 3000
+    write_dng(some / "2.dng", replace(raw, pixels=pixels))
+    result = import_photos(some, tmp_path / "S", pixel_shift=True)
+    assert (result.shots, result.missing) == (1, ())
+    assert sum("there the first of them is demosaicked alone" in one for one in result.guesses) == 1
+    pixels[:, :60] = 3000
+    write_dng(some / "2.dng", replace(raw, pixels=pixels))
+    result = import_photos(some, tmp_path / "T", pixel_shift=True)
+    assert result.shots == 0
+    assert "0.dng and the 3 after it" in result.missing[0]

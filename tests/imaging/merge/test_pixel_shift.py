@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.pixel_shift import displaced
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.cfa import BAYER, Cfa
 from imaging.demosaic import demosaic
@@ -69,9 +71,11 @@ def test_light_that_was_not_demosaicked_is_nearer_to_the_truth_and_its_sigma_hol
     toy: SimulatedRig, tmp_path: Path
 ) -> None:
     frames = shot(toy, ORDERS[0])
-    write_dng(tmp_path / "light.dng", combined(frames))
+    light, moved = combined(frames)
+    assert moved == 0.0
+    write_dng(tmp_path / "light.dng", light)
     raw = read_raw(tmp_path / "light.dng")
-    np.testing.assert_array_equal(raw.pixels, combined(frames).pixels)
+    np.testing.assert_array_equal(raw.pixels, light.pixels)
     assert (raw.cfa, raw.white, raw.metadata.exposure) == (None, frames[0].white, frames[0].metadata.exposure)
     frame: LinearFrame = from_raw(raw, 1.0)
     assert frame.noise is not None
@@ -95,10 +99,60 @@ def test_a_saturated_sample_saturates_its_colour_there(toy: SimulatedRig) -> Non
     pixels = frames[1].pixels.copy()
     pixels[40, 61] = frames[1].white  # a green photosite, which saw what lies a column further on
     frames[1] = replace(frames[1], pixels=pixels)
-    light = combined(frames)
-    before = combined(shot(toy, ORDERS[0]))
+    light, before = combined(frames).light, combined(shot(toy, ORDERS[0])).light
     assert light.saturated()[40, 62].tolist() == [False, True, False]
     assert light.saturated().sum() == before.saturated().sum() + 1
+
+
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("when", [1, 2, 3])
+def test_where_something_moved_the_first_frame_alone_tells(
+    toy: SimulatedRig, when: int, stated: bool
+) -> None:
+    """Something two thirds brighter comes into the later frames; of the noise the files tell, or nothing."""
+    still = [frame if stated else replace(frame, noise_profile=None) for frame in shot(toy, ORDERS[0])]
+    frames = list(still)
+    for number in range(when, 4):
+        pixels, black = frames[number].pixels.copy(), int(frames[number].black[0][0])
+        there = pixels[50:66, 70:86]
+        there[...] = np.minimum(black + (there.astype(np.float64) - black) * 5 / 3, 4094)
+        frames[number] = replace(frames[number], pixels=pixels)
+    light, moved = combined(frames)
+    assert 16 * 16 < moved * 160 * 120 < 26 * 26
+    assert not still[0].saturated()[46:70, 66:90].any()
+    level = float(np.mean(light.black))
+    alone = (light.white - level) * demosaic(still[0].signal(), Cfa.RGGB).rgb
+    np.testing.assert_allclose(light.pixels[51:65, 71:85] - level, alone[51:65, 71:85], atol=1.0)
+    beside = np.ones((120, 160), bool)
+    beside[40:76, 60:96] = False
+    np.testing.assert_array_equal(light.pixels[beside], combined(still).light.pixels[beside])
+
+
+def test_a_scene_that_moves_as_a_whole_is_refused(toy: SimulatedRig) -> None:
+    frames = shot(toy, ((0, 0), (0, 1), (1, 1), (1, 0)))
+    late = shot(toy, ((0, 0), (0, 1), (1, 5), (1, 4)))
+    with pytest.raises(InputError, match="between them"):
+        combined([*frames[:2], *late[2:]])
+    brighter = [replace(frame, pixels=(frame.pixels * 0.8).astype(np.uint16)) for frame in frames[2:]]
+    with pytest.raises(InputError, match=r"moved between them in \d+% of the picture: shoot from a tripod"):
+        combined([*frames[:2], *brighter])
+
+
+@pytest.mark.parametrize("time", [1 / 250, 1 / 60, 1 / 15])
+def test_groups_by_half_photosites_are_refused_with_what_to_do(toy: SimulatedRig, time: float) -> None:
+    """As bodies of 8 and 16 exposures take them."""
+    frames = []
+    for step, by in enumerate(((0.0, 0.0), (0.0, 0.5), (0.5, 0.5), (0.5, 0.0))):
+        camera = SimulatedCamera(toy.bodies[0], partial(displaced, toy, 0, by))
+        camera.place(0, step)
+        camera.set_exposure(Exposure(time=time, f_number=4.0, iso=100.0))
+        camera.arm()
+        camera.trigger()
+        frame = camera.collect()
+        assert isinstance(frame, RawMosaic)
+        frames.append(frame)
+    with pytest.raises(InputError, match=r"groups of 4 \(those of 8 and 16, by half photosites, are not"):
+        combined(frames)
 
 
 def test_what_is_no_pixel_shift_is_refused(toy: SimulatedRig) -> None:

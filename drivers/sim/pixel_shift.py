@@ -1,0 +1,48 @@
+"""A body in its pixel shift mode: four files for every exposure, between which its sensor moves a photosite.
+
+Such groups are made by the body and lie on its card as files; no protocol asks for them. So the simulated
+body writes a folder, as the user of a real one has it for `rig import --pixel-shift`.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.rigs import SimulatedRig
+from imaging.exposure import Exposure
+from imaging.files.dng import write_dng
+from imaging.mosaic import RawMosaic
+
+Step = tuple[float, float]
+AROUND: tuple[Step, ...] = ((0, 0), (0, 1), (1, 1), (1, 0))
+"""Rows and columns, in photosites, by which the sensor stands beside its place."""
+
+
+def displaced(rig: SimulatedRig, camera: int, by: Step, frame: int) -> npt.NDArray[np.float32]:
+    """True radiance of each photosite [H, W, 3] where the sensor of a camera moved; nothing else moves."""
+    lens = rig.mounts[camera].optics.lens
+    there = lens.model_copy(update={"cx": lens.cx - by[1], "cy": lens.cy - by[0]})
+    return rig.scene.render(there, rig.cam_from_world(camera, frame), rig.settings.samples)
+
+
+def photograph(
+    rig: SimulatedRig, photos: Path, exposures: Sequence[Exposure], steps: Sequence[Step] = AROUND
+) -> None:
+    """Photographs of every camera at every frame: `photos`/CAMERA/FRAME_EXPOSURE_STEP.dng."""
+    for index, mount in enumerate(rig.mounts):
+        for number, by in enumerate(steps):
+            camera = SimulatedCamera(rig.bodies[index], partial(displaced, rig, index, by))
+            for frame in range(rig.frames):
+                for turn, exposure in enumerate(exposures):
+                    camera.place(frame, len(steps) * turn + number)
+                    camera.set_exposure(exposure)
+                    camera.arm()
+                    camera.trigger()
+                    shot = camera.collect()
+                    assert isinstance(shot, RawMosaic)
+                    write_dng(photos / mount.name / f"{frame:04d}_{turn}_{number}.dng", shot)
+            camera.close()
