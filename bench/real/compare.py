@@ -15,6 +15,7 @@ import argparse
 import os
 import resource
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ import numpy as np
 
 from bench.real import opensplat
 from bench.real.neutral import Array, PlySplats, in_world, measured
-from bench.real.peer_folder import picture_of, transparency, write_peer_folder
+from bench.real.peer_folder import picture_of, write_peer_folder
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from calib.calibrate import calibrate
@@ -39,7 +40,7 @@ from recon.train.warm_up import warm_up
 
 SETS = {"castle": "sceaux", "monstree": "monstree", "lego": "lego"}
 QUALITY: QualityName = "best"
-BLACK = (0.0, 0.0, 0.0)
+BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 PEER_POINTS = 20_000
 """That the peer starts from where poses came without points: rig's own, of its plane sweep."""
 
@@ -85,12 +86,25 @@ def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, An
     }
     # What rig draws itself is what its users see; a viewer that draws its file has to show the same.
     splats = PlySplats.read(folder / SPLATS)
-    viewer = measured(
-        views,
-        [picture_of(view) for view in views],
-        lambda view: splats.drawn(in_world(view, opened.dataset.world), BLACK),
-    )
-    return row | {"viewer": viewer.gained}
+
+    def viewed(view: View, background: tuple[float, float, float] = BLACK) -> Array:
+        return splats.drawn(in_world(view, opened.dataset.world), background)
+
+    row["viewer"] = measured(views, [picture_of(view) for view in views], viewed).gained
+    return row | before_white(views, partial(viewed, background=WHITE))
+
+
+def before_white(views: list[View], draw: Callable[[View], Array]) -> dict[str, float]:
+    """PSNR of photographs with alpha before white, as NeRF-synthetic is published; nothing of others."""
+    covers = [view.cover for view in views]
+    if any(cover is None for cover in covers):
+        return {}
+    pictures = [
+        picture_of(view) + (1 - cover.astype(np.float64))[..., None]
+        for view, cover in zip(views, covers, strict=True)
+        if cover is not None
+    ]
+    return {"white": measured(views, pictures, draw).psnr}
 
 
 def peer_rows(
@@ -106,18 +120,13 @@ def peer_rows(
         run = opensplat.trained(program, folder, budget, variant, folder / "runs")
         splats = PlySplats.read(run.ply)
         views = list(dataset.held_out)
-        # Where photographs are transparent they stand before black, else its own colour is behind.
-        own = [
-            BLACK if transparency(dataset, view).any() else opensplat.BACKGROUND for view in dataset.held_out
-        ]
-        behind = dict(zip((view.name for view in views), own, strict=True))
-        figures = measured(
-            views,
-            [picture_of(view) for view in views],
-            lambda view, splats=splats, behind=behind: splats.drawn(  # type: ignore[misc]
-                in_world(view, dataset.world), behind[view.name]
-            ),
-        )
+
+        def drawn(view: View, white: bool = False, splats: PlySplats = splats) -> Array:
+            # Transparent photographs stand before black or white; behind others is its own colour.
+            behind = opensplat.BACKGROUND if view.cover is None else WHITE if white else BLACK
+            return splats.drawn(in_world(view, dataset.world), behind)
+
+        figures = measured(views, [picture_of(view) for view in views], drawn)
         rows.append(
             {
                 "variant": variant.name,
@@ -125,6 +134,7 @@ def peer_rows(
                 "iterations": run.iterations,
                 "gaussians": len(splats),
                 **vars(figures),
+                **before_white(views, partial(drawn, white=True)),
             }
         )
     return rows
@@ -186,17 +196,19 @@ def report(result: dict[str, Any]) -> str:
         f"`python -m bench.real.compare --write`: {result['width']} px wide, held-out views, as the script's "
         f"head says. OpenSplat {result['peer']}. {words(result['machine'])}.",
         "",
-        "| set | trainer | processor s | iterations | Gaussians | PSNR, dB | after a gain a channel | SSIM |",
-        "|---|---|---|---|---|---|---|---|",
+        "| set | trainer | processor s | iterations | Gaussians | PSNR, dB | after a gain a channel | SSIM "
+        "| before white, dB |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in result["rows"]:
         for trainer in ("rig", "OpenSplat"):
             one = row[trainer]
             what = one.get("method") or one["variant"]
+            white = f"{one['white']:.2f}" if "white" in one else ""
             lines.append(
                 f"| {row['set']} | {trainer} ({what}) | {one['seconds']:.0f} of {row['budget']:.0f} "
                 f"| {one['iterations']:,} | {one['gaussians']:,} | {one['psnr']:.2f} | {one['gained']:.2f} "
-                f"| {one['ssim']:.3f} |"
+                f"| {one['ssim']:.3f} | {white} |"
             )
     return "\n".join(lines) + "\n"
 

@@ -2,14 +2,12 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from capture.imports.layouts.given import OPENCV_FROM_OPENGL
 from imaging.files import store
 from imaging.files.photo import encode_png
-from imaging.session.session import Session
 from recon.data.dataset import Dataset, View
 
 Array = npt.NDArray[np.float64]
@@ -30,7 +28,9 @@ def write_peer_folder(
     frames = []
     for number, view in enumerate(dataset.train):
         name = f"images/{number:04d}.png"
-        shown = picture_of(view) + transparency(dataset, view)[..., None] * background
+        shown = picture_of(view)
+        if view.cover is not None:
+            shown = shown + (1 - view.cover.astype(np.float64))[..., None] * background
         codes = np.rint(255 * shown).clip(0, 255).astype(np.uint8)
         store.write_bytes(folder / name, encode_png(codes))
         camera = dataset.world.camera_in_world(view.lens)
@@ -61,18 +61,6 @@ def picture_of(view: View) -> Array:
     """The one photograph of a view, display values [H, W, 3] in 0..1."""
     (shot,) = view.shots
     return shot.pixels.astype(np.float64)
-
-
-def transparency(dataset: Dataset, view: View) -> Array:
-    """One less alpha of the photograph of a view, [H, W] as the view has it; 0 where it has none."""
-    height, width = view.shots[0].pixels.shape[:2]
-    session = Session.open(dataset.session)
-    (shot,) = (shot for shot in session.shots("scene") if shot.view == view.id)
-    codes = cv2.imread(str(session.file(shot)), cv2.IMREAD_UNCHANGED)
-    if codes is None or codes.ndim != 3 or codes.shape[2] != 4:
-        return np.zeros((height, width))
-    alpha = codes[..., 3] / np.float64(np.iinfo(codes.dtype).max)
-    return np.asarray(1 - cv2.resize(alpha, (width, height), interpolation=cv2.INTER_AREA), np.float64)
 
 
 def _ply(points: Array, colours: Array) -> bytes:

@@ -43,16 +43,21 @@ _TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 class Photo:
     """pixels: float32 [H, W, 3], code values divided by the largest, 0..1; bit_depth: 8 or 16.
 
-    The pixel grid is as stored: the orientation of the metadata is not applied. transparent: share of the
-    pixels, 0..1, that alpha says to be so in part or wholly; they stand before black. profile: name of the
-    colour space that the file is in, and the pixels were; "": sRGB, or not told.
+    The pixel grid is as stored: the orientation of the metadata is not applied. cover: float32 [H, W], alpha
+    of each pixel, 0..1, None where all is opaque; what is transparent stands before black. profile: name of
+    the colour space that the file is in, and the pixels were; "": sRGB, or not told.
     """
 
     pixels: npt.NDArray[np.float32]
     bit_depth: int
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
-    transparent: float = 0.0
+    cover: npt.NDArray[np.float32] | None = None
     profile: str = ""
+
+    @property
+    def transparent(self) -> float:
+        """Share of the pixels, 0..1, that are so in part or wholly."""
+        return 0.0 if self.cover is None else float(np.mean(self.cover < 1))
 
 
 def is_photo(path: Path) -> bool:
@@ -85,11 +90,9 @@ def decode_photo(data: bytes, name: str) -> Photo:
     profile = profile_of(data) if codes.shape[2] >= 3 else None
     if profile is not None:
         profile.apply(pixels)
-    transparent = _onto_black(pixels, codes[..., -1]) if codes.shape[2] in (2, 4) else 0.0
+    cover = _onto_black(pixels, codes[..., -1]) if codes.shape[2] in (2, 4) else None
     metadata = _metadata(BytesIO(data)) or FrameMetadata()
-    return Photo(
-        pixels, 8 * codes.dtype.itemsize, metadata, transparent, "" if profile is None else profile.name
-    )
+    return Photo(pixels, 8 * codes.dtype.itemsize, metadata, cover, "" if profile is None else profile.name)
 
 
 def read_photo_header(data: bytes, name: str) -> tuple[int, int, FrameMetadata]:
@@ -196,18 +199,18 @@ def _decoder(data: bytes) -> Any:
     return decode_tiff if data.startswith(_TIFF_MAGICS) else None
 
 
-def _onto_black(pixels: npt.NDArray[np.float32], alpha: npt.NDArray[Any]) -> float:
-    """Mix codes [H, W, 3] with black, in place, where alpha [H, W] says; the share of pixels so mixed."""
-    top, mixed = np.float32(np.iinfo(alpha.dtype).max), 0
+def _onto_black(pixels: npt.NDArray[np.float32], alpha: npt.NDArray[Any]) -> npt.NDArray[np.float32] | None:
+    """Mix codes [H, W, 3] with black, in place, by alpha [H, W]; that as 0..1, None where all is opaque."""
+    top = np.float32(np.iinfo(alpha.dtype).max)
+    if (alpha == np.iinfo(alpha.dtype).max).all():
+        return None
+    cover = alpha.astype(np.float32) / top
     for rows in range(0, len(pixels), _ROWS):
-        own, cover = pixels[rows : rows + _ROWS], alpha[rows : rows + _ROWS]
-        glassy = cover < top
+        own, share = pixels[rows : rows + _ROWS], cover[rows : rows + _ROWS]
+        glassy = share < 1
         if glassy.any():
-            own[glassy] = srgb_encode(
-                srgb_decode(own[glassy]) * (cover[glassy, None].astype(np.float32) / top)
-            )
-            mixed += int(np.count_nonzero(glassy))
-    return mixed / alpha.size
+            own[glassy] = srgb_encode(srgb_decode(own[glassy]) * share[glassy, None])
+    return cover
 
 
 def _three_channels(codes: npt.NDArray[Any]) -> npt.NDArray[Any]:

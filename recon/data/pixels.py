@@ -44,7 +44,8 @@ class Shot:
     this bright (LDR only). valid: bool, same shape; False where the file holds no number.
     noise: of the linear signal; None if not known. ceiling: the signal at which the sensor saturates (RAW
     only), as it was measured, else that of the file's white level. band: the channel of the scene's light
-    that it shows, of a mono camera behind a filter; None: all of them, as its camera sees Rec.709.
+    that it shows, of a mono camera behind a filter; None: all of them, as its camera sees Rec.709. cover:
+    float32 [H, W], alpha of a photograph, 0..1; None: all is opaque, or nothing is told of it.
     """
 
     file: str
@@ -56,6 +57,7 @@ class Shot:
     noise: Noise | None = None
     ceiling: float | None = None
     band: int | None = None
+    cover: Float | None = None
 
     @property
     def top(self) -> float:
@@ -156,15 +158,21 @@ def _read(
         shot, cfa = _mosaic(raw, name, max_width)
         return shot, cfa, (raw.signal.shape[0], raw.signal.shape[1])
     if kind == "ldr":
-        codes = np.ascontiguousarray(read_photo(path).pixels, np.float32)
+        photo = read_photo(path)
+        codes, cover = np.ascontiguousarray(photo.pixels, np.float32), photo.cover
         frame = from_codes(codes, k, response)
         size = _smaller(codes, max_width)
         whole = codes.shape[0], codes.shape[1]
         if size is None:
-            return Shot(name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise), None, whole
+            whole_shot = Shot(
+                name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise, cover=cover
+            )
+            return whole_shot, None, whole
         saturated, dark = (area_mean(mask, size) > 0.5 for mask in (frame.saturated, frame.dark))
         codes = encode(area_mean(frame.signal, size), response)
-        return Shot(name, k, codes, saturated, dark, np.ones(codes.shape, bool), frame.noise), None, whole
+        cover = None if cover is None else area_mean(cover, size)
+        valid = np.ones(codes.shape, bool)
+        return Shot(name, k, codes, saturated, dark, valid, frame.noise, cover=cover), None, whole
     frame = from_light(read_light(path), k)
     light, valid = frame.signal, frame.valid
     whole = light.shape[0], light.shape[1]

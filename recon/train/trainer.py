@@ -12,7 +12,7 @@ from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset, View
 from recon.observe.refinement import RATES
 from recon.scene.gaussians import Renderer
-from recon.splat import SplatStats
+from recon.splat import Render, SplatStats
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.train.adam import Adam
 from recon.train.densification import Density
@@ -23,6 +23,10 @@ from recon.train.schedule import Schedule
 from recon.train.training import Plan, Steer, Training
 
 _ALONE = Ranks()
+
+COVER_WEIGHT = 0.2
+"""What alpha of photographs counts in the loss, beside codes of 0..1. Lego, 200 px, 700 iterations: before
+black 28.3 dB without, 29.1 with 0.03 and 0.1, 28.9 with 0.3; before white 6.2, 26.1, 26.7 and 27.1."""
 
 
 def train(
@@ -90,9 +94,10 @@ def _loss(training: Training, renderer: Renderer, view: View, done: float) -> to
     method, gaussians, refinement = training.method, training.gaussians, training.refinement
     delta = refinement.motion(view, done) if refinement else None
     factors = refinement.factors(view, done) if refinement else None
-    image = renderer(
+    render = renderer(
         gaussians, view.lens, degree=method.degree(done), stats=training.stats, camera_delta=delta
-    ).image
+    )
+    image = render.image
     image = refinement.through_lens(image, view, done) if refinement else image
     prediction, target = method.observation.compare(image, view, done, factors)
     return (
@@ -100,7 +105,17 @@ def _loss(training: Training, renderer: Renderer, view: View, done: float) -> to
         + method.appearance.penalty(gaussians.parameters)
         + method.observation.penalty(done)
         + method.opacity_weight * gaussians.opacities().mean()
+        + _cover_error(render, view)
     )
+
+
+def _cover_error(render: Render, view: View) -> torch.Tensor | float:
+    """What the loss has of Gaussians where a photograph is transparent, and of gaps where it is opaque."""
+    if view.cover is None:
+        return 0.0
+    cover = torch.from_numpy(view.cover).to(render.alpha)
+    counts = torch.from_numpy(view.seen).to(render.alpha)
+    return COVER_WEIGHT * ((render.alpha - cover).abs() * counts).mean()
 
 
 def _densify(training: Training, density: Density, done: float, seed: int, ranks: Ranks) -> None:

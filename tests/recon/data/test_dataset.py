@@ -246,3 +246,18 @@ def test_a_split_that_contradicts_itself_or_leaves_nothing_is_refused(session_co
     store.write_json(session_copy / "split.json", {"schema_version": 1, "train": []})
     with pytest.raises(InputError, match=r"split\.json: reason"):
         load(session_copy)
+
+
+def test_alpha_is_averaged_over_areas_and_what_else_is_read_has_none(tmp_path):
+    alpha = np.zeros((12, 16), np.uint8)
+    alpha[:, 4:] = 255
+    photo = np.dstack([np.full((12, 16, 3), 128, np.uint8), alpha])
+    (tmp_path / "a.png").write_bytes(encode_png(photo))
+    whole, _ = read_shot(tmp_path / "a.png", "a", "ldr", 1.0, SRGB, max_width=16)
+    np.testing.assert_array_equal(whole.cover, alpha / 255)
+    small, _ = read_shot(tmp_path / "a.png", "a", "ldr", 1.0, SRGB, max_width=6)
+    assert small.cover.shape == small.pixels.shape[:2]
+    assert small.cover.mean() == pytest.approx(0.75, abs=1e-6)
+    assert 0 < small.cover[0, 1] < 1
+    (tmp_path / "b.png").write_bytes(encode_png(photo[..., :3]))
+    assert read_shot(tmp_path / "b.png", "b", "ldr", 1.0, SRGB, max_width=6)[0].cover is None
