@@ -282,16 +282,16 @@ def sample(maps: list[DepthMap], count: int, rng: np.random.Generator) -> npt.ND
 
     Anywhere else depth is a guess, and a Gaussian there would hide what is behind it.
     """
-    found = [np.flatnonzero(depth_map.lit & depth_map.believed) for depth_map in maps]
-    total = sum(map(len, found))
-    if not total or count <= 0:
+    good = [(depth_map.lit & depth_map.believed).reshape(-1) for depth_map in maps]
+    if not any(one.any() for one in good) or count <= 0:
         return np.zeros((0, 3))
-    chosen = np.sort(rng.choice(total, size=min(count, total), replace=False))
+    # All pixels have their turn, so that one more or less that is good changes one point and not all.
+    turns = rng.permutation(sum(map(len, good)))
+    chosen = np.sort(turns[np.concatenate(good)[turns]][:count])
     points, start = [], 0
-    for depth_map, candidates in zip(maps, found, strict=True):
-        end = start + len(candidates)
-        pixels = candidates[chosen[(chosen >= start) & (chosen < end)] - start]
-        start = end
+    for depth_map, one in zip(maps, good, strict=True):
+        pixels = chosen[(chosen >= start) & (chosen < start + len(one))] - start
+        start += len(one)
         centres = depth_map.centres.reshape(-1, 2)[pixels]
         points.append(lift(depth_map.view.lens, centres, depth_map.depth.reshape(-1)[pixels]))
     return np.concatenate(points)
