@@ -77,6 +77,8 @@ def _by_evidence(
     against_trials: str | None,
     progress: Progress,
 ) -> Rung:
+    if all(view.cover is not None for view in dataset.train):
+        return Rung(name=NAME, taken=False, reason="where the photographs are transparent there is nothing")
     share, beside = (far_share(dataset.train, images, turn) for turn in (0.0, BESIDE))
     seen = (
         f"{100 * share:.0f} % of the views show the same light in the same direction from all places, and "

@@ -116,3 +116,25 @@ def test_an_environment_cannot_be_maybe() -> None:
         Overrides.of(["environment=maybe"])
     assert Overrides.of(["environment=0"]).environment is False
     assert Overrides.of(Overrides(environment=True).words()).environment is True
+
+
+def test_behind_photographs_with_alpha_is_nothing(toy_dataset):
+    """Whatever the same light in the same directions suggests."""
+    covered = tuple(
+        replace(
+            view,
+            shots=tuple(replace(shot, cover=np.ones(view.seen.shape, np.float32)) for shot in view.shots),
+        )
+        for view in toy_dataset.train
+    )
+    asked = settings().model_copy(update={"quality": "draft"})
+    sky = pictures(toy_dataset, wall=None)
+    taken = {
+        told: environment_for(
+            replace(toy_dataset, train=covered if told else toy_dataset.train),
+            asked, sky, "no trials here", Ranks(), unreported,
+        )
+        for told in (True, False)
+    }  # fmt: skip
+    assert [taken[told][0] for told in (True, False)] == [False, True]
+    assert "transparent" in taken[True][1].reason
