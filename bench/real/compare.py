@@ -96,13 +96,13 @@ def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, An
 
 def before_white(views: list[View], draw: Callable[[View], Array]) -> dict[str, float]:
     """PSNR of photographs with alpha before white, as NeRF-synthetic is published; nothing of others."""
-    covers = [view.cover for view in views]
-    if any(cover is None for cover in covers):
+    alphas = [view.alpha for view in views]
+    if any(alpha is None for alpha in alphas):
         return {}
     pictures = [
-        picture_of(view) + (1 - cover.astype(np.float64))[..., None]
-        for view, cover in zip(views, covers, strict=True)
-        if cover is not None
+        picture_of(view) + (1 - alpha.astype(np.float64))[..., None]
+        for view, alpha in zip(views, alphas, strict=True)
+        if alpha is not None
     ]
     return {"white": measured(views, pictures, draw).psnr}
 
@@ -123,7 +123,7 @@ def peer_rows(
 
         def drawn(view: View, white: bool = False, splats: PlySplats = splats) -> Array:
             # Transparent photographs stand before black or white; behind others is its own colour.
-            behind = opensplat.BACKGROUND if view.cover is None else WHITE if white else BLACK
+            behind = opensplat.BACKGROUND if view.alpha is None else WHITE if white else BLACK
             return splats.drawn(in_world(view, dataset.world), behind)
 
         figures = measured(views, [picture_of(view) for view in views], drawn)

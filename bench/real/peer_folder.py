@@ -29,8 +29,8 @@ def write_peer_folder(
     for number, view in enumerate(dataset.train):
         name = f"images/{number:04d}.png"
         shown = picture_of(view)
-        if view.cover is not None:
-            shown = shown + (1 - view.cover.astype(np.float64))[..., None] * background
+        if view.alpha is not None:
+            shown = shown + (1 - view.alpha.astype(np.float64))[..., None] * background
         codes = np.rint(255 * shown).clip(0, 255).astype(np.uint8)
         store.write_bytes(folder / name, encode_png(codes))
         camera = dataset.world.camera_in_world(view.lens)

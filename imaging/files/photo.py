@@ -43,21 +43,21 @@ _TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 class Photo:
     """pixels: float32 [H, W, 3], code values divided by the largest, 0..1; bit_depth: 8 or 16.
 
-    The pixel grid is as stored: the orientation of the metadata is not applied. cover: float32 [H, W], alpha
-    of each pixel, 0..1, None where all is opaque; what is transparent stands before black. profile: name of
-    the colour space that the file is in, and the pixels were; "": sRGB, or not told.
+    The pixel grid is as stored: the orientation of the metadata is not applied. alpha: float32 [H, W], how
+    opaque each pixel is, 0..1, None where all is opaque; what is transparent stands before black. profile:
+    name of the colour space that the file is in, and the pixels were; "": sRGB, or not told.
     """
 
     pixels: npt.NDArray[np.float32]
     bit_depth: int
     metadata: FrameMetadata = field(default_factory=FrameMetadata)
-    cover: npt.NDArray[np.float32] | None = None
+    alpha: npt.NDArray[np.float32] | None = None
     profile: str = ""
 
     @property
     def transparent(self) -> float:
         """Share of the pixels, 0..1, that are so in part or wholly."""
-        return 0.0 if self.cover is None else float(np.mean(self.cover < 1))
+        return 0.0 if self.alpha is None else float(np.mean(self.alpha < 1))
 
 
 def is_photo(path: Path) -> bool:
@@ -90,9 +90,9 @@ def decode_photo(data: bytes, name: str) -> Photo:
     profile = profile_of(data) if codes.shape[2] >= 3 else None
     if profile is not None:
         profile.apply(pixels)
-    cover = _onto_black(pixels, codes[..., -1]) if codes.shape[2] in (2, 4) else None
+    alpha = _onto_black(pixels, codes[..., -1]) if codes.shape[2] in (2, 4) else None
     metadata = _metadata(BytesIO(data)) or FrameMetadata()
-    return Photo(pixels, 8 * codes.dtype.itemsize, metadata, cover, "" if profile is None else profile.name)
+    return Photo(pixels, 8 * codes.dtype.itemsize, metadata, alpha, "" if profile is None else profile.name)
 
 
 def read_photo_header(data: bytes, name: str) -> tuple[int, int, FrameMetadata]:

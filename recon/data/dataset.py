@@ -85,12 +85,12 @@ class View:
         return np.asarray(valid if valid.ndim == 2 else valid.all(-1))
 
     @cached_property
-    def cover(self) -> Float | None:
+    def alpha(self) -> Float | None:
         """How much of each pixel's light comes from the scene, 0..1, float32 [H, W]; None: all of it.
 
         Elsewhere is nothing: what alpha says of the photographs of the view, on the average.
         """
-        told = [shot.cover for shot in self.shots if shot.cover is not None]
+        told = [shot.alpha for shot in self.shots if shot.alpha is not None]
         return np.mean(told, axis=0, dtype=np.float32) if told else None
 
     @cached_property

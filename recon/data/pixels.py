@@ -44,7 +44,7 @@ class Shot:
     this bright (LDR only). valid: bool, same shape; False where the file holds no number.
     noise: of the linear signal; None if not known. ceiling: the signal at which the sensor saturates (RAW
     only), as it was measured, else that of the file's white level. band: the channel of the scene's light
-    that it shows, of a mono camera behind a filter; None: all of them, as its camera sees Rec.709. cover:
+    that it shows, of a mono camera behind a filter; None: all of them, as its camera sees Rec.709. alpha:
     float32 [H, W], alpha of a photograph, 0..1; None: all is opaque, or nothing is told of it.
     """
 
@@ -57,7 +57,7 @@ class Shot:
     noise: Noise | None = None
     ceiling: float | None = None
     band: int | None = None
-    cover: Float | None = None
+    alpha: Float | None = None
 
     @property
     def top(self) -> float:
@@ -159,20 +159,20 @@ def _read(
         return shot, cfa, (raw.signal.shape[0], raw.signal.shape[1])
     if kind == "ldr":
         photo = read_photo(path)
-        codes, cover = np.ascontiguousarray(photo.pixels, np.float32), photo.cover
+        codes, alpha = np.ascontiguousarray(photo.pixels, np.float32), photo.alpha
         frame = from_codes(codes, k, response)
         size = _smaller(codes, max_width)
         whole = codes.shape[0], codes.shape[1]
         if size is None:
             whole_shot = Shot(
-                name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise, cover=cover
+                name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise, alpha=alpha
             )
             return whole_shot, None, whole
         saturated, dark = (area_mean(mask, size) > 0.5 for mask in (frame.saturated, frame.dark))
         codes = encode(area_mean(frame.signal, size), response)
-        cover = None if cover is None else area_mean(cover, size)
+        alpha = None if alpha is None else area_mean(alpha, size)
         valid = np.ones(codes.shape, bool)
-        return Shot(name, k, codes, saturated, dark, valid, frame.noise, cover=cover), None, whole
+        return Shot(name, k, codes, saturated, dark, valid, frame.noise, alpha=alpha), None, whole
     frame = from_light(read_light(path), k)
     light, valid = frame.signal, frame.valid
     whole = light.shape[0], light.shape[1]

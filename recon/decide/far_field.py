@@ -77,7 +77,7 @@ def _by_evidence(
     against_trials: str | None,
     progress: Progress,
 ) -> Rung:
-    if all(view.cover is not None for view in dataset.train):
+    if all(view.alpha is not None for view in dataset.train):
         return Rung(name=NAME, taken=False, reason="where the photographs are transparent there is nothing")
     share, beside = (far_share(dataset.train, images, turn) for turn in (0.0, BESIDE))
     seen = (

@@ -24,7 +24,7 @@ from recon.train.training import Plan, Steer, Training
 
 _ALONE = Ranks()
 
-COVER_WEIGHT = 0.2
+ALPHA_WEIGHT = 0.2
 """What alpha of photographs counts in the loss, beside codes of 0..1. Lego, 200 px, 700 iterations: before
 black 28.3 dB without, 29.1 with 0.03 and 0.1, 28.9 with 0.3; before white 6.2, 26.1, 26.7 and 27.1."""
 
@@ -105,17 +105,17 @@ def _loss(training: Training, renderer: Renderer, view: View, done: float) -> to
         + method.appearance.penalty(gaussians.parameters)
         + method.observation.penalty(done)
         + method.opacity_weight * gaussians.opacities().mean()
-        + _cover_error(render, view)
+        + _alpha_error(render, view)
     )
 
 
-def _cover_error(render: Render, view: View) -> torch.Tensor | float:
+def _alpha_error(render: Render, view: View) -> torch.Tensor | float:
     """What the loss has of Gaussians where a photograph is transparent, and of gaps where it is opaque."""
-    if view.cover is None:
+    if view.alpha is None:
         return 0.0
-    cover = torch.from_numpy(view.cover).to(render.alpha)
+    alpha = torch.from_numpy(view.alpha).to(render.alpha)
     counts = torch.from_numpy(view.seen).to(render.alpha)
-    return COVER_WEIGHT * ((render.alpha - cover).abs() * counts).mean()
+    return ALPHA_WEIGHT * ((render.alpha - alpha).abs() * counts).mean()
 
 
 def _densify(training: Training, density: Density, done: float, seed: int, ranks: Ranks) -> None:

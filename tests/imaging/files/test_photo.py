@@ -129,7 +129,7 @@ def test_what_is_transparent_stands_before_black(tmp_path: Path, pixels: np.ndar
         seen = read_photo(tmp_path / "a")
         assert np.abs(seen.pixels - colours).max() < 1e-6
         assert seen.transparent == pytest.approx(9 / 21)
-        np.testing.assert_allclose(seen.cover, alpha / top, rtol=1e-6)
+        np.testing.assert_allclose(seen.alpha, alpha / top, rtol=1e-6)
     # colours that are multiplied by alpha already, to within their rounding
     times = np.dstack([np.rint(pixels * (alpha / top)[..., None]).astype(pixels.dtype), alpha])
     (tmp_path / "a").write_bytes(tiff(times, photometric="rgb", extrasamples=["assocalpha"]))
@@ -141,7 +141,7 @@ def test_what_is_not_transparent_is_as_without_alpha(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(encode_png(opaque))
     assert np.array_equal(codes(tmp_path / "a.png", encode_png(opaque)), RGB8)
     assert read_photo(tmp_path / "a.png").transparent == 0
-    assert read_photo(tmp_path / "a.png").cover is None
+    assert read_photo(tmp_path / "a.png").alpha is None
     # a fourth sample that is not said to be alpha
     unknown = tiff(np.dstack([RGB8, RGB8[..., 0]]), photometric="rgb", extrasamples=["unspecified"])
     assert np.array_equal(codes(tmp_path / "a.tif", unknown), RGB8)

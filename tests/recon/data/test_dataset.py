@@ -254,10 +254,10 @@ def test_alpha_is_averaged_over_areas_and_what_else_is_read_has_none(tmp_path):
     photo = np.dstack([np.full((12, 16, 3), 128, np.uint8), alpha])
     (tmp_path / "a.png").write_bytes(encode_png(photo))
     whole, _ = read_shot(tmp_path / "a.png", "a", "ldr", 1.0, SRGB, max_width=16)
-    np.testing.assert_array_equal(whole.cover, alpha / 255)
+    np.testing.assert_array_equal(whole.alpha, alpha / 255)
     small, _ = read_shot(tmp_path / "a.png", "a", "ldr", 1.0, SRGB, max_width=6)
-    assert small.cover.shape == small.pixels.shape[:2]
-    assert small.cover.mean() == pytest.approx(0.75, abs=1e-6)
-    assert 0 < small.cover[0, 1] < 1
+    assert small.alpha.shape == small.pixels.shape[:2]
+    assert small.alpha.mean() == pytest.approx(0.75, abs=1e-6)
+    assert 0 < small.alpha[0, 1] < 1
     (tmp_path / "b.png").write_bytes(encode_png(photo[..., :3]))
-    assert read_shot(tmp_path / "b.png", "b", "ldr", 1.0, SRGB, max_width=6)[0].cover is None
+    assert read_shot(tmp_path / "b.png", "b", "ldr", 1.0, SRGB, max_width=6)[0].alpha is None

@@ -38,7 +38,7 @@ def cut_out(dataset: Dataset, view: View, told: bool) -> View:
     place = (place - motion[:3, 3]) @ motion[:3, :3]
     cover = (np.linalg.norm(place - dataset.points().xyz.mean(0), axis=-1) < NEAR / 2).astype(np.float32)
     shots = tuple(
-        replace(shot, pixels=(shot.pixels * cover).astype(np.float32), cover=cover if told else None)
+        replace(shot, pixels=(shot.pixels * cover).astype(np.float32), alpha=cover if told else None)
         for shot in view.shots
     )
     return replace(view, shots=shots)
@@ -46,7 +46,7 @@ def cut_out(dataset: Dataset, view: View, told: bool) -> View:
 
 def errors_of_alpha(dataset: Dataset, told: bool) -> float:
     """Mean absolute error of the rendered alpha, over the training views, of a short training."""
-    goal = [cut_out(dataset, view, True).cover for view in dataset.train]
+    goal = [cut_out(dataset, view, True).alpha for view in dataset.train]
     part = replace(dataset, train=tuple(cut_out(dataset, view, told) for view in dataset.train))
     images = [radiance_image(view) for view in part.train]
     light = light_of(part, images)
