@@ -76,15 +76,16 @@ def test_a_run_is_found_that_takes_the_budget(tmp_path, monkeypatch):
     """Of a program whose pace falls as its scene grows."""
     tried = []
 
-    def iterated(program, folder, iterations, variant, ply):
+    def iterated(program, folder, iterations, variant, ply, most):
         tried.append(iterations)
-        ply.write_bytes(b"")
-        return 3 + 0.05 * iterations + 1e-5 * iterations**2
+        seconds = 3 + 0.05 * iterations + 1e-4 * iterations**2
+        ply.write_bytes(b"%d" % iterations)
+        return min(seconds, most + 1)
 
     monkeypatch.setattr(opensplat, "_iterated", iterated)
     run = opensplat.trained(tmp_path, tmp_path, 60.0, opensplat.VARIANTS[0], tmp_path / "runs")
     assert abs(run.seconds / 60 - 1) < opensplat.CLOSE
-    assert tried[-1] == run.iterations
+    assert run.ply.read_bytes() == b"%d" % run.iterations
     before = len(tried)
     assert opensplat.trained(tmp_path, tmp_path, 60.0, opensplat.VARIANTS[0], tmp_path / "runs") == run
     assert len(tried) == before
