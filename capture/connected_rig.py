@@ -33,6 +33,10 @@ class Unattended:
     def move_to(self, frame: int) -> None:
         """Leave the rig where it is."""
 
+    def turn_to(self, band: str) -> None:
+        """InputError: pictures through another filter would be taken for this one's."""
+        raise InputError(f"nobody turns the filter wheel to {band}: name an operator who does.")
+
 
 @runtime_checkable
 class HardwareTriggered(Protocol):
@@ -173,6 +177,7 @@ def _source(
         board=tables.board,
         beside=nothing_beside,
         bands=tables.bands,
+        wheel=tuple(band.name for band in tables.wheel),
     )
 
 

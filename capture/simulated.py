@@ -18,6 +18,7 @@ from imaging.errors import PartialError, StorageError
 from imaging.files import store
 from imaging.files.dng import Compression
 from imaging.progress import Progress, unreported
+from imaging.session.bands import in_order
 from imaging.session.records import Board, PlanRecord, Subject
 from imaging.session.session import Session
 
@@ -82,6 +83,8 @@ def simulated_source(name: str, seed: int = 0, mix: Mix | None = None) -> Iterat
         size=(able.width, able.height),
         board=Board.model_validate(rig.board.description()),
         beside=partial(_truth, rig, bus),
+        bands=in_order(rig.settings.wheel),
+        wheel=tuple(band.name for band in rig.settings.wheel),
     )
     try:
         yield source

@@ -1,6 +1,7 @@
 """Brackets of a session on disk as linear EXR files, one for each camera at each frame.
 
     OUT/<frame>/<camera>.exr    R, G, B; sigma.R, sigma.G, sigma.B; mask
+    OUT/<frame>/<camera>.<band>.exr    the same, grey, of each band where a filter wheel changes them
 
 Light is in one unit for the whole rig and session: signal (1 = white) per second of exposure scale, with the
 gains and the vignetting of the calibration divided out. Values are light times one factor for the whole
@@ -122,15 +123,20 @@ def merge_session(
     placed = () if calibration is None else calibration.views
     developed = {view.id: view.white_balance for view in placed}
     found = []
-    for done, (view, shots) in enumerate(groups.items()):
-        progress("merging", done, len(groups))
+    parts = [
+        (view, out / f"{view}{suffix}.exr", own)
+        for view, shots in groups.items()
+        for suffix, own in _of_one_band(shots).items()
+    ]
+    for done, (view, path, shots) in enumerate(parts):
+        progress("merging", done, len(parts))
         own = None if calibration is None else calibration.camera(view.camera)
         white = developed.get(view) if opened.camera(view.camera).kind == "ldr" else None
         scales = None if calibration is None else calibration.exposure_scale
         scale = None if calibration is None else calibration.luminance
         absolute = (scale.value, scale.error) if scale and view.camera in scale.cameras else None
-        found.append(_merge_view(opened, out, view, shots, own, scales, space, factor, absolute, white))
-    progress("merging", len(groups), len(groups))
+        found.append(_merge_view(opened, path, view, shots, own, scales, space, factor, absolute, white))
+    progress("merging", len(parts), len(parts))
     store.write_json(out / SUMMARY, {"schema_version": 1, "units": UNIT, "exposure_factor": factor})
     return found
 
@@ -150,9 +156,17 @@ def _exposed(
     return found
 
 
+def _of_one_band(shots: Sequence[ShotRecord]) -> dict[str, list[ShotRecord]]:
+    """A bracket by what its file's name ends with: nothing, or the band where there are several."""
+    bands = dict.fromkeys(shot.band for shot in shots)
+    if len(bands) == 1:
+        return {"": list(shots)}
+    return {f".{band}": [shot for shot in shots if shot.band == band] for band in bands}
+
+
 def _merge_view(
     session: Session,
-    out: Path,
+    path: Path,
     view: ViewId,
     shots: Sequence[ShotRecord],
     camera: CameraCalibration | None,
@@ -171,7 +185,6 @@ def _merge_view(
         )
     k = _scales(session, shots, scales)
     response = camera.response if camera is not None else assumed_response(kind)
-    path = out / f"{view}.exr"
     key = _key(session, shots, k, response, camera, [space, factor, absolute, white_balance])
     told = _kept(path, key)
     if told is not None:

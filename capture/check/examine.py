@@ -79,9 +79,9 @@ def examine_all(
     session: Session, shots: Shots, started: Callable[[ShotRecord], None]
 ) -> tuple[dict[str, Read], dict[str, Failure]]:
     """Every shot by file; `started` is called before each is read, by one thread at a time."""
-    groups: dict[tuple[str, str, int, str], list[ShotRecord]] = {}
+    groups: dict[tuple[str, str, int, str, str | None], list[ShotRecord]] = {}
     for shot in {shot.file: shot for shot in shots}.values():
-        groups.setdefault((shot.kind, shot.plan, shot.frame, shot.camera), []).append(shot)
+        groups.setdefault((shot.kind, shot.plan, shot.frame, shot.camera, shot.band), []).append(shot)
     lock = threading.Lock()
 
     def examine_group(group: Shots) -> _Bracket:

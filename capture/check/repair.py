@@ -142,7 +142,7 @@ def _shot_of(session: Session, file: str, shots: list[ShotRecord]) -> ShotRecord
         captured_at=picture.metadata.captured_at,
         mask=mask,
         mask_sha256=None if mask is None else store.sha256(session.folder / mask),
-        band=camera.band,
+        band=plan.band(step, camera),
     )
 
 

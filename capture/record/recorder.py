@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 from capture.bracket.acceptance import RETRIES, Acceptance
@@ -81,6 +82,7 @@ def record(
     *,
     clock: Clock = THIS_MACHINE,
     move_to: Callable[[int], None] = lambda frame: None,
+    turn_to: Callable[[str], None] = lambda band: None,
     compression: Compression = "none",
     progress: Progress = unreported,
     tolerance: float = math.inf,
@@ -89,7 +91,8 @@ def record(
     """Take the shots of `plan` that are not finished; those that are stay as they are.
 
     cameras: by the names of the plan. clock: the one that their drivers were given. move_to: brings rig
-    or scene to a frame, before its first shot. progress: called with the file of each shot once it is
+    or scene to a frame, before its first shot. turn_to: brings a filter of the wheel before every camera, if
+    the plan has bands. progress: called with the file of each shot once it is
     finished, shots done, shots planned. tolerance: seconds between the shutters of a step beyond which the
     result's problems say so. leader: the camera whose exposure triggers all others by a wire, if one does;
     it exposes along whenever one of them is to, and a frame of its own that is there already stays.
@@ -117,7 +120,10 @@ def record(
         ):
             for frame in run.frames():
                 move_to(frame)
-                run.take(frame, threads)
+                for band, steps in run.filters(frame):
+                    if band is not None:
+                        turn_to(band)
+                    run.take(frame, steps, threads)
             return run.result()
     return run.result()
 
@@ -170,11 +176,23 @@ class CaptureRun:
             ):
                 yield frame
 
-    def take(self, frame: int, threads: CaptureThreads) -> None:
-        """Shoot what a frame lacks, step by step; then once more what failed, and once more."""
+    def filters(self, frame: int) -> Iterator[tuple[str | None, range]]:
+        """The filters that a frame lacks shots of, in their order, and the steps through each."""
+        bands, count = self._plan.bands, len(self._plan.bracket)
+        starts = [step for step in range(count) if not step or (bands and bands[step] != bands[step - 1])]
+        for start, end in pairwise([*starts, count]):
+            lacking = any(
+                shot_id.frame == frame and start <= shot_id.step < end and shot_id not in self.done
+                for shot_id in self.planned
+            )
+            if lacking and self.state.halted is None:
+                yield (bands[start] if bands else None), range(start, end)
+
+    def take(self, frame: int, steps: range, threads: CaptureThreads) -> None:
+        """Shoot what a frame lacks of these steps, one by one; then once more what failed, and once more."""
         pending: dict[int, list[str]] = {}
         for shot_id in self.planned:
-            if shot_id.frame == frame and shot_id not in self.done:
+            if shot_id.frame == frame and shot_id.step in steps and shot_id not in self.done:
                 pending.setdefault(shot_id.step, []).append(shot_id.camera)
         together = {step for step, names in pending.items() if len(names) == len(self._plan.cameras)}
         first: dict[int, float] = {}
@@ -269,7 +287,7 @@ class CaptureRun:
             captured_at=written.captured_at,
             skew=None if first is None else max(0.0, written.opened - first),
             retries=written.retries,
-            band=self._session.camera(shot_id.camera).band,
+            band=self._plan.band(shot_id.step, self._session.camera(shot_id.camera)),
         )
         try:
             self._session.append_shot(shot)

@@ -25,6 +25,12 @@ def must_be_the_same(session: Session, wanted: SessionRecord) -> None:
             f"{session.folder} was captured with seed {there.seed}, not {wanted.seed}: "
             "resume it with the same seed, or name a new folder."
         )
+    if there.bands != wanted.bands and there.cameras == wanted.cameras:
+        had, has = (", ".join(band.name for band in one.bands) or "none" for one in (there, wanted))
+        raise InputError(
+            f"{session.folder} was captured through the filters {had}, and {wanted.origin} now has {has}: "
+            "resume it with the rig file that began it, or name a new folder."
+        )
     if not _is_rig_file(there.origin):
         if there.cameras != wanted.cameras:
             raise InputError(
@@ -94,7 +100,7 @@ def _must_be_the_bracket(session: Session, source: Source, request: CaptureReque
     if (
         middle
         and not isinstance(asked, BracketGoals)
-        and exposures_around(middle, asked, source.cameras) == plan.bracket
+        and exposures_around(middle, asked, source.cameras) * max(1, len(source.wheel)) == plan.bracket
     ):
         return
     raise InputError(

@@ -38,23 +38,16 @@ def plan_for(
     if bracket is None and request.kind == "scene":
         bracket = source.bracket
     automatic: Automatic | None = None
-    if isinstance(bracket, BracketGoals):
-        source.operator.show(request.kind)
-        automatic = plan_automatically(
-            source.cameras,
-            like(source),
-            bracket,
-            frames=metered_at(source, request.kind, frames),
-            move_to=source.operator.move_to,
-        )
-        exposures, reason = automatic.plan.exposures, automatic.reason
+    exposures: tuple[Exposure, ...] = ()
+    bands: tuple[str, ...] = ()
+    if bracket is not None and request.kind == "scene" and source.wheel:
+        for band in source.wheel:
+            if isinstance(bracket, BracketGoals) or not (source.middle or _is_exact(bracket)):
+                source.operator.turn_to(band)  # to be metered
+            own, reason, automatic = _asked(source, request, bracket, frames)
+            exposures, bands = (*exposures, *own), (*bands, *[band] * len(own))
     elif bracket is not None:
-        exposures = _given(source, request.kind, bracket, frames)
-        reason = (
-            f"the bracket of {source.called}"
-            if request.bracket is None
-            else "stops given on the command line"
-        )
+        exposures, reason, automatic = _asked(source, request, bracket, frames)
     elif request.kind == "dark":
         exposures, reason = _darks(source, plans, frames)
     elif request.kind == "flat":
@@ -76,11 +69,35 @@ def plan_for(
         frames=frames,
         cameras=tuple(source.cameras),
         reason=reason,
+        bands=bands,
         asked=asked_for(bracket),
         board=source.board if request.kind == "board" else None,
         tolerance=source.tolerance if isfinite(source.tolerance) else None,
     )
     return plan, automatic
+
+
+def _asked(
+    source: Source,
+    request: CaptureRequest,
+    bracket: tuple[Exposure, ...] | Stops | BracketGoals,
+    frames: Sequence[int],
+) -> tuple[tuple[Exposure, ...], str, Automatic | None]:
+    """The exposures that a bracket comes to with what is before the cameras now, why, and how planned."""
+    if isinstance(bracket, BracketGoals):
+        source.operator.show(request.kind)
+        automatic = plan_automatically(
+            source.cameras,
+            like(source),
+            bracket,
+            frames=metered_at(source, request.kind, frames),
+            move_to=source.operator.move_to,
+        )
+        return automatic.plan.exposures, automatic.reason, automatic
+    reason = (
+        f"the bracket of {source.called}" if request.bracket is None else "stops given on the command line"
+    )
+    return _given(source, request.kind, bracket, frames), reason, None
 
 
 def asked_for(bracket: tuple[Exposure, ...] | Stops | BracketGoals | None) -> str | None:

@@ -74,6 +74,7 @@ def shoot(
                 source.cameras,
                 clock=source.clock,
                 move_to=source.operator.move_to,
+                turn_to=source.operator.turn_to,
                 compression=request.compression,
                 progress=progress,
                 tolerance=source.tolerance,

@@ -29,6 +29,10 @@ class Operator(Protocol):
         """Have rig and scene stand as they are to stand in that frame."""
         ...
 
+    def turn_to(self, band: str) -> None:
+        """Have every camera look through that filter of its wheel; InputError if nobody can turn it."""
+        ...
+
 
 @dataclass(frozen=True)
 class Source:
@@ -66,7 +70,9 @@ class Source:
     beside: Callable[[Session, PlanRecord, Progress], AbstractContextManager[None]]
     """What is written along with the shots of a plan."""
     bands: tuple[Band, ...] = ()
-    """The filters that stay before its cameras; none: it has no filters."""
+    """The filters before its cameras; none: it has no filters."""
+    wheel: tuple[str, ...] = ()
+    """Those of them that are changed at every frame, in this order; none: each camera keeps its own."""
 
     def close(self) -> None:
         """Let go of the cameras."""

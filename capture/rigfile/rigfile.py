@@ -17,7 +17,7 @@ from pydantic_core import ErrorDetails
 
 from capture.bracket.planner import BracketGoals
 from capture.check.check import SKEW_TOLERANCE
-from capture.rigfile.filters import band_of, fault_of_bands
+from capture.rigfile.filters import band_of, fault_of_bands, fault_of_wheels, wheel_of
 from capture.rigfile.shutter_time import seconds_of
 from capture.rigfile.toml_lines import Path as KeyPath
 from capture.rigfile.toml_lines import key_lines, line_of
@@ -91,7 +91,7 @@ class CameraTable(_Table):
 
     rig: cameras that name the same rig keep their places to each other; None: it stands alone. position: in
     the rig, m, in any axes; with those of two cameras the scene has a scale. band: the filter before a mono
-    camera.
+    camera; filters: those of the wheel before it, in the order of shooting.
     """
 
     name: Annotated[Name, Field(strict=True)]
@@ -99,6 +99,7 @@ class CameraTable(_Table):
     rig: Text | None = None
     position: Annotated[tuple[float, float, float], BeforeValidator(_place)] | None = None
     band: Annotated[Band, BeforeValidator(band_of)] | None = None
+    filters: Annotated[tuple[Band, ...], BeforeValidator(wheel_of)] = ()
 
 
 class BracketTable(_Table):
@@ -158,9 +159,13 @@ class RigTables(_Table):
     @property
     def bands(self) -> tuple[Band, ...]:
         """The filters before the cameras, each once, by wavelength; none if these have none."""
-        return in_order(
-            list({camera.band.name: camera.band for camera in self.camera if camera.band}.values())
-        )
+        kept = {camera.band.name: camera.band for camera in self.camera if camera.band}
+        return in_order([*kept.values(), *self.wheel])
+
+    @property
+    def wheel(self) -> tuple[Band, ...]:
+        """The filters that every camera has one after another; none if these stay, or there are none."""
+        return self.camera[0].filters
 
 
 @dataclass(frozen=True)
@@ -279,9 +284,13 @@ def _must_be_one_rig(rig: RigFile) -> None:
     cameras, trigger = rig.tables.camera, rig.tables.trigger
     for key in ("name", "serial"):
         _must_differ(rig, key, [getattr(camera, key) for camera in cameras])
-    fault = fault_of_bands([camera.band for camera in cameras])
-    if fault is not None:
-        raise InputError(f"{rig.at('camera', fault[0], 'band')}: {fault[1]}")
+    bands = [camera.band for camera in cameras]
+    for key, fault in (
+        ("filters", fault_of_wheels([camera.filters for camera in cameras], bands)),
+        ("band", fault_of_bands(bands)),
+    ):
+        if fault is not None:
+            raise InputError(f"{rig.at('camera', fault[0], key)}: {fault[1]}")
     if trigger.leader is not None and trigger.leader not in {camera.name for camera in cameras}:
         raise InputError(
             f"{rig.at('trigger', 'leader')}: there is no camera {trigger.leader!r}; "

@@ -105,6 +105,7 @@ def _camera(name: str, camera: Listed, *, alone: bool) -> str:
     rig = "" if alone else f'rig = "rig"\n{place}'
     band = (
         '# band = "650nm, 650, 40"     # the filter before a mono camera: name, nm of its middle and width\n'
+        '# filters = ["450nm, 450, 40", "650nm, 650, 40"]  # of a wheel before it, turned at every frame\n'
     )
     table = f"name = {_quoted(name)}\nserial = {_quoted(camera.identity.serial)}\n{rig}{band}"
     return f"\n[[camera]]  # {_printable(about)}\n{table}"

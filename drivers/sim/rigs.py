@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from drivers.camera import Camera
 from drivers.sim.camera.camera import HEADROOM, MAKE, Body, SimulatedCamera
+from drivers.sim.camera.filters import behind
 from drivers.sim.camera.response import Curve
 from drivers.sim.camera.sensor import SensorModel
 from drivers.sim.mounting import LensKind, Mount, mounts, rig_from_world
@@ -21,7 +22,7 @@ from drivers.sim.scene.tabletop import demo_scene
 from imaging.cfa import Cfa, as_tile
 from imaging.errors import InputError
 from imaging.exposure import Exposure
-from imaging.session.records import CameraRecord, Subject
+from imaging.session.records import Band, CameraRecord, Subject
 
 Array = npt.NDArray[np.float64]
 # Lamp and shadows of the scene both fit: exposures 4 EV apart for a RAW sensor, 7/3 EV for 8-bit codes.
@@ -68,8 +69,10 @@ class RigSettings:
     cfa: Cfa | None = None
     glare: float = 0.0
     sensor: Mapping[str, Any] = field(default_factory=dict)
+    wheel: tuple[Band, ...] = ()
 
 
+_WHEEL = tuple(Band(name=f"{wave}nm", wavelength_nm=wave, bandwidth_nm=40) for wave in (450, 550, 650))
 _RIGS = {
     "demo": RigSettings("raw", cameras=4, positions=6, width=320, height=240),
     "demo-ldr": RigSettings("ldr", cameras=4, positions=6, width=320, height=240),
@@ -83,6 +86,7 @@ _RIGS = {
     "toy-quad-bayer": RigSettings("raw", cameras=2, positions=3, width=64, height=48, cfa=Cfa.QUAD_BAYER),
     "toy-rgbw": RigSettings("raw", cameras=2, positions=3, width=64, height=48, cfa=Cfa.KODAK_RGBW),
     "toy-mono": RigSettings("raw", cameras=2, positions=3, width=64, height=48, cfa=Cfa.MONO),
+    "toy-wheel": RigSettings("raw", cameras=2, positions=3, width=64, height=48, wheel=_WHEEL),
 }
 
 
@@ -150,6 +154,14 @@ class SimulatedRig:
             SimulatedCamera(self._body(mount), self._view(index), clock)
             for index, mount in enumerate(self.mounts)
         ]
+        if settings.wheel:
+            self.turn_to(settings.wheel[0].name)
+
+    def turn_to(self, band: str) -> None:
+        """Have every camera look through that filter of its wheel."""
+        chosen = next(each for each in self.settings.wheel if each.name == band)
+        for device in self._devices:
+            device.body = behind(device.body, chosen)
 
     @property
     def cameras(self) -> list[Camera]:

@@ -2,10 +2,12 @@
 
 truth.json names lenses, poses, colours, vignetting, noise, the response and the exposures really applied;
 <frame>/<camera>.exr is the true radiance, linear Rec.709 float32, on the camera's own distorted pixel
-grid, averaged over each pixel, without vignetting and noise; of frames of the scene only. Darks, flats
-and the board are told in truth.json: which frames they are, how bright, where the board was held.
+grid, averaged over each pixel, without vignetting and noise; of frames of the scene only. Of a
+filter wheel it has a channel a band. Darks, flats and the board are told in truth.json: which frames they
+are, how bright, where the board was held.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import numpy.typing as npt
 
 from drivers.sim.camera import response, shutter
 from drivers.sim.camera.camera import Body, applied_exposure
+from drivers.sim.camera.filters import weights
 from drivers.sim.camera.sensor import SimulatedSensor
 from drivers.sim.rigs import SimulatedRig
 from drivers.sim.scene.subjects import LIGHT
@@ -22,7 +25,8 @@ from imaging.files import store
 from imaging.files.exr import write_exr
 from imaging.pose import Pose
 from imaging.progress import Progress, unreported
-from imaging.session.records import ShotRecord
+from imaging.session.bands import channels, in_order
+from imaging.session.records import Band, ShotRecord
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
@@ -64,7 +68,7 @@ def write_truth(rig: SimulatedRig, session: Path, progress: Progress = unreporte
             progress("writing the true radiance", done, total)
             path = folder / f"{ViewId(frame, name)}.exr"
             if not path.exists():
-                write_exr(path, rig.radiance(index, frame))
+                _write_light(path, rig.radiance(index, frame), in_order(rig.settings.wheel))
             done += 1
     bodies = dict(zip(names, rig.bodies, strict=True))
     applied = [
@@ -104,6 +108,15 @@ def write_truth(rig: SimulatedRig, session: Path, progress: Progress = unreporte
         },
     )
     progress("writing the true radiance", total, total)
+
+
+def _write_light(path: Path, light: npt.NDArray[np.float32], bands: Sequence[Band]) -> None:
+    if not bands:
+        write_exr(path, light)
+        return
+    seen = light @ np.stack([weights(band) for band in bands]).T
+    planes = {name: seen[..., number] for number, name in enumerate(channels(bands))}
+    write_exr(path, planes, chromaticities=None)
 
 
 def _subjects(rig: SimulatedRig, names: list[str], shots: list[ShotRecord]) -> dict[str, Any]:

@@ -147,12 +147,24 @@ class PlanRecord(Record):
     frames: tuple[int, ...]
     cameras: tuple[Name, ...]
     reason: str
+    bands: tuple[Name, ...] = ()
+    """Of a filter wheel the band of each exposure of the bracket; none: every camera keeps its filter."""
     asked: str | None = None
     """The bracket in the words in which it was asked for: whoever goes on with the plan asks for the same."""
     board: Board | None = None
     """What is shown, of a plan of kind board; None: `rig calibrate` has to be given it."""
     tolerance: float | None = Field(default=None, gt=0)
     """Seconds between the shutters of a step that are still together; None: the rig's file does not say."""
+
+    def band(self, step: int, camera: CameraRecord) -> str | None:
+        """The filter that a camera looks through at a step."""
+        return self.bands[step] if self.bands else camera.band
+
+    @model_validator(mode="after")
+    def _a_band_each(self) -> Self:
+        if self.bands and len(self.bands) != len(self.bracket):
+            raise ValueError("there are not as many bands as exposures")
+        return self
 
 
 class ShotRecord(Record):

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Literal
 
 from drivers.clock import Clock
+from imaging.errors import InputError
 from imaging.session.records import Subject
 
 DO: dict[Subject, str] = {
@@ -47,6 +48,20 @@ class TerminalOperator:
         elif self._pause > 0:
             self._say(f"{what} {self._pause:g} seconds from now it is shot.")
             self._clock.sleep(self._pause)
+
+    def turn_to(self, band: str) -> None:
+        """Wait until the wheel stands at that filter; InputError where nobody could be waited for."""
+        what = f"Filter {band}: turn the wheel of every camera to it."
+        if self._pause != "key" and self._pause > 0:
+            self._say(f"{what} {self._pause:g} seconds from now it is shot.")
+            self._clock.sleep(self._pause)
+        elif sys.stdin is not None and sys.stdin.isatty():
+            self._wait(what)
+        else:
+            raise InputError(
+                f"nobody can be asked to turn the filter wheel to {band}: capture in a terminal, or give "
+                "RIG.toml a pause in seconds, in which it is turned."
+            )
 
     def _wait(self, what: str) -> None:
         if sys.stdin is not None and sys.stdin.isatty():

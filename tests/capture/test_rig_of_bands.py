@@ -8,24 +8,27 @@ import pytest
 from calib.exports.merge_session import merge_session
 from capture.check.check import check, repair
 from capture.connected_rig import capture_rig
+from capture.rigfile.filters import band_of
 from capture.rigfile.rigfile import read_rig_file
 from capture.rigfile.template import rig_file_text
 from drivers.discovery import ask_all
+from drivers.sim.bus_rig import BusRig
 from drivers.sim.camera.camera import SimulatedCamera
-from drivers.sim.filter_wheel import behind
+from drivers.sim.camera.filters import behind
 from drivers.sim.ptp.profiles import profile
 from drivers.sim.ptp.responder import Responder
 from drivers.sim.ptp.usb_device import PtpDevice
-from drivers.sim.rigs import simulate
+from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.cfa import Cfa
 from imaging.errors import InputError
 from imaging.files.raw import read_raw
-from imaging.session.records import Band
+from imaging.session.records import Band, Subject
 from imaging.session.session import Session
 
 FILTERS = ("650nm, 650, 40", "550nm, 550, 30")
+WHEEL = 'filters = ["650nm, 650, 40", "450nm, 450, 40"]'
 EXAMPLE = '# band = "650nm, 650, 40"'
 
 
@@ -74,6 +77,130 @@ def test_a_session_of_cameras_behind_filters_knows_its_bands(tmp_path: Path) -> 
     assert len(after) == len(before) + 1
     assert before.items() <= after.items()
     assert None not in after.values()
+
+
+class Turner:
+    """Somebody at the rig who turns the wheels, until they leave."""
+
+    def __init__(self, rig: SimulatedRig, leaves_after: int = 1000) -> None:
+        self.rig, self.left, self.turned = rig, leaves_after, list[str]()
+
+    def show(self, kind: Subject) -> None:
+        self.rig.show(kind)
+
+    def move_to(self, frame: int) -> None:
+        self.rig.move_to(frame)
+
+    def turn_to(self, band: str) -> None:
+        if len(self.turned) == self.left:
+            raise InputError("gone home")
+        self.turned.append(band)
+        self.rig.turn_to(band)
+
+
+def wheels(path: Path, first: str = WHEEL, second: str = WHEEL, bracket: str = "[-4, 0]") -> None:
+    """A rig file of two cameras with filter wheels."""
+    write(path)
+    text = path.read_text()
+    for line in (first, second):
+        start = text.index("# filters")
+        end = text.index("\n", start)
+        text = f"{text[:start]}{line}{text[end:]}"
+    path.write_text(text.replace("exposures = [-4, 0]", f"exposures = {bracket}"))
+
+
+def test_a_wheel_is_turned_at_every_position_and_resumed_where_it_stood(tmp_path: Path) -> None:
+    wheels(tmp_path / "RIG.toml")
+    sim = simulate("toy-wheel", samples=1)
+    bus_rig = BusRig(sim)
+    file, arguments = read_rig_file(tmp_path / "RIG.toml"), {"backend": bus_rig.backend, "frames": 2}
+    leaving = Turner(sim, leaves_after=3)
+    with pytest.raises(InputError, match="gone home"):
+        capture_rig(file, tmp_path / "S", clock=bus_rig.clock, operator=leaving, **arguments)
+    assert leaving.turned == ["650nm", "450nm", "650nm"]
+    assert len(Session.open(tmp_path / "S").shots()) == 12
+    bus_rig = BusRig(sim)
+    staying = Turner(sim)
+    arguments["backend"] = bus_rig.backend
+    result = capture_rig(
+        file, tmp_path / "S", clock=bus_rig.clock, operator=staying, resume=True, **arguments
+    )
+    assert (result.missing, result.kept, result.taken) == ((), 12, 4)
+    assert staying.turned == ["450nm"]
+    session = Session.open(tmp_path / "S")
+    assert {(shot.step, shot.band) for shot in session.shots()} == {
+        (0, "650nm"), (1, "650nm"), (2, "450nm"), (3, "450nm"),
+    }  # fmt: skip
+    assert [band.name for band in session.record.bands] == ["450nm", "650nm"]
+    # Each band is the light of its filter: a grey sensor sees blue and red unlike.
+    means = {shot.band: read_raw(session.file(shot)).signal().mean() for shot in session.shots()}
+    assert means["450nm"] != pytest.approx(means["650nm"], rel=0.05)
+    index = session.folder / "shots.jsonl"
+    index.write_text("".join(index.read_text().splitlines(keepends=True)[:-3]))
+    repair(session.folder)
+    assert {shot.file: shot.band for shot in Session.open(session.folder).shots()} == {
+        shot.file: shot.band for shot in session.shots()
+    }
+    wheels(tmp_path / "RIG.toml", WHEEL.replace("450", "470"), WHEEL.replace("450", "470"))
+    with pytest.raises(InputError, match=r"through the filters 450nm, 650nm, and RIG\.toml now has 470nm"):
+        capture_rig(
+            read_rig_file(tmp_path / "RIG.toml"),
+            session.folder,
+            clock=bus_rig.clock,
+            operator=staying,
+            resume=True,
+            **arguments,
+        )
+
+
+def test_every_band_is_metered_by_itself(tmp_path: Path) -> None:
+    """The infrared filter lets a fiftieth through."""
+    dim = WHEEL.replace("450", "760")
+    wheels(tmp_path / "RIG.toml", dim, dim, bracket='"auto"')
+    sim = simulate(
+        "toy-wheel", samples=1, wheel=tuple(band_of(line) for line in ("650nm, 650", "760nm, 760"))
+    )
+    bus_rig, turner = BusRig(sim), Turner(sim)
+    file = read_rig_file(tmp_path / "RIG.toml")
+    capture_rig(file, tmp_path / "S", operator=turner, backend=bus_rig.backend, clock=bus_rig.clock)
+    assert turner.turned == ["650nm", "760nm"] * 2
+    (plan,) = Session.open(tmp_path / "S").plans()
+    shortest = [
+        min(one.scale for one, band in zip(plan.bracket, plan.bands, strict=True) if one and band == name)
+        for name in ("650nm", "760nm")
+    ]
+    assert shortest[1] > 8 * shortest[0]
+
+
+def test_a_wheel_that_nobody_turns_is_refused(tmp_path: Path) -> None:
+    wheels(tmp_path / "RIG.toml")
+    bus_rig = BusRig(simulate("toy-wheel", samples=1))
+    with pytest.raises(InputError, match="nobody turns the filter wheel to 650nm"):
+        capture_rig(
+            read_rig_file(tmp_path / "RIG.toml"),
+            tmp_path / "S",
+            backend=bus_rig.backend,
+            clock=bus_rig.clock,
+        )
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "message"),
+    [
+        (WHEEL, "", "the cameras have other filters"),
+        (WHEEL, WHEEL + '\nband = "650nm, 650, 40"', "this camera has a band and filters"),
+        ("filters = []", "", "filters has to be 1 to 16 filters"),
+        ('filters = ["red, red"]', "", "made of filters, each a name, its wavelength"),
+        ('filters = ["red, 650", "RED, 640"]', "", "made of filters with names of their own"),
+    ],
+)
+def test_wheels_that_are_none_are_refused_with_their_line(
+    tmp_path: Path, first: str, second: str, message: str
+) -> None:
+    wheels(tmp_path / "RIG.toml", first, second)
+    with pytest.raises(InputError, match=message) as refused:
+        read_rig_file(tmp_path / "RIG.toml")
+    assert "RIG.toml, line " in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,9 @@ import pytest
 
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
-from drivers.sim.filter_wheel import photograph, write_truth_of_bands
+from drivers.sim.filter_wheel import photograph
 from drivers.sim.rigs import simulate
+from drivers.sim.truth import write_truth
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files.exr import read_exr
@@ -43,13 +44,13 @@ class Outcome(NamedTuple):
 def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     """Eight views through four filters, each band at exposures of its own; from DNG files on."""
     home = tmp_path_factory.mktemp("wheel")
-    rig = simulate("toy", cameras=2, positions=4, width=112, height=84, samples=2)
+    rig = simulate("toy", cameras=2, positions=4, width=112, height=84, samples=2, wheel=WHEEL)
     brackets = {"red": (SHORT, LONG), "g": (SHORT, LONG), "b": (SHORT, LONG), "ir": (LONG, DARK)}
     photograph(rig, home / "photos", WHEEL, brackets)
     (home / "bands.txt").write_text("\n".join(f"{band.name}, {band.wavelength_nm}" for band in WHEEL))
     session = home / "session"
     import_photos(home / "photos", session, bands=home / "bands.txt", cameras="folder")
-    write_truth_of_bands(rig, session, WHEEL)
+    write_truth(rig, session)
     calibration = calibrate(session)
     overrides = Overrides(iterations=150, gaussians=3000, degree=0, refine="none")
     folder = reconstruct(session, quality="draft", overrides=overrides)

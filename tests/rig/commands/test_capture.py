@@ -10,6 +10,7 @@ from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.bus import Holder, VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
+from imaging.errors import InputError
 from rig.commands.usb_bus import UsbBus
 from rig.terminal.operator import TerminalOperator
 
@@ -209,3 +210,19 @@ def test_the_same_thing_is_not_asked_for_twice(terminal: Terminal) -> None:
         operator.move_to(7)
         operator.move_to(8)
     assert (len(said), terminal.pressed) == (1, 1)
+
+
+def test_a_filter_wheel_is_waited_for_at_every_band(terminal: Terminal) -> None:
+    """Nobody may shoot through the filter before: without a terminal only a pause in seconds is enough."""
+    said: list[str] = []
+    clock = VirtualClock()
+    operator = TerminalOperator(said.append, "key", clock)
+    for band in ("450nm", "650nm"):
+        operator.turn_to(band)
+    assert terminal.pressed == 2
+    assert said[1] == "Filter 650nm: turn the wheel of every camera to it. Then press Enter."
+    terminal.is_there = False
+    with pytest.raises(InputError, match="nobody can be asked to turn the filter wheel to 450nm"):
+        operator.turn_to("450nm")
+    TerminalOperator(said.append, 20.0, clock).turn_to("450nm")
+    assert clock.now() == 20.0
