@@ -27,18 +27,8 @@ def single(tmp_path_factory: pytest.TempPathFactory) -> Taken:
     exits["check"] = main(["check", str(session)])
     exits["calibrate"] = main(["calibrate", str(session), "--only", "response"])
     judge.tell_truth(session, light, scene.poses, shots)
-    few = [
-        "--quality",
-        "draft",
-        "--set",
-        "iterations=80",
-        "--set",
-        "refine=none",
-        "--set",
-        "environment=0",
-        "--set",
-        "gaussians=5000",
-    ]
+    settings = ("iterations=80", "gaussians=5000", "refine=none", "environment=0")
+    few = ["--quality", "draft", *(word for setting in settings for word in ("--set", setting))]
     exits["reconstruct"] = main(["reconstruct", str(session), *few, "--name", "scene"])
     exits["evaluate"] = main(["evaluate", str(session / "reconstructions" / "scene")])
     return Taken(scene, light, shots, session, exits)
