@@ -124,7 +124,7 @@ def import_photos(
     places: list[Place] = []
     plans: list[PlanRecord] = []
     for entry in numbered:
-        new_plans = _plans(entry)
+        new_plans = _plans(entry, band_of)
         plans.extend(new_plans)
         places.extend(_places(entry, new_plans, covers, band_of))
     records = tuple(entry.camera for entry in numbered)
@@ -192,11 +192,12 @@ def _nothing_usable(folder: Path, originals: Sequence[Original], lost: Sequence[
     return InputError(f"{folder} holds no photograph that can be read ({names}{more}): copy them again.")
 
 
-def _plans(entry: Numbered) -> list[PlanRecord]:
-    """One plan for each length of bracket."""
+def _plans(entry: Numbered, band_of: Mapping[Path, str]) -> list[PlanRecord]:
+    """One plan for each length of bracket; through filters all brackets go in one order."""
     plans = []
     for size in sorted({len(bracket) for bracket in entry.brackets.values()}):
         mine = {frame: bracket for frame, bracket in entry.brackets.items() if len(bracket) == size}
+        first = next(iter(mine.values()))
         plans.append(
             PlanRecord(
                 plan=f"{ORIGIN}-{entry.camera.name}-{size}",
@@ -206,6 +207,7 @@ def _plans(entry: Numbered) -> list[PlanRecord]:
                 frames=tuple(mine),
                 cameras=(entry.camera.name,),
                 reason=entry.why,
+                bands=tuple(band_of[original.path] for original in first) if band_of else (),
             )
         )
     return plans

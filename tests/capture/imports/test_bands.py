@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from capture.check.repair import repair
 from capture.imports.bands import bands_of, read_band_list
 from capture.imports.photos import import_photos
 from imaging.errors import InputError
@@ -101,3 +102,13 @@ def test_an_import_without_bands_has_none(tmp_path: Path) -> None:
     session = Session.open(tmp_path / "s")
     assert session.record.bands == ()
     assert {shot.band for shot in session.shots()} == {None}
+
+
+def test_a_repair_knows_the_bands_of_a_wheel_again(tmp_path: Path) -> None:
+    import_photos(wheel_photos(tmp_path / "photos"), tmp_path / "s", bracket=2, bands=listed(tmp_path))
+    session = Session.open(tmp_path / "s")
+    before = {shot.identity: shot.band for shot in session.shots()}
+    assert set(before.values()) == {"450nm", "650nm"}
+    (tmp_path / "s" / "shots.jsonl").unlink()
+    repair(tmp_path / "s")
+    assert {shot.identity: shot.band for shot in session.shots()} == before
