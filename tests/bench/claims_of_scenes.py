@@ -56,6 +56,14 @@ def dark(what: str) -> list[float]:
     return [min(stops), max(stops)]
 
 
+def learned() -> list[float]:
+    """How far a learned curve is off, %, and dB of the light that it costs beside a measured one."""
+    rows = {one["changed"]: one for one in tables("ablation_hdr_gs")[0][1]}
+    own, best = rows["learned from sRGB on, Exp-3"], rows["measured, Exp-3"]
+    light = "HDR dB, aligned"
+    return [float(own["response RMSE, %"]), float(best[light]) - float(own[light])]
+
+
 def few() -> float:
     """The most that colours of no direction gain of the light of few views, dB."""
     degrees = [[at[1] for at in cells("few_views", f"degree {degree}")] for degree in range(3)]
@@ -81,6 +89,7 @@ CLAIMS = (
         r"presets take (\d+), (\d+) and (\d+) iterations for each training view",
         lambda: [preset.looks for preset in QUALITIES.values()],
     ),
+    Claim(r"the curve is ([\d.]+) % off and the light ([\d.]+) dB worse", learned),
     Claim(
         r"darkest fifth ([\d.]+) to ([\d.]+) stops off for ([\d.]+) to ([\d.]+)",
         lambda: [*dark("decided"), *dark("left")],

@@ -20,6 +20,7 @@ SETTINGS = (
     r"24 views of a scene, 320 px wide",
     r"one rig of 28 views of 160 px",
     r"simulated scene of 200 px",
+    r"one scene of 100 px",
     r"wider images \(1,280 px\), which the simulated cameras of 320 px",
     r"1,000 iterations, errors over scenes",
     r"at 300 iterations",
