@@ -192,8 +192,8 @@ class CurveOfGaussians(ToneCurve):
             own = Renderer(toned, renderer.limits)  # type: ignore[arg-type]
             drawn.append(own(gaussians, camera, degree=options["degree"]).image.movedim(2, 0))
         codes, weight = self._prepared[view.name]
-        beside = torch.cat(drawn).clamp(codes.floor, codes.ceiling)
-        beside = torch.lerp(target, beside, weight)
+        beside = codes.bound(torch.cat(drawn), target).reshape(-1, 3, *target.shape[1:])
+        beside = torch.lerp(target.reshape(beside.shape), beside, weight).flatten(0, 1)
         return torch.cat([prediction, beside]), torch.cat([target, target])
 
     def toned(self, light: Tensor, values: Tensor, k: float) -> Tensor:

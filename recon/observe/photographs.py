@@ -32,18 +32,40 @@ class _Codes:
     """Planes [shots * 3, H, W] of a view's photographs, and between what they tell predictions apart.
 
     A code at the upper end of the scale is a lower bound only: nothing above it is told apart from it. One at
-    the lower end is an upper bound. ceiling and floor are the code there, infinite elsewhere; both are it
-    where a shot is not valid. Codes within the scale are compared wherever the calibration ends: it is of the
-    photographs it had, and a lamp beyond them would be free to be of any brightness.
+    the lower end is an upper bound. above and below say where predictions beyond the code on that side count
+    as it; both do where a shot is not valid, and None is nowhere. Codes within the scale are compared
+    wherever the calibration ends: it is of the photographs it had, and a lamp beyond them would be free to be
+    of any brightness. stored: the codes, as whole numbers of 8 bits where these give every bit of them.
     """
 
-    target: Tensor
-    floor: Tensor
-    ceiling: Tensor
+    stored: Tensor
+    below: Tensor | None
+    above: Tensor | None
 
     def to(self, device: torch.device) -> "_Codes":
         """The same on a device."""
-        return _Codes(self.target.to(device), self.floor.to(device), self.ceiling.to(device))
+        ends = (None if each is None else each.to(device) for each in (self.below, self.above))
+        return _Codes(self.stored.to(device), *ends)
+
+    def target(self) -> Tensor:
+        """The codes, 0..1."""
+        return _divided(self.stored) if self.stored.dtype == torch.uint8 else self.stored
+
+    def bound(self, prediction: Tensor, target: Tensor) -> Tensor:
+        """The prediction, as far as the codes tell it apart from them."""
+        floor = None if self.below is None else torch.where(self.below, target, -torch.inf)
+        ceiling = None if self.above is None else torch.where(self.above, target, torch.inf)
+        return prediction if floor is None and ceiling is None else prediction.clamp(floor, ceiling)
+
+
+def _divided(whole: Tensor) -> Tensor:
+    """Codes of 8 bits over 255. By a tensor: GPUs divide by a number as they multiply by its inverse."""
+    return whole / torch.full((1,), 255.0, device=whole.device)
+
+
+def _by_shot(planes: Tensor) -> Tensor:
+    """Planes [shots * 3, H, W] as [shots, 3, H, W]."""
+    return planes.reshape(-1, 3, *planes.shape[1:])
 
 
 def _codes(view: View) -> _Codes:
@@ -52,10 +74,11 @@ def _codes(view: View) -> _Codes:
         return torch.from_numpy(np.ascontiguousarray(stack))
 
     target, ignored = planes("pixels"), ~planes("valid")
-    dark = planes("dark") & (target <= LAST_CODE)
-    saturated = planes("saturated") & (target >= 1 - LAST_CODE)
-    floor = torch.where(dark | ignored, target, -torch.inf)
-    return _Codes(target, floor, torch.where(saturated | ignored, target, torch.inf))
+    below = planes("dark") & (target <= LAST_CODE) | ignored
+    above = planes("saturated") & (target >= 1 - LAST_CODE) | ignored
+    whole = (255 * target).round().clamp(0, 255).to(torch.uint8)
+    stored = whole if torch.equal(_divided(whole), target) else target
+    return _Codes(stored, below if bool(below.any()) else None, above if bool(above.any()) else None)
 
 
 @dataclass
@@ -119,11 +142,12 @@ class ToneCurve(Observation):
             prepared = codes.to(image.device), self._weight(view, codes).to(image.device)
             self._prepared[view.name] = prepared
         codes, weight = prepared
+        target = codes.target()
         scales = [shot.k for shot in view.shots]
         curves = self.theta if self.moves(progress) else self.theta.detach()
         prediction = self._expose(image, view, scales, factors, curves, leaky=True).flatten(0, 1)
-        prediction = prediction.clamp(codes.floor, codes.ceiling)
-        return torch.lerp(codes.target, prediction, weight), codes.target
+        prediction = codes.bound(prediction, target)
+        return torch.lerp(_by_shot(target), _by_shot(prediction), weight).flatten(0, 1), target
 
     def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
         """Codes of a shot of exposure scale `k`, within 0..1, [H, W, 3]."""
@@ -158,10 +182,12 @@ class ToneCurve(Observation):
         return np.stack([np.interp(x, nodes, curve) for curve in curves], -1)
 
     def _weight(self, view: View, codes: _Codes) -> Tensor:
-        """What errors count, [shots * 3, H, W]: the same for all shots of a pixel."""
-        shape = len(view.shots), 3, *codes.target.shape[1:]
-        target = codes.target.reshape(shape).numpy()
-        bound = (codes.floor.isfinite() | codes.ceiling.isfinite()).reshape(shape).numpy()
+        """What errors count, [3, H, W]: the same for all shots of a pixel."""
+        target = _by_shot(codes.target()).numpy()
+        bound = np.zeros(target.shape, bool)
+        for ends in (codes.below, codes.above):
+            if ends is not None:
+                bound |= _by_shot(ends).numpy()
         response = self.of_camera[view.camera]
         slope = np.empty_like(target)
         for channel in range(3):
@@ -169,7 +195,7 @@ class ToneCurve(Observation):
             slope[:, channel] = np.interp(target[:, channel], curve, slopes)
         mean_slope = np.where(bound, 0, slope).mean(0).clip(LEAST_SLOPE)
         weight = (TYPICAL_SLOPE / mean_slope) ** np.float32(self.balance)
-        return torch.from_numpy(weight).to(codes.target).repeat(len(target), 1, 1)
+        return torch.from_numpy(weight).to(torch.float32)
 
     def _expose(
         self,
@@ -218,9 +244,10 @@ class Display(Observation):
         codes = self._prepared.get(view.name)
         if codes is None:
             codes = self._prepared[view.name] = _codes(view).to(image.device)
+        target = codes.target()
         gains = self._gains(image, view, [shot.k for shot in view.shots])
         prediction = (image[None] * gains).movedim(3, 1).flatten(0, 1)
-        return prediction.clamp(codes.floor, codes.ceiling), codes.target
+        return codes.bound(prediction, target), target
 
     def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
         """The image as the photograph shows it, within 0..1."""

@@ -125,6 +125,50 @@ def test_white_balance_of_a_photograph_is_light_of_its_channels() -> None:
         assert torch.allclose(curve.predict(image, balanced, k), plain, atol=2e-6)
 
 
+@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.parametrize("masked", [True, False])
+def test_what_is_kept_of_photographs_is_small_and_compares_as_planes_of_floats_do(
+    whole: bool, masked: bool
+) -> None:
+    """Against codes, floor and ceiling of float32, to the bit, and the gradient with them."""
+    image, rng = ramp(), np.random.default_rng(0)
+    view = make_view(make_curve(0.0), image, (1 / 255, 254 / 255))
+    shots = [
+        replace(
+            shot,
+            pixels=shot.pixels if whole else (shot.pixels * np.float32(0.999)),
+            valid=rng.random(shot.valid.shape) > (0.2 if masked else -1),
+        )
+        for shot in view.shots
+    ]
+    view = replace(view, shots=tuple(shots))
+
+    def planes(name: str) -> torch.Tensor:
+        return torch.from_numpy(np.concatenate([getattr(shot, name).transpose(2, 0, 1) for shot in shots]))
+
+    target, ignored = planes("pixels"), ~planes("valid")
+    low = planes("dark") & (target <= 1.5 / 255) | ignored
+    high = planes("saturated") & (target >= 1 - 1.5 / 255) | ignored
+    floor, ceiling = (torch.where(at, target, end) for at, end in ((low, -torch.inf), (high, torch.inf)))
+    assert low.any()
+    assert high.any()
+    assert bool(ignored.any()) == masked
+
+    display = Display(Response(kind="srgb", evidence="test"), 1.0)
+    shown = (1.4 * torch.rand(image.shape, generator=torch.Generator().manual_seed(0)) - 0.2).requires_grad_()
+    prediction, codes = display.compare(shown, view, 0.0)
+    expected = shown.movedim(2, 0).repeat(len(shots), 1, 1).clamp(floor, ceiling)
+    assert torch.equal(codes, target)
+    assert torch.equal(prediction, expected)
+    pull = torch.rand(expected.shape, generator=torch.Generator().manual_seed(1))
+    (ours,), (theirs,) = (torch.autograd.grad(each, shown, pull) for each in (prediction, expected))
+    assert torch.equal(ours, theirs)
+
+    kept = vars(display._prepared[view.name]).values()
+    held = sum(each.nbytes for each in kept if each is not None)
+    assert held == (3 if whole else 6) * target.numel()
+
+
 def test_a_curve_that_was_assumed_becomes_the_one_that_made_the_photographs() -> None:
     """From sRGB, which is flat where the true curve, a sigmoid, is not; the light is known here."""
     true, image = make_curve(0.5), ramp()
