@@ -68,7 +68,7 @@ class Density:
         opacity that lets as much light through as the one did, 1 - sqrt(1 - o).
         """
         count = len(gaussians)
-        keep = ~self._invisible(gaussians, luminance)
+        keep = self._visible(gaussians, luminance)
         score = np.where(keep.cpu().numpy(), stats.mean_gradient(), 0.0)
         room = self._planned(progress, int(keep.sum())) - int(keep.sum())
         wanted = max(0, min(room, math.ceil(self.rules.growth * count), int((score > 0).sum())))
@@ -90,16 +90,22 @@ class Density:
         step = (self.rules.cap - now) / max(adaptations, 1.0) if span > 0 else 0.0
         return min(self.rules.cap, now + max(0, math.ceil(step)))
 
-    def _invisible(self, gaussians: Gaussians, luminance: Tensor) -> Tensor:
+    def _visible(self, gaussians: Gaussians, luminance: Tensor) -> Tensor:
+        """The Gaussians that are worth their place, bool [N]; where none is, the most opaque one that is finite.
+
+        A scene that is black keeps that one: a file without any Gaussian is refused by its readers.
+        """
         opacity = gaussians.opacities().detach()
         share = (
             1.0 if self.reference is None else (self.reference / luminance.clamp_min(1e-30)).clamp_max(1.0)
         )
-        threshold = self.rules.opacity * share
-        broken = torch.zeros_like(opacity, dtype=torch.bool)
+        finite = torch.ones_like(opacity, dtype=torch.bool)
         for value in gaussians.parameters.values():
-            broken |= ~torch.isfinite(value.detach()).reshape(len(value), -1).all(1)
-        return (opacity < threshold) | broken
+            finite &= torch.isfinite(value.detach()).reshape(len(value), -1).all(1)
+        visible = finite & (opacity >= self.rules.opacity * share)
+        if not visible.any() and finite.any():
+            visible[torch.where(finite, opacity, -1.0).argmax()] = True
+        return visible
 
     def _child(self, gaussians: Gaussians, split: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
         child = gaussians.rows(split)

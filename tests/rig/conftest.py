@@ -151,10 +151,10 @@ def toy_template(made_once: MadeOnce) -> Path:
     from capture.simulated import capture_simulated
 
     def make(folder: Path) -> None:
-        capture_simulated("toy", folder, seed=3)
-        calibrated_from_truth(folder)
+        capture_simulated("toy", folder / "toy", seed=3)
+        calibrated_from_truth(folder / "toy")
 
-    return made_once("rig-toy", make)
+    return made_once("rig-toy", make) / "toy"
 
 
 @contextmanager

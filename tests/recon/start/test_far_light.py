@@ -81,11 +81,11 @@ def test_where_no_trial_is_made_the_agreement_of_views_decides(toy_dataset: Data
         assert "no time" in rung.reason
 
 
-def test_a_scene_with_an_environment_is_drawn_stored_and_written(toy, monkeypatch) -> None:
+def test_a_scene_with_an_environment_is_drawn_stored_and_written(session_copy, monkeypatch) -> None:
     """A camera that looks away from all Gaussians sees what environment.exr has in its directions."""
     monkeypatch.setitem(stage.QUALITIES, "draft", stage.Quality(iterations=6, gaussians=200, width=64))
     overrides = Overrides(environment=True)
-    folder = stage.reconstruct(toy, quality="draft", overrides=overrides, name="far", replace=True)
+    folder = stage.reconstruct(session_copy, quality="draft", overrides=overrides, name="far")
     scene = open_scene(folder)
     (rung,) = (one for one in scene.record.rungs if one.name == "environment")
     assert rung.taken

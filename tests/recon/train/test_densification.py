@@ -131,6 +131,22 @@ def test_broken_ones_go():
     assert torch.nonzero(~change.keep)[:, 0].tolist() == [5, 6]
 
 
+def test_where_all_are_invisible_the_most_opaque_one_stays():
+    """Of a black scene; not one that is broken, however opaque."""
+    training = make_training()
+    with torch.no_grad():
+        training.gaussians.parameters["ln_luminance"][:] = -20.0
+        training.gaussians.parameters["opacity_logits"][:] = -9.0
+        training.gaussians.parameters["opacity_logits"][7] = -8.0
+        training.gaussians.parameters["opacity_logits"][3] = 9.0
+        training.gaussians.parameters["means"][3] = float("nan")
+    stats = make_stats()
+    stats.gradient[:] = 0.0
+    change = adapt(training, stats, DensityRules(COUNT))
+    assert torch.nonzero(change.keep)[:, 0].tolist() == [7]
+    assert len(training.gaussians) == 1
+
+
 def test_the_same_seed_adapts_alike():
     first, second = make_training(), make_training()
     for training in (first, second):

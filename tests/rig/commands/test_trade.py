@@ -27,7 +27,8 @@ def point(
     """With as many Gaussians as it takes milliseconds where no number is fixed, of colours of degree 1."""
     choice = Choice(axis="", quality=quality, overrides=Overrides(**overrides))
     return Point(
-        key=f"{quality}{overrides}", choice=choice, command=choice.command("S", "nh-3dgs", 0), iterations=1,
+        key=f"{quality}{overrides}", choice=choice, command=choice.command("S", "nh-3dgs", 0),
+        iterations=choice.overrides.iterations or QUALITIES[choice.quality].iterations,
         gaussians=choice.overrides.gaussians or int(seconds * 1000), degree=overrides.get("degree", 1),
         refine=None if quality == "draft" else "poses", width=width, seconds=seconds,
         processor_seconds=2 * seconds, at_once=at_once, size_bytes=int(seconds * 1e5), splats_sha256="0",
