@@ -91,7 +91,7 @@ class Density:
         return min(self.rules.cap, now + max(0, math.ceil(step)))
 
     def _visible(self, gaussians: Gaussians, luminance: Tensor) -> Tensor:
-        """The Gaussians that are worth their place, bool [N]; where none is, the most opaque one that is finite.
+        """Bool [N], the Gaussians worth their place; where none is, the most opaque one that is finite.
 
         A scene that is black keeps that one: a file without any Gaussian is refused by its readers.
         """
