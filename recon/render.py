@@ -19,6 +19,9 @@ from recon.result.display import displayed, in_colour
 from recon.result.model import ModelRecord
 from recon.result.scene import open_scene
 
+_FAINT = 1 / 255
+"""Alpha below which a PNG shows nothing, so that its colour does not matter."""
+
 
 def render(
     folder: str | Path,
@@ -35,7 +38,8 @@ def render(
     views: names `frame/camera`; None: every view of the scene. Of each view an EXR of linear
     radiance in the units of the calibration, its primaries those of `space` (of a scene of bands a spectral
     EXR, a channel each, and PNG in false colours), and one PNG for each of
-    `stops`: sRGB of the radiance times 2^(exposure + stops), clipped. exposure: None takes what shows
+    `stops`: sRGB of the radiance times 2^(exposure + stops), clipped. Where the photographs had alpha, the
+    EXR has it as A with the light premultiplied, the PNG as straight alpha. exposure: None takes what shows
     the median of the scene as middle grey; the EXR name that factor as `rig:exposure`.
     ReconstructionError for a view that the scene does not have.
     """
@@ -51,29 +55,50 @@ def render(
     store.make_folder(out)
     for done, view in enumerate(chosen):
         progress("rendering", done, len(chosen))
-        image = scene.radiance(view.splat_camera)
+        image, alpha = scene.layer(view.splat_camera)
         path = out / f"{stem(view)}.exr"
-        write_light(path, image, scene.record, view, space)
+        write_light(path, image, scene.record, view, space, alpha)
         files.append(path)
         for step in stops:
             path = out / (f"{stem(view)}.png" if len(stops) == 1 else f"{stem(view)}_{step:+g}ev.png")
-            store.write_bytes(path, encode_png(displayed(in_colour(image, bands), 2.0 ** (shown + step))))
+            shown_light = in_colour(image, bands)
+            store.write_bytes(path, encode_png(_picture(shown_light, alpha, 2.0 ** (shown + step))))
             pictures.append(path)
     progress("rendering", len(chosen), len(chosen))
     return files + pictures
 
 
 def write_light(
-    path: Path, light: npt.NDArray[np.float32], record: ModelRecord, view: "Named", space: Space = "rec709"
+    path: Path,
+    light: npt.NDArray[np.float32],
+    record: ModelRecord,
+    view: "Named",
+    space: Space = "rec709",
+    alpha: npt.NDArray[np.float32] | None = None,
 ) -> None:
-    """Write light [H, W, C] of a scene as EXR: of bands a channel each, else in the primaries of a space."""
-    header = attributes(record, view)
+    """Write light [H, W, C] of a scene as EXR: of bands a channel each, else in the primaries of a space.
+
+    alpha [H, W]: written as channel A, by which the light is premultiplied already.
+    """
+    header, primaries = attributes(record, view), None
     if record.bands:
-        planes = {name: light[..., index] for index, name in enumerate(channels(record.bands))}
-        write_exr(path, planes, chromaticities=None, attributes=header | LAYOUT)
-        return
-    matrix = space_from_rec709(space).astype(np.float32)
-    write_exr(path, light @ matrix.T, chromaticities=SPACE_PRIMARIES[space], attributes=header)
+        header |= LAYOUT
+    else:
+        light, primaries = light @ space_from_rec709(space).astype(np.float32).T, SPACE_PRIMARIES[space]
+    planes = {name: light[..., index] for index, name in enumerate(channels(record.bands))}
+    if alpha is not None:
+        planes["A"] = alpha
+    write_exr(path, planes, chromaticities=primaries, attributes=header)
+
+
+def _picture(
+    light: npt.NDArray[np.float32], alpha: npt.NDArray[np.float32] | None, scale: float
+) -> npt.NDArray[np.uint8]:
+    """Light [H, W, 3] times a scale for a display, uint8; with alpha [H, W] straight RGBA, as PNG has it."""
+    if alpha is None:
+        return displayed(light, scale)
+    straight = light / np.maximum(alpha, _FAINT)[..., None]
+    return np.dstack([displayed(straight, scale), np.round(255 * alpha).astype(np.uint8)])
 
 
 class Named(Protocol):

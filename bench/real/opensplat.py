@@ -7,6 +7,7 @@ meant for 30,000, is shortened in proportion; it grows seven times, or every 100
 """
 
 import math
+import re
 import resource
 import shutil
 import subprocess
@@ -36,7 +37,9 @@ class Variant:
 VARIANTS = (Variant("full size", 0), Variant("coarse to fine", 2))
 CLOSE = 0.08
 """A run may take this share more or less than the budget."""
-TRIES = 5
+TRIES = 7
+GROWTH = 0.75
+"""Exponent of its iterations over its seconds, roughly: its pace falls as its scene grows."""
 
 
 @dataclass(frozen=True)
@@ -86,17 +89,20 @@ def trained(program: Path, folder: Path, budget: float, variant: Variant, out: P
     best: tuple[int, float] | None = None
     part = ply.with_suffix(".part.ply")
     for _ in range(TRIES):
-        seconds = _iterated(program, folder, iterations, variant, part, (1 + CLOSE) * budget)
-        if seconds > (1 + CLOSE) * budget:
+        seconds, reached = _iterated(program, folder, iterations, variant, part, (1 + CLOSE) * budget)
+        if reached < iterations:
             most = iterations
+            # A shorter run has grown as far when it ends as this one would have, so that it is slower.
+            ahead = 0.9 * reached
         else:
             fewest, best = iterations, (iterations, seconds)
             part.replace(ply)
             if seconds > (1 - CLOSE) * budget:
                 break
-        # Its pace falls as its scene grows, so that the budget lies below what the pace so far says.
-        ahead = iterations * budget / max(seconds, 1e-3)
-        iterations = round((fewest * most) ** 0.5) if fewest and most else round(0.8 * ahead) or 1
+            ahead = iterations * (budget / seconds) ** GROWTH
+        iterations = round(max(ahead, fewest + 1))
+        if most and iterations >= most:
+            iterations = round((fewest * most) ** 0.5)
     if best is None:
         raise SystemExit(f"OpenSplat makes no {iterations} iterations of {folder} in {budget:g} s")
     store.write_json(record, {"iterations": best[0], "seconds": best[1]})
@@ -105,9 +111,9 @@ def trained(program: Path, folder: Path, budget: float, variant: Variant, out: P
 
 def _iterated(
     program: Path, folder: Path, iterations: int, variant: Variant, ply: Path, most: float
-) -> float:
-    """Processor seconds of one run from start to end; of one that takes more than `most`, which is killed,
-    more than that.
+) -> tuple[float, int]:
+    """Processor seconds of one run from start to end, and the iterations that it came to: fewer than asked
+    for where it would have taken more than `most` seconds and was killed.
     """
     share = min(iterations / WHOLE, 1.0)
     options = {
@@ -129,7 +135,8 @@ def _iterated(
     seconds = _children() - before
     if done.returncode and seconds < 0.98 * limit:
         raise SystemExit(f"{' '.join(command)} failed:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
-    return max(seconds, most + 1) if done.returncode else seconds
+    steps = re.findall(r"^Step (\d+):", done.stdout, re.MULTILINE)
+    return seconds, int(steps[-1]) - 1 if done.returncode else iterations
 
 
 def _children() -> float:

@@ -180,7 +180,7 @@ def encode_jpeg(
 
 
 def encode_png(pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> bytes:
-    """PNG bytes of uint8 or uint16 [H, W] or [H, W, 3], red first."""
+    """PNG bytes of uint8 or uint16 [H, W], [H, W, 3] or [H, W, 4], red first, straight alpha last."""
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"a PNG has uint8 or uint16 pixels, not {pixels.dtype}")
     return bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels)))

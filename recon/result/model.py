@@ -128,6 +128,8 @@ class ModelRecord(Record):
     """Of the harmonics."""
     bands: tuple[Band, ...]
     """The channels of the light, by wavelength; none: those of Rec.709."""
+    transparent: bool = False
+    """Whether photographs had alpha, which the scene then has too: an object without a background."""
     views: tuple[SceneView, ...]
     """In order of frame and camera."""
     gaussians: int

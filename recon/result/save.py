@@ -81,6 +81,7 @@ def write_scene(
         radiance=f"relative to {gauge}",
         luminance=luminance,
         bands=dataset.bands,
+        transparent=any(view.alpha is not None for view in dataset.views),
         world=dataset.world,
         offset=offset_of(dataset),
         exposure=exposure,

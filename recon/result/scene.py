@@ -21,7 +21,7 @@ from recon.scene.checkpoint import Checkpoint, read_checkpoint
 from recon.scene.environment import NAME as ENVIRONMENT
 from recon.scene.environment import Environment
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
-from recon.splat import SplatCamera
+from recon.splat import Render, SplatCamera
 from recon.train.resume import light_in, restored
 from recon.train.training import Training
 
@@ -80,8 +80,7 @@ class Scene:
 
     def drawn(self, camera: SplatCamera) -> torch.Tensor:
         """The same of a camera whose pose is in scene coordinates, as those of `Dataset.views`."""
-        with torch.no_grad():
-            return self.renderer(self.gaussians, camera, degree=self.record.degree).image
+        return self._rendered(camera).image
 
     def radiance(self, camera: SplatCamera) -> npt.NDArray[np.float32]:
         """What a camera sees as linear radiance, float32 [H, W, C]: Rec.709, or the bands of `channels`.
@@ -89,7 +88,24 @@ class Scene:
         A camera signal is this times the exposure scale of a shot (`imaging.Exposure.scale`, s), before
         vignetting and the camera's colour filters; 1 is the white of the camera.
         """
-        image, display = self.render(camera), self.record.display
+        return self._light(self.render(camera))
+
+    def layer(self, camera: SplatCamera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]:
+        """What a camera sees as a layer for compositing: `radiance`, and alpha 0..1, float32 [H, W].
+
+        The radiance is what reaches the camera from the scene, nothing behind it: premultiplied, as EXR has
+        it. Alpha is None of a scene whose photographs had none (`ModelRecord.transparent`).
+        """
+        render = self._rendered(self.record.world.camera(camera))
+        alpha = render.alpha.clamp(0, 1).numpy() if self.record.transparent else None
+        return self._light(render.image), alpha
+
+    def _rendered(self, camera: SplatCamera) -> Render:
+        with torch.no_grad():
+            return self.renderer(self.gaussians, camera, degree=self.record.degree)
+
+    def _light(self, image: torch.Tensor) -> npt.NDArray[np.float32]:
+        display = self.record.display
         if display is not None:
             image = Display(display.response, display.k, display.developed).radiance(image)
         else:

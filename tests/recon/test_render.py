@@ -1,0 +1,66 @@
+"""Pictures of scenes on disk: what they say of what is transparent."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import recon.reconstruct as stage
+from imaging.colour import srgb_decode
+from imaging.files import store
+from imaging.files.exr import read_exr
+from imaging.files.photo import encode_png, read_photo
+from recon.render import render
+from recon.result.scene import open_scene
+
+
+@pytest.fixture(scope="module")
+def cut_out(toy_ldr, tmp_path_factory) -> Path:
+    """A scene of photographs whose left half is transparent, as PNG; not to be changed."""
+    session = shutil.copytree(toy_ldr, tmp_path_factory.mktemp("render") / "session")
+    lines = store.read_lines(session / "shots.jsonl")
+    store.discard(session / "shots.jsonl")
+    for line in lines:
+        codes = read_photo(session / line["file"]).pixels
+        alpha = np.full(codes.shape[:2], 255, np.uint8)
+        alpha[:, : codes.shape[1] // 2] = 0
+        store.write_bytes(session / line["file"], encode_png(np.dstack([np.uint8(255 * codes), alpha])))
+        line["sha256"] = store.sha256(session / line["file"])
+        store.append_line(session / "shots.jsonl", line)
+    path = session / "calibration" / "calibration.json"
+    record = store.read_json(path) | {"shots_sha256": store.sha256(session / "shots.jsonl")}
+    store.write_json(path, record)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(stage.QUALITIES, "draft", stage.Quality(40, 400, 32))
+        return stage.reconstruct(session, quality="draft", method="vanilla")
+
+
+def test_pictures_of_a_cut_out_object_are_layers(cut_out: Path, tmp_path: Path) -> None:
+    """EXR premultiplied, PNG straight: over a background both give the same picture."""
+    scene = open_scene(cut_out)
+    view = scene.views[0]
+    light, alpha = scene.layer(view.splat_camera)
+    assert alpha is not None
+    assert alpha[:, 20:].mean() > 2 * alpha[:, :12].mean()
+    exr, png = render(cut_out, tmp_path, views=[view.name])
+    planes = read_exr(exr).channels
+    np.testing.assert_array_equal(planes["A"], alpha)
+    np.testing.assert_array_equal(np.dstack([planes[name] for name in "RGB"]), light)
+    picture = cv2.cvtColor(cv2.imread(str(png), cv2.IMREAD_UNCHANGED), cv2.COLOR_BGRA2RGBA) / 255.0
+    np.testing.assert_allclose(picture[..., 3], alpha, atol=0.5 / 255 + 1e-6)
+    straight = (light * scene.exposure / np.maximum(alpha, 1 / 255)[..., None]).clip(0, 1)
+    np.testing.assert_allclose(srgb_decode(picture[..., :3]), straight, atol=0.01)
+
+
+def test_a_scene_of_whole_photographs_has_no_alpha(toy_ldr: Path, tmp_path: Path) -> None:
+    session = shutil.copytree(toy_ldr, tmp_path / "session")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(stage.QUALITIES, "draft", stage.Quality(2, 100, 32))
+        folder = stage.reconstruct(session, quality="draft", method="vanilla")
+    scene = open_scene(folder)
+    assert scene.layer(scene.views[0].splat_camera)[1] is None
+    exr, png = render(folder, tmp_path / "out", views=[scene.views[0].name])
+    assert set(read_exr(exr).channels) == {"R", "G", "B"}
+    assert cv2.imread(str(png), cv2.IMREAD_UNCHANGED).shape[2] == 3
