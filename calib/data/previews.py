@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from imaging.merge.bracket import Merged
+from imaging.merge.bracket import ROWS, Merged
 
 Float = npt.NDArray[np.float32]
 
@@ -29,6 +29,9 @@ FLOORS = 2.0, 8.0
 """Noise floors added before the logarithm; the more of them in a faint picture, lest its shadows be noise."""
 _HOT = 2.0
 """A photosite that has so many times the light of all like it around shows a defect, and no scene."""
+_NARROW = 8.0
+"""Standard deviation, px, from twice of which on a blur is made in a reduced picture."""
+_THIRDS = np.full(3, 1 / 3, np.float32)
 _BINOMIAL = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 16
 
 
@@ -51,11 +54,21 @@ def preview(merged: Merged) -> Float:
     floor = float(np.median(sigma[sigma <= np.percentile(sigma, 20)]))
     floor = max(floor, 1e-6 * float(np.max(brightness, initial=0.0)), 1e-30)
     stops = np.log2(np.maximum(brightness, -floor) + FLOORS[faint] * floor)
-    flat = stops - LOCAL_SHARE * ndimage.gaussian_filter(stops, max(stops.shape[1] / 40, 1.0))
+    flat = stops - LOCAL_SHARE * _blurred(stops, max(stops.shape[1] / 40, 1.0))
     low, high = (float(value) for value in np.percentile(flat, (0.5, 99.5)))
     if high - low < 1e-6:
         return np.full(flat.shape, 0.5, np.float32)
     return np.asarray(np.clip((flat - low) / (high - low), 0.0, 1.0), np.float32)
+
+
+def _blurred(picture: npt.NDArray[np.float64], radius: float) -> npt.NDArray[np.float32]:
+    """A picture [h, w] under a Gaussian of that standard deviation, px; a wide one of a reduced picture."""
+    height, width = picture.shape
+    reduced = max(int(radius / _NARROW), 1)
+    size = max(width // reduced, 1), max(height // reduced, 1)
+    small = cv2.resize(picture.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    blurred = ndimage.gaussian_filter(small, radius / reduced)
+    return np.asarray(cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 def is_faint(merged: Merged) -> bool:
@@ -80,17 +93,30 @@ def enlargement(width: int) -> int:
 
 def luminance(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Brightness and its noise, [H, W]; a mosaic is smoothed over its 2x2 tiles, so that no checker stays."""
+    if merged.radiance.ndim == 3:
+        return _mean_of_channels(merged)
     known = merged.valid | merged.clipped | merged.dark
     radiance = np.where(known, merged.radiance, 0.0).astype(np.float64)
     if merged.sigma is None:
         sigma = np.zeros(radiance.shape)
     else:
         sigma = np.where(np.isfinite(merged.sigma), merged.sigma, 0.0).astype(np.float64)
-    if radiance.ndim == 3:
-        return radiance.mean(-1), np.sqrt((sigma**2).sum(-1)) / 3
     radiance = _without_hot(radiance, sigma)
     smooth = ndimage.convolve(radiance, _BINOMIAL, mode="mirror")
     return smooth, np.sqrt(ndimage.convolve(sigma**2, _BINOMIAL**2, mode="mirror"))
+
+
+def _mean_of_channels(merged: Merged) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """The same of [H, W, 3], some rows at a time."""
+    brightness, sigma = np.empty(merged.radiance.shape[:2]), np.zeros(merged.radiance.shape[:2])
+    for top in range(0, len(brightness), ROWS):
+        rows = slice(top, top + ROWS)
+        known = merged.valid[rows] | merged.clipped[rows] | merged.dark[rows]
+        brightness[rows] = np.where(known, merged.radiance[rows], 0.0) @ _THIRDS
+        if merged.sigma is not None:
+            own = np.where(np.isfinite(merged.sigma[rows]), merged.sigma[rows], 0.0)
+            sigma[rows] = np.sqrt((own**2) @ _THIRDS / 3)
+    return brightness, sigma
 
 
 def _without_hot(

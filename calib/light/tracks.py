@@ -44,23 +44,34 @@ def light(merged: Merged, camera_from_rec709: Array | None) -> ViewLight:
         rgb, known = balanced(seen, None), np.asarray(each.all(axis=-1))
         window = 5
     else:
-        rgb, known = np.nan_to_num(merged.radiance), np.asarray(merged.valid.all(axis=-1))
+        rgb, known = np.nan_to_num(merged.radiance), np.logical_and.reduce(cv2.split(_bytes(merged.valid)))
         window = max(5, merged.radiance.shape[1] // 300)
     weights = LUMINANCE
     if camera_from_rec709 is not None:
         weights = LUMINANCE @ rec709_from_camera(camera_from_rec709[:3])
     colour = _mean(rgb.astype(np.float32), window)
-    luminance = colour @ weights.astype(np.float32)
+    luminance = _mixed(colour, weights)
+    least = np.minimum.reduce(cv2.split(colour))
     around = np.ones((window, window), np.uint8)
-    trusted = (cv2.erode(known.astype(np.uint8), around) > 0) & (luminance > 0)
-    vivid = colour.min(axis=-1) > 0
+    trusted = (cv2.erode(_bytes(known), around) > 0) & (luminance > 0)
+    vivid = least > 0
     if merged.sigma is not None:
-        sigma = merged.sigma if merged.sigma.ndim == 2 else merged.sigma.mean(-1)
+        sigma = merged.sigma if merged.sigma.ndim == 2 else _mixed(merged.sigma, np.full(3, 1 / 3))
         noise = _mean(np.nan_to_num(sigma, posinf=1e30), window) / window
         trusted &= luminance > LEAST_SNR * noise
         # Red and blue have a quarter of the sites, hence twice the noise.
-        vivid &= colour.min(axis=-1) > 2 * LEAST_SNR * noise
+        vivid &= least > 2 * LEAST_SNR * noise
     return ViewLight(luminance, colour, np.asarray(trusted), np.asarray(trusted & vivid))
+
+
+def _bytes(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+    """A mask as OpenCV takes it."""
+    return np.ascontiguousarray(mask).view(np.uint8)
+
+
+def _mixed(picture: npt.NDArray[np.float32], weights: Array) -> npt.NDArray[np.float32]:
+    """The weighted sum [h, w] of the channels of a picture [h, w, C]."""
+    return np.asarray(cv2.transform(picture, weights[None].astype(np.float32)), np.float32)
 
 
 def _mean(picture: npt.NDArray[np.float32], window: int) -> npt.NDArray[np.float32]:

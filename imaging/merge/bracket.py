@@ -10,14 +10,15 @@ from imaging.cfa import Cfa
 from imaging.merge.linear_frame import Bool, Float, LinearFrame
 
 Array = npt.NDArray[np.float64]
+Numbers = npt.NDArray[np.floating]
 
 ITERATIONS = 3
 """Fixed-point iterations of the weights; a variance taken at each noisy sample biases the dark by -4 %."""
 MARGIN = 3.0
 """A sample nearer to saturation than this many standard deviations would be kept only if its noise is
 negative, so it is left out where a shorter exposure can stand in."""
-ROWS = 256
-"""Rows merged at a time, which bounds the memory of the float64 sums."""
+ROWS = 64
+"""Rows merged at a time, which bounds the memory of the float64 sums, and keeps them near the processor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +52,6 @@ def merge_bracket(frames: Sequence[LinearFrame]) -> Merged:
         raise ValueError("merging takes one frame or more, all of one shape")
     if not all(np.isfinite(f.k) and f.k > 0 for f in frames):
         raise ValueError("exposure scales are positive and finite")
-    if len(frames) == 1:
-        return _single(frames[0])
     ordered = sorted(frames, key=lambda f: f.k)
     shape = ordered[0].signal.shape
     known = all(f.noise is not None for f in ordered)
@@ -60,24 +59,25 @@ def merge_bracket(frames: Sequence[LinearFrame]) -> Merged:
     masks = np.empty((3, *shape), bool)
     for top in range(0, shape[0], ROWS):
         rows = slice(top, min(top + ROWS, shape[0]))
-        radiance[rows], sigma[rows], masks[:, rows] = _merge_rows(ordered, rows, known)
+        merged = _merge_rows(ordered, rows, known) if len(ordered) > 1 else _single(ordered[0], rows)
+        radiance[rows], sigma[rows], masks[:, rows] = merged
     return Merged(radiance, sigma if known else None, masks[0], masks[1], masks[2], cfa=ordered[0].cfa)
 
 
-def _single(frame: LinearFrame) -> Merged:
+def _single(frame: LinearFrame, rows: slice) -> tuple[Numbers, Numbers, Bool]:
     """One frame is its own weighted mean, whatever the weight."""
-    number = frame.valid & np.isfinite(frame.signal)
-    usable = number & ~frame.saturated & ~frame.dark
-    clipped = number & frame.saturated
-    sigma = None
+    signal = frame.signal[rows]
+    number = frame.valid[rows] & np.isfinite(signal)
+    usable = number & ~frame.saturated[rows] & ~frame.dark[rows]
+    clipped = number & frame.saturated[rows]
+    sigma = np.where(number, np.float32(np.inf), np.float32(np.nan))
     if frame.noise is not None:
-        deviation = np.sqrt(frame.noise.variance(frame.signal)) / frame.k
-        sigma = np.where(usable, deviation, np.where(number, np.inf, np.nan)).astype(np.float32)
-    radiance = np.where(number, frame.signal / np.float32(frame.k), np.float32(np.nan)).astype(np.float32)
-    return Merged(radiance, sigma, usable, clipped, number & ~usable & ~clipped, cfa=frame.cfa)
+        np.copyto(sigma, np.sqrt(frame.noise.variance(signal)) / frame.k, where=usable)
+    radiance = np.where(number, signal / np.float32(frame.k), np.float32(np.nan))
+    return radiance, sigma, np.stack([usable, clipped, number & ~usable & ~clipped])
 
 
-def _merge_rows(frames: Sequence[LinearFrame], rows: slice, known: bool) -> tuple[Array, Array, Bool]:
+def _merge_rows(frames: Sequence[LinearFrame], rows: slice, known: bool) -> tuple[Numbers, Numbers, Bool]:
     k = np.array([f.k for f in frames]).reshape(-1, *[1] * frames[0].signal.ndim)
     signal = np.stack([f.signal[rows] for f in frames]).astype(np.float64)
     number = np.stack([f.valid[rows] for f in frames]) & np.isfinite(signal)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from imaging.cfa import Cfa
 from imaging.colour import srgb_decode
+from imaging.compute.jit import kernel
 from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_light
 from imaging.files.raw import read_raw
@@ -64,16 +65,19 @@ class CodeSignalNoise:
         # Looked up by the square root of the light, in which every curve is told evenly enough.
         self._top = np.sqrt(np.maximum(light[:, -1], 1e-30)).astype(np.float32)
         places = np.linspace(0.0, 1.0, _TABLE)
-        self._tables = [
-            np.interp((places * top) ** 2, own, spread).astype(np.float32)
-            for top, own, spread in zip(self._top, light, variance, strict=True)
-        ]
+        self._table = np.stack(
+            [
+                np.interp((places * top) ** 2, own, spread).astype(np.float32)
+                for top, own, spread in zip(self._top, light, variance, strict=True)
+            ],
+            axis=-1,
+        )
 
     def variance(self, mean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
         """Variance at a mean signal [..., 3]."""
-        root = np.sqrt(np.maximum(mean, 0.0)) / self._top * (_TABLE - 1)
-        place = np.clip(np.rint(root), 0, _TABLE - 1).astype(np.intp)
-        return np.stack([self._tables[c][place[..., c]] for c in range(3)], axis=-1)
+        variance = np.empty(mean.shape, np.float32)
+        _look_up_roots(mean.reshape(-1, 3), 1 / self._top, self._table, variance.reshape(-1, 3))
+        return variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,15 +163,38 @@ def from_codes(codes: npt.NDArray[np.floating], k: float, response: Response) ->
     # The codes of 8 and of 16 bits all lie on this grid, so that a look-up is exact, and many times faster.
     grid = np.linspace(0.0, 1.0, _TABLE)
     table = decode(np.repeat(grid[:, None], 3, axis=1), response)
-    place = np.rint(np.clip(codes, 0.0, 1.0) * (_TABLE - 1)).astype(np.intp)
+    signal = np.empty(codes.shape, np.float32)
+    _look_up(codes.reshape(-1, 3), table, signal.reshape(-1, 3))
     return LinearFrame(
-        signal=np.stack([table[:, c][place[..., c]] for c in range(3)], axis=-1),
-        k=k,
+        signal,
+        k,
         saturated=codes >= min(SATURATED_CODE, high),
         dark=codes <= max(DARK_CODE, low),
         valid=np.ones(codes.shape, bool),
         noise=CodeSignalNoise(response),
     )
+
+
+@kernel
+def _look_up(codes: npt.NDArray[np.floating], table: Float, found: Float) -> None:
+    """Write the entries of a table [T, 3] of 0..1 that are nearest to codes [N, 3] into found [N, 3]."""
+    last = len(table) - 1
+    for row in range(len(codes)):
+        for channel in range(3):
+            code = codes[row, channel]
+            place = int(min(code, 1.0) * last + 0.5) if code > 0 else 0
+            found[row, channel] = table[place, channel]
+
+
+@kernel
+def _look_up_roots(light: npt.NDArray[np.floating], scale: Float, table: Float, found: Float) -> None:
+    """The same by the square root of light [N, 3], in units of 1 / scale [3]."""
+    last = len(table) - 1
+    for row in range(len(light)):
+        for channel in range(3):
+            value = light[row, channel]
+            root = np.sqrt(value) * scale[channel] if value > 0 else 0.0
+            found[row, channel] = table[int(min(root, 1.0) * last + 0.5), channel]
 
 
 def from_light(light: npt.NDArray[np.floating], k: float) -> LinearFrame:
