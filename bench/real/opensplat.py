@@ -7,6 +7,7 @@ meant for 30,000, is shortened in proportion; it grows seven times, or every 100
 """
 
 import math
+import os
 import re
 import resource
 import shutil
@@ -129,12 +130,20 @@ def _iterated(
     before = _children()
     command = [str(program), str(folder), "--cpu", "--keep-crs", "-o", str(ply), *words]
     limit = math.ceil(most)
+    # Threads that wait by spinning would be charged for it wherever something else runs beside them.
     done = subprocess.run(
-        ["prlimit", f"--cpu={limit}:{limit}", *command], capture_output=True, text=True, check=False
+        ["prlimit", f"--cpu={limit}:{limit}", *command],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"OMP_WAIT_POLICY": "passive"},
     )
     seconds = _children() - before
     if done.returncode and seconds < 0.98 * limit:
-        raise SystemExit(f"{' '.join(command)} failed:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+        raise SystemExit(
+            f"{' '.join(command)} ended with {done.returncode} after {seconds:.0f} s:\n"
+            f"{done.stdout[-2000:]}{done.stderr[-2000:]}"
+        )
     steps = re.findall(r"^Step (\d+):", done.stdout, re.MULTILINE)
     return seconds, int(steps[-1]) - 1 if done.returncode else iterations
 
