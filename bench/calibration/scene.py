@@ -71,7 +71,7 @@ def photographs(folder: Path) -> dict[str, Any]:
             **_counts(model),
             **seconds,
         }
-        return {"rig": ours, "pycolmap": _plain(pictures, Path(work))}
+        return {"rig": ours, "pycolmap": plain(pictures, Path(work))}
 
 
 def _counts(model: Any) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def _counts(model: Any) -> dict[str, Any]:
     }
 
 
-def _plain(pictures: Path, work: Path) -> dict[str, Any]:
+def plain(pictures: Path, work: Path) -> dict[str, Any]:
     """SIFT, all pairs, incremental mapping: pycolmap's defaults, but for the size of the pictures."""
     began = time.perf_counter()
     database = work / "plain.db"

@@ -54,14 +54,14 @@ def preview(merged: Merged) -> Float:
     floor = float(np.median(sigma[sigma <= np.percentile(sigma, 20)]))
     floor = max(floor, 1e-6 * float(np.max(brightness, initial=0.0)), 1e-30)
     stops = np.log2(np.maximum(brightness, -floor) + FLOORS[faint] * floor)
-    flat = stops - LOCAL_SHARE * _blurred(stops, max(stops.shape[1] / 40, 1.0))
+    flat = stops - LOCAL_SHARE * blurred(stops, max(stops.shape[1] / 40, 1.0))
     low, high = (float(value) for value in np.percentile(flat, (0.5, 99.5)))
     if high - low < 1e-6:
         return np.full(flat.shape, 0.5, np.float32)
     return np.asarray(np.clip((flat - low) / (high - low), 0.0, 1.0), np.float32)
 
 
-def _blurred(picture: npt.NDArray[np.float64], radius: float) -> npt.NDArray[np.float32]:
+def blurred(picture: npt.NDArray[np.float64], radius: float) -> npt.NDArray[np.float32]:
     """A picture [h, w] under a Gaussian of that standard deviation, px; a wide one of a reduced picture."""
     height, width = picture.shape
     reduced = max(int(radius / _NARROW), 1)

@@ -38,6 +38,26 @@ CLAIMS = (
         lambda: [cell("calibration", "AUC@1", f"320 px, {ev} EV", under="Scene") for ev in ("0", "-8")],
     ),
     Claim(
+        r"([\d,]+) of ([\d,]+) pairs are matched, which have ([\d.]+) of all matches",
+        lambda: [
+            *cells("calibration_size", "pairs matched", "rig", under="Pairs")[0],
+            cell("calibration_size", "of all their matches", "rig", under="Pairs"),
+        ],
+    ),
+    Claim(
+        r"and AUC@1 is ([\d.]+); with all pairs it is ([\d.]+)\. Eleven",
+        lambda: [
+            cell("calibration_size", "AUC@1", "rig", f"{pairs}, incremental", under="Mappers")
+            for pairs in ("chosen", "all")
+        ],
+    ),
+    Claim(
+        r"6 megapixels take (\d+) s of processor time, plain pycolmap (\d+),",
+        lambda: [
+            cell("calibration_size", "s", "castle", program, under="Whole") for program in ("rig", "pycolmap")
+        ],
+    ),
+    Claim(
         r"alike (\d+) of (\d+) placed views stand wrongly, each of them warned of, where (\d+) of (\d+) did",
         lambda: [
             sum(one[0] for one in cells("foreign_poses", column))

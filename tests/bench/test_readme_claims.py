@@ -18,6 +18,9 @@ CLAIMS = (*claims_of_measuring.CLAIMS, *claims_of_scenes.CLAIMS)
 SETTINGS = (
     r"24 views of a scene of 17\.7 stops",
     r"24 views of a scene, 320 px wide",
+    r"Of 108 views of it, 240 px wide",
+    r"photographs of 6 megapixels",
+    r"both at 1,600 px",
     r"one rig of 28 views of 160 px",
     r"simulated scene of 200 px",
     r"one scene of 100 px",

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import ndimage
 
-from calib.data.previews import preview
+from calib.data.previews import blurred, preview
 from imaging.merge.bracket import Merged
 
 
@@ -34,3 +34,11 @@ def test_a_scene_with_light_enough_keeps_its_detail() -> None:
     fine.radiance[::2] *= 0.8
     rows = preview(fine).mean(1)
     assert np.abs(np.diff(rows)).min() > 0.05
+
+
+def test_a_wide_blur_of_a_reduced_picture_is_the_blur() -> None:
+    steps = np.random.default_rng(4).normal(size=(301, 403))
+    picture = np.cumsum(np.cumsum(steps, axis=0), axis=1)
+    for radius in (8.0, 25.0, 40.0):
+        exact = ndimage.gaussian_filter(picture, radius)
+        assert np.abs(blurred(picture, radius) - exact).std() < 5e-3 * picture.std()

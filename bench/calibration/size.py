@@ -1,0 +1,282 @@
+"""Calibration of many views: the pairs that are matched beside all pairs, and the two mappers of COLMAP.
+
+    python -m bench.calibration.size [--quick] [--json] [--write] [--work FOLDER]
+
+rig: the demo rig, 108 views of 240 px on its arc, poses known. castle: the photographs `sceaux`, where
+RIG_DATA names the folder that has them. Pairs are chosen as for any calibration, or are all. The incremental
+mapper is the one that `rig calibrate` uses; the global one (GLOMAP) takes its place in a calibration that is
+the same otherwise. The castle also by pycolmap's defaults at the same size. Seconds are those of the
+processor. Matches are kept from row to row, and finished rows, in FOLDER. --quick: the castle alone.
+"""
+
+import argparse
+import os
+import shutil
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+
+from bench.calibration.pose_error import Array, auc, pairs, true_poses
+from bench.calibration.scene import plain
+from bench.support.record import arguments, deliver, machine, words
+from bench.support.trial import Cache
+from calib.calibrate import calibrate
+from calib.data import features as matched
+from calib.data import pairs as chosen
+from calib.data.unfinished import KEPT, Unfinished
+from calib.poses import sfm
+from capture.imports.photos import import_photos
+from capture.simulated import capture_simulated
+from drivers.sim.rigs import simulate
+from imaging.errors import CalibrationError
+from imaging.files.colmap import pycolmap
+from imaging.progress import Progress
+from imaging.session.view_id import ViewId
+
+CASTLE = "sceaux"
+POSITIONS, WIDTH = 27, 240
+
+
+class Meter:
+    """Processor seconds of each part of a calibration."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._part, self._since = "", time.process_time()
+
+    def __call__(self, message: str, done: int, total: int) -> None:
+        """As a calibration reports its progress."""
+        now = time.process_time()
+        self.seconds[self._part] = self.seconds.get(self._part, 0.0) + now - self._since
+        self._part, self._since = message, now
+
+
+class _Known(Exception):
+    """What `sfm.solve` was asked is known."""
+
+
+def global_mapper(
+    database: Any, views: int, max_error: float, fixed: frozenset[int], threads: int, progress: Progress
+) -> Any | None:
+    """As `calib.poses.mapping.map_views`, all views at once (Pan et al., "Global Structure-from-Motion
+    Revisited", 2024)."""
+    progress("placing views", 0, views)
+    options = pycolmap.GlobalPipelineOptions()
+    options.num_threads = options.mapper.num_threads = threads
+    options.random_seed = options.mapper.random_seed = 0
+    options.min_model_size = 2
+    models = pycolmap.ReconstructionManager()
+    pycolmap.GlobalPipeline(options, database, models).run()
+    progress("placing views", views, views)
+    every = [models.get(index) for index in range(models.size())]
+    return max(every, key=lambda model: model.num_reg_images(), default=None)
+
+
+MAPPERS = {"incremental": sfm.map_views, "global": global_mapper}
+CHOSEN = tuple(f"chosen, {mapper}" for mapper in MAPPERS)
+
+
+def session_of(name: str, work: Path) -> tuple[Path, dict[ViewId, Array] | None]:
+    """The session of a set, and its true poses where they are known."""
+    folder = work / f"size-{name}"
+    if name == "rig":
+        if not (folder / "truth" / "truth.json").is_file():
+            settings = {"positions": POSITIONS, "width": WIDTH, "height": WIDTH * 3 // 4}
+            with mock.patch("capture.simulated.simulate", partial(simulate, **settings)):
+                capture_simulated("demo", folder, seed=100)
+        return folder, true_poses(folder)
+    if not (folder / "session.json").is_file():
+        import_photos(Path(os.environ["RIG_DATA"]) / CASTLE, folder)
+    return folder, None
+
+
+def question(session: Path) -> tuple[tuple[Any, ...], dict[str, Any]]:
+    """What a calibration asks `sfm.solve`."""
+    asked: list[Any] = []
+
+    def noted(*given: Any, **more: Any) -> None:
+        asked.append((given, more))
+        raise _Known
+
+    with mock.patch.object(sfm, "solve", noted), suppress(_Known):
+        calibrate(session)
+    return asked[0][0], asked[0][1]
+
+
+def row(
+    given: Sequence[Any], more: Mapping[str, Any], mapper: str, kept: Unfinished, truth: Any
+) -> dict[str, Any]:
+    """Of one calibration from its features on; verified: how many matches each pair has that fits."""
+    meter, found = Meter(), dict[str, int]()
+
+    def fill(*values: Any) -> Any:
+        verified = matched.fill_database(*values)
+        found.update({_text(pair): len(own.one) for pair, own in verified.items()})
+        return verified
+
+    features, cameras, rigs, threads, _ = given
+    with (
+        mock.patch.object(sfm, "map_views", MAPPERS[mapper]),
+        mock.patch.object(sfm, "fill_database", fill),
+    ):
+        try:
+            model = sfm.solve(features, cameras, rigs, threads, meter, **{**more, "kept": kept})
+        except CalibrationError as error:
+            return {"refused": str(error), "verified": found}
+    meter("", 0, 0)
+    poses = {view: pose.matrix() for view, pose in model.poses.items()}
+    result: dict[str, Any] = {
+        "views": len(features),
+        "placed": len(poses),
+        "reprojection_px": model.reprojection_px,
+        "points": int(model.reconstruction.num_points3D()),
+        "verified": found,
+        "seconds": meter.seconds,
+    }
+    if truth is not None:
+        errors = pairs(poses, truth)
+        placed = errors[np.isfinite(errors[:, 0])]
+        result |= {"auc_1": auc(errors, 1.0), "rotation": float(np.median(placed[:, 0]))}
+        result |= {"direction": float(np.median(placed[:, 1]))}
+    return result
+
+
+def measured(name: str, work: Path, cache: Cache) -> dict[str, Any]:
+    """All rows of a set, as the table has them."""
+    session, truth = session_of(name, work)
+    given, more = question(session)
+    kept, features, rigs = Unfinished(work / f"size-{name}-matches"), given[0], given[2]
+    own = set(chosen.pairs_to_match({view: one.descriptors for view, one in features.items()}, rigs))
+    every, views = list(combinations(features, 2)), len(features)
+    rows = {
+        f"chosen, {mapper}": cache.get(
+            f"{name} chosen {mapper}", partial(row, given, more, mapper, kept, truth)
+        )
+        for mapper in MAPPERS
+    }
+    result: dict[str, Any] = {"views": views, "chosen": len(own), "rows": rows}
+    result["features"] = float(np.mean([len(one.points) for one in features.values()]))
+    if len(own) == len(every):
+        return result
+    with mock.patch.object(chosen, "ALL_PAIRS", views):
+        rows["all, incremental"] = cache.get(
+            f"{name} all incremental", partial(row, given, more, "incremental", kept, truth)
+        )
+    verified = rows["all, incremental"]["verified"]
+    found = [verified[_text(pair)] for pair in own if _text(pair) in verified]
+    result["recall"] = len(found) / len(verified)
+    result["recall_matches"] = sum(found) / sum(verified.values())
+    return result
+
+
+def _text(pair: tuple[ViewId, ViewId]) -> str:
+    return f"{pair[0]} {pair[1]}"
+
+
+def whole_by_rig(work: Path) -> dict[str, Any]:
+    """The castle calibrated by rig, to the last file."""
+    session, _ = session_of("castle", work)
+    shutil.rmtree(session / KEPT, ignore_errors=True)
+    began = time.process_time()
+    record = calibrate(session)
+    seconds = time.process_time() - began
+    shutil.rmtree(session / "calibration")
+    return {"registered": len(record.views), "reprojection_px": record.reprojection_px, "seconds": seconds}
+
+
+def whole_by_peer(work: Path) -> dict[str, Any]:
+    """The same by pycolmap's defaults."""
+    folder = work / "size-castle-peer"
+    shutil.rmtree(folder, ignore_errors=True)
+    pictures = folder / "pictures"
+    pictures.mkdir(parents=True)
+    for path in sorted((Path(os.environ["RIG_DATA"]) / CASTLE).glob("*.[jJ][pP][gG]")):
+        shutil.copy(path, pictures / path.name)
+    began = time.process_time()
+    found = plain(pictures, folder)
+    return found | {"seconds": time.process_time() - began}
+
+
+def table(result: dict[str, Any]) -> str:
+    lines = [
+        "# Calibration of many views",
+        "",
+        f"`python -m bench.calibration.size --write`. {words(result['machine'])}. Processor seconds.",
+        "",
+        "## Pairs",
+        "",
+        "| set | views | features each | pairs matched | of all verified pairs | of all their matches |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, one in result["sets"].items():
+        views, recall = one["views"], one.get("recall")
+        shares = "all | all" if recall is None else f"{recall:.3f} | {one['recall_matches']:.3f}"
+        lines.append(
+            f"| {name} | {views} | {one['features']:.0f} | {one['chosen']:,} of {views * (views - 1) // 2:,} "
+            f"| {shares} |"
+        )
+    lines += [
+        "",
+        "## Mappers",
+        "",
+        "| set | pairs, mapper | placed | AUC@1 | rotation, degrees | direction, degrees | px "
+        "| s of matching | s of placing | s of the rest |",
+        "|" + "---|" * 10,
+    ]
+    for name, one in result["sets"].items():
+        for case, own in one["rows"].items():
+            if "refused" in own:
+                lines.append(f"| {name} | {case} | refused: {own['refused']} | | | | | | | |")
+                continue
+            truth = [f"{own[key]:.3f}" if key in own else "" for key in ("auc_1", "rotation", "direction")]
+            rest = sum(own["seconds"].values()) - own["seconds"]["matching"] - own["seconds"]["placing views"]
+            lines.append(
+                f"| {name} | {case} | {own['placed']} of {own['views']} | {' | '.join(truth)} "
+                f"| {own['reprojection_px']:.3f} | {_matching(one['rows'], case):.0f} "
+                f"| {own['seconds']['placing views']:.0f} | {rest:.0f} |"
+            )
+    lines += ["", "## Whole calibrations", ""]
+    lines += ["| photographs | by | placed | reprojection error, px | s |", "|---|---|---|---|---|"]
+    for program, own in result["whole"].items():
+        figures = f"{own['registered']} | {own['reprojection_px']:.3f} | {own['seconds']:.0f}"
+        lines.append(f"| castle | {program} | {figures} |")
+    return "\n".join(lines) + "\n"
+
+
+def _matching(rows: Mapping[str, Any], case: str) -> float:
+    """Seconds that the pairs of a row take to be matched where nothing was kept."""
+    first, again, own = (rows[name]["seconds"]["matching"] for name in (*CHOSEN, case))
+    return first if case in CHOSEN else first - again + own
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    cache = Cache(options.work / "size.jsonl")
+    return {
+        "machine": machine(),
+        "sets": {
+            name: measured(name, options.work, cache)
+            for name in ("rig", "castle")
+            if name == "castle" or not options.quick
+        },
+        "whole": {
+            "rig": cache.get("castle by rig", partial(whole_by_rig, options.work)),
+            "pycolmap": cache.get("castle by pycolmap", partial(whole_by_peer, options.work)),
+        },
+    }
+
+
+def main() -> None:
+    options = arguments(__doc__, seeds=1).parse_args()
+    result = measure(options)
+    deliver(options, "calibration_size", result, table(result))
+
+
+if __name__ == "__main__":
+    main()
