@@ -91,7 +91,9 @@ class View:
         Elsewhere is nothing: what alpha says of the photographs of the view, on the average.
         """
         told = [shot.alpha for shot in self.shots if shot.alpha is not None]
-        return np.mean(told, axis=0, dtype=np.float32) if told else None
+        if len(told) < 2:
+            return told[0] if told else None
+        return np.asarray(np.mean(told, axis=0, dtype=np.float32))
 
     @cached_property
     def centre(self) -> npt.NDArray[np.float64]:
@@ -236,10 +238,13 @@ def read_views(
     """
     poses = {view.id: view for view in calibration.views}
     kinds = {session.camera(view.camera).kind for view in groups}
-    views = []
+    views: list[View] = []
+    falloffs: dict[tuple[str, int, int], Float] = {}
     for done, (place, group) in enumerate(sorted(groups.items())):
         progress("reading images", done, len(groups))
-        view = _view(session, calibration, poses[place], session.camera(place.camera), group, max_width)
+        view = _view(
+            session, calibration, poses[place], session.camera(place.camera), group, max_width, falloffs
+        )
         views.append(replace(view, lens=world.camera(view.lens)))
     return Dataset(
         session=session.folder,
@@ -293,7 +298,9 @@ def _view(
     record: CameraRecord,
     group: Sequence[ShotRecord],
     max_width: int | None,
+    falloffs: dict[tuple[str, int, int], Float],
 ) -> View:
+    """One view. falloffs: of cameras by name and size, held once for all their views."""
     camera = calibration.camera(record.name)
     if camera.lens is None:
         raise ReconstructionError(f"Camera {record.name} has no lens in calibration.json: calibrate again.")
@@ -312,6 +319,8 @@ def _view(
             f"The shots of camera {record.name} at frame {pose.frame} differ in size: delete the odd one out."
         )
     lens = lens_of_pixels(camera.lens, record.kind, width, height)
+    if (plane := (record.name, height, width)) not in falloffs:
+        falloffs[plane] = falloff(camera, height, width)
     channels = shots[0].pixels.shape[2] if cfa is None else len(cfa.letters)
     return View(
         camera=record.name,
@@ -321,7 +330,7 @@ def _view(
             kind=record.kind,
             cfa=cfa,
             camera_from_rec709=of_channels(camera.camera_from_rec709, channels),
-            falloff=falloff(camera, height, width),
+            falloff=falloffs[plane],
             response=camera.response,
             white_balance=pose.white_balance,
         ),

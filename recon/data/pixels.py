@@ -41,7 +41,8 @@ class Shot:
     k: exposure scale, s. pixels: float32 [H, W] (mosaic) or [H, W, 3]: linear signal with white at 1
     (RAW; noise below black stays negative), code values 0..1 (LDR), or linear light (HDR).
     saturated: bool, same shape: the scene is at least this bright. dark: bool, the scene is at most
-    this bright (LDR only). valid: bool, same shape; False where the file holds no number.
+    this bright (LDR only). valid: bool, same shape; False where the file holds no number. A mask that is the
+    same everywhere is read-only.
     noise: of the linear signal; None if not known. ceiling: the signal at which the sensor saturates (RAW
     only), as it was measured, else that of the file's white level. band: the channel of the scene's light
     that it shows, of a mono camera behind a filter; None: all of them, as its camera sees Rec.709. alpha:
@@ -129,6 +130,7 @@ def _masked(
     mask: Path | None,
 ) -> tuple[Shot, Cfa | None]:
     shot, cfa, size = _read(path, name, kind, k, response, max_width, sensors)
+    shot = replace(shot, saturated=_held(shot.saturated), dark=_held(shot.dark), valid=_held(shot.valid))
     if mask is None:
         return shot, cfa
     counts = read_mask(mask, *size)
@@ -141,6 +143,12 @@ def _masked(
         # A pixel of the smaller image counts if all that it is made of does.
         counts = area_mean(counts, (width, height)) > 0.999
     return replace(shot, valid=shot.valid & (counts if shot.pixels.ndim == 2 else counts[..., None])), cfa
+
+
+def _held(mask: Bool) -> Bool:
+    """A mask as it is, or where it is the same everywhere as a view of one byte that cannot be written to."""
+    alike = bool(mask.all()) or not mask.any()
+    return np.broadcast_to(mask.flat[0], mask.shape) if alike else mask
 
 
 def _read(

@@ -15,16 +15,20 @@ from recon.observe.losses import exposed_mu_law, mu_law
 class _Prepared:
     """What of a view does not change, for J shots in order of their bands.
 
-    rows: of each channel that was seen, its shots. falloff [H, W]; scales [J, 1, 1]; target, ceiling, valid
-    [J, H, W]: the ceiling is the target where that is saturated, else infinite.
+    rows: of each channel that was seen, its shots. falloff [H, W]; scales [J, 1, 1]; target, saturated, valid
+    [J, H, W].
     """
 
     rows: dict[int, slice]
     falloff: Tensor
     scales: Tensor
     target: Tensor
-    ceiling: Tensor
+    saturated: Tensor
     valid: Tensor
+
+    def ceiling(self, rows: slice) -> Tensor:
+        """The target of some shots where that is saturated, else infinite."""
+        return torch.where(self.saturated[rows], self.target[rows], torch.inf)
 
 
 @dataclass
@@ -49,7 +53,7 @@ class BandedLight(Observation):
         prediction = torch.cat(
             [
                 exposed_mu_law(
-                    image[:, :, band] * prepared.falloff, scales[rows], prepared.ceiling[rows], SIGNAL_MU
+                    image[:, :, band] * prepared.falloff, scales[rows], prepared.ceiling(rows), SIGNAL_MU
                 )
                 for band, rows in prepared.rows.items()
             ]
@@ -79,7 +83,7 @@ class BandedLight(Observation):
             if band is not None
         }
         target = torch.stack([mu_law(torch.from_numpy(shot.pixels), SIGNAL_MU) for shot in view.shots])
-        saturated = torch.stack([torch.from_numpy(shot.saturated) for shot in view.shots])
+        saturated = torch.stack([torch.tensor(shot.saturated) for shot in view.shots])
         return _Prepared(
             rows,
             falloff=torch.from_numpy(view.sensor.falloff).to(device),
@@ -87,6 +91,6 @@ class BandedLight(Observation):
                 :, None, None
             ],
             target=target.to(device),
-            ceiling=torch.where(saturated, target, torch.inf).to(device),
-            valid=torch.stack([torch.from_numpy(shot.valid) for shot in view.shots]).to(device),
+            saturated=saturated.to(device),
+            valid=torch.stack([torch.tensor(shot.valid) for shot in view.shots]).to(device),
         )

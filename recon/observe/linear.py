@@ -113,24 +113,28 @@ def through_filter(image: Tensor, matrix: Tensor, cfa: Cfa | None) -> Tensor:
 class _Prepared:
     """What of a view does not change, for J shots of P planes.
 
-    falloff [P, h, w]; scales [J, 1, 1, 1]; target, ceiling and valid [J, P, h, w]: the ceiling is the
-    target where that is saturated, else infinite; valid is None where every sample is.
+    falloff [P, h, w]; scales [J, 1, 1, 1]; target, saturated and valid [J, P, h, w]; saturated is None where
+    no sample is, valid where every one is.
     """
 
     matrix: Tensor
     falloff: Tensor
     scales: Tensor
     target: Tensor
-    ceiling: Tensor
+    saturated: Tensor | None
     valid: Tensor | None
     mu: float
 
     def to(self, device: torch.device) -> "_Prepared":
         """The same on a device."""
-        names = ("matrix", "falloff", "scales", "target", "ceiling")
-        moved = {name: getattr(self, name).to(device) for name in names}
-        valid = None if self.valid is None else self.valid.to(device)
-        return _Prepared(**moved, valid=valid, mu=self.mu)
+        moved = {name: getattr(self, name).to(device) for name in ("matrix", "falloff", "scales", "target")}
+        masks = (self.saturated, self.valid)
+        saturated, valid = (None if mask is None else mask.to(device) for mask in masks)
+        return _Prepared(**moved, saturated=saturated, valid=valid, mu=self.mu)
+
+    def ceiling(self) -> Tensor | None:
+        """The target where that is saturated, else infinite, [J, P, h, w]; None: no sample is."""
+        return None if self.saturated is None else torch.where(self.saturated, self.target, torch.inf)
 
 
 def _white(light: np.ndarray) -> float:
@@ -164,7 +168,7 @@ class LinearLight(Observation):
         image = scattered(image, view.sensor.glare)
         light = through_filter(image, prepared.matrix, view.sensor.cfa) * prepared.falloff
         scales = prepared.scales if factors is None else prepared.scales * factors[:, None, None, None]
-        prediction = exposed_mu_law(light, scales, prepared.ceiling, prepared.mu)
+        prediction = exposed_mu_law(light, scales, prepared.ceiling(), prepared.mu)
         if prepared.valid is not None:
             prediction = torch.where(prepared.valid, prediction, prepared.target)
         return prediction.flatten(0, 1), prepared.target.flatten(0, 1)
@@ -212,7 +216,7 @@ class LinearLight(Observation):
             falloff=falloff[None] if period is None else split(falloff, period),
             scales=torch.tensor([scale / unit for _, scale, unit in pairs])[:, None, None, None],
             target=target,
-            ceiling=torch.where(saturated, target, torch.inf),
+            saturated=saturated if bool(saturated.any()) else None,
             valid=None if bool(valid.all()) else valid,
             mu=mu,
         )

@@ -19,9 +19,9 @@ def as_recorded(predicted: Tensor, shot: Shot) -> tuple[Tensor, Tensor]:
     recorded = torch.from_numpy(shot.pixels).to(predicted).clamp_max(shot.top)
     clipped = predicted.clamp_max(shot.top)
     if shot.ceiling is not None:
-        saturated = torch.from_numpy(shot.saturated).to(predicted.device)
+        saturated = torch.tensor(shot.saturated).to(predicted.device)
         clipped = torch.where(saturated, torch.minimum(clipped, recorded), clipped)
-    valid = torch.from_numpy(shot.valid).to(predicted.device)
+    valid = torch.tensor(shot.valid).to(predicted.device)
     return torch.where(valid, clipped, 0.0), torch.where(valid, recorded, 0.0)
 
 

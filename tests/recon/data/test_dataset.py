@@ -68,6 +68,12 @@ def test_views_that_end_a_training_are_none_of_those_that_are_reported(toy_datas
     assert all(after - before >= count // validation for before, after in pairwise(frames))
 
 
+def test_views_of_a_camera_share_one_plane_of_falloff(toy_dataset):
+    planes = {}
+    for view in toy_dataset.views:
+        assert planes.setdefault(view.camera, view.sensor.falloff) is view.sensor.falloff
+
+
 def test_toy_views_carry_what_the_truth_says(toy, toy_dataset):
     truth = store.read_json(toy / "truth" / "truth.json")
     assert toy_dataset.kind == "raw"
