@@ -1,7 +1,7 @@
 """Session and calibration to a scene: the whole stage, resumable."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import torch
@@ -10,10 +10,11 @@ from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.records import Rung
-from recon.data.dataset import load
+from recon.data.dataset import View, load
 from recon.decide.budget import Budget
 from recon.decide.countdown import Countdown
 from recon.decide.decisions import Case, Decisions, Run, decide, iterations_at_most
+from recon.decide.memory_need import free, need
 from recon.decide.method_choice import method_for, rungs, uncoloured
 from recon.decide.overrides import Overrides
 from recon.decide.prediction import Prediction
@@ -24,6 +25,7 @@ from recon.result.folder import SceneFolder
 from recon.result.model import CHECKPOINT, LOG, MODEL
 from recon.result.place import default_name, place_for
 from recon.scene.checkpoint import Checkpoint
+from recon.scene.harmonics import DEGREE
 from recon.splat import SplatStats
 from recon.train.device import training_device
 from recon.train.early_stopping import Deadline, EarlyStop, Goal
@@ -91,7 +93,17 @@ def reconstruct(
     with joined() as ranks:
         width = overrides.width or QUALITIES[quality].width
         store.require_writable(session / shelf)
-        dataset = overrides.subset(load(session, max_width=width, progress=progress))
+
+        def examine(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> None:
+            asked = None if budget is None else budget.gaussians
+            most = asked or overrides.gaussians or QUALITIES[quality].gaussians
+            needed = need(firsts, counts, most, DEGREE if overrides.degree is None else overrides.degree)
+            needed.require(session, free())
+            if ranks.first:
+                tell(needed.told())
+
+        loaded = load(session, max_width=width, progress=progress, examine=examine)
+        dataset = overrides.subset(loaded)
         if budget is not None and budget.unit == "dB" and not dataset.held_out:
             raise ReconstructionError(
                 f"{session} has too few views to hold one out and judge a budget in dB by it: give a time."

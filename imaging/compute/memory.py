@@ -23,6 +23,14 @@ def available() -> int:
     return max(min(bound for bound in bounds if bound is not None), 0)
 
 
+def resident() -> int:
+    """Bytes of memory that this process has; 0 on a system that does not say."""
+    try:
+        return int(_STATM.read_text("ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, AttributeError):
+        return 0
+
+
 def check_picture(name: str, width: int, height: int, channels: int = 3) -> None:
     """InputError for a picture, px, that is larger than any or than the memory."""
     if width <= 0 or height <= 0:
@@ -40,7 +48,7 @@ def check(what: str, need: int) -> None:
     free = available()
     if need > free:
         raise InputError(
-            f"{what}, which takes {_told(need)} of memory where {_told(free)} are free: scale it down, "
+            f"{what}, which takes {told(need)} of memory where {told(free)} are free: scale it down, "
             "or read it on a machine with more."
         )
 
@@ -100,5 +108,6 @@ def _own() -> int | None:
         return most
 
 
-def _told(size: int) -> str:
+def told(size: int) -> str:
+    """A number of bytes as MB or GB."""
     return f"{size / 1e9:.1f} GB" if size >= 10**9 else f"{size / 1e6:.0f} MB"

@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -175,12 +175,23 @@ class Dataset:
         return float(max(1.1 * np.linalg.norm(centres - centres.mean(0), axis=1).max(), 1e-6))
 
 
-def load(session: Path, *, max_width: int | None = None, progress: Progress = unreported) -> Dataset:
+Examine = Callable[[Sequence[View], Mapping[str, tuple[int, int]]], None]
+"""Given the first view of each camera, and how many views each has in all and to train on."""
+
+
+def load(
+    session: Path,
+    *,
+    max_width: int | None = None,
+    progress: Progress = unreported,
+    examine: Examine | None = None,
+) -> Dataset:
     """Read every view that its own picture placed; images wider than `max_width` are scaled down.
 
     A session whose data set says what it tests on (split.json) holds out just that.
     Photographs and EXR are averaged over areas in linear light; mosaics of at least twice the width
-    are demosaicked and averaged, narrower ones are kept as they are. ReconstructionError when no
+    are demosaicked and averaged, narrower ones are kept as they are. examine: called when a view of each
+    camera is read, before the others are; it may refuse. ReconstructionError when no
     view is registered; InputError for missing or damaged files.
     """
     opened = Session.open(session)
@@ -210,6 +221,7 @@ def load(session: Path, *, max_width: int | None = None, progress: Progress = un
         world,
         max_width=max_width,
         progress=progress,
+        examine=examine,
     )
 
 
@@ -231,6 +243,7 @@ def read_views(
     *,
     max_width: int | None,
     progress: Progress,
+    examine: Examine | None = None,
 ) -> Dataset:
     """The shots of each view as a data set, `out` of them held out; all have a pose.
 
@@ -240,12 +253,23 @@ def read_views(
     kinds = {session.camera(view.camera).kind for view in groups}
     views: list[View] = []
     falloffs: dict[tuple[str, int, int], Float] = {}
-    for done, (place, group) in enumerate(sorted(groups.items())):
+    first = {place.camera: place for place in sorted(groups, reverse=True)}
+    order = [*first.values(), *sorted(set(groups) - set(first.values()))]
+    for done, place in enumerate(order):
+        if done == len(first) and examine is not None:
+            examine(views, {camera: _counts(camera, groups, out) for camera in first})
         progress("reading images", done, len(groups))
         view = _view(
-            session, calibration, poses[place], session.camera(place.camera), group, max_width, falloffs
+            session,
+            calibration,
+            poses[place],
+            session.camera(place.camera),
+            groups[place],
+            max_width,
+            falloffs,
         )
         views.append(replace(view, lens=world.camera(view.lens)))
+    views.sort(key=lambda view: view.id)
     return Dataset(
         session=session.folder,
         kind=kinds.pop() if len(kinds) == 1 else "mixed",
@@ -256,6 +280,12 @@ def read_views(
         world=world,
         bands=in_order(session.record.bands),
     )
+
+
+def _counts(camera: str, groups: Collection[ViewId], out: Collection[ViewId]) -> tuple[int, int]:
+    """Views of a camera, and those of them to train on."""
+    own = [view for view in groups if view.camera == camera]
+    return len(own), sum(view not in out for view in own)
 
 
 def photographs_sha256(shots: Iterable[ShotRecord]) -> str:

@@ -21,7 +21,7 @@ from recon.start.plane_sweep import plane_sweep, sample
 Array = npt.NDArray[np.float64]
 
 FEWEST_POINTS = 8
-SAMPLES_AT_ONCE = 1_000_000
+SAMPLES_AT_ONCE = 250_000
 """Looks at points, of all views together, that are held in memory."""
 DARK = 1 / 12.92
 """Of the dimmest radiance that matters, what is as good as black: a photograph's code at its dark end."""

@@ -1,0 +1,127 @@
+"""The memory that a training will take at most, said when one view of each camera is read."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.compute import memory
+from imaging.compute.threads import thread_count
+from imaging.errors import InputError
+from recon.data.dataset import View
+
+KERNELS = 110_000_000
+"""Bytes of compiled kernels, of libraries that are loaded on the way, and of writing the scene."""
+FLOAT = 4
+NUMBERS = 14, 9, 15
+"""Of a Gaussian: those of degree 0, and what degrees 1 and 2 add."""
+ADAM = 4
+"""Each number with its gradient and the two averages of Adam."""
+TABLES = 260
+"""Bytes of a Gaussian in the tables of a render and its gradient."""
+LOOKS = 72_000_000
+"""Bytes of the points' looks from all views, and of the depth planes of a view."""
+ARENA = 64 << 20
+"""Bytes of address space that the C library sets aside for a thread."""
+
+
+@dataclass(frozen=True)
+class Need:
+    """Bytes at the peak: of the process itself, of images that are `width` px wide, and of the Gaussians."""
+
+    process: int
+    images: int
+    gaussians: int
+    width: int
+    count: int
+
+    @property
+    def total(self) -> int:
+        """All of it."""
+        return self.process + self.images + self.gaussians
+
+    def told(self) -> str:
+        """A line that says what takes how much."""
+        images, gaussians = memory.told(self.images), memory.told(self.gaussians)
+        return f"memory: about {memory.told(self.total)}, {images} for images, {gaussians} for Gaussians"
+
+    def require(self, session: object, free: int) -> None:
+        """InputError, with the setting that would fit, unless `free` bytes are enough for what is to come."""
+        if (more := self.images + self.gaussians + KERNELS) <= free:
+            return
+        width = 0
+        if (room := free - self.gaussians - KERNELS) > 0:
+            width = int(0.98 * self.width * sqrt(room / self.images)) // 8 * 8
+        count = int(0.98 * self.count * (free - self.images - KERNELS) / self.gaussians) // 1000 * 1000
+        if count >= self.count / 4:
+            fix = f"give --set gaussians={count}"
+        elif width >= 32:
+            fix = f"give --set width={width}"
+        else:
+            fix = "use a machine with more memory"
+        raise InputError(
+            f"Training on {session} takes {memory.told(more)} more of memory where {memory.told(free)} are "
+            f"free: {fix}."
+        )
+
+
+def free() -> int:
+    """Bytes that a training may take, less the address space that its threads set aside."""
+    return max(memory.available() - ARENA * thread_count(), 0)
+
+
+def need(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]], gaussians: int, degree: int) -> Need:
+    """What training takes at its peak. firsts: a view of each camera; counts: of its views, and to train on.
+
+    The peak is either where the start has the light of all views beside their shots, or where training has
+    come to hold the targets of all of them.
+    """
+    shots = sum(counts[view.camera][0] * _decoded(view) for view in firsts)
+    start = sum(counts[view.camera][1] * _light(view) for view in firsts) + LOOKS
+    targets = sum(counts[view.camera][1] * _targets(view) for view in firsts)
+    targets += max(_step(view) for view in firsts)
+    numbers = sum(NUMBERS[: degree + 1])
+    return Need(
+        process=memory.resident() + KERNELS,
+        images=shots + max(start, targets),
+        gaussians=gaussians * (FLOAT * ADAM * numbers + TABLES),
+        width=max(view.lens.width for view in firsts),
+        count=gaussians,
+    )
+
+
+def _pixels(view: View) -> int:
+    return view.lens.width * view.lens.height
+
+
+def _held(array: npt.NDArray[np.generic]) -> int:
+    """Bytes of an array; none of one that says everywhere the same."""
+    return 0 if not any(array.strides) else array.nbytes
+
+
+def _decoded(view: View) -> int:
+    """Bytes of the shots of a view, and of what is told of its alpha."""
+    planes = [getattr(shot, name) for shot in view.shots for name in ("pixels", "saturated", "dark", "valid")]
+    alphas = [shot.alpha for shot in view.shots if shot.alpha is not None]
+    seen = _pixels(view) * (1 + FLOAT * (len(alphas) > 1)) if alphas else 0
+    return sum(map(_held, planes)) + sum(map(_held, alphas)) + seen
+
+
+def _light(view: View) -> int:
+    """Bytes of its radiance and of where that is trusted, and of the share of a percentile of them all."""
+    return _pixels(view) * (FLOAT * view.channels + 1 + 2 * FLOAT)
+
+
+def _targets(view: View) -> int:
+    """Bytes of what a training compares with: codes or light, masks, and weights."""
+    masks = sum(_held(shot.saturated) + _held(shot.dark) + _held(shot.valid) for shot in view.shots)
+    pixels = sum(shot.pixels.size for shot in view.shots)
+    weights = FLOAT * 3 * _pixels(view) if view.sensor.kind == "ldr" and len(view.shots) > 1 else 0
+    return FLOAT * pixels + masks + weights
+
+
+def _step(view: View) -> int:
+    """Bytes of a render, of its comparison with all shots, and of the gradients of both."""
+    return FLOAT * (8 * sum(shot.pixels.size for shot in view.shots) + 16 * _pixels(view))

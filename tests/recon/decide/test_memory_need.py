@@ -1,0 +1,102 @@
+"""The forecast of memory: beside what a data set holds, and what it refuses."""
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imaging.errors import InputError
+from recon.data.dataset import load
+from recon.decide.memory_need import KERNELS, LOOKS, Need, need
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+import recon.reconstruct as stage
+from imaging.errors import InputError
+size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (size + (64 << 20),) * 2)
+try:
+    stage.reconstruct(sys.argv[1], quality="draft")
+except InputError as error:
+    print(error)
+"""
+
+
+def test_the_images_of_a_session_are_those_that_it_then_holds(toy_ldr: Path) -> None:
+    seen = []
+    dataset = load(toy_ldr, examine=lambda firsts, counts: seen.append((list(firsts), counts)))
+    ((firsts, counts),) = seen
+    assert [view.name for view in dataset.views] == sorted(view.name for view in dataset.views)
+    assert sum(total for total, _ in counts.values()) == len(dataset.views)
+    assert sum(train for _, train in counts.values()) == len(dataset.train)
+    pixels = 64 * 48
+    held = sum(
+        plane.nbytes
+        for view in dataset.views
+        for shot in view.shots
+        for plane in (shot.pixels, shot.saturated, shot.dark, shot.valid)
+        if any(plane.strides)
+    )
+    light = len(dataset.train) * pixels * (12 + 1 + 8)
+    told = need(firsts, counts, 1000, 2)
+    assert told.images - LOOKS == pytest.approx(held + light, rel=0.1)
+
+
+def test_gaussians_take_their_numbers_four_times_and_tables(toy_ldr: Path) -> None:
+    view = load(toy_ldr).train[0]
+    one, many = (need([view], {view.camera: (1, 1)}, count, 2).gaussians for count in (1000, 3000))
+    assert many == 3 * one
+    assert one >= 1000 * 4 * 4 * (3 + 3 + 4 + 1 + 27)
+
+
+WHOLE = Need(process=5 * 10**8, images=2 * 10**9, gaussians=10**8, width=640, count=100_000)
+
+
+def test_what_fits_is_not_refused() -> None:
+    WHOLE.require("S", WHOLE.images + WHOLE.gaussians + KERNELS)
+
+
+@pytest.mark.parametrize("free", [4 * 10**8, 10**9, 2 * 10**9])
+def test_images_that_do_not_fit_are_refused_with_a_width_that_does(free: int) -> None:
+    with pytest.raises(InputError) as refusal:
+        WHOLE.require("S", free)
+    width = int(re.findall(r"--set width=(\d+)", str(refusal.value))[0])
+    replace(WHOLE, images=int(WHOLE.images * (width / 640) ** 2), width=width).require("S", free)
+
+
+def test_gaussians_that_do_not_fit_are_refused_with_a_number_that_does() -> None:
+    many = replace(WHOLE, gaussians=10**10, count=10**7)
+    with pytest.raises(InputError) as refusal:
+        many.require("S", 8 * 10**9)
+    count = int(re.findall(r"--set gaussians=(\d+)", str(refusal.value))[0])
+    assert count >= 10**7 / 4
+    replace(many, gaussians=1000 * count, count=count).require("S", 8 * 10**9)
+
+
+def test_without_room_for_anything_only_a_larger_machine_is_named() -> None:
+    with pytest.raises(InputError, match="use a machine with more memory"):
+        WHOLE.require("S", 10**6)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="address space is limited on Linux")
+def test_under_a_limit_of_the_address_space_a_training_refuses_in_a_sentence(toy_ldr: Path) -> None:
+    words = [sys.executable, "-c", LIMITED, str(toy_ldr)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"Training on .* takes .* of memory where .* are free: .*\.\n", done.stdout)
+
+
+def test_masks_alike_everywhere_count_nothing(toy_ldr: Path) -> None:
+    view = load(toy_ldr).train[0]
+    counts = {view.camera: (1, 1)}
+    never = np.broadcast_to(np.False_, view.shots[0].dark.shape)
+    bare = replace(view, shots=tuple(replace(shot, dark=never, saturated=never) for shot in view.shots))
+    masks = sum(p.nbytes for shot in view.shots for p in (shot.dark, shot.saturated) if any(p.strides))
+    assert masks > 0
+    fewer = need([view], counts, 1, 0).images - need([bare], counts, 1, 0).images
+    assert fewer == masks
