@@ -49,12 +49,14 @@ class Need:
 
     def require(self, session: object, free: int) -> None:
         """InputError, with the setting that would fit, unless `free` bytes are enough for what is to come."""
-        if (more := self.images + self.gaussians + KERNELS) <= free:
+        if (more := self.images + self.gaussians + KERNELS + LOOKS) <= free:
             return
         width = 0
-        if (room := free - self.gaussians - KERNELS) > 0:
-            width = int(0.98 * self.width * sqrt(room / self.images)) // 8 * 8
-        count = int(0.98 * self.count * (free - self.images - KERNELS) / self.gaussians) // 1000 * 1000
+        if (room := free - self.gaussians - KERNELS - LOOKS) > 0:
+            width = int(0.95 * self.width * sqrt(room / self.images)) // 8 * 8
+        count = (
+            int(0.98 * self.count * (free - self.images - KERNELS - LOOKS) / self.gaussians) // 1000 * 1000
+        )
         if count >= self.count / 4:
             fix = f"give --set gaussians={count}"
         elif width >= 32:
@@ -79,12 +81,12 @@ def need(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]], gaussian
     come to hold the targets of all of them.
     """
     shots = sum(counts[view.camera][0] * _decoded(view) for view in firsts)
-    start = sum(counts[view.camera][1] * _light(view) for view in firsts) + LOOKS
+    start = sum(counts[view.camera][1] * _light(view) for view in firsts)
     targets = sum(counts[view.camera][1] * _targets(view) for view in firsts)
     targets += max(_step(view) for view in firsts)
     numbers = sum(NUMBERS[: degree + 1])
     return Need(
-        process=memory.resident() + KERNELS,
+        process=memory.resident() + KERNELS + LOOKS,
         images=shots + max(start, targets),
         gaussians=gaussians * (FLOAT * ADAM * numbers + TABLES),
         width=max(view.lens.width for view in firsts),
