@@ -1,0 +1,135 @@
+"""What an iteration of a training on a GPU copies from and to the host, and what it waits for.
+
+Counted where the tensors are (forward, loss, backward, step of the optimizer) on a device that is pretended.
+This sees copies between the devices, values that are read, and results whose size depends on values. It does
+not see waits of a driver or of torch itself: for memory when torch's own is used up, for a kernel that is
+compiled, for a page that is locked; nor how long any wait lasts. It takes torch's word that a copy with
+`non_blocking` from memory that is not locked returns when the host's part is read.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from imaging.cfa import Cfa
+from imaging.session.calibration import Response
+from recon.data.dataset import Dataset, Sensor, View
+from recon.data.light import Light
+from recon.data.pixels import Shot
+from recon.methods.method import Method
+from recon.observe.linear import LinearLight, Observation
+from recon.observe.photographs import ToneCurve
+from recon.observe.tone_grid import curve_parameters
+from recon.scene.appearance import LuminanceChromaticity
+from recon.scene.gaussians import Gaussians
+from recon.splat import SplatCamera
+from recon.train.densification import DensityRules
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
+from tests.recon.pretended_device import DEVICE, Counts, pretended
+
+pytest.importorskip("triton", reason="Triton is for Linux")
+pytestmark = pytest.mark.skipif(torch.cuda.is_available(), reason="Triton does not interpret on a GPU")
+
+SIZE, COUNT = 8, 6
+
+
+def make_view(kind: Any) -> View:
+    """Two exposures of the same noise, seen with alpha where they are photographs."""
+    rng = np.random.default_rng(2)
+    shape = (SIZE, SIZE) if kind == "raw" else (SIZE, SIZE, 3)
+    none = np.zeros(shape, bool)
+    alpha = None if kind == "raw" else np.ones((SIZE, SIZE), np.float32)
+    shots = tuple(
+        Shot(f"{k}", k, rng.uniform(0.1, 0.9, shape).astype(np.float32), none, none, ~none, alpha=alpha)
+        for k in (0.5, 1.0)
+    )
+    motion = np.eye(4)
+    motion[2, 3] = 2.0
+    return View(
+        camera="cam",
+        frame=0,
+        lens=SplatCamera(motion, 10.0, 10.0, SIZE / 2, SIZE / 2, SIZE, SIZE),
+        sensor=Sensor(
+            kind=kind,
+            cfa=Cfa.RGGB if kind == "raw" else None,
+            camera_from_rec709=np.eye(3),
+            falloff=np.ones((SIZE, SIZE), np.float32),
+            response=Response(kind="linear", evidence="test"),
+        ),
+        shots=shots,
+    )
+
+
+def observation(kind: str) -> Observation:
+    if kind == "raw":
+        return LinearLight(1.0)
+    nodes = np.linspace(-10, 5, 16)
+    values = np.stack([1 / (1 + np.exp(-nodes))] * 3)
+    values = (values - values[:, :1]) / (values[:, -1:] - values[:, :1])
+    return ToneCurve(
+        normaliser=1.0,
+        nodes=torch.from_numpy(nodes.astype(np.float32)),
+        theta=curve_parameters(values)[None],
+        of_camera={"cam": 0},
+        rate=1.0,
+        middle=0.0,
+        epsilon=1e-6,
+        fixed=0.0,
+    )
+
+
+def an_iteration(kind: str) -> Counts:
+    """The second of three iterations: the first prepares the views, the third would be logged."""
+    generator = torch.Generator().manual_seed(0)
+    appearance = LuminanceChromaticity()
+    view = make_view(kind)
+    dataset = Dataset(Path(), view.sensor.kind, (view,), (), None, "")
+    gaussians = Gaussians(
+        {
+            "means": 0.2 * torch.randn(COUNT, 3, generator=generator),
+            "log_scales": torch.full((COUNT, 3), -2.0),
+            "quats": torch.randn(COUNT, 4, generator=generator),
+            "opacity_logits": torch.ones(COUNT),
+            **appearance.start(torch.rand(COUNT, 3, generator=generator)),
+        }
+    )
+    seen: list[Counts] = []
+    with pretended() as counts:
+        method = Method("test", appearance, observation(kind))
+        training = Training.begin(method, Light(1.0, 1e-3), gaussians, 1.0, DEVICE)
+        before = training.gaussians.parameters["means"].detach().cpu().clone()
+        train(
+            training,
+            dataset,
+            Plan(3, DensityRules(COUNT, begin=2.0, end=2.0), log_every=100),
+            log=lambda line: None,
+            save=lambda: None,
+            until=2,
+            steers=[lambda _: seen.append(counts.copy())],
+        )
+        assert not torch.equal(training.gaussians.parameters["means"].detach().cpu(), before)
+    first, second = seen
+    return second - first
+
+
+OF_ANY = {
+    ("wait", "gaussians.Renderer.__call__"): 1,  # the camera's centre
+    ("copy", "rasterizer._render"): 1,  # the camera and the limits
+    ("wait", "rasterizer._render"): 2,  # how many pairs there are; what the render counts
+    ("wait", "dense_ssim.dense_photometric_loss"): 1,  # the window
+    ("wait", "rasterizer._count"): 1,  # statistics for density control
+    ("wait", "trainer.train"): 1,  # the loss
+}
+OF_PHOTOGRAPHS = {
+    ("wait", "photographs.ToneCurve._expose"): 2,  # falloff and exposures
+    ("wait", "trainer._alpha_error"): 2,  # alpha and where it counts
+}
+
+
+@pytest.mark.parametrize(("kind", "expected"), [("raw", OF_ANY), ("ldr", OF_ANY | OF_PHOTOGRAPHS)])
+def test_transfers_of_an_iteration(kind: str, expected: dict[tuple[str, str], int]) -> None:
+    assert an_iteration(kind) == expected
