@@ -26,7 +26,6 @@ from recon.result.model import CHECKPOINT, LOG, MODEL
 from recon.result.place import default_name, place_for
 from recon.scene.checkpoint import Checkpoint
 from recon.scene.harmonics import DEGREE
-from recon.splat import SplatStats
 from recon.train.device import training_device
 from recon.train.early_stopping import Deadline, EarlyStop, Goal
 from recon.train.interrupt import Interrupted
@@ -215,7 +214,7 @@ def _resumed(run: Run, checkpoint: Checkpoint) -> tuple[Training, Decisions]:
     method = settings.composed(run.dataset, light_in(checkpoint))
     training = restored(method, checkpoint, run.dataset.extent, run.device, decided.refinement)
     if not run.ranks.first:  # the first one holds what all had counted
-        training.stats = SplatStats(len(training.gaussians))
+        training.count_anew()
     return training, decided
 
 

@@ -47,7 +47,7 @@ class Contribution(Density):
         if progress < FROM:
             return super().adapt(gaussians, luminance, stats, progress, generator)
         share = (luminance.median() / luminance.clamp_min(1e-30)).clamp_max(1.0)
-        return Change(torch.from_numpy(stats.weight) >= FAINT * share, {})
+        return Change(stats.weight >= FAINT * share, {})
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,11 @@ class Gaussians:
     def __len__(self) -> int:
         return len(self.parameters["means"])
 
+    @property
+    def device(self) -> torch.device:
+        """Where they are."""
+        return self.parameters["means"].device
+
     def to(self, device: torch.device) -> "Gaussians":
         """The same on a device; itself, if it is there already."""
         return Gaussians({name: value.to(device) for name, value in self.parameters.items()})

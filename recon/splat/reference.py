@@ -4,7 +4,6 @@ Slow and simple on purpose: no tiles, no culling by extent, no hand-written grad
 rasterisers must agree with, cut-offs included.
 """
 
-import numpy as np
 import torch
 from torch.utils.checkpoint import checkpoint
 
@@ -236,8 +235,7 @@ def _count(
     stats: SplatStats, ids: torch.Tensor, gradient: torch.Tensor, radius: torch.Tensor, weight: torch.Tensor
 ) -> None:
     """Add one render to the statistics of the Gaussians `ids`."""
-    index = ids.numpy()
-    stats.seen[index] += 1
-    stats.gradient[index] += gradient.norm(dim=1).numpy()
-    stats.radius[index] = np.maximum(stats.radius[index], radius.numpy())
-    stats.weight[index] = np.maximum(stats.weight[index], weight.numpy())
+    stats.seen[ids] += 1
+    stats.gradient[ids] += gradient.norm(dim=1)
+    stats.radius[ids] = torch.maximum(stats.radius[ids], radius.float())
+    stats.weight[ids] = torch.maximum(stats.weight[ids], weight.float())

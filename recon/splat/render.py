@@ -3,12 +3,12 @@
 from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
-import numpy as np
-import numpy.typing as npt
 import torch
 
 from recon.splat.camera import SplatCamera
 from recon.splat.limits import Limits
+
+_CPU = torch.device("cpu")
 
 
 @dataclass(frozen=True)
@@ -31,29 +31,30 @@ class Render:
 class SplatStats:
     """Per-Gaussian counts for density control, added to by every backward pass.
 
-    Make one with `SplatStats(n)` for n Gaussians and pass it to every `rasterize` of an interval.
+    Make one for n Gaussians, on their device, and pass it to every `rasterize` of an interval.
     """
 
     count: int
-    seen: npt.NDArray[np.int32] = field(init=False)
-    """[n] renders in which it touched a pixel."""
-    gradient: npt.NDArray[np.float64] = field(init=False)
-    """[n] sum over those renders of the norm of d loss / d mean2d in the units of 3DGS, where the image
-    is 2 wide and 2 high: per pixel, times (width / 2, height / 2)."""
-    radius: npt.NDArray[np.float32] = field(init=False)
-    """[n] largest three-sigma radius over renders, px (blur included)."""
-    weight: npt.NDArray[np.float32] = field(init=False)
-    """[n] largest blending weight alpha * transmittance over the pixels of those renders."""
+    device: torch.device = _CPU
+    seen: torch.Tensor = field(init=False)
+    """int32 [n] renders in which it touched a pixel."""
+    gradient: torch.Tensor = field(init=False)
+    """float64 [n] sum over those renders of the norm of d loss / d mean2d in the units of 3DGS, where the
+    image is 2 wide and 2 high: per pixel, times (width / 2, height / 2)."""
+    radius: torch.Tensor = field(init=False)
+    """float32 [n] largest three-sigma radius over renders, px (blur included)."""
+    weight: torch.Tensor = field(init=False)
+    """float32 [n] largest blending weight alpha * transmittance over the pixels of those renders."""
 
     def __post_init__(self) -> None:
-        self.seen = np.zeros(self.count, np.int32)
-        self.gradient = np.zeros(self.count, np.float64)
-        self.radius = np.zeros(self.count, np.float32)
-        self.weight = np.zeros(self.count, np.float32)
+        self.seen = torch.zeros(self.count, dtype=torch.int32, device=self.device)
+        self.gradient = torch.zeros(self.count, dtype=torch.float64, device=self.device)
+        self.radius = torch.zeros(self.count, device=self.device)
+        self.weight = torch.zeros(self.count, device=self.device)
 
-    def mean_gradient(self) -> npt.NDArray[np.float64]:
-        """[n] `gradient` per render in which it was seen; 0 where it never was."""
-        return np.asarray(self.gradient / np.maximum(self.seen, 1))
+    def mean_gradient(self) -> torch.Tensor:
+        """float64 [n] `gradient` per render in which it was seen; 0 where it never was."""
+        return self.gradient / self.seen.clamp_min(1)
 
 
 class RasterInputs(NamedTuple):

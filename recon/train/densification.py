@@ -8,7 +8,6 @@ loss of a certain size; a rank does not, and the cap is met exactly.
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -69,11 +68,11 @@ class Density:
         """
         count = len(gaussians)
         keep = self._visible(gaussians, luminance)
-        score = np.where(keep.cpu().numpy(), stats.mean_gradient(), 0.0)
-        room = self._planned(progress, int(keep.sum())) - int(keep.sum())
-        wanted = max(0, min(room, math.ceil(self.rules.growth * count), int((score > 0).sum())))
-        chosen = np.sort(np.argsort(-score, kind="stable")[:wanted])
-        split = torch.from_numpy(chosen).to(keep.device)
+        score = torch.where(keep, stats.mean_gradient(), 0.0)
+        kept, steep = torch.stack([keep.sum(), (score > 0).sum()]).tolist()
+        room = self._planned(progress, kept) - kept
+        wanted = max(0, min(room, math.ceil(self.rules.growth * count), steep))
+        split = torch.argsort(-score, stable=True)[:wanted].sort().values
         keep[split] = False
         children = [self._child(gaussians, split, generator) for _ in range(2)] if wanted else []
         new = (

@@ -9,10 +9,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import torch
 import torch.distributed as distributed
 from torch import Tensor
@@ -46,32 +43,22 @@ class Ranks:
         for tensor, part in zip(tensors, parts, strict=True):
             tensor.copy_(part.view_as(tensor))
 
-    def add_array(self, array: npt.NDArray[Any]) -> None:
-        """`add` for a numpy array."""
-        self._reduce(array, distributed.ReduceOp.SUM)
-
-    def raise_array(self, array: npt.NDArray[Any]) -> None:
+    def raise_to_largest(self, tensor: Tensor) -> None:
         """Replace each number by the largest of all ranks, in place."""
-        self._reduce(array, distributed.ReduceOp.MAX)
+        if self.count > 1:
+            distributed.all_reduce(tensor, distributed.ReduceOp.MAX)
 
     def totals(self, *numbers: float) -> list[float]:
         """Sums over the ranks."""
         if self.count == 1:
             return list(numbers)
-        together = np.array(numbers, np.float64)
-        self.add_array(together)
-        return [float(number) for number in together]
+        together = torch.tensor(numbers, dtype=torch.float64, device=_device())
+        distributed.all_reduce(together)
+        return [float(number) for number in together.tolist()]
 
     def broadcast(self, value: float) -> float:
         """Rank 0's value, on every rank."""
         return self.totals(value if self.first else 0.0)[0]
-
-    def _reduce(self, array: npt.NDArray[Any], operation: Any) -> None:
-        if self.count == 1:
-            return
-        tensor = torch.from_numpy(array).to(_device())
-        distributed.all_reduce(tensor, operation)
-        array[...] = tensor.cpu().numpy()
 
 
 def _device() -> str:

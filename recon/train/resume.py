@@ -24,7 +24,7 @@ def checkpoint_of(training: Training, facts: dict[str, Any]) -> Checkpoint:
     corrections = {} if training.refinement is None else training.refinement.parameters
     rungs = () if training.refinement is None else training.refinement.rungs
     far = {} if training.environment is None else training.environment.tensors()
-    stats = {f"stats.{key}": torch.from_numpy(getattr(training.stats, key).copy()) for key in _STATS}
+    stats = {f"stats.{key}": getattr(training.stats, key).clone() for key in _STATS}
     state = {
         "iteration": training.iteration,
         "seconds": training.seconds,
@@ -73,7 +73,7 @@ def restored(
     )
     training.optimizer.restore(checkpoint.part("adam"))
     for key, value in checkpoint.part("stats").items():
-        setattr(training.stats, key, value.numpy().copy())
+        setattr(training.stats, key, value.to(device, copy=True))
     training.iteration = facts["iteration"]
     training.seconds = facts["seconds"]
     training.measuring = facts["measuring"]

@@ -12,7 +12,7 @@ from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset, View
 from recon.observe.refinement import RATES
 from recon.scene.gaussians import Renderer
-from recon.splat import Render, SplatStats
+from recon.splat import Render
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.train.adam import Adam
 from recon.train.densification import Density
@@ -125,7 +125,7 @@ def _densify(training: Training, density: Density, done: float, seed: int, ranks
     luminance = training.method.appearance.luminance(training.gaussians.parameters)
     change = density.adapt(training.gaussians, luminance, training.stats, done, generator)
     change.apply(training.gaussians, training.optimizer)
-    training.stats = SplatStats(len(training.gaussians))
+    training.count_anew()
 
 
 def _set_rates(optimizer: Adam, plan: Plan, done: float) -> None:

@@ -100,7 +100,8 @@ class Training:
             for name, value in parameters.items()
         ]
         optimizer = Adam(groups, eps=1e-15)
-        return cls(method, light, gaussians, optimizer, SplatStats(len(gaussians)), refinement, environment)
+        stats = SplatStats(len(gaussians), device)
+        return cls(method, light, gaussians, optimizer, stats, refinement, environment)
 
     def renderer(self) -> Renderer:
         """How its Gaussians are drawn."""
@@ -118,12 +119,16 @@ class Training:
 
     def gather(self, ranks: Ranks, keep: bool = True) -> None:
         """Make the statistics those of all ranks; one that does not `keep` them counts anew from zero."""
-        ranks.add_array(self.stats.seen)
-        ranks.add_array(self.stats.gradient)
-        ranks.raise_array(self.stats.radius)
-        ranks.raise_array(self.stats.weight)
+        for sums in (self.stats.seen, self.stats.gradient):
+            ranks.add([sums])
+        for largest in (self.stats.radius, self.stats.weight):
+            ranks.raise_to_largest(largest)
         if not keep:
-            self.stats = SplatStats(len(self.gaussians))
+            self.count_anew()
+
+    def count_anew(self) -> None:
+        """Begin statistics of the Gaussians that there are."""
+        self.stats = SplatStats(len(self.gaussians), self.gaussians.device)
 
 
 Steer = Callable[[Training], int | None]

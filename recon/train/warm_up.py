@@ -46,5 +46,5 @@ def _render(device: torch.device, *, fisheye: bool = False, channels: int = 3) -
     quats, scales = torch.tensor([[1.0, 0.0, 0.0, 0.0]]), torch.full((1, 3), 0.1)
     means, quats, scales = means.to(device), quats.to(device), scales.to(device)
     opacities, colours = torch.tensor([0.5], device=device), torch.ones(1, channels, device=device)
-    stats = SplatStats(1)
+    stats = SplatStats(1, device)
     return rasterize(means, quats, scales, opacities, colours, camera, None, Limits(), stats).image

@@ -169,8 +169,11 @@ class _Tables:
 def _count(stats: SplatStats, camera: SplatCamera, radius: Array, screen: Array, weight: Array) -> None:
     """Add one render to the statistics."""
     touched = weight > 0
-    stats.seen += touched
-    stats.gradient += np.hypot(screen[:, 0] * (camera.width / 2), screen[:, 1] * (camera.height / 2))
+    seen, gradient, widest, heaviest = (
+        tensor.numpy() for tensor in (stats.seen, stats.gradient, stats.radius, stats.weight)
+    )
+    seen += touched
+    gradient += np.hypot(screen[:, 0] * (camera.width / 2), screen[:, 1] * (camera.height / 2))
     # What was not drawn has no radius: its place in the table holds whatever was there before.
-    np.maximum(stats.radius, np.where(touched, radius, 0), out=stats.radius)
-    np.maximum(stats.weight, weight, out=stats.weight)
+    np.maximum(widest, np.where(touched, radius, 0), out=widest)
+    np.maximum(heaviest, weight, out=heaviest)

@@ -6,7 +6,6 @@ the tables, and for the counts of the `Render`.
 
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 from triton import cdiv, knobs
 
@@ -172,10 +171,10 @@ def _gradients(
 def _count(
     stats: SplatStats, camera: SplatCamera, radius: torch.Tensor, screen: torch.Tensor, weight: torch.Tensor
 ) -> None:
-    """Add one render to the statistics, in one transfer from the device."""
-    pixels = torch.hypot(screen[:, 0] * (camera.width / 2), screen[:, 1] * (camera.height / 2))
-    gradient, radius, weight = torch.stack([pixels, radius * (weight > 0), weight]).cpu().numpy()
-    stats.seen += weight > 0
-    stats.gradient += gradient
-    np.maximum(stats.radius, radius, out=stats.radius)
-    np.maximum(stats.weight, weight, out=stats.weight)
+    """Add one render to the statistics, which stay on the device."""
+    touched = weight > 0
+    stats.seen += touched
+    stats.gradient += torch.hypot(screen[:, 0] * (camera.width / 2), screen[:, 1] * (camera.height / 2))
+    # What was not drawn has no radius.
+    torch.maximum(stats.radius, torch.where(touched, radius, 0.0), out=stats.radius)
+    torch.maximum(stats.weight, weight, out=stats.weight)

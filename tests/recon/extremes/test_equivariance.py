@@ -130,8 +130,8 @@ def test_thread_count_changes_no_bit(decades: Any) -> None:
             render = decades.render(tensors, stats)
             torch.log(render.image + 1e-6).sum().backward()
             arrays = [render.image.detach(), render.alpha.detach(), *(t.grad for t in tensors)]
-            found = [array.numpy().tobytes() for array in arrays]
-            results.append([*found, stats.gradient.tobytes(), stats.weight.tobytes()])
+            arrays += [stats.gradient, stats.weight]
+            results.append([array.numpy().tobytes() for array in arrays])
     finally:
         threads.set_threads(before)
     assert all(result == results[0] for result in results)

@@ -40,7 +40,7 @@ def test_equals_oracle(scene_of: Any, device: str, name: str) -> None:
     scene = scene_of(name).smaller()
     count = len(scene.means)
     fast, truth = scene.tensors(torch.float32), scene.tensors(torch.float64)
-    ours, theirs = SplatStats(count), SplatStats(count)
+    ours, theirs = SplatStats(count, torch.device(device)), SplatStats(count)
     render, expected = scene.render_on(device, fast, ours), scene.render(truth, theirs)
     assert (render.image.device.type, render.image.dtype) == (device, torch.float32)
     same_image(render, expected, scene.camera)
@@ -48,10 +48,10 @@ def test_equals_oracle(scene_of: Any, device: str, name: str) -> None:
     loss(expected).backward()
     for a, b, what in zip(fast, truth, (*NAMES, "background"), strict=False):
         same_gradient(a.grad, b.grad, what)
-    assert np.array_equal(ours.seen, theirs.seen)
+    assert torch.equal(ours.seen.cpu(), theirs.seen)
     for what in ("gradient", "radius", "weight"):
-        a, b = getattr(ours, what), getattr(theirs, what)
-        assert np.linalg.norm(a - b) <= 1e-4 * np.linalg.norm(b), what
+        a, b = getattr(ours, what).cpu(), getattr(theirs, what)
+        assert (a - b).norm() <= 1e-4 * b.norm(), what
 
 
 def same_image(render: Render, expected: Render, camera: SplatCamera) -> None:
@@ -125,7 +125,8 @@ def test_neither_order_nor_repetition_changes_a_bit(scene_of: Any, device: str) 
     order = torch.tensor(np.random.default_rng(0).permutation(len(scene.means)))
     results = []
     for shuffled in (False, False, True):
-        tensors, stats = scene.tensors(torch.float32, grad=False), SplatStats(len(order))
+        tensors = scene.tensors(torch.float32, grad=False)
+        stats = SplatStats(len(order), torch.device(device))
         if shuffled:
             tensors[:5] = [t[order] for t in tensors[:5]]
         tensors = [t.requires_grad_() for t in tensors]
@@ -133,8 +134,8 @@ def test_neither_order_nor_repetition_changes_a_bit(scene_of: Any, device: str) 
         loss(render).backward()
         back = torch.argsort(order) if shuffled else torch.arange(len(order))
         grads = [*(t.grad[back] for t in tensors[:5]), tensors[5].grad, render.image.detach().cpu()]
-        arrays = [*(t.numpy() for t in grads), stats.gradient[back], stats.weight[back]]
-        results.append([array.tobytes() for array in arrays])
+        arrays = [*grads, stats.gradient.cpu()[back], stats.weight.cpu()[back]]
+        results.append([array.numpy().tobytes() for array in arrays])
     assert results[0] == results[1] == results[2]
 
 
@@ -159,15 +160,15 @@ def test_statistics_add_up_over_renders(scene_of: Any, device: str) -> None:
     scene = scene_of("lens").smaller(6)
     found = []
     for seeds in ((0,), (1,), (0, 1)):
-        stats = SplatStats(len(scene.means))
+        stats = SplatStats(len(scene.means), torch.device(device))
         for seed in seeds:
             loss(scene.render_on(device, scene.tensors(torch.float32), stats), seed).backward()
         found.append(stats)
     first, second, both = found
     assert both.seen.max() == 2
-    assert np.array_equal(first.seen + second.seen, both.seen)
-    np.testing.assert_allclose(first.gradient + second.gradient, both.gradient, rtol=1e-6)
-    np.testing.assert_array_equal(np.maximum(first.weight, second.weight), both.weight)
+    assert torch.equal(first.seen + second.seen, both.seen)
+    torch.testing.assert_close(first.gradient + second.gradient, both.gradient, rtol=1e-6, atol=0)
+    assert torch.equal(torch.maximum(first.weight, second.weight), both.weight)
 
 
 def test_strided_and_partly_constant_inputs(scene_of: Any, device: str) -> None:

@@ -39,8 +39,8 @@ def make_training() -> Training:
 def make_stats(seed: int = 1) -> SplatStats:
     rng = np.random.default_rng(seed)
     stats = SplatStats(COUNT)
-    stats.seen[:] = rng.integers(1, 9, COUNT)
-    stats.gradient[:] = rng.uniform(0, 1, COUNT)
+    stats.seen[:] = torch.from_numpy(rng.integers(1, 9, COUNT))
+    stats.gradient[:] = torch.from_numpy(rng.uniform(0, 1, COUNT))
     return stats
 
 
@@ -97,7 +97,7 @@ def test_the_steepest_are_split_into_smaller_ones_that_let_as_much_light_through
     stats = make_stats()
     change = adapt(training, stats, DensityRules(COUNT + 4, growth=0.1, begin=0.0, end=0.0))
     split = torch.nonzero(~change.keep)[:, 0]
-    steepest = np.sort(np.argsort(-stats.mean_gradient())[: len(split)])
+    steepest = np.sort(np.argsort(-stats.mean_gradient().numpy())[: len(split)])
     np.testing.assert_array_equal(split, steepest)
     for half in (slice(0, len(split)), slice(len(split), None)):
         child = {name: value[half] for name, value in change.new.items()}

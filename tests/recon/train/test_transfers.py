@@ -121,7 +121,6 @@ OF_ANY = {
     ("copy", "rasterizer._render"): 1,  # the camera and the limits
     ("wait", "rasterizer._render"): 2,  # how many pairs there are; what the render counts
     ("wait", "dense_ssim.dense_photometric_loss"): 1,  # the window
-    ("wait", "rasterizer._count"): 1,  # statistics for density control
     ("wait", "trainer.train"): 1,  # the loss
 }
 OF_PHOTOGRAPHS = {
