@@ -256,8 +256,6 @@ def read_views(
     first = {place.camera: place for place in sorted(groups, reverse=True)}
     order = [*first.values(), *sorted(set(groups) - set(first.values()))]
     for done, place in enumerate(order):
-        if done == len(first) and examine is not None:
-            examine(views, {camera: _counts(camera, groups, out) for camera in first})
         progress("reading images", done, len(groups))
         view = _view(
             session,
@@ -269,6 +267,8 @@ def read_views(
             falloffs,
         )
         views.append(replace(view, lens=world.camera(view.lens)))
+        if done + 1 == len(first) and examine is not None:
+            examine(views, {camera: _counts(camera, groups, out) for camera in first})
     views.sort(key=lambda view: view.id)
     return Dataset(
         session=session.folder,

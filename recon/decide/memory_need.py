@@ -36,6 +36,8 @@ class Need:
     gaussians: int
     width: int
     count: int
+    held: int = 0
+    """Of the images, what is in memory already."""
 
     @property
     def total(self) -> int:
@@ -49,14 +51,13 @@ class Need:
 
     def require(self, session: object, free: int) -> None:
         """InputError, with the setting that would fit, unless `free` bytes are enough for what is to come."""
-        if (more := self.images + self.gaussians + KERNELS + LOOKS) <= free:
+        if (more := self.images - self.held + self.gaussians + KERNELS + LOOKS) <= free:
             return
+        room = free + self.held - KERNELS - LOOKS
         width = 0
-        if (room := free - self.gaussians - KERNELS - LOOKS) > 0:
-            width = int(0.95 * self.width * sqrt(room / self.images)) // 8 * 8
-        count = (
-            int(0.98 * self.count * (free - self.images - KERNELS - LOOKS) / self.gaussians) // 1000 * 1000
-        )
+        if room > self.gaussians:
+            width = int(0.95 * self.width * sqrt((room - self.gaussians) / self.images)) // 8 * 8
+        count = int(0.98 * self.count * (room - self.images) / self.gaussians) // 1000 * 1000
         if count >= self.count / 4:
             fix = f"give --set gaussians={count}"
         elif width >= 32:
@@ -91,6 +92,7 @@ def need(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]], gaussian
         gaussians=gaussians * (FLOAT * ADAM * numbers + TABLES),
         width=max(view.lens.width for view in firsts),
         count=gaussians,
+        held=sum(map(_decoded, firsts)),
     )
 
 

@@ -1,6 +1,7 @@
 """The forecast of memory: beside what a data set holds, and what it refuses."""
 
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from imaging.errors import InputError
+from imaging.files import store
 from recon.data.dataset import load
 from recon.decide.memory_need import KERNELS, LOOKS, Need, need
 
@@ -18,6 +20,7 @@ import resource, sys
 from pathlib import Path
 import recon.reconstruct as stage
 from imaging.errors import InputError
+from imaging.files import store
 size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + (64 << 20),) * 2)
 try:
@@ -67,6 +70,25 @@ def test_images_that_do_not_fit_are_refused_with_a_width_that_does(free: int) ->
         WHOLE.require("S", free)
     width = int(re.findall(r"--set width=(\d+)", str(refusal.value))[0])
     replace(WHOLE, images=int(WHOLE.images * (width / 640) ** 2), width=width).require("S", free)
+
+
+def test_what_is_in_memory_already_needs_no_room() -> None:
+    held = replace(WHOLE, held=15 * 10**8)
+    held.require("S", WHOLE.images + WHOLE.gaussians + KERNELS + LOOKS - 15 * 10**8)
+    with pytest.raises(InputError):
+        held.require("S", WHOLE.images + WHOLE.gaussians + KERNELS + LOOKS - 15 * 10**8 - 1)
+
+
+def test_a_rig_that_took_one_frame_is_examined_too(toy_ldr: Path, tmp_path: Path) -> None:
+    """Each camera has one view."""
+    session = shutil.copytree(toy_ldr, tmp_path / "session")
+    path = session / "calibration" / "calibration.json"
+    record = store.read_json(path)
+    record["views"] = [view for view in record["views"] if view["frame"] == 0]
+    store.write_json(path, record)
+    seen = []
+    dataset = load(session, examine=lambda firsts, counts: seen.append((len(firsts), counts)))
+    assert seen == [(len(dataset.views), dict.fromkeys(("cam0", "cam1"), (1, 1)))]
 
 
 def test_gaussians_that_do_not_fit_are_refused_with_a_number_that_does() -> None:
