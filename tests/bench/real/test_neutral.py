@@ -78,9 +78,11 @@ def test_a_run_is_found_that_takes_the_budget(tmp_path, monkeypatch):
 
     def iterated(program, folder, iterations, variant, ply, most):
         tried.append(iterations)
-        seconds = 3 + 0.05 * iterations + 1e-4 * iterations**2
-        ply.write_bytes(b"%d" % iterations)
-        return min(seconds, most + 1)
+        spent = 3 + 0.05 * np.arange(1, iterations + 1) + 1e-4 * np.arange(1, iterations + 1) ** 2
+        reached = int((spent <= most).sum())
+        if reached == iterations:
+            ply.write_bytes(b"%d" % iterations)
+        return min(spent[-1], most), reached
 
     monkeypatch.setattr(opensplat, "_iterated", iterated)
     run = opensplat.trained(tmp_path, tmp_path, 60.0, opensplat.VARIANTS[0], tmp_path / "runs")
