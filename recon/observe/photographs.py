@@ -212,7 +212,8 @@ class ToneCurve(Observation):
         light = torch.log(scattered(image, view.sensor.glare) * falloff[..., None] + self.epsilon)
         # In float64, where the normaliser and the scales cancel: another unit of light changes no bit.
         developed = np.outer(scales, view.sensor.white_balance)
-        offset = image.new_tensor(np.log(self.normaliser * developed) - self.middle)
+        offset = torch.from_numpy(np.log(self.normaliser * developed) - self.middle)
+        offset = offset.to(image, non_blocking=True)
         if factors is not None:
             offset = offset + factors.log()[:, None]
         x = self.rate * (light.movedim(2, 0)[None] + offset[..., None, None])
@@ -271,4 +272,5 @@ class Display(Observation):
             return image.new_ones(len(scales), 1, 1, 1)
         developed = np.outer(scales, view.sensor.white_balance) / self.k
         falloff = torch.from_numpy(view.sensor.falloff).to(image)[..., None]
-        return (falloff * image.new_tensor(developed)[:, None, None]) ** DISPLAY_POWER
+        factors = torch.from_numpy(developed).to(image, non_blocking=True)
+        return (falloff * factors[:, None, None]) ** DISPLAY_POWER

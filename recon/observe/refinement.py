@@ -113,8 +113,9 @@ class Refinement:
         """Factors on the exposure scales of a training view's shots, [shots]; None: all are 1."""
         if progress < BEGIN or "exposures" not in self.parameters:
             return None
-        rows = [self._shots[shot.file] for shot in view.shots]
-        return self.parameters["exposures"][rows].exp()
+        rows = torch.tensor([self._shots[shot.file] for shot in view.shots])
+        exposures = self.parameters["exposures"]
+        return exposures[rows.to(exposures.device, non_blocking=True)].exp()
 
     def through_lens(self, image: Tensor, view: View, progress: float) -> Tensor:
         """An image [H, W, 3] behind the corrected parts of glare and vignetting."""
@@ -227,8 +228,7 @@ class Refinement:
 
 def camera_delta(pose: Tensor, extent: float) -> Tensor:
     """A correction of a pose [6], in the units of `Refinement`, as the `camera_delta` of `rasterize`."""
-    units = pose.new_tensor([extent] * 3 + [1.0] * 3)
-    return torch.cat([pose * units, pose.new_zeros(DELTA - 6)])
+    return torch.cat([extent * pose[:3], pose[3:], pose.new_zeros(DELTA - 6)])
 
 
 def _pose_gauge(dataset: Dataset) -> npt.NDArray[np.float64]:

@@ -61,8 +61,10 @@ class Environment:
 
     def seen(self, camera: SplatCamera) -> Tensor:
         """What a camera in scene coordinates would see of it alone, [H, W, 3]."""
-        turn = torch.from_numpy(self.axes @ camera.cam_from_world[:3, :3].T).to(self.ln_light)
-        return self.light(_rays(camera.lens, camera.width, camera.height, camera.fisheye).to(turn) @ turn.T)
+        turn = torch.from_numpy(self.axes @ camera.cam_from_world[:3, :3].T)
+        turn = turn.to(self.ln_light, non_blocking=True)
+        lens = camera.lens, camera.width, camera.height, camera.fisheye
+        return self.light(_rays(*lens, turn.dtype, turn.device) @ turn.T)
 
     def light(self, directions: Tensor) -> Tensor:
         """Radiance [..., 3] from directions [..., 3] of any length, along `axes`; bilinear."""
@@ -91,8 +93,10 @@ def texels(rows: int) -> npt.NDArray[np.float64]:
 
 
 @functools.lru_cache(maxsize=KEPT_LENSES)
-def _rays(lens: tuple[float, ...], width: int, height: int, fisheye: bool) -> Tensor:
-    """Directions [H, W, 3] through the middles of pixels, in the camera's axes, float64."""
+def _rays(
+    lens: tuple[float, ...], width: int, height: int, fisheye: bool, dtype: torch.dtype, device: torch.device
+) -> Tensor:
+    """Directions [H, W, 3] through the middles of pixels, in the camera's axes."""
     names = SplatCamera(np.eye(4), 1.0, 1.0, 0.0, 0.0, width, height, fisheye=fisheye)
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    return torch.from_numpy(rays(names.with_lens(lens), np.stack([x, y], -1)))
+    return torch.from_numpy(rays(names.with_lens(lens), np.stack([x, y], -1))).to(device, dtype)

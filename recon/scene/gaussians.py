@@ -102,11 +102,13 @@ class Renderer:
         the environment turns with it.
         """
         parameters = gaussians.parameters
+        if camera_delta is not None:
+            camera_delta = camera_delta.to("cpu")  # once: it is read here and by `rasterize`
         place = camera if camera_delta is None else moved(camera, camera_delta.detach())[0]
         motion = place.cam_from_world
         centre = torch.from_numpy((-motion[:3, :3].T @ motion[:3, 3]).astype(np.float32))
         with torch.no_grad():
-            away = parameters["means"] - centre.to(parameters["means"])
+            away = parameters["means"] - centre.to(parameters["means"], non_blocking=True)
             directions = away / away.norm(dim=1, keepdim=True).clamp_min(1e-12)
         render = rasterize(
             parameters["means"],

@@ -21,9 +21,9 @@ def moved(camera: SplatCamera, delta: torch.Tensor) -> tuple[SplatCamera, torch.
     fy, cx, cy (pixels) and k1, k2, p1, p2, of a fisheye k1, k2, k3, k4. Zeros leave the camera as
     it is. ValueError for values that are not finite.
     """
-    if not torch.isfinite(delta).all():
-        raise ValueError("camera_delta is not finite")
     change = delta.to("cpu", torch.float64)
+    if not torch.isfinite(change).all():
+        raise ValueError("camera_delta is not finite")
     motion = torch.from_numpy(np.array(camera.cam_from_world, np.float64))
     motion = torch.linalg.matrix_exp(_twist(change[:6])) @ motion
     lens = change[6:] + torch.tensor(camera.lens, dtype=torch.float64)

@@ -76,9 +76,7 @@ def rasterize_reference(inputs: RasterInputs) -> Render:
     return Render(
         image=torch.cat(images).reshape(*shape, len(back)).to(dtype),
         alpha=torch.cat(alphas).reshape(shape).to(dtype),
-        culled=culled,
-        visible=int(touched.sum()),
-        pairs=rows * len(index),
+        counts=(culled, int(touched.sum()), rows * len(index)),
     )
 
 

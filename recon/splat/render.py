@@ -10,6 +10,8 @@ from recon.splat.limits import Limits
 
 _CPU = torch.device("cpu")
 
+Counts = torch.Tensor | tuple[int, int, int]
+
 
 @dataclass(frozen=True)
 class Render:
@@ -19,12 +21,24 @@ class Render:
     """[H, W, C], linear light in the units of the colours, differentiable."""
     alpha: torch.Tensor
     """[H, W], 1 - transmittance, differentiable."""
-    culled: int
-    """Gaussians left out because a value was not finite, or the shape degenerate."""
-    visible: int
-    """Gaussians that touch a pixel."""
-    pairs: int
-    """Evaluated pixel-Gaussian pairs (the unit of cost)."""
+    counts: Counts
+    """`culled`, `visible` and `pairs`: int64 [3] on the device of the image, or numbers. To read them off a
+    GPU waits for all that is under way."""
+
+    @property
+    def culled(self) -> int:
+        """Gaussians left out because a value was not finite, or the shape degenerate."""
+        return int(self.counts[0])
+
+    @property
+    def visible(self) -> int:
+        """Gaussians that touch a pixel."""
+        return int(self.counts[1])
+
+    @property
+    def pairs(self) -> int:
+        """Evaluated pixel-Gaussian pairs (the unit of cost)."""
+        return int(self.counts[2])
 
 
 @dataclass
@@ -95,9 +109,7 @@ class RenderCall:
     limits: Limits
     stats: SplatStats | None
     keep: bool
-    culled: int = 0
-    visible: int = 0
-    pairs: int = 0
+    counts: Counts = (0, 0, 0)
 
     @classmethod
     def of(cls, inputs: RasterInputs) -> Self:

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from imaging.progress import Progress
 from recon.data.dataset import View
@@ -34,7 +36,7 @@ class Monitor:
     steers: Sequence[Steer]
     interrupt: Interrupt
     clock: Callable[[], float] = time.monotonic
-    _losses: list[float] = field(default_factory=list, init=False)
+    _losses: list[Tensor] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         self._measured_views = chosen_views(self.held_out) if self.plan.measure else ()
@@ -42,9 +44,10 @@ class Monitor:
         self._started = self.clock() - self.training.seconds - self.training.measuring
         self._saved = self.clock()
 
-    def after(self, loss: float) -> Schedule:
+    def after(self, loss: Tensor) -> Schedule:
         """Look at the training after an iteration of this loss; returns the schedule of those that follow.
 
+        loss: a scalar, float64, on any device; it is read when it is logged.
         KeyboardInterrupt, after it is saved, where the user asked to stop.
         """
         training = self.training
@@ -79,7 +82,7 @@ class Monitor:
     def _report(self, measured: bool) -> None:
         """A line of the log, and one for whoever waits."""
         training = self.training
-        (loss,) = self.ranks.totals(float(np.mean(self._losses)))
+        (loss,) = self.ranks.totals(float(np.mean(torch.stack(self._losses).tolist())))
         self._losses = []
         if not self.ranks.first:
             return

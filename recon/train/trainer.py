@@ -69,11 +69,12 @@ def train(
             done = position / schedule.planned
             _set_rates(optimizer, plan, done)
             optimizer.zero_grad()
-            total = 0.0
+            # Added up where it is, in float64: reading it would wait for all that is under way.
+            total = torch.zeros((), dtype=torch.float64, device=training.gaussians.device)
             for view in _views(training.iteration, dataset.train, plan, ranks):
                 loss = _loss(training, renderer, view, done) / plan.batch
                 loss.backward()  # type: ignore[no-untyped-call]
-                total += float(loss.detach())
+                total += loss.detach()
             ranks.add([tensor.grad for tensor in training.parameters() if tensor.grad is not None])
             optimizer.step()
             if refinement:

@@ -20,6 +20,8 @@ from torch.utils._pytree import tree_leaves, tree_map
 
 import recon
 import recon.splat as splat
+from recon.observe import dense_ssim, glare
+from recon.scene import environment
 
 if not torch.cuda.is_available():
     os.environ["TRITON_INTERPRET"] = "1"  # read when Triton is first imported
@@ -149,8 +151,15 @@ def pretended() -> Iterator[Counts]:
         with _disable_current_modes():
             return launch(self, *map(_held, arguments), **options)
 
-    with pytest.MonkeyPatch.context() as patch, _Constructors(), _Operations(counts):
-        patch.setattr(GridExecutor, "__call__", launched)
-        patch.setattr(splat, "_check", lambda *_: None)
-        patch.setattr(splat, "_rasterizer", lambda *_: rasterize_gpu)
-        yield counts
+    kept = (dense_ssim._taps, environment._rays, glare._halo)
+    for function in kept:  # other tests' tensors of the meta device have no values
+        function.cache_clear()
+    try:
+        with pytest.MonkeyPatch.context() as patch, _Constructors(), _Operations(counts):
+            patch.setattr(GridExecutor, "__call__", launched)
+            patch.setattr(splat, "_check", lambda *_: None)
+            patch.setattr(splat, "_rasterizer", lambda *_: rasterize_gpu)
+            yield counts
+    finally:
+        for function in kept:
+            function.cache_clear()

@@ -26,7 +26,7 @@ def rasterize_cpu(inputs: RasterInputs) -> Render:
         raise ValueError(f"{len(inputs.means)} Gaussians are more than {tiles.MAX_GAUSSIANS - 1}")
     call = RenderCall.of(inputs)
     image, left = _Rasterize.apply(*inputs.tensors, inputs.view, call)  # type: ignore[no-untyped-call]
-    return Render(image, 1 - left, call.culled, call.visible, call.pairs)
+    return Render(image, 1 - left, call.counts)
 
 
 def _numpy(tensor: torch.Tensor) -> Array:
@@ -120,8 +120,6 @@ class _Tables:
         self.kept = get("kept", int(chunks.sum()) * PIXELS if call.keep else 0, np.float32)
         self.chunks = get("chunks", across * down, np.int32)
         self.t_min = np.float32(max(call.limits.t_min, T_LEAST))
-        call.culled = int(np.count_nonzero(state == BAD))
-        call.visible = int(np.count_nonzero(self.entries.number))
 
     def blend(self, background: Array) -> tuple[torch.Tensor, torch.Tensor]:
         """The image [H, W, C] and what is left of the light behind it [H, W]."""
@@ -132,7 +130,8 @@ class _Tables:
             composite, self._work(), self.lists, self.projected, tuple(background), self.t_min,
             self.kept, image.numpy(), left.numpy(), pairs, self.chunks,
         )  # fmt: skip
-        self.call.pairs = int(pairs.sum())
+        culled, visible = np.count_nonzero(self.projected.state == BAD), np.count_nonzero(self.entries.number)
+        self.call.counts = int(culled), int(visible), int(pairs.sum())
         return image, left
 
     def gradients(

@@ -1,7 +1,7 @@
 """The Triton kernels in order, as one differentiable torch operation.
 
-The host waits for the device twice in a render: for the number of pairs of Gaussians and tiles, which sizes
-the tables, and for the counts of the `Render`.
+The host waits for the device once in a render: for the number of pairs of Gaussians and tiles, which sizes
+the tables.
 """
 
 from typing import Any, NamedTuple
@@ -43,7 +43,7 @@ def rasterize_gpu(inputs: RasterInputs) -> Render:
         )
     call = RenderCall.of(inputs)
     image, left = _Rasterize.apply(*inputs.tensors, inputs.view, call)  # type: ignore[no-untyped-call]
-    return Render(image, 1 - left, call.culled, call.visible, call.pairs)
+    return Render(image, 1 - left, call.counts)
 
 
 class _Tables(NamedTuple):
@@ -109,7 +109,7 @@ def _render(tensors: list[torch.Tensor], call: RenderCall) -> tuple[torch.Tensor
         *gaussians, numbers, n, record, paint, box, depth, radius, state, number,
         BLOCK=projection.BLOCK, FISHEYE=call.camera.fisheye or None, **_OPTIONS,
     )  # fmt: skip
-    size, call.culled = torch.stack([number.sum(), (state == int(BAD)).sum()]).tolist()
+    size = int(number.sum())
     pairs, touched = tiles.match_all(number, depth, size, record, paint, box, across, count)
     lists = tiles.sort(pairs, record, paint, across, count)
     image, left = new((height, width, 3)), new((height, width))
@@ -121,7 +121,7 @@ def _render(tensors: list[torch.Tensor], call: RenderCall) -> tuple[torch.Tensor
         across, height, width, kept, image, left, evaluated, chunks,
         CHUNK=tiles.CHUNK, KEEP=call.keep, num_warps=1, **_OPTIONS,
     )  # fmt: skip
-    call.visible, call.pairs = torch.stack([touched.sum(), evaluated.sum()]).tolist()
+    call.counts = torch.stack([(state == int(BAD)).sum(), touched.sum(), evaluated.sum()])
     tables = _Tables(
         numbers, record, radius, pairs.start, pairs.number, pairs.tile,
         lists.start, lists.chunk_start, lists.slot, lists.rows, kept, chunks,

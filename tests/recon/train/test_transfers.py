@@ -22,6 +22,7 @@ from recon.data.pixels import Shot
 from recon.methods.method import Method
 from recon.observe.linear import LinearLight, Observation
 from recon.observe.photographs import ToneCurve
+from recon.observe.refinement import Refined, Refinement
 from recon.observe.tone_grid import curve_parameters
 from recon.scene.appearance import LuminanceChromaticity
 from recon.scene.gaussians import Gaussians
@@ -82,8 +83,8 @@ def observation(kind: str) -> Observation:
     )
 
 
-def an_iteration(kind: str) -> Counts:
-    """The second of three iterations: the first prepares the views, the third would be logged."""
+def an_iteration(kind: str, corrected: tuple[Refined, ...] = ()) -> Counts:
+    """The fourth of five iterations: the one before prepares the views, the last would be logged."""
     generator = torch.Generator().manual_seed(0)
     appearance = LuminanceChromaticity()
     view = make_view(kind)
@@ -100,15 +101,17 @@ def an_iteration(kind: str) -> Counts:
     seen: list[Counts] = []
     with pretended() as counts:
         method = Method("test", appearance, observation(kind))
-        training = Training.begin(method, Light(1.0, 1e-3), gaussians, 1.0, DEVICE)
+        refinement = Refinement.of(dataset, corrected) if corrected else None
+        training = Training.begin(method, Light(1.0, 1e-3), gaussians, 1.0, DEVICE, refinement)
+        training.iteration = 2  # from here on corrections move
         before = training.gaussians.parameters["means"].detach().cpu().clone()
         train(
             training,
             dataset,
-            Plan(3, DensityRules(COUNT, begin=2.0, end=2.0), log_every=100),
+            Plan(5, DensityRules(COUNT, begin=2.0, end=2.0), log_every=100),
             log=lambda line: None,
             save=lambda: None,
-            until=2,
+            until=4,
             steers=[lambda _: seen.append(counts.copy())],
         )
         assert not torch.equal(training.gaussians.parameters["means"].detach().cpu(), before)
@@ -117,18 +120,29 @@ def an_iteration(kind: str) -> Counts:
 
 
 OF_ANY = {
-    ("wait", "gaussians.Renderer.__call__"): 1,  # the camera's centre
+    ("copy", "gaussians.Renderer.__call__"): 1,  # the camera's centre
     ("copy", "rasterizer._render"): 1,  # the camera and the limits
-    ("wait", "rasterizer._render"): 2,  # how many pairs there are; what the render counts
-    ("wait", "dense_ssim.dense_photometric_loss"): 1,  # the window
-    ("wait", "trainer.train"): 1,  # the loss
+    ("wait", "rasterizer._render"): 1,  # how many pairs there are
 }
 OF_PHOTOGRAPHS = {
-    ("wait", "photographs.ToneCurve._expose"): 2,  # falloff and exposures
+    ("copy", "photographs.ToneCurve._expose"): 1,  # exposures
+    ("wait", "photographs.ToneCurve._expose"): 1,  # falloff
     ("wait", "trainer._alpha_error"): 2,  # alpha and where it counts
+}
+
+
+OF_CORRECTIONS = {
+    ("copy", "refinement.Refinement.factors"): 1,  # which exposures
+    ("wait", "gaussians.Renderer.__call__"): 1,  # how far the camera is moved
+    ("wait", "rasterizer._gradients"): 1,  # the gradient of the camera
+    ("wait", "trainer.train"): 1,  # the same on its way back
 }
 
 
 @pytest.mark.parametrize(("kind", "expected"), [("raw", OF_ANY), ("ldr", OF_ANY | OF_PHOTOGRAPHS)])
 def test_transfers_of_an_iteration(kind: str, expected: dict[tuple[str, str], int]) -> None:
     assert an_iteration(kind) == expected
+
+
+def test_transfers_where_the_calibration_is_corrected() -> None:
+    assert an_iteration("raw", ("poses", "exposures", "vignetting", "glare")) == OF_ANY | OF_CORRECTIONS
