@@ -19,8 +19,9 @@ NUMBERS = 14, 9, 15
 """Of a Gaussian: those of degree 0, and what degrees 1 and 2 add."""
 ADAM = 4
 """Each number with its gradient and the two averages of Adam."""
-TABLES = 260
-"""Bytes of a Gaussian in the tables of a render and its gradient."""
+TABLES = 1300
+"""Bytes of a Gaussian in the tables of a render and its gradient, and as a point at the start: between the
+peaks of three sets of photographs (`bench/real/memory.py`)."""
 LOOKS = 72_000_000
 """Bytes of the points' looks from all views, and of the depth planes of a view."""
 ARENA = 64 << 20
