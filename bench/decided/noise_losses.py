@@ -29,9 +29,7 @@ class _Signal(LinearLight):
 
     def signals(self, image: Tensor, view: View) -> tuple[Tensor, Tensor, SensorSignalNoise]:
         """Both [4, H/2, W/2], and the noise."""
-        prepared = self._prepared.get(view.name)
-        if prepared is None:
-            prepared = self._prepared[view.name] = self._prepare(view)
+        prepared = self._prepared.of(view.name, lambda: self._prepare(view), image.device)
         (shot,) = view.shots
         assert isinstance(shot.noise, SensorSignalNoise)
         light = through_filter(image, prepared.matrix, view.sensor.cfa) * prepared.falloff

@@ -9,6 +9,7 @@ from recon.data.dataset import View
 from recon.observe.glare import scattered
 from recon.observe.linear import SIGNAL_MU, Observation
 from recon.observe.losses import exposed_mu_law, mu_law
+from recon.observe.targets import Targets
 
 
 @dataclass(frozen=True)
@@ -39,15 +40,13 @@ class BandedLight(Observation):
     """
 
     normaliser: float
-    _prepared: dict[str, _Prepared] = field(default_factory=dict, repr=False)
+    _prepared: Targets[_Prepared] = field(default_factory=Targets, repr=False)
 
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """All shots, band by band and darkest first: [shots, H, W], from an image [H, W, channels]."""
-        prepared = self._prepared.get(view.name)
-        if prepared is None:
-            prepared = self._prepared[view.name] = self._prepare(view, image.device)
+        prepared = self._prepared.of(view.name, lambda: self._prepare(view), image.device)
         image = scattered(image, view.sensor.glare)
         scales = prepared.scales if factors is None else prepared.scales * factors[:, None, None]
         prediction = torch.cat(
@@ -75,7 +74,7 @@ class BandedLight(Observation):
         """Radiance over the normaliser."""
         return radiance / self.normaliser
 
-    def _prepare(self, view: View, device: torch.device) -> _Prepared:
+    def _prepare(self, view: View) -> _Prepared:
         bands = [shot.band for shot in view.shots]
         rows = {
             band: slice(bands.index(band), bands.index(band) + bands.count(band))
@@ -86,11 +85,9 @@ class BandedLight(Observation):
         saturated = torch.stack([torch.tensor(shot.saturated) for shot in view.shots])
         return _Prepared(
             rows,
-            falloff=torch.from_numpy(view.sensor.falloff).to(device),
-            scales=torch.tensor([self.normaliser * shot.k for shot in view.shots], device=device)[
-                :, None, None
-            ],
-            target=target.to(device),
-            saturated=saturated.to(device),
-            valid=torch.stack([torch.tensor(shot.valid) for shot in view.shots]).to(device),
+            falloff=torch.from_numpy(view.sensor.falloff),
+            scales=torch.tensor([self.normaliser * shot.k for shot in view.shots])[:, None, None],
+            target=target,
+            saturated=saturated,
+            valid=torch.stack([torch.tensor(shot.valid) for shot in view.shots]),
         )

@@ -18,6 +18,7 @@ from imaging.cfa import Cfa
 from recon.data.dataset import View
 from recon.observe.glare import scattered
 from recon.observe.losses import exposed_mu_law, mu_law
+from recon.observe.targets import Targets
 from recon.scene.appearance import Rate
 
 MIDDLE_GREY = 0.18
@@ -125,13 +126,6 @@ class _Prepared:
     valid: Tensor | None
     mu: float
 
-    def to(self, device: torch.device) -> "_Prepared":
-        """The same on a device."""
-        moved = {name: getattr(self, name).to(device) for name in ("matrix", "falloff", "scales", "target")}
-        masks = (self.saturated, self.valid)
-        saturated, valid = (None if mask is None else mask.to(device) for mask in masks)
-        return _Prepared(**moved, saturated=saturated, valid=valid, mu=self.mu)
-
     def ceiling(self) -> Tensor | None:
         """The target where that is saturated, else infinite, [J, P, h, w]; None: no sample is."""
         return None if self.saturated is None else torch.where(self.saturated, self.target, torch.inf)
@@ -156,15 +150,13 @@ class LinearLight(Observation):
 
     normaliser: float
     space: Literal["exposure", "scene"] = "exposure"
-    _prepared: dict[str, _Prepared] = field(default_factory=dict, repr=False)
+    _prepared: Targets[_Prepared] = field(default_factory=Targets, repr=False)
 
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """All shots of the bracket, darkest first: [shots * P, h, w], planes as of `through_filter`."""
-        prepared = self._prepared.get(view.name)
-        if prepared is None:
-            prepared = self._prepared[view.name] = self._prepare(view).to(image.device)
+        prepared = self._prepared.of(view.name, lambda: self._prepare(view), image.device)
         image = scattered(image, view.sensor.glare)
         light = through_filter(image, prepared.matrix, view.sensor.cfa) * prepared.falloff
         scales = prepared.scales if factors is None else prepared.scales * factors[:, None, None, None]

@@ -1,7 +1,7 @@
 """Observation models for photographs: through a learned tone curve, or as they are."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from recon.data.dataset import View
 from recon.data.tone import encode
 from recon.observe.glare import scattered
 from recon.observe.linear import Observation
+from recon.observe.targets import Targets
 from recon.observe.tone_grid import apply_curve, curve_values, roughness
 from recon.scene.appearance import Rate
 
@@ -36,16 +37,13 @@ class _Codes:
     as it; both do where a shot is not valid, and None is nowhere. Codes within the scale are compared
     wherever the calibration ends: it is of the photographs it had, and a lamp beyond them would be free to be
     of any brightness. stored: the codes, as whole numbers of 8 bits where these give every bit of them.
+    weight: what errors count, [3, H, W]; None: one.
     """
 
     stored: Tensor
     below: Tensor | None
     above: Tensor | None
-
-    def to(self, device: torch.device) -> "_Codes":
-        """The same on a device."""
-        ends = (None if each is None else each.to(device) for each in (self.below, self.above))
-        return _Codes(self.stored.to(device), *ends)
+    weight: Tensor | None = None
 
     def target(self) -> Tensor:
         """The codes, 0..1."""
@@ -106,7 +104,7 @@ class ToneCurve(Observation):
     smoothness: float = 1e-2
     balance: float = 0.5
     curve_rate: Rate = Rate(2e-2, 5e-6)
-    _prepared: dict[str, tuple[_Codes, Tensor]] = field(default_factory=dict, repr=False)
+    _prepared: Targets[_Codes] = field(default_factory=Targets, repr=False)
 
     def __post_init__(self) -> None:
         # Weights are those of the curve at the start, also when a training goes on from a later one.
@@ -136,18 +134,14 @@ class ToneCurve(Observation):
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """Predicted and photographed codes of all shots, the errors balanced, [shots * 3, H, W]."""
-        prepared = self._prepared.get(view.name)
-        if prepared is None:
-            codes = _codes(view)
-            prepared = codes.to(image.device), self._weight(view, codes).to(image.device)
-            self._prepared[view.name] = prepared
-        codes, weight = prepared
+        codes = self._prepared.of(view.name, lambda: self._weighted(view), image.device)
+        assert codes.weight is not None
         target = codes.target()
         scales = [shot.k for shot in view.shots]
         curves = self.theta if self.moves(progress) else self.theta.detach()
         prediction = self._expose(image, view, scales, factors, curves, leaky=True).flatten(0, 1)
         prediction = codes.bound(prediction, target)
-        return torch.lerp(_by_shot(target), _by_shot(prediction), weight).flatten(0, 1), target
+        return torch.lerp(_by_shot(target), _by_shot(prediction), codes.weight).flatten(0, 1), target
 
     def predict(self, image: Tensor, view: View, k: float, band: int | None = None) -> Tensor:
         """Codes of a shot of exposure scale `k`, within 0..1, [H, W, 3]."""
@@ -181,8 +175,9 @@ class ToneCurve(Observation):
         nodes, curves = self.nodes.double().numpy(), self.curves()[0].double().numpy()
         return np.stack([np.interp(x, nodes, curve) for curve in curves], -1)
 
-    def _weight(self, view: View, codes: _Codes) -> Tensor:
-        """What errors count, [3, H, W]: the same for all shots of a pixel."""
+    def _weighted(self, view: View) -> _Codes:
+        """What errors count is the same for all shots of a pixel."""
+        codes = _codes(view)
         target = _by_shot(codes.target()).numpy()
         bound = np.zeros(target.shape, bool)
         for ends in (codes.below, codes.above):
@@ -195,7 +190,7 @@ class ToneCurve(Observation):
             slope[:, channel] = np.interp(target[:, channel], curve, slopes)
         mean_slope = np.where(bound, 0, slope).mean(0).clip(LEAST_SLOPE)
         weight = (TYPICAL_SLOPE / mean_slope) ** np.float32(self.balance)
-        return torch.from_numpy(weight).to(torch.float32)
+        return replace(codes, weight=torch.from_numpy(weight).to(torch.float32))
 
     def _expose(
         self,
@@ -208,7 +203,7 @@ class ToneCurve(Observation):
         leaky: bool,
     ) -> Tensor:
         """Codes of shots of these scales through curves such as `theta`, [shots, 3, H, W]."""
-        falloff = torch.from_numpy(view.sensor.falloff).to(image)
+        falloff = self._prepared.array(view.sensor.falloff, image)
         light = torch.log(scattered(image, view.sensor.glare) * falloff[..., None] + self.epsilon)
         # In float64, where the normaliser and the scales cancel: another unit of light changes no bit.
         developed = np.outer(scales, view.sensor.white_balance)
@@ -236,15 +231,13 @@ class Display(Observation):
     response: Response
     k: float
     developed: bool = False
-    _prepared: dict[str, _Codes] = field(default_factory=dict, repr=False)
+    _prepared: Targets[_Codes] = field(default_factory=Targets, repr=False)
 
     def compare(
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """The image as every shot shows it, beside the photographs: [shots * 3, H, W]."""
-        codes = self._prepared.get(view.name)
-        if codes is None:
-            codes = self._prepared[view.name] = _codes(view).to(image.device)
+        codes = self._prepared.of(view.name, lambda: _codes(view), image.device)
         target = codes.target()
         gains = self._gains(image, view, [shot.k for shot in view.shots])
         prediction = (image[None] * gains).movedim(3, 1).flatten(0, 1)
@@ -271,6 +264,6 @@ class Display(Observation):
         if not self.developed:
             return image.new_ones(len(scales), 1, 1, 1)
         developed = np.outer(scales, view.sensor.white_balance) / self.k
-        falloff = torch.from_numpy(view.sensor.falloff).to(image)[..., None]
+        falloff = self._prepared.array(view.sensor.falloff, image)[..., None]
         factors = torch.from_numpy(developed).to(image, non_blocking=True)
         return (falloff * factors[:, None, None]) ** DISPLAY_POWER

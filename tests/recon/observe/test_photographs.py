@@ -12,6 +12,7 @@ from recon.data.dataset import Sensor, View
 from recon.data.pixels import Shot
 from recon.observe.calibrated_curves import ASSUMED, ASSUMED_SMOOTHNESS
 from recon.observe.photographs import DISPLAY_POWER, LEAST_SLOPE, TYPICAL_SLOPE, Display, ToneCurve
+from recon.observe.targets import Targets
 from recon.observe.tone_grid import Grid, curve_parameters, sampled
 from recon.splat import SplatCamera
 from recon.train.adam import Adam
@@ -164,7 +165,7 @@ def test_what_is_kept_of_photographs_is_small_and_compares_as_planes_of_floats_d
     (ours,), (theirs,) = (torch.autograd.grad(each, shown, pull) for each in (prediction, expected))
     assert torch.equal(ours, theirs)
 
-    kept = vars(display._prepared[view.name]).values()
+    kept = vars(display._prepared._kept[view.name]).values()
     held = sum(each.nbytes for each in kept if each is not None)
     assert held == (3 if whole else 6) * target.numel()
 
@@ -177,7 +178,7 @@ def test_a_curve_that_was_assumed_becomes_the_one_that_made_the_photographs() ->
     srgb = Response(kind="srgb", evidence="assumed")
     curve = replace(
         true, theta=sampled(srgb, nodes, RATE, MIDDLE)[None].requires_grad_(), curve_rate=ASSUMED,
-        smoothness=ASSUMED_SMOOTHNESS, fixed=0.0, _prepared={},
+        smoothness=ASSUMED_SMOOTHNESS, fixed=0.0, _prepared=Targets(),
     )  # fmt: skip
     begun = curve.curves()[0]
     optimizer = Adam([{"params": [curve.theta]}])

@@ -20,6 +20,7 @@ from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import Light
 from recon.data.pixels import Shot
 from recon.methods.method import Method
+from recon.observe import targets
 from recon.observe.linear import LinearLight, Observation
 from recon.observe.photographs import ToneCurve
 from recon.observe.refinement import Refined, Refinement
@@ -126,11 +127,11 @@ OF_ANY = {
 }
 OF_PHOTOGRAPHS = {
     ("copy", "photographs.ToneCurve._expose"): 1,  # exposures
-    ("wait", "photographs.ToneCurve._expose"): 1,  # falloff
-    ("wait", "trainer._alpha_error"): 2,  # alpha and where it counts
 }
 
 
+OF_VIEWS = 4  # matrix, falloff, scales and target
+OF_VIEWS_OF_PHOTOGRAPHS = 5  # codes, weights, falloff, alpha and where it counts
 OF_CORRECTIONS = {
     ("copy", "refinement.Refinement.factors"): 1,  # which exposures
     ("wait", "gaussians.Renderer.__call__"): 1,  # how far the camera is moved
@@ -142,6 +143,15 @@ OF_CORRECTIONS = {
 @pytest.mark.parametrize(("kind", "expected"), [("raw", OF_ANY), ("ldr", OF_ANY | OF_PHOTOGRAPHS)])
 def test_transfers_of_an_iteration(kind: str, expected: dict[tuple[str, str], int]) -> None:
     assert an_iteration(kind) == expected
+
+
+@pytest.mark.parametrize(("kind", "sent"), [("raw", OF_VIEWS), ("ldr", OF_VIEWS_OF_PHOTOGRAPHS)])
+def test_targets_that_do_not_fit_on_the_device_are_sent_without_waiting(
+    kind: str, sent: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(targets, "room", lambda device: 0)
+    expected = OF_ANY | (OF_PHOTOGRAPHS if kind == "ldr" else {})
+    assert an_iteration(kind) == expected | {("copy", "targets.sent"): sent}
 
 
 def test_transfers_where_the_calibration_is_corrected() -> None:

@@ -1,0 +1,83 @@
+"""What of the views does not change from one look to the next: made once, and kept where it is compared."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+SHARE = 0.5
+"""Of a GPU's memory that may be in use before more is kept there; the rest is for Gaussians and renders."""
+
+Kept = TypeVar("Kept")
+"""A dataclass; its tensors are what is kept."""
+
+
+@dataclass
+class Targets(Generic[Kept]):
+    """By the name of a view: on the device of the render while there is room, else on the host.
+
+    From there they are sent at each look, through page-locked memory, and nobody waits until they have come.
+    """
+
+    _kept: dict[str, Kept] = field(default_factory=dict)
+    _arrays: dict[int, tuple[npt.NDArray[Any], Tensor]] = field(default_factory=dict)
+
+    def of(self, name: str, make: Callable[[], Kept], device: torch.device) -> Kept:
+        """Those of a view on a device; `make` gives them on the host when they are first asked for."""
+        kept = self._kept.get(name)
+        if kept is None:
+            kept = make()
+            if _size(kept) <= room(device):
+                kept = _moved(kept, device)
+            self._kept[name] = kept
+        return _moved(kept, device)
+
+    def array(self, values: npt.NDArray[np.float32], image: Tensor) -> Tensor:
+        """An array that several views may have in common, on the device and of the dtype of an image."""
+        if image.device.type == "cpu":
+            return torch.from_numpy(values).to(image.dtype)
+        kept = self._arrays.get(id(values))
+        if kept is None:
+            tensor = torch.from_numpy(values)
+            if tensor.nbytes <= room(image.device):
+                tensor = sent(tensor, image.device)
+            kept = self._arrays[id(values)] = values, tensor  # the array lives on, so no other has its id
+        return sent(kept[1], image.device).to(image.dtype)
+
+
+def room(device: torch.device) -> float:
+    """Bytes that may yet be kept on a device."""
+    if device.type != "cuda":
+        return sys.maxsize
+    total = torch.cuda.get_device_properties(device).total_memory
+    return SHARE * total - torch.cuda.memory_allocated(device)
+
+
+def sent(tensor: Tensor, device: torch.device) -> Tensor:
+    """A tensor on a device, itself if it is there; the host goes on before it has come."""
+    if tensor.device == device:
+        return tensor
+    if device.type == "cuda":
+        tensor = tensor.pin_memory()
+    return tensor.to(device, non_blocking=True)
+
+
+def _tensors(kept: Any) -> dict[str, Tensor]:
+    values = {each.name: getattr(kept, each.name) for each in fields(kept)}
+    return {name: value for name, value in values.items() if isinstance(value, Tensor)}
+
+
+def _size(kept: Any) -> int:
+    return sum(tensor.nbytes for tensor in _tensors(kept).values())
+
+
+def _moved(kept: Kept, device: torch.device) -> Kept:
+    tensors = _tensors(kept)
+    if all(tensor.device == device for tensor in tensors.values()):
+        return kept
+    return replace(kept, **{name: sent(tensor, device) for name, tensor in tensors.items()})  # type: ignore[type-var]
