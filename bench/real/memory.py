@@ -58,7 +58,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             for seed in range(options.seeds):
                 key = f"{name} {width} {gaussians} {seed}"
                 row = cache.get(key, partial(measured, session, width, gaussians, seed))
-                rows.append({"set": Path(name).name, "width": width, "gaussians": gaussians, "seed": seed, **row})
+                what = {"set": Path(name).name, "width": width, "gaussians": gaussians, "seed": seed}
+                rows.append(what | row)
     return {"machine": machine(), "rows": rows}
 
 
