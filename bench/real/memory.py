@@ -67,8 +67,8 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# The memory that a training was said to take, and took",
         "",
-        f"`python -m bench.real.memory --write`: {ITERATIONS} iterations. Bytes of a "
-        f"Gaussian were fitted to castle, monstree and lego, and to no other set. {words(result['machine'])}.",
+        f"`python -m bench.real.memory --write`: {ITERATIONS} iterations. Bytes of a Gaussian "
+        f"were fitted to castle, monstree and lego, and to no other set. {words(result['machine'])}.",
         "",
         "| set | width, px | Gaussians | forecast, GB | peak, GB | forecast off, % |",
         "|---|---|---|---|---|---|",
