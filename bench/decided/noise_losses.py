@@ -36,8 +36,9 @@ class _Signal(LinearLight):
         assert view.sensor.cfa is not None
         target = split(torch.from_numpy(shot.pixels), view.sensor.cfa.period)
         predicted = light * prepared.scales[0]
-        top = torch.where(torch.isfinite(prepared.ceiling[0]), target, torch.inf)
-        return torch.minimum(predicted, top), target, shot.noise
+        if (ceiling := prepared.ceiling()) is not None:
+            predicted = torch.minimum(predicted, torch.where(torch.isfinite(ceiling[0]), target, torch.inf))
+        return predicted, target, shot.noise
 
 
 @dataclass
