@@ -97,8 +97,9 @@ def reconstruct(
             asked = None if budget is None else budget.gaussians
             most = asked or overrides.gaussians or QUALITIES[quality].gaussians
             needed = need(firsts, counts, most, DEGREE if overrides.degree is None else overrides.degree)
-            needed.require(session, free())
-            if ranks.first:
+            room = free()
+            needed.require(session, room)
+            if ranks.first and needed.worth_saying(room):
                 tell(needed.told())
 
         loaded = load(session, max_width=width, progress=progress, examine=examine)

@@ -25,16 +25,19 @@ ITERATIONS = 40
 _RUN = f"""
 import json, resource, sys
 from recon.decide.overrides import Overrides
-from recon.reconstruct import reconstruct
-told = []
+import recon.reconstruct as stage
+from recon.decide.memory_need import need
+needs = []
+stage.need = lambda *views: needs.append(need(*views)) or needs[0]
 session, width, gaussians, seed = sys.argv[1], *map(int, sys.argv[2:])
 overrides = Overrides(
     width=width, gaussians=gaussians, iterations={ITERATIONS}, refine="none", environment=False
 )
-reconstruct(session, quality="best", overrides=overrides, seed=seed, name="memory", shelf="memory",
-            replace=True, tell=told.append)
-(line,) = (line for line in told if line.startswith("memory: "))
-print(json.dumps({{"told": line, "peak": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}}))
+stage.reconstruct(
+    session, quality="best", overrides=overrides, seed=seed, name="memory", shelf="memory", replace=True
+)
+peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(json.dumps({{"forecast": needs[0].total, "peak": peak}}))
 """
 
 
@@ -45,8 +48,7 @@ def measured(session: Path, width: int, gaussians: int, seed: int) -> dict[str, 
     if done.returncode:
         raise SystemExit(f"{' '.join(command[3:])} failed:\n{done.stderr[-2000:]}")
     row: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    number, unit = row["told"].removeprefix("memory: about ").split(",")[0].split()
-    return row | {"forecast": float(number) * {"MB": 1e6, "GB": 1e9}[unit]}
+    return row
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:

@@ -45,6 +45,10 @@ class Need:
         """All of it."""
         return self.process + self.images + self.gaussians
 
+    def worth_saying(self, free: int) -> bool:
+        """Whether it takes more than a quarter of the `free` bytes."""
+        return 4 * (self.images + self.gaussians) > free
+
     def told(self) -> str:
         """A line that says what takes how much."""
         images, gaussians = memory.told(self.images), memory.told(self.gaussians)

@@ -72,6 +72,12 @@ def test_images_that_do_not_fit_are_refused_with_a_width_that_does(free: int) ->
     replace(WHOLE, images=int(WHOLE.images * (width / 640) ** 2), width=width).require("S", free)
 
 
+def test_only_what_takes_more_than_a_quarter_of_the_memory_is_worth_a_line() -> None:
+    most = 4 * (WHOLE.images + WHOLE.gaussians)
+    assert WHOLE.worth_saying(most - 1)
+    assert not WHOLE.worth_saying(most)
+
+
 def test_what_is_in_memory_already_needs_no_room() -> None:
     held = replace(WHOLE, held=15 * 10**8)
     held.require("S", WHOLE.images + WHOLE.gaussians + KERNELS + LOOKS - 15 * 10**8)
