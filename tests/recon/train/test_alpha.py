@@ -1,12 +1,13 @@
 """Photographs with alpha: a scene is opaque where they are, and nothing is where they are transparent."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import torch
 
 from drivers.sim.scene.tabletop import demo_scene
-from recon.data.dataset import Dataset, View
+from recon.data.dataset import Dataset, View, load
 from recon.data.geometry import rays
 from recon.data.light import light_of, radiance_image
 from recon.methods import METHODS
@@ -38,7 +39,9 @@ def cut_out(dataset: Dataset, view: View, told: bool) -> View:
     place = (place - motion[:3, 3]) @ motion[:3, :3]
     cover = (np.linalg.norm(place - dataset.points().xyz.mean(0), axis=-1) < NEAR / 2).astype(np.float32)
     shots = tuple(
-        replace(shot, pixels=(shot.pixels * cover).astype(np.float32), alpha=cover if told else None)
+        replace(
+            shot, pixels=(shot.pixels * cover[..., None]).astype(np.float32), alpha=cover if told else None
+        )
         for shot in view.shots
     )
     return replace(view, shots=shots)
@@ -51,7 +54,7 @@ def errors_of_alpha(dataset: Dataset, told: bool) -> float:
     images = [radiance_image(view) for view in part.train]
     light = light_of(part, images)
     start = start_points(part, images, 600, np.random.Generator(np.random.PCG64(0)))
-    method = METHODS["nh-3dgs"](part, light)
+    method = METHODS["hdr-gs"](part, light)
     gaussians = gaussians_at(start, method.appearance, method.observation.units)
     training = Training.begin(method, light, gaussians, part.extent)
     train(training, part, Plan(80, DensityRules(800)), log=lambda line: None, save=lambda: None)
@@ -65,7 +68,8 @@ def errors_of_alpha(dataset: Dataset, told: bool) -> float:
     return float(np.mean(off))
 
 
-def test_alpha_of_photographs_is_learned(toy_dataset: Dataset) -> None:
-    told, guessed = (errors_of_alpha(toy_dataset, told) for told in (True, False))
+def test_alpha_of_photographs_is_learned(toy_ldr: Path) -> None:
+    dataset = load(toy_ldr)
+    told, guessed = (errors_of_alpha(dataset, told) for told in (True, False))
     assert told < 0.1
     assert told < guessed / 2

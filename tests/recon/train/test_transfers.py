@@ -127,6 +127,7 @@ OF_ANY = {
 }
 OF_PHOTOGRAPHS = {
     ("copy", "photographs.ToneCurve._expose"): 1,  # exposures
+    ("copy", "trainer._background"): 1,  # what stands behind their transparent parts
 }
 OF_A_VIEW = {
     ("copy", "targets.sent"): 5,  # codes, weights, falloff, alpha and where it counts
