@@ -84,7 +84,24 @@ def gained() -> float:
     return sum(count * mean for count, mean in of) / sum(count for count, _ in of)
 
 
+def beside_peer(name: str, column: str) -> list[float]:
+    """Of a set of photographs: rig's figure and OpenSplat's."""
+    return [cell("real", column, name, trainer) for trainer in ("rig", "OpenSplat")]
+
+
 CLAIMS = (
+    Claim(
+        r"`rig` has ([\d.]+) dB and OpenSplat 1.1.5, which trains without a GPU too, ([\d.]+) on",
+        lambda: beside_peer("castle", "PSNR, dB"),
+    ),
+    Claim(r"castle; ([\d.]+) and ([\d.]+) on 23", lambda: beside_peer("monstree", "PSNR, dB")),
+    Claim(
+        r"published, ([\d.]+) and ([\d.]+) on 100 of NeRF", lambda: beside_peer("lego", "before white, dB")
+    ),
+    Claim(
+        r"OpenSplat makes (\d+) to (\d+) of its",
+        lambda: [f([one for (one,) in cells("real", "iterations", "OpenSplat")]) for f in (min, max)],
+    ),
     Claim(
         r"presets take (\d+), (\d+) and (\d+) iterations for each training view",
         lambda: [preset.looks for preset in QUALITIES.values()],
