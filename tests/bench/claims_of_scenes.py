@@ -91,7 +91,7 @@ def beside_peer(name: str, column: str) -> list[float]:
 
 CLAIMS = (
     Claim(
-        r"`rig` has ([\d.]+) dB and OpenSplat 1.1.5, which trains without a GPU too, ([\d.]+) on",
+        r"`rig` has ([\d.]+) dB and OpenSplat, which trains without a GPU too, ([\d.]+) on",
         lambda: beside_peer("castle", "PSNR, dB"),
     ),
     Claim(r"castle; ([\d.]+) and ([\d.]+) on 23", lambda: beside_peer("monstree", "PSNR, dB")),
