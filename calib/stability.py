@@ -8,7 +8,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from calib.light.vignetting import Tracks, estimate
+from calib.light.falloff import Tracks
+from calib.light.vignetting import estimate
 from calib.sensor.photon_transfer import Points, fit
 from imaging.lens import Lens, project, rays
 from imaging.merge.bracket import merge_bracket

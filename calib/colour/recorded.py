@@ -9,8 +9,9 @@ from calib.colour.measure import Charts
 from calib.colour.white_balance import Balance, Sights, estimate, folded
 from calib.data.views import View
 from calib.light.each_photograph import Development
+from calib.light.falloff import DARKEST, light_left
 from calib.light.tracks import sightings
-from calib.light.vignetting import DARKEST, Falloff, light_left
+from calib.light.vignetting import Falloff
 from calib.poses.sfm import SceneModel
 from calib.sensor.metadata import CameraSensor
 from imaging.colour import with_rgb

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from calib.light.vignetting import demeaned
+from calib.light.falloff import demeaned
 from imaging.robust import huber_loss, huber_weight, robust_scale
 from imaging.session.records import Rung
 

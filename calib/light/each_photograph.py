@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from calib.light.falloff import DARKEST, light_left
 from calib.light.tracks import LUMINANCE, sightings
-from calib.light.vignetting import DARKEST, NOTICED_IN_SHEEN, Falloff, light_left
+from calib.light.vignetting import NOTICED_IN_SHEEN, Falloff
 from calib.poses.sfm import SceneModel
 from imaging.robust import huber_loss, huber_weight, robust_scale
 from imaging.session.records import ONE_OF_SEVERAL, Rung

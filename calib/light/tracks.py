@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calib.light.vignetting import Tracks
+from calib.light.falloff import Tracks
 from calib.poses.sfm import SceneModel
 from imaging.cfa import bilinear
 from imaging.colour import balanced, rec709_from_camera

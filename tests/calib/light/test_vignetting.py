@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.light.vignetting import Tracks, estimate
+from calib.light.falloff import Tracks
+from calib.light.vignetting import estimate
 
 NAMES = ["a", "b", "c", "d"]
 MODELS = dict.fromkeys(NAMES, "one model")

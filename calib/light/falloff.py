@@ -1,0 +1,193 @@
+"""A falloff and a gain of each camera, fitted to points that several views see.
+
+A scene point is as bright in every view (away from gloss), so what differs between the views of its
+track is the lens and the camera: `ln E = ln L_point + ln gain_camera + ln V(r)`. Points are eliminated by
+taking each track's mean away; what is left is a small robust least-squares problem (Goldman, "Vignette
+and exposure calibration and compensation", 2010, gives the model).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.robust import huber_loss, huber_weight, robust_scale
+
+Array = npt.NDArray[np.float64]
+
+ROUNDS = 30
+SETTLED = 1e-4
+"""Change of every number, absolute, at which a fit has come to its end."""
+HALVINGS = 12
+"""Of a step, before it is given up."""
+HUBER = 1.5
+"""Residuals beyond this many standard deviations count linearly: gloss, occlusion, wrong matches."""
+DARKEST = 0.05
+"""Share of the light of the middle that a lens leaves at least; what is darker is a hood, or no picture."""
+RADII = np.linspace(0.0, 1.0, 41)
+"""Where a falloff has to be above that."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Brightness of scene points in the views that see them; rows are observations.
+
+    point: int [N], which scene point; camera: int [N]; radius: float64 [N], 1 at the corner of the
+    image; brightness: float64 [N], natural log of merged luminance; direction: float64 [N, 3], unit, from the
+    point to the camera.
+    """
+
+    point: npt.NDArray[np.int64]
+    camera: npt.NDArray[np.int64]
+    radius: Array
+    brightness: Array
+    direction: Array
+
+    def apart(self, groups: Sequence[int]) -> "Tracks":
+        """The same with a point told apart by the group of the cameras, as many as `camera` counts, that see
+        it: those that look through different filters see different light of it."""
+        own = np.array(groups, np.int64)[self.camera]
+        return replace(self, point=self.point * (max(groups, default=0) + 1) + own)
+
+    def part(self, keep: npt.NDArray[np.bool_]) -> "Tracks":
+        """The observations that `keep` [N] names."""
+        return Tracks(
+            self.point[keep],
+            self.camera[keep],
+            self.radius[keep],
+            self.brightness[keep],
+            self.direction[keep],
+        )
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Which terms a fit has: a falloff for each group of cameras, a gain for each camera."""
+
+    lenses: tuple[int, ...]
+    """Group of each camera; empty: no falloff."""
+    gains: bool
+
+    def parameters(self, cameras: int) -> int:
+        """Numbers that are fitted; the mean of the gains is not one."""
+        return 3 * len(set(self.lenses)) + (cameras - 1) * self.gains
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """polynomials: float64 [G, 3], of each group; log_gain: float64 [cameras]; scale: of the residuals."""
+
+    polynomials: Array
+    log_gain: Array
+    scale: float
+
+
+def track_losses(tracks: Tracks, fit: Fit, terms: Terms, scale: float) -> Array:
+    """Mean Huber loss of each track under a fit."""
+    residual = _residual(tracks, fit, terms)
+    _, own = np.unique(tracks.point, return_inverse=True)
+    loss = huber_loss(demeaned(residual[:, None], np.ones(len(residual)), own)[:, 0] / scale, HUBER)
+    return np.asarray(np.bincount(own, loss) / np.bincount(own))
+
+
+def fit_terms(tracks: Tracks, terms: Terms, cameras: int) -> Fit:
+    """Gauss-Newton on the polynomials, re-weighted by Huber's function; no step that makes the fit worse.
+
+    Steep falloff bends ln V so much that whole steps lead across zero, where there is no logarithm.
+    """
+    lenses = max(terms.lenses, default=-1) + 1
+    fit = Fit(np.zeros((lenses, 3)), np.zeros(cameras), 1.0)
+    _, own = np.unique(tracks.point, return_inverse=True)
+    weight = np.ones(len(own))
+    powers = radial_powers(tracks.radius)
+    lens = np.array(terms.lenses or [0] * cameras)[tracks.camera]
+    for _ in range(ROUNDS):
+        residual = demeaned(_residual(tracks, fit, terms)[:, None], weight, own)[:, 0]
+        scale = max(robust_scale(residual), 1e-6)
+        weight = huber_weight(residual, HUBER * scale)
+        columns = []
+        if lenses:
+            slope = powers / _falloff(tracks, fit, terms)[:, None]
+            columns += [np.where((lens == g)[:, None], slope, 0.0) for g in range(lenses)]
+        if terms.gains:
+            columns.append((tracks.camera[:, None] == np.arange(cameras)).astype(np.float64))
+        if not columns:
+            return Fit(fit.polynomials, fit.log_gain, scale)
+        design = demeaned(np.concatenate(columns, axis=1), weight, own)
+        residual = demeaned(_residual(tracks, fit, terms)[:, None], weight, own)[:, 0]
+        normal = design.T @ (design * weight[:, None])
+        # A trace of ridge settles the gauge of the gains and what the radii seen leave open.
+        normal += 1e-9 * max(float(np.trace(normal)), 1e-12) * np.eye(len(normal))
+        step = np.linalg.solve(normal, design.T @ (weight * residual))
+        taken = _stepped(tracks, replace(fit, scale=scale), terms, np.asarray(step), weight, own)
+        if taken is None:
+            return replace(fit, scale=scale)
+        fit = taken
+        if np.abs(step).max() < SETTLED:
+            break
+    return fit
+
+
+def _stepped(
+    tracks: Tracks, fit: Fit, terms: Terms, step: Array, weight: Array, own: npt.NDArray[np.int64]
+) -> Fit | None:
+    """The fit after a step that is halved until it does no harm; None if it always does."""
+
+    def cost(one: Fit) -> float:
+        return float(
+            (weight * demeaned(_residual(tracks, one, terms)[:, None], weight, own)[:, 0] ** 2).sum()
+        )
+
+    numbers, before = fit.polynomials.size, cost(fit)
+    for halving in range(HALVINGS):
+        part = step * 0.5**halving
+        polynomials = fit.polynomials + part[:numbers].reshape(fit.polynomials.shape)
+        if darkest(polynomials) < DARKEST:
+            continue
+        log_gain = fit.log_gain + (part[numbers:] if terms.gains else 0.0)
+        trial = Fit(polynomials, log_gain - log_gain.mean(), fit.scale)
+        if cost(trial) <= before:
+            return trial
+    return None
+
+
+def darkest(polynomials: Array) -> float:
+    """Least light that falloffs [G, 3] leave at any radius, of the middle."""
+    return float((1.0 + polynomials @ radial_powers(RADII).T).min(initial=1.0))
+
+
+def log_light(fit: Fit, terms: Terms) -> Array:
+    """Natural log of what each camera leaves of the light at each of `RADII`, [cameras, R], in the mean 0."""
+    light = np.repeat(fit.log_gain[:, None], len(RADII), axis=1)
+    if terms.lenses:
+        light += np.log(1.0 + fit.polynomials[np.array(terms.lenses)] @ radial_powers(RADII).T)
+    return np.asarray(light - light.mean())
+
+
+def _falloff(tracks: Tracks, fit: Fit, terms: Terms) -> Array:
+    if not terms.lenses:
+        return np.ones(len(tracks.radius))
+    own = fit.polynomials[np.array(terms.lenses)[tracks.camera]]
+    return light_left(own, tracks.radius)
+
+
+def _residual(tracks: Tracks, fit: Fit, terms: Terms) -> Array:
+    return np.asarray(tracks.brightness - np.log(_falloff(tracks, fit, terms)) - fit.log_gain[tracks.camera])
+
+
+def radial_powers(radius: Array) -> Array:
+    """Second, fourth and sixth power of radii [N], 1 at the corner of the sensor: [N, 3]."""
+    return np.asarray(radius[:, None] ** np.array([2, 4, 6]))
+
+
+def light_left(polynomials: Array, radius: Array) -> Array:
+    """What falloffs [N, 3] leave of the light at radii [N], each of its own; 1 in the middle."""
+    return np.asarray(1.0 + (polynomials * radial_powers(radius)).sum(axis=1))
+
+
+def demeaned(values: Array, weight: Array, own: npt.NDArray[np.int64]) -> Array:
+    """Values [N, C] less the weighted mean of their track; own: its number, of each value [N]."""
+    total = np.bincount(own, weight)
+    means = np.stack([np.bincount(own, weight * column) / total for column in values.T], axis=1)
+    return np.asarray(values - means[own])
