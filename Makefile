@@ -17,6 +17,7 @@ test: .venv/tested
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt -e .
+	$(BIN)/python -m compileall -q imaging drivers capture calib recon rig
 	touch $@
 
 .venv/tested: .venv/installed

@@ -14,16 +14,18 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 LONGEST = (
     "rig/test_readme.py",
+    "recon/splat/test_gpu_compile.py",
     "foreign/test_room.py",
     "calib/test_calibrate.py",
-    "recon/splat/test_gpu_compile.py",
     "foreign/test_objects.py",
     "calib/poses/test_known_rig.py",
     "foreign/test_alike.py",
     "rig/test_wheel.py",
 )
 """Files whose tests take longest. They go first: one that came last would keep one of two processes at work
-and the other idle. (pytest-xdist by itself takes files of many tests first; pyproject.toml says not to.)"""
+and the other idle. (pytest-xdist by itself takes files of many tests first; pyproject.toml says not to.)
+The first compiles the kernels of the CPU, which are kept on disk; the second needs none of them, or both
+processes would compile them all."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -54,3 +56,15 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
         return folder
 
     return made
+
+
+@pytest.fixture(scope="session")
+def demo_capture(made_once: MadeOnce) -> Path:
+    """Three frames of the demo's four cameras, twelve brackets, not calibrated; not to be changed."""
+
+    def make(folder: Path) -> None:
+        from capture.simulated import capture_simulated
+
+        capture_simulated("demo", folder, seed=1, frames=3)
+
+    return made_once("demo-capture", make)

@@ -20,13 +20,12 @@ from tests.conftest import MadeOnce
 
 
 @pytest.fixture(scope="session")
-def arm(made_once: MadeOnce) -> Path:
+def arm(demo_capture: Path, made_once: MadeOnce) -> Path:
     """The demo's rig at three of its six positions, captured and calibrated; copy it before changing it."""
     from calib.calibrate import calibrate
-    from capture.simulated import capture_simulated
 
     def make(folder: Path) -> None:
-        capture_simulated("demo", folder, seed=1, frames=3)
+        shutil.copytree(demo_capture, folder, dirs_exist_ok=True)
         calibrate(folder, progress=unreported)
 
     return made_once("arm", make)
