@@ -11,7 +11,7 @@ from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
 
 if TYPE_CHECKING:
-    from calib.exports.merge_session import MergedView
+    from calib.exports.merged_view import MergedView
     from imaging.session.calibration import CalibrationRecord
 
 
