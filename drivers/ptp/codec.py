@@ -4,11 +4,10 @@ Nothing here knows of a camera. Bytes that are cut off or make no sense give Cam
 error; a value that does not fit its field when packing is the caller's mistake and gives ValueError.
 """
 
-import re
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from datetime import datetime
 from enum import IntEnum
 from typing import ClassVar, Self
 
@@ -265,30 +264,9 @@ class Reader:
         return self.integer(data_type)
 
 
-_MOMENT = re.compile(r"(\d{8}T\d{6})(?:\.(\d{1,9}))?(Z|[+-]\d{4})?", re.ASCII)
-
-
 def pack_moment(moment: datetime) -> str:
     """`YYYYMMDDThhmmss[.s][Z|±hhmm]`, with tenths of a second if there are any and a zone if it has one."""
     tenths = f".{moment.microsecond // 100000}" if moment.microsecond >= 100000 else ""
     date = f"{moment.year:04d}" + moment.strftime("%m%dT%H%M%S")
     offset = moment.utcoffset()
     return date + tenths + ("" if offset is None else moment.strftime("%z")[:5] if offset else "Z")
-
-
-def unpack_moment(text: str) -> datetime | None:
-    """What `pack_moment` wrote, or a camera; None for an empty string, which means that it has no clock."""
-    if not text:
-        return None
-    match = _MOMENT.fullmatch(text)
-    if match is None:
-        raise damaged(f"the date {text!r}")
-    date, fraction, zone = match.groups()
-    try:
-        moment = datetime.strptime(date, "%Y%m%dT%H%M%S")
-        if zone is not None:
-            minutes = 0 if zone == "Z" else int(zone[0] + "1") * (60 * int(zone[1:3]) + int(zone[3:]))
-            moment = moment.replace(tzinfo=timezone(timedelta(minutes=minutes)))
-    except ValueError as error:
-        raise damaged(f"the date {text!r}") from error
-    return moment.replace(microsecond=int((fraction or "0").ljust(6, "0")[:6]))

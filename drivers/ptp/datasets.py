@@ -117,7 +117,7 @@ class StorageInfo:
 
 @dataclass(frozen=True)
 class ObjectInfo:
-    """A file or folder in the camera; dates as `codec.unpack_moment` reads them."""
+    """A file or folder in the camera; dates as `codec.pack_moment` writes them."""
 
     storage: int = 0
     format: int = 0

@@ -60,10 +60,6 @@ class Grid:
         ]
         return np.concatenate([*pieces, [self.high]])
 
-    def covering(self, low: float, high: float) -> "Grid":
-        """This grid, its ends moved outwards so that [low, high] is inside."""
-        return Grid(min(self.low, low), max(self.high, high), self.core_low, self.core_high)
-
 
 def needed(nodes: npt.NDArray[np.float64], curves: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
     """Which nodes [M] curves [..., M] need: straight lines between them are within `EXACT` of all others.

@@ -11,12 +11,6 @@ from imaging.errors import InputError
 SessionArgument = Annotated[
     Path, typer.Argument(metavar="SESSION", help="A session folder, as created by rig capture or rig import.")
 ]
-ReconstructionArgument = Annotated[
-    Path,
-    typer.Argument(
-        metavar="RECON", help="A reconstruction: SESSION/reconstructions/NAME, or a session that has one."
-    ),
-]
 ReconstructionsArgument = Annotated[
     list[Path],
     typer.Argument(

@@ -22,7 +22,6 @@ class EllipseFormulas(NamedTuple):
     covariance: Operation
     ellipse_gradient: Operation
     shape_gradient: Operation
-    quat_gradient: Operation
     axes_gradient: Operation
     jacobian_gradient: Operation
     point_gradient: Operation
@@ -311,7 +310,6 @@ def ellipse_formulas(language: Language, lens_formulas: LensFormulas) -> Ellipse
         covariance=covariance,
         ellipse_gradient=ellipse_gradient,
         shape_gradient=shape_gradient,
-        quat_gradient=quat_gradient,
         axes_gradient=axes_gradient,
         jacobian_gradient=jacobian_gradient,
         point_gradient=point_gradient,

@@ -18,7 +18,6 @@ NEAR_AXIS = 0.01
 class LensFormulas(NamedTuple):
     """See `lens_formulas`; `fisheye` of their arguments is None for Brown's lens."""
 
-    angle_ratio: Operation
     radial: Operation
     radial_by_terms: Operation
     distort: Operation
@@ -160,6 +159,4 @@ def lens_formulas(language: Language) -> LensFormulas:
             by_yv = (r2 + 2.0 * vv, r2 * (r2 + 4.0 * vv), 6.0 * v, 2.0 * u)
         return by_xu, by_xv, by_yv
 
-    return LensFormulas(
-        angle_ratio, radial, radial_by_terms, distort, curvature, tangent_slopes, derivative_slopes
-    )
+    return LensFormulas(radial, radial_by_terms, distort, curvature, tangent_slopes, derivative_slopes)
