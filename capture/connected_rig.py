@@ -10,7 +10,7 @@ from usb.backend import IBackend
 
 from capture.bracket.exposure_choices import common_isos
 from capture.bracket.planner import BracketGoals
-from capture.record.recorder import CaptureResult
+from capture.record.capture_run import CaptureResult
 from capture.record.shooting import Say, nothing_beside, shoot
 from capture.record.source import CaptureRequest, Operator, Source, Stops
 from capture.rigfile.rigfile import RigFile

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from capture.bracket.planner import BracketGoals
-from capture.record.recorder import CaptureResult, finished, planned_shots
+from capture.record.capture_run import CaptureResult, finished, planned_shots
 from capture.record.shooting import Say, shoot
 from capture.record.source import CaptureRequest, Source, Stops
 from drivers.sim.bus_rig import BusRig

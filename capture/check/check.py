@@ -15,7 +15,8 @@ from capture.check.repair import RepairReport, repair
 from capture.check.shot_index import read_index, stray_files
 from capture.check.warnings import warnings
 from capture.pictures.read import PictureFacts
-from capture.record.recorder import leftovers, planned_shots
+from capture.record.capture_run import planned_shots
+from capture.record.recorder import leftovers
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.progress import Progress, unreported

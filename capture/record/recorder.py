@@ -6,73 +6,23 @@ that was not finished, and it is taken again.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
-from capture.bracket.acceptance import RETRIES, Acceptance
-from capture.bracket.deviation import deviates, stops_apart
-from capture.record.camera_worker import CameraGivenUp
+from capture.record.capture_run import CaptureResult, CaptureRun
 from capture.record.capture_threads import CaptureThreads
-from capture.record.exposure_step import PATIENCE, ExposureStep, RunState, SavedShot
 from capture.record.memory_budget import MemoryBudget
-from capture.record.shot_files import ShotId, must_decode, save_frame
+from capture.record.shot_files import must_decode, save_frame
 from drivers.camera import Camera
 from drivers.clock import THIS_MACHINE, Clock
-from imaging.errors import CameraError, CaptureError, PartialError, RigError, StorageError
-from imaging.exposure import Exposure
+from imaging.errors import CameraError, CaptureError
 from imaging.files import store
 from imaging.files.dng import Compression
 from imaging.progress import Progress, unreported
-from imaging.session.records import CameraRecord, PlanRecord, ShotRecord
+from imaging.session.records import CameraRecord, PlanRecord
 from imaging.session.session import Session
-
-
-@dataclass(frozen=True)
-class CaptureResult:
-    """What a capture came to.
-
-    session: its folder. planned: shots of the plan. taken: by this run. kept: by earlier runs.
-    missing: a sentence for each shot that is not there. problems: for each shot that is there,
-    but not as it was asked for.
-    """
-
-    session: Path
-    planned: int
-    taken: int
-    kept: int
-    missing: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()
-
-    def require_complete(self) -> None:
-        """PartialError that lists what is missing, if anything is."""
-        if self.missing:
-            raise PartialError(
-                f"{self.session}: {len(self.missing)} of {self.planned} shots are missing "
-                f"({'; '.join(self.missing)}): repeat the command with --resume to take them."
-            )
-
-
-def planned_shots(plan: PlanRecord) -> list[ShotId]:
-    """Every shot of a plan in the order of shooting: all cameras expose the same step together."""
-    return [
-        ShotId(camera, frame, step)
-        for frame in plan.frames
-        for step in range(len(plan.bracket))
-        for camera in plan.cameras
-    ]
-
-
-def finished(session: Session, plan: PlanRecord) -> dict[ShotId, ShotRecord]:
-    """The shots of a plan that are recorded and whose file is there."""
-    return {
-        ShotId(shot.camera, shot.frame, shot.step): shot
-        for shot in session.shots()
-        if shot.plan == plan.plan and session.file(shot).is_file()
-    }
 
 
 def record(
@@ -138,185 +88,6 @@ def _must_be(camera: Camera, recorded: CameraRecord) -> None:
                 f"not {recorded.serial!r}: "
                 "connect the one that began the session, or begin a new one."
             )
-
-
-def _exposure_of(requested: Exposure | None) -> Exposure:
-    if requested is None:
-        raise ValueError("a plan to be shot names every exposure")
-    return requested
-
-
-class CaptureRun:
-    """What one call of `record` has come to. kept: shots that were there before."""
-
-    def __init__(
-        self,
-        session: Session,
-        plan: PlanRecord,
-        clock: Clock,
-        progress: Progress,
-        tolerance: float,
-        leader: str | None,
-    ) -> None:
-        self._session, self._plan, self._clock = session, plan, clock
-        self._progress, self._tolerance, self._leader = progress, tolerance, leader
-        self.planned = planned_shots(plan)
-        self.done = finished(session, plan)
-        self.kept = len([shot_id for shot_id in self.planned if shot_id in self.done])
-        self.state = RunState()
-        self._missing: dict[ShotId, str] = {}
-        self._problems: list[str] = []
-        self._apart: dict[int, list[tuple[float, ShotId]]] = {}
-
-    def frames(self) -> Iterator[int]:
-        """Frames of which shots are missing, as long as the disk takes them."""
-        for frame in self._plan.frames:
-            if self.state.halted is None and any(
-                shot_id.frame == frame and shot_id not in self.done for shot_id in self.planned
-            ):
-                yield frame
-
-    def filters(self, frame: int) -> Iterator[tuple[str | None, range]]:
-        """The filters that a frame lacks shots of, in their order, and the steps through each."""
-        bands, count = self._plan.bands, len(self._plan.bracket)
-        starts = [step for step in range(count) if not step or (bands and bands[step] != bands[step - 1])]
-        for start, end in pairwise([*starts, count]):
-            lacking = any(
-                shot_id.frame == frame and start <= shot_id.step < end and shot_id not in self.done
-                for shot_id in self.planned
-            )
-            if lacking and self.state.halted is None:
-                yield (bands[start] if bands else None), range(start, end)
-
-    def take(self, frame: int, steps: range, threads: CaptureThreads) -> None:
-        """Shoot what a frame lacks of these steps, one by one; then once more what failed, and once more."""
-        pending: dict[int, list[str]] = {}
-        for shot_id in self.planned:
-            if shot_id.frame == frame and shot_id.step in steps and shot_id not in self.done:
-                pending.setdefault(shot_id.step, []).append(shot_id.camera)
-        together = {step for step, names in pending.items() if len(names) == len(self._plan.cameras)}
-        first: dict[int, float] = {}
-        acceptance: Acceptance[ShotId, SavedShot] = Acceptance()
-        for _ in range(RETRIES + 1):
-            failed: dict[int, list[str]] = {}
-            for step in threads.shoot(self._steps(frame, pending)):
-                if step.opened and step.number in together:
-                    first.setdefault(step.number, min(step.opened.values()))
-                for name in step.cameras:
-                    shot_id, outcome = ShotId(name, frame, step.number), step.outcomes[name]
-                    if isinstance(outcome, SavedShot):
-                        if acceptance.accepts(shot_id, outcome, step.requested):
-                            self._book(shot_id, outcome, first.get(step.number), threads)
-                            continue
-                        step.count_failure(name)
-                    else:
-                        self._failed(shot_id, outcome)
-                    failed.setdefault(step.number, []).append(name)
-            pending = failed
-        for shot_id in [ShotId(name, frame, step) for step, names in pending.items() for name in names]:
-            if shot_id in acceptance.doubtful:
-                self._book(shot_id, acceptance.doubtful[shot_id], first.get(shot_id.step), threads)
-
-    def result(self) -> CaptureResult:
-        """StorageError if the disk refused before there was any shot in the session."""
-        refused = self.state.halted
-        if refused is not None and not self._session.shots():
-            raise refused
-        reasons = {
-            shot_id: self._missing.get(shot_id) for shot_id in self.planned if shot_id not in self.done
-        }
-        for shot_id, reason in reasons.items():
-            if reason in (None, str(refused)):
-                # The file that the disk refused may be that of another camera.
-                reasons[shot_id] = f"the capture stopped: {refused}"
-        return CaptureResult(
-            session=self._session.folder,
-            planned=len(self.planned),
-            taken=len(self.done) - self.kept,
-            kept=self.kept,
-            missing=tuple(f"{shot_id}: {(reason or '').rstrip('.')}" for shot_id, reason in reasons.items()),
-            problems=(*self._problems, *self._skews()),
-        )
-
-    def _steps(self, frame: int, pending: Mapping[int, list[str]]) -> list[ExposureStep]:
-        steps, before = [], 0.0
-        for step, names in pending.items():
-            requested = _exposure_of(self._plan.bracket[step])
-            # The exposure before may be followed by a dark frame as long as itself.
-            patience = PATIENCE + 2 * before
-            # The leader exposes alone where it alone is missing: nobody else is armed then.
-            leader = self._leader if names != [self._leader] else None
-            steps.append(
-                ExposureStep(
-                    self._clock,
-                    self.state,
-                    frame,
-                    step,
-                    requested,
-                    names,
-                    patience=patience,
-                    leader=leader,
-                )
-            )
-            before = requested.time
-        return steps
-
-    def _failed(self, shot_id: ShotId, error: RigError) -> None:
-        if not (isinstance(error, CameraGivenUp) and shot_id in self._missing):
-            self._missing[shot_id] = str(error)
-
-    def _book(
-        self, shot_id: ShotId, written: SavedShot, first: float | None, threads: CaptureThreads
-    ) -> None:
-        """The line of a shot whose file is whole; first: when the first shutter of its step opened."""
-        requested = _exposure_of(self._plan.bracket[shot_id.step])
-        shot = ShotRecord(
-            kind=self._plan.kind,
-            plan=self._plan.plan,
-            camera=shot_id.camera,
-            frame=shot_id.frame,
-            step=shot_id.step,
-            file=written.file,
-            sha256=written.sha256,
-            developed=written.developed,
-            developed_sha256=written.developed_sha256,
-            requested=requested,
-            reported=written.reported,
-            width=written.width,
-            height=written.height,
-            captured_at=written.captured_at,
-            skew=None if first is None else max(0.0, written.opened - first),
-            retries=written.retries,
-            band=self._plan.band(shot_id.step, self._session.camera(shot_id.camera)),
-        )
-        try:
-            self._session.append_shot(shot)
-        except StorageError as error:
-            threads.halt(error)
-            self._failed(shot_id, error)
-            return
-        self.done[shot_id] = shot
-        if deviates(written.reported, requested):
-            self._problems.append(_deviation(shot_id, requested, written.reported))
-        if shot.skew is not None and shot.skew > self._tolerance and not shot.retries:
-            self._apart.setdefault(shot_id.step, []).append((shot.skew, shot_id))
-        self._progress(shot.file, len(self.done), len(self.planned))
-
-    def _skews(self) -> Iterator[str]:
-        """A sentence for each step whose shutters opened too far apart; a shot taken again is always late."""
-        for step, late in sorted(self._apart.items()):
-            worst, shot = max(late)
-            frames = len({shot.frame for _, shot in late})
-            yield (
-                f"step {step}: in {frames} of {len(self._plan.frames)} frames the shutters opened more than "
-                f"{1000 * self._tolerance:.3g} ms apart, up to {1000 * worst:.3g} ms ({shot.camera}, frame "
-                f"{shot.frame}): keep the scene still, or trigger the cameras by a hardware line"
-            )
-
-
-def _deviation(shot_id: ShotId, requested: Exposure, reported: Exposure) -> str:
-    apart = stops_apart(reported, requested)
-    return f"{shot_id}: the camera reports {reported} where {requested} was asked for ({apart:+.2f} stops)"
 
 
 def leftovers(session: Session) -> list[Path]:

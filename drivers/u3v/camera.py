@@ -9,18 +9,16 @@ from usb.backend import IBackend
 
 from drivers.camera import CameraIdentity, Capabilities
 from drivers.clock import Clock
-from drivers.errors import CameraLost, CameraProtocol, CameraRefused, CameraTimeout
+from drivers.errors import CameraLost, CameraRefused, CameraTimeout
 from drivers.u3v import lines, sequencer, settings
-from drivers.u3v.chunks import split_chunks
 from drivers.u3v.lines import Wiring
-from drivers.u3v.pixels import format_of, unpack
+from drivers.u3v.mosaics import Mosaics
 from drivers.u3v.session import U3vSession, connected, open_session
-from drivers.u3v.stream import CHUNKS, Frame
+from drivers.u3v.stream import Frame
 from drivers.u3v.timestamps import Latch, latch, opening
-from imaging.cfa import Tile
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
-from imaging.mosaic import FrameMetadata, RawMosaic
+from imaging.mosaic import RawMosaic
 
 REPLUG = 10.0
 """Seconds that a camera may be away before it counts as gone."""
@@ -48,6 +46,7 @@ class U3vCamera:
         self._backend, self._clock = backend, clock
         self._wiring = Wiring()
         self._session: U3vSession | None = None
+        self._mosaics: Mosaics | None = None
         self._wanted: Exposure | None = None
         self._bytes_per_second: int | None = None
         self._stage = _Stage.IDLE
@@ -59,8 +58,6 @@ class U3vCamera:
         """Its clock, just before it was told to wait for its trigger."""
         self._surest: Latch | None = None
         """Of all times that its clock was read, the one that is known best."""
-        self._levels: dict[int, tuple[Tile, int]] = {}
-        """Black and white of each pixel format, read once a session."""
 
     @property
     def where(self) -> str:
@@ -220,8 +217,7 @@ class U3vCamera:
             except CameraError:
                 session.close()
                 raise
-            self._session = session
-            self._levels.clear()
+            self._session, self._mosaics = session, Mosaics(session, self.serial)
             self._runs = self._single = False
             if self._bytes_per_second is not None:
                 self.limit_throughput(self._bytes_per_second)
@@ -250,11 +246,12 @@ class U3vCamera:
 
     def _take(self, session: U3vSession) -> list[RawMosaic]:
         """The frames that are expected, after which the stream is off."""
+        assert self._mosaics is not None
         taken: list[tuple[int, RawMosaic]] = []
         try:
             for exposure in self._expected:
                 frame = self._next_frame(session, exposure.time)
-                taken.append((frame.leader.timestamp, self._mosaic(session, frame, exposure)))
+                taken.append((frame.leader.timestamp, self._mosaics.of(frame, exposure)))
         except CameraLost:
             raise
         except CameraError:
@@ -295,35 +292,6 @@ class U3vCamera:
         settings.stop(session.nodes)
         session.stream.stop()
         self._runs = False
-
-    def _mosaic(self, session: U3vSession, frame: Frame, exposure: Exposure) -> RawMosaic:
-        """A frame as the rest of rig knows it; the exposure is what was set, the time that of the chunk."""
-        leader, nodes = frame.leader, session.nodes
-        if frame.problem is not None:
-            raise CameraProtocol(
-                f"frame {leader.block} of {session.where} is incomplete ({frame.problem}): shoot it again."
-            )
-        pixels = format_of(leader.pixel_format)
-        image = frame.payload
-        chunks: dict[int, bytes] = {}
-        if leader.payload_type & CHUNKS:
-            image, chunks = split_chunks(image)
-        nodes.attach_chunks(chunks)
-        if chunks and nodes.available("ChunkExposureTime"):
-            exposure = exposure.with_time(float(nodes.number("ChunkExposureTime")) / 1e6)
-        if pixels.code not in self._levels:
-            white = settings.white_level(nodes, pixels)
-            self._levels[pixels.code] = settings.black_levels(nodes, pixels), white
-        bootstrap = session.bootstrap
-        return RawMosaic(
-            pixels=unpack(image, pixels, leader.width, leader.height, leader.padding),
-            cfa=pixels.cfa,
-            black=self._levels[pixels.code][0],
-            white=self._levels[pixels.code][1],
-            metadata=FrameMetadata(
-                make=bootstrap.manufacturer, model=bootstrap.model, serial=self.serial, exposure=exposure
-            ),
-        )
 
 
 def find_cameras(backend: IBackend, clock: Clock) -> list[U3vCamera]:

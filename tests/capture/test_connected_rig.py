@@ -11,7 +11,7 @@ import pytest
 
 from capture.bracket.planner import BracketGoals
 from capture.connected_rig import capture_rig, connected_source
-from capture.record.recorder import CaptureResult
+from capture.record.capture_run import CaptureResult
 from capture.record.shooting import Rehearsal, rehearse
 from capture.record.source import CaptureRequest
 from capture.rigfile.rigfile import read_rig_file

@@ -1,0 +1,53 @@
+"""Frames of a USB3 Vision camera as the rest of rig knows them."""
+
+from drivers.errors import CameraProtocol
+from drivers.u3v import settings
+from drivers.u3v.chunks import split_chunks
+from drivers.u3v.pixels import format_of, unpack
+from drivers.u3v.session import U3vSession
+from drivers.u3v.stream import CHUNKS, Frame
+from imaging.cfa import Tile
+from imaging.exposure import Exposure
+from imaging.mosaic import FrameMetadata, RawMosaic
+
+
+class Mosaics:
+    """Of one session with the camera of that serial number; levels are read once for each pixel format."""
+
+    def __init__(self, session: U3vSession, serial: str) -> None:
+        self._session, self._serial = session, serial
+        self._levels: dict[int, tuple[Tile, int]] = {}
+        """Black and white of each pixel format."""
+
+    def of(self, frame: Frame, exposure: Exposure) -> RawMosaic:
+        """The mosaic of a frame; exposure: what was set, its time replaced by that of the frame's chunk.
+
+        CameraProtocol if a part of the frame is missing.
+        """
+        leader, nodes, bootstrap = frame.leader, self._session.nodes, self._session.bootstrap
+        if frame.problem is not None:
+            raise CameraProtocol(
+                f"frame {leader.block} of {self._session.where} is incomplete ({frame.problem}): "
+                "shoot it again."
+            )
+        pixels = format_of(leader.pixel_format)
+        image = frame.payload
+        chunks: dict[int, bytes] = {}
+        if leader.payload_type & CHUNKS:
+            image, chunks = split_chunks(image)
+        nodes.attach_chunks(chunks)
+        if chunks and nodes.available("ChunkExposureTime"):
+            exposure = exposure.with_time(float(nodes.number("ChunkExposureTime")) / 1e6)
+        if pixels.code not in self._levels:
+            white = settings.white_level(nodes, pixels)
+            self._levels[pixels.code] = settings.black_levels(nodes, pixels), white
+        black, white = self._levels[pixels.code]
+        return RawMosaic(
+            pixels=unpack(image, pixels, leader.width, leader.height, leader.padding),
+            cfa=pixels.cfa,
+            black=black,
+            white=white,
+            metadata=FrameMetadata(
+                make=bootstrap.manufacturer, model=bootstrap.model, serial=self._serial, exposure=exposure
+            ),
+        )
