@@ -27,7 +27,7 @@ Part = Literal["sensor", "response", "colour", "poses", "luminance"]
 def calibrate(
     session: SessionArgument,
     only: Annotated[
-        Part | None, typer.Option(help="Redo this part and keep the rest; all but poses need no poses.")
+        Part | None, typer.Option(help="Redo only this part and keep the rest; works without poses too.")
     ] = None,
     board: Annotated[
         BoardText | None,

@@ -26,7 +26,7 @@ def import_(
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The session folder to make.")],
     layout: Annotated[
-        Layout | None, typer.Option(help="What wrote the folder; recognised by its files if not given.")
+        Layout | None, typer.Option(help="Layout of the folder; recognised by its files if not given.")
     ] = None,
     cameras: Annotated[
         Identity | None, typer.Option(help="What tells cameras apart; guessed if not given.")
@@ -36,7 +36,7 @@ def import_(
     ] = None,
     together: Annotated[
         Together | None,
-        typer.Option(help="What makes brackets of several cameras one frame; guessed if not given."),
+        typer.Option(help="How brackets of several cameras are matched to a frame; guessed if not given."),
     ] = None,
     exposures: Annotated[
         Path | None,
@@ -49,24 +49,24 @@ def import_(
     bands: Annotated[
         Path | None,
         typer.Option(
-            help="A list of the filters before mono cameras, a line 'name, wavelength, bandwidth' in nm "
-            "each; their names are folders of the photos or in their names."
+            help="A list of the filters before mono cameras, one line 'name, wavelength, bandwidth' (in nm) "
+            "for each; photos of a filter have its name in theirs, or are in a folder of that name."
         ),
     ] = None,
     pixel_shift: Annotated[
         bool,
         typer.Option(
             "--pixel-shift",
-            help="Every four RAW photographs of a camera are one, between which its sensor moved.",
+            help="Combine every four RAW photographs of a camera, between which its sensor moved.",
         ),
     ] = False,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Make a session of photographs.
 
-    They are copied, and sorted into cameras, frames and brackets by what their files say; every
-    guess is listed. Lenses, poses and scene points of a nerfstudio, COLMAP, LLFF, HDR-NeRF or
-    RawNeRF folder are kept, so that it can be reconstructed at once.
+    Copies the photographs and sorts them into cameras, frames and brackets by their metadata;
+    every guess is listed. Lenses, poses and scene points of a nerfstudio, COLMAP, LLFF, HDR-NeRF
+    or RawNeRF folder are kept, so that it can be reconstructed without rig calibrate.
 
     Example: rig import photos/ S
     """

@@ -36,12 +36,13 @@ def merge(
     """Merge brackets to linear EXR files.
 
     Writes OUT/FRAME/CAMERA.exr with light, its standard deviation and a mask. All files of a session share
-    one scale, whatever camera, exposures and part of it: light times one factor, by which its median opens as
-    middle grey. Headers (rig:exposureFactor) and OUT/merge.json state the factor, and light = value / factor;
-    where rig calibrate --luminance was run, whiteLuminance in the header makes values absolute. Exposures and
-    response are those of rig calibrate where it was run, else labels and sRGB. What a mask of the session
-    hides in one exposure is taken from the others; what it hides in all of them keeps its light, and 16 in
-    the mask. RAW of a camera without calibrated colour stays camera RGB.
+    one scale, whichever part of it is merged: the light times one factor, chosen so that the median of the
+    session opens as middle grey. Headers (rig:exposureFactor) and OUT/merge.json state the factor, and
+    light = value / factor; after rig calibrate --luminance, whiteLuminance in the header makes values
+    absolute. Exposures and response are those of rig calibrate; without it, those of the files' labels, and
+    sRGB. What a mask of the session hides in one exposure is taken from the others; what it hides in all of
+    them is merged all the same, and has 16 added in the mask. RAW of a camera without calibrated colour stays
+    camera RGB.
 
     Example: rig merge S merged/ --frame 0
     """

@@ -35,7 +35,7 @@ def reconstruct(
         MethodName,
         typer.Option(
             help="auto chooses by what the session holds: nh-3dgs for RAW and EXR, hdr-gs for photographs "
-            "whose exposures differ, else vanilla, which has the colours of 3DGS in the same training."
+            "whose exposures differ, else vanilla, the colours of 3DGS in the training of the others."
         ),
     ] = "auto",
     quality: Annotated[QualityName, typer.Option(help=f"How long and how fine: {_PRESETS}.")] = "standard",
@@ -63,8 +63,8 @@ def reconstruct(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help=f"Fix one of {', '.join(OVERRIDES)}; may be repeated. rig trade says what each "
-            "of them buys.",
+            help=f"Fix one of {', '.join(OVERRIDES)}; may be repeated. rig trade measures what "
+            "each of them buys.",
         ),
     ] = None,
     name: Annotated[

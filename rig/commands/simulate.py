@@ -34,7 +34,7 @@ def simulate(
     profile: Annotated[
         str,
         typer.Option(
-            metavar="NAME", help="Which camera it is: generic, canon-eos-6d, nikon-z6 or sony-a7m4."
+            metavar="NAME", help="The camera to simulate: generic, canon-eos-6d, nikon-z6 or sony-a7m4."
         ),
     ] = "generic",
     seed: SeedOption = 0,

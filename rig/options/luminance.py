@@ -12,12 +12,12 @@ if TYPE_CHECKING:
 
 EXAMPLE = "0000/cam0:1200,800,60,40=85cd/m2"
 HELP = (
-    "How bright something in a picture is: VIEW:LEFT,TOP,WIDTH,HEIGHT=READING, in pixels of the file; repeat "
+    "A reading of the light in a picture: VIEW:LEFT,TOP,WIDTH,HEIGHT=READING, in pixels of the file; repeat "
     f"it for more. READING is a luminance, as in {EXAMPLE} (spot meter, known lamp), or an illuminance and a "
-    "reflectance, as in 0000/cam0:1200,800,60,40=1200lx,18% (grey card). chart=1200lx is of the calibrated "
-    "colour chart. Add ,+-3% for the standard error of meter and card together (5 % if it is not given), and "
-    ",by=NAME where readings are by different meters or of different lamps: those of one meter share its "
-    "error. none forgets the readings of earlier runs."
+    "reflectance, as in 0000/cam0:1200,800,60,40=1200lx,18% (grey card). chart=1200lx is the illuminance at "
+    "the colour chart of the calibration. Add ,+-3% for the standard error of meter and card together (5 % "
+    "if it is not given), and ,by=NAME where readings are by different meters or of different lamps: those "
+    "of one meter share its error. none forgets the readings of earlier runs."
 )
 ERROR = 0.05
 """Standard error of a reading that states none: luminance meters of class L to B of DIN 5032-7 have 5 to 10 %
