@@ -1,6 +1,5 @@
 """What `imaging.files.dng` writes is what other people's readers read."""
 
-import json
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -15,29 +14,21 @@ import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging.cfa import BAYER, Cfa, as_tile
+from imaging.cfa import BAYER, Cfa
 from imaging.errors import StorageError
 from imaging.exposure import Exposure
 from imaging.files import dng, dng_tags, store
 from imaging.files.dng import encode_dng, write_dng
 from imaging.files.raw import read_raw
 from imaging.files.tiff import TiffReader
-from imaging.mosaic import FrameMetadata, RawMosaic, as_matrix
+from imaging.mosaic import FrameMetadata, RawMosaic
+
+from .exiftool import exiftool, needs_exiftool
 
 MakeRaw = Callable[..., RawMosaic]
 
 needs_dcraw = pytest.mark.skipif(shutil.which("dcraw") is None, reason="dcraw is not installed")
-needs_exiftool = pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool is not installed")
-TABLES = [Cfa.X_TRANS, Cfa.QUAD_BAYER, Cfa.KODAK_RGBW, Cfa.MONO, Cfa.of("RG/BG")]
-other_tables = pytest.mark.parametrize("cfa", TABLES)
 both_compressions = pytest.mark.parametrize("compression", ["none", "ljpeg"])
-
-
-def exiftool(path: Path, *options: str) -> dict[str, object]:
-    done = subprocess.run(
-        ["exiftool", "-j", *options, str(path)], capture_output=True, check=True, timeout=60
-    )
-    return json.loads(done.stdout)[0]
 
 
 @both_compressions
@@ -51,61 +42,6 @@ def test_everything_comes_back_as_written(
     assert np.array_equal(back.pixels, raw.pixels)
     assert back.pixels.dtype == np.uint16
     assert replace(back, pixels=raw.pixels) == raw
-
-
-def of_table(make_raw: MakeRaw, cfa: Cfa, height: int = 40, width: int = 64) -> RawMosaic:
-    """A mosaic whose colours have as many channels as its table, each site with a black of its own."""
-    rows, channels = np.arange(1.0, 13.0).reshape(4, 3), len(cfa.letters)
-    return make_raw(
-        height,
-        width,
-        cfa=cfa,
-        black=as_tile(256.0 + np.arange(np.prod(cfa.tile)).reshape(cfa.tile) / 4),
-        neutral=None
-        if cfa.mono
-        else (0.5, 0.75, 0.625, 1.0)[:channels]
-        if channels == 4
-        else (0.5, 1.0, 0.75),
-        camera_from_xyz=None if cfa.mono else as_matrix(rows[:channels]),
-    )
-
-
-@both_compressions
-@other_tables
-def test_any_table_comes_back_as_written(
-    tmp_path: Path, make_raw: MakeRaw, cfa: Cfa, compression: str
-) -> None:
-    raw = of_table(make_raw, cfa, 41, 65)
-    write_dng(tmp_path / "a.dng", raw, compression=compression)
-    back = read_raw(tmp_path / "a.dng")
-    assert np.array_equal(back.pixels, raw.pixels)
-    assert replace(back, pixels=raw.pixels) == raw
-    assert np.array_equal(tifffile.imread(tmp_path / "a.dng"), raw.pixels)
-
-
-def test_libraw_sees_x_trans_and_mono_as_written(tmp_path: Path, make_raw: MakeRaw) -> None:
-    for cfa in (Cfa.X_TRANS, Cfa.X_TRANS.cropped(2, 1), Cfa.MONO):
-        raw = of_table(make_raw, cfa)
-        write_dng(tmp_path / "a.dng", raw)
-        with rawpy.imread(str(tmp_path / "a.dng")) as seen:
-            assert np.array_equal(seen.raw_image_visible, raw.pixels)
-            if not cfa.mono:
-                letters = np.array(list(seen.color_desc.decode()))[seen.raw_colors_visible[:6, :6]]
-                assert tuple("".join(row) for row in letters) == cfa.rows
-
-
-@needs_exiftool
-@other_tables
-def test_exiftool_reads_any_table_as_meant(tmp_path: Path, make_raw: MakeRaw, cfa: Cfa) -> None:
-    write_dng(tmp_path / "a.dng", of_table(make_raw, cfa))
-    told = exiftool(tmp_path / "a.dng", "-n", "-a", "-validate", "-warning", "-error", "-CFA*", "-Photo*")
-    assert told["Validate"] == "0 0 0"
-    if cfa.mono:
-        assert told["PhotometricInterpretation"] == 34892
-    else:
-        assert told["CFARepeatPatternDim"] == "{} {}".format(*cfa.period)
-        codes = [{"R": 0, "G": 1, "B": 2, "W": 6}[letter] for row in cfa.rows for letter in row]
-        assert told["CFAPattern2"] == " ".join(map(str, codes))
 
 
 @both_compressions
