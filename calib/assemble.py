@@ -18,6 +18,7 @@ from calib.light.radiometry import Radiometry
 from calib.poses import sfm
 from calib.sensor import metadata
 from calib.sensor.metadata import CameraSensor
+from calib.survey.control import Control
 from imaging.files import store
 from imaging.session.calibration import (
     CalibrationRecord,
@@ -27,6 +28,7 @@ from imaging.session.calibration import (
     Response,
     ViewCalibration,
 )
+from imaging.session.coordinates import CoordinateSystem
 from imaging.session.luminance import LuminanceReading
 from imaging.session.records import CameraRecord, Rung
 from imaging.session.session import Session
@@ -45,6 +47,8 @@ class Evidence:
     readings: Sequence[LuminanceReading] | None = None
     """Of luminance; None: those of the calibration that there is."""
     board: MeasuredBoard | None = None
+    control: Control | None = None
+    """Surveyed points that the scene is placed by."""
 
     @property
     def has_sensor_frames(self) -> bool:
@@ -54,11 +58,15 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where the views stand, and what that tells; by_rig: the views that nothing but their rig placed."""
+    """Where the views stand, and what that tells.
+
+    by_rig: the views that nothing but their rig placed. coordinates: None: they are the scene's own.
+    """
 
     model: sfm.SceneModel
     falloff: vignetting.Falloff
     by_rig: Collection[ViewId]
+    coordinates: CoordinateSystem | None = None
 
 
 def assemble(evidence: Evidence, placement: Placement | None = None) -> CalibrationRecord:
@@ -76,6 +84,7 @@ def assemble(evidence: Evidence, placement: Placement | None = None) -> Calibrat
         unregistered=tuple(sorted(view.id for view in evidence.views if view.id not in poses)),
         contradicted=() if model is None else tuple(sorted(model.contradicted)),
         unit="m" if metric else "relative",
+        coordinates=None if placement is None else placement.coordinates,
         board=None if board is None else board.evidence,
         points=0 if model is None else int(model.reconstruction.num_points3D()),
         reprojection_px=None if model is None else model.reprojection_px,

@@ -21,6 +21,8 @@ from calib.sensor import metadata
 from calib.sensor.measure import MeasuredSensor, measure_sensors
 from calib.sensor.metadata import CameraSensor
 from calib.sensor.rungs import NAMES
+from calib.survey import placing
+from calib.survey.control import Control, control_of, read_control
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files import store
 from imaging.progress import Progress, unreported
@@ -74,15 +76,21 @@ def calibrate(
     board: Board | None = None,
     chart: bool = False,
     luminance: Sequence[LuminanceReading] | None = None,
+    survey: str | Path | None = None,
+    marks: str | Path | None = None,
+    markers: str | None = None,
     progress: Progress = unreported,
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder; returns what was written.
 
-    only: redo this part and keep the rest of the calibration that is there; all but 'poses' need no
-    poses. board: what the session's shots of a board show, where it does not say so itself. chart: search
-    the views for a colour chart, and measure colours by it. luminance: readings of meters and lamps, which
-    make the light absolute; None: those of the calibration that is there, (): none. The folder is replaced as
-    a whole or not at all. Views without a pose are listed in the record.
+    only: redo this part and keep the rest of the calibration that is there; all but 'poses' need no poses.
+    board: what the session's shots of a board show, where it does not say so itself. chart: search the
+    views for a colour chart, and measure colours by it. luminance: readings of meters and lamps, which make
+    the light absolute; None: those of the calibration that is there, (): none. survey: a table of surveyed
+    points, in whose coordinates the scene is placed; None: that of the calibration that is there, 'none':
+    no survey. marks: a table of where images show them. markers: OpenCV's dictionary of the markers that
+    stand on them. The folder is replaced as a whole or not at all. Views without a pose are listed in the
+    record.
 
     Errors: CalibrationError when no view can be placed and nothing else was learnt, or when an earlier
     calibration has poses, which then stays; PartialError when the board, the poses or the readings had
@@ -94,8 +102,14 @@ def calibrate(
     if chart and not measures.chart:
         raise InputError(f"a chart tells of colour, not of {only}: leave --chart or --only {only} out.")
     require_places(opened, luminance or ())
+    if not measures.poses and survey is not None:
+        raise InputError(
+            f"surveyed points tell of poses, not of {only}: leave --survey or --only {only} out."
+        )
+    control = _control(opened, survey, marks, markers)
     earlier = None if only is None else _earlier(opened)
-    evidence = replace(_evidence(opened, measures, earlier, progress), readings=luminance)
+    evidence = _evidence(opened, measures, earlier, progress)
+    evidence = replace(evidence, readings=luminance, control=control)
     if chart:
         charts = measure_charts(opened, evidence.views, evidence.sensors, evidence.light, earlier, progress)
         evidence = replace(evidence, charts=charts, sensors=charts.applied(evidence.sensors))
@@ -123,7 +137,31 @@ def calibrate(
         raise PartialError(f"{session}: the board was left out, and the rest is calibrated: {refused}")
     if missing := _missing_luminance(record, luminance):
         raise PartialError(f"{session}: all is calibrated but the scale of light: {missing}.")
+    if missing := _missing_survey(record, control):
+        raise PartialError(
+            f"{session}: all is calibrated, in coordinates of its own and not the survey's: {missing}."
+        )
     return record
+
+
+def _control(
+    session: Session, survey: str | Path | None, marks: str | Path | None, markers: str | None
+) -> Control | None:
+    """The surveyed points that are given, else those of the calibration that there is."""
+    if survey is not None and str(survey) == "none":
+        return None
+    if survey is None and marks is None and markers is None:
+        known = (_folder(session) / "calibration.json").exists()
+        earlier = read_calibration(session.folder).coordinates if known else None
+        return None if earlier is None else control_of(earlier)
+    return read_control(session, survey, marks, markers)
+
+
+def _missing_survey(record: CalibrationRecord, control: Control | None) -> str:
+    """Why surveyed points did not place the scene; empty if they did, or if there are none."""
+    if control is None or not record.views or (record.coordinates and record.coordinates.points):
+        return ""
+    return next(rung.reason for rung in record.rungs if rung.name == placing.NAME)
 
 
 def _missing_luminance(record: CalibrationRecord, readings: Sequence[LuminanceReading] | None) -> str:

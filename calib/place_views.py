@@ -5,6 +5,7 @@ from functools import partial
 from importlib.metadata import version
 
 from calib.assemble import Evidence, Placement, assemble
+from calib.boards.measure import picture_of
 from calib.colour.recorded import balance, with_balance, with_development
 from calib.data.unfinished import Arrays, Unfinished
 from calib.exports import pictures
@@ -14,6 +15,7 @@ from calib.luminance.measure import scaled
 from calib.poses import sfm
 from calib.poses.known_rig import KnownRig
 from calib.poses.rig_placement import place_by_rig
+from calib.survey.locate import located
 from calib.view_images import ViewSummary, summarise
 from imaging.compute.cores import available_cores
 from imaging.errors import CalibrationError, InputError, PartialError
@@ -45,6 +47,9 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
         also = f" The board was left out: {board_refused}" if board_refused else ""
         raise PartialError(f"{session.folder}: {measured}, but no view has a pose: {cause}{also}") from error
     rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
+    model, coordinates = located(
+        session, evidence.views, model, evidence.control, partial(picture_of, session), progress
+    )
     model, by_rig = place_by_rig(model, summaries, rigs)
     names = sorted(model.lenses)
     progress("measuring falloff", 0, 1)
@@ -69,7 +74,7 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
         sights = each_photograph.sights_of(model, colours, photographs, falloff)
         development = each_photograph.estimate(*sights)
     white = balance(model, colours, evidence.sensors, falloff, list(evidence.charts.evidence))
-    record = with_balance(assemble(evidence, Placement(model, falloff, by_rig)), white)
+    record = with_balance(assemble(evidence, Placement(model, falloff, by_rig, coordinates)), white)
     if photographs:
         record = with_development(record, development, evidence.views)
     record = with_luminance(record, evidence)

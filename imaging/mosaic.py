@@ -21,6 +21,16 @@ def as_matrix(values: npt.ArrayLike) -> Matrix:
 
 
 @dataclass(frozen=True)
+class GpsPosition:
+    """Latitude and longitude of WGS84, degrees, and height, m; error: horizontal, m. None: not told."""
+
+    latitude: float
+    longitude: float
+    altitude: float | None = None
+    error: float | None = None
+
+
+@dataclass(frozen=True)
 class FrameMetadata:
     """What a file says about the camera and the exposure; None where it says nothing.
 
@@ -38,6 +48,7 @@ class FrameMetadata:
     focal_length_35mm: float | None = None
     orientation: int = 1
     opened: float | None = None
+    position: GpsPosition | None = None
 
 
 @dataclass(frozen=True)

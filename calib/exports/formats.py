@@ -49,7 +49,7 @@ def write_exports(
     if record.views:
         transforms = _transforms(record, pictures)
         if model is not None and model.points3D:
-            (folder / _POINTS).write_bytes(_ply(model))
+            (folder / _POINTS).write_bytes(_ply(model, record.coordinate_note))
             transforms = {"ply_file_path": _POINTS, **transforms}
         text = json.dumps(transforms, indent=1, allow_nan=False)
         (folder / "transforms.json").write_text(f"{text}\n", encoding="utf-8")
@@ -90,11 +90,25 @@ def _transforms(record: CalibrationRecord, pictures: Mapping[str, Lens]) -> dict
     if len(models) == 1:
         for frame in frames:
             del frame["camera_model"]
-    return {"camera_model": min(models), "is_fisheye": models == {"OPENCV_FISHEYE"}, "frames": frames}
+    return {
+        "camera_model": min(models),
+        "is_fisheye": models == {"OPENCV_FISHEYE"},
+        "coordinates": _coordinates(record),
+        "frames": frames,
+    }
 
 
-def _ply(model: Any) -> bytes:
-    """The points of a COLMAP model with their colours as binary PLY."""
+def _coordinates(record: CalibrationRecord) -> dict[str, Any]:
+    """What the poses are in; in a table of its own, since Instant NGP takes an `offset` for its own."""
+    known = record.coordinates
+    if known is None:
+        return {"unit": record.unit, "system": "own"}
+    placed = known.model_dump(mode="json", include={"system", "offset", "origin"})
+    return {"unit": record.unit, **placed}
+
+
+def _ply(model: Any, note: str) -> bytes:
+    """The points of a COLMAP model with their colours as binary PLY; note: what coordinates they are in."""
     points = [model.points3D[number] for number in sorted(model.points3D)]
     table = np.empty(len(points), [*((axis, "<f4") for axis in "xyz"), *((c, "u1") for c in _COLOURS)])
     for column, axis in enumerate("xyz"):
@@ -104,6 +118,7 @@ def _ply(model: Any) -> bytes:
     header = [
         "ply",
         "format binary_little_endian 1.0",
+        f"comment coordinates: {note}",
         f"element vertex {len(points)}",
         *(f"property float {axis}" for axis in "xyz"),
         *(f"property uchar {colour}" for colour in _COLOURS),

@@ -51,7 +51,7 @@ class SceneModel:
     reconstruction: the pycolmap model. poses: cam_from_world of every registered view. cam_from_rig: of
     every camera, if the rig constraint held. points: scene points that each view sees. rungs: the
     ladder of rig and lens. contradicted: views that were left out because others
-    said that their poses were false.
+    said that their poses were false. free: how it was adjusted; typical: its miss, px.
     """
 
     reconstruction: Any
@@ -64,6 +64,8 @@ class SceneModel:
     errors: StandardErrors | None
     metric: bool
     contradicted: frozenset[ViewId] = frozenset()
+    free: Free | None = None
+    typical: float = 0.0
 
     @property
     def rigged(self) -> bool:
@@ -112,7 +114,20 @@ def solve(
     errors = standard_errors(adjusted.reconstruction, adjusted.free, adjusted.typical, progress)
     rungs = (*rungs, *adjusted.settled.rungs, adjusted.rig_rung, *adjusted.lens_rungs)
     model = _model(adjusted.reconstruction, rungs, errors, metric=adjusted.metric)
-    return replace(model, contradicted=adjusted.settled.left_out)
+    return replace(
+        model, contradicted=adjusted.settled.left_out, free=adjusted.free, typical=adjusted.typical
+    )
+
+
+def transformed(model: SceneModel, transform: Any) -> SceneModel:
+    """The model in other coordinates, metres, by a pycolmap.Sim3d; its reconstruction is changed in place."""
+    model.reconstruction.transform(transform)
+    errors = model.errors and replace(
+        model.errors,
+        translation={view: transform.scale * one for view, one in model.errors.translation.items()},
+    )
+    moved = _model(model.reconstruction, model.rungs, errors, metric=True)
+    return replace(moved, contradicted=model.contradicted, free=model.free, typical=model.typical)
 
 
 @dataclass(frozen=True, eq=False)

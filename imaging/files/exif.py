@@ -1,12 +1,14 @@
 """What EXIF says about camera and exposure, in both directions."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import datetime
 from fractions import Fraction
 from io import BytesIO
 from typing import Any
 
 from imaging.exposure import Exposure
+from imaging.files import exif_gps
 from imaging.files.tiff import (
     ASCII,
     EXIF_IFD,
@@ -108,10 +110,16 @@ def camera_entries(metadata: FrameMetadata) -> dict[int, Entry]:
 
 def encode_exif(metadata: FrameMetadata) -> bytes:
     """An EXIF block: 'Exif', two zero bytes and a small TIFF."""
+    parts = {EXIF_IFD: exif_entries(metadata)}
+    if metadata.position is not None:
+        parts[exif_gps.GPS_IFD] = exif_gps.entries_of(metadata.position)
     main = camera_entries(metadata)
-    length = len(encode_directory({**main, EXIF_IFD: Entry(LONG, [0])}, 8))
-    head = encode_directory({**main, EXIF_IFD: Entry(LONG, [8 + length])}, 8)
-    return b"Exif\0\0II*\0\x08\0\0\0" + head + encode_directory(exif_entries(metadata), 8 + length)
+    at = 8 + len(encode_directory({**main, **{tag: Entry(LONG, [0]) for tag in parts}}, 8))
+    body = b""
+    for tag, entries in parts.items():
+        main[tag] = Entry(LONG, [at + len(body)])
+        body += encode_directory(entries, at + len(body))
+    return b"Exif\0\0II*\0\x08\0\0\0" + encode_directory(main, 8) + body
 
 
 def read_exif(reader: TiffReader) -> FrameMetadata:
@@ -120,7 +128,14 @@ def read_exif(reader: TiffReader) -> FrameMetadata:
     exif: Directory = {}
     for offset in integers(main, EXIF_IFD)[:1]:
         exif, _ = reader.directory(offset)
-    return _metadata({**main, **exif, ORIENTATION: main.get(ORIENTATION, ())})
+    found = _metadata({**main, **exif, ORIENTATION: main.get(ORIENTATION, ())})
+    for offset in integers(main, exif_gps.GPS_IFD)[:1]:
+        try:
+            gps, _ = reader.directory(offset)
+        except TiffError:
+            continue  # the picture can do without its position
+        found = replace(found, position=exif_gps.position_of(gps))
+    return found
 
 
 def decode_exif(block: bytes) -> FrameMetadata:
@@ -158,7 +173,7 @@ def from_names(values: Mapping[str, Any]) -> FrameMetadata:
             # Ratio is a Fraction that may be x/0
             parts = [part for part in value if isinstance(part, int | Fraction) and part.denominator]
             tags[tag] = tuple(part if isinstance(part, Fraction) else Fraction(part) for part in parts)
-    return _metadata(tags)
+    return replace(_metadata(tags), position=exif_gps.from_names(values))
 
 
 def _positive(directory: Directory, tag: int) -> float | None:

@@ -18,6 +18,7 @@ from imaging.noise import SensorNoise
 from imaging.pose import Pose
 from imaging.record import Record, parse
 from imaging.sensor import SensorCalibration
+from imaging.session.coordinates import CoordinateSystem
 from imaging.session.luminance import LuminanceScale
 from imaging.session.records import Board, Name, Rung
 from imaging.session.view_id import ViewId, ViewText
@@ -199,7 +200,9 @@ class CalibrationRecord(Record):
     """Views that match others, which contradict each other about where these stand: nothing in their own
     pictures placed them."""
     unit: Literal["relative", "m"] = "relative"
-    """Of all lengths: metres where a board or a known distance gave the scale."""
+    """Of all lengths: metres where a board, a known distance, surveyed points or GPS gave the scale."""
+    coordinates: CoordinateSystem | None = None
+    """What poses and points are in; None: coordinates of the scene's own."""
     board: BoardEvidence | None = None
     points: int = 0
     reprojection_px: float | None = None
@@ -209,6 +212,13 @@ class CalibrationRecord(Record):
     luminance: LuminanceScale | None = None
     """What the light is in cd/m2; None: it is relative."""
     rungs: tuple[Rung, ...] = ()
+
+    @property
+    def coordinate_note(self) -> str:
+        """What poses and points are in, in one line of ASCII, as headers of files have it."""
+        if self.coordinates is not None:
+            return self.coordinates.note
+        return "the scene's own, m" if self.unit == "m" else "the scene's own, without a unit"
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -78,6 +78,7 @@ def write_splats(
     method, light = training.method, training.light
     degree, offset = method.degree(1.0), offset_of(dataset)
     place = ["offset {!r} {!r} {!r}: add it to x y z".format(*offset)] if any(offset) else []
+    place.append(f"coordinates: {dataset.calibration.coordinate_note}")
     drawn, far = training.gaussians, training.environment
     if far is not None:
         dome = dome_of(far, method.appearance, len(drawn))

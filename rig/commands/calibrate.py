@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from imaging.errors import PartialError
+from rig.options.anchors import NO_ANCHORS, SURVEY_HELP, Anchors
 from rig.options.board import EXAMPLE, BoardText, board_text
 from rig.options.common import JsonOption, SessionArgument
 from rig.options.luminance import HELP, ReadingText, reading_text, readings_of
@@ -43,20 +44,36 @@ def calibrate(
     luminance: Annotated[
         list[ReadingText] | None, typer.Option(parser=reading_text, metavar="READING", help=HELP)
     ] = None,
+    survey: Annotated[Path | None, typer.Option(metavar="FILE", help=SURVEY_HELP, exists=False)] = None,
+    marks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Where images show surveyed points: a table with name,image,u,v in pixels."
+        ),
+    ] = None,
+    markers: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DICTIONARY",
+            help="Markers that stand on surveyed points, called by their numbers: DICT_APRILTAG_36H11.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Calibrate cameras, lenses and poses.
 
     Poses, lenses, exposure ratios, response and vignetting come from the pictures themselves; the sensor
     from darks and flats, lenses, rig and scale from a board, where the session has them.
-    Light is relative until --luminance says what it is in cd/m2; readings stay for later runs.
+    Lengths are relative until a board, measured places of cameras, --survey or GPS positions in the files
+    tell metres. Light is relative until --luminance says what it is in cd/m2; readings stay for later runs.
     Writes SESSION/calibration with a COLMAP model and report.html.
 
     Example: rig calibrate S
     """
     with running("calibrate") as status:
         described = board.board() if board else None
-        return run_calibrate(session, status, only, described, chart, readings_of(luminance))
+        anchors = Anchors(survey, marks, markers)
+        return run_calibrate(session, status, only, described, chart, readings_of(luminance), anchors)
 
 
 def run_calibrate(
@@ -66,6 +83,7 @@ def run_calibrate(
     board: "Board | None" = None,
     chart: bool = False,
     luminance: "Sequence[LuminanceReading] | None" = None,
+    anchors: Anchors = NO_ANCHORS,
 ) -> CommandResult:
     """Calibrate, write the report and say what came of it."""
     folder = session / "calibration"
@@ -75,8 +93,9 @@ def run_calibrate(
 
         try:
             record = calibrate_session(
-                session, only=only, board=board, chart=chart, luminance=luminance, progress=status
-            )
+                session, only=only, board=board, chart=chart, luminance=luminance, survey=anchors.survey,
+                marks=anchors.marks, markers=anchors.markers, progress=status,
+            )  # fmt: skip
         except PartialError:
             # What was measured has its page too; the error says what is missing.
             calibration_report(session, status)
@@ -159,6 +178,25 @@ def _luminance_lines(session: Path, record: "CalibrationRecord") -> Iterator[str
             yield f"{session}: {one.reading}: {number(one.luminance)} cd/m², {percent} % off that scale"
 
 
+def _coordinate_lines(session: Path, record: "CalibrationRecord") -> Iterator[str]:
+    """What coordinates the scene is in, how sure that is, and each surveyed point."""
+    from imaging.session.coordinates import length_text
+
+    where = record.coordinates
+    for rung in record.rungs:
+        if rung.name in ("survey", "gps"):
+            yield f"{session}: {rung.name}: {rung.reason}"
+    if where is None:
+        return
+    yield (
+        f"{session}: coordinates are {where.described}{where.less_offset}, in metres: scale to "
+        f"{number(100 * where.scale_error, 2)} %, turn to {number(where.rotation_error, 2)}°, place to "
+        f"{length_text(where.position_error)} (standard errors)"
+    )
+    for point in where.points:
+        yield f"{session}: {point}"
+
+
 def _luminance_figures(record: "CalibrationRecord") -> dict[str, Any] | None:
     """The scale of light; None: it is relative."""
     return None if record.luminance is None else record.luminance.model_dump(mode="json")
@@ -204,6 +242,7 @@ def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
         *[f"{session}: {view} {_why_unplaced(record, view)}: its pose is the rig's" for view in by_rig],
         *[f"{session}: {doubt}" for doubt in record.doubts],
+        *_coordinate_lines(session, record),
         *_chart_lines(session, record),
         *_luminance_lines(session, record),
         f"Report: {report}",
@@ -221,6 +260,8 @@ def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
         "reprojection_px": record.reprojection_px,
         "luminance": _luminance_figures(record),
         "charts": _chart_figures(record),
+        "unit": record.unit,
+        "coordinates": None if record.coordinates is None else record.coordinates.model_dump(mode="json"),
         "report": str(report),
     }
     missing = None

@@ -9,6 +9,7 @@ from imaging.session.calibration import CalibrationRecord, ViewCalibration
 from imaging.session.view_id import ViewId
 from rig.report.charts.board_view import board_figures
 from rig.report.charts.chart import COLOURS, Series, chart
+from rig.report.charts.coordinates_table import coordinate_tables
 from rig.report.charts.residuals import Residuals
 from rig.report.charts.rig_view import MOST_VIEWS, turntable
 from rig.report.charts.topic import NOT_DETERMINED, Figure, Table, Topic
@@ -27,7 +28,7 @@ def pose_topic(record: CalibrationRecord, points: SparsePoints | None, residuals
     return Topic(
         "Poses",
         figures=(*_figures(record, points, residuals), *boards),
-        tables=(_least_sure(record, residuals),),
+        tables=(*coordinate_tables(record), _least_sure(record, residuals)),
     )
 
 

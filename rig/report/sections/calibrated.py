@@ -33,6 +33,7 @@ TOPICS = (
     ("Light over the image and between cameras", ("vignetting", "camera_gain")),
     ("Scale of light", ("luminance",)),
     ("Lenses", ("lens_", "board_lens")),
+    ("Coordinates", ("survey", "gps", "onto")),
     ("Rig and poses", ("rig_", "board_", "pose_")),
 )
 """Which rungs belong together, by the beginning of their name; the first that fits."""

@@ -133,7 +133,7 @@ def _board(session: Session, record: CalibrationRecord) -> Iterable[str]:
         if record.views and record.unit != "m":
             yield (
                 "Lengths have no unit" + (" and the rig's own geometry rests on the scene" if rigged else "")
-                + f": show a calibration board{_how(session, '--board')}."
+                + f": show a calibration board{_how(session, '--board')}, or survey points of the scene."
             )  # fmt: skip
         return
     if record.board.frames < FEW_FRAMES:

@@ -1,0 +1,105 @@
+"""A scene placed by where its photographs say that they were taken."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from calib.data.views import View
+from calib.poses.sfm import SceneModel, centres, transformed
+from calib.survey.points import ENU, east_north_up
+from calib.survey.similarity import Similarity, consensus, is_line, standard_errors
+from imaging.errors import InputError
+from imaging.files.photo import read_metadata
+from imaging.mosaic import GpsPosition
+from imaging.session.coordinates import CoordinateSystem
+from imaging.session.records import Rung
+from imaging.session.session import Session
+from imaging.session.view_id import ViewId
+
+Array = npt.NDArray[np.float64]
+
+NAME = "gps"
+FEWEST = 6
+SURE_SCALE, SURE_TURN = 0.1, 10.0
+"""Standard errors, relative and degrees, beyond which positions tell too little to place a scene by."""
+_LEAST = 1e-3
+"""m: receivers do not do better."""
+
+
+@dataclass(frozen=True, eq=False)
+class GpsFit:
+    """A model in east, north and up of an origin; errors: of scale, turn and place."""
+
+    similarity: Similarity
+    origin: tuple[float, float, float]
+    rms: float
+    errors: tuple[float, float, float]
+    used: int
+    left_out: int
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is good enough to place a scene by."""
+        return self.errors[0] <= SURE_SCALE and self.errors[1] <= SURE_TURN
+
+
+def positions_of(session: Session, views: Sequence[View]) -> dict[ViewId, GpsPosition]:
+    """Where the photographs say that they were taken, with a height; those that say it."""
+    found = {}
+    for view in views:
+        try:
+            position = read_metadata(session.file(view.shots[0])).position
+        except InputError:
+            continue
+        if position is not None and position.altitude is not None:
+            found[view.id] = position
+    return found
+
+
+def fit_gps(model: SceneModel, positions: Mapping[ViewId, GpsPosition]) -> GpsFit | str:
+    """How the model lies by its positions, or why they do not tell."""
+    views = [view for view in sorted(positions) if view in model.poses]
+    told = np.array([(p.latitude, p.longitude, p.altitude) for p in (positions[view] for view in views)])
+    different = len(np.unique(told, axis=0)) if len(views) else 0
+    if different < FEWEST:
+        return f"photographs with a pose tell {different} positions with height, and {FEWEST} are needed"
+    latitude, longitude, height = np.median(told, axis=0).tolist()
+    origin = round(latitude, 5), round(longitude, 5), float(round(height))
+    there = east_north_up(told, origin)
+    here = centres([model.poses[view] for view in views])
+    stated = [positions[view].error for view in views]
+    noise = np.full(len(views), _LEAST)
+    found, fits, scatter = consensus(here, there, noise, rigid=model.metric)
+    if fits.sum() < max(FEWEST, (len(views) + 1) // 2):
+        return f"the positions of {len(views)} photographs do not agree with their poses"
+    if is_line(there[fits], scatter) or is_line(here[fits], scatter / float(found.scale)):
+        return "the photographs were taken along a line, about which the scene could turn"
+    misses = found(here[fits]) - there[fits]
+    scale, turn, place = standard_errors(there[fits], misses, np.hypot(noise[fits], scatter))
+    rms = float(np.sqrt((misses**2).sum(1).mean()))
+    # Receivers err alike for minutes: the mean of many positions is no better than one of them.
+    known = [error for error in stated if error is not None]
+    place = max(place, rms, float(np.median(known)) if known else 0.0)
+    return GpsFit(found, origin, rms, (scale, turn, place), int(fits.sum()), int((~fits).sum()))
+
+
+def place_by_gps(model: SceneModel, found: GpsFit | str) -> tuple[SceneModel, CoordinateSystem | None, Rung]:
+    """The model in east, north and up, or as it was where positions tell too little; the rung says why."""
+    if isinstance(found, str):
+        return model, None, Rung(name=NAME, taken=False, reason=found)
+    scale, turn, place = found.errors
+    if not found.sure:
+        reason = (
+            f"the positions of {found.used} photographs tell the scale to {100 * scale:.2g} % and the turn "
+            f"to {turn:.2g} degrees only: they scatter by {found.rms:.2g} m"
+        )
+        return model, None, Rung(name=NAME, taken=False, reason=reason)
+    coordinates = CoordinateSystem(
+        source="gps", system=ENU, origin=found.origin, rms=found.rms, scale_error=scale,
+        rotation_error=turn, position_error=place, used=found.used, left_out=found.left_out,
+    )  # fmt: skip
+    of = "turn and place" if model.metric else "scale, turn and place"
+    reason = f"the positions of {found.used} photographs tell {of}; they scatter by {found.rms:.2g} m (rms)"
+    return transformed(model, found.similarity.sim3d), coordinates, Rung(name=NAME, taken=True, reason=reason)

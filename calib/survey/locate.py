@@ -1,0 +1,62 @@
+"""Which coordinates a scene gets: those of a survey, else of its photographs' positions, else its own."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from calib.data.views import View
+from calib.poses.sfm import SceneModel
+from calib.survey import gps, placing
+from calib.survey.control import Control
+from calib.survey.gps import GpsFit
+from calib.survey.marks import Picture, find_markers, joined
+from calib.survey.placing import Expected, place_by_survey
+from imaging.errors import CalibrationError
+from imaging.progress import Progress
+from imaging.session.coordinates import CoordinateSystem
+from imaging.session.records import Rung
+from imaging.session.session import Session
+
+_KNOWN = 0.05
+"""By which a survey's lengths may differ from those of a board or a ruler, relative."""
+
+
+def located(
+    session: Session,
+    views: Sequence[View],
+    model: SceneModel,
+    control: Control | None,
+    read: Callable[[View], Picture],
+    progress: Progress,
+) -> tuple[SceneModel, CoordinateSystem | None]:
+    """The model in the best coordinates that there are, and what these are; None: its own.
+
+    read: the picture of a view, in which markers are looked for. A rung of the model tells why.
+    """
+    positions = gps.positions_of(session, views)
+    by_gps = gps.fit_gps(model, positions) if positions else None
+    if control is not None:
+        marks = control.marks
+        if control.dictionary is not None:
+            found = find_markers(control.dictionary, control.survey.points, views, read, progress)
+            marks = joined(marks, found)
+        progress("placing by surveyed points", 0, 1)
+        sizes = {view.camera.name: (view.shots[0].width, view.shots[0].height) for view in views}
+        try:
+            return place_by_survey(model, control.survey, marks, sizes, _expected(model, by_gps))
+        except CalibrationError as error:
+            rung = Rung(name=placing.NAME, taken=False, reason=str(error))
+            return replace(model, rungs=(*model.rungs, rung)), None
+    if by_gps is None:
+        return model, None
+    model, coordinates, rung = gps.place_by_gps(model, by_gps)
+    return replace(model, rungs=(*model.rungs, rung)), coordinates
+
+
+def _expected(model: SceneModel, by_gps: GpsFit | str | None) -> Expected | None:
+    """What tells the scale beside a survey."""
+    if model.metric:
+        return Expected(1.0, "the board or the positions of the rig's cameras", _KNOWN)
+    if isinstance(by_gps, GpsFit) and by_gps.sure:
+        tolerance = max(4 * by_gps.errors[0], _KNOWN)
+        return Expected(float(by_gps.similarity.scale), "the photographs' GPS positions", tolerance)
+    return None

@@ -1,0 +1,167 @@
+"""The similarity between two sets of points that are the same, found though some of them are not."""
+
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import norm
+from scipy.stats import t as student_t
+
+from imaging.files.colmap import pycolmap
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+FEWEST = 3
+MOST_TRIPLES = 4000
+TOO_FAR = 4.0
+"""Standard errors by which a point may miss."""
+FEW = 6
+"""Points below which their own scatter tells little of how well they should fit."""
+UNSTATED = 0.0025
+"""Of the spread of the points: how well few of them are taken to fit where nothing states their errors."""
+_NORM = 1.538
+"""Median length of a normal vector of three coordinates, in standard deviations of one of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Similarity:
+    """target = scale rotation source + translation; arrays may have leading axes of several similarities."""
+
+    scale: Any
+    rotation: Array
+    translation: Array
+
+    def __call__(self, source: Array) -> Array:
+        """Points [..., K, 3] of the source in the target."""
+        turned = source @ np.swapaxes(self.rotation, -1, -2)
+        return np.asarray(np.asarray(self.scale)[..., None, None] * turned + self.translation[..., None, :])
+
+    def inverse(self, target: Array) -> Array:
+        """Points [K, 3] of the target in the source."""
+        return np.asarray((target - self.translation) @ self.rotation / self.scale)
+
+    @property
+    def sim3d(self) -> Any:
+        """As pycolmap has it."""
+        return pycolmap.Sim3d(float(self.scale), pycolmap.Rotation3d(self.rotation), self.translation)
+
+
+def fit(source: Array, target: Array, weights: Array | None = None, *, rigid: bool = False) -> Similarity:
+    """The similarity [..., K, 3] to [..., K, 3] with the least weighted sum of squared misses.
+
+    rigid: its scale is 1. Umeyama, "Least-squares estimation of transformation parameters between two point
+    patterns", 1991.
+    """
+    share = np.ones(source.shape[-2]) if weights is None else weights
+    share = (share / share.sum())[:, None]
+    middle, other = (source * share).sum(-2), (target * share).sum(-2)
+    here, there = source - middle[..., None, :], target - other[..., None, :]
+    u, spread, vt = np.linalg.svd(np.swapaxes(there * share, -1, -2) @ here)
+    signs = np.ones(spread.shape)
+    signs[..., 2] = np.sign(np.linalg.det(u @ vt))
+    rotation = (u * signs[..., None, :]) @ vt
+    size = (here**2 * share).sum((-2, -1))
+    scale = np.ones(size.shape) if rigid else (spread * signs).sum(-1) / np.where(size > 0, size, 1.0)
+    translation = other - scale[..., None] * (rotation @ middle[..., None])[..., 0]
+    return Similarity(scale if scale.ndim else float(scale), rotation, translation)
+
+
+def consensus(
+    source: Array, target: Array, noise: Array, *, rigid: bool = False, stated: bool = False
+) -> tuple[Similarity, Mask, float]:
+    """The similarity that most of the points [K, 3] agree about, which these are, and their scatter.
+
+    noise: [K], standard error of a coordinate of each point in the target as far as it is known; stated:
+    whether nothing else is expected. Triples of points are tried for the least median of squared misses
+    (Rousseeuw, 1984); then all that fit are taken, by the scatter of those that do. The scatter is that of a
+    coordinate, beside the noise.
+    """
+    count = len(source)
+    tried = fit(*_triples(source, target), rigid=rigid)
+    missed = np.linalg.norm(tried(source) - target, axis=-1)
+    most = FEWEST if count <= FEWEST + 1 else max(FEWEST + 1, count // 2 + 1)
+    worst = np.partition(missed, most - 1, axis=-1)[:, most - 1]
+    best = int(np.argmin(worst))
+    own = missed[best]
+    # What few points scatter by themselves would excuse whatever they do.
+    few = 0.0 if stated else UNSTATED * float(np.linalg.norm(target - target.mean(0), axis=1).max())
+    scatter, surely = few, TOO_FAR
+    found, keep = fit(source, target, rigid=rigid), np.zeros(count, bool)
+    if count >= FEW:
+        scatter = worst[best] / _NORM * (1 + 5 / (count - 3))
+    else:
+        whole = np.linalg.norm(found(source) - target, axis=1)
+        own = whole if (whole <= TOO_FAR * np.hypot(noise, few)).all() else own
+    for _ in range(10):
+        near = own <= np.hypot(TOO_FAR * noise, surely * scatter)
+        if (near == keep).all():
+            break
+        keep = near
+        used = near if near.sum() >= FEWEST else own <= np.sort(own)[FEWEST - 1]
+        found = fit(source[used], target[used], 1 / (noise[used] ** 2 + scatter**2 + 1e-30), rigid=rigid)
+        own = np.linalg.norm(found(source) - target, axis=1)
+        if count >= FEW:
+            free = 3 * int(used.sum()) - (6 if rigid else 7)
+            beyond = float((own[used] ** 2).sum()) / free - float((noise[used] ** 2).mean())
+            scatter = float(np.sqrt(max(beyond, 0.0)))
+            # A scatter that few points tell is itself unsure.
+            surely = float(student_t.isf(norm.sf(TOO_FAR), free))
+    return found, keep, float(scatter)
+
+
+def _triples(source: Array, target: Array) -> tuple[Array, Array]:
+    count = len(source)
+    if comb(count, 3) <= MOST_TRIPLES:
+        chosen = np.array(list(combinations(range(count), 3)))
+    else:
+        rng = np.random.default_rng(0)
+        chosen = rng.integers(0, count, (MOST_TRIPLES, 3))
+        chosen = chosen[[len(set(row)) == 3 for row in chosen.tolist()]]
+    return source[chosen], target[chosen]
+
+
+def is_line(points: Array, noise: float) -> bool:
+    """Whether points [K, 3] lie on a line, as far as their errors tell, so that a turn about it is open."""
+    spread = np.linalg.svd(points - points.mean(0), compute_uv=False) / np.sqrt(len(points))
+    return bool(spread[1] <= max(3 * noise, 1e-3 * spread[0]))
+
+
+def standard_errors(
+    target: Array, misses: Array, noise: Array, groups: npt.NDArray[np.int64] | None = None
+) -> tuple[float, float, float]:
+    """Of scale (relative), rotation (worst axis, degrees) and the middle's place (worst axis) of a fit.
+
+    target, misses: [K, 3] of what was fitted; noise: [K], by which it was weighed. Errors are what noise
+    makes, or more where misses are more than noise explains. groups: [K], which points err together; then
+    by their sums (the sandwich: Liang and Zeger, 1986), where there are enough of them.
+    """
+    weights = 1 / noise**2
+    share = weights / weights.sum()
+    x, y, z = (target - share @ target).T
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    rows = [
+        [x, y, z],
+        [zero, -z, y],
+        [z, zero, -x],
+        [-y, x, zero],
+        [one, zero, zero],
+        [zero, one, zero],
+        [zero, zero, one],
+    ]
+    jacobian = np.array(rows).transpose(2, 1, 0)  # [K, 3 coordinates, 7 parameters]
+    curvature = np.einsum("kij,k,kil->jl", jacobian, weights, jacobian)
+    inverse = np.linalg.pinv(curvature, hermitian=True)
+    free = 3 * len(target) - 7
+    excess = float((weights[:, None] * misses**2).sum()) / free if free > 0 else 1.0
+    covariance = inverse * max(excess, 1.0)
+    if groups is not None and (many := int(groups.max()) + 1) > FEWEST:
+        pulls = np.zeros((many, 7))
+        np.add.at(pulls, groups, np.einsum("kij,k,ki->kj", jacobian, weights, misses))
+        covariance = inverse @ (pulls.T @ pulls) @ inverse * many / (many - 1)
+    turn = np.degrees(np.sqrt(np.linalg.eigvalsh(covariance[1:4, 1:4])[-1].clip(0)))
+    place = np.sqrt(np.linalg.eigvalsh(covariance[4:, 4:])[-1].clip(0))
+    return float(np.sqrt(covariance[0, 0].clip(0))), float(turn), float(place)

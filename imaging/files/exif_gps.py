@@ -1,0 +1,90 @@
+"""Where a photograph was taken: the GPS directory of EXIF (Exif 2.32, 4.6.6), in both directions."""
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+from imaging.files.tiff import ASCII, BYTE, RATIONAL, Directory, Entry, integers, numbers, rational, text
+from imaging.mosaic import GpsPosition
+
+GPS_IFD = 34853
+_LATITUDE_REF, _LATITUDE, _LONGITUDE_REF, _LONGITUDE, _ALTITUDE_REF, _ALTITUDE, _ERROR = 1, 2, 3, 4, 5, 6, 31
+_NAMES = {
+    _LATITUDE_REF: "GPS GPSLatitudeRef",
+    _LATITUDE: "GPS GPSLatitude",
+    _LONGITUDE_REF: "GPS GPSLongitudeRef",
+    _LONGITUDE: "GPS GPSLongitude",
+    _ALTITUDE_REF: "GPS GPSAltitudeRef",
+    _ALTITUDE: "GPS GPSAltitude",
+    _ERROR: "GPS Tag 0x001F",
+}
+
+
+def position_of(tags: Directory) -> GpsPosition | None:
+    """The position of a GPS directory; None where it tells none, or none that there is."""
+    latitude, longitude = (_degrees(tags, tag) for tag in (_LATITUDE, _LONGITUDE))
+    if latitude is None or longitude is None or latitude > 90 or longitude > 180:
+        return None
+    if latitude == 0 and longitude == 0:  # what cameras write that found no satellite
+        return None
+    south, west = (text(tags, tag)[:1].upper() for tag in (_LATITUDE_REF, _LONGITUDE_REF))
+    altitude = numbers(tags, _ALTITUDE)
+    below = integers(tags, _ALTITUDE_REF)[:1] == (1,)
+    error = numbers(tags, _ERROR)
+    return GpsPosition(
+        -latitude if south == "S" else latitude,
+        -longitude if west == "W" else longitude,
+        (-altitude[0] if below else altitude[0]) if altitude and abs(altitude[0]) < 1e5 else None,
+        error[0] if error and 0 < error[0] < 1e5 else None,
+    )
+
+
+def _degrees(tags: Directory, tag: int) -> float | None:
+    parts = numbers(tags, tag)
+    if not 1 <= len(parts) <= 3 or any(part < 0 for part in parts):
+        return None
+    return float(sum(part / 60**place for place, part in enumerate(parts)))
+
+
+def from_names(values: Mapping[str, Any]) -> GpsPosition | None:
+    """The position of tags under the names that ExifRead gives them."""
+    tags: Directory = {}
+    for tag, name in _NAMES.items():
+        value = values.get(name)
+        if isinstance(value, str):
+            tags[tag] = value.strip("\0 ")
+        elif isinstance(value, list | tuple):
+            parts = [part for part in value if isinstance(part, int | Fraction) and part.denominator]
+            if tag == _ALTITUDE_REF:
+                tags[tag] = tuple(int(part) for part in parts)
+            else:
+                tags[tag] = tuple(Fraction(part) for part in parts)
+    return position_of(tags)
+
+
+def entries_of(position: GpsPosition) -> dict[int, Entry]:
+    """The tags of a GPS directory; angles to a billionth of a degree, a tenth of a millimetre."""
+    entries = {
+        0: Entry(BYTE, [2, 3, 0, 0]),
+        _LATITUDE_REF: Entry(ASCII, "S" if position.latitude < 0 else "N"),
+        _LATITUDE: Entry(RATIONAL, _parts(position.latitude)),
+        _LONGITUDE_REF: Entry(ASCII, "W" if position.longitude < 0 else "E"),
+        _LONGITUDE: Entry(RATIONAL, _parts(position.longitude)),
+    }
+    if position.altitude is not None:
+        entries[_ALTITUDE_REF] = Entry(BYTE, [int(position.altitude < 0)])
+        entries[_ALTITUDE] = Entry(RATIONAL, [rational(abs(position.altitude))])
+    if position.error is not None:
+        entries[_ERROR] = Entry(RATIONAL, [rational(position.error)])
+    return entries
+
+
+def _parts(angle: float) -> list[Fraction]:
+    """Degrees, minutes and seconds."""
+    units = round(abs(angle) * 3600 * 10**6)  # millionths of a second
+    seconds, rest = divmod(units, 10**6)
+    return [
+        Fraction(seconds // 3600),
+        Fraction(seconds // 60 % 60),
+        Fraction((seconds % 60) * 10**6 + rest, 10**6),
+    ]

@@ -1,0 +1,21 @@
+"""What a scene is placed by, as the command line is given it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+SURVEY_HELP = (
+    "Surveyed points: a table with name,x,y,z in metres (or easting,northing,height, or "
+    "latitude,longitude,altitude) and sigma; they stay for later runs, none forgets them."
+)
+
+
+@dataclass(frozen=True)
+class Anchors:
+    """Surveyed points, where images show them, and the markers that stand on them."""
+
+    survey: Path | None = None
+    marks: Path | None = None
+    markers: str | None = None
+
+
+NO_ANCHORS = Anchors()
