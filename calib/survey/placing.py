@@ -13,7 +13,7 @@ from calib.poses.sfm import SceneModel, transformed
 from calib.survey.marks import Marks
 from calib.survey.points import Survey
 from calib.survey.sightings import Sighting, Views, mark_error
-from calib.survey.similarity import FEWEST, Similarity, consensus, fit, is_line, standard_errors
+from calib.survey.similarity import FEWEST, TOO_FAR, Similarity, consensus, fit, is_line, standard_errors
 from imaging.errors import CalibrationError
 from imaging.session.coordinates import CoordinateSystem, SurveyedPoint, length_text
 from imaging.session.records import Rung
@@ -24,6 +24,8 @@ Array = npt.NDArray[np.float64]
 NAME = "survey"
 UPSIDE_DOWN = -0.5
 """Mean height of the upper edges of pictures less that of what they look at: 1 of upright cameras."""
+GROSS = 0.01
+"""Of the spread of the points, by which none has to miss whatever its errors are said to be."""
 LEAST_ERROR = 0.05
 """px by which marks err at least."""
 OTHER_UNIT = 0.05
@@ -97,7 +99,7 @@ def place_by_survey(
     noise = points.noise(rough, error)
     stated = bool((points.sigma > 0).all())
     found, fits, _ = consensus(points.here, points.there, noise, stated=stated)
-    if fits.sum() < max(FEWEST, (len(fits) + 1) // 2):
+    if fits.sum() < max(FEWEST, (len(fits) + 1) // 2) or _is_gross(points, found, fits, noise):
         raise CalibrationError(_no_fit(points, found, fits, noise, stated))
     if expected is not None:
         _require_same_unit(float(found.scale) / expected.scale, expected)
@@ -148,6 +150,14 @@ def _upside_down(model: SceneModel, found: Similarity) -> str:
     )
 
 
+def _is_gross(points: _Points, found: Similarity, fits: npt.NDArray[np.bool_], noise: Array) -> bool:
+    """Whether even those that agree best miss by more than noise and a share of their distances explain."""
+    there = points.there[fits]
+    rms = float(np.sqrt(((found(points.here[fits]) - there) ** 2).sum(1).mean()))
+    spread = float(np.sqrt(((there - there.mean(0)) ** 2).sum(1).mean()))
+    return rms > max(GROSS * spread, TOO_FAR * float(np.sqrt(3 * (noise[fits] ** 2).mean())))
+
+
 def _excess(misses: Array, noise: Array) -> float:
     """Variance of a coordinate beyond the noise, m2."""
     free = 3 * len(misses) - 7
@@ -187,9 +197,9 @@ def _no_fit(
         f"{points.names[place]} by {length_text(float(missed[place]))}" for place in np.argsort(-missed)[:3]
     )
     hint = _exchanged(points, fits, noise, stated)
-    return (
-        f"the surveyed points do not fit the scene, {int(fits.sum())} of {len(fits)} agree ({worst} off)"
-        + (hint or ": look for exchanged names or axes, a coordinate in another unit, and wrong marks")
+    agree = f", {int(fits.sum())} of {len(fits)} agree" if fits.sum() < (len(fits) + 1) // 2 else ""
+    return f"the surveyed points do not fit the scene{agree} ({worst} off)" + (
+        hint or ": look for exchanged names or axes, a coordinate in another unit, and wrong marks"
     )
 
 
