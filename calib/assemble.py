@@ -19,6 +19,7 @@ from calib.poses import sfm
 from calib.sensor import metadata
 from calib.sensor.metadata import CameraSensor
 from calib.survey.control import Control
+from calib.survey.onto import Target
 from imaging.files import store
 from imaging.session.calibration import (
     CalibrationRecord,
@@ -49,6 +50,8 @@ class Evidence:
     board: MeasuredBoard | None = None
     control: Control | None = None
     """Surveyed points that the scene is placed by."""
+    target: Target | None = None
+    """A session in whose coordinates it is placed."""
 
     @property
     def has_sensor_frames(self) -> bool:

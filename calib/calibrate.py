@@ -21,8 +21,10 @@ from calib.sensor import metadata
 from calib.sensor.measure import MeasuredSensor, measure_sensors
 from calib.sensor.metadata import CameraSensor
 from calib.sensor.rungs import NAMES
+from calib.survey import onto as onto_session
 from calib.survey import placing
 from calib.survey.control import Control, control_of, read_control
+from calib.survey.onto import Target, read_target
 from imaging.errors import CalibrationError, InputError, PartialError
 from imaging.files import store
 from imaging.progress import Progress, unreported
@@ -79,6 +81,7 @@ def calibrate(
     survey: str | Path | None = None,
     marks: str | Path | None = None,
     markers: str | None = None,
+    onto: str | Path | None = None,
     progress: Progress = unreported,
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder; returns what was written.
@@ -89,8 +92,9 @@ def calibrate(
     the light absolute; None: those of the calibration that is there, (): none. survey: a table of surveyed
     points, in whose coordinates the scene is placed; None: that of the calibration that is there, 'none':
     no survey. marks: a table of where images show them. markers: OpenCV's dictionary of the markers that
-    stand on them. The folder is replaced as a whole or not at all. Views without a pose are listed in the
-    record.
+    stand on them. onto: a calibrated session of the same scene, whose coordinates are taken; None: the one
+    of the calibration that is there, 'none': none. The folder is replaced as a whole or not at all. Views
+    without a pose are listed in the record.
 
     Errors: CalibrationError when no view can be placed and nothing else was learnt, or when an earlier
     calibration has poses, which then stays; PartialError when the board, the poses or the readings had
@@ -102,14 +106,15 @@ def calibrate(
     if chart and not measures.chart:
         raise InputError(f"a chart tells of colour, not of {only}: leave --chart or --only {only} out.")
     require_places(opened, luminance or ())
-    if not measures.poses and survey is not None:
-        raise InputError(
-            f"surveyed points tell of poses, not of {only}: leave --survey or --only {only} out."
-        )
-    control = _control(opened, survey, marks, markers)
+    if not measures.poses and (survey is not None or onto is not None):
+        raise InputError(f"--survey and --onto place poses, not the {only}: leave them or --only {only} out.")
+    if survey is not None and onto is not None and "none" not in (str(survey), str(onto)):
+        raise InputError("The coordinates are a survey's or another session's: give --survey or --onto.")
+    target = _target(opened, onto, survey) if measures.poses else None
+    control = _control(opened, survey, marks, markers) if target is None else None
     earlier = None if only is None else _earlier(opened)
     evidence = _evidence(opened, measures, earlier, progress)
-    evidence = replace(evidence, readings=luminance, control=control)
+    evidence = replace(evidence, readings=luminance, control=control, target=target)
     if chart:
         charts = measure_charts(opened, evidence.views, evidence.sensors, evidence.light, earlier, progress)
         evidence = replace(evidence, charts=charts, sensors=charts.applied(evidence.sensors))
@@ -137,10 +142,8 @@ def calibrate(
         raise PartialError(f"{session}: the board was left out, and the rest is calibrated: {refused}")
     if missing := _missing_luminance(record, luminance):
         raise PartialError(f"{session}: all is calibrated but the scale of light: {missing}.")
-    if missing := _missing_survey(record, control):
-        raise PartialError(
-            f"{session}: all is calibrated, in coordinates of its own and not the survey's: {missing}."
-        )
+    if missing := _missing_coordinates(record, control, target):
+        raise PartialError(f"{session}: all is calibrated, but in coordinates of its own: {missing}.")
     return record
 
 
@@ -157,11 +160,24 @@ def _control(
     return read_control(session, survey, marks, markers)
 
 
-def _missing_survey(record: CalibrationRecord, control: Control | None) -> str:
-    """Why surveyed points did not place the scene; empty if they did, or if there are none."""
-    if control is None or not record.views or (record.coordinates and record.coordinates.points):
+def _target(session: Session, onto: str | Path | None, survey: str | Path | None) -> Target | None:
+    """The session whose coordinates are wanted, else that of the calibration that there is."""
+    if onto is None and survey is None and (_folder(session) / "calibration.json").exists():
+        earlier = read_calibration(session.folder).coordinates
+        onto = None if earlier is None else earlier.onto
+    if onto is None or str(onto) == "none":
+        return None
+    if Path(onto).resolve() == session.folder.resolve():
+        raise InputError(f"{session.folder} cannot be placed onto itself: name another session after --onto.")
+    return read_target(Path(onto))
+
+
+def _missing_coordinates(record: CalibrationRecord, control: Control | None, target: Target | None) -> str:
+    """Why the scene is not where it was to be placed; empty if it is, or if nothing was asked for."""
+    asked = placing.NAME if control is not None else onto_session.NAME if target is not None else ""
+    if not asked or not record.views or any(rung.name == asked and rung.taken for rung in record.rungs):
         return ""
-    return next(rung.reason for rung in record.rungs if rung.name == placing.NAME)
+    return next(rung.reason for rung in record.rungs if rung.name == asked)
 
 
 def _missing_luminance(record: CalibrationRecord, readings: Sequence[LuminanceReading] | None) -> str:

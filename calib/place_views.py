@@ -48,7 +48,14 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
         raise PartialError(f"{session.folder}: {measured}, but no view has a pose: {cause}{also}") from error
     rigs = {camera.name: camera.rig for camera in session.record.cameras if camera.rig is not None}
     model, coordinates = located(
-        session, evidence.views, model, evidence.control, partial(picture_of, session), progress
+        session,
+        evidence.views,
+        model,
+        {view: summary.features for view, summary in summaries.items()},
+        evidence.control,
+        evidence.target,
+        partial(picture_of, session),
+        progress,
     )
     model, by_rig = place_by_rig(model, summaries, rigs)
     names = sorted(model.lenses)

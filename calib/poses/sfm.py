@@ -119,14 +119,17 @@ def solve(
     )
 
 
-def transformed(model: SceneModel, transform: Any) -> SceneModel:
-    """The model in other coordinates, metres, by a pycolmap.Sim3d; its reconstruction is changed in place."""
+def transformed(model: SceneModel, transform: Any, *, metric: bool = True) -> SceneModel:
+    """The model in other coordinates by a pycolmap.Sim3d; its reconstruction is changed in place.
+
+    metric: whether these are metres.
+    """
     model.reconstruction.transform(transform)
     errors = model.errors and replace(
         model.errors,
         translation={view: transform.scale * one for view, one in model.errors.translation.items()},
     )
-    moved = _model(model.reconstruction, model.rungs, errors, metric=True)
+    moved = _model(model.reconstruction, model.rungs, errors, metric=metric)
     return replace(moved, contradicted=model.contradicted, free=model.free, typical=model.typical)
 
 

@@ -1,20 +1,23 @@
-"""Which coordinates a scene gets: those of a survey, else of its photographs' positions, else its own."""
+"""Which coordinates a scene gets: another session's, a survey's, those of its photographs, or its own."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from calib.data.features import Features
 from calib.data.views import View
 from calib.poses.sfm import SceneModel
-from calib.survey import gps, placing
+from calib.survey import gps, onto, placing
 from calib.survey.control import Control
 from calib.survey.gps import GpsFit
 from calib.survey.marks import Picture, find_markers, joined
+from calib.survey.onto import Target, place_onto
 from calib.survey.placing import Expected, place_by_survey
 from imaging.errors import CalibrationError
 from imaging.progress import Progress
 from imaging.session.coordinates import CoordinateSystem
 from imaging.session.records import Rung
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 _KNOWN = 0.05
 """By which a survey's lengths may differ from those of a board or a ruler, relative."""
@@ -24,14 +27,23 @@ def located(
     session: Session,
     views: Sequence[View],
     model: SceneModel,
+    features: Mapping[ViewId, Features],
     control: Control | None,
+    target: Target | None,
     read: Callable[[View], Picture],
     progress: Progress,
 ) -> tuple[SceneModel, CoordinateSystem | None]:
     """The model in the best coordinates that there are, and what these are; None: its own.
 
+    features: of the views, as the model was made from them. target: a session whose coordinates are wanted.
     read: the picture of a view, in which markers are looked for. A rung of the model tells why.
     """
+    if target is not None:
+        try:
+            return place_onto(model, features, target, progress)
+        except CalibrationError as error:
+            rung = Rung(name=onto.NAME, taken=False, reason=str(error))
+            return replace(model, rungs=(*model.rungs, rung)), None
     positions = gps.positions_of(session, views)
     by_gps = gps.fit_gps(model, positions) if positions else None
     if control is not None:

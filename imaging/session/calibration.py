@@ -217,7 +217,7 @@ class CalibrationRecord(Record):
     def coordinate_note(self) -> str:
         """What poses and points are in, in one line of ASCII, as headers of files have it."""
         if self.coordinates is not None:
-            return self.coordinates.note
+            return f"{self.coordinates.note}, {'m' if self.unit == 'm' else 'without a unit'}"
         return "the scene's own, m" if self.unit == "m" else "the scene's own, without a unit"
 
     @property

@@ -98,8 +98,10 @@ class CoordinateSystem(Record):
     @property
     def described(self) -> str:
         """The system in words."""
+        if self.origin is None and self.system == "local":
+            return "those of the survey" if self.onto is None else f"those of {self.onto}"
         if self.origin is None:
-            return "those of the survey" if self.system == "local" else self.system
+            return self.system
         latitude, longitude, height = self.origin
         return f"east, north and up from {latitude:.5f}°, {longitude:.5f}°, {height:g} m (WGS84)"
 
@@ -111,4 +113,5 @@ class CoordinateSystem(Record):
     @property
     def note(self) -> str:
         """What they are in one line of ASCII, as headers of files have it."""
-        return f"{self.described}{self.less_offset}, m".replace("°", " degrees")
+        words = f"{self.described}{self.less_offset}".replace("°", " degrees")
+        return words.encode("ascii", "replace").decode()

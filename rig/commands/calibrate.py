@@ -58,6 +58,13 @@ def calibrate(
             help="Markers that stand on surveyed points, called by their numbers: DICT_APRILTAG_36H11.",
         ),
     ] = None,
+    onto: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="SESSION",
+            help="Take the coordinates of a calibrated session that shows the same scene; none forgets it.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Calibrate cameras, lenses and poses.
@@ -72,7 +79,7 @@ def calibrate(
     """
     with running("calibrate") as status:
         described = board.board() if board else None
-        anchors = Anchors(survey, marks, markers)
+        anchors = Anchors(survey, marks, markers, onto)
         return run_calibrate(session, status, only, described, chart, readings_of(luminance), anchors)
 
 
@@ -94,7 +101,7 @@ def run_calibrate(
         try:
             record = calibrate_session(
                 session, only=only, board=board, chart=chart, luminance=luminance, survey=anchors.survey,
-                marks=anchors.marks, markers=anchors.markers, progress=status,
+                marks=anchors.marks, markers=anchors.markers, onto=anchors.onto, progress=status,
             )  # fmt: skip
         except PartialError:
             # What was measured has its page too; the error says what is missing.
@@ -184,14 +191,16 @@ def _coordinate_lines(session: Path, record: "CalibrationRecord") -> Iterator[st
 
     where = record.coordinates
     for rung in record.rungs:
-        if rung.name in ("survey", "gps"):
+        if rung.name in ("survey", "gps", "onto"):
             yield f"{session}: {rung.name}: {rung.reason}"
     if where is None:
         return
+    metric = record.unit == "m"
+    place = length_text(where.position_error) if metric else number(where.position_error, 2)
     yield (
-        f"{session}: coordinates are {where.described}{where.less_offset}, in metres: scale to "
-        f"{number(100 * where.scale_error, 2)} %, turn to {number(where.rotation_error, 2)}°, place to "
-        f"{length_text(where.position_error)} (standard errors)"
+        f"{session}: coordinates are {where.described}{where.less_offset}, "
+        f"{'in metres' if metric else 'without a unit'}: scale to {number(100 * where.scale_error, 2)} %, "
+        f"turn to {number(where.rotation_error, 2)}°, place to {place} (standard errors)"
     )
     for point in where.points:
         yield f"{session}: {point}"

@@ -11,11 +11,12 @@ SURVEY_HELP = (
 
 @dataclass(frozen=True)
 class Anchors:
-    """Surveyed points, where images show them, and the markers that stand on them."""
+    """Surveyed points, where images show them, and the markers that stand on them; or another session."""
 
     survey: Path | None = None
     marks: Path | None = None
     markers: str | None = None
+    onto: Path | None = None
 
 
 NO_ANCHORS = Anchors()

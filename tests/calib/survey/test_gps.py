@@ -1,0 +1,105 @@
+"""A simulated scene placed by where its photographs say that they were taken."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.data.views import scene_views
+from calib.poses.sfm import SceneModel, centres
+from calib.survey.gps import GpsFit, fit_gps, place_by_gps, positions_of
+from imaging.exposure import Exposure
+from imaging.files.colmap import pycolmap
+from imaging.files.exif import decode_exif, encode_exif, from_names
+from imaging.files.photo import encode_jpeg
+from imaging.mosaic import FrameMetadata, GpsPosition
+from imaging.session.session import Session
+from imaging.session.view_id import ViewId
+from tests.calib.conftest import make_session
+from tests.calib.survey.conftest import true_poses
+
+ORIGIN = (48.5, -11.25, 500.0)
+
+
+def positions(session: Path, error: float, size: float, seed: int = 0) -> dict[ViewId, GpsPosition]:
+    """Of the true cameras with a normal error, m, in a scene so many times as large."""
+    rng = np.random.default_rng(seed)
+    truth = true_poses(session)
+    metres = size * np.array([-pose[:3, :3].T @ pose[:3, 3] for pose in truth.values()])
+    transform = pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
+    places = transform.enu_to_ellipsoid(metres + rng.normal(0, error, metres.shape), *ORIGIN)
+    return {view: GpsPosition(*place) for view, place in zip(truth, places.tolist(), strict=True)}
+
+
+@pytest.mark.parametrize(("error", "size"), [(0.005, 1.0), (0.5, 100.0)])
+def test_the_scene_has_its_true_size(
+    arm: Path, model_of: Callable[[Path], SceneModel], error: float, size: float
+) -> None:
+    for seed in range(3):
+        found = fit_gps(model_of(arm), positions(arm, error, size, seed))
+        assert isinstance(found, GpsFit)
+        model, told, rung = place_by_gps(model_of(arm), found)
+        assert rung.taken
+        assert told is not None
+        assert model.metric
+        truth = true_poses(arm)
+        views = sorted(model.poses)
+        true = size * np.array([-truth[view][:3, :3].T @ truth[view][:3, 3] for view in views])
+        here = centres([model.poses[view] for view in views])
+        ratio = np.linalg.norm(here[0] - here[-1]) / np.linalg.norm(true[0] - true[-1])
+        assert abs(ratio - 1) < 4 * told.scale_error + 0.003
+        assert told.scale_error < 0.05
+        turns = [
+            np.degrees(
+                np.arccos(np.clip((np.trace(pose.matrix()[:3, :3] @ truth[view][:3, :3].T) - 1) / 2, -1, 1))
+            )
+            for view, pose in model.poses.items()
+        ]
+        assert max(turns) < 4 * told.rotation_error + 0.3
+        assert told.position_error >= told.rms
+
+
+def test_receivers_that_scatter_more_than_the_cameras_stand_apart_place_nothing(
+    arm: Path, model_of: Callable[[Path], SceneModel]
+) -> None:
+    model, told, rung = place_by_gps(model_of(arm), fit_gps(model_of(arm), positions(arm, 4.0, 1.0)))
+    assert told is None
+    assert not rung.taken
+    assert not model.metric
+
+
+def test_one_position_for_all_tells_nothing(arm: Path, model_of: Callable[[Path], SceneModel]) -> None:
+    same = dict.fromkeys(true_poses(arm), GpsPosition(*ORIGIN))
+    found = fit_gps(model_of(arm), same)
+    assert isinstance(found, str)
+    assert "1 positions" in found
+
+
+def test_positions_stand_in_the_files(tmp_path: Path) -> None:
+    picture = np.full((40, 60, 3), 90, np.uint8)
+    folder = make_session(tmp_path / "session", [[(picture, Exposure(time=0.1))]] * 3)
+    session = Session.open(folder)
+    told = [GpsPosition(*ORIGIN, 3.0), GpsPosition(-33.0, 151.0, None)]
+    for shot, position in zip(session.shots("scene"), told, strict=False):
+        session.file(shot).write_bytes(encode_jpeg(picture, 95, FrameMetadata(position=position)))
+    assert positions_of(session, scene_views(session)) == {ViewId(0, "cam"): told[0]}
+
+
+@pytest.mark.parametrize(
+    "position", [GpsPosition(48.1234567, -11.7654321, -12.5, 4.0), GpsPosition(-33.5, 151.25, 8848.0)]
+)
+def test_exif_keeps_positions(position: GpsPosition) -> None:
+    found = decode_exif(encode_exif(FrameMetadata(make="Maker", position=position)))
+    assert found.make == "Maker"
+    assert found.position == position
+
+
+def test_damaged_positions_are_none() -> None:
+    block = encode_exif(FrameMetadata(make="Maker", position=GpsPosition(10.0, 20.0, 30.0)))
+    found = decode_exif(block[:-60])
+    assert found.make in ("Maker", "")
+    for latitude, longitude in ((0.0, 0.0), (91.0, 5.0), (5.0, 181.0)):
+        told = FrameMetadata(position=GpsPosition(latitude, longitude, 0.0))
+        assert decode_exif(encode_exif(told)).position is None
+    assert from_names({"GPS GPSLatitude": [1, 2], "GPS GPSLongitude": "x"}).position is None

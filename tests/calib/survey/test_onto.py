@@ -1,0 +1,108 @@
+"""A session placed in the coordinates of another, photographed later from elsewhere."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calib.calibrate import calibrate
+from calib.poses.sfm import SceneModel
+from calib.survey.onto import place_onto, read_target
+from calib.survey.similarity import fit
+from capture.simulated import capture_simulated
+from imaging.errors import CalibrationError, InputError
+from imaging.files import store
+from imaging.progress import unreported
+from imaging.session.calibration import read_calibration
+from imaging.session.view_id import ViewId
+from tests.calib.survey.conftest import true_poses
+
+LATER = 3
+"""The frame that the arm has no shots of."""
+
+
+@pytest.fixture(scope="module")
+def later(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo's rig at its fourth position alone, not calibrated."""
+    session = tmp_path_factory.mktemp("later") / "session"
+    capture_simulated("demo", session, seed=1, frames=LATER + 1)
+    shots = store.read_lines(session / "shots.jsonl")
+    (session / "shots.jsonl").unlink()
+    for shot in shots:
+        if shot["frame"] == LATER:
+            store.append_line(session / "shots.jsonl", shot)
+    return session
+
+
+def centre(motion: np.ndarray) -> np.ndarray:
+    return -motion[:3, :3].T @ motion[:3, 3]
+
+
+def test_views_of_both_stand_to_each_other_as_they_truly_did(arm: Path, later: Path) -> None:
+    record = calibrate(later, onto=arm)
+    told, other, truth = record.coordinates, read_calibration(arm), {**true_poses(arm), **true_poses(later)}
+    assert told is not None
+    assert (told.source, told.onto) == ("session", str(arm))
+    assert record.unit == other.unit == "relative"
+    assert len(record.views) == 4
+    theirs = {view.id: view.cam_from_world.matrix() for view in other.views}
+    ours = {view.id: view.cam_from_world.matrix() for view in record.views}
+    turns = [
+        np.degrees(
+            Rotation.from_matrix(
+                ours[a][:3, :3] @ theirs[b][:3, :3].T @ truth[b][:3, :3] @ truth[a][:3, :3].T
+            ).magnitude()
+        )
+        for a in ours
+        for b in theirs
+    ]
+    assert np.median(turns) < 2 * told.rotation_error
+    assert np.median(turns) < 0.3
+    to_truth = fit(
+        np.array([centre(theirs[view]) for view in theirs]),
+        np.array([centre(truth[view]) for view in theirs]),
+    )
+    off = to_truth(np.array([centre(ours[view]) for view in ours])) - [centre(truth[view]) for view in ours]
+    assert np.linalg.norm(off, axis=1).max() < 0.05  # of 3 m to the table
+
+    again = calibrate(later, only="poses")  # which knows what it was placed onto
+    assert again.coordinates is not None
+    assert again.coordinates.onto == str(arm)
+
+
+def test_sessions_that_share_nothing_are_not_placed(
+    arm: Path, model_of: Callable[[Path], SceneModel], tmp_path: Path
+) -> None:
+    """Descriptors of noise, as many as there were."""
+    from calib.data.features import Features
+
+    model, rng = model_of(arm), np.random.default_rng(0)
+    before = {view: pose.matrix() for view, pose in model.poses.items()}
+    features = {}
+    for index in model.reconstruction.reg_image_ids():
+        image = model.reconstruction.image(index)
+        points = np.array([np.ravel(point.xy) for point in image.points2D])
+        features[ViewId.of_image(image.name)] = Features(points, rng.random((len(points), 128)))
+    with pytest.raises(CalibrationError, match="share 0 scene points"):
+        place_onto(model, features, read_target(arm), unreported)
+    for view, pose in model.poses.items():
+        np.testing.assert_array_equal(pose.matrix(), before[view])
+
+
+def test_what_nothing_can_be_placed_onto_is_one_sentence(own_arm: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is not calibrated"):
+        calibrate(own_arm, onto=tmp_path)
+    with pytest.raises(InputError, match="onto itself"):
+        calibrate(own_arm, onto=own_arm)
+    with pytest.raises(InputError, match="leave them"):
+        calibrate(own_arm, only="colour", onto=tmp_path)
+    points = own_arm / "calibration" / "colmap" / "points3D.bin"
+    points.write_bytes(points.read_bytes()[:100])
+    with pytest.raises(InputError, match="damaged"):
+        read_target(own_arm)
+    shots = own_arm / "shots.jsonl"
+    shots.write_text("".join(shots.read_text().splitlines(keepends=True)[:-1]))
+    with pytest.raises(InputError, match="not calibrated with all"):
+        read_target(own_arm)
