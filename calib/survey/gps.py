@@ -35,14 +35,15 @@ class GpsFit:
     similarity: Similarity
     origin: tuple[float, float, float]
     rms: float
-    errors: tuple[float, float, float]
+    errors: tuple[float | None, float, float]
     used: int
     left_out: int
 
     @property
     def sure(self) -> bool:
         """Whether it is good enough to place a scene by."""
-        return self.errors[0] <= SURE_SCALE and self.errors[1] <= SURE_TURN
+        scale, turn, _ = self.errors
+        return (scale is None or scale <= SURE_SCALE) and turn <= SURE_TURN
 
 
 def positions_of(session: Session, views: Sequence[View]) -> dict[ViewId, GpsPosition]:
@@ -82,7 +83,14 @@ def fit_gps(model: SceneModel, positions: Mapping[ViewId, GpsPosition]) -> GpsFi
     # Receivers err alike for minutes: the mean of many positions is no better than one of them.
     known = [error for error in stated if error is not None]
     place = max(place, rms, float(np.median(known)) if known else 0.0)
-    return GpsFit(found, origin, rms, (scale, turn, place), int(fits.sum()), int((~fits).sum()))
+    return GpsFit(
+        found,
+        origin,
+        rms,
+        (None if model.metric else scale, turn, place),
+        int(fits.sum()),
+        int((~fits).sum()),
+    )
 
 
 def place_by_gps(model: SceneModel, found: GpsFit | str) -> tuple[SceneModel, CoordinateSystem | None, Rung]:
@@ -91,9 +99,10 @@ def place_by_gps(model: SceneModel, found: GpsFit | str) -> tuple[SceneModel, Co
         return model, None, Rung(name=NAME, taken=False, reason=found)
     scale, turn, place = found.errors
     if not found.sure:
+        size = "" if scale is None else f"the scale to {100 * scale:.2g} % and "
         reason = (
-            f"the positions of {found.used} photographs tell the scale to {100 * scale:.2g} % and the turn "
-            f"to {turn:.2g} degrees only: they scatter by {found.rms:.2g} m"
+            f"the positions of {found.used} photographs tell {size}the turn to {turn:.2g} degrees only: they "
+            f"scatter by {found.rms:.2g} m"
         )
         return model, None, Rung(name=NAME, taken=False, reason=reason)
     coordinates = CoordinateSystem(

@@ -81,8 +81,8 @@ class CoordinateSystem(Record):
     WGS84 ellipsoid, m."""
     rms: float
     """Of the misses of what was used, in the calibration's unit: three coordinates together."""
-    scale_error: float
-    """Standard errors: of the scale, relative."""
+    scale_error: float | None
+    """Standard errors: of the scale, relative; None: a board or measured places of cameras told it before."""
     rotation_error: float
     """About the worst axis, degrees."""
     position_error: float

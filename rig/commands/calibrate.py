@@ -197,9 +197,10 @@ def _coordinate_lines(session: Path, record: "CalibrationRecord") -> Iterator[st
         return
     metric = record.unit == "m"
     place = length_text(where.position_error) if metric else number(where.position_error, 2)
+    scale = "" if where.scale_error is None else f"scale to {number(100 * where.scale_error, 2)} %, "
     yield (
         f"{session}: coordinates are {where.described}{where.less_offset}, "
-        f"{'in metres' if metric else 'without a unit'}: scale to {number(100 * where.scale_error, 2)} %, "
+        f"{'in metres' if metric else 'without a unit'}: {scale}"
         f"turn to {number(where.rotation_error, 2)}°, place to {place} (standard errors)"
     )
     for point in where.points:

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from calib.data.views import scene_views
-from calib.poses.sfm import SceneModel, centres
+from calib.poses.sfm import SceneModel, centres, transformed
 from calib.survey.gps import GpsFit, fit_gps, place_by_gps, positions_of
+from calib.survey.locate import _expected
+from calib.survey.placing import Expected
 from imaging.exposure import Exposure
 from imaging.files.colmap import pycolmap
 from imaging.files.exif import decode_exif, encode_exif, from_names
@@ -47,6 +49,7 @@ def test_the_scene_has_its_true_size(
         views = sorted(model.poses)
         true = size * np.array([-truth[view][:3, :3].T @ truth[view][:3, 3] for view in views])
         here = centres([model.poses[view] for view in views])
+        assert told.scale_error is not None
         ratio = np.linalg.norm(here[0] - here[-1]) / np.linalg.norm(true[0] - true[-1])
         assert abs(ratio - 1) < 4 * told.scale_error + 0.003
         assert told.scale_error < 0.05
@@ -58,6 +61,24 @@ def test_the_scene_has_its_true_size(
         ]
         assert max(turns) < 4 * told.rotation_error + 0.3
         assert told.position_error >= told.rms
+
+
+def test_a_known_scale_is_kept(arm: Path, model_of: Callable[[Path], SceneModel]) -> None:
+    """By a board that is said to have been measured 3 % too large."""
+    found = fit_gps(model_of(arm), positions(arm, 0.005, 1.0))
+    assert isinstance(found, GpsFit)
+    size = 1.03 * found.similarity.scale
+    known = transformed(model_of(arm), pycolmap.Sim3d(size, pycolmap.Rotation3d(), np.zeros(3)))
+    before = centres([known.poses[view] for view in sorted(known.poses)])
+    model, told, _ = place_by_gps(known, fit_gps(known, positions(arm, 0.005, 1.0)))
+    after = centres([model.poses[view] for view in sorted(model.poses)])
+    assert told is not None
+    assert told.scale_error is None
+    assert np.linalg.norm(after[0] - after[-1]) == pytest.approx(np.linalg.norm(before[0] - before[-1]))
+    assert _expected(known, found) == Expected(1.0, "the board or the positions of the rig's cameras", 0.05)
+    by_gps = _expected(model_of(arm), found)
+    assert by_gps is not None
+    assert by_gps.scale == pytest.approx(float(found.similarity.scale))
 
 
 def test_receivers_that_scatter_more_than_the_cameras_stand_apart_place_nothing(

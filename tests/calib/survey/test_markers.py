@@ -1,10 +1,20 @@
 """Markers in pictures: their middles where perspective truly puts them."""
 
+from functools import partial
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
-from calib.survey.marks import detect, numbers_of
+from calib.boards.measure import picture_of
+from calib.data.views import scene_views
+from calib.survey.marks import detect, find_markers, numbers_of
+from imaging.exposure import Exposure
+from imaging.progress import unreported
+from imaging.session.session import Session
+from imaging.session.view_id import ViewId
+from tests.calib.conftest import make_session
 
 DICTIONARY = "DICT_APRILTAG_36h11"
 
@@ -54,6 +64,29 @@ def test_a_marker_that_is_there_twice_tells_nothing() -> None:
     quads = square + np.array([[[100, 100]], [[300, 100]], [[500, 300]]])
     assert sorted(detect(DICTIONARY, sheet([3, 3, 4], quads))) == [4]
     assert detect(DICTIONARY, np.full((100, 100), 128, np.uint8)) == {}
+
+
+def test_markers_are_found_in_the_views_of_a_session(tmp_path: Path) -> None:
+    """And only those that the survey has; in px of the file."""
+    square = np.array([[-40, -40], [40, -40], [40, 40], [-40, 40]], float)
+    places = np.array([[100.3, 100.2], [300.7, 120.4], [500.1, 300.9]])
+    quads = square + places[:, None]
+    pictures = [sheet([3, 4, 5], quads), sheet([4, 5, 6], quads)]
+    folder = make_session(
+        tmp_path / "session",
+        [[(np.repeat(one[..., None], 3, axis=2), Exposure(time=0.1))] for one in pictures],
+    )
+    session = Session.open(folder)
+    marks = find_markers(
+        DICTIONARY, ["tag 3", "4", "corner"], scene_views(session), partial(picture_of, session), unreported
+    )
+    assert {name: sorted(own) for name, own in marks.items()} == {
+        "tag 3": [ViewId(0, "cam")],
+        "4": [ViewId(0, "cam"), ViewId(1, "cam")],
+    }
+    assert np.linalg.norm(np.array(marks["4"][ViewId(0, "cam")].at) - places[1]) < 0.2
+    assert np.linalg.norm(np.array(marks["4"][ViewId(1, "cam")].at) - places[0]) < 0.2
+    assert marks["4"][ViewId(0, "cam")].detected
 
 
 @pytest.mark.parametrize("name", ["7", "07", "marker 7", "target_7", "Tag7", "ID 7"])

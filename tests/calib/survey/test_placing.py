@@ -47,6 +47,7 @@ def test_cameras_stand_where_they_truly_are(arm: Path, staked: Staked, model_of:
         assert (told.used, told.left_out) == (10, 0)
         assert told.rms < 0.02
         # The cameras stand about 2 m from the points: what scale and turn err by is that much there.
+        assert told.scale_error is not None
         reach = 2.5 * (told.scale_error + np.radians(told.rotation_error)) + told.position_error
         assert off(model, arm).max() < 3 * reach
         assert 1e-4 < told.scale_error < 5e-3
