@@ -188,5 +188,5 @@ def test_a_survey_that_does_not_fit_leaves_the_scene_in_its_own_coordinates(
     record = read_calibration(own_arm)
     assert len(record.views) == 12
     assert (record.unit, record.coordinates) == ("relative", None)
-    with pytest.raises(InputError, match="leave --survey"):
+    with pytest.raises(InputError, match="--survey and --onto place poses"):
         calibrate(own_arm, only="colour", survey=points, marks=marks)
