@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Collection
 from datetime import datetime
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -207,7 +207,7 @@ class CalibrationRecord(Record):
     points: int = 0
     reprojection_px: float | None = None
     """Mean over observations."""
-    exposure_scale: dict[str, float]
+    exposure_scale: dict[str, Annotated[float, Field(gt=0)]]
     """Exposure scale k of each shot's file, s; estimated from overlaps where they allow it."""
     luminance: LuminanceScale | None = None
     """What the light is in cd/m2; None: it is relative."""

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from imaging.progress import Progress
 from recon.data.dataset import View
+from recon.train.finite_losses import FiniteLosses
 from recon.train.interrupt import Interrupt
 from recon.train.live_curve import Moment, chosen_views, period
 from recon.train.ranks import Ranks
@@ -23,6 +24,7 @@ class Monitor:
     """Looks at a training after each iteration; `log`, `save`, `progress`, `steers` are as `train` has them.
 
     held_out: views that the live curve may be of. interrupt: whether the user asked to stop.
+    losses: of single views, which have to be finite before anything is measured or saved.
     """
 
     training: Training
@@ -35,6 +37,7 @@ class Monitor:
     ranks: Ranks
     steers: Sequence[Steer]
     interrupt: Interrupt
+    losses: FiniteLosses
     clock: Callable[[], float] = time.monotonic
     _losses: list[Tensor] = field(default_factory=list, init=False)
 
@@ -56,6 +59,7 @@ class Monitor:
         last = training.iteration == self.schedule.total
         measured = bool(self._measured_views) and (last or training.iteration % self._period == 0)
         if measured:
+            self.losses.require()
             self._measure()
         if measured or last or training.iteration % self.plan.log_every == 0:
             self._report(measured)
@@ -65,6 +69,7 @@ class Monitor:
         if rest:
             self.schedule = training.schedule = self.schedule.turned(training.iteration, int(rest))
         if stop or late:
+            self.losses.require()
             training.gather(self.ranks, self.ranks.first)
             if self.ranks.first:
                 self.save()
@@ -81,6 +86,7 @@ class Monitor:
 
     def _report(self, measured: bool) -> None:
         """A line of the log, and one for whoever waits."""
+        self.losses.require()
         training = self.training
         (loss,) = self.ranks.totals(float(np.mean(torch.stack(self._losses).tolist())))
         self._losses = []

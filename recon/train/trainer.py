@@ -18,6 +18,7 @@ from recon.splat import Render
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.train.adam import Adam
 from recon.train.densification import Density
+from recon.train.finite_losses import FiniteLosses
 from recon.train.interrupt import deferred
 from recon.train.monitor import Monitor
 from recon.train.ranks import Ranks
@@ -57,6 +58,7 @@ def train(
     the first one that wants to is heard, and `training.schedule` says what came of it. A training that has
     a schedule of that length already follows it. Several `ranks` share the views of an iteration;
     `plan.batch` must be a multiple of their number. Only the first logs, saves and steers.
+    ReconstructionError where the loss of a view is not finite: nothing is saved that it has spoilt.
     """
     if plan.batch % ranks.count:
         raise ValueError(f"a batch of {plan.batch} views cannot be shared by {ranks.count} ranks")
@@ -67,9 +69,10 @@ def train(
     renderer, refinement, optimizer = training.renderer(), training.refinement, training.optimizer
     held_out = dataset.validation or dataset.held_out
     alphas: Targets[_Alpha] = Targets()
+    losses = FiniteLosses(training)
     with torch_on_one_thread(), deferred() as interrupt:
         monitor = Monitor(
-            training, schedule, plan, held_out, log, save, progress, ranks, steers, interrupt, clock
+            training, schedule, plan, held_out, log, save, progress, ranks, steers, interrupt, losses, clock
         )
         while training.iteration < min(schedule.total, until or schedule.total):
             position = schedule.position(training.iteration)
@@ -80,6 +83,7 @@ def train(
             total = torch.zeros((), dtype=torch.float64, device=training.gaussians.device)
             for view in _views(training.iteration, dataset.train, plan, ranks):
                 loss = _loss(training, renderer, view, done, plan.seed, alphas) / plan.batch
+                losses.add(view, loss.detach())
                 loss.backward()  # type: ignore[no-untyped-call]
                 total += loss.detach()
             ranks.add([tensor.grad for tensor in training.parameters() if tensor.grad is not None])
@@ -90,6 +94,7 @@ def train(
 
             reached = schedule.position(training.iteration)
             if density.due(reached, schedule.planned, reached - position):
+                losses.require()
                 _densify(training, density, reached / schedule.planned, plan.seed, ranks)
             schedule = monitor.after(total)
 
