@@ -3,6 +3,7 @@
 import itertools
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -182,6 +183,9 @@ def _against_shots(opened: Opened, renders: list[torch.Tensor], rows: list[dict[
             _note(row, f"ldr_psnr_{suffix}", itertools.starmap(shot_psnr, pairs))
             if min(view.lens.width, view.lens.height) >= 11:
                 _note(row, "ssim" if trained else "ssim_ne", itertools.starmap(_ssim, pairs))
+            if trained and view.alpha is not None:
+                alpha = opened.scene.covered(view.lens)
+                _note(row, "ldr_psnr_white", (_psnr_before_white(*pair, alpha) for pair in pairs))
 
 
 def _by_band(
@@ -212,6 +216,14 @@ def _note(row: dict[str, Any], key: str, figures: Iterable[float | None]) -> Non
     present = [figure for figure in figures if figure is not None]
     if present:
         row[key] = float(np.mean(present))
+
+
+def _psnr_before_white(predicted: torch.Tensor, shot: Shot, alpha: torch.Tensor) -> float | None:
+    """PSNR of a photograph with alpha, code 1 behind it and behind the render, whose alpha is [H, W]."""
+    if shot.alpha is None:
+        return None
+    white = replace(shot, pixels=shot.pixels + (1 - shot.alpha)[..., None])
+    return shot_psnr(predicted + (1 - alpha)[..., None], white)
 
 
 def _ssim(predicted: torch.Tensor, shot: Shot) -> float | None:

@@ -82,6 +82,10 @@ class Scene:
         """The same of a camera whose pose is in scene coordinates, as those of `Dataset.views`."""
         return self._rendered(camera).image
 
+    def covered(self, camera: SplatCamera) -> torch.Tensor:
+        """How much of a picture is of the scene, 0..1, float32 [H, W]; cameras are as those of `drawn`."""
+        return self._rendered(camera).alpha.clamp(0, 1)
+
     def radiance(self, camera: SplatCamera) -> npt.NDArray[np.float32]:
         """What a camera sees as linear radiance, float32 [H, W, C]: Rec.709, or the bands of `channels`.
 

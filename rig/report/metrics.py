@@ -91,6 +91,13 @@ METRICS = (
         in_line="PSNR at unseen exposures",
     ),
     Metric(
+        "ldr_psnr_white",
+        "PSNR before white",
+        "dB",
+        "That of photographs with alpha before a white background, as NeRF-synthetic is published.",
+        in_line="PSNR before white",
+    ),
+    Metric(
         "ssim",
         "SSIM",
         "",

@@ -12,8 +12,9 @@ from imaging.colour import srgb_decode
 from imaging.files import store
 from imaging.files.exr import read_exr
 from imaging.files.photo import encode_png, read_photo
+from recon.evaluate import evaluate
 from recon.render import render
-from recon.result.scene import open_scene
+from recon.result.scene import open_model, open_scene
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +55,30 @@ def test_pictures_of_a_cut_out_object_are_layers(cut_out: Path, tmp_path: Path) 
     np.testing.assert_allclose(srgb_decode(picture[..., :3]), straight, atol=0.01)
 
 
+def test_photographs_of_a_cut_out_object_are_compared_before_white_too(cut_out: Path) -> None:
+    result = evaluate(cut_out)
+    opened = open_model(cut_out)
+    figures = []
+    for view in opened.dataset.reported:
+        scene_view = opened.scene.view(view.name)
+        alpha = opened.scene.layer(scene_view.splat_camera)[1]
+        assert alpha is not None
+        for shot in view.shots:
+            white = shot.pixels.copy()
+            white[:, : white.shape[1] // 2] = 1
+            shown = opened.training.method.observation.predict(opened.render(view.lens), view, shot.k).numpy()
+            shown = (shown + (1 - alpha)[..., None]).clip(0, 1)
+            figures.append(-10 * np.log10(np.square(shown - white)[shot.valid].mean()))
+    assert result["ldr_psnr_white"] == pytest.approx(np.mean(figures), abs=1e-3)
+    assert abs(result["ldr_psnr_white"] - result["ldr_psnr_oe"]) > 0.1
+
+
 def test_a_scene_of_whole_photographs_has_no_alpha(toy_ldr: Path, tmp_path: Path) -> None:
     session = shutil.copytree(toy_ldr, tmp_path / "session")
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(stage.QUALITIES, "draft", stage.Quality(2, 100, 32))
         folder = stage.reconstruct(session, quality="draft", method="vanilla")
+    assert "ldr_psnr_white" not in evaluate(folder)
     scene = open_scene(folder)
     assert scene.layer(scene.views[0].splat_camera)[1] is None
     exr, png = render(folder, tmp_path / "out", views=[scene.views[0].name])
