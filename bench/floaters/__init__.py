@@ -1,0 +1,1 @@
+"""Floaters: planted, grown, and pruned by what photographs say."""

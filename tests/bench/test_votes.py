@@ -1,0 +1,92 @@
+"""The votes of photographs on a Gaussian against renders from which it was taken."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from bench.floaters.votes import evidence
+from bench.support import oracle
+from recon.data.dataset import load
+from recon.data.light import light_of, radiance_image
+from recon.methods import METHODS
+from recon.scene.gaussians import Gaussians
+from recon.start.initialisation import gaussians_at, start_points
+from recon.train.densification import DensityRules
+from recon.train.trainer import train
+from recon.train.training import Plan, Training
+
+
+@pytest.fixture(scope="module")
+def trained(made_once):
+    """A short training on the toy session, and its data set."""
+    dataset = load(made_once("recon-toy", lambda folder: oracle.oracle_session(folder, "toy", points=300)))
+    images = [radiance_image(view) for view in dataset.train]
+    light = light_of(dataset, images)
+    points = start_points(dataset, images, 150, np.random.Generator(np.random.PCG64(0)))
+    method = METHODS["nh-3dgs"](dataset, light)
+    gaussians = gaussians_at(points, method.appearance, method.observation.units)
+    training = Training.begin(method, light, gaussians, dataset.extent)
+    train(training, dataset, Plan(60, DensityRules(200)), log=lambda line: None, save=lambda: None)
+    return training, dataset
+
+
+class Light:
+    """Compares light as it is, which a Gaussian changes by what it adds and by nothing else."""
+
+    def __init__(self, training, dataset):
+        self.of = {view.name: torch.from_numpy(radiance_image(view)[0]) for view in dataset.train}
+        self.normaliser = training.light.normaliser
+
+    def compare(self, image, view, progress, factors=None):
+        return image.movedim(2, 0), (self.of[view.name] / self.normaliser).movedim(2, 0)
+
+
+def chi_square(training, gaussians, view, variance=None):
+    """Of what a view shows, in units of the mean squared error of all Gaussians."""
+    with torch.no_grad():
+        image = training.renderer()(gaussians, view.lens, degree=training.method.degree(1.0)).image
+        prediction, target = training.method.observation.compare(image, view, 1.0)
+    missed = (prediction - target).double().square()
+    variance = missed.sum() / (missed != 0).sum() if variance is None else variance
+    return float(missed.sum() / variance), variance
+
+
+def test_what_chi_square_gains_is_what_it_gains_when_a_gaussian_is_taken_away(trained):
+    training, dataset = trained
+    method = replace(training.method, observation=Light(training, dataset))
+    training = replace(training, method=method)
+    view, gaussians = dataset.train[0], training.gaussians
+    found = evidence(training, [view], 1.0, seed=0, probes=64)
+    whole, variance = chi_square(training, gaussians, view)
+    true = []
+    for victim in range(len(gaussians)):
+        others = torch.arange(len(gaussians)) != victim
+        without, _ = chi_square(training, Gaussians(gaussians.rows(others)), view, variance)
+        true.append(without - whole)
+    gains, seen = np.array(true), found.total.numpy()
+    part = np.abs(gains) > 1
+    assert part.sum() > 20
+    assert np.corrcoef(gains[part], seen[part])[0, 1] > 0.95
+    clear = part & (np.abs(gains) > 20)
+    assert clear.sum() > 10
+    assert (np.sign(gains[clear]) == np.sign(seen[clear])).mean() > 0.95
+
+
+def test_what_no_view_shows_has_no_votes(trained):
+    training, dataset = trained
+    hidden = training.gaussians.rows(torch.arange(3))
+    hidden["means"] += 1e4
+    kept = training.gaussians
+    training.gaussians = kept.joined(Gaussians(hidden))
+    try:
+        found = evidence(training, dataset.train, 1.0, seed=0)
+        nothing = evidence(training, (), 1.0, seed=0)
+    finally:
+        training.gaussians = kept
+    for votes in (found.seen, found.needed, found.opposed, found.total):
+        assert torch.isfinite(votes.double()).all()
+        assert not votes[-3:].any()
+    assert found.needed[:-3].any()
+    assert not nothing.seen.any()
