@@ -143,6 +143,11 @@ class Cache:
         if path.exists():
             self._rows = dict(json.loads(line) for line in path.read_text().splitlines())
 
+    @property
+    def rows(self) -> dict[str, Any]:
+        """All that are there, by name."""
+        return dict(self._rows)
+
     def has(self, key: str) -> bool:
         """Whether the row of that name is there."""
         return key in self._rows

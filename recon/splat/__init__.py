@@ -116,5 +116,5 @@ def _check(
         raise ValueError("background is not finite")
     if stats is not None and stats.count != n:
         raise ValueError(f"stats counts {stats.count} Gaussians, but there are {n}")
-    if stats is not None and stats.seen.device != means.device:
-        raise ValueError(f"stats is on {stats.seen.device} and means on {means.device}: make it there")
+    if stats is not None and stats.weight.device != means.device:
+        raise ValueError(f"stats is on {stats.weight.device} and means on {means.device}: make it there")

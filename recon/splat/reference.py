@@ -4,13 +4,15 @@ Slow and simple on purpose: no tiles, no culling by extent, no hand-written grad
 rasterisers must agree with, cut-offs included.
 """
 
+from functools import partial
+
 import torch
 from torch.utils.checkpoint import checkpoint
 
 from recon.splat.camera import SplatCamera
 from recon.splat.limits import ALPHA_FLOOR, COLOUR_MOST, QUAT_LEAST, Limits
 from recon.splat.moved import view_of
-from recon.splat.render import RasterInputs, Render, SplatStats
+from recon.splat.render import RasterInputs, Render
 
 _CHUNK = 1 << 20
 """Pixel-Gaussian pairs held at a time (8 MB a temporary)."""
@@ -51,12 +53,13 @@ def rasterize_reference(inputs: RasterInputs) -> Render:
     rows = camera.height * camera.width
     step = max(1, _CHUNK // max(1, len(index)))
     images, alphas, touched = [], [], torch.zeros(len(index), dtype=torch.bool)
-    weight = torch.zeros(len(index), dtype=torch.float64)
+    weight, total, net = torch.zeros(3, len(index), dtype=torch.float64)
+    composite = partial(_composite, pulls=None if stats is None else (total, net))
     for start in range(0, rows, step):
         number = torch.arange(start, min(start + step, rows))
         pixels = torch.stack([number % camera.width, number // camera.width], dim=1) + 0.5
         image, alpha, peak, hit = checkpoint(
-            _composite, mean2d, ellipse, opacities, colours, floor, back, pixels, limits.t_min,
+            composite, mean2d, ellipse, opacities, colours, floor, back, pixels, limits.t_min,
             use_reentrant=False,
         )  # fmt: skip
         images.append(image)
@@ -66,12 +69,16 @@ def rasterize_reference(inputs: RasterInputs) -> Render:
     if stats is not None and mean2d.requires_grad:
         a, b, c, _ = ellipse.detach().unbind(dim=1)
         deviation = (0.5 * (a + c) + (0.25 * (a - c) ** 2 + b**2).sqrt()).sqrt()
-        half = mean2d.new_tensor([camera.width / 2, camera.height / 2])
-        mean2d.register_hook(  # type: ignore[no-untyped-call]
-            lambda gradient: _count(
-                stats, ids[touched], (gradient * half)[touched], 3 * deviation[touched], weight[touched]
-            )
-        )
+        places, shown = ids[touched], touched
+
+        def count(_: torch.Tensor) -> None:
+            radius, pull, largest = torch.zeros(3, len(inputs.means), dtype=torch.float64)
+            radius[places], largest[places] = 3 * deviation[shown], weight[shown]
+            pull[places] = (total**2 - net**2).clamp(min=0).sqrt()[shown]
+            stats.add(camera, radius.float(), pull, largest.float())
+
+        # The gradient of the means is the last of all: by then every pixel has added its pull.
+        mean2d.register_hook(count)  # type: ignore[no-untyped-call]
     shape = (camera.height, camera.width)
     return Render(
         image=torch.cat(images).reshape(*shape, len(back)).to(dtype),
@@ -198,8 +205,12 @@ def _composite(
     background: torch.Tensor,
     pixels: torch.Tensor,
     t_min: float,
+    pulls: tuple[torch.Tensor, torch.Tensor] | None,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Blend sorted Gaussians over `pixels` [P, 2]: colours [P, C], alphas [P], peak weights [N], hits [N]."""
+    """Blend sorted Gaussians over `pixels` [P, 2]: colours [P, C], alphas [P], peak weights [N], hits [N].
+
+    Going back adds to `pulls`, both [N], the sums over these pixels of |s| and of s, alpha d loss / d alpha.
+    """
     if len(mean2d) == 0:
         image = background.expand(len(pixels), -1)
         none = torch.zeros(0, dtype=torch.float64)
@@ -216,6 +227,14 @@ def _composite(
         before = _exclusive_product(1 - alpha)
         alive = before >= t_min
     alpha = torch.where(alive, alpha, 0.0)
+    if pulls is not None and alpha.requires_grad:
+        shares, (total, net) = alpha.detach(), pulls
+
+        def add(gradient: torch.Tensor) -> None:
+            total.add_((shares * gradient).abs().sum(dim=0))
+            net.add_((shares * gradient).sum(dim=0))
+
+        alpha.register_hook(add)  # type: ignore[no-untyped-call]
     before = _exclusive_product(1 - alpha)
     weight = alpha * before
     left = before[:, -1] * (1 - alpha[:, -1])
@@ -227,13 +246,3 @@ def _exclusive_product(factors: torch.Tensor) -> torch.Tensor:
     """[P, N] product of all factors before each."""
     ones = torch.ones_like(factors[:, :1])
     return torch.cumprod(torch.cat([ones, factors[:, :-1]], dim=1), dim=1)
-
-
-def _count(
-    stats: SplatStats, ids: torch.Tensor, gradient: torch.Tensor, radius: torch.Tensor, weight: torch.Tensor
-) -> None:
-    """Add one render to the statistics of the Gaussians `ids`."""
-    stats.seen[ids] += 1
-    stats.gradient[ids] += gradient.norm(dim=1)
-    stats.radius[ids] = torch.maximum(stats.radius[ids], radius.float())
-    stats.weight[ids] = torch.maximum(stats.weight[ids], weight.float())

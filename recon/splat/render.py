@@ -50,25 +50,36 @@ class SplatStats:
 
     count: int
     device: torch.device = _CPU
-    seen: torch.Tensor = field(init=False)
-    """int32 [n] renders in which it touched a pixel."""
-    gradient: torch.Tensor = field(init=False)
-    """float64 [n] sum over those renders of the norm of d loss / d mean2d in the units of 3DGS, where the
-    image is 2 wide and 2 high: per pixel, times (width / 2, height / 2)."""
+    tension: torch.Tensor = field(init=False)
+    """float64 [n] sum over renders of how hard pixels pull it both ways, by which it blurs what differs:
+    of s = alpha d loss / d alpha at a pixel, sqrt((sum |s|)^2 - (sum s)^2), over sigma, its widest standard
+    deviation in an image that is 2 wide or high, where it is longer. Two Gaussians could follow both sides.
+    AbsGS (Ye et al., arXiv 2404.10484) has the sums of |s| |C^-1 d|, in which pixels that agree count too,
+    and they are where all of a view is too bright: its exposure or vignetting is wrong there, no texture
+    missing."""
     radius: torch.Tensor = field(init=False)
     """float32 [n] largest three-sigma radius over renders, px (blur included)."""
     weight: torch.Tensor = field(init=False)
-    """float32 [n] largest blending weight alpha * transmittance over the pixels of those renders."""
+    """float32 [n] largest blending weight alpha * transmittance over the pixels of all renders; 0 where it
+    touched none."""
 
     def __post_init__(self) -> None:
-        self.seen = torch.zeros(self.count, dtype=torch.int32, device=self.device)
-        self.gradient = torch.zeros(self.count, dtype=torch.float64, device=self.device)
+        self.tension = torch.zeros(self.count, dtype=torch.float64, device=self.device)
         self.radius = torch.zeros(self.count, device=self.device)
         self.weight = torch.zeros(self.count, device=self.device)
 
-    def mean_gradient(self) -> torch.Tensor:
-        """float64 [n] `gradient` per render in which it was seen; 0 where it never was."""
-        return self.gradient / self.seen.clamp_min(1)
+    def add(
+        self, camera: SplatCamera, radius: torch.Tensor, pull: torch.Tensor, weight: torch.Tensor
+    ) -> None:
+        """Count one render: three-sigma radii, px, pulls both ways and largest weights, [n].
+
+        Of a Gaussian without weight the others mean nothing.
+        """
+        touched = weight > 0
+        side = 1.5 * max(camera.width, camera.height)
+        self.tension += torch.where(touched, side * pull / radius, 0.0)
+        torch.maximum(self.radius, torch.where(touched, radius, 0.0), out=self.radius)
+        torch.maximum(self.weight, torch.where(touched, weight, 0.0), out=self.weight)
 
 
 class RasterInputs(NamedTuple):

@@ -1,8 +1,10 @@
 """How the number of Gaussians follows the scene: growth where it is wrong, pruning where nothing shows.
 
-Growth is by rank, not by threshold: at each adaptation the Gaussians with the largest mean screen
-gradient are split, as many as a plan allows that ends at the cap. A threshold (3DGS: 2e-4) assumes a
-loss of a certain size; a rank does not, and the cap is met exactly.
+Growth is by rank, not by threshold: at each adaptation the Gaussians that pixels pull both ways the
+hardest are split, as many as a plan allows that ends at the cap. A threshold (3DGS: 2e-4) assumes a
+loss of a certain size; a rank does not, and the cap is met exactly. What counts is the sum over the
+renders since the last time, not the mean of those that showed it (3DGS): what one view alone pulls at
+may be that view's error (bench/results/splitting.md).
 """
 
 import math
@@ -68,7 +70,7 @@ class Density:
         """
         count = len(gaussians)
         keep = self._visible(gaussians, luminance)
-        score = torch.where(keep, stats.mean_gradient(), 0.0)
+        score = torch.where(keep, stats.tension, 0.0)
         kept, steep = torch.stack([keep.sum(), (score > 0).sum()]).tolist()
         room = self._planned(progress, kept) - kept
         wanted = max(0, min(room, math.ceil(self.rules.growth * count), steep))

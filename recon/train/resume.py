@@ -16,7 +16,7 @@ from recon.train.schedule import Schedule
 from recon.train.training import Training
 
 _CPU = torch.device("cpu")
-_STATS = ("seen", "gradient", "radius", "weight")
+_STATS = ("tension", "radius", "weight")
 
 
 def checkpoint_of(training: Training, facts: dict[str, Any]) -> Checkpoint:

@@ -119,8 +119,7 @@ class Training:
 
     def gather(self, ranks: Ranks, keep: bool = True) -> None:
         """Make the statistics those of all ranks; one that does not `keep` them counts anew from zero."""
-        for sums in (self.stats.seen, self.stats.gradient):
-            ranks.add([sums])
+        ranks.add([self.stats.tension])
         for largest in (self.stats.radius, self.stats.weight):
             ranks.raise_to_largest(largest)
         if not keep:

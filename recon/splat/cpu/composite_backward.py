@@ -15,6 +15,7 @@ from imaging.compute.threads import take_number
 from recon.splat.cpu.composite import CHUNK, FIELDS, PIXELS, block_pixel, cover, gather, select, whitened
 from recon.splat.cpu.lanes import (
     WIDTH,
+    absolute,
     choose,
     dot_each,
     fma,
@@ -35,15 +36,15 @@ from recon.splat.cpu.tiles import TILE
 
 MOMENTS = 6
 """Sums that a slot begins with: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the
-tile's centre, of s, s x, s y, s x x, s x y, s y y. Then it has those of w g for each channel, and the largest
-w; the rest is unused."""
+tile's centre, of s, s x, s y, s x x, s x y, s y y. Then it has those of w g for each channel, the sum of |s|,
+and the largest w; the rest is unused."""
 _ZERO = np.float32(0.0)
 _HALF_TILE = np.float32(TILE / 2 - 0.5)
 
 
 def slot_size(channels: int) -> int:
     """Floats of a slot: whole lanes."""
-    return -(-(MOMENTS + channels + 1) // WIDTH) * WIDTH
+    return -(-(MOMENTS + channels + 2) // WIDTH) * WIDTH
 
 
 _slot_size = inlined(slot_size)
@@ -80,7 +81,7 @@ def _walk_block(rows, chosen, count, block, t_min, background, light, at_light, 
         y2 = y2 + step
         t3, w3 = _walk(q, y2, t3, rows, at, t_min, alphas, lights, p + 48)
         peak = largest(maximum(maximum(w0, w1), maximum(w2, w3)))
-        slot = chosen[n] * _slot_size(len(background)) + MOMENTS + len(background)
+        slot = chosen[n] * _slot_size(len(background)) + MOMENTS + len(background) + 1
         slots[slot] = max(slots[slot], peak)
         chosen[touched] = chosen[n]
         touched += peak > _ZERO
@@ -122,7 +123,8 @@ def _return_block(rows, chosen, count, block, background, alphas, lights, grads,
         sx = m0 * x
         sy = fma(m0, y, m1)
         syy = fma(y, sy, fma(y, m1, m2))
-        sums = totals((m0, sx, sy, sx * x, sy * x, syy) + light)  # noqa: RUF005  Numba does not know the star
+        strength = (absolute(s0) + absolute(s1)) + (absolute(s2) + absolute(s3))
+        sums = totals((m0, sx, sy, sx * x, sy * x, syy) + light + (strength,))  # noqa: RUF005  Numba does not know the star
         slot = chosen[n] * _slot_size(len(background))
         store_each(slots, slot, WIDTH, plus_each(load_each(slots, slot, WIDTH, sums), sums))
     store(behind, p, b0)

@@ -27,19 +27,19 @@ from recon.splat.cpu.tiles import TASK, TILE
 from recon.splat.moved import VIEW
 from recon.splat.parameters import LIMITS
 
-_OUTPUTS = 13
-"""Gradients of mean 3, quaternion 4, scale 3, opacity, and of the pixel mean 2."""
+_OUTPUTS = 11
+"""Gradients of mean 3, quaternion 4, scale 3, opacity."""
 _slot_size = inlined(slot_size)
 
 
 @inlined
 def _add_slots(slots, first, last, tile, entry, across, px, py, moments, j, light, colour):
-    """Add up a Gaussian's slots in their order: lane j of moments, colour [C]; returns the largest weight.
+    """Add up a Gaussian's slots in their order: lane j of moments, colour [C].
 
     moments: of s, s dx, s dy, s dx dx, s dx dy, s dy dy, (dx, dy) from the mean to the pixel. light: float64
-    [C], scratch.
+    [C], scratch. Returns the pull both ways and the largest weight.
     """
-    s = sx = sy = sxx = sxy = syy = peak = 0.0
+    s = sx = sy = sxx = sxy = syy = strength = peak = 0.0
     size = _slot_size(len(light))
     for c in range(len(light)):
         light[c] = 0.0
@@ -57,12 +57,13 @@ def _add_slots(slots, first, last, tile, entry, across, px, py, moments, j, ligh
         syy += slots[at + 5] + 2.0 * oy * my + oy * oy * m
         for c in range(len(light)):
             light[c] += slots[at + MOMENTS + c]
-        peak = max(peak, np.float64(slots[at + MOMENTS + len(light)]))
+        strength += slots[at + MOMENTS + len(light)]
+        peak = max(peak, np.float64(slots[at + MOMENTS + len(light) + 1]))
     moments[j], moments[8 + j], moments[16 + j] = s, sx, sy
     moments[24 + j], moments[32 + j], moments[40 + j] = sxx, sxy, syy
     for c in range(len(light)):
         colour[c] = light[c]
-    return peak
+    return np.sqrt(max(strength * strength - s * s, 0.0)), peak
 
 
 @inlined
@@ -82,8 +83,6 @@ def _backward_eight(values, moments, k, fisheye, out, counted, sums, view):
         load(moments, 24), load(moments, 32), load(moments, 40),
     )  # fmt: skip
     centre, p, q = ellipse_gradient(sums_of_pixels, m, k[LIMITS + 1])
-    store(out, 88, centre[0])
-    store(out, 96, centre[1])
     o = minimum(load(values, 80), k[LIMITS + 2])
     store(out, 80, choose(above(o, 0.0), load(moments, 0) / o, 0.0))
 
@@ -108,13 +107,13 @@ def _backward_eight(values, moments, k, fisheye, out, counted, sums, view):
 @kernel
 def project_backward(
     counter, means, quats, scales, opacities, k, fisheye, projected, entries, across, slots,
-    grad_means, grad_quats, grad_scales, grad_opacities, grad_colours, grad_screen, weight, view,
+    grad_means, grad_quats, grad_scales, grad_opacities, grad_colours, pull, weight, view,
 ):  # fmt: skip
     """Gradients [N, ...] of all inputs, zero for Gaussians that were not drawn.
 
-    slots: from `composite_backward`. grad_screen float32 [N, 2]: d loss / d mean2d; weight float32 [N]:
-    largest blending weight. view float64 [tasks, VIEW], to be summed over the tasks: d loss / d (the first
-    VIEW numbers of k); or None.
+    slots: from `composite_backward`. pull float32 [N]: with s = alpha d loss / d alpha of the pixels,
+    sqrt((sum |s|)^2 - (sum s)^2); weight float32 [N]: largest blending weight. view float64 [tasks, VIEW], to
+    be summed over the tasks: d loss / d (the first VIEW numbers of k); or None.
     """
     n = len(means)
     drawn, ids = np.empty(TASK, np.int64), np.empty(8, np.int64)
@@ -132,14 +131,14 @@ def project_backward(
                 grad_colours[i, a] = 0.0
             for a in range(4):
                 grad_quats[i, a] = 0.0
-            grad_opacities[i] = grad_screen[i, 0] = grad_screen[i, 1] = weight[i] = 0.0
+            grad_opacities[i] = pull[i] = weight[i] = 0.0
         if view is not None:
             clear_view(sums)
         for first in range(0, count, 8):
             for j in range(8):
                 i = drawn[min(first + j, count - 1)]
                 ids[j] = i
-                weight[i] = _add_slots(
+                pull[i], weight[i] = _add_slots(
                     slots, entries.slot[i], entries.slot[i + 1], entries.tile, entries.start[i], across,
                     projected.shape[i, 0], projected.shape[i, 1], moments, j, light, grad_colours[i],
                 )  # fmt: skip
@@ -155,7 +154,6 @@ def project_backward(
                     for a in range(4):
                         grad_quats[i, a] = found[24 + 8 * a + j]
                     grad_opacities[i] = found[80 + j]
-                    grad_screen[i, 0], grad_screen[i, 1] = found[88 + j], found[96 + j]
         if view is not None:
             finish_view(sums, view, task)
         task = take_number(counter)

@@ -6,7 +6,6 @@ import numpy as np
 import torch
 
 from imaging.compute.threads import share, thread_count
-from recon.splat.camera import SplatCamera
 from recon.splat.cpu import tiles
 from recon.splat.cpu.buffers import Lease
 from recon.splat.cpu.composite import CHUNK, PIXELS, composite
@@ -16,7 +15,7 @@ from recon.splat.cpu.project_backward import project_backward
 from recon.splat.limits import T_LEAST
 from recon.splat.moved import VIEW
 from recon.splat.parameters import parameters
-from recon.splat.render import RasterInputs, Render, RenderCall, SplatStats
+from recon.splat.render import RasterInputs, Render, RenderCall
 from recon.splat.tables import BAD, Array, Entries, Lists, Projected, shape_size
 
 
@@ -145,7 +144,7 @@ class _Tables:
         n = len(arrays[0])
         slots = get("slots", len(self.lists.id) * slot_size(len(arrays[5])), np.float32)
         found = [torch.empty(array.shape) for array in arrays[:5]]
-        screen, weight = get("screen", (n, 2), np.float32), get("weight", n, np.float32)
+        pull, weight = get("pull", n, np.float32), get("weight", n, np.float32)
         view = np.empty((-(-n // tiles.TASK), VIEW)) if moving else None
         share(
             composite_backward, self._work(), self.lists, self.projected, tuple(arrays[5]), self.t_min,
@@ -154,25 +153,13 @@ class _Tables:
         share(
             project_backward, 0.1 * n, *arrays[:4], self.parameters, self.fisheye, self.projected,
             self.entries, self.lists.across, slots, *(gradient.numpy() for gradient in found),
-            screen, weight, view,
+            pull, weight, view,
         )  # fmt: skip
         if self.call.stats is not None:
-            _count(self.call.stats, self.call.camera, self.projected.radius, screen, weight)
+            counts = (torch.from_numpy(count) for count in (self.projected.radius, pull, weight))
+            self.call.stats.add(self.call.camera, *counts)
         return found, None if view is None else torch.from_numpy(view.sum(axis=0))
 
     def _work(self) -> float:
         """Microseconds that compositing will take, roughly."""
         return 0.05 * len(self.lists.id) + 0.003 * self.call.camera.width * self.call.camera.height
-
-
-def _count(stats: SplatStats, camera: SplatCamera, radius: Array, screen: Array, weight: Array) -> None:
-    """Add one render to the statistics."""
-    touched = weight > 0
-    seen, gradient, widest, heaviest = (
-        tensor.numpy() for tensor in (stats.seen, stats.gradient, stats.radius, stats.weight)
-    )
-    seen += touched
-    gradient += np.hypot(screen[:, 0] * (camera.width / 2), screen[:, 1] * (camera.height / 2))
-    # What was not drawn has no radius: its place in the table holds whatever was there before.
-    np.maximum(widest, np.where(touched, radius, 0), out=widest)
-    np.maximum(heaviest, weight, out=heaviest)

@@ -18,9 +18,9 @@ from recon.splat.gpu.project import HIGH, WIDE
 REGISTERS = 128
 """Of a thread at most. Left alone ptxas takes 198 for sm_90, and 10 warps would fit where 16 do; it pays with
 5 % more instructions (ptxas of CUDA 12.9, counted, not timed)."""
-SLOT = tl.constexpr(10)
+SLOT = tl.constexpr(11)
 """Floats of a slot: with s = alpha d loss / d alpha at a pixel and (x, y) its place from the tile's centre,
-the sums of s, s x, s y, s x x, s x y, s y y, then of w g (3), then the largest w."""
+the sums of s, s x, s y, s x x, s x y, s y y, then of w g (3) and of |s|, then the largest w."""
 _MIDDLE_X, _MIDDLE_Y = tl.constexpr((WIDE.value - 1) / 2), tl.constexpr((HIGH.value - 1) / 2)
 
 
@@ -55,7 +55,8 @@ def _totals(s, w, g):
     found = tl.where(lane == 6, tl.sum(tl.sum(w * g[0], axis=0), axis=0), found)
     found = tl.where(lane == 7, tl.sum(tl.sum(w * g[1], axis=0), axis=0), found)
     found = tl.where(lane == 8, tl.sum(tl.sum(w * g[2], axis=0), axis=0), found)
-    return tl.where(lane == 9, tl.max(tl.max(w, axis=0), axis=0), found)
+    found = tl.where(lane == 9, tl.sum(tl.sum(tl.abs(s), axis=0), axis=0), found)
+    return tl.where(lane == 10, tl.max(tl.max(w, axis=0), axis=0), found)
 
 
 @triton.jit(do_not_specialize=["stride", "across", "height", "width", "t_min"])

@@ -41,13 +41,13 @@ def _store(pointer, value, touched, here):
 @triton.jit(do_not_specialize=["n"])
 def project_backward(
     means, quats, scales, opacities, parameter, n, moments, weight,
-    grad_means, grad_quats, grad_scales, grad_opacities, grad_screen, view,
+    grad_means, grad_quats, grad_scales, grad_opacities, view,
     BLOCK: tl.constexpr, MOVING: tl.constexpr, FISHEYE: tl.constexpr,
 ):  # fmt: skip
     """Gradients float32 [N, ...] of all inputs but colours, zero for Gaussians that touched no pixel.
 
-    moments and weight: from `add_slots`. grad_screen float32 [N, 2]: d loss / d mean2d. view float64
-    [programs, VIEW], to be summed over the programs, if MOVING: d loss / d (the first VIEW parameters).
+    moments and weight: from `add_slots`. view float64 [programs, VIEW], to be summed over the programs, if
+    MOVING: d loss / d (the first VIEW parameters).
     """
     program = tl.program_id(0)
     i = program.to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
@@ -64,8 +64,6 @@ def project_backward(
     r = rotation(quat)
     m = root_covariance(axes, r, scale)
     centre, p, q = ellipse_gradient(sums, m, k[LIMITS + 1])
-    _store(grad_screen + 2 * i, centre[0], touched, here)
-    _store(grad_screen + 2 * i + 1, centre[1], touched, here)
     _store(grad_opacities + i, sums[0] / tl.minimum(o, k[LIMITS + 2]), touched, here)
 
     grown, turned = shape_gradient(p, q, axes, r, scale, quat)

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import torch
 from triton import cdiv, knobs
 
-from recon.splat.camera import SplatCamera
 from recon.splat.gpu import project as projection
 from recon.splat.gpu import slots as sums
 from recon.splat.gpu import tiles
@@ -19,7 +18,7 @@ from recon.splat.gpu.project_backward import project_backward
 from recon.splat.gpu.project_view import VIEW
 from recon.splat.limits import T_LEAST
 from recon.splat.parameters import parameters
-from recon.splat.render import RasterInputs, Render, RenderCall, SplatStats
+from recon.splat.render import RasterInputs, Render, RenderCall
 from recon.splat.tables import BAD
 
 _WIDE, _HIGH, _SHAPE = projection.WIDE.value, projection.HIGH.value, projection.SHAPE.value
@@ -152,29 +151,17 @@ def _gradients(
         CHUNK=tiles.CHUNK, num_warps=1, maxnreg=REGISTERS, **_OPTIONS,
     )  # fmt: skip
     found = [torch.empty_like(tensor) for tensor in gaussians]
-    moments, weight = new((n, _MOMENTS), dtype=torch.float64), new(n)
+    moments, pull, weight = new((n, _MOMENTS), dtype=torch.float64), new(n), new(n)
     sums.add_slots[(cdiv(n, sums.BLOCK),)](
         slots, tables.start, tables.number, tables.tile, tables.record, n, across,
-        moments, found[4], weight, BLOCK=sums.BLOCK, num_warps=sums.WARPS, **_OPTIONS,
+        moments, found[4], pull, weight, BLOCK=sums.BLOCK, num_warps=sums.WARPS, **_OPTIONS,
     )  # fmt: skip
-    screen, programs = new((n, 2)), cdiv(n, projection.BLOCK)
+    programs = cdiv(n, projection.BLOCK)
     view = new((programs if moving else 1, _VIEW), dtype=torch.float64)
     project_backward[(programs,)](
-        *gaussians[:4], tables.parameters, n, moments, weight, *found[:4], screen, view,
+        *gaussians[:4], tables.parameters, n, moments, weight, *found[:4], view,
         BLOCK=projection.BLOCK, MOVING=moving, FISHEYE=call.camera.fisheye or None, **_OPTIONS,
     )  # fmt: skip
     if call.stats is not None:
-        _count(call.stats, call.camera, tables.radius, screen, weight)
+        call.stats.add(call.camera, tables.radius, pull, weight)
     return found, view.sum(dim=0).cpu() if moving else None
-
-
-def _count(
-    stats: SplatStats, camera: SplatCamera, radius: torch.Tensor, screen: torch.Tensor, weight: torch.Tensor
-) -> None:
-    """Add one render to the statistics, which stay on the device."""
-    touched = weight > 0
-    stats.seen += touched
-    stats.gradient += torch.hypot(screen[:, 0] * (camera.width / 2), screen[:, 1] * (camera.height / 2))
-    # What was not drawn has no radius.
-    torch.maximum(stats.radius, torch.where(touched, radius, 0.0), out=stats.radius)
-    torch.maximum(stats.weight, weight, out=stats.weight)

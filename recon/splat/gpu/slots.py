@@ -21,9 +21,13 @@ _LANES = tl.constexpr(16)
 
 @triton.jit(do_not_specialize=["n", "across"])
 def add_slots(
-    slots, start, number, tile, record, n, across, moments, grad_colours, weight, BLOCK: tl.constexpr
+    slots, start, number, tile, record, n, across, moments, grad_colours, pull, weight,
+    BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Fill moments float64 [N, MOMENTS], grad_colours float32 [N, 3], weight float32 [N] (largest)."""
+    """Fill moments float64 [N, MOMENTS], grad_colours float32 [N, 3], pull and weight float32 [N].
+
+    pull: sqrt((sum |s|)^2 - (sum s)^2); weight: the largest.
+    """
     i = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
     here = i < n
     count = tl.load(number + i, mask=here, other=0)
@@ -34,7 +38,7 @@ def add_slots(
     lane = tl.arange(0, _LANES)[None, :]
     zero = tl.zeros([BLOCK, _LANES], tl.float64)
     s, sx, sy, sxx, sxy, syy = zero, zero, zero, zero, zero, zero
-    red, green, blue = zero, zero, zero
+    red, green, blue, total = zero, zero, zero, zero
     peak = tl.zeros([BLOCK, _LANES], tl.float32)
     done, most = 0, tl.max(count).to(tl.int32)
     while done < most:
@@ -56,7 +60,8 @@ def add_slots(
         red += tl.load(at + 6, mask=there, other=0.0)
         green += tl.load(at + 7, mask=there, other=0.0)
         blue += tl.load(at + 8, mask=there, other=0.0)
-        peak = tl.maximum(peak, tl.load(at + 9, mask=there, other=0.0))
+        total += tl.load(at + 9, mask=there, other=0.0)
+        peak = tl.maximum(peak, tl.load(at + 10, mask=there, other=0.0))
         done += _LANES
     to = moments + i * MOMENTS
     tl.store(to, tl.sum(s, axis=1), mask=here)
@@ -69,4 +74,7 @@ def add_slots(
     tl.store(to, tl.sum(red, axis=1).to(tl.float32), mask=here)
     tl.store(to + 1, tl.sum(green, axis=1).to(tl.float32), mask=here)
     tl.store(to + 2, tl.sum(blue, axis=1).to(tl.float32), mask=here)
+    strength, net = tl.sum(total, axis=1), tl.sum(s, axis=1)
+    both = tl.sqrt(tl.maximum(strength * strength - net * net, 0.0))
+    tl.store(pull + i, both.to(tl.float32), mask=here)
     tl.store(weight + i, tl.max(peak, axis=1), mask=here)

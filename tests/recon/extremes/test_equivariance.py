@@ -130,7 +130,7 @@ def test_thread_count_changes_no_bit(decades: Any) -> None:
             render = decades.render(tensors, stats)
             torch.log(render.image + 1e-6).sum().backward()
             arrays = [render.image.detach(), render.alpha.detach(), *(t.grad for t in tensors)]
-            arrays += [stats.gradient, stats.weight]
+            arrays += [stats.tension, stats.weight]
             results.append([array.numpy().tobytes() for array in arrays])
     finally:
         threads.set_threads(before)

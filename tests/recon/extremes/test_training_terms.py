@@ -100,8 +100,7 @@ def test_growth_does_not_depend_on_the_size_of_the_loss(power: int) -> None:
     for factor in (1.0, 2.0**power):
         gaussians = veil([0.5] * 12, [1.0] * 12)
         stats = SplatStats(12)
-        stats.seen[:] = 3
-        stats.gradient[:] = torch.from_numpy(np.random.default_rng(0).uniform(0.1, 1, 12) * factor)
+        stats.tension[:] = torch.from_numpy(np.random.default_rng(0).uniform(0.1, 1, 12) * factor)
         density = Density(DensityRules(cap=20, begin=0.0, end=0.1), 1e-3)
         change = density.adapt(gaussians, torch.ones(12), stats, 0.3, torch.Generator().manual_seed(0))
         chosen.append(change.keep.tolist())

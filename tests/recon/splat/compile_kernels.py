@@ -39,10 +39,10 @@ KERNELS = [
      LISTS | GRID | {"slot": L, "grad_image": F, "grad_left": F, "slots": F}),
     (slots.add_slots, {"BLOCK": slots.BLOCK}, {"num_warps": slots.WARPS},
      {"slots": F, "start": L, "number": L, "tile": S, "record": D, "n": "i32", "across": "i32", "moments": D,
-      "grad_colours": F, "weight": F}),
+      "grad_colours": F, "pull": F, "weight": F}),
     *((project_backward.project_backward, {"BLOCK": project.BLOCK, "MOVING": True, "FISHEYE": fisheye}, {},
        INPUTS | {"moments": D, "weight": F, "grad_means": F, "grad_quats": F, "grad_scales": F,
-                 "grad_opacities": F, "grad_screen": F, "view": D})
+                 "grad_opacities": F, "view": D})
       for fisheye in (None, True)),
 ]  # fmt: skip
 

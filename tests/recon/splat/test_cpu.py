@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import imaging.compute.threads as threads
-from recon.splat import Render, SplatCamera, SplatStats
+from recon.splat import Render, SplatCamera, SplatStats, rasterize
 from recon.splat.cpu.buffers import Buffers
 
 NAMES = ("means", "quats", "scales", "opacities", "colours", "background")
@@ -33,8 +33,8 @@ def test_equals_oracle(scene: Any) -> None:
     loss(expected).backward()
     for name, a, b in zip(NAMES, fast, truth, strict=False):
         same_gradient(name, a.grad, b.grad)
-    assert (ours.seen != theirs.seen).sum() <= 0.02 * count
-    for name in ("gradient", "radius", "weight"):
+    assert ((ours.weight > 0) != (theirs.weight > 0)).sum() <= 0.02 * count
+    for name in ("tension", "radius", "weight"):
         a, b = getattr(ours, name), getattr(theirs, name)
         assert (a - b).norm() <= 1e-3 * b.norm(), name
 
@@ -72,12 +72,29 @@ def test_statistics_add_up_over_renders(scene_of: Any) -> None:
             loss(scene.render(scene.tensors(torch.float32), stats), seed).backward()
         found.append(stats)
     first, second, both = found
-    assert torch.equal(first.seen + second.seen, both.seen)
-    assert both.seen.max() == 2
-    torch.testing.assert_close(first.gradient + second.gradient, both.gradient, rtol=1e-6, atol=0)
+    assert both.tension.max() > first.tension.max()
+    torch.testing.assert_close(first.tension + second.tension, both.tension, rtol=1e-6, atol=0)
     assert torch.equal(torch.maximum(first.weight, second.weight), both.weight)
-    mean = both.gradient.numpy() / np.maximum(both.seen.numpy(), 1)
-    np.testing.assert_allclose(both.mean_gradient(), mean, rtol=1e-6)
+
+
+def test_tension_is_of_pixels_that_pull_both_ways(scene_of: Any) -> None:
+    """None of an error that all pixels share, as of a wrong exposure; much of one that alternates."""
+    scene = scene_of("plain")
+    tensors = [t[:1].detach() for t in scene.tensors(torch.float32)[:5]]
+    tensors[3][:], tensors[4][:] = 0.5, 1.0
+    found = []
+    rows, columns = torch.meshgrid(
+        torch.arange(scene.camera.height), torch.arange(scene.camera.width), indexing="ij"
+    )
+    chessboard = 1.0 - 2.0 * ((rows + columns) % 2)
+    for error in (torch.ones_like(chessboard), chessboard):
+        stats = SplatStats(1)
+        given = [t.clone().requires_grad_() for t in tensors]
+        image = rasterize(*given, scene.camera, None, scene.limits, stats).image
+        (image * error[..., None]).sum().backward()
+        found.append(float(stats.tension))
+    assert stats.weight > 0.1
+    assert found[0] < 0.01 * found[1]
 
 
 def test_gradient_of_the_image_alone_and_of_alpha_alone(scene_of: Any) -> None:
@@ -103,7 +120,7 @@ def test_thread_count_changes_no_bit(scene_of: Any, name: str) -> None:
             loss(render).backward()
             arrays = [render.image, render.alpha, *(t.grad for t in tensors)]
             found = [a.detach().numpy().tobytes() for a in arrays if a is not None]
-            results.append([*found, *(a.numpy().tobytes() for a in (stats.gradient, stats.weight))])
+            results.append([*found, *(a.numpy().tobytes() for a in (stats.tension, stats.weight))])
     finally:
         threads.set_threads(before)
     assert results[0] == results[1] == results[2]
@@ -187,7 +204,7 @@ def test_what_was_not_drawn_counts_nothing(scene_of: Any, monkeypatch: pytest.Mo
     scene.means[::2, 2] = -50.0
     stats = SplatStats(len(scene.means))
     loss(scene.render(scene.tensors(torch.float32), stats)).backward()
-    for name in ("gradient", "radius", "weight"):
+    for name in ("tension", "radius", "weight"):
         values = getattr(stats, name)
         assert torch.isfinite(values).all(), name
         assert not values[::2].any(), name

@@ -39,8 +39,7 @@ def make_training() -> Training:
 def make_stats(seed: int = 1) -> SplatStats:
     rng = np.random.default_rng(seed)
     stats = SplatStats(COUNT)
-    stats.seen[:] = torch.from_numpy(rng.integers(1, 9, COUNT))
-    stats.gradient[:] = torch.from_numpy(rng.uniform(0, 1, COUNT))
+    stats.tension[:] = torch.from_numpy(rng.uniform(0, 1, COUNT))
     return stats
 
 
@@ -58,8 +57,7 @@ def test_growth_never_passes_the_cap_and_reaches_it():
         rules = DensityRules(cap, every=0.05)
         for progress in np.arange(0.05, 0.61, 0.05):
             stats = SplatStats(len(training.gaussians))
-            stats.seen[:] = 1
-            stats.gradient[:] = 1
+            stats.tension[:] = 1
             adapt(training, stats, rules, progress=float(progress))
             assert len(training.gaussians) <= cap
         assert len(training.gaussians) == cap
@@ -97,7 +95,7 @@ def test_the_steepest_are_split_into_smaller_ones_that_let_as_much_light_through
     stats = make_stats()
     change = adapt(training, stats, DensityRules(COUNT + 4, growth=0.1, begin=0.0, end=0.0))
     split = torch.nonzero(~change.keep)[:, 0]
-    steepest = np.sort(np.argsort(-stats.mean_gradient().numpy())[: len(split)])
+    steepest = np.sort(np.argsort(-stats.tension.numpy())[: len(split)])
     np.testing.assert_array_equal(split, steepest)
     for half in (slice(0, len(split)), slice(len(split), None)):
         child = {name: value[half] for name, value in change.new.items()}
@@ -141,7 +139,7 @@ def test_where_all_are_invisible_the_most_opaque_one_stays():
         training.gaussians.parameters["opacity_logits"][3] = 9.0
         training.gaussians.parameters["means"][3] = float("nan")
     stats = make_stats()
-    stats.gradient[:] = 0.0
+    stats.tension[:] = 0.0
     change = adapt(training, stats, DensityRules(COUNT))
     assert torch.nonzero(change.keep)[:, 0].tolist() == [7]
     assert len(training.gaussians) == 1

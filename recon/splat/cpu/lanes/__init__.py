@@ -7,7 +7,7 @@ may not vectorise sums at all without leave to reorder them. All operations are 
 float64 may be contracted to FMA.
 
 In kernels: `+ - * /` with Lanes (or Lanes and a scalar of their kind), `fma(a, b, c)` = a b + c, `minus`,
-`root`, `floor`, `ceiling`, `minimum`, `maximum`; masks from `at_least(a, b)`, `above(a, b)` and
+`root`, `floor`, `ceiling`, `absolute`, `minimum`, `maximum`; masks from `at_least(a, b)`, `above(a, b)` and
 `both(m, n)`, used by `choose(mask, x, y)`; memory: `splat`, `load`, `store`, `load_first`, `store_first`,
 `keep_first`; over the lanes: `total`, `largest`, `totals`; patterns: `lane_number`, `lane_column`,
 `lane_row`; exponents: `round_bits`, `rounded`, `scale_by`, `split_exponent`; on tuples of lanes, one a
@@ -17,6 +17,7 @@ channel: `load_each`, `store_each`, `fma_each`, `dot_each`, `times_each`, `plus_
 from recon.splat.cpu.lanes.across import lane_column, lane_number, lane_row, largest, total, totals
 from recon.splat.cpu.lanes.arithmetic import (
     above,
+    absolute,
     at_least,
     both,
     ceiling,
@@ -44,6 +45,7 @@ __all__ = [
     "WIDTH",
     "WIDTH_64",
     "above",
+    "absolute",
     "at_least",
     "both",
     "ceiling",

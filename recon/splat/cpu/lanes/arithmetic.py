@@ -72,6 +72,7 @@ def _unary(llvm: str, meaning: str):
 root = _unary("sqrt", "The square root.")
 floor = _unary("floor", "The largest whole number that is not above.")
 ceiling = _unary("ceil", "The smallest whole number that is not below.")
+absolute = _unary("fabs", "Without its sign.")
 
 
 @intrinsic
