@@ -16,9 +16,12 @@ GEOMETRY = ("means", "log_scales", "quats", "opacity_logits")
 
 @dataclass(frozen=True)
 class GeometryRates:
-    """Learning rates of where the Gaussians are; that of the means is in units of the scene's extent."""
+    """Learning rates of where the Gaussians are; that of the means is in units of the scene's extent.
 
-    means: Rate = Rate(1e-3, 5e-5)
+    Means that end at 5e-5 cost lego 0.4 dB (200 px, 2,500 iterations), at 5e-6 the gallery 0.1.
+    """
+
+    means: Rate = Rate(1e-3, 1.5e-5)
     log_scales: Rate = Rate(4e-2, 5e-3)
     quats: Rate = Rate(1e-2, 1e-3)
     opacity_logits: Rate = Rate(1e-1, 2e-2)

@@ -132,9 +132,10 @@ def test_poisoned_loss_stays_with_the_pixels_it_came_from(scene_of: Any, part: s
     """A loss that is not finite at a pixel spoils the Gaussians that touch it, and no others."""
     scene = scene_of("small")
     tensors = scene.tensors(torch.float32)
-    found = getattr(scene.render(tensors), part)
+    render = scene.render(tensors)
+    found = getattr(render, part)
     pull = torch.ones_like(found)
-    pull[3, 5] = math.nan
+    pull[divmod(int(render.alpha.argmax()), scene.camera.width)] = math.nan
     found.backward(pull)
     spoiled = ~torch.isfinite(tensors[0].grad).all(dim=1)
     clean = scene.tensors(torch.float32)

@@ -172,7 +172,7 @@ def test_nor_do_they_in_photographs(toy_ldr):
         method = METHODS["hdr-gs"](dataset, light)
         gaussians = gaussians_at(points, method.appearance, method.observation.units)
         training = Training.begin(method, light, gaussians, dataset.extent)
-        run(training, dataset, 60)
+        run(training, dataset, 120)
         turned = [replace(view, lens=moved(view.lens, off)[0]) for view in views]
         right, other = (
             [robust_score_db(training, view, (), dataset.extent) for view in s] for s in (views, turned)

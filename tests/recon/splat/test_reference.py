@@ -65,7 +65,7 @@ def test_one_gaussian_by_hand() -> None:
     tensors = [torch.tensor(value, dtype=torch.float64) for value in values]
     render = rasterize(*tensors, camera, torch.full((3,), 0.5, dtype=torch.float64))
     x, y = 10.5 - 8, 6.5 - 8
-    alpha = 0.8 * np.exp(-0.5 * (x * x / (5.0**2 + 0.3) + y * y / (2.5**2 + 0.3)))
+    alpha = 0.8 * np.exp(-0.5 * (x * x / (5.0**2 + 0.1) + y * y / (2.5**2 + 0.1)))
     assert render.alpha[6, 10].item() == pytest.approx(alpha, rel=1e-12)
     expected = alpha * np.array([1, 2, 4]) + (1 - alpha) * 0.5
     np.testing.assert_allclose(render.image[6, 10].numpy(), expected, rtol=1e-12)
