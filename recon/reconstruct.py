@@ -95,7 +95,8 @@ def reconstruct(
 
         def examine(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> None:
             asked = None if budget is None else budget.gaussians
-            most = asked or overrides.gaussians or QUALITIES[quality].gaussians
+            trained = sum(train for _, train in counts.values())
+            most = asked or overrides.gaussians or QUALITIES[quality].gaussians_of(trained)
             needed = need(firsts, counts, most, DEGREE if overrides.degree is None else overrides.degree)
             room = free()
             needed.require(session, room)

@@ -129,7 +129,7 @@ def row(scene: Scene, trade: Trade) -> dict[str, Any]:
 def as_trained(preset: Quality) -> dict[str, int]:
     """A preset as sessions of few training views have it, as all here are."""
     iterations = preset.iterations_of(MOST_TRAINED)
-    return {"iterations": iterations, "gaussians": preset.gaussians, "width": preset.width}
+    return {"iterations": iterations, "gaussians": preset.gaussians_of(MOST_TRAINED), "width": preset.width}
 
 
 def verdict(rows: list[dict[str, Any]]) -> dict[str, Any]:

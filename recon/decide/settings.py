@@ -100,7 +100,7 @@ def asked_for(
     """
     preset = QUALITIES[quality]
     iterations = overrides.iterations or preset.iterations_of(len(dataset.train))
-    gaussians = overrides.gaussians or preset.gaussians
+    gaussians = overrides.gaussians or preset.gaussians_of(len(dataset.train))
     if budget is not None and budget.gaussians is not None:
         # More Gaussians than pixels cannot be distinguished.
         pixels = sum(view.lens.width * view.lens.height for view in dataset.train)

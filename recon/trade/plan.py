@@ -39,7 +39,7 @@ class Session:
         return overrides.model_copy(
             update={
                 "iterations": overrides.iterations or preset.iterations_of(self.views),
-                "gaussians": overrides.gaussians or preset.gaussians,
+                "gaussians": overrides.gaussians or preset.gaussians_of(self.views),
                 "width": min(overrides.width or preset.width, self.width),
             }
         )
@@ -73,7 +73,7 @@ def planned(session: Session, trained: Point | None) -> list[Choice]:
     """
     standard = QUALITIES["standard"]
     iterations = standard.iterations_of(session.views)
-    count = standard.gaussians if trained is None else trained.gaussians
+    count = standard.gaussians_of(session.views) if trained is None else trained.gaussians
     decided = {} if trained is None else _decided(trained)
     width = min(standard.width, session.width)
     wanted: list[tuple[str, dict[str, Any]]] = [

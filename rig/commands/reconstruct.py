@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _PRESETS = "; ".join(
     f"{name} {preset.iterations:,} iterations or {preset.looks} for each training view, at most "
-    f"{preset.gaussians:,} Gaussians, {preset.width} px wide"
+    f"{preset.gaussians:,} Gaussians or {preset.each:,} for each, {preset.width} px wide"
     for name, preset in QUALITIES.items()
 )
 

@@ -106,6 +106,10 @@ CLAIMS = (
         r"presets take (\d+), (\d+) and (\d+) iterations for each training view",
         lambda: [preset.looks for preset in QUALITIES.values()],
     ),
+    Claim(
+        r"and at most (\d+), (\d+) and ([\d,]+) Gaussians:",
+        lambda: [preset.each for preset in QUALITIES.values()],
+    ),
     Claim(r"the curve is ([\d.]+) % off and the light ([\d.]+) dB worse", learned),
     Claim(
         r"darkest fifth ([\d.]+) to ([\d.]+) stops off for ([\d.]+) to ([\d.]+)",

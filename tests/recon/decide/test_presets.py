@@ -28,9 +28,10 @@ def test_the_presets_lie_on_the_recorded_fronts() -> None:
     assert presets.verdict(recorded["rows"])["wrong"] == []
 
 
-def test_of_many_views_a_preset_looks_at_each_often_enough() -> None:
-    quality = Quality(300, 20_000, 320, looks=10)
+def test_of_many_views_a_preset_looks_at_each_often_enough_and_has_gaussians_for_it() -> None:
+    quality = Quality(300, 20_000, 320, looks=10, each=200)
     assert [quality.iterations_of(views) for views in (1, 30, 31, 100)] == [300, 300, 310, 1000]
+    assert [quality.gaussians_of(views) for views in (1, 100, 101)] == [20_000, 20_000, 20_200]
 
 
 def scene(draft: float, standard: float, best: float, behind: float = 0.0) -> dict[str, Any]:
