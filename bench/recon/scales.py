@@ -238,19 +238,24 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         keys = [f"{factor:g}" for factor in FACTORS]
         means = {key: [one[key] for one in got] for key in keys}
         rows.append({"set": name, "filter": what, "db": means})
-    shape = {"iterations": options.iterations, "gaussians": options.gaussians, "seeds": options.seeds}
+    shape = {
+        "sets": options.sets,
+        "iterations": options.iterations,
+        "gaussians": options.gaussians,
+        "seeds": options.seeds,
+    }
     return {"machine": machine(), "rows": rows, **shape}
 
 
 def report(result: dict[str, Any]) -> str:
+    trained_at = ", ".join(f"{WIDTHS[name]} px ({name})" for name in result["sets"].split(","))
     lines = [
         "# Renders at other widths than the photographs'",
         "",
-        f"`python -m bench.recon.scales --write`: {result['iterations']:,} iterations, "
-        f"{result['gaussians']:,} Gaussians, {result['seeds']} seed(s), trained at {WIDTHS['lego']} px "
-        f"(lego) and {WIDTHS['demo']} px (demo). dB of at most {VIEWS} held-out views by the width drawn: "
-        "mean and half the range over seeds. The filters are those of the script's head, and the first is "
-        "that of 3DGS. "
+        f"`python -m bench.recon.scales --sets {result['sets']} --write`: {result['iterations']:,} "
+        f"iterations, {result['gaussians']:,} Gaussians, {result['seeds']} seed(s), trained at {trained_at}. "
+        f"dB of at most {VIEWS} held-out views by the width drawn: mean and half the range over seeds. The "
+        "filters are those of the script's head, and the first is that of 3DGS. "
         f"{words(result['machine'])}.",
         "",
         "| set | filter | " + " | ".join(f"{factor:g}x" for factor in FACTORS) + " |",
