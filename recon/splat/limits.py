@@ -60,7 +60,7 @@ class Limits:
 
     @classmethod
     def gsplat(cls) -> "Limits":
-        """What gsplat, 3DGS and viewers draw with, for comparisons at equal work (alpha_max of gsplat: 0.999)."""
+        """Those of gsplat (alpha_max 0.999) and 3DGS, which viewers draw with and peers train with."""
         return cls(alpha_max=0.999, t_min=1e-4, alpha_min=1.0 / 255.0, blur=0.3)
 
     @classmethod
