@@ -60,11 +60,7 @@ class Limits:
 
     @classmethod
     def gsplat(cls) -> "Limits":
-<<<<<<< Updated upstream
         """Those of gsplat (alpha_max 0.999) and 3DGS, which viewers draw with and peers train with."""
-=======
-        """Those of gsplat, 3DGS and viewers, for comparisons at equal work (alpha_max of gsplat: 0.999)."""
->>>>>>> Stashed changes
         return cls(alpha_max=0.999, t_min=1e-4, alpha_min=1.0 / 255.0, blur=0.3)
 
     @classmethod
