@@ -15,7 +15,7 @@ from imaging import metrics
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from recon.data.holdout import FEWEST_FOR_HOLDOUT
-from recon.data.pixels import Shot
+from recon.data.shot import Shot
 from recon.data.tone import encode
 from recon.data.truth import calibration_errors, has_truth, response_rmse, true_radiance
 from recon.observe.mixed import Mixed

@@ -10,7 +10,9 @@ from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.records import Rung
-from recon.data.dataset import View, load
+from recon.data.dataset import View
+from recon.data.decoded import FOLDER
+from recon.data.load import load
 from recon.decide.budget import Budget
 from recon.decide.countdown import Countdown
 from recon.decide.decisions import Case, Decisions, Run, decide, iterations_at_most
@@ -93,15 +95,20 @@ def reconstruct(
         width = overrides.width or QUALITIES[quality].width
         store.require_writable(session / shelf)
 
-        def examine(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> None:
+        def examine(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> bool:
             asked = None if budget is None else budget.gaussians
             trained = sum(train for _, train in counts.values())
             most = asked or overrides.gaussians or QUALITIES[quality].gaussians_of(trained)
-            needed = need(firsts, counts, most, DEGREE if overrides.degree is None else overrides.degree)
-            room = free()
+            degree, room = DEGREE if overrides.degree is None else overrides.degree, free()
+            needed = need(firsts, counts, most, degree)
+            if stored := needed.too_large(room):
+                needed = need(firsts, counts, most, degree, stored=True)
             needed.require(session, room)
             if ranks.first and needed.worth_saying(room):
                 tell(needed.told())
+            if ranks.first and stored:
+                tell(f"images stay on the disk, in {session / FOLDER}, which may be deleted afterwards")
+            return stored
 
         loaded = load(session, max_width=width, progress=progress, examine=examine)
         dataset = overrides.subset(loaded)

@@ -29,7 +29,7 @@ class _Signal(LinearLight):
 
     def signals(self, image: Tensor, view: View) -> tuple[Tensor, Tensor, SensorSignalNoise]:
         """Both [4, H/2, W/2], and the noise."""
-        prepared = self._prepared.of(view.name, lambda: self._prepare(view), image.device)
+        prepared = self._prepared.of(view, lambda: self._prepare(view), image.device)
         (shot,) = view.shots
         assert isinstance(shot.noise, SensorSignalNoise)
         light = through_filter(image, prepared.matrix, view.sensor.cfa) * prepared.falloff

@@ -191,7 +191,7 @@ class CurveOfGaussians(ToneCurve):
             toned = Toned(renderer.appearance, self, values, shot.k)
             own = Renderer(toned, renderer.limits)  # type: ignore[arg-type]
             drawn.append(own(gaussians, camera, degree=options["degree"]).image.movedim(2, 0))
-        codes = self._prepared.of(view.name, lambda: self._weighted(view), image.device)
+        codes = self._prepared.of(view, lambda: self._weighted(view), image.device)
         beside = codes.bound(torch.cat(drawn), target).reshape(-1, 3, *target.shape[1:])
         beside = torch.lerp(target.reshape(beside.shape), beside, codes.weight).flatten(0, 1)
         return torch.cat([prediction, beside]), torch.cat([target, target])

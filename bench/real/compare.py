@@ -30,8 +30,9 @@ from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
 from imaging.session.session import SESSION
-from recon.data.dataset import Dataset, View, load
+from recon.data.dataset import Dataset, View
 from recon.data.light import radiance_image
+from recon.data.load import load
 from recon.reconstruct import QualityName, reconstruct
 from recon.result.model import SPLATS
 from recon.result.scene import Opened, open_model

@@ -28,8 +28,8 @@ from imaging.noise import SensorNoise
 from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord, CameraCalibration, Response, ViewCalibration
 from imaging.session.session import Session
-from recon.data.dataset import load
 from recon.data.light import radiance_image
+from recon.data.load import load
 from recon.decide.far_field import BESIDE, CLEAR, SUGGESTED, far_share
 from recon.decide.overrides import Overrides
 from recon.reconstruct import reconstruct

@@ -12,7 +12,7 @@ from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import Bool, Float
 from recon.data.dataset import Dataset, Sensor, View
 from recon.data.light import radiance_image
-from recon.data.pixels import Shot
+from recon.data.shot import Shot
 
 Picture = Callable[[View], tuple[Float, Bool]]
 
@@ -59,7 +59,7 @@ def _with(dataset: Dataset, change: Callable[[View], View]) -> Dataset:
 def _merged(view: View, picture: Picture) -> View:
     rgb, _ = picture(view)
     everywhere = np.ones(rgb.shape, bool)
-    shot = Shot(view.shots[0].file, 1.0, rgb, ~everywhere, ~everywhere, everywhere)
+    shot = Shot.of(view.shots[0].file, 1.0, rgb, ~everywhere, ~everywhere, everywhere)
     plain = np.ones(rgb.shape[:2], np.float32)
     return replace(view, shots=(shot,), sensor=Sensor("hdr", None, np.eye(3), plain, view.sensor.response))
 
@@ -69,7 +69,7 @@ def _merged_mosaic(view: View) -> View:
     light = np.ascontiguousarray(np.nan_to_num(found.radiance, nan=0.0), np.float32)
     never = np.zeros(light.shape, bool)
     return replace(
-        view, shots=(Shot(view.shots[0].file, 1.0, light, never, never, np.isfinite(found.radiance)),)
+        view, shots=(Shot.of(view.shots[0].file, 1.0, light, never, never, np.isfinite(found.radiance)),)
     )
 
 
@@ -82,8 +82,7 @@ def _demosaicked(view: View) -> View:
         found = demosaic(shot.pixels, cfa, shot.valid, sigma)
         clipped = bilinear(shot.saturated.astype(np.float32), cfa)[0] > 0
         shots.append(
-            replace(
-                shot,
+            shot.showing(
                 pixels=found.rgb,
                 saturated=clipped,
                 dark=np.zeros(clipped.shape, bool),

@@ -23,7 +23,8 @@ from imaging.files import store
 from imaging.files.colmap import read_points
 from imaging.pose import Pose
 from imaging.session.calibration import CalibrationRecord, read_calibration
-from recon.data.dataset import Dataset, load
+from recon.data.dataset import Dataset
+from recon.data.load import load
 from recon.decide.corrections import KNOWN_PX, tried
 from recon.decide.overrides import Overrides
 from recon.decide.settings import Settings

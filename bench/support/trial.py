@@ -13,9 +13,10 @@ import torch
 from bench.support.oracle import oracle_session
 from capture.simulated import capture_simulated
 from imaging import metrics
-from recon.data.dataset import Dataset, load
+from recon.data.dataset import Dataset
 from recon.data.light import Light, light_of, radiance_image
-from recon.data.pixels import Shot
+from recon.data.load import load
+from recon.data.shot import Shot
 from recon.data.truth import true_radiance
 from recon.methods.method import Method
 from recon.observe.recorded import shot_psnr

@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from io import BufferedRandom
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -196,6 +197,17 @@ def _uncache(path: Path) -> None:
             os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
         finally:
             os.close(descriptor)
+
+
+def scratch(folder: Path) -> BufferedRandom:
+    """A file in a folder that has no name and goes when it is closed, or the process ends however it does.
+
+    StorageError when the disk refuses; what is written to it later is the caller's to catch.
+    """
+    try:
+        return tempfile.TemporaryFile(dir=folder)
+    except OSError as error:
+        raise refused(folder, error) from error
 
 
 def write_json(path: Path, value: Any) -> None:

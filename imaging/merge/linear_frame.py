@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
@@ -78,6 +79,12 @@ class CodeSignalNoise:
         variance = np.empty(mean.shape, np.float32)
         _look_up_roots(mean.reshape(-1, 3), 1 / self._top, self._table, variance.reshape(-1, 3))
         return variance
+
+
+@lru_cache(maxsize=16)
+def code_noise(response: Response) -> CodeSignalNoise:
+    """The noise of a response; its table is held once for all photographs."""
+    return CodeSignalNoise(response)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +178,7 @@ def from_codes(codes: npt.NDArray[np.floating], k: float, response: Response) ->
         saturated=codes >= min(SATURATED_CODE, high),
         dark=codes <= max(DARK_CODE, low),
         valid=np.ones(codes.shape, bool),
-        noise=CodeSignalNoise(response),
+        noise=code_noise(response),
     )
 
 

@@ -1,14 +1,21 @@
 """A first look at the scene's light: the bracket of a view as one linear Rec.709 image."""
 
+import math
+import weakref
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import overload
 
 import numpy as np
 
 from imaging.cfa import bilinear
 from imaging.colour import rec709_from_camera
 from imaging.demosaic import demosaic
+from imaging.files import store
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import Bool, Float, LinearFrame
+from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset, View
 
 
@@ -24,6 +31,11 @@ class Light:
     reference: float | None
 
 
+Images = Sequence[tuple[Float, Bool]]
+"""What `radiance_image` makes of views, in their order; of a large data set each look reads a file."""
+
+BRIGHTEST = 0.9999
+"""Share of the pixels that are darker than light of 1 in scene units."""
 _STEP = {"raw": 1 / 4095, "ldr": 1 / 255, "hdr": 0.0}
 
 
@@ -51,6 +63,55 @@ def radiance_image(view: View) -> tuple[Float, Bool]:
     return np.asarray(linear, np.float32), np.asarray(trusted.all(-1))
 
 
+def radiance_images(dataset: Dataset, progress: Progress = unreported) -> Images:
+    """Those of the training views: in memory if their shots are, else in a file without a name."""
+
+    def each() -> Iterator[tuple[Float, Bool]]:
+        for done, view in enumerate(dataset.train):
+            if not view.held:
+                progress("merging brackets", done, len(dataset.train))
+            yield radiance_image(view)
+
+    if all(view.held for view in dataset.train):
+        return list(each())
+    return StoredImages(dataset.session, each())
+
+
+class StoredImages(Sequence[tuple[Float, Bool]]):
+    """Images [H, W, C] with masks [H, W] on a disk, until nobody refers to them any more."""
+
+    def __init__(self, folder: Path, images: Iterable[tuple[Float, Bool]]) -> None:
+        self._file = store.scratch(folder)
+        weakref.finalize(self, self._file.close)
+        self._places: list[tuple[int, tuple[int, ...]]] = []
+        place = 0
+        try:
+            for light, trusted in images:
+                self._places.append((place, light.shape))
+                self._file.write(np.ascontiguousarray(light, np.float32).data)
+                self._file.write(np.ascontiguousarray(trusted).data)
+                place = self._file.tell()
+        except OSError as error:
+            raise store.refused(folder, error) from error
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, at: int) -> tuple[Float, Bool]: ...
+    @overload
+    def __getitem__(self, at: slice) -> list[tuple[Float, Bool]]: ...
+    def __getitem__(self, at: int | slice) -> tuple[Float, Bool] | list[tuple[Float, Bool]]:
+        if isinstance(at, slice):
+            return [self[place] for place in range(*at.indices(len(self)))]
+        place, shape = self._places[at]
+        self._file.seek(place)
+        light, trusted = np.empty(shape, np.float32), np.empty(shape[:2], bool)
+        self._file.readinto(light.data)
+        self._file.readinto(trusted.data)
+        return light, trusted
+
+
 def _of_bands(view: View) -> tuple[Float, Bool]:
     """The same of shots through filters, each band's bracket merged by itself."""
     groups: dict[int, list[LinearFrame]] = {}
@@ -74,7 +135,7 @@ def grey(image: Float) -> Float:
     return np.asarray((image if known.all() else image[..., known]).mean(-1), np.float32)
 
 
-def light_of(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Light:
+def light_of(dataset: Dataset, images: Images) -> Light:
     """The two scalars of a scene, from the radiance images of its training views.
 
     normaliser: the 99.99th percentile of the largest channel, so that a hot pixel does not set it; 1
@@ -82,8 +143,19 @@ def light_of(dataset: Dataset, images: list[tuple[Float, Bool]]) -> Light:
     photographs) of the longest exposures, the least that they can tell from black, but not less
     than 2^-20 of the normaliser, which is what it is for EXR, whose numbers have no steps.
     """
-    brightest = np.concatenate([np.nanmax(light, axis=-1).reshape(-1) for light, _ in images])
-    top = float(np.percentile(brightest, 99.99)) if brightest.size else 0.0
+    top = _brightest(images, sum(view.lens.width * view.lens.height for view in dataset.train))
     normaliser = top if np.isfinite(top) and top > 0 else 1.0
     steps = [_STEP[view.sensor.kind] / max(shot.k for shot in view.shots) for view in dataset.train]
     return Light(normaliser, float(np.clip(np.median(steps) / normaliser, 2.0**-20, 1.0)))
+
+
+def _brightest(images: Images, pixels: int) -> float:
+    """The percentile of so many pixels, of which only those above it are ever held together."""
+    place = BRIGHTEST * (pixels - 1)
+    above = pixels - math.floor(place)
+    largest = np.empty(0, np.float32)
+    for light, _ in images:
+        both = np.concatenate([largest, np.nanmax(light, axis=-1).reshape(-1)])
+        largest = np.partition(both, len(both) - above)[-above:] if len(both) > above else both
+    low, high = np.sort(largest)[:2].astype(np.float64) if len(largest) > 1 else (*largest, *largest)
+    return float(low + (high - low) * (place - math.floor(place)))

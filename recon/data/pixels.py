@@ -4,7 +4,6 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,6 @@ from imaging.merge.linear_frame import (
     Bool,
     Float,
     LinearFrame,
-    Noise,
-    decode,
     from_codes,
     from_light,
     from_raw,
@@ -31,47 +28,8 @@ from imaging.merge.masks import read_mask
 from imaging.sensor import SensorCalibration
 from imaging.session.calibration import Response
 from imaging.session.records import ImageKind
+from recon.data.shot import Shot
 from recon.data.tone import encode
-
-
-@dataclass(frozen=True, eq=False)
-class Shot:
-    """One exposure.
-
-    k: exposure scale, s. pixels: float32 [H, W] (mosaic) or [H, W, 3]: linear signal with white at 1
-    (RAW; noise below black stays negative), code values 0..1 (LDR), or linear light (HDR).
-    saturated: bool, same shape: the scene is at least this bright. dark: bool, the scene is at most
-    this bright (LDR only). valid: bool, same shape; False where the file holds no number. A mask that is the
-    same everywhere is read-only.
-    noise: of the linear signal; None if not known. ceiling: the signal at which the sensor saturates (RAW
-    only), as it was measured, else that of the file's white level. band: the channel of the scene's light
-    that it shows, of a mono camera behind a filter; None: all of them, as its camera sees Rec.709. alpha:
-    float32 [H, W], alpha of a photograph, 0..1; None: all is opaque, or nothing is told of it.
-    """
-
-    file: str
-    k: float
-    pixels: Float
-    saturated: Bool
-    dark: Bool
-    valid: Bool
-    noise: Noise | None = None
-    ceiling: float | None = None
-    band: int | None = None
-    alpha: Float | None = None
-
-    @property
-    def top(self) -> float:
-        """Where the signal ends: the ceiling of RAW, the last code of a photograph."""
-        return 1.0 if self.ceiling is None else self.ceiling
-
-    def linear(self, response: Response | None, cfa: Cfa | None) -> LinearFrame:
-        """The shot as linear light, codes decoded by `response` (None: they are linear already)."""
-        signal = self.pixels if response is None else decode(self.pixels, response)
-        return LinearFrame(
-            signal, self.k, self.saturated, self.dark, self.valid, cfa, self.noise, self.ceiling
-        )
-
 
 _DECODED: ContextVar[dict[tuple[object, ...], tuple[Shot, Cfa | None]] | None] = ContextVar(
     "decoded", default=None
@@ -94,11 +52,11 @@ def read_shot(
     """
     kept = _DECODED.get()
     if kept is None:
-        return _masked(path, name, kind, k, response, max_width, sensors, mask)
+        return decode_shot(path, name, kind, k, response, max_width, sensors, mask)
     written = tuple((file, os.stat(file).st_mtime_ns) for file in (path, mask) if file is not None)
     what = (written, name, kind, k, response, max_width, tuple(sensors))
     if what not in kept:
-        kept[what] = _masked(path, name, kind, k, response, max_width, sensors, mask)
+        kept[what] = decode_shot(path, name, kind, k, response, max_width, sensors, mask)
     return kept[what]
 
 
@@ -119,7 +77,7 @@ def decoded_once() -> Iterator[None]:
         _DECODED.reset(before)
 
 
-def _masked(
+def decode_shot(
     path: Path,
     name: str,
     kind: ImageKind,
@@ -129,8 +87,9 @@ def _masked(
     sensors: Sequence[SensorCalibration],
     mask: Path | None,
 ) -> tuple[Shot, Cfa | None]:
+    """`read_shot` of a file that nobody has decoded yet."""
     shot, cfa, size = _read(path, name, kind, k, response, max_width, sensors)
-    shot = replace(shot, saturated=_held(shot.saturated), dark=_held(shot.dark), valid=_held(shot.valid))
+    shot = shot.showing(saturated=_held(shot.saturated), dark=_held(shot.dark), valid=_held(shot.valid))
     if mask is None:
         return shot, cfa
     counts = read_mask(mask, *size)
@@ -142,7 +101,7 @@ def _masked(
     if counts.shape != (height, width):
         # A pixel of the smaller image counts if all that it is made of does.
         counts = area_mean(counts, (width, height)) > 0.999
-    return replace(shot, valid=shot.valid & (counts if shot.pixels.ndim == 2 else counts[..., None])), cfa
+    return shot.showing(valid=shot.valid & (counts if shot.pixels.ndim == 2 else counts[..., None])), cfa
 
 
 def _held(mask: Bool) -> Bool:
@@ -172,7 +131,7 @@ def _read(
         size = _smaller(codes, max_width)
         whole = codes.shape[0], codes.shape[1]
         if size is None:
-            whole_shot = Shot(
+            whole_shot = Shot.of(
                 name, k, codes, frame.saturated, frame.dark, frame.valid, frame.noise, alpha=alpha
             )
             return whole_shot, None, whole
@@ -180,7 +139,7 @@ def _read(
         codes = encode(area_mean(frame.signal, size), response)
         alpha = None if alpha is None else area_mean(alpha, size)
         valid = np.ones(codes.shape, bool)
-        return Shot(name, k, codes, saturated, dark, valid, frame.noise, alpha=alpha), None, whole
+        return Shot.of(name, k, codes, saturated, dark, valid, frame.noise, alpha=alpha), None, whole
     frame = from_light(read_light(path), k)
     light, valid = frame.signal, frame.valid
     whole = light.shape[0], light.shape[1]
@@ -189,7 +148,7 @@ def _read(
         weight = area_mean(valid, size)
         light, valid = np.asarray(area_mean(light, size) / weight.clip(1e-6), np.float32), weight > 0.5
     never = np.zeros(light.shape, bool)
-    return Shot(name, k, np.ascontiguousarray(light, np.float32), never, never, valid), None, whole
+    return Shot.of(name, k, np.ascontiguousarray(light, np.float32), never, never, valid), None, whole
 
 
 def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot, Cfa | None]:
@@ -215,7 +174,7 @@ def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot,
     never = np.zeros(signal.shape, bool)
     saturated, valid = np.ascontiguousarray(saturated), np.ascontiguousarray(valid)
     signal = np.ascontiguousarray(signal)
-    return Shot(name, frame.k, signal, saturated, never, valid, frame.noise, frame.ceiling), cfa
+    return Shot.of(name, frame.k, signal, saturated, never, valid, frame.noise, frame.ceiling), cfa
 
 
 def _even(image: npt.NDArray[Any]) -> npt.NDArray[Any]:

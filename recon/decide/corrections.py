@@ -6,12 +6,13 @@ from typing import get_args
 import numpy as np
 import torch
 
-from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress
 from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import ONE_OF_SEVERAL, Rung
-from recon.data.dataset import Dataset, View, load
+from recon.data.dataset import Dataset, View
 from recon.data.geometry import inside, project
+from recon.data.light import Images
+from recon.data.load import again
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
 from recon.decide.stray_light import glare_of
@@ -40,7 +41,7 @@ UNIT = "dB of the residuals of views held out of a trial"
 
 def refinement_for(
     dataset: Dataset,
-    images: list[tuple[Float, Bool]],
+    images: Images,
     settings: Settings,
     against_trials: str | None,
     ranks: Ranks,
@@ -77,7 +78,7 @@ def rungs_by_evidence(
     elif undecided:
         small = dataset
         if settings.max_width > TRIAL_WIDTH:
-            small = load(dataset.session, max_width=TRIAL_WIDTH, progress=progress)
+            small = again(dataset, TRIAL_WIDTH, progress)
         rungs |= tried(small, undecided, settings, progress)
     return [rung for rung in rungs.values() if rung is not None]
 

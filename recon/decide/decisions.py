@@ -13,11 +13,10 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
-from recon.data.light import Light, light_of, radiance_image
+from recon.data.light import Images, Light, light_of, radiance_images
 from recon.decide.corrections import refinement_for
 from recon.decide.countdown import Countdown
 from recon.decide.far_field import environment_for
@@ -61,7 +60,7 @@ class Case(Run):
     images: the radiance images of the training views; look: seconds that they took.
     """
 
-    images: list[tuple[Float, Bool]]
+    images: Images
     light: Light
     look: float
 
@@ -69,7 +68,7 @@ class Case(Run):
     def of(cls, run: Run) -> "Case":
         """Look at the training views for the first time."""
         began = run.clock()
-        images = [radiance_image(view) for view in run.dataset.train]
+        images = radiance_images(run.dataset, run.progress)
         look = run.ranks.broadcast(run.clock() - began)
         return cls(**vars(run), images=images, light=light_of(run.dataset, images), look=look)
 

@@ -7,11 +7,13 @@ import numpy.typing as npt
 from scipy.ndimage import map_coordinates, uniform_filter
 
 from imaging.errors import ReconstructionError
-from imaging.merge.linear_frame import Bool, Float
+from imaging.merge.linear_frame import Float
 from imaging.progress import Progress
 from imaging.session.records import Rung
-from recon.data.dataset import Dataset, View, load
+from recon.data.dataset import Dataset, View
 from recon.data.geometry import inside, project_camera, rays
+from recon.data.light import Images
+from recon.data.load import again
 from recon.decide.corrections import TRIAL_GAUSSIANS, TRIAL_WIDTH, UNIT
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.settings import Settings
@@ -42,7 +44,7 @@ TRIAL_LOOKS = 10
 def environment_for(
     dataset: Dataset,
     settings: Settings,
-    images: list[tuple[Float, Bool]],
+    images: Images,
     against_trials: str | None,
     ranks: Ranks,
     progress: Progress,
@@ -73,11 +75,11 @@ def environment_for(
 def _by_evidence(
     dataset: Dataset,
     settings: Settings,
-    images: list[tuple[Float, Bool]],
+    images: Images,
     against_trials: str | None,
     progress: Progress,
 ) -> Rung:
-    if all(view.alpha is not None for view in dataset.train):
+    if all(view.transparent for view in dataset.train):
         return Rung(name=NAME, taken=False, reason="where the photographs are transparent there is nothing")
     share, beside = (far_share(dataset.train, images, turn) for turn in (0.0, BESIDE))
     seen = (
@@ -94,7 +96,7 @@ def _by_evidence(
 def tried(dataset: Dataset, settings: Settings, seen: str, progress: Progress) -> Rung:
     """A short training without an environment and one with, judged on views that neither saw."""
     if settings.max_width > TRIAL_WIDTH:
-        small = load(dataset.session, max_width=TRIAL_WIDTH, progress=progress)
+        small = again(dataset, TRIAL_WIDTH, progress)
         dataset = replace(settings.overrides.subset(small), watched=dataset.watched)
     most = min(TRIAL_GAUSSIANS, room(dataset))
     trials = Trials.from_new_points(dataset, settings, most // 2, progress)
@@ -116,7 +118,7 @@ def tried(dataset: Dataset, settings: Settings, seen: str, progress: Progress) -
     )
 
 
-def far_share(views: tuple[View, ...], images: list[tuple[Float, Bool]], turn: float = 0.0) -> float:
+def far_share(views: tuple[View, ...], images: Images, turn: float = 0.0) -> float:
     """Share of the pixels in whose direction most views from other places see the same light.
 
     images: radiance images of the views. turn: radians by which the others look beside it, to and fro.

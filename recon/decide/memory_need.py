@@ -1,20 +1,18 @@
 """The memory that a training will take at most, said when one view of each camera is read."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
-
-import numpy as np
-import numpy.typing as npt
 
 from imaging.compute import memory
 from imaging.compute.threads import thread_count
 from imaging.errors import InputError
 from recon.data.dataset import View
+from recon.data.resident import FLOAT, decoded_bytes, pixels_of
+from recon.data.shot import bytes_of
 
 KERNELS = 110_000_000
 """Bytes of compiled kernels, of libraries that are loaded on the way, and of writing the scene."""
-FLOAT = 4
 NUMBERS = 14, 9, 15
 """Of a Gaussian: those of degree 0, and what degrees 1 and 2 add."""
 ADAM = 4
@@ -24,6 +22,8 @@ TABLES = 1300
 peaks of three sets of photographs (`bench/real/memory.py`)."""
 LOOKS = 72_000_000
 """Bytes of the points' looks from all views, and of the depth planes of a view."""
+MOST_IMAGES = 0.5
+"""Of the free memory, what images and all that is made of them may take and be held there."""
 ARENA = 64 << 20
 """Bytes of address space that the C library sets aside for a thread."""
 
@@ -45,6 +45,11 @@ class Need:
         """All of it."""
         return self.process + self.images + self.gaussians
 
+    def too_large(self, free: int) -> bool:
+        """Whether images that are held in memory leave too little of the `free` bytes for the rest."""
+        more = self.images - self.held + self.gaussians + KERNELS + LOOKS
+        return self.images > MOST_IMAGES * free or more > free
+
     def worth_saying(self, free: int) -> bool:
         """Whether it takes more than a quarter of the `free` bytes."""
         return 4 * (self.images + self.gaussians) > free
@@ -61,7 +66,7 @@ class Need:
         room = free + self.held - KERNELS - LOOKS
         width = 0
         if room > self.gaussians:
-            width = int(0.95 * self.width * sqrt((room - self.gaussians) / self.images)) // 8 * 8
+            width = int(0.95 * self.width * math.sqrt((room - self.gaussians) / self.images)) // 8 * 8
         count = int(0.98 * self.count * (room - self.images) / self.gaussians) // 1000 * 1000
         if count >= self.count / 4:
             fix = f"give --set gaussians={count}"
@@ -80,15 +85,23 @@ def free() -> int:
     return max(memory.available() - ARENA * thread_count(), 0)
 
 
-def need(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]], gaussians: int, degree: int) -> Need:
+def need(
+    firsts: Sequence[View],
+    counts: Mapping[str, tuple[int, int]],
+    gaussians: int,
+    degree: int,
+    *,
+    stored: bool = False,
+) -> Need:
     """What training takes at its peak. firsts: a view of each camera; counts: of its views, and to train on.
 
-    The peak is either where the start has the light of all views beside their shots, or where training has
-    come to hold the targets of all of them.
+    Of shots in memory the peak is either where the start has the light of all views beside them, or where
+    training has come to hold the targets of all of them. stored: the shots are on the disk; then one view at
+    a time has its shots, its light or its targets in memory.
     """
-    shots = sum(counts[view.camera][0] * _decoded(view) for view in firsts)
-    start = sum(counts[view.camera][1] * _light(view) for view in firsts)
-    targets = sum(counts[view.camera][1] * _targets(view) for view in firsts)
+    shots = sum(_number(counts, view, 0, stored) * decoded_bytes(view) for view in firsts)
+    start = sum(_number(counts, view, 1, stored) * _light(view) for view in firsts)
+    targets = sum(_number(counts, view, 1, stored) * _targets(view) for view in firsts)
     targets += max(_step(view) for view in firsts)
     numbers = sum(NUMBERS[: degree + 1])
     return Need(
@@ -97,40 +110,27 @@ def need(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]], gaussian
         gaussians=gaussians * (FLOAT * ADAM * numbers + TABLES),
         width=max(view.lens.width for view in firsts),
         count=gaussians,
-        held=sum(map(_decoded, firsts)),
+        held=sum(map(decoded_bytes, firsts)),
     )
 
 
-def _pixels(view: View) -> int:
-    return view.lens.width * view.lens.height
-
-
-def _held(array: npt.NDArray[np.generic]) -> int:
-    """Bytes of an array; none of one that says everywhere the same."""
-    return 0 if not any(array.strides) else array.nbytes
-
-
-def _decoded(view: View) -> int:
-    """Bytes of the shots of a view, and of what is told of its alpha."""
-    planes = [getattr(shot, name) for shot in view.shots for name in ("pixels", "saturated", "dark", "valid")]
-    alphas = [shot.alpha for shot in view.shots if shot.alpha is not None]
-    seen = _pixels(view) * (1 + FLOAT * (len(alphas) > 1)) if alphas else 0
-    return sum(map(_held, planes)) + sum(map(_held, alphas)) + seen
+def _number(counts: Mapping[str, tuple[int, int]], view: View, which: int, stored: bool) -> int:
+    return min(counts[view.camera][which], 1) if stored else counts[view.camera][which]
 
 
 def _light(view: View) -> int:
     """Bytes of its radiance and of where that is trusted, and of the share of a percentile of them all."""
-    return _pixels(view) * (FLOAT * view.channels + 1 + 2 * FLOAT)
+    return pixels_of(view) * (FLOAT * view.channels + 1 + 2 * FLOAT)
 
 
 def _targets(view: View) -> int:
     """Bytes of what a training compares with: codes or light, masks, and weights."""
-    masks = sum(_held(shot.saturated) + _held(shot.dark) + _held(shot.valid) for shot in view.shots)
-    pixels = sum(shot.pixels.size for shot in view.shots)
-    weights = FLOAT * 3 * _pixels(view) if view.sensor.kind == "ldr" and len(view.shots) > 1 else 0
+    masks = sum(bytes_of(shot.saturated) + bytes_of(shot.dark) + bytes_of(shot.valid) for shot in view.shots)
+    pixels = sum(math.prod(shot.shape) for shot in view.shots)
+    weights = FLOAT * 3 * pixels_of(view) if view.sensor.kind == "ldr" and len(view.shots) > 1 else 0
     return FLOAT * pixels + masks + weights
 
 
 def _step(view: View) -> int:
     """Bytes of a render, of its comparison with all shots, and of the gradients of both."""
-    return FLOAT * (8 * sum(shot.pixels.size for shot in view.shots) + 16 * _pixels(view))
+    return FLOAT * (8 * sum(math.prod(shot.shape) for shot in view.shots) + 16 * pixels_of(view))

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
+from recon.data.light import Images
 from recon.decide.held_out_evidence import fitted_view
 from recon.decide.presets import START_SHARE
 from recon.decide.settings import Settings
@@ -56,7 +56,7 @@ Array = npt.NDArray[np.float64]
 def degree_for(
     dataset: Dataset,
     settings: Settings,
-    images: list[tuple[Float, Bool]],
+    images: Images,
     ranks: Ranks,
     points: Array | None = None,
 ) -> tuple[int, Rung]:

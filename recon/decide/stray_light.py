@@ -13,11 +13,12 @@ import numpy.typing as npt
 import torch
 from scipy.ndimage import map_coordinates
 
-from imaging.merge.linear_frame import Bool, Float
+from imaging.merge.linear_frame import Bool
 from imaging.robust import huber_weight, robust_scale
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
 from recon.data.geometry import project
+from recon.data.light import Images
 from recon.observe.glare import spread
 
 Array = npt.NDArray[np.float64]
@@ -53,7 +54,7 @@ class DarkSights:
         return DarkSights(self.point[keep], self.camera[keep], self.light[keep], self.halo[keep])
 
 
-def glare_of(dataset: Dataset, images: list[tuple[Float, Bool]], name: str) -> tuple[list[float], Rung]:
+def glare_of(dataset: Dataset, images: Images, name: str) -> tuple[list[float], Rung]:
     """The share that each camera of the training views scatters, in order of the views; and why.
 
     images: radiance images of the training views. The rung, of that name, is taken where held-out points ask
@@ -77,7 +78,7 @@ def glare_of(dataset: Dataset, images: list[tuple[Float, Bool]], name: str) -> t
     return shares, rung.model_copy(update={"taken": rung.taken and share >= LEAST})
 
 
-def dark_sights(dataset: Dataset, images: list[tuple[Float, Bool]], cameras: list[str]) -> DarkSights:
+def dark_sights(dataset: Dataset, images: Images, cameras: list[str]) -> DarkSights:
     """Every training view at every dark point that calibration saw in it; cameras: as they are numbered."""
     xyz, tracks = dataset.tracks()
     light, halo, slope = np.full((3, len(dataset.train), len(xyz)), np.nan)

@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 from recon.data.dataset import Dataset, View
 from recon.data.holdout import held_out
-from recon.data.light import Light, light_of, radiance_image
+from recon.data.light import Images, Light, light_of, radiance_images
 from recon.decide.overrides import Overrides
 from recon.decide.settings import Settings
 from recon.methods import METHODS
@@ -82,7 +81,7 @@ class Trials:
 
     part: Dataset
     light: Light
-    images: list[tuple[Float, Bool]]
+    images: Images
     points: Start
     settings: Settings
     progress: Progress
@@ -91,7 +90,7 @@ class Trials:
     def of(cls, dataset: Dataset, settings: Settings, points: Start, progress: Progress) -> "Trials":
         """Trials of a data set's training views, from given points."""
         part = _parted(dataset)
-        images = [radiance_image(view) for view in part.train]
+        images = radiance_images(part, progress)
         return cls(part, light_of(part, images), images, points, settings, progress)
 
     @classmethod
@@ -100,7 +99,7 @@ class Trials:
     ) -> "Trials":
         """The same from at most `count` points, found in those views that do not judge."""
         part = _parted(dataset)
-        images = [radiance_image(view) for view in part.train]
+        images = radiance_images(part, progress)
         rng = np.random.Generator(np.random.PCG64([settings.seed, 0x7121A1]))
         points = start_points(part, images, count, rng, progress)
         return cls(part, light_of(part, images), images, points, settings, progress)

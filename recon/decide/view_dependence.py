@@ -12,10 +12,9 @@ import numpy.typing as npt
 import torch
 from scipy.ndimage import map_coordinates, minimum_filter
 
-from imaging.merge.linear_frame import Bool, Float
 from recon.data.dataset import Dataset
 from recon.data.geometry import inside, project
-from recon.data.light import grey
+from recon.data.light import Images, grey
 from recon.scene.harmonics import DEGREE, basis
 from recon.splat import SplatCamera
 
@@ -60,7 +59,7 @@ class Gains:
     error: Array
 
 
-def looks(dataset: Dataset, images: list[tuple[Float, Bool]], points: Array | None = None) -> Looks:
+def looks(dataset: Dataset, images: Images, points: Array | None = None) -> Looks:
     """Every training view at every scene point that calibration saw in it; `images`: radiance images.
 
     points [P, 3]: others, of which no more is known than where they are; some of them, evenly chosen, are

@@ -46,7 +46,7 @@ class BandedLight(Observation):
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """All shots, band by band and darkest first: [shots, H, W], from an image [H, W, channels]."""
-        prepared = self._prepared.of(view.name, lambda: self._prepare(view), image.device)
+        prepared = self._prepared.of(view, lambda: self._prepare(view), image.device)
         image = scattered(image, view.sensor.glare)
         scales = prepared.scales if factors is None else prepared.scales * factors[:, None, None]
         prediction = torch.cat(

@@ -156,7 +156,7 @@ class LinearLight(Observation):
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """All shots of the bracket, darkest first: [shots * P, h, w], planes as of `through_filter`."""
-        prepared = self._prepared.of(view.name, lambda: self._prepare(view), image.device)
+        prepared = self._prepared.of(view, lambda: self._prepare(view), image.device)
         image = scattered(image, view.sensor.glare)
         light = through_filter(image, prepared.matrix, view.sensor.cfa) * prepared.falloff
         scales = prepared.scales if factors is None else prepared.scales * factors[:, None, None, None]

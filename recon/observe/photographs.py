@@ -134,7 +134,7 @@ class ToneCurve(Observation):
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """Predicted and photographed codes of all shots, the errors balanced, [shots * 3, H, W]."""
-        codes = self._prepared.of(view.name, lambda: self._weighted(view), image.device)
+        codes = self._prepared.of(view, lambda: self._weighted(view), image.device)
         assert codes.weight is not None
         target = codes.target()
         scales = [shot.k for shot in view.shots]
@@ -237,7 +237,7 @@ class Display(Observation):
         self, image: Tensor, view: View, progress: float, factors: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """The image as every shot shows it, beside the photographs: [shots * 3, H, W]."""
-        codes = self._prepared.of(view.name, lambda: _codes(view), image.device)
+        codes = self._prepared.of(view, lambda: _codes(view), image.device)
         target = codes.target()
         gains = self._gains(image, view, [shot.k for shot in view.shots])
         prediction = (image[None] * gains).movedim(3, 1).flatten(0, 1)

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from imaging.metrics import PSNR_CAP
-from recon.data.pixels import Shot
+from recon.data.shot import Shot
 
 
 def as_recorded(predicted: Tensor, shot: Shot) -> tuple[Tensor, Tensor]:

@@ -10,6 +10,8 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from recon.data.dataset import View
+
 SHARE = 0.5
 """Of a GPU's memory that may be in use before more is kept there; the rest is for Gaussians and renders."""
 
@@ -19,22 +21,24 @@ Kept = TypeVar("Kept")
 
 @dataclass
 class Targets(Generic[Kept]):
-    """By the name of a view: on the device of the render while there is room, else on the host.
+    """Of each view: on the device of the render while there is room, else on the host.
 
     From there they are sent at each look, through page-locked memory, and nobody waits until they have come.
+    Of a view whose shots memory does not hold they are not kept on the host either, but made at each look.
     """
 
     _kept: dict[str, Kept] = field(default_factory=dict)
     _arrays: dict[int, tuple[npt.NDArray[Any], Tensor]] = field(default_factory=dict)
 
-    def of(self, name: str, make: Callable[[], Kept], device: torch.device) -> Kept:
+    def of(self, view: View, make: Callable[[], Kept], device: torch.device) -> Kept:
         """Those of a view on a device; `make` gives them on the host when they are first asked for."""
-        kept = self._kept.get(name)
+        kept = self._kept.get(view.name)
         if kept is None:
             kept = make()
-            if _size(kept) <= room(device):
+            if fits := device.type != "cpu" and _size(kept) <= room(device):
                 kept = _moved(kept, device)
-            self._kept[name] = kept
+            if fits or view.held:
+                self._kept[view.name] = kept
         return _moved(kept, device)
 
     def array(self, values: npt.NDArray[np.float32], image: Tensor) -> Tensor:

@@ -17,7 +17,7 @@ from imaging.errors import InputError, ReconstructionError
 from imaging.files.raw import read_raw
 from imaging.session.falloff import falloff
 from imaging.session.session import Session
-from recon.data.dataset import lens_of_pixels
+from recon.data.load import lens_of_pixels
 from recon.result.model import read_own_calibration
 from recon.result.scene import open_scene
 from recon.splat import SplatCamera

@@ -12,7 +12,8 @@ from imaging.pose import Pose
 from imaging.progress import Progress
 from imaging.session.records import Rung
 from imaging.session.session import Session
-from recon.data.dataset import Dataset, View, photographs_sha256
+from recon.data.dataset import Dataset, View
+from recon.data.load import photographs_sha256
 from recon.decide.prediction import ENOUGH, Prediction, enough
 from recon.decide.presets import QUALITIES
 from recon.decide.settings import Settings
@@ -81,7 +82,7 @@ def write_scene(
         radiance=f"relative to {gauge}",
         luminance=luminance,
         bands=dataset.bands,
-        transparent=any(view.alpha is not None for view in dataset.views),
+        transparent=any(view.transparent for view in dataset.views),
         world=dataset.world,
         offset=offset_of(dataset),
         exposure=exposure,

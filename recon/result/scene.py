@@ -12,7 +12,8 @@ from imaging.errors import ReconstructionError
 from imaging.progress import Progress, unreported
 from imaging.session.records import ShotRecord
 from imaging.session.session import SESSION, Session
-from recon.data.dataset import Dataset, View, photographs_sha256, read_views
+from recon.data.dataset import Dataset, View
+from recon.data.load import photographs_sha256, read_views
 from recon.methods import APPEARANCES
 from recon.observe.photographs import Display
 from recon.observe.refinement import Refinement

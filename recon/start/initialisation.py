@@ -1,6 +1,6 @@
 """Where training starts from: points on the surfaces, and Gaussians of the right size and colour there."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,11 +9,12 @@ import torch
 from scipy.spatial import cKDTree
 
 from imaging.errors import ReconstructionError
-from imaging.merge.linear_frame import Bool, Float
+from imaging.files import store
+from imaging.merge.linear_frame import Float
 from imaging.progress import Progress, unreported
-from recon.data.dataset import Dataset
+from recon.data.dataset import Dataset, View
 from recon.data.geometry import lift, project
-from recon.data.light import light_of
+from recon.data.light import Images, light_of
 from recon.scene.appearance import Appearance
 from recon.scene.gaussians import Gaussians
 from recon.start.plane_sweep import plane_sweep, sample
@@ -45,7 +46,7 @@ class Start:
 
 def start_points(
     dataset: Dataset,
-    images: list[tuple[Float, Bool]],
+    images: Images,
     count: int,
     rng: np.random.Generator,
     progress: Progress = unreported,
@@ -79,9 +80,8 @@ def start_points(
     dimmest = _dimmest(dataset, images)
     xyz = sparse
     if len(sparse) < count:
-        pictures = [image for image, _ in images]
         maps = plane_sweep(
-            dataset.train, pictures, sparse, dimmest=dimmest, progress=progress, over=over, skipped=skipped
+            dataset.train, images, sparse, dimmest=dimmest, progress=progress, over=over, skipped=skipped
         )
         xyz = np.concatenate([sparse, sample(maps, count - len(sparse), rng)])
     rgb, visible = colours_at(dataset, images, xyz)
@@ -95,20 +95,17 @@ def start_points(
     return Start(xyz[visible], rgb[visible], int(visible[: len(sparse)].sum()), len(skipped))
 
 
-def _dimmest(dataset: Dataset, images: list[tuple[Float, Bool]]) -> float:
+def _dimmest(dataset: Dataset, images: Images) -> float:
     """Radiance below which a start has nothing."""
     light = light_of(dataset, images)
     return DARK * light.normaliser * (light.reference or 0.0)
 
 
-def points_of_poses(
-    dataset: Dataset, images: list[tuple[Float, Bool]], progress: Progress = unreported
-) -> Array:
+def points_of_poses(dataset: Dataset, images: Images, progress: Progress = unreported) -> Array:
     """Points [P, 3] where a sweep from infinity inwards finds what neighbouring views confirm."""
     points = [np.zeros((0, 3))]
-    pictures, dimmest = [image for image, _ in images], _dimmest(dataset, images)
     for depth_map in plane_sweep(
-        dataset.train, pictures, None, dimmest=dimmest, most=MOST_FIRST, progress=progress
+        dataset.train, images, None, dimmest=_dimmest(dataset, images), most=MOST_FIRST, progress=progress
     ):
         # Beyond the middle of the image's depths by so much, a match tells a direction and no place.
         near = depth_map.trusted & depth_map.lit & (depth_map.depth < 20 * np.median(depth_map.depth))
@@ -116,38 +113,67 @@ def points_of_poses(
     return np.concatenate(points)
 
 
-def colours_at(
-    dataset: Dataset, images: list[tuple[Float, Bool]], xyz: Array
-) -> tuple[Array, npt.NDArray[np.bool_]]:
+def colours_at(dataset: Dataset, images: Images, xyz: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Median radiance [P, C] of points over the training views that see their place, and who was seen.
 
     The median forgives the views in which something else stands before the point.
     """
     at_once = max(SAMPLES_AT_ONCE // len(images), 1)
-    parts = [
-        _colours_at(dataset, images, xyz[first : first + at_once])
-        for first in range(0, max(len(xyz), 1), at_once)
-    ]
+    pieces = [slice(first, first + at_once) for first in range(0, max(len(xyz), 1), at_once)]
+    views = dataset.train
+    if all(view.held for view in views):
+        parts = [
+            _median([_looks(view, image, xyz[piece]) for view, (image, _) in zip(views, images, strict=True)])
+            for piece in pieces
+        ]
+    else:
+        parts = _medians_by_disk(dataset, images, xyz, pieces)
     return np.concatenate([rgb for rgb, _ in parts]), np.concatenate([visible for _, visible in parts])
 
 
-def _colours_at(
-    dataset: Dataset, images: list[tuple[Float, Bool]], xyz: Array
-) -> tuple[Array, npt.NDArray[np.bool_]]:
-    samples = np.full((len(images), len(xyz), images[0][0].shape[-1]), np.nan)
-    for row, (view, (image, _)) in enumerate(zip(dataset.train, images, strict=True)):
-        pixels, depth = project(view.lens, xyz)
-        x, y = np.floor(pixels[:, 0]), np.floor(pixels[:, 1])
-        inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < view.lens.width) & (y < view.lens.height)
-        at = y[inside].astype(int), x[inside].astype(int)
-        samples[row, inside] = np.where(view.seen[at][:, None], image[at], np.nan)
+def _medians_by_disk(
+    dataset: Dataset, images: Images, xyz: Array, pieces: list[slice]
+) -> list[tuple[Array, npt.NDArray[np.bool_]]]:
+    """Images come once: the looks of all views at all points wait for each other on the disk."""
+    with store.scratch(dataset.session) as file:
+        try:
+            for view, (image, _) in zip(dataset.train, images, strict=True):
+                for piece in pieces:
+                    looks = _looks(view, image, xyz[piece])
+                    file.write(looks.data)
+            channels, parts = looks.shape[1], []
+            for piece in pieces:
+                found = np.empty((len(images), len(xyz[piece]), channels), np.float32)
+                for row, own in enumerate(found):
+                    file.seek(4 * channels * (row * len(xyz) + piece.start))
+                    file.readinto(own.data)
+                parts.append(_median(found))
+        except OSError as error:
+            raise store.refused(dataset.session, error) from error
+    return parts
+
+
+def _looks(view: View, image: Float, xyz: Array) -> Float:
+    """Radiance [P, C] that a view has at the places of points; NaN where it does not see them."""
+    found = np.full((len(xyz), image.shape[-1]), np.nan, np.float32)
+    pixels, depth = project(view.lens, xyz)
+    x, y = np.floor(pixels[:, 0]), np.floor(pixels[:, 1])
+    inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < view.lens.width) & (y < view.lens.height)
+    at = y[inside].astype(int), x[inside].astype(int)
+    found[inside] = np.where(view.seen[at][:, None], image[at], np.nan)
+    return found
+
+
+def _median(looks: Sequence[Float] | Float) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Of looks [V, P, C]."""
+    samples = np.asarray(looks, np.float64)
     seen = np.isfinite(samples).any(0)
     visible = seen.any(-1)
     median = np.zeros(samples.shape[1:])
     median[seen] = np.nanmedian(samples[:, seen], axis=0)
     # A band that no view of the point was taken through starts as bright as the others.
     others = median.sum(-1, keepdims=True) / np.maximum(seen.sum(-1, keepdims=True), 1)
-    return np.maximum(np.where(seen, median, others), 0.0), visible
+    return np.maximum(np.where(seen, median, others), 0.0), np.asarray(visible)
 
 
 def gaussians_at(

@@ -18,7 +18,7 @@ from imaging.compute.threads import thread_count
 from imaging.progress import Progress, unreported
 from recon.data.dataset import View
 from recon.data.geometry import inside, lift, project, rays
-from recon.data.light import grey
+from recon.data.light import Images, grey
 from recon.start.warped_plane import warp
 
 Float = npt.NDArray[np.float32]
@@ -57,7 +57,7 @@ class DepthMap:
 
 def plane_sweep(
     views: tuple[View, ...],
-    images: list[Float],
+    images: Images,
     points: npt.NDArray[np.float64] | None,
     *,
     dimmest: float = 0.0,
@@ -67,7 +67,7 @@ def plane_sweep(
     over: Callable[[], bool] | None = None,
     skipped: list[int] | None = None,
 ) -> list[DepthMap]:
-    """Depth maps of at most `most` of the `views`, from the radiance `images` [H, W, C] of all of them.
+    """Depth maps of at most `most` of the `views`, from the radiance images of all of them.
 
     points: sparse ones of the scene, [P, 3]. dimmest: the least radiance that matters.
     The range of depths of each view comes from the points in front of it, widened by a quarter
@@ -78,7 +78,11 @@ def plane_sweep(
     """
     chosen = spread(views, most)
     everyone = range(len(views))
-    logs = [_log_image(image, view, width) for image, view in zip(images, views, strict=True)]
+    logs, lit = [], {}
+    for index, (view, (image, _)) in enumerate(zip(views, images, strict=True)):
+        logs.append(_log_image(image, view, width))
+        if index in chosen:
+            lit[index] = _at_size(np.nanmax(image, axis=-1), logs[-1]) > dimmest
 
     def depth_of(index: int) -> tuple[Float, Float] | None:
         if over is not None and over():
@@ -109,7 +113,7 @@ def plane_sweep(
             depth=depth,
             trusted=trusted[index],
             believed=trusted[index] | _confirmed(index, filled, centres[index], views, chosen),
-            lit=_at_size(np.nanmax(images[index], axis=-1), depth) > dimmest,
+            lit=lit[index],
             centres=centres[index],
         )
         for index, depth in filled.items()

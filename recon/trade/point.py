@@ -11,7 +11,8 @@ import numpy as np
 from imaging.compute import threads
 from imaging.files import store
 from imaging.progress import Progress, unreported
-from recon.data.dataset import Dataset, load
+from recon.data.dataset import Dataset
+from recon.data.load import load
 from recon.evaluate import measured
 from recon.reconstruct import reconstruct
 from recon.result.model import SPLATS

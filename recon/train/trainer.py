@@ -35,6 +35,11 @@ class _Alpha:
     alpha: torch.Tensor
     counts: torch.Tensor
 
+    @classmethod
+    def of(cls, view: View) -> "_Alpha":
+        """What the photographs of a view tell of it."""
+        return cls(torch.from_numpy(view.alpha), torch.from_numpy(view.seen))
+
 
 def train(
     training: Training,
@@ -115,7 +120,7 @@ def _loss(
     image = render.image
     image = refinement.through_lens(image, view, done) if refinement else image
     prediction, target = method.observation.compare(image, view, done, factors)
-    if view.alpha is not None:
+    if view.transparent:
         behind = 1 - _alpha(render, view, alphas)
         background = _background(_seed(seed, 2, training.iteration), target)
         prediction, target = prediction + behind[0] * background, target + behind[1] * background
@@ -129,11 +134,7 @@ def _loss(
 
 def _alpha(render: Render, view: View, alphas: Targets[_Alpha]) -> torch.Tensor:
     """What a render has, and what the photograph says, [2, 1, H, W]; the same where it says nothing."""
-    assert view.alpha is not None
-    told = view.alpha
-    goal = alphas.of(
-        view.name, lambda: _Alpha(torch.from_numpy(told), torch.from_numpy(view.seen)), render.alpha.device
-    )
+    goal = alphas.of(view, lambda: _Alpha.of(view), render.alpha.device)
     return torch.stack([torch.where(goal.counts, render.alpha, goal.alpha), goal.alpha])[:, None]
 
 

@@ -94,7 +94,7 @@ def _read(folder: Path | None, session: Path | None, *, of_session: bool) -> _De
     added = session is not None and is_stale(session, calibration)
     again = False
     if session is not None and model is not None:
-        from recon.data.dataset import calibration_sha256
+        from recon.data.load import calibration_sha256
 
         again = calibration_sha256(session) != model.calibration_sha256
     return _Decisions(folder, session, plans, calibration, model, added, again)

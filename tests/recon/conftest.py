@@ -8,7 +8,8 @@ import pytest
 
 from bench.support import oracle
 from drivers.sim import rigs
-from recon.data.dataset import Dataset, load
+from recon.data.dataset import Dataset
+from recon.data.load import load
 from tests.conftest import MadeOnce
 
 

@@ -16,8 +16,8 @@ from imaging.exposure import Exposure
 from imaging.files.exr import read_exr
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.records import Band
-from recon.data.dataset import load
 from recon.data.light import radiance_image
+from recon.data.load import load
 from recon.data.truth import calibration_errors, true_radiance
 from recon.decide.overrides import Overrides
 from recon.evaluate import evaluate

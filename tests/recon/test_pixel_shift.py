@@ -20,8 +20,8 @@ from imaging.files.dng import write_dng
 from imaging.files.raw import read_raw
 from imaging.mosaic import RawMosaic
 from imaging.session.session import Session
-from recon.data.dataset import load
 from recon.data.light import radiance_image
+from recon.data.load import load
 from recon.data.truth import calibration_errors, true_radiance
 from recon.decide.overrides import Overrides
 from recon.evaluate import evaluate

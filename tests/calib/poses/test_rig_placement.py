@@ -21,7 +21,7 @@ from imaging.pose import Pose
 from imaging.progress import unreported
 from imaging.session.calibration import read_calibration
 from imaging.session.view_id import ViewId
-from recon.data.dataset import load
+from recon.data.load import load
 from recon.data.truth import calibration_errors
 
 from .test_sfm import GUESS, arc, seen

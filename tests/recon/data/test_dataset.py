@@ -18,8 +18,8 @@ from imaging.mosaic import RawMosaic
 from imaging.session.calibration import Response
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
-from recon.data.dataset import lens_of_pixels, load
 from recon.data.holdout import held_out
+from recon.data.load import lens_of_pixels, load
 from recon.data.pixels import read_shot
 from recon.data.tone import encode
 

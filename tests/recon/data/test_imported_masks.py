@@ -11,7 +11,8 @@ from capture.imports.photos import import_photos
 from imaging.files.colmap import pycolmap
 from imaging.files.exr import write_exr
 from imaging.session.session import Session
-from recon.data.dataset import Dataset, load
+from recon.data.dataset import Dataset
+from recon.data.load import load
 
 HEIGHT, WIDTH = 24, 32
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from imaging.files.photo import encode_png
 from imaging.session.calibration import Response
-from recon.data.pixels import Shot, read_shot
+from recon.data.pixels import read_shot
+from recon.data.shot import Shot
 
 
 def read(folder: Path, codes: np.ndarray) -> Shot:

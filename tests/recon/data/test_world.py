@@ -8,8 +8,8 @@ import torch
 
 import recon.reconstruct as stage
 from imaging.files.colmap import pycolmap, read_points
-from recon.data.dataset import load
 from recon.data.geometry import project
+from recon.data.load import load
 from recon.data.world import WorldTransform
 from recon.decide.corrections import pose_error_px
 from recon.decide.overrides import Overrides

@@ -8,7 +8,7 @@ import pytest
 from imaging.progress import unreported
 from imaging.session.calibration import PoseError
 from imaging.session.records import Rung
-from recon.data.dataset import load
+from recon.data.load import load
 from recon.decide.corrections import pose_error_px, rungs_by_evidence, tried
 from recon.decide.settings import Settings
 from recon.decide.trials import reason_against_trials

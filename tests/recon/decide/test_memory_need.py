@@ -12,7 +12,7 @@ import pytest
 
 from imaging.errors import InputError
 from imaging.files import store
-from recon.data.dataset import load
+from recon.data.load import load
 from recon.decide.memory_need import KERNELS, LOOKS, Need, need
 
 LIMITED = """
@@ -123,7 +123,7 @@ def test_masks_alike_everywhere_count_nothing(toy_ldr: Path) -> None:
     view = load(toy_ldr).train[0]
     counts = {view.camera: (1, 0)}
     never = np.broadcast_to(np.False_, view.shots[0].dark.shape)
-    bare = replace(view, shots=tuple(replace(shot, dark=never, saturated=never) for shot in view.shots))
+    bare = replace(view, shots=tuple(shot.showing(dark=never, saturated=never) for shot in view.shots))
     masks = sum(p.nbytes for shot in view.shots for p in (shot.dark, shot.saturated) if any(p.strides))
     assert masks > 0
     fewer = need([view], counts, 1, 0).images - need([bare], counts, 1, 0).images

@@ -14,8 +14,8 @@ from bench.support import oracle
 from drivers.sim import rigs
 from imaging.files import store
 from imaging.progress import unreported
-from recon.data.dataset import load
 from recon.data.light import radiance_image
+from recon.data.load import load
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.settings import Settings

@@ -5,9 +5,9 @@ import pytest
 from torch import from_numpy
 
 from imaging.files.colmap import read_tracks
-from recon.data.dataset import load
 from recon.data.geometry import lift
 from recon.data.light import radiance_image
+from recon.data.load import load
 from recon.decide.size import lowest
 from recon.decide.view_dependence import (
     CELLS,

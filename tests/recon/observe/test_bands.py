@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from recon.data.pixels import Shot
+from recon.data.shot import Shot
 from recon.observe.bands import BandedLight
 from recon.observe.linear import SIGNAL_MU
 from recon.observe.losses import mu_law
@@ -19,12 +19,14 @@ def shot(band: int, k: float, saturated: bool = False) -> Shot:
     pixels = RNG.uniform(0, 1, SIZE).astype(np.float32)
     valid = np.ones(SIZE, bool)
     valid[0, :2] = False
-    return Shot("", k, pixels, np.full(SIZE, saturated), np.zeros(SIZE, bool), valid, band=band)
+    return Shot.of("", k, pixels, np.full(SIZE, saturated), np.zeros(SIZE, bool), valid, band=band)
 
 
 def view(*shots: Shot) -> Any:
     falloff = RNG.uniform(0.5, 1, SIZE).astype(np.float32)
-    return SimpleNamespace(name="0000/cam0", shots=shots, sensor=SimpleNamespace(falloff=falloff, glare=0.0))
+    return SimpleNamespace(
+        held=True, name="0000/cam0", shots=shots, sensor=SimpleNamespace(falloff=falloff, glare=0.0)
+    )
 
 
 def test_each_shot_shows_its_band_at_its_exposure() -> None:

@@ -1,7 +1,5 @@
 """Observation models against the formula written out pixel by pixel."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -10,7 +8,7 @@ from imaging.cfa import BAYER, Cfa
 from imaging.metrics import mu_law
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
-from recon.data.pixels import Shot
+from recon.data.shot import Shot
 from recon.observe.linear import LIGHT_MU, SIGNAL_MU, LinearLight, join, split, through_filter
 from recon.observe.photographs import Display
 from recon.splat import SplatCamera
@@ -38,7 +36,7 @@ def make_view(cfa: Cfa | None, shots: tuple[Shot, ...], kind="raw") -> View:
 
 def make_shot(k: float, pixels: np.ndarray, saturated=None, valid=None) -> Shot:
     none = np.zeros(pixels.shape, bool)
-    return Shot(
+    return Shot.of(
         "file",
         k,
         pixels.astype(np.float32),
@@ -166,7 +164,7 @@ def test_codes_at_either_end_are_one_sided():
     saturated, dark = np.zeros(codes.shape, bool), np.zeros(codes.shape, bool)
     saturated[0, :2], dark[1, :2] = True, True
     codes[0, :2], codes[1, :2] = 1.0, 0.0
-    shot = replace(make_shot(0.25, codes, saturated), dark=dark)
+    shot = make_shot(0.25, codes, saturated).showing(dark=dark)
     view = make_view(None, (shot,))
     image = torch.full((HEIGHT, WIDTH, 3), 0.5)
     image[0, 0], image[0, 1], image[1, 0], image[1, 1], image[2, 0] = 1.5, 0.9, -0.5, 0.1, 1.5

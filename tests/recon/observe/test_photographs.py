@@ -9,7 +9,7 @@ import torch
 from imaging.colour import srgb_encode
 from imaging.session.calibration import Response
 from recon.data.dataset import Sensor, View
-from recon.data.pixels import Shot
+from recon.data.shot import Shot
 from recon.observe.calibrated_curves import ASSUMED, ASSUMED_SMOOTHNESS
 from recon.observe.photographs import DISPLAY_POWER, LEAST_SLOPE, TYPICAL_SLOPE, Display, ToneCurve
 from recon.observe.targets import Targets
@@ -49,7 +49,7 @@ def make_view(curve: ToneCurve, image: torch.Tensor, trusted: tuple[float, float
     for k in SCALES:
         codes = np.rint(curve.predict(image, empty, k).detach().numpy() * 255).astype(np.float32) / 255
         low, high = (codes <= trusted[0], codes >= trusted[1])
-        shots.append(Shot("file", k, codes, high, low, np.ones(codes.shape, bool)))
+        shots.append(Shot.of("file", k, codes, high, low, np.ones(codes.shape, bool)))
     return View("cam", 0, lens, empty.sensor, tuple(shots))
 
 
@@ -135,8 +135,7 @@ def test_what_is_kept_of_photographs_is_small_and_compares_as_planes_of_floats_d
     image, rng = ramp(), np.random.default_rng(0)
     view = make_view(make_curve(0.0), image, (1 / 255, 254 / 255))
     shots = [
-        replace(
-            shot,
+        shot.showing(
             pixels=shot.pixels if whole else (shot.pixels * np.float32(0.999)),
             valid=rng.random(shot.valid.shape) > (0.2 if masked else -1),
         )

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from imaging.files import store
-from recon.data.dataset import load
 from recon.data.geometry import project
 from recon.data.light import light_of, radiance_image
+from recon.data.load import load
 from recon.decide.corrections import ALL
 from recon.decide.held_out_evidence import robust_score_db
 from recon.decide.overrides import Overrides
@@ -145,7 +145,7 @@ def spoilt(view, share=0.02):
     def dead(pixels):
         return np.where(rng.random(pixels.shape) < share, 1 - pixels, pixels).astype(pixels.dtype)
 
-    return replace(view, shots=tuple(replace(shot, pixels=dead(shot.pixels)) for shot in view.shots))
+    return replace(view, shots=tuple(shot.showing(pixels=dead(shot.pixels)) for shot in view.shots))
 
 
 def test_a_few_wrong_samples_do_not_drown_what_the_others_tell(wrong, trained):

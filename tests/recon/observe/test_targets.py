@@ -1,6 +1,7 @@
 """What is kept of views: made once, on the device as long as there is room. Torch's `meta` is the device."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ def test_views_are_made_once_and_kept_on_the_device_until_it_is_full(monkeypatch
             made.append(name)
             return Planes(torch.ones(5, 5), None, 2.0)
 
-        return kept.of(name, make, META)
+        return kept.of(SimpleNamespace(name=name, held=True), make, META)
 
     for name, left in (("a", 100), ("b", 99), ("a", 0), ("b", 0)):  # 25 numbers take 100 bytes
         full["left"] = left

@@ -123,7 +123,7 @@ def test_behind_photographs_with_alpha_is_nothing(toy_dataset):
     covered = tuple(
         replace(
             view,
-            shots=tuple(replace(shot, alpha=np.ones(view.seen.shape, np.float32)) for shot in view.shots),
+            shots=tuple(shot.showing(alpha=np.ones(view.seen.shape, np.float32)) for shot in view.shots),
         )
         for view in toy_dataset.train
     )

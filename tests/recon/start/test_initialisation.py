@@ -96,7 +96,7 @@ def test_light_of_the_scene(toy_dataset, images):
 
 def test_swept_depth_is_the_true_one_at_most_pixels(toy_dataset, images):
     points = toy_dataset.points().xyz
-    maps = plane_sweep(toy_dataset.train, [rgb for rgb, _ in images], points)
+    maps = plane_sweep(toy_dataset.train, images, points)
     assert len(maps) == len(toy_dataset.train)
     for depth_map in maps:
         error = np.abs(depth_map.depth / true_depth(toy_dataset, depth_map.view, depth_map.centres) - 1)
@@ -151,7 +151,7 @@ def test_colours_forgive_what_is_covered_in_a_few_views(toy_dataset, images):
 
 
 def test_too_few_points_are_refused(toy_dataset, images, session_copy):
-    from recon.data.dataset import load
+    from recon.data.load import load
 
     (session_copy / "calibration" / "calibration.json").unlink()
     oracle.calibrate_from_truth(session_copy, points=4)
@@ -183,7 +183,7 @@ def test_points_are_coloured_the_same_in_parts(toy_dataset, images, monkeypatch)
 
 def test_depth_between_textures_is_believed_where_views_agree(toy_dataset, images):
     """Wrong more often than where texture tells it, and nearer to the truth than what no view confirms."""
-    maps = plane_sweep(toy_dataset.train, [rgb for rgb, _ in images], toy_dataset.points().xyz)
+    maps = plane_sweep(toy_dataset.train, images, toy_dataset.points().xyz)
     errors = {"trusted": [], "believed": [], "else": []}
     for depth_map in maps:
         error = np.abs(depth_map.depth / true_depth(toy_dataset, depth_map.view, depth_map.centres) - 1)

@@ -7,9 +7,9 @@ from drivers.sim.rigs import simulate
 from imaging.errors import ReconstructionError
 from imaging.files import store
 from imaging.files.colmap import pycolmap, read_points
-from recon.data.dataset import load
 from recon.data.geometry import inside, project
 from recon.data.light import radiance_image
+from recon.data.load import load
 from recon.data.truth import true_radiance
 from recon.start.initialisation import start_points
 

@@ -7,9 +7,10 @@ import numpy as np
 import torch
 
 from drivers.sim.scene.tabletop import demo_scene
-from recon.data.dataset import Dataset, View, load
+from recon.data.dataset import Dataset, View
 from recon.data.geometry import rays
 from recon.data.light import light_of, radiance_image
+from recon.data.load import load
 from recon.methods import METHODS
 from recon.start.initialisation import gaussians_at, start_points
 from recon.train.densification import DensityRules
@@ -39,8 +40,8 @@ def cut_out(dataset: Dataset, view: View, told: bool) -> View:
     place = (place - motion[:3, 3]) @ motion[:3, :3]
     cover = (np.linalg.norm(place - dataset.points().xyz.mean(0), axis=-1) < NEAR / 2).astype(np.float32)
     shots = tuple(
-        replace(
-            shot, pixels=(shot.pixels * cover[..., None]).astype(np.float32), alpha=cover if told else None
+        shot.showing(
+            pixels=(shot.pixels * cover[..., None]).astype(np.float32), alpha=cover if told else None
         )
         for shot in view.shots
     )

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from recon.data.dataset import load
 from recon.data.light import light_of, radiance_image
+from recon.data.load import load
 from recon.methods import METHODS
 from recon.scene.appearance import LuminanceChromaticity, PlainHarmonics
 from recon.start.initialisation import gaussians_at, start_points

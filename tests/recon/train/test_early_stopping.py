@@ -168,7 +168,7 @@ def test_what_the_test_views_show_ends_no_training(begun, toy_dataset):
     """One of two held-out views is for validation; the other may show anything."""
     seen = toy_dataset.held_out[0]
     other = replace(seen, frame=seen.frame + 1)
-    blank = replace(other, shots=tuple(replace(shot, pixels=0 * shot.pixels) for shot in other.shots))
+    blank = replace(other, shots=tuple(shot.showing(pixels=0 * shot.pixels) for shot in other.shots))
     whole, spoiled = (replace(toy_dataset, held_out=(view, seen)) for view in (other, blank))
     steers = [EarlyStop(least=100.0, moments=2)]
 

@@ -6,8 +6,9 @@ import torch
 
 from bench.support import oracle
 from imaging import metrics
-from recon.data.dataset import Dataset, load
+from recon.data.dataset import Dataset
 from recon.data.light import light_of, radiance_image
+from recon.data.load import load
 from recon.data.truth import true_radiance
 from recon.methods import METHODS
 from recon.scene.gaussians import Gaussians

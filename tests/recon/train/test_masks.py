@@ -12,8 +12,8 @@ from imaging import metrics
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.merge.masks import read_mask
-from recon.data.dataset import load
 from recon.data.light import light_of, radiance_image
+from recon.data.load import load
 from recon.data.truth import true_radiance
 from recon.methods import METHODS
 from recon.start.initialisation import colours_at, gaussians_at, start_points
@@ -37,7 +37,7 @@ def painted(dataset, *, masked, seed=4):
             pixels = np.where(hidden, rng.uniform(0.4, 0.8, hidden.shape), shot.pixels).astype(np.float32)
             valid = shot.valid & ~hidden if masked else shot.valid
             saturated = shot.saturated & ~hidden
-            shots.append(replace(shot, pixels=pixels, valid=valid, saturated=saturated))
+            shots.append(shot.showing(pixels=pixels, valid=valid, saturated=saturated))
         views.append(replace(view, shots=tuple(shots)))
     return replace(dataset, train=tuple(views))
 

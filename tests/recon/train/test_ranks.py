@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import torch
 
-from recon.data.dataset import Dataset, load
+from recon.data.dataset import Dataset
 from recon.data.light import light_of, radiance_image
+from recon.data.load import load
 from recon.methods import METHODS
 from recon.observe.refinement import Refinement
 from recon.result.model import read_model

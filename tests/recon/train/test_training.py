@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from imaging import metrics
-from recon.data.dataset import load
 from recon.data.light import light_of, radiance_image
+from recon.data.load import load
 from recon.data.truth import true_radiance
 from recon.methods import METHODS
 from recon.scene.checkpoint import read_checkpoint, write_checkpoint
@@ -173,7 +173,7 @@ def test_scenes_without_information_stay_finite(begun, toy_dataset, what):
         for shot in view.shots:
             full = np.full(shot.pixels.shape, what == "saturated")
             shots.append(
-                type(shot)(shot.file, shot.k, full.astype(np.float32), full, ~full & False, shot.valid)
+                type(shot).of(shot.file, shot.k, full.astype(np.float32), full, ~full & False, shot.valid)
             )
         views.append(type(view)(view.camera, view.frame, view.lens, view.sensor, tuple(shots)))
     dataset = replace(toy_dataset, train=tuple(views), held_out=())

@@ -16,7 +16,7 @@ from imaging.files.exr import read_exr, write_exr
 from imaging.files.photo import encode_png
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session, brackets
-from recon.data.dataset import load
+from recon.data.load import load
 from recon.data.truth import has_truth, true_radiance
 
 TIMES = (0.125, 0.5, 2.0, 8.0, 32.0)

@@ -9,7 +9,7 @@ from drivers.sim.scene.tabletop import LAMP, demo_scene
 from imaging.files.photo import read_photo
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session, brackets
-from recon.data.dataset import load
+from recon.data.load import load
 from recon.data.truth import true_radiance
 
 

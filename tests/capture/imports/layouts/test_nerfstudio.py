@@ -23,8 +23,8 @@ from imaging.mosaic import RawMosaic, as_matrix
 from imaging.noise import SensorNoise
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
-from recon.data.dataset import load
 from recon.data.light import radiance_image
+from recon.data.load import load
 from recon.start.initialisation import start_points
 
 LENS = {"fl_x": 70.0, "fl_y": 72.0, "cx": 33.0, "cy": 22.5, "w": 64, "h": 48}

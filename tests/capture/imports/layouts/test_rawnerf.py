@@ -17,7 +17,7 @@ from imaging.files.dng import encode_dng
 from imaging.mosaic import FrameMetadata, RawMosaic
 from imaging.session.calibration import read_calibration
 from imaging.session.session import Session, brackets
-from recon.data.dataset import load
+from recon.data.load import load
 
 SIZE = (48, 64)
 NAMES = [f"IMG_{number}" for number in (9, 10, 11, 12, 13, 14, 15, 16, 17, 18)]

@@ -1,0 +1,238 @@
+"""Reading the views of a calibrated session, in memory or beside it on the disk."""
+
+import hashlib
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from imaging.cfa import Cfa
+from imaging.colour import of_channels
+from imaging.errors import ReconstructionError
+from imaging.lens import Lens
+from imaging.merge.linear_frame import Float
+from imaging.progress import Progress, unreported
+from imaging.session.bands import in_order
+from imaging.session.calibration import CalibrationRecord, ViewCalibration, read_calibration
+from imaging.session.falloff import falloff
+from imaging.session.records import CameraRecord, ImageKind, ShotRecord
+from imaging.session.session import SPLIT, Session, brackets
+from imaging.session.view_id import ViewId
+from recon.data.dataset import COLMAP, Dataset, Sensor, View
+from recon.data.decoded import FOLDER, Source, read_stored, require_room
+from recon.data.holdout import held_out, tested_views, used_shots
+from recon.data.pixels import read_shot
+from recon.data.resident import too_large
+from recon.data.world import WorldTransform
+from recon.splat import SplatCamera
+
+Examine = Callable[[Sequence[View], Mapping[str, tuple[int, int]]], bool]
+"""Given the first view of each camera, and how many views each has in all and to train on: whether the shots
+are to stay on the disk (`recon.data.decoded`). It may refuse."""
+
+
+def load(
+    session: Path,
+    *,
+    max_width: int | None = None,
+    progress: Progress = unreported,
+    examine: Examine = too_large,
+) -> Dataset:
+    """Read every view that its own picture placed; images wider than `max_width` are scaled down.
+
+    A session whose data set says what it tests on (split.json) holds out just that.
+    Photographs and EXR are averaged over areas in linear light; mosaics of at least twice the width
+    are demosaicked and averaged, narrower ones are kept as they are. examine: called when a view of each
+    camera is read, before the others are. ReconstructionError when no view is registered; InputError for
+    missing or damaged files; StorageError where shots are to be kept on a disk without room.
+    """
+    opened = Session.open(session)
+    calibration = read_calibration(session)
+    split = opened.split()
+    # What was not recognised is black, blurred or bare; such a picture would be taken at its word.
+    placed = {view.id for view in calibration.views if not view.by_rig}
+    shots = used_shots(opened, split)
+    groups = {view: group for view, group in brackets(shots).items() if view in placed}
+    if not groups:
+        tried = len(calibration.unregistered)
+        why = (
+            f"`rig calibrate` found none for its {tried} images: take images that overlap by two thirds"
+            if tried
+            else "it was calibrated without: run `rig calibrate` in full, on two views or more of one scene"
+        )
+        raise ReconstructionError(f"{session} has no view with a pose, since {why}.")
+    out = held_out(groups) if split is None else tested_views(session, groups, split)
+    poses = {view.id: view.cam_from_world.matrix() for view in calibration.views}
+    world = WorldTransform.of({view.image_name: poses[view] for view in groups}, session / COLMAP)
+    return read_views(
+        opened,
+        calibration,
+        calibration_sha256(session),
+        groups,
+        out,
+        world,
+        max_width=max_width,
+        progress=progress,
+        examine=examine,
+    )
+
+
+def again(dataset: Dataset, max_width: int, progress: Progress) -> Dataset:
+    """The session of a data set at another width, its shots in memory only if those of the data set are."""
+    stored = not all(view.held for view in dataset.train)
+    return load(
+        dataset.session, max_width=max_width, progress=progress, examine=lambda firsts, counts: stored
+    )
+
+
+def calibration_sha256(session: Path) -> str:
+    """Of calibration.json, and of split.json where there is one: what places and parts the views."""
+    digest = hashlib.sha256((session / "calibration" / "calibration.json").read_bytes())
+    if (session / SPLIT).exists():
+        digest.update((session / SPLIT).read_bytes())
+    return digest.hexdigest()
+
+
+def read_views(
+    session: Session,
+    calibration: CalibrationRecord,
+    calibration_sha256: str,
+    groups: Mapping[ViewId, Sequence[ShotRecord]],
+    out: Collection[ViewId],
+    world: WorldTransform,
+    *,
+    max_width: int | None,
+    progress: Progress,
+    examine: Examine = too_large,
+) -> Dataset:
+    """The shots of each view as a data set, `out` of them held out; all have a pose.
+
+    world: where the scene lies, whose views they are.
+    """
+    poses = {view.id: view for view in calibration.views}
+    kinds = {session.camera(view.camera).kind for view in groups}
+    falloffs: dict[tuple[str, int, int], Float] = {}
+
+    def read(place: ViewId, stored: Path | None) -> View:
+        camera = session.camera(place.camera)
+        view = _view(session, calibration, poses[place], camera, groups[place], max_width, falloffs, stored)
+        return replace(view, lens=world.camera(view.lens))
+
+    first = {place.camera: place for place in sorted(groups, reverse=True)}
+    rest = sorted(set(groups) - set(first.values()))
+    views: list[View] = []
+    for done, place in enumerate(first.values()):
+        progress("reading images", done, len(groups))
+        views.append(read(place, None))
+    counts = {camera: _counts(camera, groups, out) for camera in first}
+    folder = session.folder / FOLDER if examine(views, counts) else None
+    if folder is not None:
+        views = [read(place, folder) for place in first.values()]
+        require_room(folder, max_width, ((view, counts[view.camera][0]) for view in views))
+    for done, place in enumerate(rest, len(first)):
+        progress("reading images", done, len(groups))
+        views.append(read(place, folder))
+    views.sort(key=lambda view: view.id)
+    return Dataset(
+        session=session.folder,
+        kind=kinds.pop() if len(kinds) == 1 else "mixed",
+        train=tuple(view for view in views if view.id not in out),
+        held_out=tuple(view for view in views if view.id in out),
+        calibration=calibration,
+        calibration_sha256=calibration_sha256,
+        world=world,
+        bands=in_order(session.record.bands),
+    )
+
+
+def _counts(camera: str, groups: Collection[ViewId], out: Collection[ViewId]) -> tuple[int, int]:
+    """Views of a camera, and those of them to train on."""
+    own = [view for view in groups if view.camera == camera]
+    return len(own), sum(view not in out for view in own)
+
+
+def photographs_sha256(shots: Iterable[ShotRecord]) -> str:
+    """Of the names and hashes of shots and their masks, in order of name."""
+    lines = sorted(f"{shot.file} {shot.sha256} {shot.mask_sha256}\n" for shot in shots)
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def lens_of_pixels(lens: Lens, kind: ImageKind, width: int, height: int) -> Lens:
+    """The lens of a file for what `read_shot` made of it, width x height pixels."""
+    if kind == "raw":  # rows and columns that complete no tile, or no pair, are lost, which moves nothing
+        whole = 2 * width > lens.width
+        even = {"width": lens.width - lens.width % 2, "height": lens.height - lens.height % 2}
+        lens = lens.model_copy(update={"width": width, "height": height} if whole else even)
+    return lens.resized(width, height)
+
+
+def _band(session: Session, shot: ShotRecord, cfa: Cfa | None) -> int | None:
+    """The place of a shot's band among those of the session; None: it has none."""
+    names = [band.name for band in in_order(session.record.bands)]
+    if not names:
+        return None
+    if cfa is None or not cfa.mono:
+        raise ReconstructionError(
+            f"{session.file(shot)} is no RAW of a mono camera, and {session.folder} has the light of bands: "
+            "train with mono cameras alone, or import the session without --bands."
+        )
+    if shot.band not in names:
+        raise ReconstructionError(
+            f"{session.file(shot)} names no band of {session.folder}, which has {', '.join(names)}: "
+            "correct shots.jsonl."
+        )
+    return names.index(shot.band)
+
+
+def _view(
+    session: Session,
+    calibration: CalibrationRecord,
+    pose: ViewCalibration,
+    record: CameraRecord,
+    group: Sequence[ShotRecord],
+    max_width: int | None,
+    falloffs: dict[tuple[str, int, int], Float],
+    stored: Path | None,
+) -> View:
+    """One view. falloffs: of cameras by name and size, held once for all their views; stored: where its
+    shots are kept, None in memory."""
+    camera = calibration.camera(record.name)
+    if camera.lens is None:
+        raise ReconstructionError(f"Camera {record.name} has no lens in calibration.json: calibrate again.")
+    shots, cfa = [], None
+    for shot in group:
+        scale = calibration.exposure_scale.get(shot.file)
+        if scale is None:
+            scale = shot.exposure.scale if shot.exposure else 1.0
+        path, mask, sensors = session.file(shot), session.mask(shot), camera.sensors
+        if stored is None:
+            read, cfa = read_shot(
+                path, shot.file, record.kind, scale, camera.response, max_width, sensors, mask
+            )
+        else:
+            source = Source(path, shot.file, record.kind, camera.response, max_width, sensors, mask)
+            read, cfa = read_stored(stored, source, scale)
+        shots.append(replace(read, band=_band(session, shot, cfa)))
+    height, width = shots[0].shape[:2]
+    if any(shot.shape != shots[0].shape for shot in shots):
+        raise ReconstructionError(
+            f"The shots of camera {record.name} at frame {pose.frame} differ in size: delete the odd one out."
+        )
+    lens = lens_of_pixels(camera.lens, record.kind, width, height)
+    if (plane := (record.name, height, width)) not in falloffs:
+        falloffs[plane] = falloff(camera, height, width)
+    channels = shots[0].shape[2] if cfa is None else len(cfa.letters)
+    return View(
+        camera=record.name,
+        frame=pose.frame,
+        lens=SplatCamera.of(lens, pose.cam_from_world),
+        sensor=Sensor(
+            kind=record.kind,
+            cfa=cfa,
+            camera_from_rec709=of_channels(camera.camera_from_rec709, channels),
+            falloff=falloffs[plane],
+            response=camera.response,
+            white_balance=pose.white_balance,
+        ),
+        shots=tuple(sorted(shots, key=lambda shot: (shot.band or 0, shot.k))),
+        channels=len(session.record.bands) or 3,
+    )

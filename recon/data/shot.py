@@ -1,0 +1,151 @@
+"""One exposure as training sees it: its numbers, wherever they are kept, and what is known of them."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+from imaging.cfa import Cfa
+from imaging.merge.linear_frame import Bool, Float, LinearFrame, Noise, decode
+from imaging.session.calibration import Response
+
+
+class Planes(Protocol):
+    """The numbers of a shot, as `Shot` describes them.
+
+    transparent: whether there is alpha. held: whether they are in memory as long as the shot is; else every
+    look at them reads them anew.
+    """
+
+    @property
+    def pixels(self) -> Float: ...  # noqa: D102
+    @property
+    def saturated(self) -> Bool: ...  # noqa: D102
+    @property
+    def dark(self) -> Bool: ...  # noqa: D102
+    @property
+    def valid(self) -> Bool: ...  # noqa: D102
+    @property
+    def alpha(self) -> Float | None: ...  # noqa: D102
+    @property
+    def shape(self) -> tuple[int, ...]: ...  # noqa: D102
+    @property
+    def transparent(self) -> bool: ...  # noqa: D102
+    @property
+    def held(self) -> bool: ...  # noqa: D102
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPlanes:
+    """Planes in memory."""
+
+    pixels: Float
+    saturated: Bool
+    dark: Bool
+    valid: Bool
+    alpha: Float | None = None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the pixels."""
+        return self.pixels.shape
+
+    @property
+    def transparent(self) -> bool:
+        """Whether there is alpha."""
+        return self.alpha is not None
+
+    @property
+    def held(self) -> bool:
+        """They are."""
+        return True
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One exposure.
+
+    k: exposure scale, s. pixels: float32 [H, W] (mosaic) or [H, W, 3]: linear signal with white at 1
+    (RAW; noise below black stays negative), code values 0..1 (LDR), or linear light (HDR).
+    saturated: bool, same shape: the scene is at least this bright. dark: bool, the scene is at most
+    this bright (LDR only). valid: bool, same shape; False where the file holds no number. A mask that is the
+    same everywhere is read-only. alpha: float32 [H, W], alpha of a photograph, 0..1; None: all is opaque, or
+    nothing is told of it. All of these may be read from a disk at each look: take them once.
+    noise: of the linear signal; None if not known. ceiling: the signal at which the sensor saturates (RAW
+    only), as it was measured, else that of the file's white level. band: the channel of the scene's light
+    that it shows, of a mono camera behind a filter; None: all of them, as its camera sees Rec.709.
+    """
+
+    file: str
+    k: float
+    planes: Planes
+    noise: Noise | None = None
+    ceiling: float | None = None
+    band: int | None = None
+
+    @classmethod
+    def of(
+        cls,
+        file: str,
+        k: float,
+        pixels: Float,
+        saturated: Bool,
+        dark: Bool,
+        valid: Bool,
+        noise: Noise | None = None,
+        ceiling: float | None = None,
+        band: int | None = None,
+        alpha: Float | None = None,
+    ) -> "Shot":
+        """A shot in memory."""
+        return cls(file, k, HeldPlanes(pixels, saturated, dark, valid, alpha), noise, ceiling, band)
+
+    @property
+    def pixels(self) -> Float:
+        """The signal."""
+        return self.planes.pixels
+
+    @property
+    def saturated(self) -> Bool:
+        """Where it is a lower bound."""
+        return self.planes.saturated
+
+    @property
+    def dark(self) -> Bool:
+        """Where it is an upper bound."""
+        return self.planes.dark
+
+    @property
+    def valid(self) -> Bool:
+        """Where it is anything."""
+        return self.planes.valid
+
+    @property
+    def alpha(self) -> Float | None:
+        """How much of the light comes from the scene."""
+        return self.planes.alpha
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the pixels."""
+        return self.planes.shape
+
+    @property
+    def top(self) -> float:
+        """Where the signal ends: the ceiling of RAW, the last code of a photograph."""
+        return 1.0 if self.ceiling is None else self.ceiling
+
+    def showing(self, **planes: Any) -> "Shot":
+        """The same in memory, with other planes, by name."""
+        names = ("pixels", "saturated", "dark", "valid", "alpha")
+        return replace(self, planes=HeldPlanes(**{name: getattr(self, name) for name in names} | planes))
+
+    def linear(self, response: Response | None, cfa: Cfa | None) -> LinearFrame:
+        """The shot as linear light, codes decoded by `response` (None: they are linear already)."""
+        signal = self.pixels if response is None else decode(self.pixels, response)
+        return LinearFrame(
+            signal, self.k, self.saturated, self.dark, self.valid, cfa, self.noise, self.ceiling
+        )
+
+
+def bytes_of(plane: Float | Bool) -> int:
+    """Bytes of a plane in memory; none of one that says everywhere the same."""
+    return plane.nbytes if any(plane.strides) else 0

@@ -1,0 +1,75 @@
+"""A training whose decoded images are larger than the memory that it may take."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bench.support.enlarged import enlarged
+from bench.support.oracle import oracle_session
+from drivers.sim import rigs
+from recon.decide.overrides import Overrides
+from recon.evaluate import evaluate
+from recon.reconstruct import reconstruct
+from recon.result.model import SPLATS
+from tests.conftest import MadeOnce
+
+ITERATIONS = 3
+LIMIT = 410 << 20
+"""Bytes that the limited process may take beyond what it has when its kernels are loaded; threads set aside
+128 MB of them."""
+LIMITED = f"""
+import resource, sys
+from pathlib import Path
+import recon.decide.memory_need as forecast
+import recon.reconstruct as stage
+from recon.evaluate import evaluate
+from recon.decide.overrides import Overrides
+from recon.train.warm_up import warm_up
+warm_up(lambda *told: None)
+first = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (first + {LIMIT},) * 2)
+needs = []
+stage.need = lambda *views, **how: needs.append(forecast.need(*views, **how)) or needs[-1]
+overrides = Overrides(iterations={ITERATIONS}, gaussians=1000, width=640, refine="none", environment=False)
+folder = stage.reconstruct(sys.argv[1], quality="draft", overrides=overrides, name="limited", tell=print)
+evaluate(folder)
+peak = 1024 * int(next(
+    line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")
+).split()[1])
+print(len(needs), needs[0].images, needs[-1].total, peak)
+"""
+
+
+@pytest.fixture(scope="module")
+def large(made_once: MadeOnce) -> Path:
+    """Thirty photographs of 640x480."""
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setitem(rigs._RIGS, "many", replace(rigs._RIGS["toy-ldr"], positions=15))
+            small = oracle_session(folder.with_name(f"{folder.name}-small"), "many", points=600)
+        enlarged(small, folder, 10, exposures=1)
+
+    return made_once("recon-large", make)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="address space is limited on Linux")
+def test_images_that_memory_does_not_hold_give_the_same_scene(large: Path) -> None:
+    words = [sys.executable, "-c", LIMITED, str(large)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    *told, figures = done.stdout.splitlines()
+    count, images, forecast, peak = map(int, figures.split())
+    assert count == 2, "held in memory"
+    assert images > LIMIT - (128 << 20)
+    assert any("images stay on the disk" in line and str(large / "decoded") in line for line in told)
+    assert peak < forecast
+    overrides = Overrides(iterations=ITERATIONS, gaussians=1000, width=640, refine="none", environment=False)
+    whole = reconstruct(large, quality="draft", overrides=overrides, name="whole")
+    limited = whole.with_name("limited")
+    assert (whole / SPLATS).read_bytes() == (limited / SPLATS).read_bytes()
+    figures = [evaluate(folder)["views"] for folder in (whole, limited)]
+    assert figures[0] == figures[1]
