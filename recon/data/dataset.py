@@ -25,6 +25,10 @@ MOST_VALIDATION = 4
 """Views at most that a training may be ended by: each is rendered again and again."""
 
 
+MOST_TRACKED = 20_000
+"""Scene points that every view's looks at are held of at once: what is judged by them takes far fewer."""
+
+
 @dataclass(frozen=True)
 class Sensor:
     """What a camera does to radiance, before any shot's exposure.
@@ -160,9 +164,23 @@ class Dataset:
         points = read_points(self.session / COLMAP)
         return replace(points, xyz=self.world.from_world(points.xyz))
 
-    def tracks(self) -> tuple[npt.NDArray[np.float64], dict[str, npt.NDArray[np.int64]]]:
-        """The same points [P, 3], and which of them the image of each name saw, as `read_tracks` has them."""
+    def tracks(
+        self, most: int | None = None
+    ) -> tuple[npt.NDArray[np.float64], dict[str, npt.NDArray[np.int64]]]:
+        """The same points [P, 3], and which of them the image of each name saw, as `read_tracks` has them.
+
+        most: of the points, those that most images saw; None: all.
+        """
         xyz, tracks = read_tracks(self.session / COLMAP)
+        if most is not None and len(xyz) > most:
+            times = np.zeros(len(xyz), np.int64)
+            for seen in tracks.values():
+                times[seen] += 1
+            chosen = np.sort(np.argsort(-times, kind="stable")[:most])
+            place = np.full(len(xyz), -1)
+            place[chosen] = np.arange(most)
+            tracks = {name: (own := place[seen])[own >= 0] for name, seen in tracks.items()}
+            xyz = xyz[chosen]
         return self.world.from_world(xyz), tracks
 
     def trained_at(self, k: float) -> bool:

@@ -16,7 +16,7 @@ from scipy.ndimage import map_coordinates
 from imaging.merge.linear_frame import Bool
 from imaging.robust import huber_weight, robust_scale
 from imaging.session.records import Rung
-from recon.data.dataset import Dataset
+from recon.data.dataset import MOST_TRACKED, Dataset
 from recon.data.geometry import project
 from recon.data.light import Images
 from recon.observe.glare import spread
@@ -80,7 +80,7 @@ def glare_of(dataset: Dataset, images: Images, name: str) -> tuple[list[float], 
 
 def dark_sights(dataset: Dataset, images: Images, cameras: list[str]) -> DarkSights:
     """Every training view at every dark point that calibration saw in it; cameras: as they are numbered."""
-    xyz, tracks = dataset.tracks()
+    xyz, tracks = dataset.tracks(MOST_TRACKED)
     light, halo, slope = np.full((3, len(dataset.train), len(xyz)), np.nan)
     for row, (view, (rgb, trusted)) in enumerate(zip(dataset.train, images, strict=True)):
         seen = tracks.get(view.id.image_name)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import torch
 from scipy.ndimage import map_coordinates, minimum_filter
 
-from recon.data.dataset import Dataset
+from recon.data.dataset import MOST_TRACKED, Dataset
 from recon.data.geometry import inside, project
 from recon.data.light import Images, grey
 from recon.scene.harmonics import DEGREE, basis
@@ -66,7 +66,7 @@ def looks(dataset: Dataset, images: Images, points: Array | None = None) -> Look
     looked at from where they are not covered by others.
     """
     if points is None:
-        xyz, tracks = dataset.tracks()
+        xyz, tracks = dataset.tracks(MOST_TRACKED)
     else:
         xyz = points[:: 1 + len(points) // MOST_UNTRACKED]
         tracks = {view.id.image_name: uncovered(view.lens, points, xyz) for view in dataset.train}

@@ -128,21 +128,29 @@ class Change:
 
     def apply(self, gaussians: Gaussians, optimizer: Adam) -> None:
         """Do it, in place: the optimizer's memory follows the Gaussians, new ones begin without any."""
+        kept = self.keep.nonzero()[:, 0]
         for group in optimizer.param_groups:
             name = group["name"]
             if name not in gaussians.parameters:
                 continue
             old = gaussians.parameters[name]
             rows = self.new.get(name, old.detach()[:0])
-            fresh = torch.cat([old.detach()[self.keep], rows]).requires_grad_(True)
+            fresh = _kept(old.detach(), kept, rows).requires_grad_(True)
             state = optimizer.state.pop(old, None)
             if state:
-                empty = torch.zeros_like(rows)
                 for key in ("exp_avg", "exp_avg_sq"):
-                    state[key] = torch.cat([state[key][self.keep], empty])
+                    state[key] = _kept(state[key], kept, torch.zeros_like(rows))
                 optimizer.state[fresh] = state
             group["params"] = [fresh]
             gaussians.parameters[name] = fresh
+
+
+def _kept(rows: Tensor, kept: Tensor, new: Tensor) -> Tensor:
+    """Some of the rows, and new ones behind them, without a copy on the way."""
+    joined = rows.new_empty((len(kept) + len(new), *rows.shape[1:]))
+    torch.index_select(rows, 0, kept, out=joined[: len(kept)])
+    joined[len(kept) :] = new
+    return joined
 
 
 def rotate(quats: Tensor, vectors: Tensor) -> Tensor:

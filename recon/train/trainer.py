@@ -75,6 +75,7 @@ def train(
     held_out = dataset.validation or dataset.held_out
     alphas: Targets[_Alpha] = Targets()
     losses = FiniteLosses(training)
+    optimizer.zero_grad()
     with torch_on_one_thread(), deferred() as interrupt:
         monitor = Monitor(
             training, schedule, plan, held_out, log, save, progress, ranks, steers, interrupt, losses, clock
@@ -83,7 +84,6 @@ def train(
             position = schedule.position(training.iteration)
             done = position / schedule.planned
             _set_rates(optimizer, plan, done)
-            optimizer.zero_grad()
             # Added up where it is, in float64: reading it would wait for all that is under way.
             total = torch.zeros((), dtype=torch.float64, device=training.gaussians.device)
             for view in _views(training.iteration, dataset.train, plan, ranks):
@@ -93,6 +93,7 @@ def train(
                 total += loss.detach()
             ranks.add([tensor.grad for tensor in training.parameters() if tensor.grad is not None])
             optimizer.step()
+            optimizer.zero_grad()  # nothing reads them until the next backward pass, and they are a quarter
             if refinement:
                 refinement.settle()
             training.iteration += 1

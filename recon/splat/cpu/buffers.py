@@ -28,6 +28,8 @@ class Buffers:
         need = math.prod(sizes) * kind.itemsize
         held = self._bytes.get(name)
         if held is None or len(held) < need:
+            held = None
+            self._bytes.pop(name, None)  # before its successor is there: both together would be the peak
             # A quarter more, so that a slowly growing scene does not ask every time; from a cache line on.
             whole = np.empty(need + need // 4 + _LINE, np.uint8)
             held = whole[-whole.ctypes.data % _LINE :]

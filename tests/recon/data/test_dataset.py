@@ -267,3 +267,15 @@ def test_alpha_is_averaged_over_areas_and_what_else_is_read_has_none(tmp_path):
     assert 0 < small.alpha[0, 1] < 1
     (tmp_path / "b.png").write_bytes(encode_png(photo[..., :3]))
     assert read_shot(tmp_path / "b.png", "b", "ldr", 1.0, SRGB, max_width=6)[0].alpha is None
+
+
+def test_of_many_points_those_remain_that_most_views_saw(toy_dataset):
+    xyz, tracks = toy_dataset.tracks()
+    times = np.bincount(np.concatenate(list(tracks.values())), minlength=len(xyz))
+    few, kept = toy_dataset.tracks(100)
+    places = [int(np.flatnonzero((xyz == point).all(1))[0]) for point in few]
+    assert len(few) == 100
+    assert times[places].min() >= np.delete(times, places).max()
+    for name, seen in tracks.items():
+        assert {places[row] for row in kept[name]} == set(seen.tolist()) & set(places)
+    assert all(map(np.array_equal, toy_dataset.tracks(10**6)[1].values(), tracks.values()))
