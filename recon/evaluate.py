@@ -2,8 +2,7 @@
 
 import itertools
 import time
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,11 @@ import torch
 
 from imaging import metrics
 from imaging.files import store
+from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress, unreported
+from recon.data.dataset import View
 from recon.data.holdout import FEWEST_FOR_HOLDOUT
+from recon.data.light import Images, kept_images
 from recon.data.shot import Shot
 from recon.data.tone import encode
 from recon.data.truth import calibration_errors, has_truth, response_rmse, true_radiance
@@ -36,8 +38,6 @@ LOOKED_AT = (
     "The only held-out view could also end the training, so these are figures of a view that was looked at: "
     "take 9 views or more, or train without --early-stop and without a budget in dB."
 )
-
-Float = npt.NDArray[np.float32]
 
 
 def evaluate(folder: str | Path, progress: Progress = unreported) -> dict[str, Any]:
@@ -93,31 +93,33 @@ def evaluate(folder: str | Path, progress: Progress = unreported) -> dict[str, A
 
 def measured(
     opened: Opened, progress: Progress = unreported
-) -> tuple[list[Float], list[float], list[dict[str, Any]], dict[str, Any]]:
-    """Of each reported view light [H, W, 3], seconds a render and figures; and what is pooled over all."""
+) -> tuple[Images, list[float], list[dict[str, Any]], dict[str, Any]]:
+    """Of each reported view light [H, W, 3] and where it is seen, seconds a render and figures; and what is
+    pooled over all."""
     views = opened.dataset.reported
-    renders, seconds = [], []
-    for done, view in enumerate(views):
-        progress("rendering held-out views", done, len(views))
-        started = time.perf_counter()
-        renders.append(opened.render(view.lens))
-        seconds.append(time.perf_counter() - started)
-    method = opened.training.method.observation
-    light = [method.radiance(image).numpy().astype(np.float32) for image in renders]
+    seconds: list[float] = []
     rows: list[dict[str, Any]] = [{"view": view.name} for view in views]
+
+    def each() -> Iterator[tuple[Float, Bool]]:
+        for done, view in enumerate(views):
+            progress("rendering held-out views", done, len(views))
+            started = time.perf_counter()
+            image = opened.render(view.lens)
+            seconds.append(time.perf_counter() - started)
+            _against_shots(opened, image, view, rows[done])
+            light = opened.training.method.observation.radiance(image)
+            yield light.numpy().astype(np.float32), view.seen
+
+    light = kept_images(opened.dataset, each())
     pooled: dict[str, Any] = {}
-    if views:
-        _against_shots(opened, renders, rows)
-        reference = _reference(opened)
-        if reference is not None:
-            # What a mask hides is no part of any figure.
-            masks = [view.seen for view in views]
-            ours, true = (
-                [image[mask] for image, mask in zip(side, masks, strict=True)] for side in (light, reference)
-            )
-            pooled = _against_light(ours, true, rows)
-            if opened.dataset.bands:
-                pooled["bands"] = _by_band(opened, renders, ours, true, pooled["alignment_scale"])
+    reference = _reference(opened) if views else None
+    if reference is not None:
+        # What a mask hides is no part of any figure.
+        ours = [image[seen] for image, seen in light]
+        true = [goal[seen] for goal, (_, seen) in zip(reference, light, strict=True)]
+        pooled = _against_light(ours, true, rows)
+        if opened.dataset.bands:
+            pooled["bands"] = _by_band(opened, ours, true, pooled["alignment_scale"])
     return light, seconds, rows, pooled
 
 
@@ -158,39 +160,36 @@ def _against_light(light: list[Float], truth: list[Float], rows: list[dict[str, 
 
 
 @torch.no_grad()
-def _against_shots(opened: Opened, renders: list[torch.Tensor], rows: list[dict[str, Any]]) -> None:
-    """Fills the rows with the distance from what the cameras recorded, mean over the bracket.
+def _against_shots(opened: Opened, image: torch.Tensor, view: View, row: dict[str, Any]) -> None:
+    """Fills the row of a view with the distance from what the cameras recorded, mean over the bracket.
 
     Photographs at exposures that training saw (`_oe`, `ssim`) are apart from those at others (`_ne`). What is
     masked counts in none, SSIM's windows that touch it included; a shot that is masked altogether has none.
     """
-    for row, image, view in zip(rows, renders, opened.dataset.reported, strict=True):
-        if view.sensor.kind == "hdr":
-            continue
-        predicted = [
-            opened.training.method.observation.predict(image, view, shot.k, shot.band) for shot in view.shots
+    if view.sensor.kind == "hdr":
+        return
+    predicted = [
+        opened.training.method.observation.predict(image, view, shot.k, shot.band) for shot in view.shots
+    ]
+    if view.sensor.kind == "raw":
+        _note(row, "raw_psnr", map(shot_psnr, predicted, view.shots))
+        return
+    at_trained = [opened.dataset.trained_at(shot.k) for shot in view.shots]
+    for trained, suffix in ((True, "oe"), (False, "ne")):
+        pairs = [
+            (prediction, shot)
+            for prediction, shot, is_trained in zip(predicted, view.shots, at_trained, strict=True)
+            if is_trained == trained
         ]
-        if view.sensor.kind == "raw":
-            _note(row, "raw_psnr", map(shot_psnr, predicted, view.shots))
-            continue
-        at_trained = [opened.dataset.trained_at(shot.k) for shot in view.shots]
-        for trained, suffix in ((True, "oe"), (False, "ne")):
-            pairs = [
-                (prediction, shot)
-                for prediction, shot, is_trained in zip(predicted, view.shots, at_trained, strict=True)
-                if is_trained == trained
-            ]
-            _note(row, f"ldr_psnr_{suffix}", itertools.starmap(shot_psnr, pairs))
-            if min(view.lens.width, view.lens.height) >= 11:
-                _note(row, "ssim" if trained else "ssim_ne", itertools.starmap(_ssim, pairs))
-            if trained and view.alpha is not None:
-                alpha = opened.scene.covered(view.lens)
-                _note(row, "ldr_psnr_white", (_psnr_before_white(*pair, alpha) for pair in pairs))
+        _note(row, f"ldr_psnr_{suffix}", itertools.starmap(shot_psnr, pairs))
+        if min(view.lens.width, view.lens.height) >= 11:
+            _note(row, "ssim" if trained else "ssim_ne", itertools.starmap(_ssim, pairs))
+        if trained and view.transparent:
+            alpha = opened.scene.covered(view.lens)
+            _note(row, "ldr_psnr_white", (_psnr_before_white(*pair, alpha) for pair in pairs))
 
 
-def _by_band(
-    opened: Opened, renders: list[torch.Tensor], light: list[Float], truth: list[Float], scale: float
-) -> list[dict[str, Any]]:
+def _by_band(opened: Opened, light: list[Float], truth: list[Float], scale: float) -> list[dict[str, Any]]:
     """Of each band what its shots (raw_psnr) and its true light say; the scale is that of all bands."""
     ours, true = (
         np.concatenate([image.reshape(-1, image.shape[-1]) for image in side]) for side in (light, truth)
@@ -200,7 +199,8 @@ def _by_band(
         row: dict[str, Any] = {"band": band.name}
         psnrs = (
             shot_psnr(opened.training.method.observation.predict(image, view, shot.k, number), shot)
-            for image, view in zip(renders, opened.dataset.reported, strict=True)
+            for view in opened.dataset.reported
+            for image in (opened.render(view.lens),)
             for shot in view.shots
             if shot.band == number
         )
@@ -222,7 +222,7 @@ def _psnr_before_white(predicted: torch.Tensor, shot: Shot, alpha: torch.Tensor)
     """PSNR of a photograph with alpha, code 1 behind it and behind the render, whose alpha is [H, W]."""
     if shot.alpha is None:
         return None
-    white = replace(shot, pixels=shot.pixels + (1 - shot.alpha)[..., None])
+    white = shot.showing(pixels=shot.pixels + (1 - shot.alpha)[..., None])
     return shot_psnr(predicted + (1 - alpha)[..., None], white)
 
 

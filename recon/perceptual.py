@@ -21,6 +21,7 @@ from imaging.files import store
 from imaging.files.photo import encode_png
 from imaging.progress import Progress, unreported
 from recon.data.dataset import View
+from recon.data.light import Images
 from recon.render import stem, write_light
 from recon.result.display import displayed, in_colour
 from recon.result.scene import Opened
@@ -47,27 +48,28 @@ class Pair:
 def compare_pictures(
     folder: Path,
     opened: Opened,
-    light: list[Float],
+    light: Images,
     truth: list[Float] | None,
     scale: float,
     progress: Progress = unreported,
 ) -> list[dict[str, float]]:
     """Write renders/ and references/ of the reported views; a row of figures for each of them.
 
-    light: of the views, [H, W, 3]; truth: likewise, if it is known; scale: what aligns the light with it.
+    light: of the views, [H, W, 3], and where it is seen; truth: light, if it is known; scale: what aligns the
+    light with it.
     EXR of both are in the units of the scene, PNG at its exposure; of photographs PNG of every shot of a
     trained exposure instead, as they are.
     """
     rows = []
     for turn, view in enumerate(opened.dataset.reported):
         progress("comparing pictures", turn, len(light))
-        write_light(folder / RENDERS / f"{stem(view)}.exr", light[turn], opened.record, view)
+        write_light(folder / RENDERS / f"{stem(view)}.exr", light[turn][0], opened.record, view)
         goal = None
         if truth is not None:
             goal = np.asarray(truth[turn] / np.float32(scale), np.float32)
             write_light(folder / REFERENCES / f"{stem(view)}.exr", goal, opened.record, view)
         bands = opened.record.bands
-        shown, goal = in_colour(light[turn], bands), None if goal is None else in_colour(goal, bands)
+        shown, goal = in_colour(light[turn][0], bands), None if goal is None else in_colour(goal, bands)
         pairs = list(_pairs(opened, view, shown, goal))
         for pair in pairs:
             store.write_bytes(folder / RENDERS / f"{pair.name}.png", encode_png(pair.ours))

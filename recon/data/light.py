@@ -72,9 +72,13 @@ def radiance_images(dataset: Dataset, progress: Progress = unreported) -> Images
                 progress("merging brackets", done, len(dataset.train))
             yield radiance_image(view)
 
-    if all(view.held for view in dataset.train):
-        return list(each())
-    return StoredImages(dataset.session, each())
+    return kept_images(dataset, each())
+
+
+def kept_images(dataset: Dataset, images: Iterable[tuple[Float, Bool]]) -> Images:
+    """Images of views, in memory if the shots of the data set are."""
+    held = all(view.held for view in dataset.views)
+    return list(images) if held else StoredImages(dataset.session, images)
 
 
 class StoredImages(Sequence[tuple[Float, Bool]]):

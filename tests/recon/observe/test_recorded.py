@@ -44,9 +44,9 @@ def figures(view, observation, image) -> tuple[dict, float]:
         method=method, gaussians=None, refinement=None, renderer=lambda: lambda *_, degree: drawn
     )
     dataset = SimpleNamespace(reported=(view,), trained_at=lambda k: True)
-    rows: list[dict] = [{}]
-    evaluate._against_shots(SimpleNamespace(training=training, dataset=dataset), [drawn.image], rows)
-    return rows[0], held_out_psnr(method, None, lambda *_, degree: drawn, None, (view,), 1.0, Ranks())
+    row: dict = {}
+    evaluate._against_shots(SimpleNamespace(training=training, dataset=dataset), drawn.image, view, row)
+    return row, held_out_psnr(method, None, lambda *_, degree: drawn, None, (view,), 1.0, Ranks())
 
 
 @pytest.mark.parametrize("measured", [True, False])
