@@ -2,22 +2,29 @@
 
     python -m bench.real.memory [--sets castle,monstree,lego] [--quick] [--json] [--write] [--seeds 1]
         [--work FOLDER]
+    python -m bench.real.memory --at-size [--quick] [--json] [--write] [--seeds 1] [--work FOLDER]
 
-Sets as in `bench/real/compare.py`. Few iterations: nothing grows with them but the Gaussians, which start at
-half of their number and reach it at 60 % of any length.
+The second says what each view and each Gaussian adds, with images in memory or on the disk, of brackets of
+the simulator whose cells are repeated to the pixels of a camera (`bench/support/enlarged.py`). Sets as in
+`bench/real/compare.py`. Few iterations: nothing grows with them but the Gaussians, which start at half of
+their number and reach it at 60 % of any length.
 """
 
 import argparse
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from bench.real.compare import SETS, session_of
+from bench.support.enlarged import enlarged
+from bench.support.oracle import oracle_session
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
+from drivers.sim import rigs
 
 SETTINGS = ((320, 20_000), (640, 40_000), (1280, 80_000), (320, 300_000))
 """Width, px, and Gaussians: those of the three presets, and many on small pictures."""
@@ -28,7 +35,7 @@ from recon.decide.overrides import Overrides
 import recon.reconstruct as stage
 from recon.decide.memory_need import need
 needs = []
-stage.need = lambda *views: needs.append(need(*views)) or needs[0]
+stage.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
 session, width, gaussians, seed = sys.argv[1], *map(int, sys.argv[2:])
 overrides = Overrides(
     width=width, gaussians=gaussians, iterations={ITERATIONS}, refine="none", environment=False
@@ -37,18 +44,99 @@ stage.reconstruct(
     session, quality="best", overrides=overrides, seed=seed, name="memory", shelf="memory", replace=True
 )
 peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-print(json.dumps({{"forecast": needs[0].total, "peak": peak}}))
+print(json.dumps({{"forecast": needs[-1].total, "peak": peak}}))
 """
+
+
+FACTOR = 31
+"""Times 64x48: 1984x1488, 3 MP."""
+TRAININGS = ((6, False), (12, False), (6, True), (12, True))
+"""Views, and whether their images stay on the disk."""
+GAUSSIANS, DEGREES = 1_000_000, (0, 1, 2)
+_PEAK = """
+def status(name):
+    line = next(line for line in open("/proc/self/status") if line.startswith(name))
+    return 1024 * int(line.split()[1])
+"""
+_TRAINING = f"""
+import json, sys, time
+import recon.reconstruct as stage
+from recon.decide.memory_need import Need, need
+from recon.decide.overrides import Overrides
+{_PEAK}
+session, stored, seed = sys.argv[1], sys.argv[2] == "True", int(sys.argv[3])
+Need.too_large = lambda self, free: stored
+needs = []
+stage.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
+overrides = Overrides(width=4096, gaussians=20000, iterations=12, refine="none", environment=False)
+stage.reconstruct(
+    session, quality="draft", overrides=overrides, seed=seed, name="memory", shelf="memory", replace=True
+)
+print(json.dumps(dict(forecast=needs[-1].total, peak=status("VmHWM"), seconds=time.process_time())))
+"""
+_STEPS = f"""
+import json, math, sys
+import numpy as np, torch
+from recon.scene.appearance import LuminanceChromaticity
+from recon.scene.gaussians import Gaussians, GeometryRates, Renderer, limits_for
+from recon.splat import SplatCamera, SplatStats
+from recon.train.adam import Adam
+from recon.train.densification import Density, DensityRules
+from recon.train.warm_up import warm_up
+{_PEAK}
+count, degree = int(sys.argv[1]), int(sys.argv[2])
+warm_up(lambda *told: None)
+before = status("VmRSS")
+drawn, looks = torch.Generator().manual_seed(0), LuminanceChromaticity()
+place = torch.rand(count, 3, generator=drawn) * torch.tensor([4.0, 3.0, 4.0]) - torch.tensor([2.0, 1.5, -2.0])
+quats = torch.zeros(count, 4)
+quats[:, 0] = 1
+scene = Gaussians(dict(
+    means=place, log_scales=torch.full((count, 3), math.log(2 / count ** (1 / 3))), quats=quats,
+    opacity_logits=torch.full((count,), 0.8), **looks.start(torch.rand(count, 3, generator=drawn)),
+))
+del place, quats
+adam = Adam([dict(name=n, params=[v.requires_grad_(True)], lr=1e-4) for n, v in scene.parameters.items()])
+stats = SplatStats(count)
+camera = SplatCamera(np.eye(4), fx=500.0, fy=500.0, cx=320.0, cy=240.0, width=640, height=480)
+renderer = Renderer(looks, limits_for(1e-3))
+for _ in range(2):
+    renderer(scene, camera, degree=degree, stats=stats).image.mean().backward()
+    adam.step()
+    held = sum(v.nbytes + (0 if v.grad is None else v.grad.nbytes) for v in scene.parameters.values())
+    held += sum(value.nbytes for value in adam.tensors().values())
+    adam.zero_grad()
+step = status("VmHWM")
+density = Density(DensityRules(count + count // 4), 1e-3)
+luminance = looks.luminance(scene.parameters)
+density.adapt(scene, luminance, stats, 0.5, drawn).apply(scene, adam)
+print(json.dumps(dict(
+    held=held / count, step=(step - before) / count, growth=(status("VmHWM") - before) / count
+)))
+"""
+
+
+def _last(script: str, *options: object) -> dict[str, Any]:
+    """What a script prints last."""
+    command = [sys.executable, "-c", script, *map(str, options)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"{options} failed:\n{done.stderr[-2000:]}")
+    row: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return row
+
+
+def large_session(work: Path, views: int) -> Path:
+    """A calibrated session of so many large views."""
+    name = f"toy-{views}"
+    rigs._RIGS[name] = replace(rigs._RIGS["toy"], positions=views // 2)
+    small = oracle_session(work / name, name, points=600)
+    return enlarged(small, work / f"{name}-{FACTOR}", FACTOR)
 
 
 def measured(session: Path, width: int, gaussians: int, seed: int) -> dict[str, Any]:
     """What a training said of its memory, and its peak in bytes."""
-    command = [sys.executable, "-c", _RUN, str(session), str(width), str(gaussians), str(seed)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{' '.join(command[3:])} failed:\n{done.stderr[-2000:]}")
-    row: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return row
+    return _last(_RUN, session, width, gaussians, seed)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -83,12 +171,67 @@ def report(result: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def measure_at_size(options: argparse.Namespace) -> dict[str, Any]:
+    cache = Cache(options.work / "memory-at-size.jsonl")
+    trainings, gaussians = [], []
+    for views, stored in TRAININGS[2:3] if options.quick else TRAININGS:
+        for seed in range(options.seeds):
+            session = large_session(options.work, views)
+            row = cache.get(f"{views} {stored} {seed}", partial(_last, _TRAINING, session, stored, seed))
+            trainings.append({"views": views, "stored": stored} | row)
+    count = GAUSSIANS // 10 if options.quick else GAUSSIANS
+    for degree in DEGREES:
+        row = cache.get(f"{count} degree {degree}", partial(_last, _STEPS, count, degree))
+        gaussians.append({"count": count, "degree": degree} | row)
+    return {"machine": machine(), "trainings": trainings, "gaussians": gaussians}
+
+
+def report_at_size(result: dict[str, Any]) -> str:
+    lines = [
+        "# What views and Gaussians add to the memory of a training",
+        "",
+        "`python -m bench.real.memory --at-size --write`: brackets of three RAW exposures of 64x48, "
+        f"their cells repeated to {64 * FACTOR}x{48 * FACTOR}, trained at that width, 20,000 Gaussians, 12 "
+        f"iterations. "
+        f"{words(result['machine'])}.",
+        "",
+        "| views | images | forecast, GB | peak, GB | forecast off, % | processor s |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in result["trainings"]:
+        lines.append(
+            f"| {row['views']} | {'on the disk' if row['stored'] else 'in memory'} "
+            f"| {row['forecast'] / 1e9:.2f} | {row['peak'] / 1e9:.2f} "
+            f"| {100 * (row['forecast'] / row['peak'] - 1):+.0f} | {row['seconds']:.0f} |"
+        )
+    lines += [
+        "",
+        "Of a Gaussian, bytes: its numbers with gradients and both averages of Adam; the peak of a step, "
+        "with the tables of a render of 640x480 in which all are seen; the peak where their number changes. "
+        "The harmonics end at degree 2.",
+        "",
+        "| Gaussians | degree | numbers, gradient, Adam | peak of a step | peak of growth |",
+        "|---|---|---|---|---|",
+    ]
+    for row in result["gaussians"]:
+        lines.append(
+            f"| {row['count']:,} | {row['degree']} | {row['held']:.0f} "
+            f"| {row['step']:.0f} | {row['growth']:.0f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
 def main() -> None:
     parser = arguments(__doc__, seeds=1)
     parser.add_argument("--sets", default=",".join(SETS))
+    parser.add_argument("--at-size", action="store_true")
     options = parser.parse_args()
-    result = measure(options)
-    deliver(options, "memory", result, report(result))
+    if options.at_size:
+        result = measure_at_size(options)
+        deliver(options, "memory_at_size", result, report_at_size(result))
+    else:
+        result = measure(options)
+        deliver(options, "memory", result, report(result))
 
 
 if __name__ == "__main__":
