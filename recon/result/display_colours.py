@@ -86,8 +86,10 @@ def display_colours(
     with torch_on_one_thread():
         pairs = [_shown(gaussians, renderer, degree, exposure, camera) for camera in _evenly(fitted)]
         _fit(model, viewer, degree, pairs, steps, progress)
-        others = [_shown(gaussians, renderer, degree, exposure, camera) for camera in _evenly(judged)]
-        error = float(np.mean([_error(model, viewer, degree, pair) for pair in others or pairs]))
+        others = (_shown(gaussians, renderer, degree, exposure, camera) for camera in _evenly(judged))
+        error = float(
+            np.mean([_error(model, viewer, degree, pair) for pair in (others if judged else pairs)])
+        )
     harmonics = torch.cat([constant, rest[:, : count - 1]], 1).detach().double().cpu().numpy()
     return DisplayColours(harmonics, -10 * math.log10(max(error, 1e-10)))
 

@@ -128,3 +128,21 @@ def test_masks_alike_everywhere_count_nothing(toy_ldr: Path) -> None:
     assert masks > 0
     fewer = need([view], counts, 1, 0).images - need([bare], counts, 1, 0).images
     assert fewer == masks
+
+
+def test_images_on_the_disk_take_the_memory_of_one_view_however_many_there_are(toy_ldr: Path) -> None:
+    view = load(toy_ldr).train[0]
+    few, many = (need([view], {view.camera: (count, count)}, 1, 0, stored=True) for count in (10, 1000))
+    held = need([view], {view.camera: (10, 10)}, 1, 0)
+    assert few.images == many.images < held.images
+
+
+@pytest.mark.parametrize(("free", "stored"), [(10**10, False), (39 * 10**8, True), (2 * 10**9, True)])
+def test_images_go_to_the_disk_where_they_would_take_half_of_the_memory(free: int, stored: bool) -> None:
+    assert WHOLE.too_large(free) == stored
+
+
+def test_images_go_to_the_disk_where_gaussians_need_their_place() -> None:
+    many = replace(WHOLE, gaussians=8 * 10**9)
+    assert many.too_large(9 * 10**9)
+    assert not many.too_large(11 * 10**9)
