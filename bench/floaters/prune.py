@@ -28,7 +28,8 @@ from bench.real.compare import session_of
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
 from bench.support.trial import session as simulated
-from recon.data.dataset import Dataset, load
+from recon.data.dataset import Dataset
+from recon.data.load import load
 from recon.splat import SplatCamera
 from recon.train.densification import Change
 from recon.train.ranks import Ranks

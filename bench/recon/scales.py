@@ -30,8 +30,9 @@ from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache, session
 from imaging import metrics
 from imaging.files import store
-from recon.data.dataset import Dataset, View, load
+from recon.data.dataset import Dataset, View
 from recon.data.light import light_of, radiance_image
+from recon.data.load import load
 from recon.data.truth import true_radiance
 from recon.methods import nh_3dgs, vanilla
 from recon.splat import Limits, Render, SplatCamera, rasterize

@@ -8,8 +8,8 @@ import torch
 
 from bench.floaters.votes import evidence
 from bench.support import oracle
-from recon.data.dataset import load
 from recon.data.light import light_of, radiance_image
+from recon.data.load import load
 from recon.methods import METHODS
 from recon.scene.gaussians import Gaussians
 from recon.start.initialisation import gaussians_at, start_points

@@ -44,7 +44,7 @@ def poisoned(dataset, value, what):
     if what == "pixel":
         pixels = shot.pixels.copy()
         pixels[7, 9] = value
-        shot = replace(shot, pixels=pixels)
+        shot = shot.showing(pixels=pixels)
     elif what == "exposure":
         shot = replace(shot, k=value)
     shots = (view.shots[0], shot, *view.shots[2:])
