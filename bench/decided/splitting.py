@@ -24,8 +24,9 @@ from bench.real.compare import session_of
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache, session
 from imaging import metrics
-from recon.data.dataset import Dataset, load
+from recon.data.dataset import Dataset
 from recon.data.light import light_of, radiance_image
+from recon.data.load import load
 from recon.data.truth import has_truth, true_radiance
 from recon.decide.method_choice import method_for
 from recon.decide.overrides import Overrides
