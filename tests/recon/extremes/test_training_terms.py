@@ -48,7 +48,7 @@ def test_ssim_sees_values_of_display_size(toy_dataset: Any, toy_ldr: Any, name: 
     """
     dataset = toy_dataset
     if name != "nh_3dgs":
-        dataset = importlib.import_module("recon.data.dataset").load(toy_ldr)
+        dataset = importlib.import_module("recon.data.load").load(toy_ldr)
     method = importlib.import_module(f"recon.methods.{name}").compose(dataset, Light(100.0, 2.0**-20))
     view = dataset.train[0]
     image = torch.rand(view.lens.height, view.lens.width, 3, generator=torch.Generator().manual_seed(0))
