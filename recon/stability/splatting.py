@@ -1,7 +1,8 @@
 """The float32 kernels of the rasteriser against its float64 oracle, at the extremes.
 
 Relative errors are those of each pixel channel and of each Gaussian's own gradient vector (not of a norm
-over all, which only the brightest would decide).
+over all, which only the brightest would decide). The slope of an opacity is one number, a sum over pixels of
+either sign that may come out near nothing: its error is relative to the sum of their sizes.
 """
 
 import math
@@ -15,7 +16,7 @@ import torch
 from imaging.compute import threads
 from imaging.progress import Progress, unreported
 from imaging.stress_case import StressCase
-from recon.splat import Limits, Render, SplatCamera, rasterize
+from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
 from recon.splat.moved import DELTA
 from recon.splat.torch_threads import torch_on_one_thread
 from recon.stability.scenes import Case, cases, contrast
@@ -69,20 +70,26 @@ def _off(image: torch.Tensor) -> float:
 
 
 def draw(
-    case: Case, dtype: torch.dtype, grad: bool = True
+    case: Case, dtype: torch.dtype, grad: bool = True, stats: SplatStats | None = None
 ) -> tuple[Render, list[torch.Tensor], torch.Tensor]:
     """A render, its tensors and its camera_delta, of which the last two may have gradients."""
     tensors = [tensor.to(dtype).clone().requires_grad_(grad) for tensor in case.tensors]
     delta = torch.zeros(DELTA, dtype=torch.float64, requires_grad=grad)
     back = None if case.background is None else case.background.to(dtype)
     means, quats, scales, opacities, colours = tensors
-    render = rasterize(means, quats, scales, opacities, colours, case.camera, back, case.limits, None, delta)
+    render = rasterize(means, quats, scales, opacities, colours, case.camera, back, case.limits, stats, delta)
     return render, tensors, delta
 
 
-def gradients(case: Case, dtype: torch.dtype, seed: int) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-    """The image and the gradients of a residual that is relative to each pixel, of either sign."""
-    render, tensors, delta = draw(case, dtype)
+def gradients(
+    case: Case, dtype: torch.dtype, seed: int
+) -> tuple[torch.Tensor, dict[str, torch.Tensor], torch.Tensor]:
+    """The image and the gradients of a residual that is relative to each pixel, of either sign.
+
+    And [N] the sizes of what pixels add to the slope of each opacity, added up.
+    """
+    stats = SplatStats(len(case.tensors[0]))
+    render, tensors, delta = draw(case, dtype, stats=stats)
     image = render.image.detach().double()
     reference = case.limits.luminance_reference or 1e-6
     pull = torch.randn(image.shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
@@ -92,7 +99,15 @@ def gradients(case: Case, dtype: torch.dtype, seed: int) -> tuple[torch.Tensor, 
             truth = draw(case, torch.float64, grad=False)[0].image
         render.image.backward((pull / (truth + reference)).to(dtype))  # type: ignore[no-untyped-call]
     found = {name: _slope(t) for name, t in zip(NAMES, tensors, strict=True)}
-    return image, found | {"camera": (_slope(delta) * STEPS)[None]}
+    return image, found | {"camera": (_slope(delta) * STEPS)[None]}, _sizes(case, found["opacities"], stats)
+
+
+def _sizes(case: Case, slopes: torch.Tensor, stats: SplatStats) -> torch.Tensor:
+    """Sums over pixels of |d loss / d opacity| [N], from what is left of them and how they pull apart."""
+    side = 1.5 * max(case.camera.width, case.camera.height)
+    pull = stats.tension * stats.radius.double() / side  # sqrt((sum |s|)^2 - (sum s)^2), s = o d loss / d o
+    opacities = case.tensors[3].double().clamp(max=case.limits.alpha_max)
+    return (pull.square() / opacities.square().clamp_min(1e-300) + slopes.square()).sqrt()
 
 
 def _slope(tensor: torch.Tensor) -> torch.Tensor:
@@ -117,19 +132,21 @@ def pixels(ours: torch.Tensor, truth: torch.Tensor) -> dict[str, float] | None:
     return spread(((ours - truth).abs()[lit]) / truth.abs()[lit])
 
 
-def vectors(ours: torch.Tensor, truth: torch.Tensor) -> dict[str, float] | None:
-    """Relative errors of the gradients of all Gaussians that have one."""
+def vectors(
+    ours: torch.Tensor, truth: torch.Tensor, norm: torch.Tensor | None = None
+) -> dict[str, float] | None:
+    """Errors of the gradients of all Gaussians that have one, relative to their lengths or to `norm` [N]."""
     if not len(truth):
         return None
     a, b = ours.reshape(len(ours), -1), truth.reshape(len(truth), -1)
-    norm = b.norm(dim=1)
+    norm = b.norm(dim=1) if norm is None else norm
     return spread((a - b).norm(dim=1)[norm > 0] / norm[norm > 0])
 
 
 def accuracy(case: Case, seed: int) -> dict[str, Any]:
     """Errors of one scene against the oracle with the same cut-offs."""
-    image, found = gradients(case, torch.float32, seed)
-    truth, expected = gradients(case, torch.float64, seed)
+    image, found, _ = gradients(case, torch.float32, seed)
+    truth, expected, sizes = gradients(case, torch.float64, seed)
     lit = truth[truth > 0]
     without = ("means", "quats", "scales", "camera") if case.flat else ()
     finite = all(bool(torch.isfinite(value).all()) for value in (image, *found.values()))
@@ -139,7 +156,12 @@ def accuracy(case: Case, seed: int) -> dict[str, Any]:
         "decades": round(float((lit.max() / lit.min()).log10()), 1) if len(lit) else 0.0,
         "finite": finite,
         "forward": pixels(image, truth),
-        **{name: None if name in without else vectors(found[name], expected[name]) for name in expected},
+        **{
+            name: None
+            if name in without
+            else vectors(found[name], expected[name], sizes if name == "opacities" else None)
+            for name in expected
+        },
     }
 
 

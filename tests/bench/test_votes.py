@@ -57,15 +57,16 @@ def test_what_chi_square_gains_is_what_it_gains_when_a_gaussian_is_taken_away(tr
     training, dataset = trained
     method = replace(training.method, observation=Light(training, dataset))
     training = replace(training, method=method)
-    view, gaussians = dataset.train[0], training.gaussians
-    found = evidence(training, [view], 1.0, seed=0, probes=64)
-    whole, variance = chi_square(training, gaussians, view)
-    true = []
-    for victim in range(len(gaussians)):
-        others = torch.arange(len(gaussians)) != victim
-        without, _ = chi_square(training, Gaussians(gaussians.rows(others)), view, variance)
-        true.append(without - whole)
-    gains, seen = np.array(true), found.total.numpy()
+    gaussians, gains, seen = training.gaussians, [], []
+    for view in dataset.train[:2]:
+        found = evidence(training, [view], 1.0, seed=0, probes=64)
+        whole, variance = chi_square(training, gaussians, view)
+        for victim in range(len(gaussians)):
+            others = torch.arange(len(gaussians)) != victim
+            without, _ = chi_square(training, Gaussians(gaussians.rows(others)), view, variance)
+            gains.append(without - whole)
+        seen.append(found.total.numpy())
+    gains, seen = np.array(gains), np.concatenate(seen)
     part = np.abs(gains) > 1
     assert part.sum() > 20
     assert np.corrcoef(gains[part], seen[part])[0, 1] > 0.95
