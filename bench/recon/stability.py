@@ -114,8 +114,8 @@ def report(result: dict[str, Any]) -> str:
         "channel of each pixel that is not black, and of each Gaussian's own gradient of a residual that is "
         "relative to the pixel, where that of an opacity, one number that may cancel, is held against the "
         "sizes of what pixels add to it; `camera` is the gradient of the pose and the lens. The layers of a "
-        "card are all of one colour, so the slope of an opacity there is a difference of nearly equal colours, which "
-        "float32 does not resolve: its relative error says nothing of the image.",
+        "card are all of one colour, so the slope of an opacity there is a difference of nearly equal "
+        "colours, which float32 does not resolve: its relative error says nothing of the image.",
         "",
         "## Scenes",
         "",

@@ -239,7 +239,7 @@ CLAIMS = (
     ),
     Claim(r"views have up to ([\d.]+) dB more of the light", lambda: [few()]),
     Claim(
-        r"is right to ([\de-]+) in the worst pixel",
+        r"is right to ([\d.e-]+) in the worst pixel",
         lambda: [
             max(of[0] for of in cells("stability", "forward", "2^40 (12 decades)", under="Worst error"))
         ],
