@@ -6,9 +6,9 @@
 Sets are folders of RIG_DATA, or any session, nerfstudio, COLMAP or Blender folder. What comes without poses
 is calibrated by rig once, and both train on that. One view in eight is held out, or what the set tests on.
 rig: `reconstruct` with nothing but the budget, which counts from the first file it reads. OpenSplat: see
-`bench/real/opensplat.py`; of its variants the better one on the held-out views is shown, in its favour. What
-comes out of both is a PLY file, drawn by one renderer (`bench/real/neutral.py`), behind it what each draws
-there itself. Finished rows are kept in FOLDER.
+`bench/real/opensplat.py`; of its variants the better one on the held-out views is shown, in its favour. Each
+is measured by what it draws itself: rig by its renderer, OpenSplat, whose pictures are not kept, by ours with
+the constants of 3DGS (`bench/real/neutral.py`). Finished rows are kept in FOLDER.
 """
 
 import argparse
@@ -88,11 +88,14 @@ def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, An
     # What rig draws itself is what its users see; a viewer that draws its file has to show the same.
     splats = PlySplats.read(folder / SPLATS)
 
-    def viewed(view: View, background: tuple[float, float, float] = BLACK) -> Array:
-        return splats.drawn(in_world(view, opened.dataset.world), background)
+    def viewed(view: View) -> Array:
+        return splats.drawn(in_world(view, opened.dataset.world), BLACK)
+
+    def own_before_white(view: View) -> Array:
+        return _own(opened, view) + 1 - opened.scene.covered(view.lens).double().numpy()[..., None]
 
     row["viewer"] = measured(views, [picture_of(view) for view in views], viewed).gained
-    return row | before_white(views, partial(viewed, background=WHITE))
+    return row | before_white(views, own_before_white)
 
 
 def before_white(views: list[View], draw: Callable[[View], Array]) -> dict[str, float]:
