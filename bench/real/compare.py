@@ -198,7 +198,9 @@ def report(result: dict[str, Any]) -> str:
         "# Real photographs: rig beside OpenSplat in the same processor seconds",
         "",
         f"`python -m bench.real.compare --write`: {result['width']} px wide, held-out views, as the script's "
-        f"head says. OpenSplat {result['peer']}. {words(result['machine'])}.",
+        f"head says. OpenSplat {result['peer']}. {words(result['machine'])}. Blur, learning rates, "
+        "backgrounds, splitting and the Gaussians for each view were chosen on views of these three sets, "
+        "the held-out ones among them.",
         "",
         "| set | trainer | processor s | iterations | Gaussians | PSNR, dB | after a gain a channel | SSIM "
         "| before white, dB |",

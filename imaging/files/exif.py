@@ -165,7 +165,7 @@ def is_adobe_rgb(block: bytes) -> bool:
 def from_names(values: Mapping[str, Any]) -> FrameMetadata:
     """Metadata of tags under the names that ExifRead gives them."""
     tags: Directory = {}
-    for tag, name in _NAMES.items():
+    for tag, name in (_NAMES | exif_gps.NAMES).items():
         value = values.get(name)
         if isinstance(value, str):
             tags[tag] = value.strip("\0 ")
@@ -173,7 +173,7 @@ def from_names(values: Mapping[str, Any]) -> FrameMetadata:
             # Ratio is a Fraction that may be x/0
             parts = [part for part in value if isinstance(part, int | Fraction) and part.denominator]
             tags[tag] = tuple(part if isinstance(part, Fraction) else Fraction(part) for part in parts)
-    return replace(_metadata(tags), position=exif_gps.from_names(values))
+    return replace(_metadata(tags), position=exif_gps.position_of(tags))
 
 
 def _positive(directory: Directory, tag: int) -> float | None:

@@ -1,15 +1,13 @@
 """Where a photograph was taken: the GPS directory of EXIF (Exif 2.32, 4.6.6), in both directions."""
 
-from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any
 
-from imaging.files.tiff import ASCII, BYTE, RATIONAL, Directory, Entry, integers, numbers, rational, text
+from imaging.files.tiff import ASCII, BYTE, RATIONAL, Directory, Entry, numbers, rational, text
 from imaging.mosaic import GpsPosition
 
 GPS_IFD = 34853
 _LATITUDE_REF, _LATITUDE, _LONGITUDE_REF, _LONGITUDE, _ALTITUDE_REF, _ALTITUDE, _ERROR = 1, 2, 3, 4, 5, 6, 31
-_NAMES = {
+NAMES = {
     _LATITUDE_REF: "GPS GPSLatitudeRef",
     _LATITUDE: "GPS GPSLatitude",
     _LONGITUDE_REF: "GPS GPSLongitudeRef",
@@ -18,6 +16,7 @@ _NAMES = {
     _ALTITUDE: "GPS GPSAltitude",
     _ERROR: "GPS Tag 0x001F",
 }
+"""What ExifRead calls the tags."""
 
 
 def position_of(tags: Directory) -> GpsPosition | None:
@@ -29,7 +28,7 @@ def position_of(tags: Directory) -> GpsPosition | None:
         return None
     south, west = (text(tags, tag)[:1].upper() for tag in (_LATITUDE_REF, _LONGITUDE_REF))
     altitude = numbers(tags, _ALTITUDE)
-    below = integers(tags, _ALTITUDE_REF)[:1] == (1,)
+    below = numbers(tags, _ALTITUDE_REF)[:1] == (1,)
     error = numbers(tags, _ERROR)
     return GpsPosition(
         -latitude if south == "S" else latitude,
@@ -44,22 +43,6 @@ def _degrees(tags: Directory, tag: int) -> float | None:
     if not 1 <= len(parts) <= 3 or any(part < 0 for part in parts):
         return None
     return float(sum(part / 60**place for place, part in enumerate(parts)))
-
-
-def from_names(values: Mapping[str, Any]) -> GpsPosition | None:
-    """The position of tags under the names that ExifRead gives them."""
-    tags: Directory = {}
-    for tag, name in _NAMES.items():
-        value = values.get(name)
-        if isinstance(value, str):
-            tags[tag] = value.strip("\0 ")
-        elif isinstance(value, list | tuple):
-            parts = [part for part in value if isinstance(part, int | Fraction) and part.denominator]
-            if tag == _ALTITUDE_REF:
-                tags[tag] = tuple(int(part) for part in parts)
-            else:
-                tags[tag] = tuple(Fraction(part) for part in parts)
-    return position_of(tags)
 
 
 def entries_of(position: GpsPosition) -> dict[int, Entry]:

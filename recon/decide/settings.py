@@ -35,9 +35,9 @@ class Settings(Record):
     early_stop: bool = False
     """Whether to train no longer than is worth it."""
     overrides: Overrides = Overrides()
+    """What was set by hand."""
     environment: bool = False
     """Whether light from far away is behind the Gaussians, as decided."""
-    """What was set by hand."""
     degree: int | None = None
     """Of the harmonics, as the scene was given it; None: as `overrides` or the method has it."""
 
