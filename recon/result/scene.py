@@ -22,6 +22,7 @@ from recon.scene.checkpoint import Checkpoint, read_checkpoint
 from recon.scene.environment import NAME as ENVIRONMENT
 from recon.scene.environment import Environment
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
+from recon.scene.sampling import Sampling
 from recon.splat import Render, SplatCamera
 from recon.train.resume import light_in, restored
 from recon.train.training import Training
@@ -162,8 +163,11 @@ def open_scene(folder: str | Path) -> Scene:
 
 def _scene(folder: Path, record: ModelRecord, checkpoint: Checkpoint) -> Scene:
     environment = Environment.stored(checkpoint.part(ENVIRONMENT))
-    renderer = Renderer(APPEARANCES[record.settings.method], limits_for(record.reference), environment)
-    return Scene(folder, record, Gaussians(checkpoint.part("gaussians")), renderer)
+    gaussians = Gaussians(checkpoint.part("gaussians"))
+    cameras = [record.world.camera(view.splat_camera) for view in record.views if view.use == "training"]
+    sampling = Sampling.of(gaussians.parameters["means"], cameras)
+    appearance, limits = APPEARANCES[record.settings.method], limits_for(record.reference)
+    return Scene(folder, record, gaussians, Renderer(appearance, limits, environment, sampling))
 
 
 def open_model(folder: Path, progress: Progress = unreported) -> Opened:

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from recon.scene.appearance import Appearance, Parameters, Rate
 from recon.scene.environment import Environment
+from recon.scene.sampling import Sampling, away_from
 from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
 from recon.splat.moved import moved
 
@@ -83,12 +83,13 @@ class Gaussians:
 class Renderer:
     """How Gaussians become an image: the appearance, the cut-offs of the rasteriser, and what is far behind.
 
-    environment: None: nothing is, black.
+    environment: None: nothing is, black. sampling: the distances they were trained at; None: any.
     """
 
     appearance: Appearance
     limits: Limits
     environment: Environment | None = None
+    sampling: Sampling | None = None
 
     def __call__(
         self,
@@ -108,16 +109,18 @@ class Renderer:
         if camera_delta is not None:
             camera_delta = camera_delta.to("cpu")  # once: it is read here and by `rasterize`
         place = camera if camera_delta is None else moved(camera, camera_delta.detach())[0]
-        motion = place.cam_from_world
-        centre = torch.from_numpy((-motion[:3, :3].T @ motion[:3, 3]).astype(np.float32))
+        quats, scales, opacities = parameters["quats"], gaussians.scales(), gaussians.opacities()
         with torch.no_grad():
-            away = parameters["means"] - centre.to(parameters["means"], non_blocking=True)
+            away = away_from(parameters["means"], place)
             directions = away / away.norm(dim=1, keepdim=True).clamp_min(1e-12)
+        if self.sampling is not None:
+            blur = self.limits.blur
+            scales, opacities = self.sampling.drawn(away, scales, quats, opacities, place, blur)
         render = rasterize(
             parameters["means"],
-            parameters["quats"],
-            gaussians.scales(),
-            gaussians.opacities(),
+            quats,
+            scales,
+            opacities,
             self.appearance.colours(parameters, directions, degree),
             camera,
             None,

@@ -154,6 +154,18 @@ def test_a_pose_that_no_camera_had_is_rendered_in_linear_light(trained, tmp_path
     assert "relative to camera signal" in written.attributes["rig:values"]
 
 
+def test_a_small_picture_is_as_bright_as_a_large_one(trained: Path) -> None:
+    scene = open_scene(trained)
+    camera = scene.views[0].splat_camera
+    sizes = {name: getattr(camera, name) / 8 for name in ("fx", "fy", "cx", "cy")}
+    small = replace(camera, width=camera.width // 8, height=camera.height // 8, **sizes)
+    usual = replace(scene, renderer=replace(scene.renderer, sampling=None))
+    np.testing.assert_allclose(usual.radiance(camera).mean(), scene.radiance(camera).mean(), rtol=0.01)
+    truth = scene.radiance(camera).reshape(small.height, 8, small.width, 8, 3).mean((1, 3))
+    ours, theirs = (np.abs(one.radiance(small) - truth).mean() / truth.mean() for one in (scene, usual))
+    assert ours < 0.8 * theirs
+
+
 def test_the_exposure_shows_the_median_of_the_scene_as_middle_grey(trained):
     scene = open_scene(trained)
     light = np.concatenate([scene.radiance(view.splat_camera).ravel() for view in scene.views])

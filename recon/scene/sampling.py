@@ -1,0 +1,112 @@
+"""Gaussians at distances and widths that they were not trained at: what of their footprint is theirs.
+
+A Gaussian is fitted together with the blur that the rasteriser adds to it (`Limits.blur`), which is a part
+of its look. Drawn twice as large it takes twice that blur with it, else it would be too thin; drawn half as
+large it keeps half of it, and what a pixel blurs beyond that only spreads its light, so its opacity falls by
+the root of the ratio of determinants, else it would be too thick. The latter is the 2D filter of
+Mip-Splatting (Yu et al., arXiv 2311.16493), but from what was trained instead of an infinitely fine image:
+within the distances of the training views nothing changes (`bench/recon/scales.py`).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from recon.data.geometry import inside, project
+from recon.splat import SplatCamera
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Between which distances of neighbouring pixels each Gaussian was trained.
+
+    least, most: float32 [N], in the unit of the means, of the views that see it.
+    """
+
+    least: Tensor
+    most: Tensor
+
+    @classmethod
+    @torch.no_grad()
+    def of(cls, means: Tensor, cameras: Iterable[SplatCamera]) -> "Sampling":
+        """Of Gaussians at `means` [N, 3] that views trained; of what none sees, 0 and infinity."""
+        means = means.cpu()
+        places = means.double().numpy()
+        least = torch.full_like(means[:, 0], torch.inf)
+        most = torch.zeros_like(least)
+        for camera in cameras:
+            spacing = spacing_of(away_from(means, camera), camera)
+            with np.errstate(all="ignore"):  # of means that are not finite, which are never inside
+                seen = torch.from_numpy(inside(camera, *project(camera, places)))
+            torch.minimum(least, torch.where(seen, spacing, torch.inf), out=least)
+            torch.maximum(most, torch.where(seen, spacing, 0.0), out=most)
+        seen = most > 0
+        return cls(torch.where(seen, least, 0.0), torch.where(seen, most, torch.inf))
+
+    def drawn(
+        self, away: Tensor, scales: Tensor, quats: Tensor, opacities: Tensor, camera: SplatCamera, blur: float
+    ) -> tuple[Tensor, Tensor]:
+        """Scales [N, 3] and opacities [N] with which `rasterize` draws them as they were trained.
+
+        away: [N, 3] from the camera to them, in world axes.
+        """
+        spacing = spacing_of(away, camera)
+        finer = (self.least.to(spacing.device) / spacing).clamp_min(1.0)
+        coarser = (self.most.to(spacing.device) / spacing).clamp_max(1.0)
+        near, far = (finer > 1).nonzero()[:, 0], (coarser < 1).nonzero()[:, 0]
+        if len(near):
+            added = blur * (finer[near] ** 2 - 1) * spacing[near] ** 2
+            own = scales[near]  # one of zero, which is never drawn, stays so
+            scales = scales.index_put((near,), torch.where(own > 0, (own**2 + added[:, None]).sqrt(), own))
+        if len(far):
+            theirs = blur * coarser[far] ** 2
+            ray = torch.nn.functional.normalize(away[far], dim=1)
+            variances = (scales[far] / spacing[far, None]).square()
+            kept = _kept(ray, variances, quats[far], theirs, blur)
+            opacities = opacities.index_put((far,), opacities[far] * kept)
+        return scales, opacities
+
+
+def away_from(means: Tensor, camera: SplatCamera) -> Tensor:
+    """[N, 3] from the camera to points, in world axes."""
+    motion = camera.cam_from_world
+    centre = torch.from_numpy((-motion[:3, :3].T @ motion[:3, 3]).astype(np.float32))
+    return means - centre.to(means, non_blocking=True)
+
+
+def spacing_of(away: Tensor, camera: SplatCamera) -> Tensor:
+    """[N] from one pixel to the next where Gaussians are, in their unit, by the area that a pixel has there.
+
+    That is the square of distance over focal length on the axis, and off it smaller, as a lens without
+    distortion or an equidistant fisheye spreads a solid angle. Of what is behind the camera it means nothing.
+    """
+    distance = away.norm(dim=1).clamp_min(1e-12)
+    axis = torch.from_numpy(np.asarray(camera.cam_from_world[2, :3], np.float32)).to(away)
+    cosine = (away @ axis / distance).clamp(0.02, 1.0)
+    if camera.fisheye:
+        shrunk = torch.sinc(torch.acos(cosine) / torch.pi).sqrt()
+    else:
+        shrunk = cosine * cosine.sqrt()
+    spacing: Tensor = shrunk * distance / float(np.sqrt(camera.fx * camera.fy))
+    return spacing
+
+
+def _kept(ray: Tensor, variances: Tensor, quats: Tensor, theirs: Tensor, blur: float) -> Tensor:
+    """[M] root of the ratio of determinants of covariances across a ray with `theirs` and with `blur`, px^2.
+
+    ray [M, 3] has length 1, variances [M, 3] are along the own axes, px^2. What a lens does to a small
+    Gaussian is in both determinants.
+    """
+    quats = quats / quats.abs().amax(dim=1, keepdim=True)
+    w, turn = (quats / quats.norm(dim=1, keepdim=True)).split((1, 3), dim=1)
+    twice = 2 * torch.linalg.cross(turn, ray)
+    along = (ray - w * twice + torch.linalg.cross(turn, twice)).square()  # of the ray in the own axes
+    first, second, third = variances.unbind(1)
+    a, b, c = along.unbind(1)
+    sharp = second * third * a + third * first * b + first * second * c
+    wide = (variances * (1 - along).clamp_min(0)).sum(1)
+    kept: Tensor = ((sharp + theirs * (wide + theirs)) / (sharp + blur * (wide + blur))).sqrt()
+    return kept
