@@ -3,12 +3,14 @@
     python -m bench.recon.scales [--sets lego,demo] [--quick] [--json] [--write] [--seeds 2] [--work FOLDER]
 
 Trained at a quarter of the width there is, and held-out views drawn at 1/4, 1/2, 1, 2 and 4 times that width.
-Truth: photographs (lego), or the simulator's light (demo, poses and exposures given), averaged over
-areas. Filters, in training and in drawing alike: the variance `Limits.blur` that is added to every projected
-covariance; with "kept", opacity is multiplied by the root of the ratio of determinants before and after, so
-that the filter spreads light and adds none; with "3D", every Gaussian is first widened by 0.2 of the squared
-distance of samples in the training view that sees it finest, likewise compensated (both: Mip-Splatting, Yu et
-al., arXiv 2311.16493). They are computed in front of `rasterize`. Finished trainings are kept in FOLDER.
+Truth: photographs (lego, castle, monstree), or the simulator's light (demo, poses and exposures given),
+averaged over areas. Filters, in training and in drawing alike: the variance `Limits.blur` that is added to
+every projected covariance; with "kept", opacity is multiplied by the root of the ratio of determinants before
+and after, so that the filter spreads light and adds none; with "3D", every Gaussian is first widened by 0.2
+of the squared distance of samples in the training view that sees it finest, likewise compensated (both:
+Mip-Splatting, Yu et al., arXiv 2311.16493). They are computed in front of `rasterize`. With "as trained" only
+held-out views are filtered, by `recon.scene.sampling`, as every scene that is opened. Finished trainings are
+kept in FOLDER.
 """
 
 import argparse
@@ -35,6 +37,7 @@ from recon.data.light import light_of, radiance_image
 from recon.data.load import load
 from recon.data.truth import true_radiance
 from recon.methods import nh_3dgs, vanilla
+from recon.scene.sampling import Sampling, away_from
 from recon.splat import Limits, Render, SplatCamera, rasterize
 from recon.splat.reference import rotation_matrices
 from recon.start.initialisation import gaussians_at, start_points
@@ -43,7 +46,7 @@ from recon.train.trainer import train
 from recon.train.training import Plan, Training
 from recon.train.warm_up import warm_up
 
-WIDTHS = {"lego": 100, "demo": 80}
+WIDTHS = {"lego": 100, "demo": 80, "castle": 200, "monstree": 60}
 """Of training, px: a quarter of what there is."""
 FACTORS = (0.25, 0.5, 1, 2, 4)
 VIEWS = 6
@@ -61,6 +64,7 @@ class Filter:
     blur: float
     kept: bool = False
     smoothed: bool = False
+    as_trained: bool = False
     cameras: Sequence[SplatCamera] = ()
     renders: int = 0
     distance: Tensor = field(default_factory=lambda: torch.zeros(0))
@@ -68,7 +72,9 @@ class Filter:
 
     def name(self) -> str:
         """As the table has it."""
-        return f"{self.blur:g}{', kept' if self.kept else ''}{', 3D' if self.smoothed else ''}"
+        return f"{self.blur:g}{', kept' if self.kept else ''}{', 3D' if self.smoothed else ''}" + (
+            ", as trained" if self.as_trained else ""
+        )
 
     def __call__(
         self,
@@ -94,6 +100,10 @@ class Filter:
         if self.kept:
             opacities = opacities * compensation(means, quats, scales, camera, self.blur)
         limits = replace(limits, blur=self.blur)
+        if self.as_trained and not torch.is_grad_enabled():
+            away = away_from(means, camera)
+            sampling = Sampling.of(means, self.cameras)
+            scales, opacities = sampling.drawn(away, scales, quats, opacities, camera, self.blur)
         return rasterize(means, quats, scales, opacities, colours, camera, background, limits, *rest)
 
 
@@ -219,6 +229,7 @@ def filters() -> list[Filter]:
         Filter(0.3),
         Filter(0.1, kept=True),
         Filter(0.1),
+        Filter(0.1, as_trained=True),
         Filter(0.3, kept=True),
         Filter(0.1, kept=True, smoothed=True),
     ]
