@@ -31,6 +31,7 @@ def render(
     stops: Sequence[float] = (0.0,),
     exposure: float | None = None,
     space: Space = "rec709",
+    width: int | None = None,
     progress: Progress = unreported,
 ) -> list[Path]:
     """Render views of a reconstruction into `out`; the files written, EXR first.
@@ -40,7 +41,8 @@ def render(
     EXR, a channel each, and PNG in false colours), and one PNG for each of
     `stops`: sRGB of the radiance times 2^(exposure + stops), clipped. Where the photographs had alpha, the
     EXR has it as A with the light premultiplied, the PNG as straight alpha. exposure: None takes what shows
-    the median of the scene as middle grey; the EXR name that factor as `rig:exposure`.
+    the median of the scene as middle grey; the EXR name that factor as `rig:exposure`. width: of the
+    pictures, px; None: as the views were trained.
     ReconstructionError for a view that the scene does not have.
     """
     out = Path(out)
@@ -55,7 +57,8 @@ def render(
     store.make_folder(out)
     for done, view in enumerate(chosen):
         progress("rendering", done, len(chosen))
-        image, alpha = scene.layer(view.splat_camera)
+        camera = view.splat_camera if width is None else view.splat_camera.resized(width)
+        image, alpha = scene.layer(camera)
         path = out / f"{stem(view)}.exr"
         write_light(path, image, scene.record, view, space, alpha)
         files.append(path)

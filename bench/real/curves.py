@@ -6,8 +6,8 @@
 Every number of iterations with every number of Gaussians, all else as decided without trials; the harmonics
 of degree 0 and, at the best of them, of degree 2. Held-out views, as `rig evaluate` has them. For each number
 of iterations the number of Gaussians is given that is best, and the fewest within 0.25 dB of it; the exponent
-says how that grows with the iterations. Finished trainings are kept in FOLDER; `--write` draws the curves into
-docs/real.png.
+says how that grows with the iterations. Finished trainings are kept in FOLDER; `--write` draws the
+curves into docs/real.png.
 """
 
 import argparse

@@ -90,6 +90,20 @@ class SplatCamera:
         changed: dict[str, Any] = dict(zip(self._names, values, strict=True))
         return replace(self, **changed)
 
+    def resized(self, width: int) -> "SplatCamera":
+        """The camera with a picture of another width, px, and the same shape to the nearest row."""
+        height = max(1, round(self.height * width / self.width))
+        across, down = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * across,
+            cx=self.cx * across,
+            fy=self.fy * down,
+            cy=self.cy * down,
+        )
+
     @property
     def _names(self) -> tuple[str, ...]:
         return FISHEYE_TERMS if self.fisheye else BROWN_TERMS

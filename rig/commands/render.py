@@ -30,6 +30,12 @@ def render(
             "scene is middle grey.",
         ),
     ] = None,
+    width: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PX", min=16, max=16384, help="Width of the pictures. [default: that of the training]"
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Render scenes to EXR and PNG files.
@@ -49,7 +55,9 @@ def render(
                 from recon.render import render as render_scene
                 from recon.result.model import read_model
 
-                files = render_scene(folder, target, space=space, exposure=exposure, progress=status)
+                files = render_scene(
+                    folder, target, space=space, exposure=exposure, width=width, progress=status
+                )
             scale = read_model(folder).exposure
             return CommandResult(
                 _scene_data(folder, target, files, scale),

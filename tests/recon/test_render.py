@@ -84,3 +84,20 @@ def test_a_scene_of_whole_photographs_has_no_alpha(toy_ldr: Path, tmp_path: Path
     exr, png = render(folder, tmp_path / "out", views=[scene.views[0].name])
     assert set(read_exr(exr).channels) == {"R", "G", "B"}
     assert cv2.imread(str(png), cv2.IMREAD_UNCHANGED).shape[2] == 3
+
+
+def test_pictures_of_any_width_show_the_same_scene(cut_out: Path, tmp_path: Path) -> None:
+    name = open_scene(cut_out).views[0].name
+    found = {
+        width: read_exr(render(cut_out, tmp_path / str(width), views=[name], width=width)[0]).channels["G"]
+        for width in (16, 32, 128)
+    }
+    assert {width: plane.shape for width, plane in found.items()} == {
+        16: (12, 16),
+        32: (24, 32),
+        128: (96, 128),
+    }
+    usual = render(cut_out, tmp_path / "usual", views=[name])[0]
+    np.testing.assert_array_equal(read_exr(usual).channels["G"], found[32])
+    for width in (16, 128):
+        assert found[width].mean() == pytest.approx(found[32].mean(), rel=0.03)
