@@ -22,6 +22,7 @@ from rig.commands import (
     render,
     simulate,
     trade,
+    view,
 )
 from rig.terminal.result import CommandResult
 
@@ -71,6 +72,7 @@ COMMANDS: dict[str, Callable[..., CommandResult]] = {
     "evaluate": evaluate.evaluate,
     "explain": explain.explain,
     "render": render.render,
+    "view": view.view,
     "trade": trade.trade,
     "bench": bench.bench,
     "simulate": simulate.simulate,

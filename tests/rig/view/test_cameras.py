@@ -1,0 +1,50 @@
+"""Cameras of browsers and of scenes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from imaging.session.paths import find_reconstruction
+from recon.data.geometry import project
+from recon.result.scene import open_scene
+from rig.view.cameras import field_of_view, pose, splat_camera, upwards
+
+
+@dataclass
+class Browser:
+    wxyz: np.ndarray
+    position: np.ndarray
+    fov: float
+    aspect: float
+
+
+def test_a_browser_looks_along_its_axis_with_its_field_of_view() -> None:
+    turn = Rotation.from_euler("xyz", [0.4, -0.9, 2.0])
+    browser = Browser(turn.as_quat(scalar_first=True), np.array([1.0, -2.0, 0.5]), 0.8, 1.5)
+    camera = splat_camera(browser, 300)
+    assert (camera.width, camera.height) == (300, 200)
+    top = np.tan(0.4)
+    ahead = np.array([[0, 0, 1], [0, top, 1], [0, -top, 1], [1.5 * top, 0, 1]]) * 3.0
+    pixels, depth = project(camera, turn.apply(ahead) + browser.position)
+    np.testing.assert_allclose(pixels, [[150, 100], [150, 200], [150, 0], [300, 100]], atol=1e-9)
+    np.testing.assert_allclose(depth, 3.0)
+
+
+def test_a_pose_comes_back(scene) -> None:
+    opened = open_scene(find_reconstruction(scene))
+    for view in opened.views:
+        camera = opened.record.world.camera(view.splat_camera)
+        wxyz, position = pose(camera)
+        browser = Browser(wxyz, position, field_of_view(view), camera.width / camera.height)
+        again = splat_camera(browser, camera.width)
+        np.testing.assert_allclose(again.cam_from_world, camera.cam_from_world, atol=1e-9)
+        assert again.fy == pytest.approx(camera.fy, rel=0.05)  # of a lens with distortion
+
+
+def test_up_is_up(scene) -> None:
+    """The rig's cameras are held upright, in a world whose z is up."""
+    up = upwards(open_scene(find_reconstruction(scene)))
+    assert np.linalg.norm(up) == pytest.approx(1)
+    assert up[2] > 0.8

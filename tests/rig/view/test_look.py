@@ -1,0 +1,66 @@
+"""Light on a screen: what the tones of the viewer say of it."""
+
+import numpy as np
+import pytest
+
+from rig.view.look import STOPS, TONE_MAPS, Look, coloured, legend, stops
+
+
+def flat(*colours: tuple[float, float, float]) -> np.ndarray:
+    return np.array([colours], np.float32)
+
+
+def test_middle_grey_is_where_the_maps_have_it() -> None:
+    """sRGB of 0.18 is 118 of 255 (IEC 61966-2-1); ACES 2.0 shows it at 0.349, 10 nits of 100."""
+    grey = flat((0.18,) * 3)
+    assert Look().shown(grey, 1.0).tolist() == [[[118] * 3]]
+    assert Look(tones="ACES 2.0").shown(grey, 1.0).tolist() == [[[89] * 3]]
+    np.testing.assert_array_equal(Look(tones="false colour").shown(grey, 1.0)[0, 0], legend()[0, 128])
+
+
+@pytest.mark.parametrize("tones", TONE_MAPS)
+def test_a_stop_is_a_factor_of_two(tones: str) -> None:
+    light = np.random.default_rng(3).lognormal(-2, 2, (8, 9, 3)).astype(np.float32)
+    once = Look(-2.0, tones).shown(light, 3.0)
+    np.testing.assert_array_equal(once, Look(0.0, tones).shown(light, 0.75))
+    np.testing.assert_array_equal(once, Look(0.0, tones).shown(light * np.float32(0.25), 3.0))
+    assert once.dtype == np.uint8
+    assert once.shape == light.shape
+
+
+@pytest.mark.parametrize("tones", ["sRGB", "ACES 2.0"])
+def test_more_light_is_never_darker(tones: str) -> None:
+    ramp = np.repeat(np.exp2(np.linspace(-20, 20, 400)).astype(np.float32)[None, :, None], 3, axis=2)
+    shown = Look(tones=tones).shown(ramp, 1.0).astype(int)
+    assert (np.diff(shown, axis=1) >= 0).all()
+    assert (shown[0, 0] == 0).all()
+    assert (shown[0, -1] >= 250).all()
+
+
+@pytest.mark.parametrize("tones", TONE_MAPS)
+def test_no_light_and_too_much_of_it_are_shown(tones: str) -> None:
+    light = flat((0, 0, 0), (1e30, 1e30, 1e30), (-1, -1, -1), (np.inf, 1, 1), (np.nan, 1, 1))
+    with np.errstate(all="raise"):
+        shown = Look(12.0, tones).shown(light, 1e3)
+    assert shown.shape == (1, 5, 3)
+    if tones != "clipping":
+        assert shown[0, 0].tolist() == [0, 0, 0]
+
+
+def test_stops_are_those_of_luminance() -> None:
+    light = flat((0.18, 0.18, 0.18), (0.36, 0.36, 0.36), (0, 0.18, 0), (0, 0, 0))
+    np.testing.assert_allclose(stops(light, 1.0)[0], [0, 1, np.log2(0.7152), -np.inf], atol=1e-5)
+    ends = coloured(np.array([[-STOPS - 3, STOPS + 3]], np.float32))[0]
+    np.testing.assert_array_equal(ends, legend()[0, [0, -1]])
+    assert ends[0, 2] > ends[0, 0]
+    assert ends[1, 0] > ends[1, 2]
+
+
+def test_clipping_is_told_by_channel() -> None:
+    light = flat((0.2, 0.2, 0.2), (0.2, 1.5, 0.2), (1e-5, 1e-5, 1e-5))
+    grey, bright, dark = Look(tones="clipping").shown(light, 1.0)[0].astype(int)
+    assert np.ptp(grey) == 0
+    assert bright[0] == 255
+    assert bright[1] < 50
+    assert dark[2] == 255
+    assert dark[0] < 50
