@@ -8,15 +8,18 @@ Mip-Splatting (Yu et al., arXiv 2311.16493), but from what was trained instead o
 within the distances of the training views nothing changes (`bench/recon/scales.py`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from recon.data.geometry import inside, project
+from recon.scene.spacing_kernel import spacing_range
 from recon.splat import SplatCamera
+
+_ROUNDING = 1e-4
+"""By which the range is wider, so that what was trained at its ends is drawn as it was, to the last bit."""
 
 
 @dataclass(frozen=True)
@@ -30,21 +33,10 @@ class Sampling:
     most: Tensor
 
     @classmethod
-    @torch.no_grad()
-    def of(cls, means: Tensor, cameras: Iterable[SplatCamera]) -> "Sampling":
+    def of(cls, means: Tensor, cameras: Sequence[SplatCamera]) -> "Sampling":
         """Of Gaussians at `means` [N, 3] that views trained; of what none sees, 0 and infinity."""
-        means = means.cpu()
-        places = means.double().numpy()
-        least = torch.full_like(means[:, 0], torch.inf)
-        most = torch.zeros_like(least)
-        for camera in cameras:
-            spacing = spacing_of(away_from(means, camera), camera)
-            with np.errstate(all="ignore"):  # of means that are not finite, which are never inside
-                seen = torch.from_numpy(inside(camera, *project(camera, places)))
-            torch.minimum(least, torch.where(seen, spacing, torch.inf), out=least)
-            torch.maximum(most, torch.where(seen, spacing, 0.0), out=most)
-        seen = most > 0
-        return cls(torch.where(seen, least, 0.0), torch.where(seen, most, torch.inf))
+        least, most = spacing_range(means.detach().cpu().numpy(), cameras)
+        return cls(torch.from_numpy(least) * (1 - _ROUNDING), torch.from_numpy(most) * (1 + _ROUNDING))
 
     def drawn(
         self, away: Tensor, scales: Tensor, quats: Tensor, opacities: Tensor, camera: SplatCamera, blur: float

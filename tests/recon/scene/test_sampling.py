@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import torch
 
+from recon.data.geometry import inside, project
 from recon.scene.appearance import PlainHarmonics
 from recon.scene.gaussians import Gaussians, Renderer, limits_for
-from recon.scene.sampling import Sampling
+from recon.scene.sampling import Sampling, away_from, spacing_of
 from recon.splat import SplatCamera
 
 WIDTH = 256
@@ -119,6 +120,34 @@ def test_a_wall_stays_opaque_from_far_away() -> None:
     gaussians = scattered(40.0, opacity=0.999, count=40, spread=0.5)
     small = drawn(gaussians, resized(CAMERA, 0.25), CAMERA)
     assert small[28:36, 28:36].min() > 0.999
+
+
+def test_the_range_is_that_of_the_views_that_see_a_gaussian(camera: SplatCamera) -> None:
+    """Against projections of `recon.data.geometry` and the spacing that is drawn with."""
+    generator = torch.Generator().manual_seed(2)
+    means = 4 * (torch.rand(6000, 3, generator=generator) - 0.5)
+    cameras = [camera, moved_back(camera, 1.5), resized(moved_back(camera, 0.7), 0.3)]
+    least, most = torch.full((6000,), torch.inf), torch.zeros(6000)
+    certain = torch.ones(6000, dtype=torch.bool)
+    for one in cameras:
+        pixels, depth = project(one, means.double().numpy())
+        seen = torch.from_numpy(inside(one, pixels, depth))
+        centre = np.array([one.width, one.height]) / 2
+        # A bowed picture's field of view is taken as a rectangle, a fisheye's as a circle.
+        border = np.abs(pixels - centre).max(axis=1) > 0.8 * one.width / 2
+        certain &= torch.from_numpy(~border | (depth <= 0))
+        spacing = spacing_of(away_from(means, one), one)
+        least = torch.where(seen, torch.minimum(least, spacing), least)
+        most = torch.where(seen, torch.maximum(most, spacing), most)
+    found = Sampling.of(means, cameras)
+    known = certain & (most > 0)
+    assert known.sum() > 100
+    torch.testing.assert_close(found.least[known], least[known], rtol=2e-4, atol=0)
+    torch.testing.assert_close(found.most[known], most[known], rtol=2e-4, atol=0)
+    unseen = certain & (most == 0)
+    assert unseen.sum() > 100
+    assert (found.least[unseen] == 0).all()
+    assert found.most[unseen].isinf().all()
 
 
 def test_what_no_view_saw_is_drawn_as_it_is() -> None:
