@@ -99,6 +99,10 @@ CLAIMS = (
         r"published, ([\d.]+) and ([\d.]+) on 100 of NeRF", lambda: beside_peer("lego", "before white, dB")
     ),
     Claim(
+        r"has ([\d.]+) dB before white on lego at (\d+) px; 3DGS is published with ([\d.]+) at",
+        lambda: [cell("published", name, "lego") for name in ("before white", "px", "3DGS")],
+    ),
+    Claim(
         r"OpenSplat makes (\d+) to (\d+) of its",
         lambda: [f([one for (one,) in cells("real", "iterations", "OpenSplat")]) for f in (min, max)],
     ),

@@ -28,6 +28,7 @@ SETTINGS = (
     r"the same 120 seconds",
     r"on 23 of a tree",
     r"on 100 of NeRF-synthetic's",
+    r"published with [\d.]+ at 800 px",
     r"of its 30,000 steps",
     r"wider images \(1,280 px\), which the simulated cameras of 320 px",
     r"1,000 iterations, errors over scenes",

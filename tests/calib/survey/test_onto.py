@@ -16,6 +16,7 @@ from imaging.errors import CalibrationError, InputError
 from imaging.files import store
 from imaging.progress import unreported
 from imaging.session.calibration import read_calibration
+from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from tests.calib.survey.conftest import true_poses
 
@@ -67,9 +68,12 @@ def test_views_of_both_stand_to_each_other_as_they_truly_did(arm: Path, later: P
     off = to_truth(np.array([centre(ours[view]) for view in ours])) - [centre(truth[view]) for view in ours]
     assert np.linalg.norm(off, axis=1).max() < 0.05  # of 3 m to the table
 
-    again = calibrate(later, only="poses")  # which knows what it was placed onto
-    assert again.coordinates is not None
-    assert again.coordinates.onto == str(arm)
+    from calib.calibrate import _target
+
+    again = _target(Session.open(later), None, None)  # where the next calibration places it
+    assert again is not None
+    assert again.folder == arm
+    assert _target(Session.open(later), "none", None) is None
 
 
 def test_sessions_that_share_nothing_are_not_placed(

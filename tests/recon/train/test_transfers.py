@@ -121,7 +121,7 @@ def an_iteration(kind: str, corrected: tuple[Refined, ...] = ()) -> Counts:
 
 
 OF_ANY = {
-    ("copy", "gaussians.Renderer.__call__"): 1,  # the camera's centre
+    ("copy", "sampling.away_from"): 1,  # the camera's centre
     ("copy", "rasterizer._render"): 1,  # the camera and the limits
     ("wait", "rasterizer._render"): 1,  # how many pairs there are
 }
