@@ -32,6 +32,8 @@ from recon.train.warm_up import warm_up
 ITERATIONS = (250, 1000, 3000)
 GAUSSIANS = (10_000, 40_000, 160_000)
 PICTURE = Path(__file__).parents[2] / "docs" / "real.png"
+TICKS = (15, 30, 60, 120, 240, 480)
+"""Seconds that the picture names."""
 NEAR = 0.25
 """dB within which fewer Gaussians are as good."""
 
@@ -160,6 +162,8 @@ def draw(sets: Sequence[dict[str, Any]], path: Path) -> None:
             for iterations, x, y in zip(table, seconds, db, strict=True):
                 axes.annotate(f"{int(iterations):,}", (x, y), (0, 5), textcoords="offset points", fontsize=6)
         axes.set_xscale("log")
+        axes.set_xticks(TICKS, [str(tick) for tick in TICKS])
+        axes.minorticks_off()
         axes.set_title(one["set"], fontsize=10)
         axes.set_xlabel("processor seconds, from the first file to the scene", fontsize=8)
         axes.tick_params(labelsize=8)
