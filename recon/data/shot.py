@@ -1,11 +1,27 @@
 """One exposure as training sees it: its numbers, wherever they are kept, and what is known of them."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
+import numpy as np
+
 from imaging.cfa import Cfa
-from imaging.merge.linear_frame import Bool, Float, LinearFrame, Noise, decode
+from imaging.merge.linear_frame import (
+    DARK_CODE,
+    SATURATED_CODE,
+    Bool,
+    CodeSignalNoise,
+    Float,
+    LinearFrame,
+    Noise,
+    SensorSignalNoise,
+    decode,
+)
 from imaging.session.calibration import Response
+
+ABOVE = 3.0
+"""Standard deviations by which a signal is above its noise."""
 
 
 class Planes(Protocol):
@@ -144,6 +160,24 @@ class Shot:
         return LinearFrame(
             signal, self.k, self.saturated, self.dark, self.valid, cfa, self.noise, self.ceiling
         )
+
+
+def measured_light(shot: Shot, response: Response) -> tuple[float, float] | None:
+    """Least and most linear radiance, of what is grey, that a shot tells from its noise and from white.
+
+    By `ABOVE` standard deviations of a photosite, or of a code value; vignetting and colour filters are not
+    counted. None: no limits are known, as of EXR.
+    """
+    if isinstance(shot.noise, SensorSignalNoise):
+        slope, floor = ABOVE**2 * shot.noise.slope, ABOVE**2 * shot.noise.floor
+        return (slope + math.sqrt(slope**2 + 4 * floor)) / (2 * shot.k), shot.top / shot.k
+    if isinstance(shot.noise, CodeSignalNoise):
+        codes = np.linspace(DARK_CODE, SATURATED_CODE, 254)
+        light = decode(np.repeat(codes[:, None], 3, axis=1), response)
+        above = light > ABOVE * np.sqrt(shot.noise.variance(light))
+        least = light[int(above[:, 1].argmax()), 1] if above[:, 1].any() else light[-1, 1]
+        return float(least) / shot.k, float(light[-1, 1]) / shot.k
+    return None if shot.ceiling is None else (0.0, shot.ceiling / shot.k)
 
 
 def bytes_of(plane: Float | Bool) -> int:

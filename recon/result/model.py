@@ -43,6 +43,9 @@ class SceneShot(Record):
     """Relative to the session."""
     k: float = Field(gt=0)
     """Exposure scale, s, as training corrected it: camera signal = radiance x k."""
+    measures: tuple[float, float] | None = None
+    """Least and most linear radiance that it tells from its noise and from white (`measured_light`); None:
+    no limits are known."""
 
 
 class SceneView(Record):

@@ -14,6 +14,7 @@ from imaging.session.records import Rung
 from imaging.session.session import Session
 from recon.data.dataset import Dataset, View
 from recon.data.load import photographs_sha256
+from recon.data.shot import measured_light
 from recon.decide.prediction import ENOUGH, Prediction, enough
 from recon.decide.presets import QUALITIES
 from recon.decide.settings import Settings
@@ -145,7 +146,10 @@ def _scene_view(view: View, dataset: Dataset, use: Use) -> SceneView:
         use=use,
         lens=lens.model_copy(update=sizes | dict(zip(lens.names, camera.lens, strict=True))),
         cam_from_world=Pose(quaternion=(w, x, y, z), translation=(a, b, c)),
-        shots=tuple(SceneShot(file=shot.file, k=shot.k) for shot in view.shots),
+        shots=tuple(
+            SceneShot(file=shot.file, k=shot.k, measures=measured_light(shot, view.sensor.response))
+            for shot in view.shots
+        ),
     )
 
 

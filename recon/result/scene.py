@@ -94,7 +94,7 @@ class Scene:
         A camera signal is this times the exposure scale of a shot (`imaging.Exposure.scale`, s), before
         vignetting and the camera's colour filters; 1 is the white of the camera.
         """
-        return self._light(self.render(camera))
+        return self.in_units(self.render(camera))
 
     def layer(self, camera: SplatCamera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]:
         """What a camera sees as a layer for compositing: `radiance`, and alpha 0..1, float32 [H, W].
@@ -104,13 +104,14 @@ class Scene:
         """
         render = self._rendered(self.record.world.camera(camera))
         alpha = render.alpha.clamp(0, 1).numpy() if self.record.transparent else None
-        return self._light(render.image), alpha
+        return self.in_units(render.image), alpha
 
     def _rendered(self, camera: SplatCamera) -> Render:
         with torch.no_grad():
             return self.renderer(self.gaussians, camera, degree=self.record.degree)
 
-    def _light(self, image: torch.Tensor) -> npt.NDArray[np.float32]:
+    def in_units(self, image: torch.Tensor) -> npt.NDArray[np.float32]:
+        """Light of `render` [..., C] as linear radiance in the units of the calibration, float32."""
         display = self.record.display
         if display is not None:
             image = Display(display.response, display.k, display.developed).radiance(image)

@@ -1,6 +1,7 @@
 """The Gaussians of a scene: their parameters, and the picture that a camera takes of them."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -79,6 +80,19 @@ class Gaussians:
         return {name: value.detach()[index].clone() for name, value in self.parameters.items()}
 
 
+class Shapes(NamedTuple):
+    """The first arguments of `rasterize`: means [N, 3], quats [N, 4], scales [N, 3], opacities [N]."""
+
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+    opacities: Tensor
+
+    def rows(self, index: Tensor) -> "Shapes":
+        """Some of them: `index` int64 [M] or bool [N]."""
+        return Shapes(*(part[index] for part in self))
+
+
 @dataclass(frozen=True)
 class Renderer:
     """How Gaussians become an image: the appearance, the cut-offs of the rasteriser, and what is far behind.
@@ -109,18 +123,11 @@ class Renderer:
         if camera_delta is not None:
             camera_delta = camera_delta.to("cpu")  # once: it is read here and by `rasterize`
         place = camera if camera_delta is None else moved(camera, camera_delta.detach())[0]
-        quats, scales, opacities = parameters["quats"], gaussians.scales(), gaussians.opacities()
         with torch.no_grad():
             away = away_from(parameters["means"], place)
             directions = away / away.norm(dim=1, keepdim=True).clamp_min(1e-12)
-        if self.sampling is not None:
-            blur = self.limits.blur
-            scales, opacities = self.sampling.drawn(away, scales, quats, opacities, place, blur)
         render = rasterize(
-            parameters["means"],
-            quats,
-            scales,
-            opacities,
+            *self._shapes(gaussians, place, away),
             self.appearance.colours(parameters, directions, degree),
             camera,
             None,
@@ -131,6 +138,27 @@ class Renderer:
         if self.environment is None:
             return render
         return replace(render, image=self.environment.behind(render.image, render.alpha, place))
+
+    def shapes(self, gaussians: Gaussians, camera: SplatCamera) -> Shapes:
+        """With what shapes and opacities a camera sees the Gaussians: the first arguments of `rasterize`."""
+        return self._shapes(gaussians, camera, away_from(gaussians.parameters["means"], camera))
+
+    def _shapes(self, gaussians: Gaussians, camera: SplatCamera, away: Tensor) -> Shapes:
+        quats, scales, opacities = gaussians.parameters["quats"], gaussians.scales(), gaussians.opacities()
+        if self.sampling is not None:
+            blur = self.limits.blur
+            scales, opacities = self.sampling.drawn(away, scales, quats, opacities, camera, blur)
+        return Shapes(gaussians.parameters["means"], quats, scales, opacities)
+
+
+def drawn_values(
+    shapes: Shapes, values: Tensor, camera: SplatCamera, limits: Limits, stats: SplatStats | None = None
+) -> Render:
+    """Values [N, C] of Gaussians blended as their light is, before black.
+
+    How bright they are has no say in where a Gaussian ends: values are no light.
+    """
+    return rasterize(*shapes, values, camera, None, replace(limits, luminance_reference=None), stats)
 
 
 TAU = 0.03

@@ -86,19 +86,35 @@ def spacing_of(away: Tensor, camera: SplatCamera) -> Tensor:
     return spacing
 
 
+def footprint(away: Tensor, scales: Tensor, quats: Tensor, camera: SplatCamera, blur: float) -> Tensor:
+    """[N] the integral of each Gaussian over the picture plane, px^2, its peak being 1; arguments as of
+    `Sampling.drawn`."""
+    spacing = spacing_of(away, camera)
+    ray = torch.nn.functional.normalize(away, dim=1)
+    sharp, wide = _determinants(ray, (scales / spacing[:, None]).square(), quats)
+    area: Tensor = 2 * torch.pi * (sharp + blur * (wide + blur)).sqrt()
+    return area
+
+
 def _kept(ray: Tensor, variances: Tensor, quats: Tensor, theirs: Tensor, blur: float) -> Tensor:
     """[M] root of the ratio of determinants of covariances across a ray with `theirs` and with `blur`, px^2.
 
     ray [M, 3] has length 1, variances [M, 3] are along the own axes, px^2. What a lens does to a small
     Gaussian is in both determinants.
     """
+    sharp, wide = _determinants(ray, variances, quats)
+    kept: Tensor = ((sharp + theirs * (wide + theirs)) / (sharp + blur * (wide + blur))).sqrt()
+    return kept
+
+
+def _determinants(ray: Tensor, variances: Tensor, quats: Tensor) -> tuple[Tensor, Tensor]:
+    """Determinant and trace [M] of covariances across a ray; arguments as of `_kept`."""
     quats = quats / quats.abs().amax(dim=1, keepdim=True)
     w, turn = (quats / quats.norm(dim=1, keepdim=True)).split((1, 3), dim=1)
     twice = 2 * torch.linalg.cross(turn, ray)
     along = (ray - w * twice + torch.linalg.cross(turn, twice)).square()  # of the ray in the own axes
     first, second, third = variances.unbind(1)
     a, b, c = along.unbind(1)
-    sharp = second * third * a + third * first * b + first * second * c
-    wide = (variances * (1 - along).clamp_min(0)).sum(1)
-    kept: Tensor = ((sharp + theirs * (wide + theirs)) / (sharp + blur * (wide + blur))).sqrt()
-    return kept
+    sharp: Tensor = second * third * a + third * first * b + first * second * c
+    wide: Tensor = (variances * (1 - along).clamp_min(0)).sum(1)
+    return sharp, wide

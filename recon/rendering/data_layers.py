@@ -1,0 +1,112 @@
+"""Layers of data beside the light of a scene: how far, which way, how solid, and how well known.
+
+Depth is the median: the distance at which half of the light that comes from behind is stopped. The mean,
+which 3DGS draws as easily, lies between the foreground and the background wherever both share a pixel, at a
+place where there is nothing.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from imaging.progress import Progress, unreported
+from recon.rendering.median_depth import median_depth
+from recon.rendering.trust import photographs_that_saw
+from recon.result.scene import Scene
+from recon.scene.gaussians import Shapes, drawn_values
+from recon.scene.sampling import away_from
+from recon.splat import SplatCamera
+
+Layer = Literal["depth", "alpha", "normal", "trust"]
+LAYERS: tuple[Layer, ...] = get_args(Layer)
+Plane = npt.NDArray[np.float32]
+
+_FAINT = 1e-4
+"""Opacity of a pixel below which its Gaussians tell nothing of a surface."""
+
+
+@dataclass(frozen=True, eq=False)
+class DataLayers:
+    """The layers of a scene, of any camera, whose pose is in the world of the calibration.
+
+    progress: told while `trust` looks at the views of the scene, which it does once, when it is first asked.
+    """
+
+    scene: Scene
+    progress: Progress = field(default=unreported, repr=False)
+
+    def layer(self, name: Layer, camera: SplatCamera) -> Plane:
+        """A layer by name, float32 [H, W], of normals [H, W, 3]."""
+        found: Plane = getattr(self, name)(camera)
+        return found
+
+    def depth(self, camera: SplatCamera) -> Plane:
+        """Along the axis of the camera, in units of the calibration, [H, W].
+
+        Infinite where more than half of the light comes from behind all Gaussians.
+        """
+        placed = self._placed(camera)
+        depth = median_depth(self._shapes(placed), placed, self.scene.renderer.limits)
+        return np.asarray(depth * np.float32(self.scene.record.world.unit))
+
+    def alpha(self, camera: SplatCamera) -> Plane:
+        """How much of each pixel's light comes from the Gaussians, 0..1, [H, W]."""
+        return np.asarray(self.scene.covered(self._placed(camera)).numpy())
+
+    def normal(self, camera: SplatCamera) -> Plane:
+        """Unit vectors in world axes, towards the camera, [H, W, 3]; zeros where there is no surface.
+
+        Those of the Gaussians, which are their shortest axes, each as much as it is flatter than long.
+        """
+        placed = self._placed(camera)
+        means, quats, scales, _ = shapes = self._shapes(placed)
+        axes = _shortest_axes(quats, scales)
+        towards = -(axes * away_from(means, placed)).sum(1, keepdim=True).sign()
+        drawn, alpha = self._drawn(shapes, axes * towards, placed)
+        return np.asarray(torch.where(alpha > _FAINT, normalize(drawn, dim=2), 0.0).numpy())
+
+    def trust(self, camera: SplatCamera) -> Plane:
+        """By how many views, as `photographs_that_saw` counts them, what a pixel shows is known, [H, W].
+
+        The mean of the Gaussians at the pixel, by what they add to it; 0 where there are none.
+        """
+        placed = self._placed(camera)
+        drawn, alpha = self._drawn(self._shapes(placed), self.photographs[:, None], placed)
+        return np.asarray(torch.where(alpha > _FAINT, drawn / alpha.clamp_min(_FAINT), 0.0)[..., 0].numpy())
+
+    @cached_property
+    def photographs(self) -> Tensor:
+        """Of each Gaussian, by how many views it was photographed, float32 [N]."""
+        return photographs_that_saw(self.scene, self.progress)
+
+    def _placed(self, camera: SplatCamera) -> SplatCamera:
+        return self.scene.record.world.camera(camera)
+
+    def _shapes(self, placed: SplatCamera) -> Shapes:
+        with torch.no_grad():
+            return self.scene.renderer.shapes(self.scene.gaussians, placed)
+
+    def _drawn(self, shapes: Shapes, values: Tensor, placed: SplatCamera) -> tuple[Tensor, Tensor]:
+        """Values [N, C] blended as light is, [H, W, C], and the opacity [H, W, 1]."""
+        with torch.no_grad():
+            render = drawn_values(shapes, values, placed, self.scene.renderer.limits)
+        return render.image, render.alpha[..., None]
+
+
+def _shortest_axes(quats: Tensor, scales: Tensor) -> Tensor:
+    """[N, 3] the shortest axis of each Gaussian, as long as 1 less shortest over middle scale."""
+    quats = quats / quats.abs().amax(dim=1, keepdim=True).clamp_min(1e-30)
+    quats = normalize(quats, dim=1)
+    ordered, place = scales.sort(dim=1)
+    flatness = 1 - ordered[:, :1] / ordered[:, 1:2].clamp_min(1e-30)
+    axis = torch.nn.functional.one_hot(place[:, 0], 3).to(quats)
+    w, turn = quats[:, :1], quats[:, 1:]
+    twice = 2 * torch.linalg.cross(turn, axis)
+    turned: Tensor = axis + w * twice + torch.linalg.cross(turn, twice)
+    return turned * flatness
