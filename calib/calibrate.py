@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import Literal
 
@@ -72,7 +73,7 @@ _STATED_RUNGS = frozenset({"sensor_noise", COLOUR})
 
 
 def calibrate(
-    session: str | Path,
+    session: str | PathLike[str],
     *,
     only: Part | None = None,
     board: Board | None = None,
@@ -82,7 +83,7 @@ def calibrate(
     marks: str | Path | None = None,
     markers: str | None = None,
     onto: str | Path | None = None,
-    progress: Progress = unreported,
+    on_progress: Progress = unreported,
 ) -> CalibrationRecord:
     """Calibrate a session and write its `calibration/` folder; returns what was written.
 
@@ -113,10 +114,12 @@ def calibrate(
     target = _target(opened, onto, survey) if measures.poses else None
     control = _control(opened, survey, marks, markers) if target is None else None
     earlier = None if only is None else _earlier(opened)
-    evidence = _evidence(opened, measures, earlier, progress)
+    evidence = _evidence(opened, measures, earlier, on_progress)
     evidence = replace(evidence, readings=luminance, control=control, target=target)
     if chart:
-        charts = measure_charts(opened, evidence.views, evidence.sensors, evidence.light, earlier, progress)
+        charts = measure_charts(
+            opened, evidence.views, evidence.sensors, evidence.light, earlier, on_progress
+        )
         evidence = replace(evidence, charts=charts, sensors=charts.applied(evidence.sensors))
     if not measures.poses:
         record = _with_part(evidence, measures, earlier)
@@ -130,14 +133,14 @@ def calibrate(
         if missing:
             raise PartialError(f"{session}: {only} is calibrated, and the light has no scale: {missing}.")
         return record
-    evidence, refused = _with_board(evidence, board, progress)
+    evidence, refused = _with_board(evidence, board, on_progress)
     if evidence.views:
-        record = with_poses(evidence, refused, progress)
+        record = with_poses(evidence, refused, on_progress)
     elif evidence.board is None and not evidence.has_sensor_frames:
         raise CalibrationError(refused)
     else:
         record = with_luminance(assemble(evidence), evidence)
-        write_calibration(opened, record, (), None, progress)
+        write_calibration(opened, record, (), None, on_progress)
     if refused:
         raise PartialError(f"{session}: the board was left out, and the rest is calibrated: {refused}")
     if missing := _missing_luminance(record, luminance):

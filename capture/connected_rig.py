@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from os import PathLike
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -53,7 +54,7 @@ class HardwareTriggered(Protocol):
 
 def capture_rig(
     rig: RigFile,
-    out: str | Path,
+    out: str | PathLike[str],
     *,
     kind: Subject = "scene",
     frames: int | None = None,
@@ -65,8 +66,8 @@ def capture_rig(
     positions: int | None = None,
     backend: IBackend | None = None,
     clock: Clock | None = None,
-    progress: Progress = unreported,
-    say: Say = lambda line: None,
+    on_progress: Progress = unreported,
+    on_message: Say = lambda line: None,
 ) -> CaptureResult:
     """Shoot with the connected cameras that a rig file names into the session folder `out`.
 
@@ -80,9 +81,9 @@ def capture_rig(
     """
     request = CaptureRequest(kind, frames, bracket if auto is None else auto, resume, compression)
     with connected_source(
-        rig, request, operator=operator, positions=positions, backend=backend, clock=clock, say=say
+        rig, request, operator=operator, positions=positions, backend=backend, clock=clock, say=on_message
     ) as source:
-        return shoot(source, Path(out), request, progress=progress, say=say)
+        return shoot(source, Path(out), request, progress=on_progress, say=on_message)
 
 
 def _require_board(rig: RigFile, kind: Subject) -> None:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
+from os import PathLike
 from pathlib import Path
 
 from capture.bracket.planner import BracketGoals
@@ -25,7 +26,7 @@ from imaging.session.session import Session
 
 def capture_simulated(
     name: str,
-    out: str | Path,
+    out: str | PathLike[str],
     *,
     seed: int = 0,
     kind: Subject = "scene",
@@ -35,8 +36,8 @@ def capture_simulated(
     resume: bool = False,
     compression: Compression = "none",
     mix: Mix | None = None,
-    progress: Progress = unreported,
-    say: Say = lambda line: None,
+    on_progress: Progress = unreported,
+    on_message: Say = lambda line: None,
 ) -> CaptureResult:
     """Shoot with the simulated rig `name` into the session folder `out`, and write the truth beside it.
 
@@ -47,14 +48,14 @@ def capture_simulated(
     resume: take exactly the shots that `out` lacks; the raw files are then those, byte for byte, of
     a capture that was never interrupted. frames and bracket may be left out and are then those of
     the session, and nothing is metered again.
-    mix: what goes wrong on the bus, at random; truth/faults.jsonl lists what did. say: see `shoot`.
+    mix: what goes wrong on the bus, at random; truth/faults.jsonl lists what did. on_message: see `shoot`.
 
     InputError: no such rig, `out` is not empty, or (resume) holds another capture. CaptureError: the
     scene cannot be metered. StorageError: the disk refuses; what was finished stays.
     """
     request = CaptureRequest(kind, frames, bracket if auto is None else auto, resume, compression)
     with simulated_source(name, seed, mix) as source:
-        return shoot(source, Path(out), request, progress=progress, say=say)
+        return shoot(source, Path(out), request, progress=on_progress, say=on_message)
 
 
 @contextmanager

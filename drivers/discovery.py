@@ -15,7 +15,7 @@ Protocol = Literal["PTP", "USB3 Vision"]
 
 
 @dataclass(frozen=True)
-class Listed:
+class ConnectedCamera:
     """One connected camera; `error` says why it could not be asked for what is then None.
 
     verified: what our driver for its make has been tried against.
@@ -50,16 +50,16 @@ def _by_protocol(backend: IBackend, clock: Clock) -> Iterator[tuple[Protocol, Ca
         yield "USB3 Vision", machine
 
 
-def ask_all(backend: IBackend, clock: Clock) -> Iterator[Listed]:
+def ask_all(backend: IBackend, clock: Clock) -> Iterator[ConnectedCamera]:
     """Open each connected camera, ask what it is, and let it go."""
     for protocol, camera in list(_by_protocol(backend, clock)):
         where, identity = camera.where, None
         try:
             identity = camera.identify()
             verified = camera.verified()
-            listed = Listed(protocol, where, identity, camera.capabilities(), verified)
+            listed = ConnectedCamera(protocol, where, identity, camera.capabilities(), verified)
         except CameraError as error:
-            listed = Listed(protocol, where, identity, error=str(error))
+            listed = ConnectedCamera(protocol, where, identity, error=str(error))
         finally:
             camera.close()
         yield listed

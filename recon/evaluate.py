@@ -3,6 +3,7 @@
 import itertools
 import time
 from collections.abc import Iterable, Iterator
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +15,20 @@ from imaging import metrics
 from imaging.files import store
 from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress, unreported
+from imaging.session.paths import find_reconstruction
 from recon.data.dataset import View
 from recon.data.holdout import FEWEST_FOR_HOLDOUT
 from recon.data.light import Images, kept_images
 from recon.data.shot import Shot
 from recon.data.tone import encode
 from recon.data.truth import calibration_errors, has_truth, response_rmse, true_radiance
+from recon.evaluation import Evaluation
 from recon.observe.mixed import Mixed
 from recon.observe.photographs import ToneCurve
 from recon.observe.recorded import as_recorded, shot_psnr
 from recon.perceptual import compare_pictures
 from recon.render import render
-from recon.result.model import SPLATS, read_model
+from recon.result.model import SPLATS
 from recon.result.scene import Opened, open_model
 
 __all__ = ["evaluate", "render"]
@@ -40,8 +43,8 @@ LOOKED_AT = (
 )
 
 
-def evaluate(folder: str | Path, progress: Progress = unreported) -> dict[str, Any]:
-    """Evaluate SESSION/reconstructions/NAME: the metrics, which metrics.json has too.
+def evaluate(folder: str | PathLike[str], *, on_progress: Progress = unreported) -> Evaluation:
+    """Evaluate SESSION/reconstructions/NAME, or the newest of a session; metrics.json has the same.
 
     renders/ and references/ hold the pictures that are compared (`recon.perceptual`).
     What the names mean is said in `rig.report.metrics`. Figures against truth use one peak, the
@@ -52,19 +55,18 @@ def evaluate(folder: str | Path, progress: Progress = unreported) -> dict[str, A
     where that is the only one; `held_out` and `validation` name both kinds. Below four views nothing is held
     out: the result says so and has no such figures.
     """
-    folder = Path(folder)
-    read_model(folder)
+    folder = find_reconstruction(Path(folder))
     store.require_writable(folder)
-    opened = open_model(folder, progress)
+    opened = open_model(folder, on_progress)
     views = opened.dataset.reported
-    light, seconds, rows, pooled = measured(opened, progress)
-    result: dict[str, Any] = {"schema_version": 1, "method": opened.record.settings.method} | pooled
+    light, seconds, rows, pooled = measured(opened, on_progress)
+    result: dict[str, Any] = {"method": opened.record.settings.method} | pooled
     if views:
         result["measured_on"] = "test" if opened.dataset.test else "validation"
         if not opened.dataset.test:
             result["held_out_note"] = LOOKED_AT
         scale = float(pooled.get("alignment_scale", 1.0))
-        looks = compare_pictures(folder, opened, light, _reference(opened), scale, progress)
+        looks = compare_pictures(folder, opened, light, _reference(opened), scale, on_progress)
         rows = [row | perceived for row, perceived in zip(rows, looks, strict=True)]
         for key in sorted({key for row in rows for key in row} - {"view"} - set(result)):
             result[key] = float(np.mean([row[key] for row in rows if key in row]))
@@ -86,9 +88,10 @@ def evaluate(folder: str | Path, progress: Progress = unreported) -> dict[str, A
     }
     if seconds:
         result["render_fps"] = 1 / float(np.median(seconds))
-    progress("rendering held-out views", len(views), len(views))
-    store.write_json(folder / METRICS, result)
-    return result
+    on_progress("rendering held-out views", len(views), len(views))
+    evaluation = Evaluation.model_validate(result)
+    store.write_json(folder / METRICS, evaluation.known())
+    return evaluation
 
 
 def measured(

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 
 import torch
@@ -44,7 +45,7 @@ _CPU = torch.device("cpu")
 
 
 def reconstruct(
-    session: str | Path,
+    session: str | PathLike[str],
     *,
     method: MethodName = "auto",
     quality: QualityName = "standard",
@@ -55,8 +56,8 @@ def reconstruct(
     replace: bool = False,
     shelf: str = "reconstructions",
     early_stop: bool = False,
-    progress: Progress = unreported,
-    tell: Callable[[str], None] = lambda line: None,
+    on_progress: Progress = unreported,
+    on_message: Callable[[str], None] = lambda line: None,
     clock: Callable[[], float] = time.monotonic,
     countdown: Countdown | None = None,
 ) -> Path:
@@ -68,9 +69,9 @@ def reconstruct(
     misjudged. What else has no room is left out as `recon.decide.countdown` says; where 50 iterations do not
     fit it ends with an InputError that says how long would do. overrides: what is not to be as the preset and
     the method have it. early_stop: train no longer than was worth it for other scenes, and end when held-out
-    quality stands still. name: None names method, quality and budget (`default_name`). tell: is given lines
-    on what is predicted of a training with a budget, and on what is left out. With early_stop or a budget in
-    dB some of the held-out views are for that alone (`Dataset.with_validation`).
+    quality stands still. name: None names method, quality and budget (`default_name`). on_message: is given
+    lines on what is predicted of a training with a budget, and on what is left out. With early_stop or a
+    budget in dB some of the held-out views are for that alone (`Dataset.with_validation`).
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
     called again with the same settings (with a time to keep, as fast as the machine then is); a finished
@@ -90,7 +91,7 @@ def reconstruct(
     if not 0 <= seed < 2**32:
         raise InputError(f"The seed {seed} is out of range: give a number from 0 to 4294967295.")
     if budget is not None and budget.unit == "s" and countdown is None:
-        countdown = Countdown(budget.amount, clock(), clock=clock, say=tell)
+        countdown = Countdown(budget.amount, clock(), clock=clock, say=on_message)
     with joined() as ranks:
         width = overrides.width or QUALITIES[quality].width
         store.require_writable(session / shelf)
@@ -105,19 +106,19 @@ def reconstruct(
                 needed = need(firsts, counts, most, degree, stored=True)
             needed.require(session, room)
             if ranks.first and needed.worth_saying(room):
-                tell(needed.told())
+                on_message(needed.told())
             if ranks.first and stored:
-                tell(f"images stay on the disk, in {session / FOLDER}, which may be deleted afterwards")
+                on_message(f"images stay on the disk, in {session / FOLDER}, which may be deleted afterwards")
             return stored
 
-        loaded = load(session, max_width=width, progress=progress, examine=examine)
+        loaded = load(session, max_width=width, progress=on_progress, examine=examine)
         dataset = overrides.subset(loaded)
         if budget is not None and budget.unit == "dB" and not dataset.held_out:
             raise ReconstructionError(
                 f"{session} has too few views to hold one out and judge a budget in dB by it: give a time."
             )
         if (missing := uncoloured(dataset)) and ranks.first:
-            tell(
+            on_message(
                 f"nothing tells the colour of {', '.join(missing)}: light stays camera RGB, unless a chart "
                 "(rig calibrate --only colour --chart) gives a matrix."
             )
@@ -137,7 +138,7 @@ def reconstruct(
         folder = store.inside(session, f"{shelf}/{name or default_name(chosen, quality, budget)}")
         place, checkpoint = place_for(folder, asked, dataset.calibration_sha256, replace)
         device = _CPU if dataset.bands else training_device()  # the kernels of GPUs draw three channels
-        run = Run(dataset, asked, device, ranks, countdown, progress, tell, clock)
+        run = Run(dataset, asked, device, ranks, countdown, on_progress, on_message, clock)
         _reconstruct(place, run, checkpoint, (*reasons, *rungs(dataset, chosen)))
         if place != folder and ranks.first:
             store.replace_folder(place, folder)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Protocol
 
@@ -15,24 +16,21 @@ from imaging.files.exr import white_luminance, write_exr
 from imaging.files.photo import encode_png
 from imaging.progress import Progress, unreported
 from imaging.session.bands import LAYOUT, channels
-from recon.result.display import displayed, in_colour
+from recon.result.display import in_colour, picture
 from recon.result.model import ModelRecord
 from recon.result.scene import open_scene
 
-_FAINT = 1 / 255
-"""Alpha below which a PNG shows nothing, so that its colour does not matter."""
-
 
 def render(
-    folder: str | Path,
-    out: str | Path,
+    folder: str | PathLike[str],
+    out: str | PathLike[str],
     *,
     views: Sequence[str] | None = None,
     stops: Sequence[float] = (0.0,),
     exposure: float | None = None,
     space: Space = "rec709",
     width: int | None = None,
-    progress: Progress = unreported,
+    on_progress: Progress = unreported,
 ) -> list[Path]:
     """Render views of a reconstruction into `out`; the files written, EXR first.
 
@@ -56,7 +54,7 @@ def render(
     files, pictures = [], []
     store.make_folder(out)
     for done, view in enumerate(chosen):
-        progress("rendering", done, len(chosen))
+        on_progress("rendering", done, len(chosen))
         camera = view.splat_camera if width is None else view.splat_camera.resized(width)
         image, alpha = scene.layer(camera)
         path = out / f"{stem(view)}.exr"
@@ -65,9 +63,9 @@ def render(
         for step in stops:
             path = out / (f"{stem(view)}.png" if len(stops) == 1 else f"{stem(view)}_{step:+g}ev.png")
             shown_light = in_colour(image, bands)
-            store.write_bytes(path, encode_png(_picture(shown_light, alpha, 2.0 ** (shown + step))))
+            store.write_bytes(path, encode_png(picture(shown_light, alpha, 2.0 ** (shown + step))))
             pictures.append(path)
-    progress("rendering", len(chosen), len(chosen))
+    on_progress("rendering", len(chosen), len(chosen))
     return files + pictures
 
 
@@ -92,16 +90,6 @@ def write_light(
     if alpha is not None:
         planes["A"] = alpha
     write_exr(path, planes, chromaticities=primaries, attributes=header)
-
-
-def _picture(
-    light: npt.NDArray[np.float32], alpha: npt.NDArray[np.float32] | None, scale: float
-) -> npt.NDArray[np.uint8]:
-    """Light [H, W, 3] times a scale for a display, uint8; with alpha [H, W] straight RGBA, as PNG has it."""
-    if alpha is None:
-        return displayed(light, scale)
-    straight = light / np.maximum(alpha, _FAINT)[..., None]
-    return np.dstack([displayed(straight, scale), np.round(255 * alpha).astype(np.uint8)])
 
 
 class Named(Protocol):

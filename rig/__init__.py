@@ -3,14 +3,17 @@
     import rig
 
     rig.capture_simulated("demo", "S", seed=0)
-    rig.calibrate("S")
-    folder = rig.reconstruct("S", quality="draft")
-    print(rig.evaluate(folder)["hdr_psnr_mu_aligned"])
-    scene = rig.open_scene(folder)
-    light = scene.radiance(scene.views[0].splat_camera)
+    session = rig.Session.open("S")
+    rig.calibrate(session)
+    scene = rig.reconstruct(session, quality="draft")
+    print(rig.evaluate(scene).hdr_psnr_mu_aligned)
+    light = scene.render("0000/cam0")      # linear radiance, float32 [H, W, 3]
+    scene.at(2.0).save("brighter.png")     # two stops above middle grey, as a display shows it
 
-Paths may be `str` or `Path`; what goes wrong is a `RigError` of one sentence. `import rig` loads nothing
-heavy: each name below is fetched from its stage when it is first used.
+A session or a scene can be given wherever a path to its folder can, as `str` or `Path`. What comes back is
+a typed record. `on_progress` is called with what is being done, the steps that are done, and all of them (0
+where their number is not known); `on_message` with lines that stay. What goes wrong is a `RigError` of one
+sentence. `import rig` loads nothing heavy: each name below is fetched from its stage when it is first used.
 """
 
 from importlib import import_module
@@ -18,12 +21,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from calib.calibrate import calibrate
-    from calib.exports.merge_session import merge_session
-    from capture.check.check import check, repair
+    from calib.exports.merge_session import Merged, merge
+    from capture.check.check import CheckReport, RepairReport, check, repair
     from capture.connected_rig import capture_rig
-    from capture.imports.photos import import_photos
+    from capture.imports.photos import ImportResult, import_photos
+    from capture.record.capture_run import CaptureResult
     from capture.rigfile.rigfile import read_rig_file
     from capture.simulated import capture_simulated
+    from drivers.discovery import ConnectedCamera
     from imaging.errors import InputError, PartialError, RigError, StorageError
     from imaging.exposure import Exposure
     from imaging.files.dng import write_dng
@@ -31,37 +36,51 @@ if TYPE_CHECKING:
     from imaging.files.photo import read_photo
     from imaging.files.raw import read_raw
     from imaging.mosaic import RawMosaic
-    from imaging.session.calibration import read_calibration
-    from imaging.session.session import Session
+    from imaging.session.calibration import CalibrationRecord, read_calibration
     from recon.evaluate import evaluate
-    from recon.reconstruct import reconstruct
+    from recon.evaluation import Evaluation
     from recon.render import render
     from recon.result.scene import Scene, open_scene
-    from recon.splat import SplatCamera
-    from recon.trade import trade_sweep
+    from recon.scene.gaussians import Gaussians
+    from recon.splat import SplatCamera, rasterize
+    from recon.trade import Trade, trade_sweep
+    from rig.facade import find_cameras, reconstruct
     from rig.report.pages.calibration import calibration_report
     from rig.report.pages.reconstruction import reconstruction_report
     from rig.report.pages.trade import trade_report
+    from rig.session import Session
 
 __all__ = [
+    "CalibrationRecord",
+    "CaptureResult",
+    "CheckReport",
+    "ConnectedCamera",
+    "Evaluation",
     "Exposure",
+    "Gaussians",
+    "ImportResult",
     "InputError",
+    "Merged",
     "PartialError",
     "RawMosaic",
+    "RepairReport",
     "RigError",
     "Scene",
     "Session",
     "SplatCamera",
     "StorageError",
+    "Trade",
     "calibrate",
     "calibration_report",
     "capture_rig",
     "capture_simulated",
     "check",
     "evaluate",
+    "find_cameras",
     "import_photos",
-    "merge_session",
+    "merge",
     "open_scene",
+    "rasterize",
     "read_calibration",
     "read_exr",
     "read_photo",
@@ -78,30 +97,42 @@ __all__ = [
 ]
 
 _HOMES = {
+    "CalibrationRecord": "imaging.session.calibration",
+    "CaptureResult": "capture.record.capture_run",
+    "CheckReport": "capture.check.check",
+    "ConnectedCamera": "drivers.discovery",
+    "Evaluation": "recon.evaluation",
     "Exposure": "imaging.exposure",
+    "Gaussians": "recon.scene.gaussians",
+    "ImportResult": "capture.imports.photos",
     "InputError": "imaging.errors",
+    "Merged": "calib.exports.merge_session",
     "PartialError": "imaging.errors",
     "RawMosaic": "imaging.mosaic",
+    "RepairReport": "capture.check.check",
     "RigError": "imaging.errors",
     "Scene": "recon.result.scene",
-    "Session": "imaging.session.session",
+    "Session": "rig.session",
     "SplatCamera": "recon.splat",
     "StorageError": "imaging.errors",
+    "Trade": "recon.trade",
     "calibrate": "calib.calibrate",
     "calibration_report": "rig.report.pages.calibration",
     "capture_rig": "capture.connected_rig",
     "capture_simulated": "capture.simulated",
     "check": "capture.check.check",
     "evaluate": "recon.evaluate",
+    "find_cameras": "rig.facade",
     "import_photos": "capture.imports.photos",
-    "merge_session": "calib.exports.merge_session",
+    "merge": "calib.exports.merge_session",
     "open_scene": "recon.result.scene",
+    "rasterize": "recon.splat",
     "read_calibration": "imaging.session.calibration",
     "read_exr": "imaging.files.exr",
     "read_photo": "imaging.files.photo",
     "read_raw": "imaging.files.raw",
     "read_rig_file": "capture.rigfile.rigfile",
-    "reconstruct": "recon.reconstruct",
+    "reconstruct": "rig.facade",
     "reconstruction_report": "rig.report.pages.reconstruction",
     "render": "recon.render",
     "repair": "capture.check.check",

@@ -24,7 +24,7 @@ from scipy import ndimage
 
 from bench.support.record import arguments, deliver, machine, words
 from calib.calibrate import calibrate
-from calib.exports.merge_session import merge_session
+from calib.exports.merge_session import merge
 from calib.luminance.area import LUMINANCE
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import SimulatedRig, simulate
@@ -134,7 +134,7 @@ def one_scale(seed: int) -> dict[str, float]:
         truth = store.read_json(session / "truth" / "truth.json")["cameras"]
         gains = np.log([truth[camera.name]["gain"] for camera in record.cameras])
         rows = []
-        for merged in merge_session(session, Path(folder) / "merged", record, factor=1.0):
+        for merged in merge(session, Path(folder) / "merged", exposure=0.0).views:
             image = read_exr(merged.file)
             found = image.rgb().astype(np.float64) @ LUMINANCE * record.luminance.value / CANDELAS
             true = luminance(session, merged.view)

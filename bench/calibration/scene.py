@@ -37,7 +37,7 @@ class Meter:
 def timed(session: Path) -> tuple[CalibrationRecord, dict[str, float]]:
     """Calibrate; seconds of all, and of stating how sure it is."""
     meter, began = Meter(), time.perf_counter()
-    record = calibrate(session, progress=meter)
+    record = calibrate(session, on_progress=meter)
     seconds = time.perf_counter() - began
     return record, {"seconds": seconds, "sure_seconds": meter.seconds.get("measuring how sure it is", 0.0)}
 

@@ -145,7 +145,7 @@ def trained(options: argparse.Namespace, protocol: str, name: str, seed: int) ->
         made = reconstruct(
             folder, method=method, seed=seed, overrides=overrides, name=slug(name), replace=True
         )
-        found = evaluate(made)
+        found = evaluate(made).known()
     return {key: found[key] for key, _ in COLUMNS.values() if key in found}
 
 

@@ -55,7 +55,7 @@ def train(rig: str, gloss: float | None, frames: int, work: Path) -> dict[str, A
             overrides=Overrides(refine="none", degree=degree),
             name=f"degree-{degree}",
         )
-        metrics = evaluate(made)
+        metrics = evaluate(made).known()
         found[str(degree)] = {
             "db": metrics["raw_psnr"],
             "truth_db": metrics["hdr_psnr_mu_aligned"],

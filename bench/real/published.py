@@ -41,12 +41,12 @@ def trained(name: str, quality: QualityName, work: Path) -> dict[str, Any]:
         "seconds": seconds,
         "width": scene.views[0].lens.width,
         "views": sum(view.use == "training" for view in scene.views),
-        "tested": len(metrics["held_out"]),
-        "iterations": metrics["iterations"],
-        "gaussians": metrics["gaussians"],
-        "white": metrics["ldr_psnr_white"],
-        "black": metrics["ldr_psnr_oe"],
-        "ssim": metrics["ssim"],
+        "tested": len(metrics.held_out),
+        "iterations": metrics.iterations,
+        "gaussians": metrics.gaussians,
+        "white": metrics.ldr_psnr_white,
+        "black": metrics.ldr_psnr_oe,
+        "ssim": metrics.ssim,
     }
 
 

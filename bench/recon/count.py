@@ -54,7 +54,7 @@ def train(folder: Path, quality: Quality, seed: int, overrides: Overrides) -> di
         began = time.process_time()
         made = reconstruct(folder, seed=seed, overrides=overrides, name="count")
         used = time.process_time() - began
-    metrics, model = evaluate(made), read_model(made)
+    metrics, model = evaluate(made).known(), read_model(made)
     shutil.rmtree(made)  # a finished training would be taken for the next one of the same settings
     rungs = {rung.name: rung for rung in model.rungs}
     return {

@@ -118,7 +118,7 @@ def stops(made: Path, truth: np.ndarray, scene_: Scene) -> dict[str, float]:
             continue
         true = truth[view.frame] @ LUMINANCE
         least = float(np.median(true)) / 1000
-        found = opened.radiance(view.splat_camera) @ LUMINANCE
+        found = opened.render(view.splat_camera) @ LUMINANCE
         off = np.abs(np.log2(np.maximum(found, least) / np.maximum(true, least)))
         far = far_pixels(scene_, view.frame)
         rows.append([np.median(off), np.median(off[far]), np.median(off[~far])])

@@ -161,9 +161,9 @@ def row(options: argparse.Namespace, protocol: str, method: str, seed: int) -> d
         session = with_measured_response(session, base / f"{protocol}-measured")
     name = f"{method}-{options.quality}"
     folder = reconstruct(
-        session, method=method, quality=options.quality, seed=seed, name=name, progress=_told
+        session, method=method, quality=options.quality, seed=seed, name=name, on_progress=_told
     )
-    found = evaluate(folder)
+    found = evaluate(folder).known()
     if method == "vanilla":
         found.pop("response_rmse", None)  # of what the import assumed: it learns none
     return {key: found[key] for key in KEEP if key in found}

@@ -79,7 +79,7 @@ def folder_of(scene: Scene, work: Path) -> Path:
     if not (folder / "calibration" / "calibration.json").exists():
         from calib.calibrate import calibrate
 
-        calibrate(folder, progress=lambda message, done, total: None)
+        calibrate(folder, on_progress=lambda message, done, total: None)
     return folder
 
 
@@ -90,7 +90,7 @@ def castle(folder: Path) -> Path:
     if not (folder / "calibration" / "calibration.json").exists():
         from calib.calibrate import calibrate
 
-        calibrate(folder, progress=lambda message, done, total: None)
+        calibrate(folder, on_progress=lambda message, done, total: None)
     return folder
 
 

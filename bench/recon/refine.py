@@ -80,7 +80,7 @@ def trained(folder: Path, seed: int, options: argparse.Namespace) -> dict[str, f
             degree=DEGREE,
         )  # fmt: skip
         made = reconstruct(folder, method="nh-3dgs", overrides=overrides, name=f"refine-{refine}", seed=seed)
-        found[name] = evaluate(made)["raw_psnr"]
+        found[name] = evaluate(made).raw_psnr
     return found
 
 

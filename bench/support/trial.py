@@ -49,7 +49,7 @@ def session(work: Path, name: str, seed: int, calibration: str) -> Path:
     if not (folder / "calibration" / "calibration.json").exists():
         from calib.calibrate import calibrate
 
-        calibrate(folder, progress=lambda message, done, total: None)
+        calibrate(folder, on_progress=lambda message, done, total: None)
     return folder
 
 

@@ -11,6 +11,8 @@ it, and `light = value / factor`. Each file stands for itself: see `calib.export
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 
 from calib.exports.merged_view import UNIT, MergedView, assumed_response, exposure_scales, merge_view
@@ -27,25 +29,46 @@ from imaging.session.view_id import ViewId
 SUMMARY = "merge.json"
 
 
-def merge_session(
-    session: str | Path,
-    out: str | Path,
-    calibration: CalibrationRecord | None,
+STOPS_MOST = 60.0
+"""Light is made so many stops brighter or darker at most."""
+
+
+@dataclass(frozen=True)
+class Merged:
+    """What came of a session's brackets.
+
+    exposure_factor: values in the files are light times this. calibration: that they were merged by; None:
+    the session has none, so labels were taken as they are, and photographs as sRGB.
+    """
+
+    folder: Path
+    views: tuple[MergedView, ...]
+    exposure_factor: float
+    calibration: CalibrationRecord | None
+
+
+def merge(
+    session: str | PathLike[str],
+    out: str | PathLike[str],
     *,
     frame: int | None = None,
     camera: str | None = None,
     space: Space = "rec709",
-    factor: float | None = None,
-    progress: Progress = unreported,
-) -> list[MergedView]:
+    exposure: float | None = None,
+    on_progress: Progress = unreported,
+) -> Merged:
     """Merge the brackets of the scene (of one frame, of one camera) into EXR files under `out`.
 
-    calibration: exposures, responses, gains and colour; None: labels are taken as they are, photographs as
-    sRGB. space: the primaries of what is written. factor: on the light; None: what shows the median of the
-    session as middle grey; 1: values are light. Files that are there and were made from the same are
+    Exposures, responses, gains and colour are those of the session's calibration, if it has one. space: the
+    primaries of what is written. exposure: stops that values are above the light; None: what shows the median
+    of the session as middle grey, to the nearest stop. Files that are there and were made from the same are
     kept. InputError when there is no such bracket, a file is missing or damaged, exposures of a bracket
-    are not known, or the colour of a camera is not known and a space other than Rec.709 is asked for.
+    are not known, the calibration is damaged or older than the shots, or the colour of a camera is not known
+    and a space other than Rec.709 is asked for.
     """
+    if exposure is not None and not abs(exposure) <= STOPS_MOST:
+        raise InputError(f"light cannot be written {exposure} stops brighter: give -60 to 60.")
+    calibration = _calibration(Path(session))
     session, out = Path(session), Path(out)
     opened = Session.open(session)
     every = brackets(opened.shots("scene"))
@@ -62,8 +85,10 @@ def merge_session(
         )
         raise InputError(f"{session} has no shot of the scene{wanted}: name one that `rig check` lists.")
     store.require_writable(out)
-    if factor is None:
-        factor = exposure_factor(opened, _exposed(opened, every, calibration), calibration, progress)
+    if exposure is not None:
+        factor = 2.0**exposure
+    else:
+        factor = exposure_factor(opened, _exposed(opened, every, calibration), calibration, on_progress)
     placed = () if calibration is None else calibration.views
     developed = {view.id: view.white_balance for view in placed}
     found = []
@@ -73,16 +98,16 @@ def merge_session(
         for suffix, own in _of_one_band(shots).items()
     ]
     for done, (view, path, shots) in enumerate(parts):
-        progress("merging", done, len(parts))
+        on_progress("merging", done, len(parts))
         own = None if calibration is None else calibration.camera(view.camera)
         white = developed.get(view) if opened.camera(view.camera).kind == "ldr" else None
         scales = None if calibration is None else calibration.exposure_scale
         scale = None if calibration is None else calibration.luminance
         absolute = (scale.value, scale.error) if scale and view.camera in scale.cameras else None
         found.append(merge_view(opened, path, view, shots, own, scales, space, factor, absolute, white))
-    progress("merging", len(parts), len(parts))
+    on_progress("merging", len(parts), len(parts))
     store.write_json(out / SUMMARY, {"schema_version": 1, "units": UNIT, "exposure_factor": factor})
-    return found
+    return Merged(out, tuple(found), factor, calibration)
 
 
 def _exposed(
@@ -108,7 +133,7 @@ def _of_one_band(shots: Sequence[ShotRecord]) -> dict[str, list[ShotRecord]]:
     return {f".{band}": [shot for shot in shots if shot.band == band] for band in bands}
 
 
-def read_session_calibration(session: Path) -> CalibrationRecord | None:
+def _calibration(session: Path) -> CalibrationRecord | None:
     """The calibration of a session if it has one; InputError if it is damaged or older than the shots."""
     if not (session / "calibration" / "calibration.json").exists():
         return None

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import count
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -32,13 +33,13 @@ What holds where no plan says another."""
 _MENDS = {"captured": "take it again with rig capture --resume", "imported": "import the photographs again"}
 
 
-def check(session: str | Path, progress: Progress = unreported) -> CheckReport:
+def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -> CheckReport:
     """Read every file of a session and hold it against its record, the plans and the rest of its bracket.
 
     Nothing is changed, not even the record of a shot whose exposure is found to be another than its label:
     a calibration names the index that it was made from, and estimates exposures for itself.
 
-    progress: called with the file being read, files read, files to read. InputError if the folder
+    on_progress: called with the file being read, files read, files to read. InputError if the folder
     is no session; whatever is wrong inside of it is a problem of the report.
     """
     session = Path(session)
@@ -55,9 +56,9 @@ def check(session: str | Path, progress: Progress = unreported) -> CheckReport:
         problems.extend(_strangers(opened, plans, shots))
     started = count()
     read, failed = examine_all(
-        opened, shots, lambda shot: progress(f"reading {shot.file}", next(started), len(shots))
+        opened, shots, lambda shot: on_progress(f"reading {shot.file}", next(started), len(shots))
     )
-    progress("read", len(shots), len(shots))
+    on_progress("read", len(shots), len(shots))
     pictures: list[tuple[ShotRecord, Read]] = []
     for shot in shots:
         if shot.file in failed:

@@ -3,6 +3,7 @@
 import json
 import re
 from glob import escape
+from os import PathLike
 from pathlib import Path
 
 from capture.check.findings import FindingModel
@@ -31,13 +32,14 @@ class RepairReport(FindingModel):
     backup: str | None
 
 
-def repair(session: Path, progress: Progress = unreported) -> RepairReport:
+def repair(session: str | PathLike[str], *, on_progress: Progress = unreported) -> RepairReport:
     """Drop the records whose file is not there, add the whole files that have no record.
 
     No file is deleted or changed but shots.jsonl, whose old state is kept beside it. InputError if
     the folder is no session or another rig writes to it; StorageError when the disk refuses.
     """
     opened = Session.open(session)
+    session = opened.folder
     with sole_writer(session):
         shots, damaged = read_index(opened)
         kept = _one_a_file([shot for shot in shots if _is_there(opened, shot)])
@@ -47,13 +49,13 @@ def repair(session: Path, progress: Progress = unreported) -> RepairReport:
         added: list[ShotRecord] = []
         unrepaired: list[str] = []
         for number, file in enumerate(strays):
-            progress(f"reading {file}", number, len(strays))
+            on_progress(f"reading {file}", number, len(strays))
             try:
                 shot = _shot_of(opened, file, [*kept, *added])
                 added.append(_with_developed(opened, shot, developed))
             except InputError as error:
                 unrepaired.append(str(error))
-        progress("read", len(strays), len(strays))
+        on_progress("read", len(strays), len(strays))
         dropped = [shot.file for shot in shots if shot not in kept]
         whole = [_with_developed(opened, shot, developed) for shot in kept]
         changed = dropped or damaged or added or whole != kept

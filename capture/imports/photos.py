@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from os import PathLike
 from pathlib import Path
 
 from capture.bracket.deviation import deviates
@@ -54,8 +55,8 @@ class ImportResult:
 
 
 def import_photos(
-    folder: str | Path,
-    out: str | Path,
+    folder: str | PathLike[str],
+    out: str | PathLike[str],
     *,
     layout: LayoutName | None = None,
     cameras: Identity | None = None,
@@ -65,7 +66,7 @@ def import_photos(
     masks: str | Path | None = None,
     bands: str | Path | None = None,
     pixel_shift: bool = False,
-    progress: Progress = unreported,
+    on_progress: Progress = unreported,
 ) -> ImportResult:
     """Make a session at `out` of the photographs in `folder` and its subfolders; these stay untouched.
 
@@ -90,7 +91,7 @@ def import_photos(
     given = read_layout(folder, name)
     named = None if given is None else {photo.path: photo.exposure for photo in given.photos}
     filters = () if bands is None else read_band_list(Path(bands))
-    surveyed = survey(folder, progress, named=named, exposures=exposures)
+    surveyed = survey(folder, on_progress, named=named, exposures=exposures)
     lost = () if given is None else given.missing
     if not any(original.picture for original in surveyed.originals):
         raise _nothing_usable(folder, surveyed.originals, lost)
@@ -136,13 +137,13 @@ def import_photos(
             if given is not None:
                 notes += write_split(session, given, places)
                 notes += write_truth(session, given, places)
-            unread, moved = copy_all(session, places, progress)
+            unread, moved = copy_all(session, places, on_progress)
             notes += moved
             given_views = 0
             if given is not None and has_poses(given):
-                progress("writing the calibration", 0, 1)
+                on_progress("writing the calibration", 0, 1)
                 given_views = len(write_given(session, given, places).views)
-                progress("writing the calibration", 1, 1)
+                on_progress("writing the calibration", 1, 1)
         except BaseException as error:
             if begun_here and not isinstance(error, KeyboardInterrupt):
                 take_back(out)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from capture.bracket.planner import BracketGoals
 from capture.check.check import SKEW_TOLERANCE
-from drivers.discovery import Listed
+from drivers.discovery import ConnectedCamera
 from imaging.errors import CaptureError
 from imaging.session.records import Board
 
@@ -45,7 +45,7 @@ tolerance = {SKEW_TOLERANCE}            # seconds between the shutters of one st
 """
 
 
-def rig_file_text(listed: Sequence[Listed], board: Board | None = None) -> str:
+def rig_file_text(listed: Sequence[ConnectedCamera], board: Board | None = None) -> str:
     """RIG.toml for these cameras, by serial number, named cam0, cam1 and so on.
 
     board: the one that they will be shown, if that is known; else one stands there as an example.
@@ -86,7 +86,7 @@ def _board(described: Board | None) -> str:
     return "".join(f"{'# ' if described is None else ''}{line}\n" for line in lines)
 
 
-def _f_number(able: Sequence[Listed]) -> str:
+def _f_number(able: Sequence[ConnectedCamera]) -> str:
     """The f-number next to f/8 that all have: deep focus, hardly any diffraction."""
     first, *others = (set(camera.capabilities.f_numbers) if camera.capabilities else set() for camera in able)
     shared = first.intersection(*others)
@@ -96,7 +96,7 @@ def _f_number(able: Sequence[Listed]) -> str:
     return f"f_number = {min(shared, key=lambda f_number: abs(f_number - 8.0)):<16g} # {says}"
 
 
-def _camera(name: str, camera: Listed, *, alone: bool) -> str:
+def _camera(name: str, camera: ConnectedCamera, *, alone: bool) -> str:
     assert camera.identity is not None
     able = camera.capabilities
     size = f", {able.width} x {able.height}" if able and able.width else ""

@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Collection
 from datetime import datetime
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -245,7 +246,7 @@ def colour_rung(matrices: Collection[Matrix | None]) -> Rung:
     return Rung(name=COLOUR, taken=known > 0, reason=reason)
 
 
-def read_calibration(session: str | Path) -> CalibrationRecord:
+def read_calibration(session: str | PathLike[str]) -> CalibrationRecord:
     """The calibration of a session folder; InputError if there is none or it is damaged."""
     session = Path(session)
     path = session / "calibration" / "calibration.json"

@@ -1,16 +1,20 @@
 """A session folder: opened, read and appended to."""
 
+from collections import Counter
 from collections.abc import Iterable
+from os import PathLike
 from pathlib import Path
+from typing import Self
 
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.record import parse
-from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord
+from imaging.session.records import CameraRecord, PlanRecord, SessionRecord, ShotRecord, SplitRecord, Subject
 from imaging.session.view_id import ViewId
 
 SESSION = "session.json"
 SPLIT = "split.json"
+_SHOTS: dict[Subject, str] = {"scene": "shot", "dark": "dark", "flat": "flat", "board": "board shot"}
 
 
 class Session:
@@ -21,7 +25,7 @@ class Session:
         self.record = record
 
     @classmethod
-    def create(cls, folder: Path, record: SessionRecord) -> "Session":
+    def create(cls, folder: Path, record: SessionRecord) -> Self:
         """Begin a session in a new or empty folder; InputError if one is already there."""
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"{folder} is not empty: name a new folder, or --resume the session in it.")
@@ -30,7 +34,7 @@ class Session:
         return cls(folder, record)
 
     @classmethod
-    def open(cls, folder: str | Path) -> "Session":
+    def open(cls, folder: str | PathLike[str]) -> Self:
         """Open an existing session; InputError that says what is wrong if it is none."""
         folder = Path(folder)
         if not folder.is_dir():
@@ -43,6 +47,20 @@ class Session:
                 f"{folder} has no session.json: name a session made by `rig capture` or `rig import`."
             )
         return cls(folder, parse(SessionRecord, store.read_json(path), path))
+
+    def __fspath__(self) -> str:
+        """The session's folder: a session stands wherever a path to it does."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        return f"<Session {self.told()}>"
+
+    def told(self) -> str:
+        """The session in a line: its folder, and how much of what it holds."""
+        kinds = Counter(shot.kind for shot in self.shots())
+        counts = [(len(self.record.cameras), "camera")]
+        counts += [(kinds[kind], noun) for kind, noun in _SHOTS.items() if kinds[kind] or kind == "scene"]
+        return " · ".join([str(self.folder), *(f"{n} {noun}{'' if n == 1 else 's'}" for n, noun in counts)])
 
     def plans(self) -> list[PlanRecord]:
         """Every plan, in order; of two with one name the later counts."""

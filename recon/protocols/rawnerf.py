@@ -143,7 +143,7 @@ def measure(folder: Path, merged: Path) -> dict[str, float]:
     camera = calibration.camera(view.camera)
     assert camera.lens is not None  # the view was trained with it
     lens = lens_of_pixels(camera.lens, "raw", width, height)
-    light = scene.radiance(SplatCamera.of(lens, view.cam_from_world))
+    light = scene.render(SplatCamera.of(lens, view.cam_from_world))
     matrix = np.asarray(camera.camera_from_rec709 or np.eye(3), np.float64)
     signal = light @ matrix.T * falloff(camera, height, width)[..., None] * exposed[0]
     return score(signal, reference)

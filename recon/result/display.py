@@ -17,6 +17,8 @@ from recon.train.training import Training
 MIDDLE_GREY = 0.18
 MOST_VIEWS = 8
 """As many views tell the exposure of a scene."""
+_FAINT = 1 / 255
+"""Alpha below which a picture shows nothing, so that its colour does not matter."""
 
 
 def display_scale(images: Iterable[npt.NDArray[Any]]) -> float:
@@ -29,6 +31,16 @@ def display_scale(images: Iterable[npt.NDArray[Any]]) -> float:
 def displayed(image: npt.NDArray[Any], scale: float) -> npt.NDArray[np.uint8]:
     """Linear light times a scale, clipped, as sRGB of 8 bits."""
     return np.asarray(np.round(255 * srgb_encode(np.clip(image * scale, 0, 1))), np.uint8)
+
+
+def picture(
+    light: npt.NDArray[np.float32], alpha: npt.NDArray[np.float32] | None, scale: float
+) -> npt.NDArray[np.uint8]:
+    """Light [H, W, 3] times a scale for a display, uint8; with alpha [H, W] straight RGBA, as PNG has it."""
+    if alpha is None:
+        return displayed(light, scale)
+    straight = light / np.maximum(alpha, _FAINT)[..., None]
+    return np.dstack([displayed(straight, scale), np.round(255 * alpha).astype(np.uint8)])
 
 
 def in_colour(light: npt.NDArray[np.float32], bands: Sequence[Band]) -> npt.NDArray[np.float32]:

@@ -1,15 +1,21 @@
 """A trained scene opened again: rendered anywhere, or measured beside the photographs of its session."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import torch
+from PIL import Image
 
 from imaging.errors import ReconstructionError
+from imaging.files.photo import encode_png
+from imaging.notebook import gallery
 from imaging.progress import Progress, unreported
+from imaging.session.paths import find_reconstruction
 from imaging.session.records import ShotRecord
 from imaging.session.session import SESSION, Session
 from recon.data.dataset import Dataset, View
@@ -17,6 +23,7 @@ from recon.data.load import photographs_sha256, read_views
 from recon.methods import APPEARANCES
 from recon.observe.photographs import Display
 from recon.observe.refinement import Refinement
+from recon.result.display import in_colour, picture
 from recon.result.model import CHECKPOINT, ModelRecord, SceneView, read_model, read_own_calibration
 from recon.scene.checkpoint import Checkpoint, read_checkpoint
 from recon.scene.environment import NAME as ENVIRONMENT
@@ -27,13 +34,21 @@ from recon.splat import Render, SplatCamera
 from recon.train.resume import light_in, restored
 from recon.train.training import Training
 
+SHOWN_WIDTH = 320
+"""px of each picture that a notebook shows."""
+SHOWN_STOPS = (-4.0, 0.0, 4.0)
+STOPS_MOST = 100.0
+"""Brighter and darker all is white and black, and float32 ends."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A trained scene: its record, its Gaussians, and how they are drawn.
 
-    A camera is a `recon.splat.SplatCamera`: that of a view (`scene.view("0000/cam0").splat_camera`), the
-    same with other numbers (`dataclasses.replace`), or a new one. Poses are in the world of the calibration.
+    A camera is a view of the scene, by its record or its name, or a `SplatCamera`: that of a view
+    (`scene.view("0000/cam0").splat_camera`), the same with other numbers (`dataclasses.replace`), or a new
+    one. Poses are in the world of the calibration. Gaussians are in coordinates of the scene's own, which
+    `record.world` turns into those. A scene can be given where a path to its folder can.
     """
 
     folder: Path
@@ -48,17 +63,17 @@ class Scene:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels of `radiance`: of the bands by wavelength, else red, green and blue."""
+        """Names of the channels of `render`: of the bands by wavelength, else red, green and blue."""
         return tuple(band.name for band in self.record.bands) or ("red", "green", "blue")
 
     @property
     def exposure(self) -> float:
-        """Factor on `radiance` that shows the median of the views as middle grey, 0.18."""
+        """Factor on what `render` returns that shows the median of the views as middle grey, 0.18."""
         return self.record.exposure
 
     @property
     def luminance_scale(self) -> float | None:
-        """cd/m2 of `radiance` (1, 1, 1): its luminance 0.2126 R + 0.7152 G + 0.0722 B times this is absolute.
+        """cd/m2 of the light (1, 1, 1): its luminance 0.2126 R + 0.7152 G + 0.0722 B times this is absolute.
 
         None where the light is relative: no reading (`rig calibrate --luminance`) says what it is.
         """
@@ -69,6 +84,13 @@ class Scene:
         """Standard error of `luminance_scale`, cd/m2."""
         return None if self.record.luminance is None else self.record.luminance[1]
 
+    def __fspath__(self) -> str:
+        """The scene's folder: a scene stands wherever a path to it does."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        return f"<Scene {self._told()}>"
+
     def view(self, name: str) -> SceneView:
         """The view of that name, `frame/camera`; ReconstructionError if there is none."""
         for view in self.views:
@@ -76,28 +98,75 @@ class Scene:
                 return view
         raise ReconstructionError(f"{self.folder} has no view {name!r}: name one as {self.views[0].name}.")
 
-    def render(self, camera: SplatCamera) -> torch.Tensor:
-        """What a camera sees, in scene units, without gradient: float32 [H, W, channels]."""
-        return self.drawn(self.record.world.camera(camera))
-
     def drawn(self, camera: SplatCamera) -> torch.Tensor:
-        """The same of a camera whose pose is in scene coordinates, as those of `Dataset.views`."""
+        """What a camera sees, in scene units, without gradient: float32 [H, W, channels].
+
+        Its pose is in scene coordinates, as those of `Dataset.views`.
+        """
         return self._rendered(camera).image
 
     def covered(self, camera: SplatCamera) -> torch.Tensor:
         """How much of a picture is of the scene, 0..1, float32 [H, W]; cameras are as those of `drawn`."""
         return self._rendered(camera).alpha.clamp(0, 1)
 
-    def radiance(self, camera: SplatCamera) -> npt.NDArray[np.float32]:
+    def render(self, camera: SplatCamera | SceneView | str) -> npt.NDArray[np.float32]:
         """What a camera sees as linear radiance, float32 [H, W, C]: Rec.709, or the bands of `channels`.
 
         A camera signal is this times the exposure scale of a shot (`imaging.Exposure.scale`, s), before
         vignetting and the camera's colour filters; 1 is the white of the camera.
         """
-        return self.in_units(self.render(camera))
+        return self.in_units(self.drawn(self.record.world.camera(self._camera(camera))))
+
+    def at(self, exposure: float = 0.0, camera: SplatCamera | SceneView | str | None = None) -> Image.Image:
+        """What a camera sees as a display shows it: 8 bits of sRGB, clipped, in false colours of bands.
+
+        exposure: stops; at 0 the median of the scene is middle grey. camera: None: the first view. A picture
+        of Pillow: `numpy.asarray(picture)` is uint8 [H, W, 3], `picture.save("one.png")` writes it. Where the
+        photographs had alpha it is RGBA. ReconstructionError for an exposure that is no number.
+        """
+        if not math.isfinite(exposure):
+            raise ReconstructionError(
+                f"A scene cannot be shown at {exposure} stops: give a number, such as 0."
+            )
+        light, alpha = self.layer(self._camera(self.views[0] if camera is None else camera))
+        factor = self.exposure * 2.0 ** float(np.clip(exposure, -STOPS_MOST, STOPS_MOST))
+        with np.errstate(over="ignore"):  # what is beyond float32 is white all the same
+            return Image.fromarray(picture(in_colour(light, self.record.bands), alpha, factor))
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the middle view in three exposures, and what the scene is."""
+        middle = self.views[len(self.views) // 2]
+        camera = middle.splat_camera
+        if camera.width > SHOWN_WIDTH:
+            camera = camera.resized(SHOWN_WIDTH)
+        pictures = [
+            (f"{middle.name}, {stops:+g} stops", encode_png(np.asarray(self.at(stops, camera))))
+            for stops in SHOWN_STOPS
+        ]
+        return gallery(self._told(), pictures)
+
+    def _told(self) -> str:
+        """The scene in a line."""
+        held_out = len(self.record.held_out)
+        words = [
+            str(self.folder),
+            self.record.settings.method,
+            f"{len(self.gaussians):,} Gaussians",
+            f"{len(self.views) - held_out} training views, {held_out} held out",
+        ]
+        if self.record.held_out_db is not None:
+            words.append(f"{self.record.held_out_db:.1f} dB held out")
+        if self.luminance_scale is not None:
+            words.append(f"1 is {self.luminance_scale:.3g} cd/m²")
+        return " · ".join(words)
+
+    def _camera(self, camera: SplatCamera | SceneView | str) -> SplatCamera:
+        if isinstance(camera, str):
+            camera = self.view(camera)
+        return camera.splat_camera if isinstance(camera, SceneView) else camera
 
     def layer(self, camera: SplatCamera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]:
-        """What a camera sees as a layer for compositing: `radiance`, and alpha 0..1, float32 [H, W].
+        """What a camera sees as a layer for compositing: `render`, and alpha 0..1, float32 [H, W].
 
         The radiance is what reaches the camera from the scene, nothing behind it: premultiplied, as EXR has
         it. Alpha is None of a scene whose photographs had none (`ModelRecord.transparent`).
@@ -111,7 +180,7 @@ class Scene:
             return self.renderer(self.gaussians, camera, degree=self.record.degree)
 
     def in_units(self, image: torch.Tensor) -> npt.NDArray[np.float32]:
-        """Light of `render` [..., C] as linear radiance in the units of the calibration, float32."""
+        """Light of `drawn` [..., C] as linear radiance in the units of the calibration, float32."""
         display = self.record.display
         if display is not None:
             image = Display(display.response, display.k, display.developed).radiance(image)
@@ -147,7 +216,7 @@ class Opened:
 
     def radiance(self, view: View) -> npt.NDArray[np.float32]:
         """Linear radiance of a view of `dataset`, float32 [H, W, channels]."""
-        return self.scene.radiance(self.scene.view(view.name).splat_camera)
+        return self.scene.render(view.name)
 
     def view(self, name: str) -> View:
         """The view of that name, `frame/camera`; ReconstructionError if there is none."""
@@ -155,9 +224,12 @@ class Opened:
         return next(view for view in self.dataset.views if view.name == found)
 
 
-def open_scene(folder: str | Path) -> Scene:
-    """Open a finished reconstruction, wherever its folder is; ReconstructionError if it is none."""
-    folder = Path(folder)
+def open_scene(folder: str | PathLike[str]) -> Scene:
+    """Open a finished reconstruction, wherever its folder is, or the newest of a session.
+
+    ReconstructionError if a folder is neither; InputError if it is not there.
+    """
+    folder = find_reconstruction(Path(folder))
     record = read_model(folder)
     return _scene(folder, record, read_checkpoint(folder / CHECKPOINT))
 

@@ -69,7 +69,7 @@ def train_point(
             overrides=choice.overrides,
             name=name,
             shelf=FOLDER,
-            progress=watched,
+            on_progress=watched,
         )
         used = time.process_time() - used
         opened = open_model(folder)

@@ -7,6 +7,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
 
 from imaging.compute.cores import available_cores
@@ -24,13 +25,13 @@ from recon.train.device import device_name, training_device
 
 
 def trade_sweep(
-    session: str | Path,
+    session: str | PathLike[str],
     *,
     budget: float,
     workers: int = 1,
     seed: int = 0,
-    progress: Progress = unreported,
-    say: Callable[[str], None] = lambda line: None,
+    on_progress: Progress = unreported,
+    on_message: Callable[[str], None] = lambda line: None,
     until: float | None = None,
 ) -> Trade:
     """Train what tells most of a session's trade-offs within `budget` seconds; writes trade/trade.json.
@@ -45,7 +46,7 @@ def trade_sweep(
     session = Path(session)
     store.require_writable(session / FOLDER)
     width = max(preset.width for preset in QUALITIES.values())
-    progress("reading images", 0, 0)
+    on_progress("reading images", 0, 0)
     dataset = measuring(session, width)
     if not dataset.held_out:
         raise ReconstructionError(
@@ -54,10 +55,10 @@ def trade_sweep(
         )
     run = _Run(session, _begun(session, dataset, width, seed), Session.of(dataset), budget, until)
     if workers > 1:
-        _several(run, workers, progress, say)
+        _several(run, workers, on_progress, on_message)
     else:
         for choice in run.choices():
-            run.alone(choice, progress, say)
+            run.alone(choice, on_progress, on_message)
     return run.finished()
 
 

@@ -19,9 +19,9 @@ def _run(scene: Path, session: Path, choices: Choices, progress: Progress) -> Fi
 
     imported(scene, session, "hdr-nerf", progress)
     if all(camera.response.kind == "srgb" for camera in read_calibration(session).cameras):
-        calibrate(session, only="response", progress=progress)
+        calibrate(session, only="response", on_progress=progress)
     folder = trained(session, "hdr-gs", choices, progress)
-    found = evaluate(folder, progress)
+    found = evaluate(folder, on_progress=progress).known()
     return {key: found[key] for key in HDR_NERF.columns if key in found}
 
 

@@ -114,7 +114,7 @@ def imported(scene: Path, session: Path, layout: LayoutName, progress: Progress)
     from capture.imports.photos import import_photos
 
     if not (session / "calibration" / "calibration.json").is_file():
-        import_photos(scene, session, layout=layout, progress=progress).require_complete()
+        import_photos(scene, session, layout=layout, on_progress=progress).require_complete()
 
 
 def trained(session: Path, method: MethodName, choices: Choices, progress: Progress) -> Path:
@@ -129,7 +129,7 @@ def trained(session: Path, method: MethodName, choices: Choices, progress: Progr
         seed=choices.seed,
         overrides=Overrides(views=choices.views),
         name=choices.name,
-        progress=progress,
+        on_progress=progress,
     )
 
 

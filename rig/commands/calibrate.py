@@ -101,13 +101,13 @@ def run_calibrate(
         try:
             record = calibrate_session(
                 session, only=only, board=board, chart=chart, luminance=luminance, survey=anchors.survey,
-                marks=anchors.marks, markers=anchors.markers, onto=anchors.onto, progress=status,
+                marks=anchors.marks, markers=anchors.markers, onto=anchors.onto, on_progress=status,
             )  # fmt: skip
         except PartialError:
             # What was measured has its page too; the error says what is missing.
-            calibration_report(session, status)
+            calibration_report(session, on_progress=status)
             raise
-    calibration_report(session, status)
+    calibration_report(session, on_progress=status)
     poseless = not record.views and not record.unregistered
     return (
         _cameras_result(session, record)

@@ -34,8 +34,8 @@ def check(
         from capture.check.repair import repair as repair_session
 
         if repair:
-            repaired = repair_session(session, progress=status)
-        report = check_session(session, progress=status)
+            repaired = repair_session(session, on_progress=status)
+        report = check_session(session, on_progress=status)
         data = report.model_dump(mode="json")
         page, refused = _written(session, report, data)
     lines = [f"{session}: {report.sound} of {counted(report.shots, 'shot')} sound, {report.planned} planned"]

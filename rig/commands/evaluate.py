@@ -33,10 +33,10 @@ def run_evaluate(folder: Path, status: StatusLine) -> CommandResult:
     from recon.evaluate import evaluate as evaluate_scene
 
     with decoded_once():
-        metrics = evaluate_scene(folder, progress=status)
+        metrics = evaluate_scene(folder, on_progress=status).known()
         from rig.report.pages.reconstruction import reconstruction_report
 
-        return _evaluation_result(folder, metrics, reconstruction_report(folder, status))
+        return _evaluation_result(folder, metrics, reconstruction_report(folder, on_progress=status))
 
 
 def evaluated_before(folder: Path) -> CommandResult | None:

@@ -84,12 +84,12 @@ def import_(
             masks=masks,
             bands=bands,
             pixel_shift=pixel_shift,
-            progress=status,
+            on_progress=status,
         )
         if result.views:
             from rig.report.pages.calibration import calibration_report
 
-            calibration_report(out, status)
+            calibration_report(out, on_progress=status)
     lines = [
         f"{out}: {counted(result.shots, 'photo')} as {counted(result.frames, 'frame')} "
         f"of {counted(result.cameras, 'camera')}"

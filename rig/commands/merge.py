@@ -11,6 +11,7 @@ from rig.terminal.result import CommandResult, removed_on_failure, running
 from rig.terminal.text import command_line, counted, number
 
 if TYPE_CHECKING:
+    from calib.exports.merge_session import Merged
     from calib.exports.merged_view import MergedView
     from imaging.session.calibration import CalibrationRecord
 
@@ -50,30 +51,21 @@ def merge(
         running("merge") as status,
         removed_on_failure(out, unless=lambda path: any(path.rglob("*.exr"))),
     ):
-        from calib.exports.merge_session import SUMMARY, merge_session, read_session_calibration
+        from calib.exports.merge_session import merge as merge_session
         from imaging.colour import SPACE_NAMES
-        from imaging.files.store import read_json
 
-        calibration = read_session_calibration(session)
         merged = merge_session(
-            session,
-            out,
-            calibration,
-            frame=frame,
-            camera=camera,
-            space=space,
-            factor=None if exposure is None else 2.0**exposure,
-            progress=status,
+            session, out, frame=frame, camera=camera, space=space, exposure=exposure, on_progress=status
         )
-        factor = float(read_json(out / SUMMARY)["exposure_factor"])
-    kept = sum(picture.kept for picture in merged)
+    calibration, factor = merged.calibration, merged.exposure_factor
+    kept = sum(picture.kept for picture in merged.views)
     source = "labels (there is no calibration)" if calibration is None else "the calibration"
-    lines = [f"{out}: {counted(len(merged), 'merged picture')}, exposures from {source}"]
+    lines = [f"{out}: {counted(len(merged.views), 'merged picture')}, exposures from {source}"]
     lines.append(_scale_line(factor, calibration, middle_grey=exposure is None))
     if kept:
         lines.append(f"{counted(kept, 'file')} of an earlier run kept")
-    lines += [f"{picture.file}: {warning}" for picture in merged for warning in picture.warnings]
-    uncoloured = _camera_rgb(session, calibration, merged)
+    lines += [f"{picture.file}: {warning}" for picture in merged.views for warning in picture.warnings]
+    uncoloured = _camera_rgb(session, merged)
     if uncoloured:
         how = command_line("rig", "calibrate", session)
         if calibration is not None:
@@ -90,7 +82,7 @@ def merge(
         "space": space,
         "exposure_factor": factor,
         "camera_rgb": uncoloured,
-        "files": [_picture_data(picture) for picture in merged],
+        "files": [_picture_data(picture) for picture in merged.views],
     }
     return CommandResult(data, lines, _missing(session, merged), usable=True)
 
@@ -107,16 +99,14 @@ def _scale_line(factor: float, calibration: "CalibrationRecord | None", *, middl
     return f"{values}; a value of 1 is {white}, for {', '.join(scale.cameras)}"
 
 
-def _camera_rgb(
-    session: Path, calibration: "CalibrationRecord | None", merged: "list[MergedView]"
-) -> list[str]:
+def _camera_rgb(session: Path, merged: "Merged") -> list[str]:
     """Cameras whose RAW was merged without knowing their colour."""
     from imaging.session.session import Session
 
-    opened = Session.open(session)
+    opened, calibration = Session.open(session), merged.calibration
     return [
         name
-        for name in dict.fromkeys(picture.view.camera for picture in merged)
+        for name in dict.fromkeys(picture.view.camera for picture in merged.views)
         if opened.camera(name).kind == "raw"
         and (calibration is None or calibration.camera(name).camera_from_rec709 is None)
     ]
@@ -138,13 +128,13 @@ def _picture_data(picture: "MergedView") -> dict[str, Any]:
     }
 
 
-def _missing(session: Path, merged: "list[MergedView]") -> str | None:
+def _missing(session: Path, merged: "Merged") -> str | None:
     """Brackets that hold no measured light at all."""
     blind = {
         "saturated all over: take shorter ones": [
-            picture.view for picture in merged if picture.clipped >= 1.0
+            picture.view for picture in merged.views if picture.clipped >= 1.0
         ],
-        "black all over: take longer ones": [picture.view for picture in merged if picture.dark >= 1.0],
+        "black all over: take longer ones": [picture.view for picture in merged.views if picture.dark >= 1.0],
     }
     parts = [
         f"every exposure of {', '.join(map(str, views))} is {cause}"

@@ -196,8 +196,8 @@ def run_training(
             overrides=overrides,
             name=name,
             replace=replace,
-            progress=status,
-            tell=status.say,
+            on_progress=status,
+            on_message=status.say,
             countdown=countdown,
         )
     except Interrupted as error:

@@ -56,7 +56,7 @@ def render(
                 from recon.result.model import read_model
 
                 files = render_scene(
-                    folder, target, space=space, exposure=exposure, width=width, progress=status
+                    folder, target, space=space, exposure=exposure, width=width, on_progress=status
                 )
             scale = read_model(folder).exposure
             return CommandResult(

@@ -64,8 +64,8 @@ def run_trade(session: Path, status: StatusLine, budget: float, workers: int, se
             budget=seconds,
             workers=workers,
             seed=seed,
-            progress=status,
-            say=status.say,
+            on_progress=status,
+            on_message=status.say,
             until=now + seconds,
         )
     except KeyboardInterrupt:

@@ -194,7 +194,7 @@ class Page:
     def _render(self, camera: SplatCamera) -> Light:
         with self.drawing:
             began = time.perf_counter()
-            light = self.scene.radiance(self.scene.record.world.camera_in_world(camera))
+            light = self.scene.render(self.scene.record.world.camera_in_world(camera))
             rate = camera.width * camera.height / max(time.perf_counter() - began, 1e-4)
         self._pixels_a_second += 0.3 * (rate - self._pixels_a_second)
         return in_colour(light, self.scene.record.bands)

@@ -26,7 +26,7 @@ def arm(demo_capture: Path, made_once: MadeOnce) -> Path:
 
     def make(folder: Path) -> None:
         shutil.copytree(demo_capture, folder, dirs_exist_ok=True)
-        calibrate(folder, progress=unreported)
+        calibrate(folder, on_progress=unreported)
 
     return made_once("arm", make)
 

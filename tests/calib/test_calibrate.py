@@ -151,7 +151,7 @@ def test_new_shots_make_it_stale(own_arm: Path) -> None:
     shots.write_bytes(shots.read_bytes()[: -len(shots.read_bytes().splitlines(keepends=True)[-1])])
     assert is_stale(own_arm, record)
     with pytest.raises(InputError, match="without --only"):
-        calibrate(own_arm, only="response", progress=unreported)
+        calibrate(own_arm, only="response", on_progress=unreported)
 
 
 @pytest.mark.parametrize("part", ["response", "sensor", "colour"])
@@ -173,7 +173,7 @@ def test_one_part_is_measured_again_and_the_rest_stays(own_arm: Path, part: str)
     )
     path = own_arm / "calibration" / "calibration.json"
     store.write_json(path, spoiled.model_dump(mode="json"))
-    after = calibrate(own_arm, only=part, progress=unreported)
+    after = calibrate(own_arm, only=part, on_progress=unreported)
     assert after == read_calibration(own_arm)
     assert after.views == before.views
     for then, now in zip(before.cameras, after.cameras, strict=True):
@@ -207,7 +207,7 @@ def test_beside_poses_that_were_given_the_files_tell_noise_and_colours(tmp_path:
     )  # fmt: skip
     path = made / "calibration" / "calibration.json"
     store.write_json(path, record.model_dump(mode="json"))
-    after = calibrate(made, only="response", progress=unreported)
+    after = calibrate(made, only="response", on_progress=unreported)
     (found,) = after.cameras
     np.testing.assert_allclose(found.camera_from_rec709, COLOUR_MATRIX, atol=1e-3)
     assert found.noise is not None
@@ -218,12 +218,12 @@ def test_beside_poses_that_were_given_the_files_tell_noise_and_colours(tmp_path:
     judged = Rung(name="camera_colour", taken=False, reason="judged")
     spoiled = after.model_copy(update={"cameras": (camera,), "rungs": (given, judged)})
     store.write_json(path, spoiled.model_dump(mode="json"))
-    assert calibrate(made, only="response", progress=unreported).cameras[0].camera_from_rec709 is None
+    assert calibrate(made, only="response", on_progress=unreported).cameras[0].camera_from_rec709 is None
 
 
 def test_response_alone_needs_no_poses(own_arm: Path) -> None:
     shutil.rmtree(own_arm / "calibration")
-    record = calibrate(own_arm, only="response", progress=unreported)
+    record = calibrate(own_arm, only="response", on_progress=unreported)
     assert record.views == ()
     assert record.unregistered == ()
     assert calibration_errors(own_arm, record)["exposure_ratio_error_max"] < 2e-3
@@ -275,7 +275,7 @@ def test_stopped_half_way_the_old_calibration_stays(
             raise error
 
     with pytest.raises(error):
-        calibrate(small, progress=stop)
+        calibrate(small, on_progress=stop)
     left = {file: digest for file, digest in bytes_of(small).items() if not file.startswith(KEPT)}
     assert left == before
     assert list(small.glob(".*")) == [small / KEPT]
@@ -297,12 +297,12 @@ def test_a_stopped_calibration_goes_on_and_ends_as_an_undisturbed_one(
 
     monkeypatch.setattr("calib.data.features.match", counted)
     with pytest.raises(KeyboardInterrupt):
-        calibrate(small, progress=stop)
+        calibrate(small, on_progress=stop)
     assert len(matched) == 9
-    first = calibrate(small, progress=unreported)
+    first = calibrate(small, on_progress=unreported)
     assert len(matched) == 15
     assert not list(small.glob(".*"))
-    second = calibrate(small, progress=unreported)
+    second = calibrate(small, on_progress=unreported)
     assert len(matched) == 30
     assert len(first.views) == 6
     assert second.model_copy(update={"created": first.created}) == first

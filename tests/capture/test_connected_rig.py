@@ -75,7 +75,7 @@ class Place:
                 positions=rig.frames,
                 backend=bus.backend,
                 clock=bus.clock,
-                say=self.said.append,
+                on_message=self.said.append,
                 **options,
             )
         finally:

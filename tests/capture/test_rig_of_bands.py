@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.exports.merge_session import merge_session
+from calib.exports.merge_session import merge
 from capture.check.check import check, repair
 from capture.connected_rig import capture_rig
 from capture.rigfile.filters import band_of
@@ -67,7 +67,7 @@ def test_a_session_of_cameras_behind_filters_knows_its_bands(tmp_path: Path) -> 
     assert {(shot.camera, shot.band) for shot in session.shots()} == {("cam0", "650nm"), ("cam1", "550nm")}
     assert all(read_raw(session.file(shot)).cfa == Cfa.MONO for shot in session.shots())
     assert check(session.folder).ok
-    merge_session(session.folder, tmp_path / "merged", None)
+    merge(session, tmp_path / "merged")
     assert len(list((tmp_path / "merged").rglob("*.exr"))) == 2
     index = session.folder / "shots.jsonl"
     index.write_text("".join(index.read_text().splitlines(keepends=True)[:-1]))

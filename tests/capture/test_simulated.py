@@ -181,7 +181,7 @@ def test_two_captures_into_one_folder_do_not_mix(tmp_path):
                 capture_simulated("toy", out, seed=3, resume=resume)
             errors.append(str(caught.value))
 
-    capture_simulated("toy", out, seed=3, frames=1, progress=second_capture)
+    capture_simulated("toy", out, seed=3, frames=1, on_progress=second_capture)
     assert errors
     assert all("being written by another rig" in error for error in errors)
     assert len(Session.open(out).shots()) == 6

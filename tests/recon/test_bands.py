@@ -1,7 +1,7 @@
 """A mono camera with a filter wheel, from its files to a scene of bands, against the simulator's truth."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -21,6 +21,7 @@ from recon.data.load import load
 from recon.data.truth import calibration_errors, true_radiance
 from recon.decide.overrides import Overrides
 from recon.evaluate import evaluate
+from recon.evaluation import Evaluation
 from recon.reconstruct import reconstruct
 from recon.render import render
 from recon.result.scene import Scene, open_scene
@@ -37,7 +38,7 @@ class Outcome(NamedTuple):
     session: Path
     calibration: CalibrationRecord
     scene: Scene
-    metrics: dict[str, Any]
+    metrics: Evaluation
 
 
 @pytest.fixture(scope="module")
@@ -81,13 +82,13 @@ def test_what_the_shots_say_is_the_truth_of_their_band(outcome: Outcome) -> None
 def test_the_scene_has_the_light_of_every_band(outcome: Outcome) -> None:
     assert outcome.scene.channels == ORDER
     view = outcome.scene.views[0]
-    assert outcome.scene.radiance(view.splat_camera).shape == (84, 112, 4)
-    bands = {row["band"]: row for row in outcome.metrics["bands"]}
+    assert outcome.scene.render(view.splat_camera).shape == (84, 112, 4)
+    bands = {row.band: row for row in outcome.metrics.bands}
     assert tuple(bands) == ORDER
     for name, row in bands.items():
-        assert row["stops_median"] < 0.2, name
-        assert row["raw_psnr"] > 28, name
-    assert outcome.metrics["hdr_psnr_mu_aligned"] > 28
+        assert row.stops_median < 0.2, name
+        assert row.raw_psnr > 28, name
+    assert outcome.metrics.hdr_psnr_mu_aligned > 28
 
 
 def test_spectra_are_right(outcome: Outcome) -> None:
@@ -95,7 +96,7 @@ def test_spectra_are_right(outcome: Outcome) -> None:
     bands = outcome.scene.record.bands
     dataset = load(outcome.session)
     for view in dataset.held_out:
-        light = outcome.scene.radiance(outcome.scene.view(view.name).splat_camera)
+        light = outcome.scene.render(outcome.scene.view(view.name).splat_camera)
         truth = true_radiance(outcome.session, view, bands)
         ours, true = (np.log2(np.maximum(side[..., 3], 1e-9) / side[..., 0]) for side in (light, truth))
         assert np.percentile(true, 95) - np.percentile(true, 5) > 1
@@ -109,7 +110,7 @@ def test_renders_are_spectral_files_and_pictures_in_colour(outcome: Outcome, tmp
     assert set(image.channels) == {f"S0.{wave},000000nm" for wave in (465, 545, 630, 690)}
     assert image.attributes["spectralLayoutVersion"] == "1.0"
     assert "chromaticities" not in image.attributes
-    light = outcome.scene.radiance(outcome.scene.views[0].splat_camera)
+    light = outcome.scene.render(outcome.scene.views[0].splat_camera)
     np.testing.assert_array_equal(image.channels["S0.630,000000nm"], light[..., 2])
     assert png.suffix == ".png"
     with pytest.raises(InputError, match="has the light of bands, which has no primaries"):

@@ -76,7 +76,7 @@ def test_a_stopped_training_ends_like_one_that_was_not(trained, session_copy):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(session_copy, quality="draft", progress=impatient)
+        reconstruct(session_copy, quality="draft", on_progress=impatient)
     folder = session_copy / "reconstructions" / "nh-3dgs-draft"
     assert not (folder / "model.json").exists()
     reconstruct(session_copy, quality="draft")
@@ -91,23 +91,23 @@ def test_metrics_have_their_names_and_no_nan(trained, tmp_path):
     folder = copied(trained, tmp_path)
     result = evaluate(folder)
     text = (folder / "metrics.json").read_text()
-    assert json.loads(text, parse_constant=pytest.fail) == json.loads(json.dumps(result))
+    assert json.loads(text, parse_constant=pytest.fail) == result.known()
     expected = {
         "hdr_psnr_mu", "hdr_psnr_mu_aligned", "hdr_psnr_mu_dark", "stops_median", "pu21_psnr", "raw_psnr",
         "relative_error_by_decade", "pose_rotation_deg", "pose_rotation_deg_max", "pose_translation_relative",
         "pose_translation_relative_max", "exposure_ratio_error", "gain_error", "gaussians", "size_bytes",
         "train_seconds", "iterations", "render_fps", "views", "held_out",
     }  # fmt: skip
-    assert expected <= set(result)
-    assert result["gaussians"] == 800
-    assert result["size_bytes"] == (folder / "splats.ply").stat().st_size
-    (row,) = result["views"]
-    assert row["view"] == result["held_out"][0]
-    assert row["hdr_psnr_mu_aligned"] == pytest.approx(result["hdr_psnr_mu_aligned"])
-    view = open_model(folder).view(row["view"])
+    assert expected <= set(result.known())
+    assert result.gaussians == 800
+    assert result.size_bytes == (folder / "splats.ply").stat().st_size
+    (row,) = result.views
+    assert row.view == result.held_out[0]
+    assert row.hdr_psnr_mu_aligned == pytest.approx(result.hdr_psnr_mu_aligned)
+    view = open_model(folder).view(row.view)
     image = read_exr(folder / "renders" / f"{view.frame:04d}_{view.camera}.exr").rgb()
     truth = true_radiance(folder.parent.parent, view)
-    assert metrics.hdr_psnr_mu(image, truth) == pytest.approx(result["hdr_psnr_mu"], abs=1e-3)
+    assert metrics.hdr_psnr_mu(image, truth) == pytest.approx(result.hdr_psnr_mu, abs=1e-3)
     assert "chromaticities" in read_exr(folder / "renders" / f"{view.frame:04d}_{view.camera}.exr").attributes
 
 
@@ -121,13 +121,13 @@ def test_a_perfect_model_reaches_the_caps(trained, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Opened, "render", perfect)
     result = evaluate(folder)
-    assert result["hdr_psnr_mu"] > 110
-    assert result["hdr_psnr_mu_aligned"] > 110
-    assert result["pu21_psnr"] > 100
-    assert result["stops_median"] < 1e-5
-    assert all(entry["p95"] < 1e-5 for entry in result["relative_error_by_decade"])
+    assert result.hdr_psnr_mu > 110
+    assert result.hdr_psnr_mu_aligned > 110
+    assert result.pu21_psnr > 100
+    assert result.stops_median < 1e-5
+    assert all(entry.p95 < 1e-5 for entry in result.relative_error_by_decade)
     # What is left is the noise of the held-out shots themselves.
-    assert 30 < result["raw_psnr"] < 60
+    assert 30 < result.raw_psnr < 60
 
 
 def test_figures_are_the_same_to_the_bit_on_any_number_of_threads(trained, tmp_path):
@@ -155,9 +155,9 @@ def test_a_model_twice_too_bright_is_right_after_alignment(trained, tmp_path, mo
 
     monkeypatch.setattr(Opened, "render", bright)
     result = evaluate(folder)
-    assert result["alignment_scale"] == pytest.approx(0.5, rel=1e-5)
-    assert result["hdr_psnr_mu"] < 35
-    assert result["hdr_psnr_mu_aligned"] > 110
+    assert result.alignment_scale == pytest.approx(0.5, rel=1e-5)
+    assert result.hdr_psnr_mu < 35
+    assert result.hdr_psnr_mu_aligned > 110
 
 
 def test_renders_of_named_views_at_several_exposures(trained, tmp_path):
@@ -192,8 +192,8 @@ def test_photographs_choose_hdr_gs_and_linear_ones_do_not(toy_ldr, tmp_path):
     folder = reconstruct(session, quality="draft")
     assert folder.name == "hdr-gs-draft"
     result = evaluate(folder)
-    assert {"ldr_psnr_oe", "ssim", "response_rmse", "hdr_psnr_mu_aligned"} <= set(result)
-    assert result["response_rmse"] < 0.1
+    assert {"ldr_psnr_oe", "ssim", "response_rmse", "hdr_psnr_mu_aligned"} <= set(result.known())
+    assert result.response_rmse < 0.1
     with pytest.raises(ReconstructionError, match="developed photographs"):
         reconstruct(session, quality="draft", method="nh-3dgs")
 
@@ -209,8 +209,8 @@ def test_photographs_of_one_exposure_are_plain_3dgs_in_display_values(toy_ldr, t
     folder = reconstruct(session, quality="draft")
     assert folder.name == "vanilla-draft"
     result = evaluate(folder)
-    assert result["ldr_psnr_oe"] > 15
-    assert "response_rmse" in result
+    assert result.ldr_psnr_oe > 15
+    assert result.response_rmse is not None
 
 
 def keep_views(session, count):
@@ -225,9 +225,9 @@ def test_too_few_views_hold_nothing_out_and_say_so(session_copy, count):
     keep_views(session_copy, count)
     folder = reconstruct(session_copy, quality="draft")
     result = evaluate(folder)
-    assert result["held_out"] == []
-    assert "too few" in result["held_out_note"]
-    assert "hdr_psnr_mu_aligned" not in result
+    assert result.held_out == ()
+    assert "too few" in result.held_out_note
+    assert result.hdr_psnr_mu_aligned is None
     assert all(file.stat().st_size for file in render(folder, session_copy / "out"))
 
 
@@ -248,7 +248,7 @@ def test_bad_usage_is_one_sentence(toy, options, words):
 
 
 def test_what_is_no_reconstruction_is_refused(toy, trained, tmp_path):
-    with pytest.raises(ReconstructionError, match="no finished reconstruction"):
+    with pytest.raises(InputError, match="no finished reconstruction"):
         evaluate(toy)
     with pytest.raises(InputError):
         reconstruct(tmp_path)
@@ -264,19 +264,19 @@ def test_figures_of_a_training_that_views_may_end_are_of_others(toy, toy_long, t
     folder = reconstruct(session, quality="draft", early_stop=True)
     record, result = read_model(folder), evaluate(folder)
     assert set(record.validation) <= set(record.held_out)
-    assert result["validation"] == list(record.validation)
+    assert result.validation == record.validation
     assert len(record.validation) == 1
-    assert set(result["held_out"]) == set(record.held_out) - set(record.validation)
-    (row,) = result["views"]
+    assert set(result.held_out) == set(record.held_out) - set(record.validation)
+    (row,) = result.views
     last = json.loads((folder / "train.jsonl").read_text().splitlines()[-1])["held_out_db"]
     if views == 6:
-        assert (result["measured_on"], row["view"]) == ("validation", record.validation[0])
-        assert "looked at" in result["held_out_note"]
-        assert row["raw_psnr"] == pytest.approx(last, abs=1e-3)
+        assert (result.measured_on, row.view) == ("validation", record.validation[0])
+        assert "looked at" in result.held_out_note
+        assert row.raw_psnr == pytest.approx(last, abs=1e-3)
         return
-    assert (result["measured_on"], row["view"]) == ("test", result["held_out"][0])
-    assert "held_out_note" not in result
-    assert row["raw_psnr"] != pytest.approx(last, abs=1e-3)
+    assert (result.measured_on, row.view) == ("test", result.held_out[0])
+    assert result.held_out_note is None
+    assert row.raw_psnr != pytest.approx(last, abs=1e-3)
 
 
 def test_renders_in_another_space_are_the_same_light(trained, tmp_path):

@@ -2,24 +2,24 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from calib.calibrate import calibrate
-from calib.exports.merge_session import merge_session
+from calib.exports.merge_session import merge
 from capture.check.check import check
 from capture.simulated import capture_simulated
 from drivers.sim import rigs
 from imaging.cfa import Cfa
 from imaging.files.exr import read_exr
 from imaging.files.raw import read_raw
-from imaging.session.calibration import read_calibration
 from imaging.session.session import Session
 from recon.data.truth import calibration_errors
 from recon.decide.overrides import Overrides
 from recon.evaluate import evaluate
+from recon.evaluation import Evaluation
 from recon.reconstruct import reconstruct
 
 BANDS = ("450nm", "550nm", "650nm")
@@ -28,7 +28,7 @@ BANDS = ("450nm", "550nm", "650nm")
 class Outcome(NamedTuple):
     session: Path
     errors: dict[str, float]
-    metrics: dict[str, Any]
+    metrics: Evaluation
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_check_compares_exposures_of_one_band_only(outcome: Outcome) -> None:
 
 def test_brackets_are_merged_band_by_band(outcome: Outcome, tmp_path: Path) -> None:
     """Each file is the light of its band, up to one factor for all."""
-    merge_session(outcome.session, tmp_path / "merged", read_calibration(outcome.session))
+    merge(outcome.session, tmp_path / "merged")
     files = sorted((tmp_path / "merged").rglob("*.exr"))
     assert [path.name for path in files] == [f"cam{n}.{band}.exr" for n in (0, 1) for band in BANDS] * 3
     ratios = []
@@ -81,8 +81,8 @@ def test_brackets_are_merged_band_by_band(outcome: Outcome, tmp_path: Path) -> N
 
 def test_the_scene_has_the_light_of_every_band(outcome: Outcome) -> None:
     assert outcome.errors["pose_rotation_deg"] < 0.4
-    rows = {row["band"]: row for row in outcome.metrics["bands"]}
+    rows = {row.band: row for row in outcome.metrics.bands}
     assert tuple(rows) == BANDS
     for name, row in rows.items():
-        assert row["stops_median"] < 0.25, name
-        assert row["hdr_psnr_mu_aligned"] > 30, name
+        assert row.stops_median < 0.25, name
+        assert row.hdr_psnr_mu_aligned > 30, name

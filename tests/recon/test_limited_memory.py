@@ -34,7 +34,8 @@ resource.setrlimit(resource.RLIMIT_AS, (first + {LIMIT},) * 2)
 needs = []
 stage.need = lambda *views, **how: needs.append(forecast.need(*views, **how)) or needs[-1]
 overrides = Overrides(iterations={ITERATIONS}, gaussians=1000, width=640, refine="none", environment=False)
-folder = stage.reconstruct(sys.argv[1], quality="draft", overrides=overrides, name="limited", tell=print)
+folder = stage.reconstruct(sys.argv[1], quality="draft", overrides=overrides, name="limited",
+                           on_message=print)
 evaluate(folder)
 peak = 1024 * int(next(
     line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")
@@ -71,5 +72,5 @@ def test_images_that_memory_does_not_hold_give_the_same_scene(large: Path) -> No
     whole = reconstruct(large, quality="draft", overrides=overrides, name="whole")
     limited = whole.with_name("limited")
     assert (whole / SPLATS).read_bytes() == (limited / SPLATS).read_bytes()
-    figures = [evaluate(folder)["views"] for folder in (whole, limited)]
+    figures = [evaluate(folder).views for folder in (whole, limited)]
     assert figures[0] == figures[1]

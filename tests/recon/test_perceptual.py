@@ -39,12 +39,12 @@ def test_other_programs_find_the_same_figures_in_the_files(scene):
         white = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"]
         labs = (colour.XYZ_to_Lab(xyz, white) for xyz in (one, other))
         differences.append(colour.delta_E(*labs, method="CIE 2000"))
-    assert result["flip_mean"] == pytest.approx(np.mean(flips), abs=1e-5)
-    assert result["flip_median"] == pytest.approx(np.median(flips), abs=1e-5)
+    assert result.flip_mean == pytest.approx(np.mean(flips), abs=1e-5)
+    assert result.flip_median == pytest.approx(np.median(flips), abs=1e-5)
     # Rounded matrices of the standard: a few hundredths at the most.
-    assert result["ciede2000_mean"] == pytest.approx(np.mean(differences), abs=0.02)
-    assert result["ciede2000_median"] == pytest.approx(np.median(differences), abs=0.02)
-    assert 0.01 < result["flip_mean"] < 0.8
+    assert result.ciede2000_mean == pytest.approx(np.mean(differences), abs=0.02)
+    assert result.ciede2000_median == pytest.approx(np.median(differences), abs=0.02)
+    assert 0.01 < result.flip_mean < 0.8
 
 
 def test_light_is_written_in_one_unit_and_has_the_hdr_flip_of_its_authors(scene):
@@ -53,8 +53,8 @@ def test_light_is_written_in_one_unit_and_has_the_hdr_flip_of_its_authors(scene)
     ours, truth = (read_exr(folder / name / reference.name).rgb() for name in ("renders", "references"))
     assert np.median(np.log(ours / truth)) == pytest.approx(0, abs=0.01)
     found, mean, _ = flip_evaluator.evaluate(truth, np.maximum(ours, 0), "HDR", applyMagma=False)
-    assert result["hdr_flip_mean"] == pytest.approx(mean, abs=1e-4)
-    assert result["hdr_flip_median"] == pytest.approx(np.median(found), abs=1e-4)
+    assert result.hdr_flip_mean == pytest.approx(mean, abs=1e-4)
+    assert result.hdr_flip_median == pytest.approx(np.median(found), abs=1e-4)
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
@@ -78,5 +78,5 @@ def test_without_flip_the_rest_is_told(scene, monkeypatch):
     folder, before = scene
     monkeypatch.setattr(perceptual, "find_spec", lambda name: None)
     result = evaluate(folder)
-    assert not [key for key in result if "flip" in key]
-    assert result["ciede2000_mean"] == before["ciede2000_mean"]
+    assert not [key for key in result.known() if "flip" in key]
+    assert result.ciede2000_mean == before.ciede2000_mean

@@ -3,7 +3,7 @@
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -25,6 +25,7 @@ from recon.data.load import load
 from recon.data.truth import calibration_errors, true_radiance
 from recon.decide.overrides import Overrides
 from recon.evaluate import evaluate
+from recon.evaluation import Evaluation
 from recon.reconstruct import reconstruct
 
 TIMES = 1 / 500, 1 / 30
@@ -34,8 +35,8 @@ class Outcome(NamedTuple):
     shifted: Path
     alone: Path
     errors: dict[str, float]
-    metrics: dict[str, Any]
-    metrics_alone: dict[str, Any]
+    metrics: Evaluation
+    metrics_alone: Evaluation
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +93,6 @@ def test_shots_tell_more_than_the_first_exposure_of_each(outcome: Outcome) -> No
 
 def test_the_scene_is_nearer_to_the_light_than_that_of_first_exposures(outcome: Outcome) -> None:
     ours, alone = outcome.metrics, outcome.metrics_alone
-    assert ours["hdr_psnr_mu_aligned"] > max(31.0, alone["hdr_psnr_mu_aligned"] + 3.0)
-    assert ours["stops_median"] < min(0.2, 0.8 * alone["stops_median"])
-    assert ours["ciede2000_mean"] < 0.8 * alone["ciede2000_mean"]
+    assert ours.hdr_psnr_mu_aligned > max(31.0, alone.hdr_psnr_mu_aligned + 3.0)
+    assert ours.stops_median < min(0.2, 0.8 * alone.stops_median)
+    assert ours.ciede2000_mean < 0.8 * alone.ciede2000_mean

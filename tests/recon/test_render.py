@@ -69,8 +69,8 @@ def test_photographs_of_a_cut_out_object_are_compared_before_white_too(cut_out: 
             shown = opened.training.method.observation.predict(opened.render(view.lens), view, shot.k).numpy()
             shown = (shown + (1 - alpha)[..., None]).clip(0, 1)
             figures.append(-10 * np.log10(np.square(shown - white)[shot.valid].mean()))
-    assert result["ldr_psnr_white"] == pytest.approx(np.mean(figures), abs=1e-3)
-    assert abs(result["ldr_psnr_white"] - result["ldr_psnr_oe"]) > 0.1
+    assert result.ldr_psnr_white == pytest.approx(np.mean(figures), abs=1e-3)
+    assert abs(result.ldr_psnr_white - result.ldr_psnr_oe) > 0.1
 
 
 def test_a_scene_of_whole_photographs_has_no_alpha(toy_ldr: Path, tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_a_scene_of_whole_photographs_has_no_alpha(toy_ldr: Path, tmp_path: Path
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(stage.QUALITIES, "draft", stage.Quality(2, 100, 32))
         folder = stage.reconstruct(session, quality="draft", method="vanilla")
-    assert "ldr_psnr_white" not in evaluate(folder)
+    assert evaluate(folder).ldr_psnr_white is None
     scene = open_scene(folder)
     assert scene.layer(scene.views[0].splat_camera)[1] is None
     exr, png = render(folder, tmp_path / "out", views=[scene.views[0].name])

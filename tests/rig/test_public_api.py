@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import rig
+from imaging.colour import srgb_encode
 
 
 @pytest.mark.parametrize("name", rig.__all__)
@@ -44,8 +46,11 @@ def test_the_readme_renders_a_new_pose_from_python(toy: Path, tmp_path: Path, mo
     names: dict[str, Any] = {}
     exec(code, names)
     light, scene = names["light"], names["scene"]
+    shown = np.asarray(Image.open("new.png"), np.float64)
+    expected = 255 * srgb_encode(np.clip(light.astype(np.float64) * scene.exposure * 4, 0, 1))
+    assert np.abs(shown - expected).max() <= 0.51
     assert np.array_equal(rig.read_exr("new.exr").rgb(), light * np.float32(scene.exposure))
-    assert not np.array_equal(light, scene.radiance(scene.views[0].splat_camera))
+    assert not np.array_equal(light, scene.render(scene.views[0]))
 
 
 MISSING: dict[str, Callable[[str], object]] = {
@@ -54,7 +59,7 @@ MISSING: dict[str, Callable[[str], object]] = {
     "check": lambda path: rig.check(path),
     "evaluate": lambda path: rig.evaluate(path),
     "import_photos": lambda path: rig.import_photos(path, path + "-out"),
-    "merge_session": lambda path: rig.merge_session(path, path + "-out", None),
+    "merge": lambda path: rig.merge(path, path + "-out"),
     "open_scene": lambda path: rig.open_scene(path),
     "read_calibration": lambda path: rig.read_calibration(path),
     "read_exr": lambda path: rig.read_exr(path),
@@ -79,16 +84,16 @@ def test_a_path_may_be_text_and_one_that_is_missing_is_an_error_of_rig(name: str
 
 
 def test_results_are_written_where_text_says(scene: Path, tmp_path: Path) -> None:
-    calibration = rig.read_calibration(str(scene))
-    merged = rig.merge_session(str(scene), str(tmp_path / "merged"), calibration, frame=0)
-    assert all(view.file.is_file() for view in merged)
+    merged = rig.merge(str(scene), str(tmp_path / "merged"), frame=0)
+    assert merged.calibration == rig.read_calibration(str(scene))
+    assert all(view.file.is_file() for view in merged.views)
     rig.write_exr(str(tmp_path / "one.exr"), np.ones((2, 2, 3), np.float32))
     raw = rig.read_raw(str(next(scene.rglob("*.dng"))))
     rig.write_dng(str(tmp_path / "one.dng"), raw)
     assert np.array_equal(rig.read_raw(tmp_path / "one.dng").pixels, raw.pixels)
     folder = str(scene / "reconstructions" / "nh-3dgs-draft")
     assert all(path.is_file() for path in rig.render(folder, str(tmp_path / "out")))
-    assert rig.evaluate(folder)["gaussians"] == len(rig.open_scene(folder).gaussians)
+    assert rig.evaluate(folder).gaussians == len(rig.open_scene(folder).gaussians)
 
 
 def unheard(message: str, done: int, total: int) -> None:
@@ -96,11 +101,11 @@ def unheard(message: str, done: int, total: int) -> None:
 
 
 TRIED: dict[str, Callable[[Path, Path], object]] = {
-    "calibration": lambda session, out: rig.calibrate(session, progress=unheard),
-    "trade": lambda session, out: rig.trade_sweep(session, budget=1.0, progress=unheard),
-    "merged": lambda session, out: rig.merge_session(session, out, None, progress=unheard),
+    "calibration": lambda session, out: rig.calibrate(session, on_progress=unheard),
+    "trade": lambda session, out: rig.trade_sweep(session, budget=1.0, on_progress=unheard),
+    "merged": lambda session, out: rig.merge(session, out, on_progress=unheard),
     "renders": lambda session, out: rig.render(
-        session / "reconstructions" / "nh-3dgs-draft", out, progress=unheard
+        session / "reconstructions" / "nh-3dgs-draft", out, on_progress=unheard
     ),
 }
 

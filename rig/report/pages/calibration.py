@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
 
 from imaging.progress import Progress, unreported
@@ -34,7 +35,7 @@ def _tiles(record: CalibrationRecord, registered: str) -> Iterable[Tile]:
         yield Tile(number(record.board.rms_px), "px", "rms of the board's corners")
 
 
-def calibration_report(folder: str | Path, progress: Progress = unreported) -> Path:
+def calibration_report(folder: str | PathLike[str], *, on_progress: Progress = unreported) -> Path:
     """Write SESSION/calibration/report.html; the session is at `folder`."""
     folder = Path(folder)
     session, record = Session.open(folder), read_calibration(folder)
@@ -47,7 +48,7 @@ def calibration_report(folder: str | Path, progress: Progress = unreported) -> P
         made=now(),
         tiles=tuple(_tiles(record, section.registered)),
         sections={
-            "captured": captured(session, record, progress),
+            "captured": captured(session, record, on_progress),
             "calibrated": section,
             "provenance": provenance(session, record, None, version("hdr-rig")),
         },

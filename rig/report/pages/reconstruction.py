@@ -1,6 +1,7 @@
 """report.html of a reconstruction: pictures, quality, and all that led to it."""
 
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
 
 from imaging.files import store
@@ -16,7 +17,7 @@ from rig.report.sections.provenance import provenance
 from rig.report.sections.quality import quality, tiles
 
 
-def reconstruction_report(folder: str | Path, progress: Progress = unreported) -> Path:
+def reconstruction_report(folder: str | PathLike[str], *, on_progress: Progress = unreported) -> Path:
     """Write report.html into a reconstruction that was evaluated: all, from the capture to the quality."""
     folder = Path(folder)
     metrics = store.read_json(folder / "metrics.json")
@@ -31,9 +32,9 @@ def reconstruction_report(folder: str | Path, progress: Progress = unreported) -
         made=now(),
         tiles=tiles(opened.record, metrics),
         sections={
-            "pictures": pictures(opened, float(metrics.get("alignment_scale", 1.0)), progress),
+            "pictures": pictures(opened, float(metrics.get("alignment_scale", 1.0)), on_progress),
             "quality": section,
-            "captured": captured(session, record, progress),
+            "captured": captured(session, record, on_progress),
             "calibrated": calibrated(session, record, is_stale(session.folder, record)),
             "provenance": provenance(
                 session, record, opened.record, version("hdr-rig"), folder.resolve().name

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ class TradeSection:
     failed: tuple[tuple[str, str], ...]
 
 
-def trade_report(session: str | Path) -> Path:
+def trade_report(session: str | PathLike[str]) -> Path:
     """Write the page of a session's trade-off; returns its path. InputError if there is none."""
     session = Path(session)
     opened, trade = Session.open(session), read_trade(session)

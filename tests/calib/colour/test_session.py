@@ -82,7 +82,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Path:
         wall_view(lit, 50),
     ]
     made(folder, views, ["a", "a", "a", "b", "b"])
-    calibrate(folder, only="colour", chart=True, progress=unreported)
+    calibrate(folder, only="colour", chart=True, on_progress=unreported)
     return folder
 
 
@@ -169,7 +169,7 @@ def test_balance_is_kept_relative_to_the_cameras_of_the_chart(seen: Path) -> Non
 def test_colours_of_the_files_come_back_without_the_chart(seen: Path) -> None:
     before = json.loads((seen / "calibration" / "calibration.json").read_text())
     try:
-        record = calibrate(seen, only="colour", progress=unreported)
+        record = calibrate(seen, only="colour", on_progress=unreported)
         assert record.camera("a").chart is None
         assert np.array(record.camera("a").camera_from_rec709) == pytest.approx(
             FILES / FILES[1].sum(), abs=1e-4
@@ -182,16 +182,16 @@ def test_colours_of_the_files_come_back_without_the_chart(seen: Path) -> None:
 def test_no_chart_and_no_use_of_one_are_refused(seen: Path, tmp_path: Path) -> None:
     blank = made(tmp_path / "blank", [wall_view(TRUE, 1)], ["a"])
     with pytest.raises(CalibrationError, match=r"no colour chart found \(views searched: 1; nothing looks"):
-        calibrate(blank, only="colour", chart=True, progress=unreported)
+        calibrate(blank, only="colour", chart=True, on_progress=unreported)
     assert not (blank / "calibration").exists()
     with pytest.raises(InputError, match="not of response"):
-        calibrate(seen, only="response", chart=True, progress=unreported)
+        calibrate(seen, only="response", chart=True, on_progress=unreported)
     photos = make_session(
         tmp_path / "photos",
         [[(np.full((64, 96, 3), 99, np.uint8), Exposure(time=1.0, f_number=1.0, iso=100.0))]],
     )
     with pytest.raises(CalibrationError, match="has no RAW view"):
-        calibrate(photos, only="colour", chart=True, progress=unreported)
+        calibrate(photos, only="colour", chart=True, on_progress=unreported)
 
 
 def found_of(camera: np.ndarray, seed: int) -> Found:

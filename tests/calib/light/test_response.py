@@ -242,7 +242,7 @@ def test_srgb_is_assumed_and_said_so_where_nothing_can_be_measured(samples: Samp
 
 def test_a_real_bracket_of_photographs(real: Path, tmp_path: Path) -> None:
     """Seven JPEGs of a Canon: sRGB is useless for them (0.64 disagreement), a curve is not (0.07)."""
-    import_photos(real / "t2i", tmp_path / "S", progress=unreported)
+    import_photos(real / "t2i", tmp_path / "S", on_progress=unreported)
     session = Session.open(tmp_path / "S")
     light = radiometry.measure_light(session, scene_views(session), unreported)
     (response,) = light.responses.values()

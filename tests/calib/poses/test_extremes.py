@@ -56,7 +56,7 @@ def brackets(light: Array, times: Sequence[float]) -> list[list[Shot]]:
 
 def pair_errors(session: Path, true: Array) -> tuple[Array, Array]:
     """Degrees, of every pair of views: its rotation is off, and its translation's direction (NaN: none)."""
-    record = calibrate(session, progress=unreported)
+    record = calibrate(session, on_progress=unreported)
     found = {view.frame: view.cam_from_world.matrix() for view in record.views}
     turns, directions = [], []
     for one in range(len(true)):
@@ -112,7 +112,7 @@ def test_a_label_that_is_wrong_by_two_is_found(
         for frame, view in enumerate(scene[0])
     ]
     session = make_session(tmp_path / "S", views)
-    record = calibrate(session, only="response", progress=unreported)
+    record = calibrate(session, only="response", on_progress=unreported)
     for frame in range(VIEWS):
         scale = [record.exposure_scale[f"raw/{frame:04d}/cam_{step}.dng"] for step in range(3)]
         np.testing.assert_allclose(np.array(scale) / scale[2], np.array(USUAL) / USUAL[2], rtol=0.01)
@@ -141,7 +141,7 @@ def test_a_camera_that_only_turns_is_refused(tmp_path: Path) -> None:
         turned.append(rig.scene.render(lens, turn @ rig.cam_from_world(0, 0), 2))
     session = make_session(tmp_path / "S", brackets(np.array(turned, np.float64), USUAL[1:2]))
     with pytest.raises(CalibrationError, match=r"turned on the spot: move it sideways between views\.$"):
-        calibrate(session, progress=unreported)
+        calibrate(session, on_progress=unreported)
 
 
 @pytest.mark.parametrize(
@@ -152,4 +152,4 @@ def test_brackets_that_show_nothing_are_refused(
 ) -> None:
     session = make_session(tmp_path / "S", brackets(scene[0], (time, 4 * time)))
     with pytest.raises(CalibrationError, match=cause):
-        calibrate(session, progress=unreported)
+        calibrate(session, on_progress=unreported)

@@ -72,7 +72,7 @@ def test_measured_positions_give_the_scale(short: Path) -> None:
         if camera["name"] != "cam2":  # two of them would do
             camera["position"] = centre(mounted(truth[camera["name"]])).tolist()
     store.write_json(short / "session.json", identity)
-    record = calibrate(short, progress=unreported)
+    record = calibrate(short, on_progress=unreported)
     assert record.unit == "m"
     ratios = [
         distance / float(np.linalg.norm(centre(mounted(truth[name])) - centre(mounted(truth["cam0"]))))
@@ -104,7 +104,7 @@ def test_what_a_board_knows_well_stays_as_it_is(short: Path, monkeypatch: pytest
         sure_rig=True,
     )
     monkeypatch.setattr(calibrating, "measure_board", lambda *args: board)
-    record = calibrate(short, progress=unreported)
+    record = calibrate(short, on_progress=unreported)
     assert record.unit == "m"
     assert record.board == board.evidence
     reference = record.camera("cam0")

@@ -53,7 +53,7 @@ def test_nothing_to_place_and_nothing_measured(
 ) -> None:
     session = make_session(tmp_path / "S", [[(picture, None)] for picture in pictures])
     with pytest.raises(CalibrationError, match=cause) as refused:
-        calibrate(session, progress=unreported)
+        calibrate(session, on_progress=unreported)
     message = str(refused.value)
     assert message.startswith(str(session))
     assert message.endswith(".")
@@ -72,7 +72,7 @@ def test_dim_raw_is_called_black(tmp_path: Path) -> None:
 
     session = make_session(tmp_path / "S", [[(dark(), Exposure(time=0.01))] for _ in range(3)])
     with pytest.raises(CalibrationError, match="3 of them are black"):
-        calibrate(session, progress=unreported)
+        calibrate(session, on_progress=unreported)
 
 
 def bracket(seed: int) -> list[tuple[RawMosaic, Exposure]]:
@@ -91,7 +91,7 @@ def bracket(seed: int) -> list[tuple[RawMosaic, Exposure]]:
 def test_one_view_keeps_what_its_bracket_says(tmp_path: Path) -> None:
     session = make_session(tmp_path / "S", [bracket(1)])
     with pytest.raises(PartialError, match="exposures and response are measured, but no view has a pose"):
-        calibrate(session, progress=unreported)
+        calibrate(session, on_progress=unreported)
     record = read_calibration(session)
     assert record.views == ()
     assert record.unregistered == (ViewId(0, "cam"),)
@@ -117,13 +117,13 @@ def test_a_board_that_nothing_describes_is_left_out_alone(tmp_path: Path) -> Non
     session = make_session(tmp_path / "a session", [bracket(1)])
     add_board_shot(session)
     with pytest.raises(PartialError, match="The board was left out: nothing describes it") as refused:
-        calibrate(session, progress=unreported)
+        calibrate(session, on_progress=unreported)
     assert "straight line" in read_calibration(session).cameras[0].response.evidence
     words = shlex.split(str(refused.value).split("`")[1])
     assert words[:3] == ["rig", "calibrate", str(session)]
     told = board_text(words[4]).board()
     with pytest.raises(PartialError, match="No picture shows a board of 7 x 5 squares"):
-        calibrate(session, board=told, progress=unreported)
+        calibrate(session, board=told, on_progress=unreported)
 
 
 def test_one_view_keeps_the_colour_that_its_file_names(tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_one_view_keeps_the_colour_that_its_file_names(tmp_path: Path) -> None:
     matrix = ((0.8, -0.2, -0.1), (-0.4, 1.2, 0.2), (0.0, 0.2, 0.6))
     session = make_session(tmp_path / "S", [[(replace(raw, camera_from_xyz=matrix), exposure)]])
     with pytest.raises(PartialError, match="colours are as the files say, but no view has a pose: only one"):
-        calibrate(session, progress=unreported)
+        calibrate(session, on_progress=unreported)
     assert read_calibration(session).cameras[0].camera_from_rec709 is not None
 
 
@@ -148,7 +148,7 @@ def test_poses_that_were_found_before_are_not_given_up(
     monkeypatch.setattr("calib.calibrate.scene_views", lambda session: scene_of_two(session))
     before = read_calibration(own_arm)
     with pytest.raises(CalibrationError, match="no two views share"):
-        calibrate(own_arm, progress=unreported)
+        calibrate(own_arm, on_progress=unreported)
     assert read_calibration(own_arm) == before
 
 
@@ -165,18 +165,18 @@ def test_a_session_without_images(tmp_path: Path) -> None:
         tmp_path / "S", SessionRecord(name="S", created=datetime.now(UTC), origin="test", cameras=())
     )
     with pytest.raises(CalibrationError, match="has no shot of a scene"):
-        calibrate(tmp_path / "S", progress=unreported)
+        calibrate(tmp_path / "S", on_progress=unreported)
 
 
 def test_a_missing_image_is_named(tmp_path: Path) -> None:
     session = make_session(tmp_path / "S", [[(noise(i), None)] for i in range(2)])
     (session / "raw" / "0001" / "cam_0.jpg").unlink()
     with pytest.raises(InputError, match=r"cam_0\.jpg"):
-        calibrate(session, progress=unreported)
+        calibrate(session, on_progress=unreported)
     assert not (session / "calibration").exists()
 
 
 def test_images_of_two_sizes_are_refused(tmp_path: Path) -> None:
     session = make_session(tmp_path / "S", [[(noise(0), None)], [(noise(1)[:64], None)]])
     with pytest.raises(InputError, match="differ in size"):
-        calibrate(session, progress=unreported)
+        calibrate(session, on_progress=unreported)

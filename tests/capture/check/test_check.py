@@ -23,7 +23,7 @@ from .index_lines import kinds, lines, tree, write
 def test_a_sound_session_has_no_problem_and_is_not_changed(rig):
     before = tree(rig.session.folder)
     steps = []
-    report = check(rig.session.folder, lambda message, done, total: steps.append((done, total)))
+    report = check(rig.session.folder, on_progress=lambda message, done, total: steps.append((done, total)))
     assert report.ok
     assert (report.planned, report.shots, report.sound) == (18, 18, 18)
     assert steps == [(n, 18) for n in range(19)]

@@ -101,7 +101,7 @@ def test_a_finished_import_is_not_empty_and_a_killed_one_is_completed(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        import_photos(photos, tmp_path / "s", progress=stop)
+        import_photos(photos, tmp_path / "s", on_progress=stop)
     assert len(Session.open(tmp_path / "s").shots()) == 2
     other = put(tmp_path / "other", {f"{n}.jpg": jpeg(n + 9, time=T) for n in range(4)})
     with pytest.raises(InputError, match="not empty"):
@@ -117,7 +117,7 @@ def test_a_photo_that_vanishes_before_it_is_copied_is_listed(tmp_path):
         if message == "copying 1.jpg":
             (photos / "2.jpg").unlink()
 
-    result = import_photos(photos, tmp_path / "s", progress=remove)
+    result = import_photos(photos, tmp_path / "s", on_progress=remove)
     assert result.shots == 3
     assert result.missing == (f"{photos / '2.jpg'} could not be read (no such file or directory)",)
 

@@ -13,7 +13,7 @@ from capture.connected_rig import capture_rig
 from capture.rigfile.rigfile import RigFile, read_rig_file
 from capture.rigfile.template import EXAMPLE, rig_file_text
 from drivers.camera import CameraIdentity, Capabilities
-from drivers.discovery import Listed
+from drivers.discovery import ConnectedCamera
 from imaging.errors import CaptureError, InputError
 from imaging.exposure import Exposure
 from imaging.session.records import Board
@@ -143,9 +143,11 @@ def test_what_is_no_text_file_is_told(tmp_path: Path) -> None:
 # What `rig init` writes.
 
 
-def listed(serial: str, make: str = "Make", f_numbers: tuple[float, ...] = (4.0, 5.6, 8.0)) -> Listed:
+def listed(
+    serial: str, make: str = "Make", f_numbers: tuple[float, ...] = (4.0, 5.6, 8.0)
+) -> ConnectedCamera:
     able = Capabilities(64, 48, 12, (1 / 100, 1 / 10), f_numbers, (100.0,))
-    return Listed("PTP", "USB 001:002", CameraIdentity(serial, make, "Model", "raw"), able)
+    return ConnectedCamera("PTP", "USB 001:002", CameraIdentity(serial, make, "Model", "raw"), able)
 
 
 def test_cameras_are_named_in_the_order_of_their_serial_numbers(tmp_path: Path) -> None:
@@ -213,7 +215,7 @@ def test_whatever_cameras_say_of_themselves_stays_text(serial: str, make: str) -
 
 
 def test_cameras_that_could_not_be_asked_are_comments(tmp_path: Path) -> None:
-    silent = Listed("PTP", "USB 001:003", error="USB 001:003 is held\nby another program.")
+    silent = ConnectedCamera("PTP", "USB 001:003", error="USB 001:003 is held\nby another program.")
     text = rig_file_text([silent, listed("A")])
     assert "# Left out: USB 001:003 is held by another program." in text
     assert len(read(tmp_path, text).tables.camera) == 1

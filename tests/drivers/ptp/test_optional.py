@@ -5,7 +5,7 @@ import pytest
 
 from capture.rigfile.template import rig_file_text
 from drivers.camera import CameraFile
-from drivers.discovery import Listed, ask_all
+from drivers.discovery import ConnectedCamera, ask_all
 from drivers.errors import CameraRefused
 from drivers.ptp import PtpCamera, find_cameras
 from drivers.ptp.codes import CanonOperation, NikonOperation, Operation, ResponseCode, SonyOperation
@@ -55,7 +55,7 @@ class Bench:
     def camera(self) -> PtpCamera:
         return find_cameras(self.bus, self.clock)[0]
 
-    def listed(self) -> Listed:
+    def listed(self) -> ConnectedCamera:
         (one,) = ask_all(self.bus, self.clock)
         return one
 

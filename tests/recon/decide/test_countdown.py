@@ -81,5 +81,5 @@ def test_depths_of_some_views_are_left_out_and_said(session_copy, monkeypatch) -
     monkeypatch.setitem(QUALITIES, "draft", Quality(5, 1200, 64))
     monkeypatch.setattr(Countdown, "start_over", lambda self: lambda: True)
     said: list[str] = []
-    reconstruct(session_copy, quality="draft", budget=600.0, tell=said.append)
+    reconstruct(session_copy, quality="draft", budget=600.0, on_message=said.append)
     assert "600 s leave no room for the depths of 5 of 5 views." in said

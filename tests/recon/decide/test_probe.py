@@ -71,7 +71,7 @@ def test_a_time_with_room_for_trials_trains_what_no_budget_does(sixteen):
 def test_a_time_without_room_leaves_them_out_and_says_so(sixteen, monkeypatch):
     monkeypatch.setattr("recon.decide.decisions.has_time_for_trials", lambda *_, **__: False)
     said = []
-    record = read_model(reconstruct(sixteen, budget=600.0, tell=said.append))
+    record = read_model(reconstruct(sixteen, budget=600.0, on_message=said.append))
     assert not any("held out of both" in rung.reason for rung in record.rungs)
     assert any("take its time from the budget" in rung.reason for rung in record.rungs)
     assert "600 s leave no room for trials of what the scene needs." in said

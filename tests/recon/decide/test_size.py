@@ -214,7 +214,7 @@ def test_trials_choose_once_for_a_training_that_is_resumed(long, many, monkeypat
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(long, overrides=overrides, name="twice", progress=interrupt)
+        reconstruct(long, overrides=overrides, name="twice", on_progress=interrupt)
     monkeypatch.setattr("recon.reconstruct.decide", lambda *_: pytest.fail("tried again"))
     again = reconstruct(long, overrides=overrides, name="twice")
     assert (again / "splats.ply").read_bytes() == (whole / "splats.ply").read_bytes()

@@ -140,7 +140,7 @@ def trained(session: Path, method: stage.MethodName = "auto") -> Outcome:
     for name, column in read_ply(folder / SPLATS).items():
         assert np.isfinite(column).all(), name
     known = folder / "metrics.json"
-    result = store.read_json(known) if known.is_file() else evaluate(folder)
+    result = store.read_json(known) if known.is_file() else evaluate(folder).known()
     assert_finite(result)
     outcome = Outcome(open_model(folder), result)
     assert all(np.isfinite(outcome.light(view)).all() for view in outcome.scene.dataset.views)

@@ -31,14 +31,14 @@ def test_interrupted_and_called_again(studio, train, tmp_path, name, method):
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(session, method=method, quality="draft", name="twice", progress=interrupt)
+        reconstruct(session, method=method, quality="draft", name="twice", on_progress=interrupt)
     stopped = whole.with_name("twice")
     assert (stopped / CHECKPOINT).is_file()
     so_far = store.read_json(stopped / MODEL)
     assert so_far["ending"] == "interrupted"
     assert 0 < so_far["iterations"] < so_far["settings"]["iterations"]
     assert len(read_ply(stopped / SPLATS)["x"]) == so_far["gaussians"]
-    assert evaluate(stopped)["iterations"] == so_far["iterations"]
+    assert evaluate(stopped).iterations == so_far["iterations"]
     again = reconstruct(session, method=method, quality="draft", name="twice")
     assert again == stopped
     assert (again / SPLATS).read_bytes() == (whole / SPLATS).read_bytes()

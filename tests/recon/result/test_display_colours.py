@@ -125,7 +125,7 @@ def test_a_scene_of_light_has_a_file_for_viewers_and_one_of_its_light(session_co
     for name in ("x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_3"):
         np.testing.assert_array_equal(shown[name], linear[name])
     (view,) = (view for view in scene.views if view.use == "test")
-    light = scene.radiance(view.splat_camera)
+    light = scene.render(view.splat_camera)
     wanted = displayed(light, record.exposure) / 255
     codes = drawn(shown, view).clip(0, 1)
     assert 0.3 < np.median(codes) < 0.6  # middle grey is a code of 0.46

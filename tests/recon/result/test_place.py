@@ -73,7 +73,7 @@ def test_a_replacement_keeps_the_scene_until_it_is_finished(scene):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(session, quality="draft", name="c1", seed=7, replace=True, progress=interrupt)
+        reconstruct(session, quality="draft", name="c1", seed=7, replace=True, on_progress=interrupt)
     assert files(scene) == before
     assert reconstruct(session, quality="draft", name="c1", seed=7, replace=True) == scene
     assert read_model(scene).settings.seed == 7
@@ -103,7 +103,7 @@ def test_a_replacement_that_was_stopped_goes_on(scene, monkeypatch):
     assert files(scene) == before
     assert read_model(scene.with_name(".c1.new")).ending == "interrupted"
     monkeypatch.setattr(stage, "train", train)
-    reconstruct(session, quality="draft", name="c1", seed=7, replace=True, progress=progress)
+    reconstruct(session, quality="draft", name="c1", seed=7, replace=True, on_progress=progress)
     assert min(seen) > 10
     assert (read_model(scene).settings.seed, read_model(scene).ending) == (7, "schedule")
 
@@ -115,5 +115,5 @@ def test_the_disk_is_tried_before_any_picture_is_read(session_copy):
         pytest.fail(f"{message} began")
 
     with pytest.raises(StorageError, match="a file is in the place of a folder"):
-        reconstruct(session_copy, quality="draft", progress=progress)
+        reconstruct(session_copy, quality="draft", on_progress=progress)
     assert (session_copy / "reconstructions").read_text() == "in the way"

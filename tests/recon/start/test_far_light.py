@@ -106,7 +106,7 @@ def test_a_scene_with_an_environment_is_drawn_stored_and_written(session_copy, m
     row = rows * (0.5 - np.arctan2(up, np.hypot(right, middle)) / np.pi)
     column = rows * (1 - np.arctan2(right, middle) / np.pi)
     nearest = rgb[row.astype(int).clip(0, rows - 1), column.astype(int) % (2 * rows)]
-    assert np.median(np.abs(np.log(scene.radiance(camera) / nearest))) < 0.1
+    assert np.median(np.abs(np.log(scene.render(camera) / nearest))) < 0.1
     text = (folder / "splats.ply").read_bytes()[:2000].decode("latin1")
     assert "light from far away: the last" in text
 

@@ -29,7 +29,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_each_call_goes_on_and_every_point_can_be_made_again(session_copy: Path) -> None:
     said: list[str] = []
-    first = trade_sweep(session_copy, budget=AT_ONCE, say=said.append)
+    first = trade_sweep(session_copy, budget=AT_ONCE, on_message=said.append)
     assert [point.choice.quality for point in first.points] == ["standard"]
     assert first.left > 5
     assert len(said) == 1
@@ -45,9 +45,9 @@ def test_each_call_goes_on_and_every_point_can_be_made_again(session_copy: Path)
     assert store.sha256(folder / "splats.ply") == point.splats_sha256
     assert point.refine is None
     metrics = evaluate(folder)
-    assert metrics["raw_psnr"] == pytest.approx(point.db)
-    assert metrics["hdr_psnr_mu_aligned"] == pytest.approx(point.truth_db)
-    assert metrics["size_bytes"] == point.size_bytes
+    assert metrics.raw_psnr == pytest.approx(point.db)
+    assert metrics.hdr_psnr_mu_aligned == pytest.approx(point.truth_db)
+    assert metrics.size_bytes == point.size_bytes
     assert point.seconds > 0
     assert point.processor_seconds > 0
 
@@ -65,7 +65,7 @@ def test_points_are_measured_at_one_size_whatever_they_were_trained_at(
     assert store.sha256(folder / "splats.ply") == point.splats_sha256
     assert point.command.endswith("--set width=32 --set views=3 --set exposures=1 --set refine=poses")
     # The held-out view keeps its size and its bracket, so that its figure is not the small scene's own.
-    assert evaluate(folder)["raw_psnr"] != pytest.approx(point.db, abs=1e-3)
+    assert evaluate(folder).raw_psnr != pytest.approx(point.db, abs=1e-3)
 
 
 def test_what_is_done_survives_an_interruption(session_copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from imaging.files import store
-from imaging.progress import unreported
 from imaging.session.calibration import read_calibration
 from imaging.session.records import Rung
 from imaging.session.session import Session
@@ -74,7 +73,7 @@ def test_a_session_without_a_scene_is_told_by_what_it_has(toy: Path) -> None:
     (toy / "shots.jsonl").write_text(lines)
     record = read_calibration(toy).model_copy(update={"views": (), "points": 0, "reprojection_px": None})
     store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
-    page = Page.read(calibration_report(toy, unreported))
+    page = Page.read(calibration_report(toy))
     assert_self_contained(page)
     assert "0 exposures; 18 darks" in page.text
     for words in ("can hardly make a scene", "Bracket", "There are no darks", "No image has a pose:"):
@@ -92,7 +91,7 @@ def test_a_calibration_of_nothing_has_a_page(toy: Path) -> None:
         "cameras": cameras, "views": [], "unregistered": [], "points": 0, "reprojection_px": None, "rungs": []
     }  # fmt: skip
     store.write_json(toy / "calibration" / "calibration.json", blank)
-    page = Page.read(calibration_report(toy, unreported))
+    page = Page.read(calibration_report(toy))
     assert_self_contained(page)
     assert "cam0: nothing was measured of it" in page.text
     assert not re.search(r"\bnan\b", page.html, re.IGNORECASE)
@@ -103,7 +102,7 @@ def test_poses_that_were_not_asked_for_are_not_missed(toy: Path) -> None:
     shutil.rmtree(toy / "calibration" / "colmap")
     record = changed(read_calibration(toy), views=(), points=0, reprojection_px=None)
     store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
-    text = Page.read(calibration_report(toy, unreported)).text
+    text = Page.read(calibration_report(toy)).text
     assert "Exposures and cameras; poses were not asked for." in text
     for words in ("ithout a pose", "No image has a pose", "no image has a pose", "images with a pose"):
         assert words not in text

@@ -26,7 +26,7 @@ def edited(path: Path, **changes: object) -> None:
 
 
 def test_the_page_tells_what_the_records_say(toy: Path) -> None:
-    path = calibration_report(toy, unreported)
+    path = calibration_report(toy)
     assert path == toy / "calibration" / "report.html"
     page = Page.read(path)
     assert_self_contained(page)
@@ -72,7 +72,7 @@ def test_nothing_from_a_file_is_ever_markup(toy: Path) -> None:
         unregistered=[f"0000/{evil}"],
         versions={evil: evil},
     )
-    page = Page.read(calibration_report(toy, unreported))
+    page = Page.read(calibration_report(toy))
     assert_self_contained(page)
     assert page.text.count("<script>alert('x')</script>") >= 10
 
@@ -81,7 +81,7 @@ def test_an_image_without_a_pose_is_named(toy: Path) -> None:
     path = toy / "calibration" / "calibration.json"
     record = store.read_json(path)
     edited(path, views=record["views"][1:], unregistered=["0000/cam0"])
-    text = Page.read(calibration_report(toy, unreported)).text
+    text = Page.read(calibration_report(toy)).text
     assert "5 of 6 images with a pose" in text
     assert "cam0: 2 of 3 images with a pose" in text
     assert "Without a pose: 0000/cam0" in text
@@ -90,7 +90,7 @@ def test_an_image_without_a_pose_is_named(toy: Path) -> None:
 @pytest.mark.parametrize(("error", "grade"), [(0.3, "pass"), (1.0, "warn"), (2.0, "fail")])
 def test_the_verdict_holds_the_number_against_a_threshold(toy: Path, error: float, grade: str) -> None:
     edited(toy / "calibration" / "calibration.json", reprojection_px=error)
-    html = calibration_report(toy, unreported).read_text(encoding="utf-8")
+    html = calibration_report(toy).read_text(encoding="utf-8")
     line = next(line for line in html.splitlines() if "Mean reprojection error" in line and "badge" in line)
     assert f"badge {grade}" in line
 
@@ -100,7 +100,7 @@ def test_a_wrong_exposure_label_is_marked_with_its_ratio(toy: Path) -> None:
     labels = {shot.file: shot.reported.scale for shot in Session.open(toy).shots()}
     scale = {file: k * (1.25 if file.endswith("_2.dng") else 1.01) for file, k in labels.items()}
     edited(path, exposure_scale=scale)
-    html = calibration_report(toy, unreported).read_text(encoding="utf-8")
+    html = calibration_report(toy).read_text(encoding="utf-8")
     assert 'class="n mark">1.250<' in html
     assert 'class="n">1.010<' in html
 
@@ -108,7 +108,7 @@ def test_a_wrong_exposure_label_is_marked_with_its_ratio(toy: Path) -> None:
 def test_labels_that_are_taken_as_they_are_need_no_chart(toy: Path) -> None:
     labels = {shot.file: shot.reported.scale for shot in Session.open(toy).shots()}
     edited(toy / "calibration" / "calibration.json", exposure_scale=labels)
-    page = Page.read(calibration_report(toy, unreported))
+    page = Page.read(calibration_report(toy))
     assert "Exposure: label against estimate" not in page.text
 
 
@@ -128,18 +128,18 @@ def test_a_single_photograph_is_shown_as_it_is(tmp_path: Path) -> None:
 
 def test_shots_added_since_are_told(toy: Path) -> None:
     edited(toy / "calibration" / "calibration.json", shots_sha256="0" * 64)
-    assert "run rig calibrate again" in Page.read(calibration_report(toy, unreported)).text
+    assert "run rig calibrate again" in Page.read(calibration_report(toy)).text
 
 
 def test_a_damaged_file_is_named_and_the_page_still_made(toy: Path) -> None:
     (toy / "raw" / "0000" / "cam0_0.dng").write_bytes(b"II*\0 torn")
-    text = Page.read(calibration_report(toy, unreported)).text
+    text = Page.read(calibration_report(toy)).text
     assert "1 file cannot be read, the first is raw/0000/cam0_0.dng" in text
 
 
 def test_a_calibration_without_a_colmap_model_still_has_its_page(toy: Path) -> None:
     shutil.rmtree(toy / "calibration" / "colmap")
-    page = Page.read(calibration_report(toy, unreported))
+    page = Page.read(calibration_report(toy))
     # No residuals: turntable, from above, distortion, exposure labels, vignetting.
     assert len(page.all("svg")) == STEPS + 4
     assert "Residual field" not in page.text
@@ -149,5 +149,5 @@ def test_clipped_highlights_ask_for_a_shorter_exposure(toy: Path) -> None:
     """Only the longest exposure of every bracket is left: the lamp is clipped in it."""
     lines = (toy / "shots.jsonl").read_text().splitlines(keepends=True)
     (toy / "shots.jsonl").write_text("".join(line for line in lines if json.loads(line)["step"] == 2))
-    text = Page.read(calibration_report(toy, unreported)).text
+    text = Page.read(calibration_report(toy)).text
     assert "add a shorter one to keep the highlights" in text

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from imaging.pose import Pose
-from imaging.progress import unreported
 from imaging.session.calibration import BoardEvidence, BoardPlace, CalibrationRecord, read_calibration
 from imaging.session.records import Board
 from imaging.session.view_id import ViewId
@@ -42,7 +41,7 @@ def test_the_turntable_is_one_scene_from_all_sides(toy: Path) -> None:
 
 
 def test_every_button_of_the_turntable_shows_its_drawing(toy: Path) -> None:
-    html = calibration_report(toy, unreported).read_text(encoding="utf-8")
+    html = calibration_report(toy).read_text(encoding="utf-8")
     rules = re.findall(r"input:nth-of-type\((\d+)\):checked ~ svg:nth-of-type\((\d+)\)", html)
     assert rules == [(str(turn), str(turn)) for turn in range(1, STEPS + 1)]
     (table,) = re.findall(r'<div class="turn">(.*?)</div>', html, re.DOTALL)

@@ -7,7 +7,6 @@ import pytest
 
 from calib.sensor import metadata
 from imaging.files import store
-from imaging.progress import unreported
 from imaging.session.calibration import (
     CalibrationRecord,
     CameraCalibration,
@@ -54,7 +53,7 @@ def test_a_view_that_is_less_sure_is_named_and_heads_its_table(toy: Path) -> Non
     name = str(views[4].id)
     assert any(name in line for line in outliers(record, NOTHING))
     store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
-    page = Page.read(calibration_report(toy, unreported))
+    page = Page.read(calibration_report(toy))
     table = page.text[page.text.index("The least sure views") :]
     assert table.index(name) < min(table.index(str(v.id)) for i, v in enumerate(views) if i != 4)
 
@@ -145,7 +144,7 @@ def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> 
     assert "--board" not in told
     assert any("0007/cam0" in line for line in outliers(record, NOTHING))
     store.write_json(toy / "calibration" / "calibration.json", record.model_dump(mode="json"))
-    page = Page.read(calibration_report(toy, unreported))
+    page = Page.read(calibration_report(toy))
     assert_self_contained(page)
     assert "Projection uncertainty" in page.text
     assert (
@@ -160,7 +159,7 @@ def test_a_long_list_of_images_without_a_pose_is_cut_short(toy: Path) -> None:
     store.write_json(
         toy / "calibration" / "calibration.json", changed(record, unregistered=lost).model_dump(mode="json")
     )
-    text = Page.read(calibration_report(toy, unreported)).text
+    text = Page.read(calibration_report(toy)).text
     assert "0123/cam0 and 16 more." in text
     assert "cam0: 3 of 43 images with a pose" in text
 

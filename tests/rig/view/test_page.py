@@ -125,7 +125,7 @@ def test_a_view_is_seen_through_its_own_lens_beside_what_it_should_be(window: Wi
     name = next(iter(viewer._references))
     view = viewer.scene.view(name)
     window.choose("free", name)
-    truth = viewer.scene.radiance(view.splat_camera)
+    truth = viewer.scene.render(view.splat_camera)
     window.until(lambda: window.page.frame.light.shape == truth.shape)
     np.testing.assert_allclose(window.page.frame.light, truth, rtol=1e-4, atol=1e-4 * truth.max())
     window.choose("render", "difference")

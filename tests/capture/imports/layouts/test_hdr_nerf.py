@@ -267,7 +267,7 @@ def test_an_import_that_was_killed_between_any_two_steps_is_completed(tmp_path):
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            import_photos(folder, tmp_path / "s", progress=stop)
+            import_photos(folder, tmp_path / "s", on_progress=stop)
         assert not (tmp_path / "s" / "calibration").exists()
         result = import_photos(folder, tmp_path / "s")
         assert (result.shots, result.views) == (20, 4)

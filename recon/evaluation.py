@@ -1,0 +1,113 @@
+"""What an evaluation found, as `metrics.json` has it; `rig.report.metrics` says what the names mean."""
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from imaging.record import Record
+
+
+class Figures(Record):
+    """Figures of held-out views; None: nothing to compare with, or nothing held out.
+
+    PSNRs are in dB. The light is held against the truth, `aligned` by one scale for the whole scene; RAW
+    files and photographs against what the render predicts of them.
+    """
+
+    hdr_psnr_mu_aligned: float | None = None
+    hdr_psnr_mu: float | None = None
+    hdr_psnr_mu_dark: float | None = None
+    stops_median: float | None = None
+    """Half of all values of light are nearer to the truth than so many stops."""
+    pu21_psnr: float | None = None
+    raw_psnr: float | None = None
+    ldr_psnr_oe: float | None = None
+    """Of photographs at exposures that were trained on."""
+    ldr_psnr_ne: float | None = None
+    """At others."""
+    ldr_psnr_white: float | None = None
+    """Of photographs with alpha, before white."""
+    ssim: float | None = None
+    ssim_ne: float | None = None
+    ciede2000_mean: float | None = None
+    ciede2000_median: float | None = None
+    flip_mean: float | None = None
+    flip_median: float | None = None
+    hdr_flip_mean: float | None = None
+    hdr_flip_median: float | None = None
+
+
+class ViewFigures(Figures):
+    """Of one view."""
+
+    view: str
+    """`frame/camera`."""
+
+
+class BandFigures(Record):
+    """Of one band of a scene of bands; the light is aligned by the scale of all bands."""
+
+    band: str
+    raw_psnr: float | None = None
+    hdr_psnr_mu_aligned: float
+    stops_median: float
+
+
+class Decade(Record):
+    """How far light is off where the truth is from `low` to `high`: shares of the truth."""
+
+    low: float
+    high: float
+    count: int
+    """Values."""
+    median: float
+    p95: float
+
+
+class Evaluation(Figures):
+    """Of a scene: means over its held-out views, or what their values have in common."""
+
+    schema_version: Literal[1] = 1
+    method: str
+    measured_on: Literal["test", "validation"] | None = None
+    """Whether nothing was chosen by the views, or the training was ended by them; None: there are none."""
+    held_out_note: str | None = None
+    """What is to be known of the held-out views, where something is."""
+    alignment_scale: float | None = None
+    """That brings the light of the scene to the truth."""
+    truth_peak: float | None = None
+    """Maximum of the true light over the held-out views."""
+    pu21_display_peak: float | None = None
+    """cd/m2 at which PU21 takes that maximum."""
+    relative_error_by_decade: tuple[Decade, ...] | None = None
+    """Darkest first."""
+    bands: tuple[BandFigures, ...] | None = None
+    pose_rotation_deg: float | None = None
+    """Of a simulated session: degrees, median over views, after the best similarity; `_max`: the worst."""
+    pose_rotation_deg_max: float | None = None
+    pose_translation_relative: float | None = None
+    """Relative to the largest distance of two cameras."""
+    pose_translation_relative_max: float | None = None
+    exposure_ratio_error: float | None = None
+    exposure_ratio_error_max: float | None = None
+    gain_error: float | None = None
+    read_noise_error: float | None = None
+    response_rmse: float | None = None
+    """In code values of 0..1."""
+    train_seconds: float
+    iterations: int
+    gaussians: int
+    size_bytes: int
+    """Of splats.ply."""
+    held_out: tuple[str, ...]
+    """Names of the test views."""
+    validation: tuple[str, ...]
+    """Names of the views that could end the training."""
+    views: tuple[ViewFigures, ...]
+    """Of each view that was measured."""
+    render_fps: float | None = Field(default=None, gt=0)
+    """Held-out views drawn per second, on the processor."""
+
+    def known(self) -> dict[str, Any]:
+        """The figures that there are, by name: what metrics.json has."""
+        return self.model_dump(mode="json", exclude_none=True)

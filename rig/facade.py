@@ -1,0 +1,91 @@
+"""What `import rig` has that no stage has by itself."""
+
+from collections.abc import Callable, Mapping
+from os import PathLike
+from typing import TYPE_CHECKING, get_args
+
+from imaging.errors import InputError
+from imaging.progress import Progress, unreported
+from recon.decide.presets import MethodName, QualityName
+
+if TYPE_CHECKING:
+    from drivers.discovery import ConnectedCamera
+    from recon.decide.budget import Budget
+    from recon.decide.overrides import Overrides
+    from recon.result.scene import Scene
+
+
+def find_cameras(simulated: str | None = None) -> "list[ConnectedCamera]":
+    """Every camera that is connected, asked what it is and what it can do; none is left open.
+
+    simulated: those of a simulated rig of that name instead, such as "demo". InputError: there is no such
+    rig, or USB cannot be used on this machine.
+    """
+    from drivers.discovery import ask_all
+    from rig.commands.usb_bus import open_bus
+
+    bus = open_bus(simulated)
+    return list(ask_all(bus.backend, bus.clock))
+
+
+def reconstruct(
+    session: str | PathLike[str],
+    *,
+    method: MethodName = "auto",
+    quality: QualityName = "standard",
+    budget: "Budget | float | str | None" = None,
+    seed: int = 0,
+    settings: Mapping[str, object] | None = None,
+    early_stop: bool = False,
+    name: str | None = None,
+    replace: bool = False,
+    on_progress: Progress = unreported,
+    on_message: Callable[[str], None] = lambda line: None,
+) -> "Scene":
+    """Train a scene on a calibrated session and open it; it is kept in SESSION/reconstructions/NAME.
+
+    budget: seconds, or text as the command line has it (`5m`, `30MB`, `100k`, `35dB`). settings: what is not
+    to be as the preset has it, by the keys of `rig reconstruct --set`, such as {"iterations": 500}. name:
+    None names method, quality and budget. A scene that is finished is opened as it is, and one that was
+    stopped is gone on with; one of other settings is replaced only by `replace`. on_message: is given lines
+    on what is predicted and left out. `recon.reconstruct.reconstruct` says more.
+
+    Errors: ReconstructionError, InputError, StorageError. Ctrl-C saves the scene trained so far, and raises
+    KeyboardInterrupt.
+    """
+    from recon.reconstruct import reconstruct as train
+    from recon.result.scene import open_scene
+
+    for value, kinds in ((method, MethodName), (quality, QualityName)):
+        if value not in get_args(kinds):
+            raise InputError(f"{value!r} is none of {', '.join(get_args(kinds))}: name one of these.")
+    folder = train(
+        session,
+        method=method,
+        quality=quality,
+        budget=budget,
+        seed=seed,
+        overrides=_overrides(settings or {}),
+        early_stop=early_stop,
+        name=name,
+        replace=replace,
+        on_progress=on_progress,
+        on_message=on_message,
+    )
+    return open_scene(folder)
+
+
+def _overrides(settings: Mapping[str, object]) -> "Overrides":
+    """InputError for a key that does not exist, or a value that is not possible."""
+    from pydantic import ValidationError
+
+    from recon.decide.overrides import Overrides
+
+    if unknown := sorted(map(str, settings.keys() - Overrides.model_fields.keys())):
+        raise InputError(f"settings has no {unknown[0]!r}: it takes {', '.join(Overrides.model_fields)}.")
+    try:
+        return Overrides.model_validate(dict(settings))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key, value = first["loc"][0], first["input"]
+        raise InputError(f"settings: {key}={value!r} cannot be used: {first['msg'].lower()}.") from error
