@@ -4,7 +4,7 @@
 
 Times are wall-clock, the least of several runs (the machine may be shared); beside them the processor time
 of our process. --quick leaves out the scaling from 1,000 to 1,000,000 Gaussians. --write puts the tables
-into bench/results/splat.md and the first into README.md.
+into bench/results/splat.md and the first into docs/figures.md.
 """
 
 import resource
@@ -160,7 +160,7 @@ def measure(quick: bool, seed: int) -> dict[str, Any]:
 
 
 def headline(result: dict[str, Any]) -> str:
-    """The README's table."""
+    """The table of docs/figures.md."""
     mine = next(row for row in result["ours"] if row["gaussians"] == 50_000)
     peer_ms, m = result["peer"], result["machine"]
     return "\n".join(
@@ -231,12 +231,12 @@ def main() -> None:
     result = measure(options.quick, options.seed)
     deliver(options, "splat", result, report(result))
     if options.write:
-        readme = Path(__file__).parents[2] / "README.md"
-        text = readme.read_text()
+        page = Path(__file__).parents[2] / "docs" / "figures.md"
+        text = page.read_text()
         if BEGIN in text:
             before, rest = text.split(BEGIN, 1)
             after = rest.split(END, 1)[1]
-            store.write_bytes(readme, f"{before}{BEGIN}\n{headline(result)}\n{END}{after}".encode())
+            store.write_bytes(page, f"{before}{BEGIN}\n{headline(result)}\n{END}{after}".encode())
 
 
 if __name__ == "__main__":

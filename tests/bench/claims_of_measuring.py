@@ -1,4 +1,4 @@
-"""What the README claims of capture and calibration, and of light that shares no code with the simulator."""
+"""What docs/figures.md claims of capture and calibration, and of light that the simulator has no part in."""
 
 from .claim import Claim, cell, cells
 
@@ -11,7 +11,7 @@ CLAIMS = (
         ],
     ),
     Claim(
-        r"Capture: ([\d,]+) simulated scenes",
+        r"## Capture ([\d,]+) simulated scenes",
         lambda: [sum(one[0] for one in cells("planner", "scenes, of these beyond the list"))],
     ),
     Claim(r"(\d+) captures killed", lambda: [sum(one[0] for one in cells("kill", "sessions"))]),

@@ -1,8 +1,6 @@
-"""What the README claims of reconstruction."""
+"""What docs/figures.md claims of reconstruction."""
 
 import math
-
-from recon.decide.presets import QUALITIES
 
 from .claim import FIGURE, Claim, cell, cells, line, stored, tables
 
@@ -30,11 +28,6 @@ def compared(name: str, trained: str, coloured: str) -> list[float]:
 def presets(quality: str, key: str) -> list[float]:
     """Of every scene."""
     return [one["presets"][quality][key] for one in stored("presets")["rows"]]
-
-
-def below(quality: str) -> list[float]:
-    """dB of every scene that a preset lies below best."""
-    return [best - own for best, own in zip(presets("best", "db"), presets(quality, "db"), strict=True)]
 
 
 def rate_gains(iterations: str) -> list[float]:
@@ -105,14 +98,6 @@ CLAIMS = (
     Claim(
         r"OpenSplat makes (\d+) to (\d+) of its",
         lambda: [f([one for (one,) in cells("real", "iterations", "OpenSplat")]) for f in (min, max)],
-    ),
-    Claim(
-        r"presets take (\d+), (\d+) and (\d+) iterations for each training view",
-        lambda: [preset.looks for preset in QUALITIES.values()],
-    ),
-    Claim(
-        r"and at most (\d+), (\d+) and ([\d,]+) Gaussians:",
-        lambda: [preset.each for preset in QUALITIES.values()],
     ),
     Claim(r"the curve is ([\d.]+) % off and the light ([\d.]+) dB worse", learned),
     Claim(
@@ -185,39 +170,9 @@ CLAIMS = (
             for which in ("Exp-3", "Exp-1")
         ],
     ),
-    Claim(
-        r"train the demo in (\d+), (\d+) and (\d+) s to ([\d.]+), ([\d.]+) and ([\d.]+) dB",
-        lambda: [
-            presets(quality, key)[0] for key in ("seconds", "db") for quality in ("draft", "standard", "best")
-        ],
-    ),
-    Claim(
-        r"draft is (\d+) times faster",
-        lambda: [
-            min(
-                best / draft
-                for best, draft in zip(presets("best", "seconds"), presets("draft", "seconds"), strict=True)
-            )
-        ],
-    ),
-    Claim(r"and ([\d.]+) to ([\d.]+) dB below it", lambda: [min(below("draft")), max(below("draft"))]),
-    Claim(r"at most ([\d.]+) dB below; of", lambda: [max(below("standard"))], bound=True),
-    Claim(r"of (\d+) trainings none", lambda: [sum(one["trainings"] for one in stored("presets")["rows"])]),
-    Claim(
-        r"more than ([\d.]+) dB better than a preset",
-        lambda: [max(max(presets(quality, "behind_db")) for quality in ("draft", "standard", "best"))],
-    ),
     Claim(r"that is worth ([\d.]+) to ([\d.]+) dB", lambda: [min(rate_gains("300")), max(rate_gains("300"))]),
     Claim(r"at 100 (\d) to (\d) \(five", lambda: [min(rate_gains("100")), max(rate_gains("100"))]),
     Claim(r"poses in training gains ([\d.]+) dB", lambda: line("refine", r"(?m)^0\.6 px: ([+-][\d.]+) dB")),
-    Claim(
-        r"trains `best` in ([\d.]+) of its iterations for ([\d.]+) dB",
-        lambda: line("early_stop", r"(?m)^best: ([\d.]+) dB.*?; ([\d.]+) of")[::-1],
-    ),
-    Claim(
-        r"`standard` in ([\d.]+) for ([\d.]+) \(",
-        lambda: line("early_stop", r"(?m)^standard: ([\d.]+) dB.*?; ([\d.]+) of")[::-1],
-    ),
     Claim(
         r"may have, (\d+) % were taken or left as (\d+) simulated",
         lambda: [

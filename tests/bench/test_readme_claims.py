@@ -1,8 +1,9 @@
-"""Every figure of the README's "What it reaches" is in the table that it comes from.
+"""Every figure of the pages that claim something is in the table that it comes from.
 
-A sentence that changes has its claim changed with it, in `claims_of_measuring` or `claims_of_scenes`: `words`
-finds its figures, one group each, and `found` computes them from bench/results. What a sentence says of its
-own conditions is among SETTINGS.
+These are "What it reaches" in the README, docs/figures.md and docs/speed-or-accuracy.md. A sentence that
+changes has its claim changed with it, in one of the files claims_of_*.py: `words` finds its figures, one
+group each, and `found` computes them from bench/results. What a sentence says of its own conditions is
+among SETTINGS.
 """
 
 import re
@@ -10,47 +11,64 @@ from statistics import fmean
 
 import pytest
 
-from . import claims_of_measuring, claims_of_scenes
+from . import claims_of_measuring, claims_of_scenes, claims_of_speed
 from .claim import ROOT, Claim, cells, line, tables
 
 NUMBER = r"(?<![\w@^.-])\d[\d,]*(?:\.\d+)?(?:e-\d+)?(?!\w|\^)"
-CLAIMS = (*claims_of_measuring.CLAIMS, *claims_of_scenes.CLAIMS)
-SETTINGS = (
-    r"24 views of a scene of 17\.7 stops",
-    r"24 views of a scene, 320 px wide",
-    r"Of 108 views of it, 240 px wide",
-    r"photographs of 6 megapixels",
-    r"both at 1,600 px",
-    r"one rig of 28 views of 160 px",
-    r"simulated scene of 200 px",
-    r"one scene of 100 px",
-    r"photographs, 400 px wide, with the same pixels",
-    r"the same 120 seconds",
-    r"on 23 of a tree",
-    r"on 100 of NeRF-synthetic's",
-    r"published with [\d.]+ at 800 px",
-    r"of its 30,000 steps",
-    r"wider images \(1,280 px\), which the simulated cameras of 320 px",
-    r"1,000 iterations, errors over scenes",
-    r"at 300 iterations",
-    r"at 100(?= \d)",
-    r"where they are 0\.6 px off and nothing at 0\.3",
-    r"scatters 0\.3 to 3 % of the light",
-    r"within 0\.2 dB of the best light",
-    r"4 to 8 views",
-    r"at 8 and 12 views of a phone at night and nothing at 4",
-    r"where Raw3DGS reports 3 dB",
-)
+CLAIMS = (*claims_of_measuring.CLAIMS, *claims_of_scenes.CLAIMS, *claims_of_speed.CLAIMS)
+FIGURES, SPEED, FRONT = "docs/figures.md", "docs/speed-or-accuracy.md", "README.md"
+SETTINGS = {
+    FIGURES: (
+        r"24 views of a scene of 17\.7 stops",
+        r"24 views of a scene, 320 px wide",
+        r"Of 108 views of it, 240 px wide",
+        r"photographs of 6 megapixels",
+        r"both at 1,600 px",
+        r"one rig of 28 views of 160 px",
+        r"simulated scene of 200 px",
+        r"one scene of 100 px",
+        r"400 px wide, with the same pixels",
+        r"the same 120 seconds",
+        r"on 23 of a tree",
+        r"on 100 of NeRF-synthetic's",
+        r"published with [\d.]+ at 800 px",
+        r"of its 30,000 steps",
+        r"1,000 iterations, errors over scenes",
+        r"at 300 iterations",
+        r"at 100(?= \d)",
+        r"where they are 0\.6 px off and nothing at 0\.3",
+        r"scatters 0\.3 to 3 % of the light",
+        r"within 0\.2 dB of the best light",
+        r"4 to 8 views",
+        r"at 8 and 12 views of a phone at night and nothing at 4",
+        r"where Raw3DGS reports 3 dB",
+    ),
+    SPEED: (
+        r"wider images \(1,280 px\), which the simulated cameras of 320 px",
+        r"with harmonics of degree 0 and",
+        r"Lego, of 100 views",
+        r"of 11 and 23, are best",
+    ),
+    FRONT: (
+        r"24 views over 17\.7 stops",
+        r"photographs, 400 px wide, the same pixels",
+        r"and 120 s of processor",
+        r"3DGS is published with [\d.]+ at 800 px",
+        r"one frame of 50,000 Gaussians at 640x480",
+    ),
+}
 """What was measured, rather than what came of it."""
 
 
-def section() -> str:
-    """What the README says it reaches, its lines joined, without the block of bench/speed/splat.py."""
-    text = (ROOT / "README.md").read_text()
-    _, _, rest = text.partition("## What it reaches")
-    own, _, _ = rest.partition("\n## ")
-    own = re.sub(r"\n[^\n]*`python -m bench.speed.splat.*?<!-- /bench -->", "", own, flags=re.DOTALL)
-    return " ".join(re.sub(r"!\[.*?\]\(.*?\)", "", own).split())
+def section(page: str) -> str:
+    """What a page claims, its lines joined, without commands and the block of bench/speed/splat.py."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    if page == FRONT:
+        text = text.partition("## What it reaches")[2].partition("\n## ")[0]
+    text = text.partition("## Every table and")[0]
+    text = re.sub(r"\n[^\n]*`python -m bench.speed.splat.*?<!-- /bench -->", "", text, flags=re.DOTALL)
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+    return " ".join(re.sub(r"!\[.*?\]\(.*?\)", "", text).split())
 
 
 def agrees(shown: str, value: float, bound: bool) -> bool:
@@ -63,21 +81,22 @@ def agrees(shown: str, value: float, bound: bool) -> bool:
 
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: re.sub(r"\W+", " ", claim.words).strip()[:60])
 def test_a_figure_is_in_its_table(claim: Claim) -> None:
-    found = re.findall(claim.words, section())
-    assert len(found) == 1, f"the README no longer says {claim.words!r}: change the claim with the sentence"
+    found = re.findall(claim.words, section(claim.page))
+    assert len(found) == 1, f"{claim.page} no longer says {claim.words!r}: change the claim with the sentence"
     shown = found[0] if isinstance(found[0], tuple) else (found[0],)
     values = claim.found()
     assert len(shown) == len(values)
     for figure, value in zip(shown, values, strict=True):
-        assert agrees(figure, value, claim.bound), f"{figure} in the README, {value} in the table"
+        assert agrees(figure, value, claim.bound), f"{figure} in {claim.page}, {value} in the table"
 
 
-def test_every_figure_has_a_claim() -> None:
-    text, told = section(), set[int]()
-    for claim in CLAIMS:
+@pytest.mark.parametrize("page", SETTINGS)
+def test_every_figure_has_a_claim(page: str) -> None:
+    text, told = section(page), set[int]()
+    for claim in (claim for claim in CLAIMS if claim.page == page):
         for match in re.finditer(claim.words, text):
             told |= {at for group in range(1, len(match.groups()) + 1) for at in range(*match.span(group))}
-    for words in SETTINGS:
+    for words in SETTINGS[page]:
         (match,) = re.finditer(words, text)
         told |= set(range(*match.span()))
     lost = [text[max(0, match.start() - 40) : match.end() + 20] for match in re.finditer(NUMBER, text)
@@ -86,7 +105,7 @@ def test_every_figure_has_a_claim() -> None:
 
 
 def test_nothing_was_worse_than_said_in_words() -> None:
-    """What the README says without a figure: never, none, at the bound."""
+    """What the pages say without a figure: never, none, at the bound."""
     assert {one[0] for one in cells("planner", "more than the optimum")} == {0}
     assert {one[0] for one in cells("kill", "failures")} == {0}
     assert cells("merge", "noise", "all clipped")

@@ -8,7 +8,11 @@ import pytest
 import yaml
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs/architecture.md", "docs/glossary.md")
+DOCUMENTS = (
+    "README.md",
+    "CONTRIBUTING.md",
+    *(f"docs/{page.name}" for page in (REPOSITORY / "docs").glob("*.md")),
+)
 ROOMS = ("imaging", "drivers", "capture", "calib", "recon", "rig", "bench", "tests", "docs")
 PLACE = re.compile(rf"(?<![\w/.])(?:(?:{'|'.join(ROOMS)})/[\w./-]*|[A-Z][A-Z]+\.(?:md|cff)|pyproject\.toml)")
 """A folder or a file of the repository, as sentences name it; NAME stands for one that is to be written."""

@@ -1,0 +1,1 @@
+"""Pictures of rig's own pages, for the documentation."""

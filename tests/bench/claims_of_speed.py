@@ -1,0 +1,101 @@
+"""What docs/speed-or-accuracy.md claims of what time and Gaussians buy, and the README in its table."""
+
+from functools import partial
+
+from recon.decide.presets import QUALITIES
+
+from .claim import Claim as Claimed
+from .claim import cell, cells, line, stored
+from .claims_of_scenes import beside_peer, presets
+
+Claim = partial(Claimed, page="docs/speed-or-accuracy.md")
+Front = partial(Claimed, page="README.md")
+
+
+def below(quality: str) -> list[float]:
+    """dB of every scene that a preset lies below best."""
+    return [best - own for best, own in zip(presets("best", "db"), presets(quality, "db"), strict=True)]
+
+
+CLAIMS = (
+    Claim(
+        r"presets take (\d+), (\d+) and (\d+) iterations for each training view",
+        lambda: [preset.looks for preset in QUALITIES.values()],
+    ),
+    Claim(
+        r"and at most (\d+), (\d+) and ([\d,]+) Gaussians\.",
+        lambda: [preset.each for preset in QUALITIES.values()],
+    ),
+    Claim(
+        r"train the demo in (\d+), (\d+) and (\d+) s to ([\d.]+), ([\d.]+) and ([\d.]+) dB",
+        lambda: [
+            presets(quality, key)[0] for key in ("seconds", "db") for quality in ("draft", "standard", "best")
+        ],
+    ),
+    Claim(
+        r"draft is (\d+) times faster",
+        lambda: [
+            min(
+                best / draft
+                for best, draft in zip(presets("best", "seconds"), presets("draft", "seconds"), strict=True)
+            )
+        ],
+    ),
+    Claim(r"and ([\d.]+) to ([\d.]+) dB below it", lambda: [min(below("draft")), max(below("draft"))]),
+    Claim(r"at most ([\d.]+) dB below; of", lambda: [max(below("standard"))], bound=True),
+    Claim(r"of (\d+) trainings none", lambda: [sum(one["trainings"] for one in stored("presets")["rows"])]),
+    Claim(
+        r"more than ([\d.]+) dB better than a preset",
+        lambda: [max(max(presets(quality, "behind_db")) for quality in ("draft", "standard", "best"))],
+    ),
+    Claim(
+        r"trains `best` in ([\d.]+) of its iterations for ([\d.]+) dB",
+        lambda: line("early_stop", r"(?m)^best: ([\d.]+) dB.*?; ([\d.]+) of")[::-1],
+    ),
+    Claim(
+        r"`standard` in ([\d.]+) for ([\d.]+) \(",
+        lambda: line("early_stop", r"(?m)^standard: ([\d.]+) dB.*?; ([\d.]+) of")[::-1],
+    ),
+    Claim(
+        r"held in (\d+) % of (\d+) predictions",
+        lambda: line("learning_curves", r"Of (\d+) forecasts (\d+) % hold")[::-1],
+    ),
+    Claim(r"\((\d+) trainings were within", lambda: [len(cells("memory", "forecast off, %"))]),
+    Claim(
+        r"trainings were within (\d+) %",
+        lambda: [max(abs(one) for (one,) in cells("memory", "forecast off, %"))],
+    ),
+    Front(
+        r"\| ([\d.]+) dB \(mu-law, aligned\), preset standard in (\d+) s",
+        lambda: [presets("standard", "truth_db")[0], presets("standard", "seconds")[0]],
+    ),
+    Front(r"castle ([\d.]+) dB for ([\d.]+),", lambda: beside_peer("castle", "PSNR, dB")),
+    Front(r"tree ([\d.]+) for ([\d.]+),", lambda: beside_peer("monstree", "PSNR, dB")),
+    Front(r"lego ([\d.]+) for ([\d.]+):", lambda: beside_peer("lego", "before white, dB")),
+    Front(
+        r"\| ([\d.]+) dB at (\d+) px; 3DGS is published with ([\d.]+) at",
+        lambda: [cell("published", name, "lego") for name in ("before white", "px", "3DGS")],
+    ),
+    Front(
+        r"held-out views ([\d.]+) stops off, ([\d.]+) in the darkest tenth",
+        lambda: [
+            cells("foreign", column, "room, RAW of 14 bits", under="Held-out")[-1][0]
+            for column in ("stops", "darkest tenth")
+        ],
+    ),
+    Front(
+        r"\| (\d+) of (\d+) placed views stand wrongly",
+        lambda: [sum(one[0] for one in cells("foreign_poses", key)) for key in ("wrong 1", "placed with")],
+    ),
+    Front(r"\| (\d+) captures killed", lambda: [sum(one[0] for one in cells("kill", "sessions"))]),
+    Front(
+        r"right to ([\d.e-]+) in the worst pixel",
+        lambda: [
+            max(of[0] for of in cells("stability", "forward", "2^40 (12 decades)", under="Worst error"))
+        ],
+    ),
+    Front(
+        r"two cores \| ([\d.]+) ms",
+        lambda: [cell("splat", "forward + backward, ms", "`recon.splat`", under="50,000 Gaussians")],
+    ),
+)

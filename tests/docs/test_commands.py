@@ -1,0 +1,87 @@
+"""Every command that the README or a page of docs/ shows is one that rig has, with options that it takes."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import typer.main
+
+from rig.cli import app
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")))
+COMMANDS = typer.main.get_command(app).commands
+STANDS_FOR = re.compile(r"[A-Z]+(=[A-Z]+)?")
+"""What the reader is to replace: FILE, KEY=VALUE."""
+
+
+def shown() -> list[tuple[str, str]]:
+    """Document and command: lines of fences and of indented blocks, and code within sentences."""
+    found: list[tuple[str, str]] = []
+    for path in DOCUMENTS:
+        text = path.read_text(encoding="utf-8")
+        blocks = re.findall(r"^```sh\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+        lines = [line for block in blocks for line in block.splitlines()]
+        lines += re.findall(r"^    (\S.*)$", text, re.MULTILINE)
+        fenceless = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+        flowing = " ".join(line for line in fenceless.splitlines() if not line.startswith("    "))
+        lines += re.findall(r"`([^`]+)`", flowing)
+        found += [
+            (path.name, line) for line in dict.fromkeys(lines) if re.match(r"rig [a-z]|torchrun ", line)
+        ]
+    return found
+
+
+def refused(line: str) -> str | None:
+    """Why rig would not take a command line; None: it would, as far as words tell."""
+    words = shlex.split(line, comments=True)
+    name, *rest = words[words.index("rig") + 1 :]
+    if name not in COMMANDS:
+        return f"there is no rig {name}"
+    command = COMMANDS[name]
+    context = typer.Context(command, info_name=name)
+    try:
+        values, left, _ = command.make_parser(context).parse_args(rest)
+        for parameter in command.params:
+            if "Path" not in str(
+                parameter.type_descriptor.annotation
+            ):  # what is at a place is another matter
+                value = values.get(parameter.name)
+                for one in value.split("|") if isinstance(value, str) else [value]:
+                    if one is not None and not (isinstance(one, str) and STANDS_FOR.fullmatch(one)):
+                        parameter.process_value(context, one)
+    except typer.BadParameter as error:
+        return error.format_message()
+    except Exception as error:  # the usage errors of typer's parser have no common name that is public
+        return repr(error)
+    return f"{left} is too much" if left else None
+
+
+@pytest.mark.parametrize(("document", "line"), shown())
+def test_a_command_that_a_page_shows_is_one_that_rig_takes(document: str, line: str) -> None:
+    assert refused(line) is None
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "rig frobnicate S",
+        "rig calibrate S --frobnicate",
+        "rig calibrate S T",
+        "rig capture RIG.toml S --bracket sideways",
+        "rig reconstruct S --quality finest",
+        "rig reconstruct S --seed some",
+        "rig calibrate S --only focus",
+    ],
+)
+def test_what_rig_does_not_take_is_found(line: str) -> None:
+    assert refused(line) is not None
+
+
+def test_commands_are_found_in_all_ways_of_showing_them() -> None:
+    found = [(document, line.partition("  ")[0]) for document, line in shown()]
+    assert ("README.md", "rig explain S") in found
+    assert ("rig.md", "rig calibrate S") in found
+    assert ("speed-or-accuracy.md", "torchrun --nproc-per-node 2 -m rig reconstruct S") in found
+    assert len(found) > 60
