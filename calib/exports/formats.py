@@ -1,9 +1,8 @@
 """The calibration in the formats of other programs, written beside calibration.json.
 
-* `transforms.json` (nerfstudio, Instant NGP): camera-to-world with OpenGL axes; pixel centres at +0.5 as
-  here. It names the pictures in previews/ (sRGB, 8 bits, of one exposure), and the lenses are those of that
-  size; `sparse_pc.ply` holds the scene points in the same world, for trainers that start from them. Which
-  lenses are fisheyes nerfstudio reads from `camera_model`, Instant NGP from `is_fisheye`.
+* `transforms.json` (nerfstudio, Instant NGP) names the pictures in previews/ (sRGB, 8 bits, of one exposure),
+  and the lenses are those of that size; `sparse_pc.ply` holds the scene points in the same world, for
+  trainers that start from them.
 * `opencv/<camera>.yaml` (cv2.FileStorage): pixel centres at whole numbers, so `c` is half a pixel less. A
   lens of the `distortion_model` fisheye is for cv2.fisheye.
 * `camchain-<rig>.yaml` (Kalibr): each camera from the one before it; pixel centres as OpenCV's.
@@ -20,6 +19,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from imaging.files.nerfstudio import Picture, transforms
 from imaging.lens import Lens
 from imaging.session.calibration import CalibrationRecord, CameraCalibration
 from imaging.session.records import CameraRecord
@@ -29,7 +29,6 @@ HALF = 0.5
 _POINTS = "sparse_pc.ply"
 """As ns-process-data calls it."""
 _COLOURS = ("red", "green", "blue")
-_OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def write_exports(
@@ -47,11 +46,11 @@ def write_exports(
     """
     known = [camera for camera in record.cameras if camera.lens is not None]
     if record.views:
-        transforms = _transforms(record, pictures)
+        told = _transforms(record, pictures)
         if model is not None and model.points3D:
             (folder / _POINTS).write_bytes(_ply(model, record.coordinate_note))
-            transforms = {"ply_file_path": _POINTS, **transforms}
-        text = json.dumps(transforms, indent=1, allow_nan=False)
+            told = {"ply_file_path": _POINTS, **told}
+        text = json.dumps(told, indent=1, allow_nan=False)
         (folder / "transforms.json").write_text(f"{text}\n", encoding="utf-8")
     if known:
         (folder / "opencv").mkdir()
@@ -66,40 +65,15 @@ def write_exports(
 
 
 def _transforms(record: CalibrationRecord, pictures: Mapping[str, Lens]) -> dict[str, Any]:
-    frames = []
-    for view in record.views:
-        lens = pictures[view.camera]
-        world_from_cam = np.linalg.inv(view.cam_from_world.matrix()) @ _OPENGL_FROM_OPENCV
-        frames.append(
-            {
-                "file_path": f"previews/{view.id.image_name}",
-                "w": lens.width,
-                "h": lens.height,
-                "fl_x": lens.fx,
-                "fl_y": lens.fy,
-                "cx": lens.cx,
-                "cy": lens.cy,
-                **_terms(lens),
-                "camera_model": "OPENCV_FISHEYE" if lens.fisheye else "OPENCV",
-                "is_fisheye": lens.fisheye,
-                "transform_matrix": world_from_cam.tolist(),
-            }
-        )
-    # One model for all, as nerfstudio reads it; in a rig with lenses of both kinds each frame tells its own.
-    models = {frame["camera_model"] for frame in frames}
-    if len(models) == 1:
-        for frame in frames:
-            del frame["camera_model"]
-    return {
-        "camera_model": min(models),
-        "is_fisheye": models == {"OPENCV_FISHEYE"},
-        "coordinates": _coordinates(record),
-        "frames": frames,
-    }
+    shown = [
+        Picture(f"previews/{view.id.image_name}", pictures[view.camera], view.cam_from_world.matrix())
+        for view in record.views
+    ]
+    return transforms(shown, _coordinates(record))
 
 
 def _coordinates(record: CalibrationRecord) -> dict[str, Any]:
-    """What the poses are in; in a table of its own, since Instant NGP takes an `offset` for its own."""
+    """What the poses are in."""
     known = record.coordinates
     if known is None:
         return {"unit": record.unit, "system": "own"}
@@ -145,11 +119,6 @@ def _write_opencv(path: Path, camera: CameraCalibration) -> None:
 
 def _matrix(lens: Lens) -> "np.ndarray[Any, np.dtype[np.float64]]":
     return np.array([[lens.fx, 0.0, lens.cx - HALF], [0.0, lens.fy, lens.cy - HALF], [0.0, 0.0, 1.0]])
-
-
-def _terms(lens: Lens) -> dict[str, float]:
-    """The four terms of distortion by their names."""
-    return dict(zip(lens.names[4:], lens.terms[4:], strict=True))
 
 
 def _camchain(chain: Sequence[CameraCalibration]) -> str:

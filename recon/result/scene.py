@@ -84,6 +84,13 @@ class Scene:
         """Standard error of `luminance_scale`, cd/m2."""
         return None if self.record.luminance is None else self.record.luminance[1]
 
+    @property
+    def up(self) -> npt.NDArray[np.float64]:
+        """A unit vector: the way up of the photographs together, as photographers hold their cameras."""
+        down = sum((view.splat_camera.cam_from_world[1, :3] for view in self.views), np.zeros(3))
+        length = float(np.linalg.norm(down))
+        return np.array([0.0, -1.0, 0.0]) if length < 1e-6 else np.asarray(-down / length)
+
     def __fspath__(self) -> str:
         """The scene's folder: a scene stands wherever a path to it does."""
         return str(self.folder)

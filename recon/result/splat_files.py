@@ -1,5 +1,6 @@
 """The PLY files of a scene: one that viewers show as it should look, and one of its linear light."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -11,6 +12,7 @@ from torch import Tensor
 from imaging.files import store
 from imaging.progress import Progress
 from imaging.session.bands import false_colour
+from imaging.session.records import Band
 from recon.data.dataset import Dataset
 from recon.data.world import Vector
 from recon.observe.photographs import Display
@@ -56,6 +58,20 @@ class _FalseColour:
         return self.appearance.penalty(parameters)
 
 
+def shown_in_colour(appearance: Appearance, bands: Sequence[Band]) -> Appearance:
+    """What gives Gaussians the colours that the eye is shown: itself, or of bands false ones."""
+    if not bands:
+        return appearance
+    return _FalseColour(appearance, torch.from_numpy(false_colour(bands).astype(np.float32)))
+
+
+def what_is_shown(bands: Sequence[Band]) -> str:
+    """What the colours of `shown_in_colour` are, in words."""
+    if not bands:
+        return "linear Rec.709 radiance"
+    return f"false colours of the bands {', '.join(band.name for band in bands)}"
+
+
 def write_splats(
     folder: Path,
     dataset: Dataset,
@@ -88,12 +104,9 @@ def write_splats(
             f"looked at"
         )
     gaussians = drawn.to(torch.device("cpu"))
-    appearance, renderer, what = method.appearance, training.renderer(), "linear Rec.709 radiance"
-    if dataset.bands:
-        matrix = torch.from_numpy(false_colour(dataset.bands).astype(np.float32))
-        appearance = _FalseColour(method.appearance, matrix)
-        renderer = replace(renderer, appearance=appearance)
-        what = f"false colours of the bands {', '.join(band.name for band in dataset.bands)}"
+    appearance = shown_in_colour(method.appearance, dataset.bands)
+    renderer = replace(training.renderer(), appearance=appearance)
+    what = what_is_shown(dataset.bands)
     harmonics = plain_harmonics(gaussians, appearance, degree)
     if isinstance(method.observation, Display):
         note = "display values, the codes of the photographs"

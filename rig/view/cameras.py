@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from imaging.lens import rays
 from recon.result.model import SceneView
-from recon.result.scene import Scene
 from recon.splat import SplatCamera
 
 Vector = npt.NDArray[np.float64]
@@ -66,10 +65,3 @@ def field_of_view(view: SceneView) -> float:
     lens = view.lens
     ends = rays(lens, [[lens.cx, 0.0], [lens.cx, lens.height]])
     return float(min(np.arccos(np.clip(ends[0] @ ends[1], -1, 1)), WIDEST))
-
-
-def upwards(scene: Scene) -> Vector:
-    """A unit vector: the way up of the photographs together, as photographers hold their cameras."""
-    down = sum(scene.record.world.camera(view.splat_camera).cam_from_world[1, :3] for view in scene.views)
-    length = float(np.linalg.norm(down))
-    return np.array([0.0, -1.0, 0.0]) if length < 1e-6 else -np.asarray(down) / length

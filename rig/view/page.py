@@ -17,7 +17,7 @@ from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
 from rig.terminal.text import number
-from rig.view.cameras import field_of_view, pose, splat_camera, upwards
+from rig.view.cameras import field_of_view, pose, splat_camera
 from rig.view.frame import Frame
 from rig.view.look import LUMINANCE, STOPS, TONE_MAPS, Light, Look, Picture, coloured, legend, stops
 
@@ -108,7 +108,7 @@ class Page:
             with self.client.atomic():
                 camera.position = position
                 camera.look_at = position + self._placed(view).cam_from_world[2, :3]
-                camera.up_direction = upwards(self.scene)
+                camera.up_direction = self.scene.up
                 camera.fov = field_of_view(view)
         self._wake.set()
 

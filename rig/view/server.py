@@ -14,7 +14,7 @@ import websockets.asyncio.server
 
 from recon.render import stem
 from recon.result.scene import Scene
-from rig.view.cameras import field_of_view, pose, upwards
+from rig.view.cameras import field_of_view, pose
 from rig.view.page import Page
 
 HOST = "127.0.0.1"
@@ -67,9 +67,9 @@ class Viewer:
         start = self.server.initial_camera
         start.position = tuple(position)
         start.look_at = tuple(position + camera.cam_from_world[2, :3])
-        start.up = tuple(upwards(self.scene))
+        start.up = tuple(self.scene.up)
         start.fov = field_of_view(first)
-        self.server.scene.set_up_direction(tuple(upwards(self.scene)))
+        self.server.scene.set_up_direction(tuple(self.scene.up))
         self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         self.server.gui.main_panel.dock_right()
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from imaging.session.paths import find_reconstruction
 from recon.data.geometry import project
 from recon.result.scene import open_scene
-from rig.view.cameras import field_of_view, pose, splat_camera, upwards
+from rig.view.cameras import field_of_view, pose, splat_camera
 
 
 @dataclass
@@ -45,6 +45,6 @@ def test_a_pose_comes_back(scene) -> None:
 
 def test_up_is_up(scene) -> None:
     """The rig's cameras are held upright, in a world whose z is up."""
-    up = upwards(open_scene(find_reconstruction(scene)))
+    up = open_scene(find_reconstruction(scene)).up
     assert np.linalg.norm(up) == pytest.approx(1)
     assert up[2] > 0.8

@@ -1,0 +1,1 @@
+"""A scene for other programs: each format, what it cannot hold of the light, measured on the scene."""

@@ -1,0 +1,121 @@
+"""A scene for other programs, by the name of a format; what is lost is measured on the scene."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from imaging.errors import InputError
+from imaging.files import store
+from imaging.progress import Progress, unreported
+from imaging.session.paths import scene_around
+from recon.exports import cameras, usd
+from recon.exports.job import Job, Written
+from recon.exports.loss import Loss, loss_of
+from recon.exports.place import place_of
+from recon.exports.splats import sound
+from recon.result.scene import Scene, open_scene
+
+FormatName = Literal["usd", "cameras"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format: how it is written, the ends of names it is told by, and which light it can have.
+
+    default: whether light is linear if nobody says. only: whether the other is impossible.
+    """
+
+    write: Callable[[Job], Written]
+    suffixes: tuple[str, ...]
+    linear: bool
+    only: str | None = None
+    """Why the other light is refused, as the middle of a sentence; None: it is not."""
+
+
+FORMATS: dict[FormatName, Format] = {
+    "usd": Format(usd.write, usd.SUFFIXES, linear=True, only="is scene-linear"),
+    "cameras": Format(cameras.write, (), linear=True, only="have no light"),
+}
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What an export wrote, and what that lost: loss is None of what holds no Gaussians."""
+
+    format: FormatName
+    linear: bool
+    gaussians: int
+    views: int
+    factor: float
+    files: list[Path]
+    loss: Loss | None
+    notes: tuple[str, ...] = field(default=())
+
+    def data(self) -> dict[str, Any]:
+        """For --json."""
+        return {
+            "format": self.format,
+            "linear": self.linear,
+            "gaussians": self.gaussians,
+            "views": self.views,
+            "factor": self.factor,
+            "files": [str(path) for path in self.files],
+            "bytes": sum(path.stat().st_size for path in self.files),
+            "loss": None if self.loss is None else self.loss.data(),
+            "not_in_it": list(self.notes),
+        }
+
+
+def export(
+    scene: Scene | str | Path,
+    out: str | Path,
+    format: FormatName | None = None,
+    *,
+    linear: bool | None = None,
+    exposure: float | None = None,
+    progress: Progress = unreported,
+) -> Exported:
+    """Write a scene, open or by its folder, as a file of another program.
+
+    format: None tells it by the end of the name `out`. linear: whether light stays linear; None: as is usual
+    in the format. exposure: stops, light is multiplied by 2^exposure; None: what shows the median of the
+    scene as middle grey. InputError for what the format cannot have, ReconstructionError for what the scene
+    has not.
+    """
+    out = Path(out)
+    name = format or format_of(out)
+    chosen = FORMATS[name]
+    if linear is not None and linear != chosen.linear and chosen.only is not None:
+        option = "--linear" if linear else "--display"
+        raise InputError(f"{name} {chosen.only}: leave {option} out.")
+    if around := scene_around(out):
+        raise InputError(f"{out} is in the folder of the scene {around}: name another --out.")
+    store.require_writable(out.parent)
+    opened = scene if isinstance(scene, Scene) else open_scene(scene)
+    kept, dropped = (opened, 0) if name == "cameras" else sound(opened)
+    job = Job(kept, out, chosen.linear if linear is None else linear, exposure, place_of(kept), progress)
+    written = chosen.write(job)
+    loss = None if written.held is None else loss_of(kept, written.truth, written.held, progress)
+    notes = written.notes
+    if dropped:
+        notes = (*notes, f"{dropped} of {dropped + len(kept.gaussians)} Gaussians, which no renderer draws")
+    return Exported(
+        name,
+        job.linear,
+        len(kept.gaussians) if written.held is None else len(written.held),
+        len(kept.views),
+        job.factor,
+        written.files,
+        loss,
+        notes,
+    )
+
+
+def format_of(out: Path) -> FormatName:
+    """The format that the end of a file's name tells; InputError if none does."""
+    for name, format in FORMATS.items():
+        if out.suffix.lower() in format.suffixes:
+            return name
+    ends = ", ".join(suffix for format in FORMATS.values() for suffix in format.suffixes)
+    raise InputError(f"{out} does not tell a format by its end ({ends}): name one with --format.")

@@ -1,0 +1,119 @@
+"""The folder that a scene is handed over in: everything a compositor or a lighter opens, in one exposure.
+
+Renders are drawn by pinholes without distortion, as USD has cameras, so that they line up with those.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import PyOpenColorIO as OCIO
+
+from imaging.errors import InputError
+from imaging.files import store
+from imaging.files.exr import white_luminance, write_exr
+from imaging.progress import Progress, unreported
+from imaging.session.paths import scene_around
+from recon.exports import usd
+from recon.exports.cameras import write_cameras
+from recon.exports.hand_over_page import page
+from recon.exports.job import Job, lens_note
+from recon.exports.loss import Loss, loss_of
+from recon.exports.place import pinhole, place_of
+from recon.exports.splats import sound
+from recon.result.display import in_colour
+from recon.result.scene import Scene, open_scene
+
+SCENE, RENDERS, CAMERAS, CONFIG, PAGE = "scene.usdc", "renders", "cameras", "config.ocio", "index.html"
+BUILTIN = "ocio://cg-config-v1.0.0_aces-v1.3_ocio-v2.1"
+"""The configuration of OpenColorIO itself that ours is, with a rule for the renders: one that programs of
+2022 read."""
+LINEAR = "Linear Rec.709 (sRGB)"
+"""What that calls the colour space of the renders and of the USD file."""
+
+
+@dataclass(frozen=True)
+class HandOver:
+    """A folder that was written. loss: of the USD file."""
+
+    folder: Path
+    files: list[Path]
+    gaussians: int
+    factor: float
+    loss: Loss
+    notes: tuple[str, ...]
+
+
+def hand_over(
+    scene: Scene | str | Path,
+    folder: str | Path,
+    *,
+    exposure: float | None = None,
+    progress: Progress = unreported,
+) -> HandOver:
+    """Write the folder: USD, EXR of the views, cameras, an OpenColorIO configuration, a page.
+
+    exposure: stops, all light is multiplied by 2^exposure; None: what shows the median as middle grey.
+    InputError where the folder has files of something else.
+    """
+    folder = Path(folder)
+    if around := scene_around(folder):
+        raise InputError(f"{folder} is in the folder of the scene {around}: name another --vfx.")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / PAGE).is_file():
+        raise InputError(f"{folder} has files already: name a new folder, or empty it.")
+    store.require_writable(folder)
+    opened = scene if isinstance(scene, Scene) else open_scene(scene)
+    kept, dropped = sound(opened)
+    notes = lens_note(kept)
+    if dropped:
+        notes = (*notes, f"{dropped} Gaussians, which no renderer draws")
+    with store.replacing(folder) as part:
+        store.make_folder(part)
+        job = Job(kept, part / SCENE, True, exposure, place_of(kept), progress)
+        written = usd.write(job)
+        assert written.held is not None
+        assert written.truth is not None
+        loss = loss_of(kept, written.truth, written.held, progress)
+        renders = _write_renders(part / RENDERS, kept, job.factor, progress)
+        cameras = write_cameras(part / CAMERAS, kept, job.place) if kept.views else []
+        store.write_bytes(part / CONFIG, configuration().encode())
+        text = page(kept, job, loss, notes, [*written.files, *renders])
+        store.write_bytes(part / PAGE, text.encode())
+        files = [*written.files, *renders, *cameras, part / CONFIG, part / PAGE]
+        names = [path.relative_to(part) for path in files]
+    return HandOver(folder, [folder / name for name in names], len(written.held), job.factor, loss, notes)
+
+
+def _write_renders(folder: Path, scene: Scene, factor: float, progress: Progress) -> list[Path]:
+    """renders/CAMERA.FRAME.exr of every view, in the unit of the USD file."""
+    record, files = scene.record, []
+    absolute = {}
+    if record.luminance is not None:
+        absolute = white_luminance(*(part / factor for part in record.luminance))
+    for done, view in enumerate(scene.views):
+        progress("rendering", done, len(scene.views))
+        light, alpha = scene.layer(pinhole(view.splat_camera))
+        shown = in_colour(light, record.bands) * factor
+        planes = {name: shown[..., index] for index, name in enumerate("RGB")}
+        if alpha is not None:
+            planes["A"] = alpha
+        path = folder / f"{view.camera}.{view.frame:04d}.exr"
+        header: dict[str, str | float] = {
+            **absolute,
+            "colorInteropID": usd.COLOUR_SPACE,
+            "rig:view": view.name,
+            "rig:values": f"linear radiance {record.radiance}, times {factor:.9g}",
+        }
+        write_exr(path, planes, chromaticities=None, attributes=header)
+        files.append(path)
+    return files
+
+
+def configuration() -> str:
+    """An OpenColorIO configuration that takes EXR files for linear Rec.709, else OpenColorIO's own."""
+    config = OCIO.Config.CreateFromFile(BUILTIN)
+    rules = config.getFileRules()
+    rules.insertRule(0, "rig", LINEAR, "*", "exr")
+    config.setFileRules(rules)
+    config.setDescription(f"{BUILTIN}, with EXR files read as {LINEAR}, which the renders of rig are in.")
+    config.validate()
+    return str(config.serialize())

@@ -1,0 +1,54 @@
+"""What a writer of a format is given, and what it tells of what it wrote."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from imaging.progress import Progress
+from recon.exports.place import Place, bent_px
+from recon.exports.splats import Splats, display_splats, linear_splats
+from recon.result.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One export. scene: sound; linear: whether light stays linear; stops: None: the scene's middle."""
+
+    scene: Scene
+    out: Path
+    linear: bool
+    stops: float | None
+    place: Place
+    progress: Progress
+
+    @property
+    def factor(self) -> float:
+        """On radiance, for what is linear."""
+        return self.scene.exposure if self.stops is None else 2.0**self.stops
+
+    def splats(self, *, with_dome: bool = True) -> Splats:
+        """The Gaussians as they are to be written, before the format's numbers hold them."""
+        if self.linear:
+            return linear_splats(self.scene, self.factor, with_dome=with_dome)
+        return display_splats(self.scene, self.stops, self.progress)
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """What a writer wrote.
+
+    held: the Gaussians as the file has them; truth: the same as they were; both None where it has none.
+    notes: what else the file does not hold, or holds in another way; a sentence's part each.
+    """
+
+    files: list[Path]
+    held: Splats | None = None
+    truth: Splats | None = None
+    notes: tuple[str, ...] = ()
+
+
+def lens_note(scene: Scene) -> tuple[str, ...]:
+    """That lenses are bent and the file's cameras are not, where that is so."""
+    bent = max((bent_px(view) for view in scene.views), default=0.0)
+    if bent < 0.05:
+        return ()
+    return (f"the distortion of the lenses, up to {bent:.2g} px at the border of the pictures",)

@@ -1,0 +1,153 @@
+"""What a file cannot hold of a scene's light, in stops, measured on the scene itself.
+
+The Gaussians are compared as the file holds them, quantised and clipped, with those of the scene, and so are
+pictures drawn of both. A stop is a factor of two in light. What is dimmer than the dimmest light that matters
+counts as that.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from imaging.colour import srgb_decode
+from imaging.progress import Progress
+from recon.exports.splats import Splats
+from recon.result.display import in_colour
+from recon.result.model import SceneView
+from recon.result.scene import Scene
+from recon.scene.appearance import PlainHarmonics
+from recon.scene.gaussians import Renderer
+from recon.splat import Limits
+
+VIEWS = 4
+"""That are drawn to measure; evenly chosen."""
+_SPAN = 2.0**-20
+"""Of the brightest light, where a scene does not say which light matters."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Differences of light, in stops, without sign.
+
+    gaussian_median, gaussian_worst: over the channels of all Gaussians, of the mean of their colours; None of
+    display values, which are not the light of single Gaussians.
+    pixel_median, pixel_p99: over the channels of the pixels of some views, of those that are not clipped.
+    clipped: share of these pixels with a channel brighter than the file's white.
+    """
+
+    gaussian_median: float | None
+    gaussian_worst: float | None
+    pixel_median: float
+    pixel_p99: float
+    clipped: float
+    views: int
+
+    def __str__(self) -> str:
+        parts = []
+        if self.gaussian_median is not None and self.gaussian_worst is not None:
+            parts.append(
+                f"{_span(self.gaussian_median, self.gaussian_worst, 'at worst')} of a Gaussian's light"
+            )
+        if self.views:
+            parts.append(f"{_span(self.pixel_median, self.pixel_p99, 'in 1 %')} of a pixel's")
+        if self.clipped:
+            parts.append(f"{100 * self.clipped:.2g} % of the pixels are clipped at white")
+        return "; ".join(parts)
+
+    def data(self) -> dict[str, float | None]:
+        """For --json."""
+        return asdict(self)
+
+
+def loss_of(scene: Scene, truth: Splats | None, held: Splats, progress: Progress) -> Loss:
+    """What `held`, the Gaussians of a file as it has them, lost of a scene.
+
+    truth: the same Gaussians in the same order before the file's numbers held them; None of display values.
+    """
+    floor = floor_of(scene)
+    median, worst = None, None
+    if truth is not None:
+        off = stops_between(truth.light, held.light, floor)
+        median, worst = float(np.median(off)), float(off.max())
+    views = chosen(scene.views)
+    renderer = _renderer(scene, held)
+    pixels, clipped = [], []
+    for done, view in enumerate(views):
+        progress("measuring what is lost", done, len(views))
+        light = _light(scene, view)
+        found = drawn(scene, held, view, renderer)
+        white = np.zeros(light.shape[:2], bool) if held.linear else (light * held.factor > 1).any(2)
+        clipped.append(white.mean())
+        pixels.append(stops_between(light[~white], found[~white], floor).ravel())
+    every = np.concatenate([*pixels, [0.0]] if not any(map(len, pixels)) else pixels)
+    return Loss(
+        median,
+        worst,
+        float(np.median(every)),
+        float(np.quantile(every, 0.99)),
+        float(np.mean(clipped)) if clipped else 0.0,
+        len(views),
+    )
+
+
+def floor_of(scene: Scene) -> float:
+    """The dimmest radiance that matters."""
+    record = scene.record
+    if record.reference is not None:
+        return record.reference * record.normaliser
+    return _SPAN / record.exposure
+
+
+def stops_between(truth: npt.ArrayLike, found: npt.ArrayLike, floor: float) -> npt.NDArray[np.float64]:
+    """How far two lights are apart, those below `floor` counted as it."""
+    both = (np.maximum(np.asarray(light, np.float64), floor) for light in (truth, found))
+    return np.asarray(np.abs(np.subtract(*(np.log2(light) for light in both))))
+
+
+def chosen(views: Sequence[SceneView]) -> list[SceneView]:
+    """Some of the views, evenly."""
+    count = min(len(views), VIEWS)
+    return [views[round(place)] for place in np.linspace(0, len(views) - 1, count)]
+
+
+def _light(scene: Scene, view: SceneView) -> npt.NDArray[np.float32]:
+    """What a view shows in the channels and the unit of `Splats.light`, [H, W, 3]."""
+    if scene.record.display is None:
+        return in_colour(scene.render(view), scene.record.bands)
+    return np.asarray(srgb_decode(scene.drawn(scene.record.world.camera(view.splat_camera)).numpy().clip(0, 1)), np.float32)
+
+
+def _renderer(scene: Scene, splats: Splats) -> Renderer:
+    """As the scene is drawn, or of display values as viewers draw, which blend those."""
+    limits = scene.renderer.limits if splats.linear else Limits.gsplat()
+    far = scene.renderer.environment if splats.linear and not splats.dome else None
+    if far is not None:  # in the units of the file, as the Gaussians
+        far = far.copied()
+        far.ln_light = far.ln_light + np.log(splats.factor * scene.record.normaliser)
+    if limits.luminance_reference is not None:
+        unit = splats.factor * scene.record.normaliser
+        limits = replace(limits, luminance_reference=limits.luminance_reference * unit)
+    sampling = scene.renderer.sampling if splats.linear and len(splats) == len(scene.gaussians) else None
+    return Renderer(PlainHarmonics(), limits, far, sampling)
+
+
+def drawn(
+    scene: Scene, splats: Splats, view: SceneView, renderer: Renderer | None = None
+) -> npt.NDArray[np.float32]:
+    """Radiance [H, W, 3] of a view of the scene, drawn by `rig` from the Gaussians of a file."""
+    renderer = renderer or _renderer(scene, splats)
+    camera = scene.record.world.camera(view.splat_camera)
+    with torch.no_grad():
+        image = renderer(splats.gaussians(), camera, degree=min(splats.degree, 2)).image.numpy()
+    light = image if splats.linear else srgb_decode(image.clip(0, 1))
+    return np.asarray(light / splats.factor, np.float32)
+
+
+def _span(median: float, most: float, when: str) -> str:
+    if most < 0.001:
+        return "less than 0.001 stops"
+    middle = f"{median:.2g}" if median >= 0.001 else "less than 0.001"
+    return f"{middle} stops in the median and {most:.2g} {when}"

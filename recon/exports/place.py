@@ -1,0 +1,73 @@
+"""Where a scene lies for other programs: its unit, its way up, and the lenses that they can draw."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from recon.result.model import CALIBRATION, SceneView, read_own_calibration
+from recon.result.scene import Scene
+from recon.splat import SplatCamera
+
+Array = npt.NDArray[np.float64]
+_CORNERS = 33
+"""Points along each side of a picture where a lens is compared with a pinhole."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """What the coordinates of a scene are.
+
+    metres: whether lengths are metres; else they are in a unit of the scene's own.
+    z_up: whether z points up, as a survey or GPS tells.
+    turn: float64 [3, 3]; from the axes of the world to those of the file, of which y is up unless z is.
+    note: the coordinates in words.
+    """
+
+    metres: bool
+    z_up: bool
+    turn: Array
+    note: str
+
+
+def place_of(scene: Scene) -> Place:
+    """By the calibration that the scene was trained on; of a scene without one nothing is known.
+
+    What no survey and no GPS placed stands as photographers hold their cameras: the mean of their ways up
+    becomes y.
+    """
+    if not (scene.folder / CALIBRATION).is_file():
+        return Place(False, False, _upright(scene), "those of the file, without a unit")
+    record = read_own_calibration(scene.folder)
+    metres, note = record.unit == "m", record.coordinate_note
+    if record.coordinates is not None and record.coordinates.source != "session":
+        return Place(metres, True, np.eye(3), note)
+    return Place(metres, False, _upright(scene), note)
+
+
+def _upright(scene: Scene) -> Array:
+    """The turn that takes the way up to y, and z as far towards the first camera as that allows."""
+    up = scene.up
+    back = -scene.views[0].splat_camera.cam_from_world[2, :3] if scene.views else np.array([0.0, 0.0, 1.0])
+    back = back - (back @ up) * up
+    if np.linalg.norm(back) < 1e-6:
+        back = np.eye(3)[np.argmin(np.abs(up))]
+        back = back - (back @ up) * up
+    back = back / np.linalg.norm(back)
+    return np.stack([np.cross(up, back), up, back])
+
+
+def pinhole(camera: SplatCamera) -> SplatCamera:
+    """The camera with a lens that has no distortion, as most programs draw it."""
+    return replace(camera, k1=0.0, k2=0.0, p1=0.0, p2=0.0, k3=0.0, k4=0.0, fisheye=False)
+
+
+def bent_px(view: SceneView) -> float:
+    """How far distortion moves what a view shows at the border of the pinhole's picture, px, at most."""
+    straight = pinhole(view.splat_camera)
+    ends, near, far = np.linspace(0, 1, _CORNERS), np.zeros(_CORNERS), np.ones(_CORNERS)
+    border = np.concatenate([(ends, near), (ends, far), (near, ends), (far, ends)], axis=1).T
+    pixels = border * [straight.width, straight.height]
+    centre, focal = np.array([straight.cx, straight.cy]), np.array([straight.fx, straight.fy])
+    bent = view.splat_camera.distort((pixels - centre) / focal) * focal + centre
+    return float(np.linalg.norm(bent - pixels, axis=1).max())

@@ -1,0 +1,238 @@
+"""Gaussians as files of other programs have them: the geometry, and the plain harmonics of 3DGS."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from imaging.colour import srgb_decode
+from imaging.errors import ReconstructionError
+from imaging.progress import Progress
+from recon.data.world import Vector, WorldTransform
+from recon.result.display_colours import display_colours, steps_after
+from recon.result.environment_files import dome_of
+from recon.result.model import SPLATS
+from recon.result.scene import Scene
+from recon.result.splat_files import shown_in_colour
+from recon.scene.gaussians import GEOMETRY, Gaussians
+from recon.scene.harmonics import C0, COEFFICIENTS
+from recon.scene.ply import PlySplats, plain_harmonics, read_ply
+from recon.splat import SplatCamera
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Splats:
+    """N Gaussians in the axes and the unit of the world, less an offset.
+
+    means [N, 3]; scales [N, 3], standard deviations; quats [N, 4], unit, wxyz; opacities [N], 0..1;
+    harmonics [N, (degree + 1)^2, 3] as in 3DGS: a colour is max(0, 0.5 + SH(d)). All float64.
+    linear: colours are radiance times `factor`; else the sRGB codes of that, clipped at 1. Of a scene of
+    display values `factor` is 1, and light what a display makes of them.
+    world: where the scene lies; world coordinates are means + offset.
+    dome: how many of them, the last, stand for light from far away; 0 where that is not among them.
+    """
+
+    means: Array
+    scales: Array
+    quats: Array
+    opacities: Array
+    harmonics: Array
+    linear: bool
+    factor: float
+    world: WorldTransform
+    offset: Vector
+    dome: int = 0
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def degree(self) -> int:
+        """Of the harmonics."""
+        return math.isqrt(self.harmonics.shape[1]) - 1
+
+    @property
+    def colours(self) -> Array:
+        """The mean of each over all directions, [N, 3], >= 0."""
+        return np.maximum(0.5 + C0 * self.harmonics[:, 0], 0)
+
+    @property
+    def light(self) -> Array:
+        """The same as radiance; of display values what they decode to."""
+        colours = self.colours
+        return np.asarray((colours if self.linear else srgb_decode(colours.clip(0, 1))) / self.factor)
+
+    @property
+    def logits(self) -> Array:
+        """Opacities as files of 3DGS have them; those of 1 as the nearest that float32 draws as 1."""
+        inside = self.opacities.clip(1e-12, 1 - 2.0**-25)
+        return np.asarray(np.log(inside / (1 - inside)))
+
+    def gaussians(self) -> Gaussians:
+        """The same in scene coordinates, float32, of `PlainHarmonics`."""
+        rest = np.zeros((len(self), COEFFICIENTS - 1, 3))
+        kept = min(self.harmonics.shape[1], COEFFICIENTS) - 1
+        rest[:, :kept] = self.harmonics[:, 1 : kept + 1]
+        values = {
+            "means": self.world.from_world(self.means + self.offset),
+            "log_scales": np.log(self.scales / self.world.unit),
+            "quats": self.quats,
+            "opacity_logits": self.logits,
+            "sh_dc": self.harmonics[:, :1],
+            "sh_rest": rest,
+        }
+        return Gaussians({name: torch.from_numpy(value.astype(np.float32)) for name, value in values.items()})
+
+    def rows(self, kept: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> "Splats":
+        """Some of them, or in another order."""
+        names = ("means", "scales", "quats", "opacities", "harmonics")
+        return replace(self, **{name: getattr(self, name)[kept] for name in names})
+
+
+def sound(scene: Scene) -> tuple[Scene, int]:
+    """The scene without Gaussians that no renderer draws, and how many those are.
+
+    They are those with a value that is not finite, without a turn, or with an opacity of 0.
+    ReconstructionError if none is left.
+    """
+    parameters = scene.gaussians.parameters
+    kept = torch.ones(len(scene.gaussians), dtype=torch.bool)
+    for name, value in parameters.items():
+        if name != "opacity_logits":
+            kept &= torch.isfinite(value.detach().reshape(len(kept), -1)).all(1)
+    kept &= torch.isfinite(scene.gaussians.scales()).all(1) & (scene.gaussians.scales() > 0).all(1)
+    kept &= scene.gaussians.opacities() > 0  # of NaN neither
+    kept &= parameters["quats"].abs().amax(1) > 0
+    if not kept.any():
+        raise ReconstructionError(
+            f"{scene.folder} holds no Gaussian that can be drawn, so there is nothing to export: reconstruct "
+            "it again."
+        )
+    dropped = int((~kept).sum())
+    if not dropped:
+        return scene, 0
+    sampling = scene.renderer.sampling
+    if sampling is not None:
+        sampling = replace(sampling, least=sampling.least[kept], most=sampling.most[kept])
+    renderer = replace(scene.renderer, sampling=sampling)
+    return replace(scene, gaussians=Gaussians(scene.gaussians.rows(kept)), renderer=renderer), dropped
+
+
+def linear_splats(scene: Scene, factor: float, *, with_dome: bool) -> Splats:
+    """A scene's radiance times `factor`; of bands in false colours.
+
+    with_dome: light from far away as a sphere of Gaussians behind the others; else it is left out.
+    ReconstructionError for a scene of display values.
+    """
+    record = scene.record
+    if record.display is not None:
+        raise ReconstructionError(
+            f"{scene.folder} was trained on display values, so that its Gaussians have no linear light: "
+            "export it as ply, spz or glb without --linear, or reconstruct it with --method auto."
+        )
+    gaussians, far = scene.gaussians, scene.renderer.environment
+    dome = 0
+    if far is not None and with_dome:
+        sphere = dome_of(far, scene.renderer.appearance, len(gaussians))
+        gaussians, dome = gaussians.joined(sphere), len(sphere)
+    appearance = shown_in_colour(scene.renderer.appearance, record.bands)
+    harmonics = plain_harmonics(gaussians, appearance, record.degree)
+    return _splats(scene, gaussians, rescaled(harmonics, factor * record.normaliser), True, factor, dome)
+
+
+def display_splats(scene: Scene, stops: float | None, progress: Progress) -> Splats:
+    """A scene as displays show it: sRGB of the radiance times 2^stops, None: as splats.ply has it.
+
+    ReconstructionError for another exposure of a scene of display values.
+    """
+    record = scene.record
+    factor = record.exposure if stops is None else 2.0**stops
+    if record.display is not None:
+        if stops is not None:
+            raise ReconstructionError(
+                f"{scene.folder} was trained on display values, which have the exposure of its photographs: "
+                "leave --exposure out."
+            )
+        harmonics = plain_harmonics(scene.gaussians, scene.renderer.appearance, record.degree)
+        return _splats(scene, scene.gaussians, harmonics, False, 1.0, 0)
+    path = scene.folder / SPLATS
+    if stops is None and path.is_file():
+        return from_ply(read_ply(path), scene, factor)
+    far, drawn, dome = scene.renderer.environment, scene.gaussians, 0
+    if far is not None:
+        sphere = dome_of(far, scene.renderer.appearance, len(drawn))
+        drawn, dome = drawn.joined(sphere), len(sphere)
+    cameras: dict[str, list[SplatCamera]] = {"training": [], "validation": [], "test": []}
+    for view in scene.views:
+        cameras[view.use].append(record.world.camera(view.splat_camera))
+    shown = display_colours(
+        scene.gaussians,
+        drawn,
+        replace(scene.renderer, appearance=shown_in_colour(scene.renderer.appearance, record.bands)),
+        record.degree,
+        factor * record.normaliser,
+        steps_after(record.iterations),
+        fitted=cameras["training"],
+        judged=[*cameras["validation"], *cameras["test"]],
+        progress=progress,
+    )
+    return _splats(scene, drawn, shown.harmonics, False, factor, dome)
+
+
+def from_ply(file: PlySplats, scene: Scene, factor: float) -> Splats:
+    """The Gaussians of a scene's own splats.ply that can be drawn."""
+    values = np.column_stack([file.means, file.log_scales, file.quats, file.harmonics.reshape(len(file), -1)])
+    kept = np.isfinite(values).all(1) & (file.logits > -np.inf) & (np.abs(file.quats).max(1, initial=0) > 0)
+    return Splats(
+        means=file.means[kept],
+        scales=np.exp(file.log_scales[kept]),
+        quats=_unit(file.quats[kept]),
+        opacities=_opacity(file.logits[kept]),
+        harmonics=file.harmonics[kept],
+        linear=False,
+        factor=factor,
+        world=scene.record.world,
+        offset=scene.record.offset,
+        dome=max(0, len(file) - scene.record.gaussians),
+    )
+
+
+def rescaled(harmonics: Array, factor: float) -> Array:
+    """Harmonics whose colours are those of others times a factor."""
+    scaled = harmonics * factor
+    scaled[:, 0] += (factor - 1) * 0.5 / C0
+    return scaled
+
+
+def _splats(
+    scene: Scene, gaussians: Gaussians, harmonics: Array, linear: bool, factor: float, dome: int
+) -> Splats:
+    record = scene.record
+    means, log_scales, quats, logits = (
+        gaussians.parameters[name].detach().double().numpy() for name in GEOMETRY
+    )
+    return Splats(
+        means=record.world.to_world(means) - record.offset,
+        scales=np.exp(log_scales) * record.world.unit,
+        quats=_unit(quats),
+        opacities=_opacity(logits),
+        harmonics=harmonics,
+        linear=linear,
+        factor=factor,
+        world=record.world,
+        offset=record.offset,
+        dome=dome,
+    )
+
+
+def _unit(quats: Array) -> Array:
+    largest = quats / np.abs(quats).max(axis=1, keepdims=True)
+    return np.asarray(largest / np.linalg.norm(largest, axis=1, keepdims=True))
+
+
+def _opacity(logits: Array) -> Array:
+    return np.asarray(1 / (1 + np.exp(-logits.clip(-700, 700))))

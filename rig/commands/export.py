@@ -1,0 +1,129 @@
+"""`rig export`: a scene for other programs."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from imaging.session.paths import find_reconstruction
+from rig.options.common import JsonOption, WrongUsage
+from rig.terminal.result import CommandResult, running
+from rig.terminal.text import counted, number
+
+if TYPE_CHECKING:
+    from recon.exports.hand_over import HandOver
+    from recon.exports.loss import Loss
+
+Format = Literal["usd", "cameras"]
+
+
+def export(
+    reconstruction: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RECON", help="SESSION/reconstructions/NAME, or a session, whose newest is taken."
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The file to write; its end tells the format.")
+    ] = None,
+    format: Annotated[
+        Format | None, typer.Option(help="What to write, where the end of FILE does not tell it.")
+    ] = None,
+    vfx: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Write the whole hand-over folder instead: USD, EXR renders that line up with its cameras, "
+            "the cameras for other programs, an OpenColorIO configuration, and a page that says how to open "
+            "it.",
+        ),
+    ] = None,
+    linear: Annotated[
+        bool | None,
+        typer.Option(
+            "--linear/--display",
+            help="Linear light, or sRGB as displays show it, clipped at white. [default: what programs "
+            "expect of the format]",
+        ),
+    ] = None,
+    exposure: Annotated[
+        float | None,
+        typer.Option(
+            metavar="STOPS",
+            min=-60,
+            max=60,
+            help="Light is multiplied by 2^STOPS. If it is not given, the median of the scene is middle "
+            "grey.",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> CommandResult:
+    """Write a scene for other programs, and say what that loses of its light.
+
+    What is lost is measured on the scene and told in stops, of its Gaussians and of pictures drawn from the
+    file.
+
+    Example: rig export S --out scene.usdc
+    """
+    if (out is None) == (vfx is None):
+        raise WrongUsage("Name a file with --out, or a folder with --vfx")
+    if vfx is not None and (format is not None or linear is not None):
+        raise WrongUsage(
+            "--vfx writes its own formats, in linear light: leave --format, --linear and --display out"
+        )
+    with running("export") as status:
+        from recon.exports.export import export as export_scene
+        from recon.exports.hand_over import hand_over
+        from recon.result.scene import open_scene
+
+        folder = find_reconstruction(reconstruction)
+        status("opening the scene", 0, 0)
+        scene = open_scene(folder)
+        if vfx is not None:
+            return _handed_over(folder, hand_over(scene, vfx, exposure=exposure, progress=status))
+        assert out is not None
+        told = export_scene(scene, out, format, linear=linear, exposure=exposure, progress=status)
+    size = sum(path.stat().st_size for path in told.files)
+    if told.format == "cameras":
+        lines = [
+            f"{out}: the cameras of {counted(told.views, 'view')} of {folder}, for COLMAP and nerfstudio"
+        ]
+        return CommandResult({"reconstruction": str(folder)} | told.data(), lines)
+    light = "linear light" if told.linear else "sRGB as displays show it"
+    what = f"{counted(told.gaussians, 'Gaussian')} of {folder}, {light}"
+    lines = [
+        f"{told.files[0]}: {what}, {size / 1e6:.3g} MB",
+        *(f"beside it: {path}" for path in told.files[1:]),
+        *_lost(told.factor, told.loss, told.notes),
+    ]
+    return CommandResult({"reconstruction": str(folder)} | told.data(), lines)
+
+
+def _handed_over(folder: Path, told: "HandOver") -> CommandResult:
+    size = sum(path.stat().st_size for path in told.files)
+    data = {
+        "reconstruction": str(folder),
+        "vfx": str(told.folder),
+        "gaussians": told.gaussians,
+        "factor": told.factor,
+        "files": [str(path) for path in told.files],
+        "bytes": size,
+        "loss": told.loss.data(),
+        "not_in_it": list(told.notes),
+    }
+    lines = [
+        f"{told.folder}: {counted(told.gaussians, 'Gaussian')} of {folder} in "
+        f"{counted(len(told.files), 'file')}, {size / 1e6:.3g} MB; begin with {told.folder / 'index.html'}",
+        *_lost(told.factor, told.loss, told.notes),
+    ]
+    return CommandResult(data, lines)
+
+
+def _lost(factor: float, loss: "Loss | None", notes: Sequence[str]) -> list[str]:
+    lines = [f"its light is that of the scene times {number(factor)} ({math.log2(factor):+.1f} stops)"]
+    if loss is not None:
+        lines.append(f"lost: {loss}")
+    return [*lines, *(f"not in it: {note}" for note in notes)]

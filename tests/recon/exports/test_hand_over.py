@@ -1,0 +1,82 @@
+"""The hand-over folder: its pictures line up with its cameras, and all of it is in one exposure."""
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import PyOpenColorIO as OCIO
+import pytest
+from pxr import Usd
+
+from imaging.errors import InputError
+from recon.exports.hand_over import HandOver, hand_over
+from recon.exports.place import pinhole
+from recon.result.scene import open_scene
+from tests.rig.report.pages import Page, assert_self_contained
+
+
+@pytest.fixture(scope="module")
+def handed(made_sky: Path, tmp_path_factory: pytest.TempPathFactory) -> HandOver:
+    return hand_over(made_sky, tmp_path_factory.mktemp("hand-over") / "vfx", exposure=1.0)
+
+
+def test_every_file_that_is_told_is_there(handed: HandOver) -> None:
+    there = {path for path in handed.folder.rglob("*") if path.is_file()}
+    assert set(handed.files) == there
+    assert {"scene.usdc", "scene.environment.exr", "config.ocio", "index.html"} <= {
+        path.name for path in there
+    }
+    assert handed.factor == 2.0
+
+
+def test_renders_are_the_light_of_the_scene_as_the_pinholes_of_the_usd_see_it(
+    handed: HandOver, made_sky: Path
+) -> None:
+    scene = open_scene(made_sky)
+    for view in scene.views:
+        path = handed.folder / "renders" / f"{view.camera}.{view.frame:04d}.exr"
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            header, channels = dict(file.header()), file.channels()
+            light = np.dstack([channels[name].pixels for name in "RGB"])
+        assert np.allclose(light, 2 * scene.render(pinhole(view.splat_camera)), rtol=1e-5)
+        assert header["colorInteropID"] == "lin_rec709_scene"
+        assert "chromaticities" not in header
+        assert header["whiteLuminance"] == pytest.approx(125.0)
+    stage = Usd.Stage.Open(str(handed.folder / "scene.usdc"))
+    told = stage.GetRootLayer().customLayerData["rig"]
+    assert told["whiteLuminance"] == pytest.approx(125.0)
+
+
+def test_opencolorio_takes_the_renders_for_linear_rec709(handed: HandOver) -> None:
+    config = OCIO.Config.CreateFromFile(str(handed.folder / "config.ocio"))
+    config.validate()
+    assert config.getColorSpaceFromFilepath("renders/a-1.0000.exr")[0] == "Linear Rec.709 (sRGB)"
+    assert config.getColorSpaceFromFilepath("somewhere/plate.dpx")[0] == "ACES2065-1"
+
+
+def test_the_page_says_units_and_coordinates(handed: HandOver) -> None:
+    page = (handed.folder / "index.html").read_text()
+    assert_self_contained(Page.read(handed.folder / "index.html"))
+    for words in (
+        "metres",
+        "EPSG:25832",
+        "125 &plusmn; 5 cd/m&sup2;",
+        "times 2 (+1.00 stops)",
+        "SplatRender",
+    ):
+        assert words in page
+
+
+def test_a_folder_of_something_else_is_left_alone_and_an_older_one_replaced(
+    made: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "thesis.txt").touch()
+    with pytest.raises(InputError, match="has files already"):
+        hand_over(made, other)
+    assert [path.name for path in other.iterdir()] == ["thesis.txt"]
+    hand_over(made, tmp_path / "vfx")
+    (tmp_path / "vfx" / "renders" / "old.exr").touch()
+    assert (tmp_path / "vfx" / "renders" / "old.exr") not in hand_over(made, tmp_path / "vfx").files
+    assert not (tmp_path / "vfx" / "renders" / "old.exr").exists()
