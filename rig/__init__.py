@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from imaging.session.calibration import CalibrationRecord, read_calibration
     from recon.evaluate import evaluate
     from recon.evaluation import Evaluation
+    from recon.exports.export import Exported, export
+    from recon.exports.hand_over import HandOver, hand_over
     from recon.render import render
     from recon.result.scene import Scene, open_scene
     from recon.scene.gaussians import Gaussians
@@ -56,8 +58,10 @@ __all__ = [
     "CheckReport",
     "ConnectedCamera",
     "Evaluation",
+    "Exported",
     "Exposure",
     "Gaussians",
+    "HandOver",
     "ImportResult",
     "InputError",
     "Merged",
@@ -76,7 +80,9 @@ __all__ = [
     "capture_simulated",
     "check",
     "evaluate",
+    "export",
     "find_cameras",
+    "hand_over",
     "import_photos",
     "merge",
     "open_scene",
@@ -102,7 +108,9 @@ _HOMES = {
     "CheckReport": "capture.check.check",
     "ConnectedCamera": "drivers.discovery",
     "Evaluation": "recon.evaluation",
+    "Exported": "recon.exports.export",
     "Exposure": "imaging.exposure",
+    "HandOver": "recon.exports.hand_over",
     "Gaussians": "recon.scene.gaussians",
     "ImportResult": "capture.imports.photos",
     "InputError": "imaging.errors",
@@ -122,7 +130,9 @@ _HOMES = {
     "capture_simulated": "capture.simulated",
     "check": "capture.check.check",
     "evaluate": "recon.evaluate",
+    "export": "recon.exports.export",
     "find_cameras": "rig.facade",
+    "hand_over": "recon.exports.hand_over",
     "import_photos": "capture.imports.photos",
     "merge": "calib.exports.merge_session",
     "open_scene": "recon.result.scene",

@@ -74,7 +74,7 @@ def export(
     *,
     linear: bool | None = None,
     exposure: float | None = None,
-    progress: Progress = unreported,
+    on_progress: Progress = unreported,
 ) -> Exported:
     """Write a scene, open or by its folder, as a file of another program.
 
@@ -94,9 +94,9 @@ def export(
     store.require_writable(out.parent)
     opened = scene if isinstance(scene, Scene) else open_scene(scene)
     kept, dropped = (opened, 0) if name == "cameras" else sound(opened)
-    job = Job(kept, out, chosen.linear if linear is None else linear, exposure, place_of(kept), progress)
+    job = Job(kept, out, chosen.linear if linear is None else linear, exposure, place_of(kept), on_progress)
     written = chosen.write(job)
-    loss = None if written.held is None else loss_of(kept, written.truth, written.held, progress)
+    loss = None if written.held is None else loss_of(kept, written.truth, written.held, on_progress)
     notes = written.notes
     if dropped:
         notes = (*notes, f"{dropped} of {dropped + len(kept.gaussians)} Gaussians, which no renderer draws")

@@ -48,7 +48,7 @@ def hand_over(
     folder: str | Path,
     *,
     exposure: float | None = None,
-    progress: Progress = unreported,
+    on_progress: Progress = unreported,
 ) -> HandOver:
     """Write the folder: USD, EXR of the views, cameras, an OpenColorIO configuration, a page.
 
@@ -68,12 +68,12 @@ def hand_over(
         notes = (*notes, f"{dropped} Gaussians, which no renderer draws")
     with store.replacing(folder) as part:
         store.make_folder(part)
-        job = Job(kept, part / SCENE, True, exposure, place_of(kept), progress)
+        job = Job(kept, part / SCENE, True, exposure, place_of(kept), on_progress)
         written = usd.write(job)
         assert written.held is not None
         assert written.truth is not None
-        loss = loss_of(kept, written.truth, written.held, progress)
-        renders = _write_renders(part / RENDERS, kept, job.factor, progress)
+        loss = loss_of(kept, written.truth, written.held, on_progress)
+        renders = _write_renders(part / RENDERS, kept, job.factor, on_progress)
         cameras = write_cameras(part / CAMERAS, kept, job.place) if kept.views else []
         store.write_bytes(part / CONFIG, configuration().encode())
         text = page(kept, job, loss, notes, [*written.files, *renders])

@@ -117,7 +117,9 @@ def _light(scene: Scene, view: SceneView) -> npt.NDArray[np.float32]:
     """What a view shows in the channels and the unit of `Splats.light`, [H, W, 3]."""
     if scene.record.display is None:
         return in_colour(scene.render(view), scene.record.bands)
-    return np.asarray(srgb_decode(scene.drawn(scene.record.world.camera(view.splat_camera)).numpy().clip(0, 1)), np.float32)
+    return np.asarray(
+        srgb_decode(scene.drawn(scene.record.world.camera(view.splat_camera)).numpy().clip(0, 1)), np.float32
+    )
 
 
 def _renderer(scene: Scene, splats: Splats) -> Renderer:

@@ -83,9 +83,9 @@ def export(
         status("opening the scene", 0, 0)
         scene = open_scene(folder)
         if vfx is not None:
-            return _handed_over(folder, hand_over(scene, vfx, exposure=exposure, progress=status))
+            return _handed_over(folder, hand_over(scene, vfx, exposure=exposure, on_progress=status))
         assert out is not None
-        told = export_scene(scene, out, format, linear=linear, exposure=exposure, progress=status)
+        told = export_scene(scene, out, format, linear=linear, exposure=exposure, on_progress=status)
     size = sum(path.stat().st_size for path in told.files)
     if told.format == "cameras":
         lines = [
