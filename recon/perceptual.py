@@ -22,7 +22,7 @@ from imaging.files.photo import encode_png
 from imaging.progress import Progress, unreported
 from recon.data.dataset import View
 from recon.data.light import Images
-from recon.render import stem, write_light
+from recon.rendering.light_files import stem, write_light
 from recon.result.display import displayed, in_colour
 from recon.result.scene import Opened
 
@@ -63,11 +63,11 @@ def compare_pictures(
     rows = []
     for turn, view in enumerate(opened.dataset.reported):
         progress("comparing pictures", turn, len(light))
-        write_light(folder / RENDERS / f"{stem(view)}.exr", light[turn][0], opened.record, view)
+        write_light(folder / RENDERS / f"{stem(view)}.exr", light[turn][0], opened.record, view.name)
         goal = None
         if truth is not None:
             goal = np.asarray(truth[turn] / np.float32(scale), np.float32)
-            write_light(folder / REFERENCES / f"{stem(view)}.exr", goal, opened.record, view)
+            write_light(folder / REFERENCES / f"{stem(view)}.exr", goal, opened.record, view.name)
         bands = opened.record.bands
         shown, goal = in_colour(light[turn][0], bands), None if goal is None else in_colour(goal, bands)
         pairs = list(_pairs(opened, view, shown, goal))

@@ -1,24 +1,37 @@
 """Pictures of a scene on disk: linear EXR, and PNG as a display would show it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
-from imaging.colour import SPACE_PRIMARIES, Space, space_from_rec709
+from imaging.colour import Space
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.exr import white_luminance, write_exr
 from imaging.files.photo import encode_png
 from imaging.progress import Progress, unreported
-from imaging.session.bands import LAYOUT, channels
-from recon.result.display import in_colour, picture
-from recon.result.model import ModelRecord
-from recon.result.scene import open_scene
+from recon.rendering.camera_files import read_camera_path
+from recon.rendering.camera_paths import CameraPath, named_path
+from recon.rendering.data_layers import DataLayers, Layer
+from recon.rendering.light_files import stem, write_light
+from recon.rendering.video import Video
+from recon.result.display import Shown, displayed, in_colour, picture
+from recon.result.scene import Scene, open_scene
+from recon.splat import SplatCamera
+
+FIRST_FRAME = 1001
+"""Of a path, as film counts."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture to be drawn: the name of its files without suffix, that of its header, and the camera."""
+
+    stem: str
+    name: str
+    camera: SplatCamera
 
 
 def render(
@@ -26,22 +39,32 @@ def render(
     out: str | PathLike[str],
     *,
     views: Sequence[str] | None = None,
+    path: str | PathLike[str] | CameraPath | None = None,
+    first_frame: int | None = None,
     stops: Sequence[float] = (0.0,),
     exposure: float | None = None,
     space: Space = "rec709",
     width: int | None = None,
+    layers: Sequence[Layer] = (),
+    shown: Shown = displayed,
+    video: bool = False,
+    rate: float = 24.0,
     on_progress: Progress = unreported,
 ) -> list[Path]:
-    """Render views of a reconstruction into `out`; the files written, EXR first.
+    """Render views of a reconstruction, or a path through it, into `out`; the files written, EXR first.
 
-    views: names `frame/camera`; None: every view of the scene. Of each view an EXR of linear
-    radiance in the units of the calibration, its primaries those of `space` (of a scene of bands a spectral
-    EXR, a channel each, and PNG in false colours), and one PNG for each of
-    `stops`: sRGB of the radiance times 2^(exposure + stops), clipped. Where the photographs had alpha, the
-    EXR has it as A with the light premultiplied, the PNG as straight alpha. exposure: None takes what shows
-    the median of the scene as middle grey; the EXR name that factor as `rig:exposure`. width: of the
-    pictures, px; None: as the views were trained.
-    ReconstructionError for a view that the scene does not have.
+    views: names `frame/camera`; None: every view of the scene. path: cameras to draw instead, as `orbit`,
+    `spline:240` or a file (`recon.rendering.camera_paths`, `camera_files`); files are NAME.####.exr, numbered
+    from first_frame, None: as the file says, else from 1001.
+
+    Of each an EXR of linear radiance in the units of the calibration, its primaries those of `space` (of a
+    scene of bands a spectral EXR, a channel each, and PNG in false colours), with `layers` of data
+    (`recon.rendering.data_layers`) in parts of their own, and one PNG for each of `stops`: the radiance times
+    2^(exposure + stops), by `shown`, in sRGB. Where the photographs had alpha, the EXR has it as A with the
+    light premultiplied, the PNG as straight alpha. exposure: None takes what shows the median of the scene
+    as middle grey; the EXR name that factor as `rig:exposure`. width: of the pictures, px; None: as the
+    views were trained, or the path says. video: an MP4 of the first of `stops` too, of `rate` frames a
+    second. ReconstructionError for a view that the scene does not have; InputError for a path that cannot be.
     """
     out = Path(out)
     store.require_writable(out)
@@ -49,80 +72,60 @@ def render(
     bands = scene.record.bands
     if bands and space != "rec709":
         raise InputError(f"{folder} has the light of bands, which has no primaries: leave --space out.")
-    chosen = scene.views if views is None else tuple(scene.view(name) for name in views)
-    shown = math.log2(scene.exposure) if exposure is None else exposure
+    factor = math.log2(scene.exposure) if exposure is None else exposure
+    frames = list(_frames(scene, views, path, first_frame, width))
+    data = DataLayers(scene, on_progress)
     files, pictures = [], []
     store.make_folder(out)
-    for done, view in enumerate(chosen):
-        on_progress("rendering", done, len(chosen))
-        camera = view.splat_camera if width is None else view.splat_camera.resized(width)
-        image, alpha = scene.layer(camera)
-        path = out / f"{stem(view)}.exr"
-        write_light(path, image, scene.record, view, space, alpha)
-        files.append(path)
-        for step in stops:
-            path = out / (f"{stem(view)}.png" if len(stops) == 1 else f"{stem(view)}_{step:+g}ev.png")
-            shown_light = in_colour(image, bands)
-            store.write_bytes(path, encode_png(picture(shown_light, alpha, 2.0 ** (shown + step))))
-            pictures.append(path)
-    on_progress("rendering", len(chosen), len(chosen))
-    return files + pictures
+    with ExitStack() as stack:
+        film = stack.enter_context(Video(out / f"{_title(path)}.mp4", rate)) if video else None
+        for done, frame in enumerate(frames):
+            on_progress("rendering", done, len(frames))
+            image, alpha = scene.layer(frame.camera)
+            file = out / f"{frame.stem}.exr"
+            planes = {layer: data.layer(layer, frame.camera) for layer in layers}
+            write_light(file, image, scene.record, frame.name, space, alpha, planes)
+            files.append(file)
+            for index, step in enumerate(stops):
+                file = out / (f"{frame.stem}.png" if len(stops) == 1 else f"{frame.stem}_{step:+g}ev.png")
+                seen = picture(in_colour(image, bands), alpha, 2.0 ** (factor + step), shown)
+                store.write_bytes(file, encode_png(seen))
+                pictures.append(file)
+                if film is not None and index == 0:
+                    film.add(seen)
+    on_progress("rendering", len(frames), len(frames))
+    return files + pictures + ([] if film is None else [film.path])
 
 
-def write_light(
-    path: Path,
-    light: npt.NDArray[np.float32],
-    record: ModelRecord,
-    view: "Named",
-    space: Space = "rec709",
-    alpha: npt.NDArray[np.float32] | None = None,
-) -> None:
-    """Write light [H, W, C] of a scene as EXR: of bands a channel each, else in the primaries of a space.
-
-    alpha [H, W]: written as channel A, by which the light is premultiplied already.
-    """
-    header, primaries = attributes(record, view), None
-    if record.bands:
-        header |= LAYOUT
-    else:
-        light, primaries = light @ space_from_rec709(space).astype(np.float32).T, SPACE_PRIMARIES[space]
-    planes = {name: light[..., index] for index, name in enumerate(channels(record.bands))}
-    if alpha is not None:
-        planes["A"] = alpha
-    write_exr(path, planes, chromaticities=primaries, attributes=header)
+def _frames(
+    scene: Scene,
+    views: Sequence[str] | None,
+    path: str | PathLike[str] | CameraPath | None,
+    first: int | None,
+    width: int | None,
+) -> Iterator[Frame]:
+    if path is not None and views is not None:
+        raise InputError("views and a path cannot be rendered at once: name one of them.")
+    if path is None:
+        for view in scene.views if views is None else tuple(scene.view(name) for name in views):
+            yield Frame(stem(view), view.name, _resized(view.splat_camera, width))
+        return
+    cameras = path if isinstance(path, CameraPath) else _read_path(scene, path)
+    start = first if first is not None else FIRST_FRAME
+    for index, camera in enumerate(cameras.cameras):
+        number = start + index if first is not None or not cameras.numbers else cameras.numbers[index]
+        yield Frame(f"{cameras.name}.{number:04d}", f"{cameras.name} {number}", _resized(camera, width))
 
 
-class Named(Protocol):
-    """A camera at a frame."""
-
-    @property
-    def camera(self) -> str:
-        """The camera's name."""
-        ...
-
-    @property
-    def frame(self) -> int:
-        """The number of the frame."""
-        ...
-
-    @property
-    def name(self) -> str:
-        """`frame/camera`."""
-        ...
+def _read_path(scene: Scene, path: str | PathLike[str]) -> CameraPath:
+    return named_path(scene, str(path)) or read_camera_path(Path(path), scene)
 
 
-def stem(view: Named) -> str:
-    """File name of a view without its suffix."""
-    return f"{view.frame:04d}_{view.camera}"
+def _resized(camera: SplatCamera, width: int | None) -> SplatCamera:
+    return camera if width is None else camera.resized(width)
 
 
-def attributes(record: ModelRecord, view: Named) -> dict[str, str | float]:
-    """What the header of an EXR says of its values."""
-    absolute = {} if record.luminance is None else white_luminance(*record.luminance)
-    return {
-        **absolute,
-        "rig:view": view.name,
-        "rig:values": f"linear radiance {record.radiance}",
-        "rig:exposure": record.exposure,
-        "rig:exposureNote": "values times rig:exposure show the median of the scene as middle grey, 0.18",
-    }
+def _title(path: str | PathLike[str] | CameraPath | None) -> str:
+    if path is None:
+        return "views"
+    return path.name if isinstance(path, CameraPath) else Path(str(path).partition(":")[0]).stem

@@ -1,5 +1,5 @@
-"""One bracket as a linear EXR file that says all that is needed to read it: R, G, B; sigma.R, sigma.G,
-sigma.B; mask.
+"""One bracket as a linear EXR file that says all that is needed to read it: R, G, B, and in parts of their
+own, which are no light, sigma.R, sigma.G, sigma.B, and mask.
 
 sigma is of the noise, for RAW of the interpolation of missing colours too, and for photographs of the
 standard error of their response. It is infinite where the light is a bound or interpolated from one, so that
@@ -27,7 +27,7 @@ from imaging.files.exr import read_exr_header, white_luminance, write_exr
 from imaging.merge import alignment
 from imaging.merge.curve_error import with_curve_error
 from imaging.merge.ghosts import TOLERANCE, without_ghosts
-from imaging.merge.linear_frame import Bool, LinearFrame, read_linear
+from imaging.merge.linear_frame import Bool, Float, LinearFrame, read_linear
 from imaging.merge.masks import mask_of, without
 from imaging.merge.picture import BITS, CLIPPED, DARK, GHOST, HIDDEN, picture_of
 from imaging.session.calibration import CameraCalibration, Response
@@ -35,7 +35,7 @@ from imaging.session.records import ShotRecord
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 
-VERSION = 5
+VERSION = 6
 """Of what is written; another number makes every file anew."""
 UNIT = (
     "light times rig:exposureFactor; light is signal (1 = white) per second of exposure scale "
@@ -131,13 +131,14 @@ def merge_view(
         attributes |= white_luminance(absolute[0] / factor, absolute[1] / factor)
     exposed = np.float32(factor)
     channels = {letter: exposed * picture.light[..., index] for index, letter in enumerate("RGB")}
+    data: dict[str, dict[str, Float]] = {}
     if picture.sigma is not None:
         sigmas = exposed * picture.sigma
-        channels |= {f"sigma.{letter}": sigmas[..., index] for index, letter in enumerate("RGB")}
+        data["sigma"] = {f"sigma.{letter}": sigmas[..., index] for index, letter in enumerate("RGB")}
     flags = picture.mask if behind is None else picture.mask | (HIDDEN * behind)
-    channels["mask"] = flags.astype(np.float32)
+    data["mask"] = {"mask": flags.astype(np.float32)}
     primaries = SPACE_PRIMARIES[space] if picture.known_colour else None
-    write_exr(path, channels, chromaticities=primaries, attributes=attributes)
+    write_exr(path, channels, primaries=primaries, attributes=attributes, data=data)
     return MergedView(view, path, len(shots), *shares, hidden, shift, False, warnings)
 
 

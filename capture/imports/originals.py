@@ -84,6 +84,7 @@ def survey(
         originals.append(replace(_read(path, listed.get(path)), developed=developed.get(path)))
     progress("read", len(paths), len(paths))
     notes += [*_unknown(originals, listed), *_transparent(originals), *_profiles(originals)]
+    notes += _doubts(originals)
     return Survey(tuple(originals), tuple(notes))
 
 
@@ -173,6 +174,13 @@ def _profiles(originals: list[Original]) -> list[str]:
         f"{names.count(name)} of {len(originals)} photos are in {name}, as their files say; "
         "rig reads them converted to sRGB."
         for name in dict.fromkeys(names)
+    ]
+
+
+def _doubts(originals: list[Original]) -> list[str]:
+    doubts = [photo.picture.doubt for photo in originals if photo.picture is not None and photo.picture.doubt]
+    return [
+        f"Of {doubts.count(doubt)} of {len(originals)} photos the {doubt}" for doubt in dict.fromkeys(doubts)
     ]
 
 

@@ -10,6 +10,7 @@ from capture.pictures import reduced, thumbnails
 from capture.pictures.reduced import ReducedPicture
 from imaging.colour import srgb_encode
 from imaging.errors import InputError
+from imaging.files.exr import read_exr_header
 from imaging.files.photo import Photo, is_photo, read_metadata, read_photo
 from imaging.files.radiance_hdr import SUFFIX as RADIANCE
 from imaging.files.radiance_hdr import read_light
@@ -33,7 +34,7 @@ class PictureFacts:
     of a mosaic each photosite counts for its own colour, one without a filter for all. black: share of all
     samples at or below the black level. lit: share of all samples clearly above it, by LIT of white.
     transparent: share of the pixels that alpha says to be so, in part or wholly. profile: name of another
-    space than sRGB.
+    space than sRGB. doubt: a sentence about what an EXR says of its colour, if that is not clear.
     """
 
     kind: ImageKind
@@ -45,6 +46,7 @@ class PictureFacts:
     lit: float
     transparent: float = 0.0
     profile: str = ""
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,10 @@ def _shares(path: Path, content: RawMosaic | Photo | npt.NDArray[np.float32]) ->
         )
     height, width = content.shape[:2]
     black = float(np.mean(content <= 0))
-    return PictureFacts("hdr", width, height, read_metadata(path), (0.0, 0.0, 0.0), black, 1.0 - black)
+    doubt = "" if path.suffix.lower() == RADIANCE else read_exr_header(path).doubt
+    return PictureFacts(
+        "hdr", width, height, read_metadata(path), (0.0, 0.0, 0.0), black, 1.0 - black, doubt=doubt
+    )
 
 
 def _of_mosaic(mosaic: RawMosaic, frame: LinearFrame) -> PictureFacts:

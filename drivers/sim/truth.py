@@ -116,7 +116,7 @@ def _write_light(path: Path, light: npt.NDArray[np.float32], bands: Sequence[Ban
         return
     seen = light @ np.stack([weights(band) for band in bands]).T
     planes = {name: seen[..., number] for number, name in enumerate(channels(bands))}
-    write_exr(path, planes, chromaticities=None)
+    write_exr(path, planes, primaries=None)
 
 
 def _subjects(rig: SimulatedRig, names: list[str], shots: list[ShotRecord]) -> dict[str, Any]:

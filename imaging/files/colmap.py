@@ -37,7 +37,7 @@ class SparsePoints:
 
 def read_points(folder: Path) -> SparsePoints:
     """The points of the COLMAP model in `folder`; InputError if it cannot be read."""
-    model = _model(folder)
+    model = read_model(folder)
     points = [model.points3D[key] for key in sorted(model.points3D)]
     return SparsePoints(
         xyz=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
@@ -51,7 +51,7 @@ def read_tracks(folder: Path) -> tuple[npt.NDArray[np.float64], dict[str, npt.ND
 
     InputError if it cannot be read.
     """
-    model = _model(folder)
+    model = read_model(folder)
     keys = sorted(model.points3D)
     xyz = np.array([model.points3D[key].xyz for key in keys], np.float64).reshape(-1, 3)
     seen: dict[int, set[int]] = {number: set() for number in model.images}
@@ -61,7 +61,8 @@ def read_tracks(folder: Path) -> tuple[npt.NDArray[np.float64], dict[str, npt.ND
     return xyz, {model.images[number].name: np.array(sorted(rows), np.int64) for number, rows in seen.items()}
 
 
-def _model(folder: Path) -> pycolmap.Reconstruction:
+def read_model(folder: Path) -> pycolmap.Reconstruction:
+    """The whole COLMAP model in `folder`; InputError if it cannot be read."""
     try:
         return pycolmap.Reconstruction(str(folder))
     except (ValueError, RuntimeError, OSError) as error:

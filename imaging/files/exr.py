@@ -11,13 +11,15 @@ import numpy as np
 import numpy.typing as npt
 import OpenEXR
 
-from imaging.colour import PRIMARIES, rec709_from_rgb
 from imaging.compute import memory
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files import store
+from imaging.files.exr_colour import DATA, IDS, INTEROP_ID, UNKNOWN, colour_of
 from imaging.files.silence import quiet
 
+Planes = Mapping[str, npt.NDArray[Any]]
+"""Arrays [H, W] by the name of their channel."""
 Attribute = str | float | tuple[float, ...]
 
 _STRUCTURE = {
@@ -37,6 +39,9 @@ _STRUCTURE = {
 }
 _MOST_BEYOND = 1 << 12
 """Pixels by which a tile may be larger than the window that it is of."""
+LIGHT = "light"
+"""The part of a file of several that is no data."""
+_AS_LINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
 _MAGIC = b"\x76\x2f\x31\x01"
 
 
@@ -50,26 +55,24 @@ class ExrImage:
     def rgb(self) -> npt.NDArray[np.float32]:
         """Linear Rec.709, float32 [H, W, 3]: R, G, B, or Y three times; InputError if the file has neither.
 
-        Other primaries that the file names are converted; a file that names none has those of Rec.709.
+        Another space of linear light that the file names is converted; one that names none is Rec.709.
+        InputError too if it says that its R, G, B are data, or not linear (`imaging.files.exr_colour`).
         """
         names = "RGB" if all(name in self.channels for name in "RGB") else "YYY"
         if not all(name in self.channels for name in names):
             found = ", ".join(sorted(self.channels))
             raise InputError(f"the EXR has channels {found}, but neither R, G, B nor Y: export it as RGB.")
         light = np.stack([self.channels[name] for name in names], axis=-1)
-        matrix = self._rec709_from_own() if names == "RGB" else None
+        matrix = colour_of(self.attributes).matrix if names == "RGB" else None
         return light if matrix is None else (light @ matrix.T).astype(np.float32)
 
-    def _rec709_from_own(self) -> npt.NDArray[np.float64] | None:
-        told = self.attributes.get("chromaticities")
-        if not isinstance(told, tuple) or len(told) != 8:
-            return None
-        if np.allclose(told, np.ravel(PRIMARIES["rec709"]), atol=1e-3):
-            return None
+    @property
+    def doubt(self) -> str:
+        """A sentence if what the file says of the colour of its R, G, B is not clear; else empty."""
         try:
-            return rec709_from_rgb(list(zip(told[::2], told[1::2], strict=True)))
-        except ValueError:  # nonsense is as good as nothing
-            return None
+            return colour_of(self.attributes).doubt
+        except InputError:  # which `rgb` says, if there are R, G and B at all
+            return ""
 
     @property
     def exposure(self) -> Exposure | None:
@@ -84,33 +87,27 @@ class ExrImage:
 
 def write_exr(
     path: str | Path,
-    channels: npt.NDArray[Any] | Mapping[str, npt.NDArray[Any]],
+    channels: npt.NDArray[Any] | Planes,
     *,
     half: bool = False,
-    chromaticities: str | None = "rec709",
+    primaries: str | None = "rec709",
     exposure: Exposure | None = None,
     attributes: Mapping[str, str | float] | None = None,
+    data: Mapping[str, Planes] | None = None,
 ) -> None:
     """Write linear light, ZIP compressed, whole or not at all; StorageError when the disk refuses.
 
     `channels`: [H, W, 3] as R, G, B; [H, W] as Y; or arrays [H, W] by name. Stored as float32, or
     as float16 with `half`. NaN and infinities are kept; a finite value too large for the type is
-    an InputError. `chromaticities` names an entry of `colour.PRIMARIES`, whose white is written as
-    `adoptedNeutral` too, or None: the primaries are not known. `attributes` are written under their
-    names (`rig:...` for our own, or OpenEXR's, as `whiteLuminance`); numbers become float32, as do
-    those of `exposure`. ValueError for other shapes or names.
+    an InputError. `primaries` of R, G, B are an entry of `imaging.files.exr_colour.IDS`, or None: not
+    known, which the file says. `attributes` are written under their names (`rig:...` for our own, or
+    OpenEXR's, as `whiteLuminance`); numbers become float32, as do those of `exposure`. data: channels
+    that are no light, by the name of the part that holds them, each of the size of the light; the light is
+    then in a part `light` before them. ValueError for other shapes or names.
     """
     path = Path(path)
-    planes = {name: _stored(path, name, plane, half) for name, plane in _planes(channels).items()}
-    if len({plane.shape for plane in planes.values()}) != 1:
-        raise ValueError("the channels of an EXR have one shape")
-    header: dict[str, Any] = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-    }
-    if chromaticities is not None:
-        header["chromaticities"] = tuple(part for point in PRIMARIES[chromaticities] for part in point)
-        header["adoptedNeutral"] = PRIMARIES[chromaticities][3]
+    light = _planes(channels)
+    header: dict[str, Any] = {INTEROP_ID: _interop_id(light, primaries)}
     if exposure is not None:
         told = {"expTime": exposure.time, "aperture": exposure.f_number, "isoSpeed": exposure.iso}
         header |= {name: float(value) for name, value in told.items() if value is not None}
@@ -118,7 +115,21 @@ def write_exr(
         if name in _STRUCTURE:
             raise ValueError(f"{name!r} belongs to the structure of an EXR")
         header[name] = value if isinstance(value, str) else float(value)
-    image = OpenEXR.File(header, planes)
+    parts = {LIGHT: (header, light)} | {
+        name: ({INTEROP_ID: DATA}, planes) for name, planes in (data or {}).items()
+    }
+    stored = {
+        name: (own, {channel: _stored(path, channel, plane, half) for channel, plane in planes.items()})
+        for name, (own, planes) in parts.items()
+    }
+    if len({plane.shape for _, planes in stored.values() for plane in planes.values()}) != 1:
+        raise ValueError("the channels of an EXR have one shape")
+    if data:
+        image = OpenEXR.File(
+            [OpenEXR.Part(_AS_LINES | own, planes, name) for name, (own, planes) in stored.items()]
+        )
+    else:
+        image = OpenEXR.File(_AS_LINES | header, stored[LIGHT][1])
     with store.replacing(path) as part:
         try:
             with quiet():
@@ -135,28 +146,38 @@ def white_luminance(value: float, error: float) -> dict[str, float]:
 
 
 def read_exr(path: str | Path) -> ExrImage:
-    """The first part of an EXR file; InputError if it is none, is damaged, deep or subsampled.
+    """An EXR file; InputError if it is none, is damaged, deep or subsampled.
 
-    The pixels are those of the display window; what the data window leaves out of it is 0.
+    The pixels are those of the display window; what the data window leaves out of it is 0. Of several parts
+    the attributes are those of the first, and the channels those of all: one whose name an earlier part has
+    too is called PART.NAME.
     """
     path = Path(path)
     _check_size(path)
-    header, pixels = _part(path)
+    parts = _parts(path)
+    channels: dict[str, npt.NDArray[np.float32]] = {}
+    for header, pixels in parts:
+        for name, plane in _channels(path, header, pixels).items():
+            channels[f"{header.get('name', '')}.{name}" if name in channels else name] = plane
+    return ExrImage(channels, _attributes(parts[0][0]))
+
+
+def _channels(path: Path, header: Mapping[str, Any], pixels: Planes) -> dict[str, npt.NDArray[np.float32]]:
+    """The channels of a part on its display window."""
     data, display = (_window(header, name) for name in ("dataWindow", "displayWindow"))
     shape = tuple((data[1] - data[0] + 1).tolist())
     if not pixels or any(plane.dtype == object or plane.shape != shape for plane in pixels.values()):
         raise _deep(path)
     try:
-        channels = {name: _on_display(plane, data, display) for name, plane in pixels.items()}
+        return {name: _on_display(plane, data, display) for name, plane in pixels.items()}
     except (ValueError, MemoryError) as error:  # a damaged window that no image fits
         raise _damaged(path) from error
-    return ExrImage(channels, _attributes(header))
 
 
 def _check_size(path: Path) -> None:
     """InputError, before any pixel is read, if those of the file do not fit the memory.
 
-    The library reads every part, of which the first is wanted.
+    The library reads every part.
     """
     headers = _headers(path)
     for header in headers:
@@ -208,11 +229,13 @@ def _headers(path: Path) -> list[dict[str, Any]]:
         return [dict(part.header) for part in exr.parts]
 
 
-def _part(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-    """Header and pixels of the first part, copied out before the library empties them."""
+def _parts(path: Path) -> list[tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]]:
+    """Header and pixels of every part, copied out before the library empties them."""
     with _opened(path, header_only=False) as exr:
-        pixels = {name: np.array(channel.pixels) for name, channel in exr.parts[0].channels.items()}
-        return dict(exr.parts[0].header), pixels
+        return [
+            (dict(part.header), {name: np.array(channel.pixels) for name, channel in part.channels.items()})
+            for part in exr.parts
+        ]
 
 
 @contextmanager
@@ -257,7 +280,13 @@ def _attribute(value: Any) -> Attribute | None:
     return None
 
 
-def _planes(channels: npt.NDArray[Any] | Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
+def _interop_id(light: Planes, primaries: str | None) -> str:
+    if not all(name in light for name in "RGB"):
+        return DATA
+    return UNKNOWN if primaries is None else IDS[primaries]
+
+
+def _planes(channels: npt.NDArray[Any] | Planes) -> dict[str, npt.NDArray[Any]]:
     if isinstance(channels, Mapping):
         return dict(channels)
     if channels.ndim == 3 and channels.shape[2] == 3:

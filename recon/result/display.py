@@ -1,6 +1,6 @@
 """Linear light as a display shows it."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,8 @@ from recon.data.dataset import Dataset
 from recon.splat import SplatCamera
 from recon.train.training import Training
 
+Shown = Callable[[npt.NDArray[np.float32], float], npt.NDArray[np.uint8]]
+"""Linear Rec.709 [H, W, 3] times a factor as a display shows it, uint8 of the same shape."""
 MIDDLE_GREY = 0.18
 MOST_VIEWS = 8
 """As many views tell the exposure of a scene."""
@@ -34,13 +36,16 @@ def displayed(image: npt.NDArray[Any], scale: float) -> npt.NDArray[np.uint8]:
 
 
 def picture(
-    light: npt.NDArray[np.float32], alpha: npt.NDArray[np.float32] | None, scale: float
+    light: npt.NDArray[np.float32],
+    alpha: npt.NDArray[np.float32] | None,
+    scale: float,
+    shown: Shown = displayed,
 ) -> npt.NDArray[np.uint8]:
     """Light [H, W, 3] times a scale for a display, uint8; with alpha [H, W] straight RGBA, as PNG has it."""
     if alpha is None:
-        return displayed(light, scale)
-    straight = light / np.maximum(alpha, _FAINT)[..., None]
-    return np.dstack([displayed(straight, scale), np.round(255 * alpha).astype(np.uint8)])
+        return shown(light, scale)
+    straight = np.asarray(light / np.maximum(alpha, _FAINT)[..., None], np.float32)
+    return np.dstack([shown(straight, scale), np.round(255 * alpha).astype(np.uint8)])
 
 
 def in_colour(light: npt.NDArray[np.float32], bands: Sequence[Band]) -> npt.NDArray[np.float32]:

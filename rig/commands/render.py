@@ -3,15 +3,22 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from imaging.errors import InputError
 from imaging.session.paths import find_reconstruction, scene_around
-from rig.options.common import JsonOption, ReconstructionsArgument, SpaceOption
+from rig.options.common import JsonOption, ReconstructionsArgument
 from rig.terminal.result import CommandResult, for_each_scene, removed_on_failure, running
 from rig.terminal.text import counted, number
+
+if TYPE_CHECKING:
+    from recon.rendering.data_layers import Layer
+    from recon.result.display import Shown
+
+
+_CAMERAS, _FILES, _PICTURES = "Which cameras", "EXR files", "PNG files and film"
 
 
 def render(
@@ -19,35 +26,94 @@ def render(
     out: Annotated[
         Path, typer.Option(metavar="FOLDER", help="Where to write, one folder for each scene.")
     ] = Path("renders"),
-    space: SpaceOption = "rec709",
+    path: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PATH",
+            help="Draw a camera that moves instead of the views: orbit or spline (with a number of frames, "
+            "spline:240), or a file of cameras: transforms.json, a folder with a COLMAP model, CSV, USD.",
+            rich_help_panel=_CAMERAS,
+        ),
+    ] = None,
+    start_frame: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            max=10_000_000,
+            help="Number of the first frame of a path. [default: as its file says, else 1001]",
+            rich_help_panel=_CAMERAS,
+        ),
+    ] = None,
+    width: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PX",
+            min=16,
+            max=16384,
+            help="Width of the pictures. [default: that of the training, or of the path]",
+            rich_help_panel=_CAMERAS,
+        ),
+    ] = None,
+    space: Annotated[
+        Literal["rec709", "acescg", "aces2065-1"],
+        typer.Option(
+            help="Primaries of the EXR files, which name them by colorInteropID; light is linear in all.",
+            rich_help_panel=_FILES,
+        ),
+    ] = "rec709",
+    layers: Annotated[
+        str,
+        typer.Option(
+            metavar="NAMES",
+            help="Layers of data beside the light, in parts of their own: depth, alpha, normal, trust, "
+            "with commas between. Trust is how many training views saw a surface and measured its light.",
+            rich_help_panel=_FILES,
+        ),
+    ] = "",
     exposure: Annotated[
         float | None,
         typer.Option(
             metavar="STOPS",
             min=-60,
             max=60,
-            help="Exposure of the PNG files: the light times 2^STOPS. If it is not given, the median of each "
-            "scene is middle grey.",
+            help="The light times 2^STOPS. If it is not given, the median of each scene is middle grey.",
+            rich_help_panel=_PICTURES,
         ),
     ] = None,
-    width: Annotated[
-        int | None,
+    tones: Annotated[
+        str,
         typer.Option(
-            metavar="PX", min=16, max=16384, help="Width of the pictures. [default: that of the training]"
+            metavar="NAME",
+            help="Tones as in rig view, such as sRGB, aces-2.0 or false-colour.",
+            rich_help_panel=_PICTURES,
         ),
-    ] = None,
+    ] = "sRGB",
+    video: Annotated[
+        bool, typer.Option("--video", help="Write an MP4 of the PNG files too.", rich_help_panel=_PICTURES)
+    ] = False,
+    fps: Annotated[
+        float,
+        typer.Option(
+            metavar="HZ", min=1, max=240, help="Frames a second of the MP4.", rich_help_panel=_PICTURES
+        ),
+    ] = 24.0,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Render scenes to EXR and PNG files.
 
-    Every view of the scene in linear light of Rec.709, ACEScg or ACES2065-1 (EXR), and as a display shows it
-    (PNG), into FOLDER/NAME. Needs only the scene's folder, not its session.
+    Every view of the scene, or a camera that moves through it, in linear light of Rec.709, ACEScg or
+    ACES2065-1 (EXR), and as a display shows it (PNG), into FOLDER/NAME. Needs only the scene's folder, not
+    its session. Files of a path are called NAME.1001.exr and so on. docs/render.md has more.
 
-    Example: rig render S/reconstructions/* --out renders/
+    Example: rig render S/reconstructions/* --path spline:240 --layers depth,normal --video
     """
     with running("render") as status:
         folders = _scenes(reconstructions)
         targets = _targets(folders, out)
+        wanted = _layers(layers)
+        if start_frame is not None and path is None:
+            raise InputError("--start-frame numbers the frames of a path: name one by --path.")
 
         def render_one(folder: Path) -> CommandResult:
             target = targets[folder]
@@ -56,13 +122,26 @@ def render(
                 from recon.result.model import read_model
 
                 files = render_scene(
-                    folder, target, space=space, exposure=exposure, width=width, on_progress=status
+                    folder,
+                    target,
+                    path=path,
+                    first_frame=start_frame,
+                    space=space,
+                    exposure=exposure,
+                    width=width,
+                    layers=wanted,
+                    shown=_shown(tones),
+                    video=video,
+                    rate=fps,
+                    on_progress=status,
                 )
             scale = read_model(folder).exposure
+            count = sum(file.suffix == ".exr" for file in files)
             return CommandResult(
                 _scene_data(folder, target, files, scale),
                 [
-                    f"{target}: {counted(len(files) // 2, 'view')} of {folder}, as EXR and PNG",
+                    f"{target}: {counted(count, 'frame' if path else 'view')} of {folder}, as EXR and PNG"
+                    f"{', and ' + files[-1].name if video else ''}",
                     f"EXR values times {number(scale)} ({math.log2(scale):+.1f} stops) show the median "
                     "of the scene as middle grey",
                 ],
@@ -71,6 +150,28 @@ def render(
         result = for_each_scene(folders, render_one, "rendered")
     result.data["space"] = space
     return result
+
+
+def _layers(text: str) -> "tuple[Layer, ...]":
+    """The layers of data that are named; InputError for another."""
+    from recon.rendering.data_layers import LAYERS
+
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        if name not in LAYERS:
+            raise InputError(f"There is no layer {name!r}: name any of {', '.join(LAYERS)}.")
+    return tuple(layer for layer in LAYERS if layer in names)
+
+
+def _shown(tones: str) -> "Shown":
+    """The map of tones of a name, as rig view has them; InputError for another."""
+    from rig.view.look import TONE_MAPS, Look
+
+    names = {name.lower().replace(" ", "-"): name for name in TONE_MAPS}
+    found = names.get(tones.lower().replace(" ", "-"))
+    if found is None:
+        raise InputError(f"There are no tones {tones!r}: name one of {', '.join(names)}.")
+    return Look(tones=found).shown
 
 
 def _scene_data(folder: Path, target: Path, files: Sequence[Path], scale: float) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from types import TracebackType
 import viser
 import websockets.asyncio.server
 
-from recon.render import stem
+from recon.rendering.light_files import stem
 from recon.result.scene import Scene
 from rig.view.cameras import field_of_view, pose
 from rig.view.page import Page

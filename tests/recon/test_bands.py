@@ -109,7 +109,7 @@ def test_renders_are_spectral_files_and_pictures_in_colour(outcome: Outcome, tmp
     image = read_exr(exr)
     assert set(image.channels) == {f"S0.{wave},000000nm" for wave in (465, 545, 630, 690)}
     assert image.attributes["spectralLayoutVersion"] == "1.0"
-    assert "chromaticities" not in image.attributes
+    assert image.attributes["colorInteropID"] == "data"
     light = outcome.scene.render(outcome.scene.views[0].splat_camera)
     np.testing.assert_array_equal(image.channels["S0.630,000000nm"], light[..., 2])
     assert png.suffix == ".png"

@@ -9,11 +9,15 @@ import pytest
 
 import recon.reconstruct as stage
 from imaging.colour import srgb_decode
+from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr import read_exr
 from imaging.files.photo import encode_png, read_photo
 from recon.evaluate import evaluate
 from recon.render import render
+from recon.rendering.camera_paths import named_path
+from recon.rendering.data_layers import LAYERS, DataLayers
+from recon.rendering.video import Video
 from recon.result.scene import open_model, open_scene
 
 
@@ -101,3 +105,65 @@ def test_pictures_of_any_width_show_the_same_scene(cut_out: Path, tmp_path: Path
     np.testing.assert_array_equal(read_exr(usual).channels["G"], found[32])
     for width in (16, 128):
         assert found[width].mean() == pytest.approx(found[32].mean(), rel=0.03)
+
+
+def test_a_path_becomes_numbered_files_with_layers_and_a_film(cut_out: Path, tmp_path: Path) -> None:
+    told = []
+    files = render(
+        cut_out,
+        tmp_path,
+        path="spline:3",
+        first_frame=7,
+        width=48,
+        space="acescg",
+        layers=LAYERS,
+        video=True,
+        rate=12,
+        on_progress=lambda what, done, total: told.append((what, done, total)),
+    )
+    names = [f"spline.{number:04d}" for number in (7, 8, 9)]
+    assert [file.name for file in files] == [
+        *(f"{name}.exr" for name in names),
+        *(f"{name}.png" for name in names),
+        "spline.mp4",
+    ]
+    assert {path.name for path in tmp_path.iterdir()} == {file.name for file in files}
+    assert told[-1] == ("rendering", 3, 3)
+    scene = open_scene(cut_out)
+    path = named_path(scene, "spline:3")
+    assert path is not None
+    camera, data = path.cameras[1].resized(48), DataLayers(scene)
+    image = read_exr(files[1])
+    assert image.attributes["colorInteropID"] == "lin_ap1_scene"
+    light, alpha = scene.layer(camera)
+    assert image.rgb() == pytest.approx(light, rel=1e-4, abs=1e-5)
+    np.testing.assert_array_equal(image.channels["A"], alpha)
+    np.testing.assert_array_equal(image.channels["alpha.A"], alpha)
+    np.testing.assert_array_equal(image.channels["Z"], data.depth(camera))
+    np.testing.assert_array_equal(image.channels["trust"], data.trust(camera))
+    normal = np.dstack([image.channels[f"N.{axis}"] for axis in "XYZ"])
+    np.testing.assert_array_equal(normal, data.normal(camera))
+    film = cv2.VideoCapture(str(files[-1]))
+    assert film.get(cv2.CAP_PROP_FPS) == 12
+    for name in names:
+        there, shown = film.read()
+        assert there
+        picture = cv2.imread(str(tmp_path / f"{name}.png"), cv2.IMREAD_UNCHANGED).astype(float)
+        before_black = picture[..., :3] * picture[..., 3:] / 255
+        assert np.abs(shown - before_black).mean() < 6
+    assert not film.read()[0]
+
+
+def test_a_film_of_odd_sizes_is_even_and_of_two_sizes_refused(tmp_path: Path) -> None:
+    grey = np.full((31, 33, 3), 90, np.uint8)
+    with Video(tmp_path / "a.mp4", 24) as film:
+        film.add(grey)
+    there, shown = cv2.VideoCapture(str(tmp_path / "a.mp4")).read()
+    assert there
+    assert shown.shape == (32, 34, 3)
+    assert np.abs(shown.astype(int) - 90).max() <= 3
+    film = Video(tmp_path / "b.mp4", 24)
+    film.add(grey)
+    with pytest.raises(InputError, match="of one size"), film:
+        film.add(grey[:20])
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]

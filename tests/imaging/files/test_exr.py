@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
+import PyOpenColorIO as ocio
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imaging.colour import PRIMARIES, space_from_rec709
+from imaging.colour import space_from_rec709
 from imaging.errors import InputError, StorageError
 from imaging.exposure import Exposure
 from imaging.files.exr import ExrImage, read_exr, read_exr_header, write_exr
@@ -42,28 +43,33 @@ def test_channels_are_named_as_others_expect(tmp_path: Path) -> None:
     with OpenEXR.File(str(tmp_path / "a.exr")) as file:
         assert np.array_equal(file.parts[0].channels["RGB"].pixels, RGB)
         assert file.parts[0].header["compression"] == OpenEXR.ZIP_COMPRESSION
-        assert file.parts[0].header["chromaticities"] == pytest.approx(
-            (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
-        )
+        assert file.parts[0].header["colorInteropID"] == "lin_rec709_scene"
 
 
-@pytest.mark.parametrize(("primaries", "white"), [("rec709", (0.3127, 0.3290)), ("ap1", (0.32168, 0.33767))])
-def test_primaries_and_their_white_come_back(
-    tmp_path: Path, primaries: str, white: tuple[float, float]
-) -> None:
-    write_exr(tmp_path / "a.exr", RGB, chromaticities=primaries)
+@pytest.mark.parametrize(
+    ("primaries", "told"),
+    [
+        ("rec709", "lin_rec709_scene"),
+        ("ap1", "lin_ap1_scene"),
+        ("ap0", "lin_ap0_scene"),
+        ("rec2020", "lin_rec2020_scene"),
+        (None, "unknown"),
+    ],
+)
+def test_the_space_is_told_by_its_interop_id_alone(tmp_path: Path, primaries: str | None, told: str) -> None:
+    """As OpenColorIO knows it, and without the older tags, which might contradict it."""
+    write_exr(tmp_path / "a.exr", RGB, primaries=primaries)
     attributes = read_exr_header(tmp_path / "a.exr").attributes
-    assert attributes["chromaticities"] == pytest.approx(np.ravel(PRIMARIES[primaries]))
-    assert attributes["adoptedNeutral"] == pytest.approx(white)
-    write_exr(tmp_path / "unknown.exr", RGB, chromaticities=None)
-    assert not {"chromaticities", "adoptedNeutral"} & set(
-        read_exr_header(tmp_path / "unknown.exr").attributes
-    )
+    assert attributes["colorInteropID"] == told
+    assert not {"chromaticities", "adoptedNeutral"} & set(attributes)
+    if primaries is not None:
+        config = ocio.Config.CreateFromBuiltinConfig("studio-config-latest")
+        assert config.getColorSpace(told).getInteropID() == told
 
 
 def test_other_primaries_are_read_as_the_same_light(tmp_path: Path) -> None:
     wide = RGB @ space_from_rec709("acescg").T
-    write_exr(tmp_path / "a.exr", wide, chromaticities="ap1")
+    write_exr(tmp_path / "a.exr", wide, primaries="ap1")
     image = read_exr(tmp_path / "a.exr")
     assert np.array_equal(image.channels["R"], wide[..., 0].astype(np.float32))
     assert image.rgb() == pytest.approx(RGB, abs=1e-5)
@@ -106,11 +112,11 @@ def test_what_does_not_fit_is_refused_and_nothing_written(tmp_path: Path, value:
 def test_named_channels_and_attributes(tmp_path: Path) -> None:
     channels = {"R": RGB[..., 0], "sigma": RGB[..., 1], "depth.Z": RGB[..., 2]}
     told = {"rig:camera": "cäm 0", "rig:empty": "", "rig:k": 0.25, "whiteLuminance": 100.0}
-    write_exr(tmp_path / "a.exr", channels, chromaticities=None, attributes=told)
+    write_exr(tmp_path / "a.exr", channels, primaries=None, attributes=told)
     image = read_exr(tmp_path / "a.exr")
     assert image.channels.keys() == channels.keys()
     assert all(np.array_equal(image.channels[name], channels[name]) for name in channels)
-    assert image.attributes == told
+    assert image.attributes == told | {"colorInteropID": "data"}
     with pytest.raises(InputError, match="neither R, G, B nor Y"):
         image.rgb()
 
@@ -146,15 +152,6 @@ def test_no_time_is_no_exposure() -> None:
     assert ExrImage({}, {"expTime": "1/30"}).exposure is None
 
 
-@pytest.mark.parametrize("name", ["ap0", "ap1", "rec2020"])
-def test_other_primaries_are_named(tmp_path: Path, name: str) -> None:
-    write_exr(tmp_path / "a.exr", RGB, chromaticities=name)
-    values = read_exr(tmp_path / "a.exr").attributes["chromaticities"]
-    assert isinstance(values, tuple)
-    assert len(values) == 8
-    assert not np.allclose(values, (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290))
-
-
 @pytest.mark.parametrize(
     "channels",
     [
@@ -186,13 +183,36 @@ def test_windows_of_other_programs(tmp_path: Path) -> None:
     assert np.array_equal(read_exr(tmp_path / "a.exr").channels["Y"], expected)
 
 
-def test_the_first_of_several_parts_is_read(tmp_path: Path) -> None:
+def test_of_several_parts_the_first_has_the_names(tmp_path: Path) -> None:
     parts = [
         OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Y": np.full((2, 3), value, np.float32)}, name)
         for name, value in (("one", 1.0), ("two", 2.0))
     ]
     OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
-    assert np.all(read_exr(tmp_path / "a.exr").channels["Y"] == 1.0)
+    channels = read_exr(tmp_path / "a.exr").channels
+    assert np.all(channels["Y"] == 1.0)
+    assert np.all(channels["two.Y"] == 2.0)
+
+
+def test_data_are_in_parts_of_their_own(tmp_path: Path) -> None:
+    depth, normal = RGB[..., 0] + 2, {f"N.{axis}": RGB[..., 1] for axis in "XYZ"}
+    write_exr(tmp_path / "a.exr", RGB, attributes={"rig:k": 2.0}, data={"depth": {"Z": depth}, "N": normal})
+    with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
+        told = [
+            (part.header["name"], part.header["colorInteropID"], set(part.channels)) for part in file.parts
+        ]
+        assert file.parts[0].header["rig:k"] == 2.0
+    assert told == [
+        ("light", "lin_rec709_scene", {"R", "G", "B"}),
+        ("depth", "data", {"Z"}),
+        ("N", "data", {"N.X", "N.Y", "N.Z"}),
+    ]
+    image = read_exr(tmp_path / "a.exr")
+    assert np.array_equal(image.rgb(), RGB)
+    assert np.array_equal(image.channels["Z"], depth)
+    assert image.attributes["colorInteropID"] == "lin_rec709_scene"
+    with pytest.raises(ValueError, match="one shape"):
+        write_exr(tmp_path / "b.exr", RGB, data={"depth": {"Z": depth[:2]}})
 
 
 def test_deep_files_are_refused(tmp_path: Path) -> None:

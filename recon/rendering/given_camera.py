@@ -1,0 +1,46 @@
+"""A camera by the numbers that a file gives of it, checked."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.errors import InputError
+from recon.rendering.camera_paths import placed
+from recon.splat import SplatCamera
+
+MOST_PIXELS = 1 << 15
+"""On a side."""
+_OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0])
+"""Camera axes x right, y up, z back become x right, y down, z forward."""
+_ROUNDING = 1e-3
+"""By so much may the columns of a rotation differ from unit and orthogonal: files round to few digits."""
+
+
+def camera_of(
+    world_from_camera: npt.ArrayLike, lens: Mapping[str, Any], where: str, *, opengl: bool
+) -> SplatCamera:
+    """A camera by its pose [4, 4] or [3, 4] and the numbers of its lens; InputError, naming `where`.
+
+    opengl: the pose is of axes x right, y up, z back; else OpenCV's.
+    """
+    try:
+        motion = np.asarray(world_from_camera, np.float64)
+        if motion.shape == (3, 4):
+            motion = np.vstack([motion, [0, 0, 0, 1]])
+    except (TypeError, ValueError):
+        motion = np.zeros(0)
+    if motion.shape != (4, 4) or not np.isfinite(motion).all():
+        raise InputError(f"{where} has a pose that is not made of 4x4 finite numbers: export it again.")
+    turn = motion[:3, :3]
+    if np.abs(turn.T @ turn - np.eye(3)).max() > _ROUNDING or np.linalg.det(turn) < 0:
+        raise InputError(f"{where} has a pose that is no rotation but scales, shears or mirrors: correct it.")
+    turn = turn @ _OPENCV_FROM_OPENGL if opengl else turn
+    try:
+        camera = SplatCamera(np.eye(4), **lens)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where} has a lens that cannot be ({error}): correct it.") from error
+    if not (camera.width <= MOST_PIXELS and camera.height <= MOST_PIXELS):
+        raise InputError(f"{where} has a picture of {camera.width}x{camera.height} pixels: correct it.")
+    return placed(camera, motion[:3, 3], turn)

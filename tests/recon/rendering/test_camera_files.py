@@ -1,0 +1,195 @@
+"""Cameras of other programs: the same camera by every format, and a sentence for what is wrong in a file."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from pxr import Gf, Usd, UsdGeom
+from scipy.spatial.transform import Rotation
+
+from imaging.errors import InputError
+from recon.rendering.camera_files import read_camera_path
+from recon.splat import SplatCamera
+from tests.recon.rendering.scenes import scene, sheet
+
+SCENE = scene(sheet((0, 0, 2), (0.5, 0, 0), (0, 0.5, 0), 1.0, 0.2))
+"""Its views are 48x36 with a focal length of 40 px."""
+TURNS = Rotation.from_euler("xyz", [(10, 20, 30), (12, 25, 28), (-80, 5, 170)], degrees=True)
+PLACES = np.array([(1.0, 2.0, 3.0), (1.5, 2.5, 2.0), (-4.0, 0.5, 0.25)])
+"""Of Blender's axes: the camera looks along its -z axis, y up."""
+
+
+def matrices() -> np.ndarray:
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = TURNS.as_matrix(), PLACES
+    return poses
+
+
+def check(camera: SplatCamera, number: int, focal: float = 60.0, size: tuple[int, int] = (64, 48)) -> None:
+    """The pose of that number, and the lens; a point ahead and up is seen above the middle of the picture."""
+    assert (camera.width, camera.height) == size
+    assert camera.fx == pytest.approx(focal)
+    assert camera.fy == pytest.approx(focal)
+    motion = camera.cam_from_world
+    np.testing.assert_allclose(-motion[:3, :3].T @ motion[:3, 3], PLACES[number], atol=1e-6)
+    ahead = TURNS[number].apply([0.0, 1.0, -10.0]) + PLACES[number]
+    np.testing.assert_allclose((motion @ [*ahead, 1])[:3], [0, -1, 10], atol=1e-6)
+
+
+def written(path: Path, rows: list[dict[str, object]]) -> Path:
+    with path.open("w", newline="") as file:
+        file.write("# from Nuke\n")
+        table = csv.DictWriter(file, rows[0])
+        table.writeheader()
+        table.writerows(rows)
+    return path
+
+
+def quaternion_rows() -> list[dict[str, object]]:
+    return [
+        dict(zip(("x", "y", "z"), place, strict=True))
+        | dict(zip(("qw", "qx", "qy", "qz"), turn.as_quat(scalar_first=True), strict=True))
+        for place, turn in zip(PLACES, TURNS, strict=True)
+    ]
+
+
+def matrix_rows() -> list[dict[str, object]]:
+    return [{f"m{i}{j}": pose[i, j] for i in range(4) for j in range(4)} for pose in matrices()]
+
+
+LENSES = {
+    "pixels": {"fx": 60, "width": 64, "height": 48},
+    "millimetres": {"focal_mm": 33.75, "sensor_mm": 36, "width": 64, "height": 48},
+    "angle": {"fov_deg": np.degrees(2 * np.arctan(32 / 60)), "width": 64, "height": 48},
+}
+
+
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("rows", [quaternion_rows, matrix_rows])
+def test_a_table(tmp_path: Path, lens: str, rows) -> None:
+    lines = [{"frame": 1001 + 2 * i} | row | LENSES[lens] for i, row in enumerate(rows())]
+    found = read_camera_path(written(tmp_path / "shot.csv", lines), SCENE)
+    assert (found.name, found.numbers) == ("shot", (1001, 1003, 1005))
+    for number, camera in enumerate(found.cameras):
+        check(camera, number)
+
+
+def test_what_a_table_leaves_out_is_as_the_first_view(tmp_path: Path) -> None:
+    found = read_camera_path(written(tmp_path / "shot.csv", quaternion_rows()), SCENE)
+    assert not found.numbers
+    check(found.cameras[2], 2, 40.0, (48, 36))
+
+
+def test_transforms_json(tmp_path: Path) -> None:
+    frames = [
+        {"file_path": f"{i}.png", "transform_matrix": pose.tolist()} for i, pose in enumerate(matrices())
+    ]
+    frames[1] |= {"fl_x": 60.0, "k1": 0.1}
+    top = {"camera_angle_x": 2 * np.arctan(32 / 60), "w": 64, "h": 48, "frames": frames}
+    (tmp_path / "transforms.json").write_text(json.dumps(top))
+    for path in (tmp_path / "transforms.json", tmp_path):
+        found = read_camera_path(path, SCENE)
+        assert found.name == "transforms"
+        for number, camera in enumerate(found.cameras):
+            check(camera, number)
+            assert camera.k1 == (0.1 if number == 1 else 0.0)
+
+
+def test_a_colmap_model(tmp_path: Path) -> None:
+    model = pycolmap.Reconstruction()
+    lens = pycolmap.Camera(model="SIMPLE_RADIAL", width=64, height=48, params=[60, 32, 24, 0.1], camera_id=1)
+    model.add_camera_with_trivial_rig(lens)
+    for number in (2, 0, 1):
+        pose = matrices()[number] @ np.diag([1.0, -1, -1, 1])
+        image = pycolmap.Image(name=f"{number}.png", camera_id=1, image_id=number + 1)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(np.linalg.inv(pose)[:3]))
+    (tmp_path / "sparse").mkdir()
+    model.write(str(tmp_path / "sparse"))
+    found = read_camera_path(tmp_path / "sparse", SCENE)
+    for number, camera in enumerate(found.cameras):
+        check(camera, number)
+        assert camera.k1 == pytest.approx(0.1)
+
+
+def test_a_usd_camera_that_moves(tmp_path: Path) -> None:
+    stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    stage.SetStartTimeCode(1001)
+    stage.SetEndTimeCode(1003)
+    camera = UsdGeom.Camera.Define(stage, "/World/Camera")
+    camera.CreateFocalLengthAttr(45.0)
+    camera.CreateHorizontalApertureAttr(36.0)
+    camera.CreateVerticalApertureAttr(24.0)
+    moved = UsdGeom.Xformable(camera).AddTransformOp()
+    for number, pose in enumerate(matrices()):
+        moved.Set(Gf.Matrix4d(*pose.T.ravel().tolist()), Usd.TimeCode(1001 + number))
+    stage.Save()
+    found = read_camera_path(tmp_path / "shot.usda", SCENE)
+    assert found.numbers == (1001, 1002, 1003)
+    for number, one in enumerate(found.cameras):
+        check(one, number, 60.0, (48, 32))
+
+
+def refuse(path: Path, match: str) -> None:
+    with pytest.raises(InputError, match=match) as caught:
+        read_camera_path(path, SCENE)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changed", "match"),
+    [
+        ({"qw": 5}, "not of length 1"),
+        ({"x": "nan"}, "no finite number"),
+        ({"y": "left"}, "'left' for y"),
+        ({"frame": 1.5}, "no whole number"),
+        ({"frame": -1}, "above the last"),
+        ({"width": 0}, "a lens that cannot be"),
+        ({"width": 1e9}, "has a picture of"),
+        ({"fx": -1}, "a lens that cannot be"),
+        ({"focal_mm": 35}, "without a sensor_mm"),
+        ({"fov_deg": 180}, "within 0 to 170"),
+        ({"roll": 3}, "column 'roll'"),
+    ],
+)
+def test_a_line_that_cannot_be_is_named(tmp_path: Path, changed: dict[str, object], match: str) -> None:
+    rows = [{"frame": number} | row for number, row in enumerate(quaternion_rows())]
+    refuse(
+        written(tmp_path / "a.csv", [rows[0] | dict.fromkeys(changed, 1) | changed, rows[1] | changed]), match
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "match"),
+    [
+        ("a.csv", b"", "is empty"),
+        ("a.csv", b"x,y,z\n1,2,3\n", "has no poses"),
+        ("a.csv", b"x,y,z,qw,qx,qy,qz\n1,2\n", "has 2 cells"),
+        ("a.csv", b"x,y,z,qw,qx,qy,qz\n", "has 0 cameras"),
+        ("a.csv", b"\xff\xfe\x00", "cannot be read as text"),
+        ("a.json", b'{"frames": 3}', "no list of frames"),
+        ("a.json", b'{"frames": [{"transform_matrix": [[1, 2], [3]]}]}', "4x4 finite numbers"),
+        ("a.json", b'{"camera_model": "EQUIRECTANGULAR", "frames": [{}]}', "which rig cannot draw"),
+        ("a.json", b'{"w": "wide", "frames": [{}]}', "no number"),
+        ("a.abc", b"", "Alembic"),
+        ("a.usda", b"#usda 1.0\n", "has no camera"),
+        ("a.usdc", b"nonsense", "damaged or not USD"),
+        ("a.txt", b"", "no file of cameras"),
+    ],
+)
+def test_a_file_that_holds_no_cameras_is_refused(
+    tmp_path: Path, name: str, content: bytes, match: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    refuse(tmp_path / name, match)
+
+
+def test_a_mirrored_camera_a_missing_file_and_an_empty_folder_are_refused(tmp_path: Path) -> None:
+    pose = (matrices()[0] @ np.diag([-1.0, 1, 1, 1])).tolist()
+    (tmp_path / "a.json").write_text(json.dumps({"frames": [{"transform_matrix": pose}]}))
+    refuse(tmp_path / "a.json", "mirrors")
+    refuse(tmp_path / "b.csv", "is no path to render")
+    (tmp_path / "empty").mkdir()
+    refuse(tmp_path / "empty", "COLMAP model")
