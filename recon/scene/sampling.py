@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from recon.scene.sampling_kernel import drawn_by_kernel
 from recon.scene.spacing_kernel import spacing_range
 from recon.splat import SplatCamera
 
@@ -45,6 +46,10 @@ class Sampling:
 
         away: [N, 3] from the camera to them, in world axes.
         """
+        given = (away, scales, quats, opacities, self.least, self.most)
+        if not torch.is_grad_enabled() and all(_plain(tensor) for tensor in given):
+            wide, thick = drawn_by_kernel(*(tensor.contiguous().numpy() for tensor in given), camera, blur)
+            return torch.from_numpy(wide), torch.from_numpy(thick)
         spacing = spacing_of(away, camera)
         finer = (self.least.to(spacing.device) / spacing).clamp_min(1.0)
         coarser = (self.most.to(spacing.device) / spacing).clamp_max(1.0)
@@ -60,6 +65,11 @@ class Sampling:
             kept = _kept(ray, variances, quats[far], theirs, blur)
             opacities = opacities.index_put((far,), opacities[far] * kept)
         return scales, opacities
+
+
+def _plain(tensor: Tensor) -> bool:
+    """Whether Numba may read it."""
+    return tensor.device.type == "cpu" and tensor.dtype == torch.float32
 
 
 def away_from(means: Tensor, camera: SplatCamera) -> Tensor:

@@ -172,3 +172,19 @@ def test_bad_gaussians_are_left_out_as_ever() -> None:
         image = drawn(Gaussians(parameters), small, CAMERA)
         assert image.isfinite().all()
         torch.testing.assert_close(image, drawn(good, small, CAMERA), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("distance", [-1.5, 0.0, 6.0])
+def test_without_gradient_the_kernel_draws_what_torch_does(camera: SplatCamera, distance: float) -> None:
+    gaussians = scattered(0.8)
+    parameters = gaussians.parameters
+    sampling = Sampling.of(parameters["means"], [camera, moved_back(camera, 1.0)])
+    place = moved_back(camera, distance)
+    given = away_from(parameters["means"], place), gaussians.scales(), parameters["quats"], gaussians.opacities()
+    expected = sampling.drawn(*given, place, 0.1)
+    with torch.no_grad():
+        found = sampling.drawn(*given, place, 0.1)
+    for one, other in zip(found, expected, strict=True):
+        torch.testing.assert_close(one, other, rtol=2e-5, atol=0)
+    changed = [not torch.equal(one, before) for one, before in zip(found, (given[1], given[3]), strict=True)]
+    assert changed == [distance < 0, distance > 1]
