@@ -48,7 +48,8 @@ class Sampling:
         """
         given = (away, scales, quats, opacities, self.least, self.most)
         if not torch.is_grad_enabled() and all(_plain(tensor) for tensor in given):
-            wide, thick = drawn_by_kernel(*(tensor.contiguous().numpy() for tensor in given), camera, blur)
+            arrays = [tensor.contiguous().numpy() for tensor in given]
+            wide, thick = drawn_by_kernel(arrays, camera, blur)
             return torch.from_numpy(wide), torch.from_numpy(thick)
         spacing = spacing_of(away, camera)
         finer = (self.least.to(spacing.device) / spacing).clamp_min(1.0)

@@ -1,8 +1,8 @@
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
-"""What `Sampling.drawn` does, in one pass without gradient: a picture that moves has no time for torch's forty.
-"""
+"""What `Sampling.drawn` does, in one pass without gradient, as pictures of a moving camera need it."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -15,17 +15,13 @@ Array = npt.NDArray[np.float32]
 _TASK = 4096
 
 
-def drawn_by_kernel(
-    away: Array,
-    scales: Array,
-    quats: Array,
-    opacities: Array,
-    least: Array,
-    most: Array,
-    camera: SplatCamera,
-    blur: float,
-) -> tuple[Array, Array]:
-    """Scales [N, 3] and opacities [N], float32, new ones; the arguments as `Sampling` has them, contiguous."""
+def drawn_by_kernel(arrays: Sequence[Array], camera: SplatCamera, blur: float) -> tuple[Array, Array]:
+    """Scales [N, 3] and opacities [N], float32, new.
+
+    arrays: away [N, 3], scales [N, 3], quats [N, 4], opacities [N], least [N] and most [N], contiguous, as
+    `Sampling` has them.
+    """
+    away, scales, quats, opacities, least, most = arrays
     wide, thick = np.empty_like(scales), np.empty_like(opacities)
     axis = np.asarray(camera.cam_from_world[2, :3], np.float64)
     focal = math.sqrt(camera.fx * camera.fy)
@@ -88,7 +84,5 @@ def _kept(ray, scales, quats, i, spacing, coarser, blur):
     )
     theirs = blur * coarser * coarser
     sharp = second * third * along_x + third * first * along_y + first * second * along_z
-    wide = (
-        first * max(1 - along_x, 0.0) + second * max(1 - along_y, 0.0) + third * max(1 - along_z, 0.0)
-    )
+    wide = first * max(1 - along_x, 0.0) + second * max(1 - along_y, 0.0) + third * max(1 - along_z, 0.0)
     return math.sqrt((sharp + theirs * (wide + theirs)) / (sharp + blur * (wide + blur)))

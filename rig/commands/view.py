@@ -10,42 +10,62 @@ from typing import Annotated
 import typer
 
 from imaging.session.paths import find_reconstruction
-from rig.options.common import JsonOption
+from rig.options.common import JsonOption, WrongUsage
 from rig.terminal.result import CommandResult, running
 
 
 def view(
-    reconstruction: Annotated[
-        Path,
+    reconstructions: Annotated[
+        list[Path],
         typer.Argument(
-            metavar="RECON", help="SESSION/reconstructions/NAME, or a session, whose newest is taken."
+            metavar="RECON...",
+            help="SESSION/reconstructions/NAME, or a session, whose newest is taken; two are compared.",
         ),
     ],
     port: Annotated[
         int,
         typer.Option(metavar="PORT", min=1, max=65535, help="Where to serve; the next free one if taken."),
     ] = 8080,
+    host: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address to serve at, such as 0.0.0.0: other machines may look then, with the token in the "
+            "URL that is printed.",
+        ),
+    ] = "127.0.0.1",
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Look at a scene in the browser.
 
-    Move through it with the mouse, at any exposure in stops; see it in ACES 2.0, in false colours by stops or
-    with what clips; measure light by a click; stand where a photograph was taken and compare. It is drawn
-    here in float and served to this machine alone, until Ctrl-C.
+    Move through it with the mouse, at any exposure in stops; see it through ACES 2.0, AgX or a filmic curve,
+    in false colours by stops or with what clips; measure light by a click; stand where a photograph was taken
+    and compare. It is drawn here in float and served to this machine alone, until Ctrl-C.
 
     Example: rig view S
     """
+    if len(reconstructions) > 2:
+        raise WrongUsage("Two scenes can be compared, not more")
     with ExitStack() as stack:
-        with running("view") as status:
-            from recon.result.scene import open_scene
+        with running("view"):
+            from rig.view.first import FirstPicture
             from rig.view.server import Viewer
 
-            folder = find_reconstruction(reconstruction)
+            folders = [find_reconstruction(path) for path in reconstructions]
+            label = " | ".join(folder.resolve().name for folder in folders)
+            viewer = stack.enter_context(Viewer(label, port, host, FirstPicture.of(folders[0])))
+        _announce(folders, viewer.url)
+        with running("view") as status:
             status("opening the scene", 0, 0)
-            viewer = stack.enter_context(Viewer(open_scene(folder), port))
+            from rig.view.opening import show_scenes
+
+            show_scenes(viewer, folders)
         with suppress(KeyboardInterrupt):
-            typer.echo(f"{folder} is at {viewer.url} until Ctrl-C", err=True)
-            if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-                webbrowser.open(viewer.url)
             threading.Event().wait()
-    return CommandResult({"reconstruction": str(folder), "url": viewer.url})
+    return CommandResult({"reconstructions": [str(folder) for folder in folders], "url": viewer.url})
+
+
+def _announce(folders: list[Path], url: str) -> None:
+    typer.echo(f"{' and '.join(map(str, folders))}: {url} until Ctrl-C", err=True)
+    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(url)

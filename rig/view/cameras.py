@@ -9,13 +9,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from imaging.lens import rays
 from recon.result.model import SceneView
+from recon.result.scene import Scene
 from recon.splat import SplatCamera
+from rig.view.start import Start, start_at, up_of
 
 Vector = npt.NDArray[np.float64]
-WIDEST = np.radians(120.0)
-"""That the browser is asked to show from top to bottom."""
 
 
 class BrowserCamera(Protocol):
@@ -60,8 +59,8 @@ def pose(camera: SplatCamera) -> tuple[Vector, Vector]:
     return np.asarray(wxyz), np.asarray(-turn @ camera.cam_from_world[:3, 3])
 
 
-def field_of_view(view: SceneView) -> float:
-    """From the top to the bottom of a view's picture, radians."""
-    lens = view.lens
-    ends = rays(lens, [[lens.cx, 0.0], [lens.cx, lens.height]])
-    return float(min(np.arccos(np.clip(ends[0] @ ends[1], -1, 1)), WIDEST))
+def start_of(scene: Scene, view: SceneView) -> Start:
+    """Where a view stands in the coordinates of its scene."""
+    camera = scene.record.world.camera(view.splat_camera)
+    poses = (scene.record.world.camera(one.splat_camera).cam_from_world for one in scene.views)
+    return start_at(camera.cam_from_world, up_of(poses), view.lens)

@@ -1,28 +1,31 @@
 """How linear light is shown on a screen of 8 bits: an exposure, and a map of tones."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal, get_args
 
 import cv2
 import numpy as np
-import numpy.typing as npt
-import PyOpenColorIO as ocio
 
-from recon.result.display import MIDDLE_GREY, displayed
+from rig.view import tones
+from rig.view.tones import Light, Picture
 
-Light = npt.NDArray[np.float32]
-Picture = npt.NDArray[np.uint8]
-ToneMap = Literal["sRGB", "ACES 2.0", "false colour", "clipping"]
+ToneMap = Literal["linear", "ACES 2.0", "AgX", "filmic", "false colour", "clipping"]
 TONE_MAPS: tuple[ToneMap, ...] = get_args(ToneMap)
 
+MIDDLE_GREY = 0.18
 STOPS = 8.0
 """That false colour shows on either side of middle grey."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Of linear Rec.709 (ITU-R BT.709)."""
-_CONFIG, _SOURCE, _DISPLAY = "cg-config-v4.0.0_aces-v2.0_ocio-v2.5", "Linear Rec.709 (sRGB)", "sRGB - Display"
-_VIEW = "ACES 2.0 - SDR 100 nits (Rec.709)"
 _BRIGHT, _DARK = (255, 0, 80), (40, 90, 255)
+_CURVES: dict[str, Callable[[Light], Picture]] = {
+    "linear": tones.linear,
+    "ACES 2.0": tones.aces,
+    "AgX": tones.agx,
+    "filmic": tones.filmic,
+}
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class Look:
     """exposure: stops that light is made brighter by, beyond what shows the scene's median as middle grey."""
 
     exposure: float = 0.0
-    tones: ToneMap = "sRGB"
+    tones: ToneMap = "linear"
 
     def shown(self, light: Light, scale: float) -> Picture:
         """Linear Rec.709 [H, W, 3] for a screen, uint8; `scale` shows the scene's median as middle grey."""
@@ -41,11 +44,8 @@ class Look:
     def _mapped(self, light: Light, factor: float) -> Picture:
         if self.tones == "false colour":
             return coloured(stops(light, factor))
-        if self.tones == "clipping":
-            return _clipped(light, factor)
-        if self.tones == "ACES 2.0":
-            return _aces(light, factor)
-        return displayed(light, factor)
+        shown = light * np.float32(factor)
+        return _clipped(shown) if self.tones == "clipping" else _CURVES[self.tones](shown)
 
 
 def stops(light: Light, factor: float) -> Light:
@@ -66,27 +66,13 @@ def legend(most: float = STOPS) -> Picture:
     return coloured(np.tile(np.linspace(-most, most, 256, dtype=np.float32), (12, 1)), most)
 
 
-def _clipped(light: Light, factor: float) -> Picture:
+def _clipped(light: Light) -> Picture:
     """Grey, but red where a channel is at white or above, and blue where all are below the first code."""
-    shown = displayed(light, factor)
+    shown = tones.linear(light)
     grey = np.repeat(shown.mean(axis=2, keepdims=True).astype(np.uint8), 3, axis=2)
     grey[(shown == 255).any(axis=2)] = _BRIGHT
     grey[(shown == 0).all(axis=2)] = _DARK
     return grey
-
-
-def _aces(light: Light, factor: float) -> Picture:
-    """By the output transform of the Academy (ACES 2.0, SDR of 100 nits), as OpenColorIO computes it."""
-    values = np.ascontiguousarray(np.minimum(light * np.float32(factor), 65504), np.float32)
-    _output_transform().applyRGB(values)
-    return np.asarray(np.round(255 * np.clip(np.nan_to_num(values), 0, 1)), np.uint8)
-
-
-@cache
-def _output_transform() -> ocio.CPUProcessor:
-    config = ocio.Config.CreateFromBuiltinConfig(_CONFIG)
-    transform = config.getProcessor(_SOURCE, _DISPLAY, _VIEW, ocio.TRANSFORM_DIR_FORWARD)
-    return transform.getDefaultCPUProcessor()
 
 
 @cache

@@ -1,53 +1,91 @@
-"""The page of a scene, served to browsers on this machine alone."""
+"""What `rig view` serves: a first picture as soon as there is one, then a page for each browser."""
 
-import functools
 import io
-import re
+import socket
 import threading
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, redirect_stdout
-from pathlib import Path
+from collections.abc import Callable
+from contextlib import AbstractContextManager, redirect_stdout
 from types import TracebackType
+from typing import Protocol
 
 import viser
-import websockets.asyncio.server
 
-from recon.rendering.light_files import stem
-from recon.result.scene import Scene
-from rig.view.cameras import field_of_view, pose
-from rig.view.page import Page
+from imaging.errors import InputError
+from rig.view.access import LOCAL, Access, guarded
+from rig.view.first import FirstPicture
+from rig.view.frame import Frame
+from rig.view.look import Look
+from rig.view.start import Start
 
-HOST = "127.0.0.1"
-_ORIGINS = (re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?"), None)
-"""Pages that may connect: a program has none; a page of somebody else's site has its own."""
+_ANY = ("0.0.0.0", "::")
+
+
+class Page(Protocol):
+    """What one browser sees, until it is closed."""
+
+    def close(self) -> None:
+        """The browser is gone."""
+        ...
+
+
+MakePage = Callable[[viser.ClientHandle], Page]
 
 
 class Viewer:
-    """Serves a scene until it is closed; use it as a context manager.
+    """Serves pages until it is closed; use it as a context manager.
 
-    port: where to serve; the next free one if it is taken, and any if it is 0.
+    port: where to serve; the next free one if it is taken, and any if it is 0. host: the address to serve at;
+    one that other machines reach asks for a token, which `url` has. first: shown until there are pages.
     """
 
-    def __init__(self, scene: Scene, port: int = 8080) -> None:
-        self.scene, self.pages = scene, dict[int, Page]()
-        self._drawing = threading.Lock()
-        self._references = references(scene)
-        with _same_origin(), _silent():
-            self.server = viser.ViserServer(HOST, port, label=scene.folder.resolve().name, verbose=False)
-        self._arrange()
+    def __init__(
+        self, label: str, port: int = 8080, host: str = LOCAL, first: FirstPicture | None = None
+    ) -> None:
+        _require_address(host)
+        self.host, self.first = host, first
+        self.access = Access.to(host)
+        self.pages: dict[int, Page] = {}
+        self._make: MakePage | None = None
+        self._changing = threading.Lock()
+        self._waiting: dict[int, tuple[viser.ClientHandle, viser.NotificationHandle]] = {}
+        with guarded(self.access), _silent():
+            self.server = viser.ViserServer(host, port, label=label, verbose=False)
+        if first is not None:
+            self.begin_at(first.start)
+        self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        self.server.gui.main_panel.dock_right()
         self.server.on_client_connect(self._open)
         self.server.on_client_disconnect(self._close)
 
     @property
     def url(self) -> str:
-        """Of the page."""
-        return f"http://{HOST}:{self.server.get_port()}"
+        """Of the page, with its token, if it has one."""
+        host = socket.gethostname() if self.host in _ANY else self.host
+        shown = f"[{host}]" if ":" in host else host
+        return f"http://{shown}:{self.server.get_port()}{self.access.query}"
+
+    def begin_at(self, start: Start) -> None:
+        """Where the cameras of browsers stand that connect from now on."""
+        camera = self.server.initial_camera
+        camera.position, camera.look_at, camera.up = start.position, start.look_at, start.up
+        camera.fov = start.fov
+        self.server.scene.set_up_direction(start.up)
+
+    def show(self, make: MakePage) -> None:
+        """Give every browser that is there, and that comes, a page."""
+        with self._changing:
+            self._make = make
+            waiting, self._waiting = list(self._waiting.values()), {}
+            for client, notice in waiting:
+                notice.remove()
+                self.pages[client.client_id] = make(client)
 
     def close(self) -> None:
         """Close all pages and the server."""
-        for page in list(self.pages.values()):
+        with self._changing:
+            pages, self.pages, self._make = list(self.pages.values()), {}, None
+        for page in pages:
             page.close()
-        self.pages.clear()
         with _silent():
             self.server.stop()
 
@@ -59,48 +97,36 @@ class Viewer:
     ) -> None:
         self.close()
 
-    def _arrange(self) -> None:
-        """What every browser begins with: the camera of the first view, upright."""
-        first = self.scene.views[0]
-        camera = self.scene.record.world.camera(first.splat_camera)
-        _, position = pose(camera)
-        start = self.server.initial_camera
-        start.position = tuple(position)
-        start.look_at = tuple(position + camera.cam_from_world[2, :3])
-        start.up = tuple(self.scene.up)
-        start.fov = field_of_view(first)
-        self.server.scene.set_up_direction(tuple(self.scene.up))
-        self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
-        self.server.gui.main_panel.dock_right()
-
     def _open(self, client: viser.ClientHandle) -> None:
-        self.pages[client.client_id] = Page(client, self.scene, self._references, self._drawing)
+        with self._changing:
+            if self._make is not None:
+                self.pages[client.client_id] = self._make(client)
+                return
+            if self.first is not None:
+                shown = Look().shown(self.first.light, self.first.exposure)
+                frame = Frame(self.first.light, client.camera.aspect)
+                client.scene.set_background_image(frame.in_window(shown), format="jpeg", jpeg_quality=90)
+            notice = client.add_notification("Opening the scene", "", loading=True, with_close_button=False)
+            self._waiting[client.client_id] = client, notice
 
     def _close(self, client: viser.ClientHandle) -> None:
-        page = self.pages.pop(client.client_id, None)
+        with self._changing:
+            self._waiting.pop(client.client_id, None)
+            page = self.pages.pop(client.client_id, None)
         if page is not None:
             page.close()
 
 
-def references(scene: Scene) -> dict[str, Path]:
-    """The light of views that `rig evaluate` measured the scene by, EXR by name of the view."""
-    folder = scene.folder / "references"
-    found = {view.name: folder / f"{stem(view)}.exr" for view in scene.views}
-    return {name: path for name, path in found.items() if path.is_file()}
-
-
-@contextmanager
-def _same_origin() -> Iterator[None]:
-    """Servers that are begun in here refuse pages of other sites, which any browser would let connect.
-
-    viser has no argument for that; `websockets`, with which it serves, has.
-    """
-    serve = websockets.asyncio.server.serve
-    websockets.asyncio.server.serve = functools.partial(serve, origins=_ORIGINS)  # type: ignore
+def _require_address(host: str) -> None:
+    """InputError unless this machine can serve there: viser would try ports for ever."""
     try:
-        yield
-    finally:
-        websockets.asyncio.server.serve = serve  # type: ignore
+        family, kind, *_, place = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as trial:
+            trial.bind(place)
+    except OSError as error:
+        raise InputError(
+            f"{host} is no address of this machine: name one of its own, or 0.0.0.0 for all of them."
+        ) from error
 
 
 def _silent() -> AbstractContextManager[object]:

@@ -180,7 +180,12 @@ def test_without_gradient_the_kernel_draws_what_torch_does(camera: SplatCamera, 
     parameters = gaussians.parameters
     sampling = Sampling.of(parameters["means"], [camera, moved_back(camera, 1.0)])
     place = moved_back(camera, distance)
-    given = away_from(parameters["means"], place), gaussians.scales(), parameters["quats"], gaussians.opacities()
+    given = (
+        away_from(parameters["means"], place),
+        gaussians.scales(),
+        parameters["quats"],
+        gaussians.opacities(),
+    )
     expected = sampling.drawn(*given, place, 0.1)
     with torch.no_grad():
         found = sampling.drawn(*given, place, 0.1)

@@ -9,7 +9,9 @@ from scipy.spatial.transform import Rotation
 from imaging.session.paths import find_reconstruction
 from recon.data.geometry import project
 from recon.result.scene import open_scene
-from rig.view.cameras import field_of_view, pose, splat_camera
+from rig.view.cameras import pose, splat_camera, start_of
+from rig.view.first import FirstPicture
+from rig.view.start import height_angle
 
 
 @dataclass
@@ -37,14 +39,32 @@ def test_a_pose_comes_back(scene) -> None:
     for view in opened.views:
         camera = opened.record.world.camera(view.splat_camera)
         wxyz, position = pose(camera)
-        browser = Browser(wxyz, position, field_of_view(view), camera.width / camera.height)
+        browser = Browser(wxyz, position, height_angle(view.lens), camera.width / camera.height)
         again = splat_camera(browser, camera.width)
         np.testing.assert_allclose(again.cam_from_world, camera.cam_from_world, atol=1e-9)
         assert again.fy == pytest.approx(camera.fy, rel=0.05)  # of a lens with distortion
 
 
-def test_up_is_up(scene) -> None:
+def test_a_page_begins_upright_where_a_view_stands(scene) -> None:
     """The rig's cameras are held upright, in a world whose z is up."""
-    up = open_scene(find_reconstruction(scene)).up
-    assert np.linalg.norm(up) == pytest.approx(1)
-    assert up[2] > 0.8
+    opened = open_scene(find_reconstruction(scene))
+    view = opened.views[0]
+    start = start_of(opened, view)
+    assert np.linalg.norm(start.up) == pytest.approx(1)
+    assert start.up[2] > 0.8
+    ahead = np.subtract(start.look_at, start.position)
+    np.testing.assert_allclose(ahead, view.cam_from_world.matrix()[2, :3], atol=1e-9)
+
+
+def test_the_first_picture_is_one_that_the_scene_drew(scene) -> None:
+    folder = find_reconstruction(scene)
+    opened, first = open_scene(folder), FirstPicture.of(folder)
+    view = opened.view(first.view)
+    truth = opened.radiance(view.splat_camera)
+    np.testing.assert_allclose(first.light, truth, rtol=1e-3, atol=1e-3 * truth.max())
+    assert first.exposure == opened.exposure
+    expected = start_of(opened, view)
+    np.testing.assert_allclose(first.start.position, expected.position, atol=1e-9)
+    np.testing.assert_allclose(first.start.up, expected.up, atol=1e-6)
+    (folder / "model.json").write_text("{}")
+    assert FirstPicture.of(folder) is None

@@ -1,0 +1,136 @@
+"""What stands beside the picture of a scene: sliders, choices, switches."""
+
+from collections.abc import Callable
+from typing import Any
+
+import viser
+
+from rig.view.look import STOPS, TONE_MAPS, Look, legend
+from rig.view.painter import DIFFERENCE, OVER, Painter, Parts
+
+FREE = "free"
+DIFFERENCE_STOPS = 2.0
+"""At the ends of the colours of a difference."""
+KEYS = (
+    "Drag or arrow keys to turn, right-drag to shift, scroll to go nearer, **W A S D Q E** to fly.  \n"
+    "**B**, **V**: a stop brighter, darker. **N**, **P**: next, previous photograph. "
+    "**C**: cameras. **H**: home. Click to measure."
+)
+FULL_SCREEN = (
+    '<div style="padding:0 1em 0.6em"><button style="width:100%;padding:0.35em;border-radius:4px;border:1px '
+    'solid #8886;background:none;color:inherit;cursor:pointer" onclick="document.fullscreenElement ? '
+    'document.exitFullscreen() : document.documentElement.requestFullscreen()">Full screen</button></div>'
+)
+
+
+class Controls:
+    """The controls of one browser; `changed` is called after what concerns the picture."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        painter: Painter,
+        changed: Callable[[], None],
+        *,
+        on_view: Callable[[str], None],
+        on_frusta: Callable[[bool], None],
+        on_home: Callable[[], None],
+    ) -> None:
+        self._painter, self._on_home = painter, on_home
+        scene = painter.scene
+        with gui.add_folder("Look"):
+            hint = "At 0 the median of the scene is middle grey."
+            self.exposure = gui.add_slider("Exposure, stops", -16.0, 16.0, 0.1, 0.0, hint=hint)
+            hint = "linear: clipped at white, else untouched. The others bring more light onto the screen."
+            self.tones = gui.add_dropdown("Tones", TONE_MAPS, hint=hint)
+            self.legend = gui.add_image(legend(), label=_legend_label(False), visible=False)
+        with gui.add_folder("Cameras"):
+            self.view = gui.add_dropdown("View", (FREE, *(view.name for view in scene.views)))
+            shows = painter.shows(None)
+            self.show = gui.add_dropdown("Show", shows, visible=len(shows) > 1)
+            self.frusta = gui.add_checkbox("Cameras of the photographs", False)
+            self.home = gui.add_button("Home", icon=viser.Icon.HOME, hint="Back to where the page began.")
+        self.parts_of_model = self._parts(gui, painter, changed)
+        with gui.add_folder("Spot meter"):
+            self.spot = gui.add_markdown("Click into the picture.")
+        with gui.add_folder("Keys", expand_by_default=False):
+            gui.add_markdown(KEYS)
+        gui.add_html(FULL_SCREEN)
+        self._hotkeys(gui)
+        self.exposure.on_update(lambda _: changed())
+        self.tones.on_update(lambda _: self._retone(changed))
+        self.show.on_update(lambda _: self._retone(changed))
+        self.view.on_update(lambda _: on_view(self.view.value))
+        self.frusta.on_update(lambda _: on_frusta(self.frusta.value))
+        self.home.on_click(lambda _: on_home())
+
+    @property
+    def look(self) -> Look:
+        """As chosen."""
+        return Look(float(self.exposure.value), self.tones.value)
+
+    @property
+    def parts(self) -> Parts:
+        """As chosen."""
+        environment, degree = self.parts_of_model
+        return Parts(environment is None or environment.value, None if degree is None else int(degree.value))
+
+    def offer(self, view: str | None) -> None:
+        """Let what there is to see from a view be chosen from."""
+        shows = self._painter.shows(view)
+        if tuple(self.show.options) != shows:
+            chosen = self.show.value
+            self.show.options = shows
+            assign(self.show, chosen if chosen in shows else shows[0])
+        self.show.visible = len(shows) > 1
+
+    def _hotkeys(self, gui: viser.GuiApi) -> None:
+        def stop(more: float) -> None:
+            assign(self.exposure, min(max(self.exposure.value + more, -16.0), 16.0))
+
+        def step(by: int) -> None:
+            names = self.view.options[1:]  # behind FREE, from which the next is the first
+            here = names.index(self.view.value) if self.view.value != FREE else min(-by, 0)
+            assign(self.view, names[(here + by) % len(names)])
+
+        gui.add_command("Brighter by a stop", hotkey="B").on_trigger(lambda _: stop(1.0))
+        gui.add_command("Darker by a stop", hotkey="V").on_trigger(lambda _: stop(-1.0))
+        gui.add_command("Next photograph", hotkey="N").on_trigger(lambda _: step(1))
+        gui.add_command("Previous photograph", hotkey="P").on_trigger(lambda _: step(-1))
+        gui.add_command("Home", hotkey="H").on_trigger(lambda _: self._on_home())
+        cameras = gui.add_command("Cameras of the photographs", hotkey="C")
+        cameras.on_trigger(lambda _: assign(self.frusta, not self.frusta.value))
+
+    def _retone(self, changed: Callable[[], None]) -> None:
+        compared = self.show.value in (DIFFERENCE, OVER)
+        self.legend.visible = compared or self.tones.value == "false colour"
+        self.legend.label = _legend_label(compared)
+        changed()
+
+    @staticmethod
+    def _parts(gui: viser.GuiApi, painter: Painter, changed: Callable[[], None]) -> tuple[Any, Any]:
+        """Switches for the parts that the scenes have; None where they have none of a kind."""
+        far = any(scene.renderer.environment is not None for scene in painter.scenes)
+        degree = max(scene.record.degree for scene in painter.scenes)
+        environment = harmonics = None
+        if far or degree:
+            with gui.add_folder("Model"):
+                if far:
+                    hint = "Light from behind all Gaussians, by direction alone."
+                    environment = gui.add_checkbox("Light from far away", True, hint=hint)
+                    environment.on_update(lambda _: changed())
+                if degree:
+                    hint = "Of the harmonics: at 0 colours are the same from everywhere."
+                    harmonics = gui.add_slider("Degree of colours", 0, degree, 1, degree, hint=hint)
+                    harmonics.on_update(lambda _: changed())
+        return environment, harmonics
+
+
+def _legend_label(compared: bool) -> str:
+    most, of = (DIFFERENCE_STOPS, "above what is compared with") if compared else (STOPS, "above middle grey")
+    return f"-{most:g} to +{most:g} stops {of}"
+
+
+def assign(control: Any, value: object) -> None:
+    """Set a control, and the browser's: viser annotates values as if they could only be read."""
+    control.value = value

@@ -1,0 +1,59 @@
+"""The first picture of a scene: one that it drew when it was evaluated, shown while the scene is opened.
+
+To open a scene takes torch and its Gaussians, some seconds in all; a page with a picture takes none of it.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from imaging.errors import RigError
+from imaging.files.exr import read_exr
+from imaging.lens import Lens
+from imaging.pose import Pose
+from rig.view.start import Start, start_at, up_of
+from rig.view.tones import Light
+
+
+@dataclass(frozen=True, eq=False)
+class FirstPicture:
+    """light: linear Rec.709 [H, W, 3]; exposure: factor that shows its scene's median as middle grey.
+
+    view: name of the view that it is of, `frame/camera`; start: where that stands.
+    """
+
+    light: Light
+    exposure: float
+    view: str
+    start: Start
+
+    @classmethod
+    def of(cls, folder: Path) -> "FirstPicture | None":
+        """Of a reconstruction's folder; None if it has no picture of its own.
+
+        model.json is read as far as that needs: what is wrong with it is said by who opens the scene.
+        """
+        try:
+            model = json.loads((folder / "model.json").read_bytes())
+            views = model["views"]
+            for view in views:
+                path = folder / "renders" / f"{view['frame']:04d}_{view['camera']}.exr"
+                if path.is_file():
+                    light = read_exr(path).rgb()
+                    name = f"{view['frame']:04d}/{view['camera']}"
+                    return cls(light, float(model["exposure"]), name, _start(model, view))
+        except (OSError, ValueError, KeyError, TypeError, RigError):
+            pass
+        return None
+
+
+def _start(model: dict[str, Any], view: dict[str, Any]) -> Start:
+    """A view of the model in the coordinates of its scene."""
+    poses = [Pose.model_validate(one["cam_from_world"]).matrix() for one in model["views"]]
+    motion = Pose.model_validate(view["cam_from_world"]).matrix()
+    world = model["world"]
+    motion[:3, 3] = (motion[:3, :3] @ np.asarray(world["origin"]) + motion[:3, 3]) / world["unit"]
+    return start_at(motion, up_of(poses), Lens.model_validate(view["lens"]))

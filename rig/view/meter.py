@@ -1,0 +1,31 @@
+"""What a spot meter says of a pixel, as Markdown."""
+
+import numpy as np
+
+from recon.result.scene import Scene
+from rig.terminal.text import number
+from rig.view.look import LUMINANCE, stops
+from rig.view.painter import Drawing
+
+
+def reading(drawing: Drawing, scene: Scene, row: int, column: int) -> str:
+    """The light of a pixel in stops, in the units of the scene, and in cd/m2 where those are known."""
+    colour = drawing.light[row, column]
+    luminance = float(colour @ LUMINANCE)
+    above = float(stops(colour, scene.exposure))
+    height, width = drawing.light.shape[:2]
+    lines = [f"**{above:+.2f} stops** from middle grey"]
+    if scene.luminance_scale is not None and scene.luminance_error is not None:
+        share = scene.luminance_error / scene.luminance_scale
+        absolute = luminance * scene.luminance_scale
+        lines.append(f"**{number(absolute)} cd/m2** +- {number(100 * share)} %")
+    if drawing.over is not None:
+        other = float(stops(drawing.over[row, column], scene.exposure))
+        if np.isfinite(above - other):
+            lines.append(f"**{above - other:+.3f} stops** over what it is compared with")
+    lines += [
+        f"luminance {number(luminance)}",
+        "R, G, B " + ", ".join(number(float(value)) for value in colour),
+        f"column {column}, row {row} of {width}x{height}",
+    ]
+    return "  \n".join(lines)

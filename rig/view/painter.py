@@ -1,0 +1,139 @@
+"""The light of scenes for the camera of a browser: which scene, through which lens, which parts of it."""
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from imaging.files.exr import read_exr
+from recon.rendering.light_files import stem
+from recon.result.display import in_colour
+from recon.result.scene import Scene
+from recon.splat import SplatCamera
+from rig.view.tones import Light
+
+RENDER, REFERENCE, DIFFERENCE = "render", "reference", "difference"
+FIRST, SECOND, SPLIT, OVER = "A", "B", "A | B", "B over A"
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Of the model that are drawn. degree: of the harmonics at most; None: that of each scene."""
+
+    environment: bool = True
+    degree: int | None = None
+
+    def of(self, scene: Scene) -> Scene:
+        """The scene with these parts alone."""
+        if not self.environment and scene.renderer.environment is not None:
+            scene = replace(scene, renderer=replace(scene.renderer, environment=None))
+        if self.degree is not None and self.degree < scene.record.degree:
+            scene = replace(scene, record=scene.record.model_copy(update={"degree": self.degree}))
+        return scene
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """show: one of the names above. view: whose lens is looked through, `frame/camera`; None: a free camera.
+
+    camera: in the coordinates of the first scene.
+    """
+
+    show: str
+    view: str | None
+    camera: SplatCamera
+    parts: Parts = Parts()
+
+    @property
+    def key(self) -> object:
+        """Equal for what looks the same."""
+        camera = self.camera
+        size = camera.width, camera.height
+        return self.show, self.view, camera.cam_from_world.tobytes(), camera.lens, size, self.parts
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """light: linear Rec.709 [H, W, 3], which a spot meter measures; over: what it is compared with."""
+
+    light: Light
+    over: Light | None = None
+
+
+class Painter:
+    """Draws one scene, or two to compare. drawing: held meanwhile, since the kernels share all cores."""
+
+    def __init__(self, *scenes: Scene) -> None:
+        self.scenes = scenes
+        self.drawing = threading.Lock()
+        self.references = references(scenes[0])
+
+    @property
+    def scene(self) -> Scene:
+        """The first, whose coordinates, views and exposure are those of the page."""
+        return self.scenes[0]
+
+    def shows(self, view: str | None) -> tuple[str, ...]:
+        """What there is to see from a view, or from a free camera."""
+        if len(self.scenes) > 1:
+            return (FIRST, SECOND, SPLIT, OVER, *((REFERENCE,) if view in self.references else ()))
+        return (RENDER, *((REFERENCE, DIFFERENCE) if view in self.references else ()))
+
+    def placed(self, view: str) -> SplatCamera:
+        """A view's camera in the coordinates of the first scene."""
+        return self.scene.record.world.camera(self.scene.view(view).splat_camera)
+
+    def warm_up(self) -> None:
+        """Load what draws, or compile it, once on a machine, by a picture of next to nothing."""
+        camera = self.scene.record.world.camera(self.scene.views[0].splat_camera)
+        for scene in self.scenes:
+            scene.drawn(camera.resized(16))
+
+    def draw(self, wanted: Wanted) -> Drawing:
+        """What is to be seen."""
+        if wanted.show == REFERENCE:
+            assert wanted.view is not None
+            return Drawing(read_light(self.references[wanted.view]))
+        if wanted.show == SECOND:
+            return Drawing(self._light(1, wanted))
+        light = self._light(0, wanted)
+        if wanted.show == DIFFERENCE:
+            assert wanted.view is not None
+            return Drawing(light, resized(read_light(self.references[wanted.view]), light))
+        if wanted.show in (SPLIT, OVER):
+            other = resized(self._light(1, wanted), light)
+            if wanted.show == OVER:
+                return Drawing(other, light)
+            middle = light.shape[1] // 2
+            return Drawing(np.concatenate([light[:, :middle], other[:, middle:]], axis=1))
+        return Drawing(light)
+
+    def _light(self, number: int, wanted: Wanted) -> Light:
+        scene = self.scenes[number]
+        camera = self.scene.record.world.camera_in_world(wanted.camera)
+        if number and wanted.view in {view.name for view in scene.views}:
+            camera = scene.view(str(wanted.view)).splat_camera
+        with self.drawing:
+            return in_colour(wanted.parts.of(scene).radiance(camera), scene.record.bands)
+
+
+def references(scene: Scene) -> Mapping[str, Path]:
+    """The light of views that `rig evaluate` measured the scene by, EXR by name of the view."""
+    folder = scene.folder / "references"
+    found = {view.name: folder / f"{stem(view)}.exr" for view in scene.views}
+    return {name: path for name, path in found.items() if path.is_file()}
+
+
+def read_light(path: Path) -> Light:
+    """Linear light of an EXR, float32 [H, W, 3]."""
+    return np.asarray(read_exr(path).rgb(), np.float32)
+
+
+def resized(light: Light, like: Light) -> Light:
+    """Light in the size of other light."""
+    if light.shape == like.shape:
+        return light
+    return np.asarray(cv2.resize(light, like.shape[1::-1], interpolation=cv2.INTER_AREA), np.float32)

@@ -1,0 +1,50 @@
+"""Where the camera of a browser stands when its page opens."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.lens import Lens, rays
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Start:
+    """position, look_at and up: in the coordinates of the page; fov: from top to bottom, radians."""
+
+    position: Point
+    look_at: Point
+    up: Point
+    fov: float
+
+
+def point(vector: npt.ArrayLike) -> Point:
+    """A vector of three as plain numbers, which is what a browser is sent."""
+    x, y, z = np.asarray(vector, np.float64).tolist()
+    return x, y, z
+
+
+WIDEST = np.radians(120.0)
+"""That a browser is asked to show from top to bottom."""
+
+
+def height_angle(lens: Lens) -> float:
+    """From the top to the bottom of a lens's picture, radians."""
+    ends = rays(lens, [[lens.cx, 0.0], [lens.cx, lens.height]])
+    return float(min(np.arccos(np.clip(ends[0] @ ends[1], -1, 1)), WIDEST))
+
+
+def up_of(poses: Iterable[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
+    """A unit vector: the way up of cameras [4, 4] together, as photographers hold them."""
+    down = sum((pose[1, :3] for pose in poses), np.zeros(3))
+    length = float(np.linalg.norm(down))
+    return np.array([0.0, -1.0, 0.0]) if length < 1e-6 else -down / length
+
+
+def start_at(motion: npt.NDArray[np.float64], up: npt.ArrayLike, lens: Lens) -> Start:
+    """Where a camera stands, cam_from_world [4, 4], seen upright through its lens."""
+    centre = -motion[:3, :3].T @ motion[:3, 3]
+    return Start(point(centre), point(centre + motion[2, :3]), point(up), height_angle(lens))

@@ -1,0 +1,95 @@
+"""Headless Chromium, once for all tests of pages, and a window of it."""
+
+import io
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from imaging.session.paths import find_reconstruction
+from rig.view.opening import show_scenes
+from rig.view.server import Viewer
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+LIMIT = 20.0
+"""Seconds that a browser without a GPU may take for anything."""
+
+
+@pytest.fixture(scope="package")
+def browser() -> Iterator[object]:
+    playwright = pytest.importorskip("playwright.sync_api")
+    if CHROMIUM is None:
+        pytest.skip("Chromium is not installed: apt-get install chromium")
+    software = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=software)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="package")
+def viewer(scene_template: Path) -> Iterator[Viewer]:
+    with Viewer("toy", 0) as found:
+        show_scenes(found, [find_reconstruction(scene_template)])
+        yield found
+
+
+class Window:
+    """A window of the browser, and the page that draws for it."""
+
+    def __init__(self, browser, viewer: Viewer, width: int = 900, height: int = 500) -> None:
+        known = set(viewer.pages)
+        self.height = height
+        self.tab = browser.new_page(viewport={"width": width, "height": height})
+        self.tab.goto(viewer.url)
+        self.until(lambda: bool(set(viewer.pages) - known))
+        self.page = viewer.pages[max(viewer.pages)]
+        self.until(lambda: self.page.frame is not None)
+
+    def until(self, done: Callable[[], bool]) -> None:
+        end = time.monotonic() + LIMIT
+        while not done():
+            assert time.monotonic() < end
+            self.tab.wait_for_timeout(20)
+
+    def canvas(self) -> np.ndarray:
+        """What the browser shows of the scene, [H, W, 3] in 0..255."""
+        shot = Image.open(io.BytesIO(self.tab.screenshot())).convert("RGB")
+        return np.asarray(shot, np.float64)[:, : self.width]
+
+    @property
+    def width(self) -> int:
+        return int(self.page.client.camera.image_width)
+
+    def shows(self, picture: Callable[[], np.ndarray]) -> bool:
+        """Whether the lower half of the canvas, where nothing lies over it, is a picture, but for JPEG."""
+        truth, seen = np.asarray(picture(), np.float64), self.canvas()
+        if truth.shape != seen.shape:
+            truth = np.asarray(Image.fromarray(truth.astype(np.uint8)).resize(seen.shape[1::-1]), np.float64)
+        return bool(np.abs(truth - seen)[self.height // 2 :].mean() < 4)
+
+    def choose(self, now: str, wanted: str) -> None:
+        self.tab.locator(f"input:not([type=hidden])[value='{now}']").first.click()
+        self.tab.get_by_role("option", name=wanted, exact=True).click()
+
+
+@pytest.fixture
+def open_window(browser) -> Iterator[Callable[..., Window]]:
+    opened = []
+
+    def open_one(viewer: Viewer, **size: int) -> Window:
+        opened.append(Window(browser, viewer, **size))
+        return opened[-1]
+
+    yield open_one
+    for window in opened:
+        window.tab.close()
+
+
+@pytest.fixture
+def window(open_window, viewer: Viewer) -> Window:
+    return open_window(viewer)

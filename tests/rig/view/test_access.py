@@ -1,0 +1,88 @@
+"""Who may connect, over loopback: by a client that we did not write."""
+
+from collections.abc import Iterator
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
+
+import pytest
+import viser
+import websockets.sync.client
+
+from imaging.errors import InputError
+from rig.view.access import Access
+from rig.view.server import Viewer
+
+
+@pytest.fixture(scope="module")
+def open_to_all() -> Iterator[Viewer]:
+    """As on an address that other machines reach."""
+    with Viewer("toy", 0, host="0.0.0.0") as found:
+        yield found
+
+
+def connect(viewer: Viewer, query: str = "", **options: object) -> None:
+    address = f"ws://127.0.0.1:{viewer.server.get_port()}{query}"
+    protocols = [websockets.Subprotocol(f"viser-v{viser.__version__}")]
+    websockets.sync.client.connect(address, subprotocols=protocols, **options).close()
+
+
+def got(viewer: Viewer, path: str, **headers: str) -> tuple[int, str]:
+    """Status of the answer, and the cookie that it sets."""
+    request = Request(f"http://127.0.0.1:{viewer.server.get_port()}{path}", headers=headers)
+    try:
+        with urlopen(request) as answer:
+            return answer.status, answer.headers.get("Set-Cookie", "")
+    except HTTPError as error:
+        with error:
+            return error.code, error.headers.get("Set-Cookie", "")
+
+
+REFUSED = pytest.raises(websockets.exceptions.InvalidStatus, match="403")
+
+
+def test_pages_of_other_sites_are_refused(viewer: Viewer) -> None:
+    assert viewer.url == f"http://127.0.0.1:{viewer.server.get_port()}"
+    assert viewer.server.get_host() == "127.0.0.1"
+    connect(viewer)
+    connect(viewer, origin=viewer.url)
+    connect(viewer, origin="http://localhost:1234")
+    for stranger in ("http://example.org", "http://localhost.example.org", "https://127.0.0.1.example.org"):
+        with REFUSED:
+            connect(viewer, origin=stranger)
+
+
+def test_a_name_of_others_that_points_here_is_refused(viewer: Viewer) -> None:
+    """Its pages would be of one origin with ours."""
+    assert got(viewer, "/", Host="localhost:8080")[0] == 200
+    assert got(viewer, "/", Host="example.org")[0] == 403
+    assert got(viewer, "/", Host="example.org", Origin="http://example.org")[0] == 403
+
+
+def test_a_page_that_others_reach_wants_its_token(open_to_all: Viewer) -> None:
+    query = open_to_all.url.partition("/?")[2]
+    token = query.removeprefix("token=")
+    assert len(token) >= 32
+    assert token != Access.to("0.0.0.0").token
+    for path in ("/", "/index.html", "/?token=", f"/?token={token[:-1]}", "/?token=%00", f"/{token}"):
+        assert got(open_to_all, path)[0] == 403
+    status, cookie = got(open_to_all, f"/?{query}")
+    assert status == 200
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    shown = cookie.partition(";")[0]
+    assert got(open_to_all, "/", Cookie=shown)[0] == 200
+    assert got(open_to_all, "/", Cookie=shown[:-1])[0] == 403
+    with REFUSED:
+        connect(open_to_all)
+    with REFUSED:
+        connect(open_to_all, additional_headers={"Cookie": f"{shown[:-1]}x"})
+    connect(open_to_all, additional_headers={"Cookie": shown})
+    connect(open_to_all, f"/?{query}")
+    with REFUSED:
+        connect(open_to_all, f"/?{query}", origin="http://example.org")
+
+
+@pytest.mark.parametrize("host", ["192.0.2.1", "no such name"])
+def test_an_address_of_others_is_told(host: str) -> None:
+    with pytest.raises(InputError, match=f"{host} is no address of this machine"):
+        Viewer("toy", 0, host=host)
