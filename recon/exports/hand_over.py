@@ -99,11 +99,10 @@ def _write_renders(folder: Path, scene: Scene, factor: float, progress: Progress
         path = folder / f"{view.camera}.{view.frame:04d}.exr"
         header: dict[str, str | float] = {
             **absolute,
-            "colorInteropID": usd.COLOUR_SPACE,
             "rig:view": view.name,
             "rig:values": f"linear radiance {record.radiance}, times {factor:.9g}",
         }
-        write_exr(path, planes, chromaticities=None, attributes=header)
+        write_exr(path, planes, attributes=header)
         files.append(path)
     return files
 

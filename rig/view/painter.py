@@ -117,7 +117,7 @@ class Painter:
         if number and wanted.view in {view.name for view in scene.views}:
             camera = scene.view(str(wanted.view)).splat_camera
         with self.drawing:
-            return in_colour(wanted.parts.of(scene).radiance(camera), scene.record.bands)
+            return in_colour(wanted.parts.of(scene).render(camera), scene.record.bands)
 
 
 def references(scene: Scene) -> Mapping[str, Path]:
