@@ -60,7 +60,7 @@ def test_the_first_picture_is_one_that_the_scene_drew(scene) -> None:
     folder = find_reconstruction(scene)
     opened, first = open_scene(folder), FirstPicture.of(folder)
     view = opened.view(first.view)
-    truth = opened.radiance(view.splat_camera)
+    truth = opened.render(view.splat_camera)
     np.testing.assert_allclose(first.light, truth, rtol=1e-3, atol=1e-3 * truth.max())
     assert first.exposure == opened.exposure
     expected = start_of(opened, view)

@@ -46,7 +46,7 @@ def test_a_view_is_seen_through_its_own_lens_beside_what_it_should_be(window) ->
     name = next(iter(painter.references))
     view = painter.scene.view(name)
     window.choose("free", name)
-    truth = painter.scene.radiance(view.splat_camera)
+    truth = painter.scene.render(view.splat_camera)
     window.until(lambda: window.page.frame.light.shape == truth.shape)
     np.testing.assert_allclose(window.page.frame.light, truth, rtol=1e-4, atol=1e-4 * truth.max())
     window.choose("render", "difference")
