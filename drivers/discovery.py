@@ -10,6 +10,7 @@ from drivers import ptp, u3v
 from drivers.camera import Camera, CameraIdentity, Capabilities
 from drivers.clock import Clock
 from imaging.errors import CameraError
+from imaging.progress import Progress, unreported
 
 Protocol = Literal["PTP", "USB3 Vision"]
 
@@ -50,9 +51,12 @@ def _by_protocol(backend: IBackend, clock: Clock) -> Iterator[tuple[Protocol, Ca
         yield "USB3 Vision", machine
 
 
-def ask_all(backend: IBackend, clock: Clock) -> Iterator[ConnectedCamera]:
+def ask_all(backend: IBackend, clock: Clock, progress: Progress = unreported) -> Iterator[ConnectedCamera]:
     """Open each connected camera, ask what it is, and let it go."""
-    for protocol, camera in list(_by_protocol(backend, clock)):
+    progress("looking for cameras", 0, 0)
+    found = list(_by_protocol(backend, clock))
+    for done, (protocol, camera) in enumerate(found):
+        progress(camera.where or protocol, done, len(found))
         where, identity = camera.where, None
         try:
             identity = camera.identify()

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -58,6 +59,7 @@ def reconstruct(
     early_stop: bool = False,
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
+    on_log: Callable[[dict[str, Any]], None] = lambda line: None,
     clock: Callable[[], float] = time.monotonic,
     countdown: Countdown | None = None,
 ) -> Path:
@@ -71,7 +73,9 @@ def reconstruct(
     the method have it. early_stop: train no longer than was worth it for other scenes, and end when held-out
     quality stands still. name: None names method, quality and budget (`default_name`). on_message: is given
     lines on what is predicted of a training with a budget, and on what is left out. With early_stop or a
-    budget in dB some of the held-out views are for that alone (`Dataset.with_validation`).
+    budget in dB some of the held-out views are for that alone (`Dataset.with_validation`). on_log: is given
+    each line of train.jsonl (iteration, loss, gaussians, seconds, held_out_db where it was measured), those
+    from before a training was stopped too.
 
     A training that was stopped (Interrupted) leaves the scene as it was then, and goes on bit for bit when
     called again with the same settings (with a time to keep, as fast as the machine then is); a finished
@@ -139,14 +143,18 @@ def reconstruct(
         place, checkpoint = place_for(folder, asked, dataset.calibration_sha256, replace)
         device = _CPU if dataset.bands else training_device()  # the kernels of GPUs draw three channels
         run = Run(dataset, asked, device, ranks, countdown, on_progress, on_message, clock)
-        _reconstruct(place, run, checkpoint, (*reasons, *rungs(dataset, chosen)))
+        _reconstruct(place, run, checkpoint, (*reasons, *rungs(dataset, chosen)), on_log)
         if place != folder and ranks.first:
             store.replace_folder(place, folder)
         return folder
 
 
 def _reconstruct(
-    folder: Path, run: Run, checkpoint: Checkpoint | None, method_rungs: tuple[Rung, ...]
+    folder: Path,
+    run: Run,
+    checkpoint: Checkpoint | None,
+    method_rungs: tuple[Rung, ...],
+    on_log: Callable[[dict[str, Any]], None],
 ) -> None:
     """`reconstruct` on one of the ranks: begin, or go on from the checkpoint; train; write."""
     training, decided = _begun(folder, run) if checkpoint is None else _resumed(run, checkpoint)
@@ -166,6 +174,7 @@ def _reconstruct(
         decided.prediction,
         reserve=0.0 if run.countdown is None else run.countdown.reserve,
         progress=run.progress,
+        on_log=on_log,
     )
     if run.ranks.first:
         scene.go_on()

@@ -4,9 +4,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-import typer
-
-from rig.cli import app
+from rig.cli import run
 from rig.terminal.failures import STOPPED, explained
 from rig.terminal.result import CommandResult, print_json, print_result
 from rig.terminal.start_time import set_start
@@ -26,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
     try:
-        result = typer.main.get_command(app).main(words, prog_name="rig", standalone_mode=False)
+        result = run(words, name)
         if isinstance(result, CommandResult):
             return print_result(result, name, as_json)
         if result == STOPPED:

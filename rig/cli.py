@@ -1,7 +1,10 @@
 """The `rig` command line: its commands, from one thin module each; stages are loaded when a command runs."""
 
-from collections.abc import Callable
-from typing import Annotated
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import wraps
+from typing import Annotated, Any
 
 import typer
 
@@ -25,12 +28,16 @@ from rig.commands import (
     trade,
     view,
 )
+from rig.options.common import QuietOption
+from rig.options.defaults import config_file, read_defaults
+from rig.terminal.progress import silenced
 from rig.terminal.result import CommandResult
 
 EXIT_CODES = (
     "Exit codes: 0 done; 1 a defect of rig; 2 the input or the usage is at fault, nothing usable came out; "
     "3 done in part, what is missing is listed; 130 stopped by Ctrl-C. "
-    "Progress goes to standard error. RIG_DEBUG=1 shows what libraries say."
+    "Progress goes to standard error. RIG_DEBUG=1 shows what libraries say. Defaults of your own are read "
+    "from ~/.config/rig/config.toml, or the file that RIG_CONFIG names."
 )
 
 app = typer.Typer(
@@ -82,5 +89,36 @@ COMMANDS: dict[str, Callable[..., CommandResult]] = {
     "doctor": doctor.doctor,
 }
 
+
+def _with_quiet(command: Callable[..., CommandResult]) -> Callable[..., CommandResult]:
+    """A command that --quiet silences."""
+
+    @wraps(command)
+    def run(*, quiet: bool, **options: Any) -> CommandResult:
+        with silenced(quiet):
+            return replace(command(**options), quiet=quiet)
+
+    last = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=QuietOption)
+    # Annotations that are text mean what they do in the module of the command.
+    parameters = [*inspect.signature(command, eval_str=True).parameters.values(), last]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run
+
+
 for name, command in COMMANDS.items():
-    app.command(name)(command)
+    app.command(name)(_with_quiet(command))
+
+
+def run(words: Sequence[str], name: str) -> CommandResult | int | None:
+    """What the command in `words`, called `name`, returns; the user's file says what is not given.
+
+    The file is not read where help is asked for, and by `rig doctor`, which says what is wrong with it.
+    """
+    group = typer.main.get_command(app)
+    path = None if name in ("", "doctor") or {"-h", "--help"} & set(words) else config_file()
+    defaults = {} if path is None else read_defaults(path, group, name)
+    result: CommandResult | int | None = group.main(
+        list(words), prog_name="rig", standalone_mode=False, default_map=defaults
+    )
+    return result

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from os import PathLike
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from imaging.errors import InputError
 from imaging.progress import Progress, unreported
@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from recon.result.scene import Scene
 
 
-def find_cameras(simulated: str | None = None) -> "list[ConnectedCamera]":
+def find_cameras(
+    simulated: str | None = None, *, on_progress: Progress = unreported
+) -> "list[ConnectedCamera]":
     """Every camera that is connected, asked what it is and what it can do; none is left open.
 
     simulated: those of a simulated rig of that name instead, such as "demo". InputError: there is no such
@@ -25,7 +27,7 @@ def find_cameras(simulated: str | None = None) -> "list[ConnectedCamera]":
     from rig.commands.usb_bus import open_bus
 
     bus = open_bus(simulated)
-    return list(ask_all(bus.backend, bus.clock))
+    return list(ask_all(bus.backend, bus.clock, on_progress))
 
 
 def reconstruct(
@@ -41,6 +43,7 @@ def reconstruct(
     replace: bool = False,
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
+    on_log: Callable[[dict[str, Any]], None] = lambda line: None,
 ) -> "Scene":
     """Train a scene on a calibrated session and open it; it is kept in SESSION/reconstructions/NAME.
 
@@ -48,7 +51,8 @@ def reconstruct(
     to be as the preset has it, by the keys of `rig reconstruct --set`, such as {"iterations": 500}. name:
     None names method, quality and budget. A scene that is finished is opened as it is, and one that was
     stopped is gone on with; one of other settings is replaced only by `replace`. on_message: is given lines
-    on what is predicted and left out. `recon.reconstruct.reconstruct` says more.
+    on what is predicted and left out; on_log: the numbers of train.jsonl as they come.
+    `recon.reconstruct.reconstruct` says more.
 
     Errors: ReconstructionError, InputError, StorageError. Ctrl-C saves the scene trained so far, and raises
     KeyboardInterrupt.
@@ -71,6 +75,7 @@ def reconstruct(
         replace=replace,
         on_progress=on_progress,
         on_message=on_message,
+        on_log=on_log,
     )
     return open_scene(folder)
 

@@ -11,6 +11,8 @@ import pytest
 # they wait for each other: with two processes on two cores matching features takes three times the processor
 # time. They read this when they are first imported. The threads of `imaging.compute.threads` stay.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Whoever runs the tests may have defaults of their own.
+os.environ["RIG_CONFIG"] = ""
 
 LONGEST = (
     "rig/test_readme.py",

@@ -1,5 +1,6 @@
 """The folder of a scene while it is trained: its log, its checkpoint, and in the end the scene."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,8 @@ class SceneFolder:
 
     asked, settings: as asked for, and as decided. method_rungs: of the method and its image formation;
     size_rungs: of degree and number of the Gaussians. reserve: seconds that a budget of time keeps for what
-    follows training. saved_at: the iteration of the checkpoint; None until there is one.
+    follows training. on_log: is given each line of the log. saved_at: the iteration of the checkpoint; None
+    until there is one.
     """
 
     folder: Path
@@ -36,6 +38,7 @@ class SceneFolder:
     prediction: Prediction | None
     reserve: float
     progress: Progress
+    on_log: Callable[[dict[str, Any]], None]
     saved_at: int | None = None
     _lines: list[dict[str, Any]] = field(default_factory=list, init=False)
 
@@ -52,6 +55,7 @@ class SceneFolder:
     def log(self, line: dict[str, Any]) -> None:
         """Add a line to the log."""
         self._lines.append(line)
+        self.on_log(line)
         store.append_line(self.folder / LOG, line)
 
     def save(self) -> None:

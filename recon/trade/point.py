@@ -103,11 +103,14 @@ def train_point(
 MEASURES = ("raw_psnr", "ldr_psnr_oe", "hdr_psnr_mu")
 
 
-def measuring(session: Path, width: int) -> Dataset:
+def measuring(session: Path, width: int, progress: Progress = unreported) -> Dataset:
     """The data set that all points of a session are measured on, read once a process."""
-    return _read(session, width, store.sha256(session / "calibration" / "calibration.json"))
+    kept = _kept(session, width, store.sha256(session / "calibration" / "calibration.json"))
+    if not kept:
+        kept.append(load(session, max_width=width, progress=progress))
+    return kept[0]
 
 
 @lru_cache(maxsize=1)
-def _read(session: Path, width: int, calibration: str) -> Dataset:
-    return load(session, max_width=width)
+def _kept(session: Path, width: int, calibration: str) -> list[Dataset]:
+    return []

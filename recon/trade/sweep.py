@@ -46,8 +46,7 @@ def trade_sweep(
     session = Path(session)
     store.require_writable(session / FOLDER)
     width = max(preset.width for preset in QUALITIES.values())
-    on_progress("reading images", 0, 0)
-    dataset = measuring(session, width)
+    dataset = measuring(session, width, on_progress)
     if not dataset.held_out:
         raise ReconstructionError(
             f"{session} has too few views to hold one out, so nothing can be measured: take "

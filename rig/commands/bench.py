@@ -26,7 +26,7 @@ def bench(
     ] = None,
     quality: Annotated[QualityName, typer.Option(help="Preset, as of rig reconstruct.")] = "standard",
     views: Annotated[
-        int | None, typer.Option(min=1, help="Training views, evenly chosen; all if not given.")
+        int | None, typer.Option(min=1, metavar="N", help="Training views, evenly chosen; all if not given.")
     ] = None,
     seed: SeedOption = 0,
     as_json: JsonOption = False,

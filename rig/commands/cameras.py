@@ -27,12 +27,8 @@ def cameras(
     with running("cameras") as status:
         from drivers.discovery import ask_all
 
-        status("looking for cameras", 0, 0)
         bus = open_bus(sim)
-        listed = []
-        for camera in ask_all(bus.backend, bus.clock):
-            listed.append(camera)
-            status(camera.where or camera.protocol, len(listed), 0)
+        listed = list(ask_all(bus.backend, bus.clock, status))
     lines = [line for camera in listed for line in _lines(camera)] or [
         "No camera: rig doctor shows what is missing."
     ]

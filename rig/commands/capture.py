@@ -46,6 +46,7 @@ def capture(
         int | None,
         typer.Option(
             min=1,
+            metavar="N",
             help="Positions of the rig (default: as in RIG.toml, or all of a simulated rig). Default 16 "
             "repeats for darks and flats, 20 board poses.",
         ),
@@ -80,11 +81,11 @@ def capture(
         typer.Option(
             parser=shutter,
             metavar="TIME",
-            help="With --bracket auto: longest bracket, all exposures added up.",
+            help="With --bracket auto: longest bracket, all exposures added up, such as 10s.",
         ),
     ] = None,
     highest_iso: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="With --bracket auto: highest ISO.")
+        int | None, typer.Option(min=1, metavar="ISO", help="With --bracket auto: highest ISO.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Complete an interrupted session in OUT.")] = False,
     rough: Annotated[

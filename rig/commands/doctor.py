@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imaging.errors import InputError
 from rig.options.common import JsonOption
+from rig.options.defaults import NAMED_BY, config_file, read_defaults, usual_place
 from rig.terminal.result import CommandResult, running
 from rig.terminal.tables import table
 from rig.terminal.text import counted
@@ -27,6 +29,7 @@ PACKAGES = (
 
 
 def doctor(
+    context: typer.Context,
     stability: Annotated[
         bool,
         typer.Option(
@@ -39,7 +42,8 @@ def doctor(
 ) -> CommandResult:
     """Check this machine's setup.
 
-    Looks at libusb, permissions, memory for USB transfers, the GPU, and versions; opens no camera.
+    Looks at libusb, permissions, memory for USB transfers, the GPU, your file of defaults, versions; opens
+    no camera.
 
     Example: rig doctor --stability
     """
@@ -55,6 +59,7 @@ def doctor(
         findings = examine()
         status("looking for a GPU", 1, 2)
         findings.append(Finding(*_training()))
+    findings.append(Finding(*_defaults(context)))
     findings += [Finding(name, _version(name)) for name in PACKAGES]
     width = max(len(finding.name) for finding in findings)
     lines = []
@@ -104,6 +109,18 @@ def _training() -> tuple[str, str, str]:
     if device.type == "cpu" and torch.cuda.is_available():
         return "training", f"on the {device_name(device)}, though there is a GPU", "pip install triton"
     return "training", f"on {device_name(device)}", ""
+
+
+def _defaults(context: typer.Context) -> tuple[str, str, str]:
+    """The file that says what options are if they are not given."""
+    path = config_file()
+    if path is None:
+        return "defaults", f"rig's own: no {usual_place()}, and {NAMED_BY} names no file", ""
+    try:
+        read_defaults(path, context.find_root().command)
+    except InputError as error:
+        return "defaults", f"{path} cannot be used", str(error)
+    return "defaults", f"those of {path}, then rig's own", ""
 
 
 def _version(package: str) -> str:

@@ -32,7 +32,7 @@ def import_(
         Identity | None, typer.Option(help="What tells cameras apart; guessed if not given.")
     ] = None,
     bracket: Annotated[
-        int | None, typer.Option(min=1, help="Exposures in each bracket; guessed if not given.")
+        int | None, typer.Option(min=1, metavar="N", help="Exposures in each bracket; guessed if not given.")
     ] = None,
     together: Annotated[
         Together | None,

@@ -35,12 +35,8 @@ def init(
 
         if path.exists() or path.is_symlink():
             raise InputError(f"{path} exists already: name another file, or move it away.")
-        status("looking for cameras", 0, 0)
         bus = open_bus(sim)
-        listed = []
-        for camera in ask_all(bus.backend, bus.clock):
-            listed.append(camera)
-            status(camera.where or camera.protocol, len(listed), 0)
+        listed = list(ask_all(bus.backend, bus.clock, status))
         board = None if bus.rig is None else Board.model_validate(bus.rig.board.description())
         text = rig_file_text(listed, board)
         store.write_bytes(path, text.encode())

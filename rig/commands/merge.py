@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 def merge(
     session: SessionArgument,
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder for the EXR files.")],
-    frame: Annotated[int | None, typer.Option(min=0, help="Only this frame.")] = None,
+    frame: Annotated[
+        int | None, typer.Option(min=0, metavar="N", help="Only the frame of this number.")
+    ] = None,
     camera: Annotated[str | None, typer.Option(metavar="NAME", help="Only this camera.")] = None,
     space: SpaceOption = "rec709",
     exposure: Annotated[

@@ -1,6 +1,7 @@
 """`rig reconstruct`: train a scene."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack, closing
 from dataclasses import replace as changed
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,6 +22,7 @@ from rig.terminal.text import command_line, duration
 if TYPE_CHECKING:
     from recon.decide.countdown import Countdown
     from recon.result.model import ModelRecord
+    from rig.report.tensorboard import TensorBoardLog
 
 _PRESETS = "; ".join(
     f"{name} {preset.iterations:,} iterations or {preset.looks} for each training view, at most "
@@ -80,6 +82,14 @@ def reconstruct(
             "--replace", help="Train anew and replace the scene of that name, once the new one is finished."
         ),
     ] = False,
+    tensorboard: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Log for TensorBoard into this folder: loss, held-out dB, Gaussians and seconds as they "
+            "come, and held-out views in the end.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Train a scene on a calibrated session.
@@ -91,9 +101,14 @@ def reconstruct(
 
     Example: rig reconstruct S --budget 5m
     """
-    with running("reconstruct") as status:
+    with running("reconstruct") as status, ExitStack() as stack:
         from recon.data.pixels import decoded_once
 
+        events = None
+        if tensorboard is not None and is_main_process():
+            from rig.report.tensorboard import TensorBoardLog
+
+            events = stack.enter_context(closing(TensorBoardLog(tensorboard)))
         with decoded_once():
             return run_reconstruct(
                 session,
@@ -106,6 +121,7 @@ def reconstruct(
                 name=name,
                 replace=replace,
                 sets=sets,
+                events=events,
             )
 
 
@@ -121,6 +137,7 @@ def run_reconstruct(
     replace: bool = False,
     sets: Sequence[str] | None = None,
     early_stop: bool = False,
+    events: "TensorBoardLog | None" = None,
 ) -> CommandResult:
     """Train, evaluate, write the report and say what came of it."""
     from recon.decide.budget import Budget
@@ -142,6 +159,7 @@ def run_reconstruct(
         replace=replace,
         sets=sets,
         countdown=countdown,
+        events=events,
     )
     if countdown is not None and not countdown.page:
         return trained
@@ -150,6 +168,8 @@ def run_reconstruct(
     folder = Path(trained.data["reconstruction"])
     before = evaluated_before(folder) if trained.already_there else None
     evaluated = before or run_evaluate(folder, status)
+    if events is not None:
+        events.pictures(folder, trained.data["iterations"])
     return changed(
         evaluated,
         data=trained.data | evaluated.data,
@@ -175,6 +195,7 @@ def run_training(
     sets: Sequence[str] | None = None,
     early_stop: bool = False,
     countdown: "Countdown | None" = None,
+    events: "TensorBoardLog | None" = None,
 ) -> CommandResult:
     """Train a scene, or go on with it; a finished one is left as it is."""
     from recon.decide.overrides import Overrides
@@ -199,6 +220,7 @@ def run_training(
             on_progress=status,
             on_message=status.say,
             countdown=countdown,
+            on_log=events.line if events is not None else lambda line: None,
         )
     except Interrupted as error:
         raise Stopped(f"stopped; {error}; run the same command again to continue.") from error

@@ -27,7 +27,8 @@ def trade(
         typer.Option(metavar="TIME", help="Finish within this time, such as 90s or 10m, counted from Enter."),
     ] = "10m",
     workers: Annotated[
-        int, typer.Option(min=1, max=64, help="Parallel trainings; timings become less reliable.")
+        int,
+        typer.Option(min=1, max=64, metavar="N", help="Parallel trainings; timings become less reliable."),
     ] = 1,
     seed: SeedOption = 0,
     as_json: JsonOption = False,

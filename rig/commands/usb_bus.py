@@ -48,7 +48,7 @@ def _operator_for(bus: UsbBus, rig: RigFile, status: StatusLine) -> Operator:
         return bus.rig
     from rig.terminal.operator import TerminalOperator
 
-    return TerminalOperator(status.say, rig.tables.pause, bus.clock)
+    return TerminalOperator(status.ask, rig.tables.pause, bus.clock)
 
 
 @contextmanager

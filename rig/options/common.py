@@ -22,11 +22,20 @@ JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else.")
 ]
 """Read by `main`, which prints: the commands themselves only declare it."""
+QuietOption = Annotated[
+    bool,
+    typer.Option(
+        "--quiet",
+        "-q",
+        help="Print no progress and no result (but that of --json): only what is missing or wrong.",
+    ),
+]
+"""Every command has it (`rig.cli`)."""
 SpaceOption = Annotated[
     Literal["rec709", "acescg", "aces2065-1"],
     typer.Option(help="Primaries of the EXR files (written to the header); light is linear in all."),
 ]
-SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the same bytes.")]
+SeedOption = Annotated[int, typer.Option(min=0, metavar="N", help="The same seed gives the same bytes.")]
 
 
 def budget(text: str) -> str:

@@ -61,6 +61,10 @@ class LiveStatusLine:
         """Print a line above it that stays."""
         self.progress.console.print(Text(plain(line)))
 
+    def ask(self, line: str) -> None:
+        """Print what a person has to do."""
+        self.say(line)
+
 
 @contextmanager
 def live_status_line(stream: TextIO) -> Iterator[LiveStatusLine]:

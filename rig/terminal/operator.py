@@ -22,8 +22,8 @@ NEXT: dict[Subject, str] = {
 class TerminalOperator:
     """Reads Enter from standard input; where that is no terminal, nobody is waited for.
 
-    say: shows a line. pause: before all frames but the first, "key" for Enter or so many seconds of `clock`.
-    Darks and flats follow each other without one.
+    say: shows a line that a person has to read. pause: before all frames but the first, "key" for Enter or so
+    many seconds of `clock`. Darks and flats follow each other without one.
     """
 
     def __init__(self, say: Callable[[str], None], pause: float | Literal["key"], clock: Clock) -> None:

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Protocol, TextIO
 
@@ -32,6 +33,10 @@ class StatusLine(Protocol):
 
     def say(self, line: str) -> None:
         """Print a line that stays."""
+        ...
+
+    def ask(self, line: str) -> None:
+        """Print what a person has to do, even with --quiet."""
         ...
 
 
@@ -71,6 +76,10 @@ class PlainStatusLine:
         with self.lock:
             self._print(plain(line))
 
+    def ask(self, line: str) -> None:
+        """Print what a person has to do."""
+        self.say(line)
+
     def tick(self) -> None:
         """Print the stage if it is time for a line."""
         with self.lock:
@@ -85,7 +94,12 @@ class PlainStatusLine:
 
 @dataclass
 class SilentStatusLine:
-    """Shows nothing: of several processes that torchrun started, all but the first."""
+    """Shows nothing: with --quiet, and of several processes that torchrun started, in all but the first.
+
+    stream: where a person is asked something nevertheless; None: nowhere.
+    """
+
+    stream: TextIO | None = None
 
     def begin(self, name: str) -> None:
         """Ignore the stage."""
@@ -96,10 +110,29 @@ class SilentStatusLine:
     def say(self, line: str) -> None:
         """Ignore the line."""
 
+    def ask(self, line: str) -> None:
+        """Print what a person has to do."""
+        if self.stream is not None:
+            self.stream.write(plain(line) + "\n")
+            self.stream.flush()
+
 
 def is_main_process() -> bool:
     """Whether this process prints and writes: of several that torchrun started, the first does."""
     return os.environ.get("RANK", "0") == "0"
+
+
+_QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
+
+
+@contextmanager
+def silenced(quiet: bool) -> Iterator[None]:
+    """Within the block a status shows nothing, if `quiet`."""
+    before = _QUIET.set(quiet)
+    try:
+        yield
+    finally:
+        _QUIET.reset(before)
 
 
 @contextmanager
@@ -107,6 +140,9 @@ def status_line(stream: TextIO) -> Iterator[StatusLine]:
     """A status on `stream`, drawn until the block ends: live if it is a terminal, else plain lines."""
     if not is_main_process():
         yield SilentStatusLine()
+        return
+    if _QUIET.get():
+        yield SilentStatusLine(stream)
         return
     if stream.isatty() and os.environ.get("TERM") not in ("dumb", "unknown"):
         from rig.terminal.live import (

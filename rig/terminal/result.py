@@ -30,6 +30,8 @@ class CommandResult:
     """Whether what is missing is a defect of rig."""
     already_there: bool = False
     """Whether all of it was done before."""
+    quiet: bool = False
+    """Whether nobody wants to read the lines."""
 
     @property
     def exit_code(self) -> int:
@@ -93,7 +95,7 @@ def print_result(result: CommandResult, command: str, as_json: bool) -> int:
         return result.exit_code
     if as_json:
         print_json({"command": command, "exit_code": result.exit_code} | result.data, result.missing)
-    else:
+    elif not result.quiet:
         for line in result.lines:
             print(plain(line))
     sys.stdout.flush()

@@ -4,10 +4,12 @@ import json
 import os
 import subprocess
 import sys
+from typing import Any
 
 import pytest
+import typer
 
-from rig.cli import COMMANDS
+from rig.cli import COMMANDS, app
 
 HEAVY = ("numpy", "torch", "cv2", "scipy", "pycolmap", "numba", "matplotlib", "PIL")
 
@@ -26,6 +28,48 @@ def test_help_and_version_load_nothing_heavy(arguments: list[str]) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "[]"
     assert done.stderr == ""
+
+
+def test_help_loads_few_modules() -> None:
+    """What makes it appear at once: 120 of these modules are loaded by Python itself and typer."""
+    code = (
+        "import sys; from rig.__main__ import main; status = main(['--help']); "
+        "print(len(sys.modules)); sys.exit(status)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    count = done.stdout.splitlines()[-1]
+    assert int(count) < 300
+
+
+PLAIN_NUMBER = "N"
+UNITS = {"DB", "TIME", "STOPS", "PX", "PORT", "ISO", "FPS", "DEG", "M", "SECONDS"}
+
+
+def numbers() -> list[tuple[str, Any]]:
+    """Every option and argument that is a number, with its command."""
+    group = typer.main.get_command(app)
+    return [
+        (name, parameter)
+        for name, command in group.commands.items()
+        for parameter in command.params
+        if {int, float} & {parameter.type_descriptor.annotation}
+    ]
+
+
+def test_help_says_the_unit_of_every_number() -> None:
+    """N is a number of what the help names; anything else is a unit."""
+    assert len(numbers()) > 12
+    for command, parameter in numbers():
+        where = f"rig {command} {parameter.opts[0]}"
+        assert parameter.help, where
+        assert parameter.metavar in UNITS | {PLAIN_NUMBER}, f"{where}: a metavar has to tell the unit"
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_every_command_can_be_quiet(rig, name: str) -> None:
+    assert "-q, --quiet" in rig(name, "--help")[1]
 
 
 def test_importing_rig_loads_nothing_heavy() -> None:
@@ -146,7 +190,7 @@ def test_json_stays_clean_when_libraries_print(tmp_path) -> None:
     code = """
 import ctypes, os, sys, warnings
 import capture.check.check
-def noisy(session, progress):
+def noisy(session, on_progress):
     print("python on stdout"); print("python on stderr", file=sys.stderr)
     os.write(1, b"native on 1\\n"); os.write(2, b"native on 2\\n")
     ctypes.CDLL(None).puts(b"buffered by C")

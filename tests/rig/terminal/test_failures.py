@@ -77,7 +77,7 @@ def test_a_defect_where_nothing_can_be_written_says_how_to_see_it(monkeypatch, t
 
 def test_a_defect_in_a_command_shows_no_traceback(rig, monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("capture.check.check.check", lambda session, progress: [][1])
+    monkeypatch.setattr("capture.check.check.check", lambda session, on_progress: [][1])
     code, out, err = rig("check", str(tmp_path))
     assert (code, out) == (1, "")
     assert err.count("\n") == 1
@@ -86,7 +86,7 @@ def test_a_defect_in_a_command_shows_no_traceback(rig, monkeypatch, tmp_path: Pa
 
 def test_rig_debug_lets_the_traceback_through(rig, monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setenv("RIG_DEBUG", "1")
-    monkeypatch.setattr("capture.check.check.check", lambda session, progress: [][1])
+    monkeypatch.setattr("capture.check.check.check", lambda session, on_progress: [][1])
     with pytest.raises(IndexError):
         rig("check", str(tmp_path))
 

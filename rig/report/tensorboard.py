@@ -1,0 +1,58 @@
+"""The log of a training, and its pictures, as TensorBoard reads them."""
+
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imaging.errors import InputError
+from imaging.files import store
+from imaging.files.photo import read_photo
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
+
+MOST_PICTURES = 4
+
+
+class TensorBoardLog:
+    """Writes events into a folder, as they come; nothing before the first.
+
+    InputError where TensorBoard is not installed, StorageError where the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        if find_spec("tensorboard") is None:
+            raise InputError("--tensorboard needs TensorBoard: pip install 'hdr-rig[tensorboard]'.")
+        store.require_writable(folder)
+        self.folder = folder
+        self._writer: SummaryWriter | None = None
+
+    def line(self, line: Mapping[str, float]) -> None:
+        """Add a line of train.jsonl: each of its numbers is a curve over the iterations."""
+        for name, value in line.items():
+            if name != "iteration":
+                self._events().add_scalar(f"training/{name}", value, int(line["iteration"]))
+        self._events().flush()
+
+    def pictures(self, scene: Path, iteration: int) -> None:
+        """Add what an evaluation drew of held-out views, each beside its reference where there is one."""
+        for path in sorted((scene / "renders").glob("*.png"))[:MOST_PICTURES]:
+            for kind in ("renders", "references"):
+                picture = scene / kind / path.name
+                if picture.is_file():
+                    pixels = read_photo(picture).pixels
+                    self._events().add_image(f"{path.stem}/{kind}", pixels, iteration, dataformats="HWC")
+
+    def close(self) -> None:
+        """Write what is left."""
+        if self._writer is not None:
+            self._writer.close()
+
+    def _events(self) -> "SummaryWriter":
+        if self._writer is None:
+            from torch.utils.tensorboard import SummaryWriter
+
+            # A training that is gone on with tells all its lines again: those of before are dropped.
+            self._writer = SummaryWriter(str(self.folder), purge_step=0)
+        return self._writer
