@@ -34,6 +34,8 @@ from recon.splat import Render, SplatCamera
 from recon.train.resume import light_in, restored
 from recon.train.training import Training
 
+Layer = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]
+"""Light [H, W, C], and alpha [H, W] where a scene has any."""
 SHOWN_WIDTH = 320
 """px of each picture that a notebook shows."""
 SHOWN_STOPS = (-4.0, 0.0, 4.0)
@@ -135,10 +137,8 @@ class Scene:
             raise ReconstructionError(
                 f"A scene cannot be shown at {exposure} stops: give a number, such as 0."
             )
-        light, alpha = self.layer(self._camera(self.views[0] if camera is None else camera))
-        factor = self.exposure * 2.0 ** float(np.clip(exposure, -STOPS_MOST, STOPS_MOST))
-        with np.errstate(over="ignore"):  # what is beyond float32 is white all the same
-            return Image.fromarray(picture(in_colour(light, self.record.bands), alpha, factor))
+        camera = self._camera(self.views[0] if camera is None else camera)
+        return Image.fromarray(self._shown(self.layer(camera), exposure))
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the middle view in three exposures, and what the scene is."""
@@ -146,11 +146,19 @@ class Scene:
         camera = middle.splat_camera
         if camera.width > SHOWN_WIDTH:
             camera = camera.resized(SHOWN_WIDTH)
+        layer = self.layer(camera)
         pictures = [
-            (f"{middle.name}, {stops:+g} stops", encode_png(np.asarray(self.at(stops, camera))))
+            (f"{middle.name}, {_signed(stops)} stops", encode_png(self._shown(layer, stops)))
             for stops in SHOWN_STOPS
         ]
         return gallery(self._told(), pictures)
+
+    def _shown(self, layer: Layer, exposure: float) -> npt.NDArray[np.uint8]:
+        """A layer as a display shows it at that many stops, uint8 [H, W, 3], or RGBA where it has alpha."""
+        light, alpha = layer
+        factor = self.exposure * 2.0 ** float(np.clip(exposure, -STOPS_MOST, STOPS_MOST))
+        with np.errstate(over="ignore"):  # what is beyond float32 is white all the same
+            return picture(in_colour(light, self.record.bands), alpha, factor)
 
     def _told(self) -> str:
         """The scene in a line."""
@@ -172,7 +180,7 @@ class Scene:
             camera = self.view(camera)
         return camera.splat_camera if isinstance(camera, SceneView) else camera
 
-    def layer(self, camera: SplatCamera) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]:
+    def layer(self, camera: SplatCamera) -> Layer:
         """What a camera sees as a layer for compositing: `render`, and alpha 0..1, float32 [H, W].
 
         The radiance is what reaches the camera from the scene, nothing behind it: premultiplied, as EXR has
@@ -194,6 +202,10 @@ class Scene:
         else:
             image = image * self.record.normaliser
         return np.ascontiguousarray(image.numpy(), np.float32)
+
+
+def _signed(stops: float) -> str:
+    return f"{stops:+g}" if stops else "0"
 
 
 @dataclass(frozen=True, eq=False)
