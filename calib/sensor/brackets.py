@@ -123,7 +123,8 @@ def compare(
     fitted = np.isin(np.arange(len(black)), site[told])
     site = site[clear]
     shift = np.where(fitted, values[1:] / (1.0 - ratio), 0.0)
-    sigma = np.where(fitted, np.sqrt(np.diag(inverse)[1:]) / (ratio - 1.0), np.inf)
+    spread = np.sqrt(np.maximum(np.diag(inverse)[1:], 0.0))  # a site that is not fitted has 0, or just below
+    sigma = np.where(fitted, spread / (ratio - 1.0), np.inf)
     predicted = np.where(seen & (short > 0.1 * span), ratio * short, np.nan)
     full = ceiling(long.reshape(len(black), -1), predicted.reshape(len(black), -1), black)
     levels = (mean_x[clear], mean_y[clear], variance[clear], kept[clear].astype(np.float64))

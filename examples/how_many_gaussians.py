@@ -1,0 +1,15 @@
+"""How many Gaussians a scene is worth: short trainings of several sizes, judged on views that were held out.
+
+python examples/how_many_gaussians.py SESSION [GAUSSIANS ...]
+"""
+
+import sys
+
+import rig
+
+session, *sizes = sys.argv[1:]
+for size in map(int, sizes or (5_000, 10_000, 20_000)):
+    scene = rig.reconstruct(session, quality="draft", settings={"gaussians": size}, name=f"draft-{size}")
+    found = rig.evaluate(scene)
+    quality = found.raw_psnr or found.ldr_psnr_oe
+    print(f"{len(scene.gaussians):7,} Gaussians: {quality:.2f} dB of {', '.join(found.held_out)}")
