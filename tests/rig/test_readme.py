@@ -23,7 +23,7 @@ README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 OWN_RIG = (REPOSITORY / "docs" / "rig.md").read_text(encoding="utf-8")
 
 SHORTER = {
-    "--budget 5m": "--quality draft",
+    "--budget 5m": "--quality draft --set iterations=60",
     "--frames 12": "--frames 2",
     "--darks": "--darks --frames 2",
     "--flats": "--flats --frames 2",
