@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from capture.bracket.deviation import deviates, stops_apart
+from capture.check.companions import companion_problems
 from capture.check.developed_files import developed_problems
 from capture.check.examine import Read, examine_all
 from capture.check.findings import CheckReport, Exposed, Problem, ProblemKind, StepSkew
-from capture.check.masks import mask_problems
 from capture.check.repair import RepairReport, repair
 from capture.check.shot_index import read_index, stray_files
 from capture.check.warnings import warnings
@@ -70,7 +70,7 @@ def check(session: str | PathLike[str], *, on_progress: Progress = unreported) -
             pictures.append((shot, read[shot.file]))
         problems.extend(differences)
     problems.extend(_missing(plans, shots, again))
-    problems.extend(mask_problems(opened, shots, again))
+    problems.extend(companion_problems(opened, shots, again))
     problems.extend(developed_problems(opened, shots))
     problems.extend(_duplicates(shots))
     problems.extend(_unrecorded(opened, shots))

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from capture.check.findings import FindingModel
 from capture.check.shot_index import read_index, stray_files
+from capture.imports.depths import unit_of
+from capture.imports.layouts.given import GivenDepth
 from capture.pictures.read import kind_of, read_picture
-from capture.record.shot_files import ShotId, mask_file, shot_file
+from capture.record.shot_files import ShotId, depth_file, mask_file, shot_file
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.merge.masks import read_mask
@@ -128,7 +130,14 @@ def _shot_of(session: Session, file: str, shots: list[ShotRecord]) -> ShotRecord
     if picture.kind != camera.kind:
         raise InputError(f"{file} is {picture.kind}, and the camera {name} is {camera.kind}: move it away.")
     planned, imported = plan.bracket[step], session.record.origin == "import"
-    mask = _mask_of(session, ShotId(name, frame, step), picture.height, picture.width)
+    shot_id = ShotId(name, frame, step)
+    mask = _companion(session, mask_file(shot_id, ""))
+    if mask is not None:
+        read_mask(store.inside(session.folder, mask), picture.height, picture.width)
+    # A unit that only the layout told is lost, and scene points tell it again.
+    depth, unit = _companion(session, depth_file(shot_id, "")), None
+    if depth is not None:
+        unit = unit_of(GivenDepth(store.inside(session.folder, depth)), picture.height, picture.width)
     return ShotRecord(
         kind=plan.kind,
         plan=plan.plan,
@@ -144,18 +153,17 @@ def _shot_of(session: Session, file: str, shots: list[ShotRecord]) -> ShotRecord
         captured_at=picture.metadata.captured_at,
         mask=mask,
         mask_sha256=None if mask is None else store.sha256(session.folder / mask),
+        depth=depth,
+        depth_sha256=None if depth is None else store.sha256(session.folder / depth),
+        depth_unit=unit,
         band=plan.band(step, camera),
     )
 
 
-def _mask_of(session: Session, shot_id: ShotId, height: int, width: int) -> str | None:
-    """The mask that an import laid down for a shot; InputError if it is damaged."""
-    files = sorted(session.folder.glob(f"{escape(mask_file(shot_id, ''))}.*"))
-    if not files:
-        return None
-    file = files[0].relative_to(session.folder).as_posix()
-    read_mask(store.inside(session.folder, file), height, width)
-    return file
+def _companion(session: Session, stem: str) -> str | None:
+    """The mask or depth map that an import laid down for a shot."""
+    files = sorted(session.folder.glob(f"{escape(stem)}.*"))
+    return files[0].relative_to(session.folder).as_posix() if files else None
 
 
 def _rewrite(session: Path, shots: list[ShotRecord]) -> str | None:

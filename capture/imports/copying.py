@@ -8,9 +8,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from capture.imports.depths import unit_of
+from capture.imports.layouts.given import GivenDepth
 from capture.imports.originals import Original, shown
 from capture.record.new_session import begin, is_vacant
-from capture.record.shot_files import ShotId, mask_file, save_developed, shifted_file, shot_file
+from capture.record.shot_files import ShotId, depth_file, mask_file, save_developed, shifted_file, shot_file
 from imaging.errors import InputError, StorageError
 from imaging.files import store
 from imaging.files.dng import encode_dng
@@ -30,13 +32,14 @@ class ShiftError(InputError):
 
 @dataclass(frozen=True)
 class Place:
-    """Where an original goes: its shot, the plan that this belongs to, and the mask that comes with it."""
+    """Where an original goes: its shot, the plan that this belongs to, and what comes with it."""
 
     original: Original
     shot_id: ShotId
     plan: str
     mask: Path | None = None
     band: str | None = None
+    depth: GivenDepth | None = None
 
 
 def begin_or_continue(
@@ -141,8 +144,8 @@ def copy_all(session: Session, places: Sequence[Place], progress: Progress) -> t
 def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[str, bytes] | None) -> float:
     """Files first, line second, as the recorder does; the share of the picture that moved.
 
-    read: the file, or those of a pixel shift. InputError for a mask that does not fit, ShiftError for
-    exposures that do not fit each other.
+    read: the file, or those of a pixel shift. InputError for a mask or a depth map that does not fit,
+    ShiftError for exposures that do not fit each other.
     """
     original, shot_id = place.original, place.shot_id
     assert original.picture is not None
@@ -157,6 +160,13 @@ def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[st
         cover = place.mask.read_bytes()
         mask_sha256 = hashlib.sha256(cover).hexdigest()
         store.write_bytes(session.folder / mask, cover)
+    depth = depth_sha256 = depth_unit = None
+    if place.depth is not None:
+        depth_unit = unit_of(place.depth, original.picture.height, original.picture.width)
+        depth = depth_file(shot_id, place.depth.path.suffix.lower())
+        distances = place.depth.path.read_bytes()
+        depth_sha256 = hashlib.sha256(distances).hexdigest()
+        store.write_bytes(session.folder / depth, distances)
     beside, beside_sha256 = save_developed(session, shot_id, developed)
     kept = [shifted_file(shot_id, n, path.suffix.lower()) for n, path in enumerate(original.shifted, start=1)]
     for name, exposure in zip(kept, read, strict=False):
@@ -182,6 +192,9 @@ def _copy(session: Session, place: Place, read: list[bytes], developed: tuple[st
             source=shown(original.path),
             mask=mask,
             mask_sha256=mask_sha256,
+            depth=depth,
+            depth_sha256=depth_sha256,
+            depth_unit=depth_unit,
             band=place.band,
         )
     )

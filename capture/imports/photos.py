@@ -10,6 +10,7 @@ from capture.bracket.deviation import deviates
 from capture.imports.bands import bands_of, read_band_list
 from capture.imports.clock_matching import Together
 from capture.imports.copying import ORIGIN, Place, append_plans, begin_or_continue, copy_all, take_back
+from capture.imports.depths import Depths, depths_asked, told_depths
 from capture.imports.frame_numbering import Numbered, frames_in_time, frames_of_layout
 from capture.imports.given_calibration import FILE as CALIBRATION
 from capture.imports.given_calibration import check_sizes, has_poses, write_given, write_truth
@@ -64,6 +65,7 @@ def import_photos(
     together: Together | None = None,
     exposures: str | Path | None = None,
     masks: str | Path | None = None,
+    depths: str | Path | None = None,
     bands: str | Path | None = None,
     pixel_shift: bool = False,
     on_progress: Progress = unreported,
@@ -74,10 +76,10 @@ def import_photos(
     layout become the session's calibration. cameras: what tells cameras apart. bracket: so many
     consecutive photographs of a camera are one bracket. together: what makes brackets of several cameras
     one frame. exposures: a list of them (`exposure_list`). Each is guessed when None. masks: a folder of
-    them, named as the photographs; those that a layout names when None. bands: a list of the filters before
-    mono cameras (`imports.bands`), whose names are folders or in the names of files. pixel_shift: every
-    four photographs of a camera are one, between which its sensor moved (`imports.pixel_shift`). An import
-    that was killed is completed by the same call.
+    them, named as the photographs; those that a layout names when None. depths: the same of depth maps
+    (`imaging.files.depth`). bands: a list of the filters before mono cameras (`imports.bands`), whose names
+    are folders or in the names of files. pixel_shift: every four photographs of a camera are one, between
+    which its sensor moved (`imports.pixel_shift`). An import that was killed is completed by the same call.
 
     Errors: InputError when `folder` holds nothing usable, its layout is damaged, or `out` is not empty or
     inside `folder`; StorageError when the disk refuses; both leave nothing behind. Files that cannot be
@@ -122,12 +124,15 @@ def import_photos(
         notes.append(mask_note)
     elif covers:
         notes.append(told_masks(covers, len(paths)))
+    deep = _depths(given, paths, folder, None if depths is None else Path(depths))
+    if deep:
+        notes.append(told_depths(deep, len(paths)))
     places: list[Place] = []
     plans: list[PlanRecord] = []
     for entry in numbered:
         new_plans = _plans(entry, band_of)
         plans.extend(new_plans)
-        places.extend(_places(entry, new_plans, covers, band_of))
+        places.extend(_places(entry, new_plans, covers, deep, band_of))
     records = tuple(entry.camera for entry in numbered)
     last = CALIBRATION if has_poses(given) else "session.json"
     with folder_made(out), sole_writer(out):
@@ -222,8 +227,19 @@ def _agreed(originals: Sequence[Original]) -> Exposure | None:
     return first if same else None
 
 
+def _depths(given: Given | None, photos: list[Path], folder: Path, asked: Path | None) -> Depths:
+    """Those in the folder that was asked for, else those that the layout names."""
+    if asked is not None:
+        return depths_asked(photos, folder, asked)
+    return {} if given is None else {photo.path: photo.depth for photo in given.photos if photo.depth}
+
+
 def _places(
-    entry: Numbered, plans: Sequence[PlanRecord], masks: Mapping[Path, Path], band_of: Mapping[Path, str]
+    entry: Numbered,
+    plans: Sequence[PlanRecord],
+    masks: Mapping[Path, Path],
+    depths: Depths,
+    band_of: Mapping[Path, str],
 ) -> list[Place]:
     plan_of = {frame: plan.plan for plan in plans for frame in plan.frames}
     return [
@@ -233,6 +249,7 @@ def _places(
             plan_of[frame],
             masks.get(original.path),
             band_of.get(original.path),
+            depths.get(original.path),
         )
         for frame, bracket in entry.brackets.items()
         for step, original in enumerate(bracket)

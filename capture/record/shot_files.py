@@ -105,6 +105,11 @@ def shifted_file(shot_id: ShotId, number: int, suffix: str) -> str:
     return f"shifted/{shot_id.view}_{shot_id.step}_{number}{suffix}"
 
 
+def depth_file(shot_id: ShotId, suffix: str) -> str:
+    """Where the depth map of a shot lies, relative to the session."""
+    return f"depths/{shot_id.view}_{shot_id.step}{suffix}"
+
+
 def mask_file(shot_id: ShotId, suffix: str) -> str:
     """Where the mask of a shot lies, relative to the session."""
     return f"masks/{shot_id.view}_{shot_id.step}{suffix}"

@@ -202,6 +202,11 @@ class ShotRecord(Record):
     """A picture of the same size, relative to the session folder, black where the shot is to be ignored."""
     mask_sha256: str | None = None
     """Of the mask; None: it has none, or one of a session that does not say."""
+    depth: str | None = None
+    """A map of the depth along the camera's axis at the same moment, relative to the session folder."""
+    depth_sha256: str | None = None
+    depth_unit: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    """What 1 in the map is said to be, in units of the world."""
     band: Name | None = None
     """The filter that it was taken through, one of the session's bands; None: the session has none."""
 

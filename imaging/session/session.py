@@ -96,6 +96,10 @@ class Session:
         """Where a shot's mask is; None: it has none. InputError if the record leads out of the session."""
         return None if shot.mask is None else store.inside(self.folder, shot.mask)
 
+    def depth(self, shot: ShotRecord) -> Path | None:
+        """Where a shot's depth map is; None: it has none. Errors as `mask`."""
+        return None if shot.depth is None else store.inside(self.folder, shot.depth)
+
     def camera(self, name: str) -> CameraRecord:
         """The camera of that name; InputError if the session has none."""
         for camera in self.record.cameras:

@@ -46,6 +46,13 @@ def import_(
         Path | None,
         typer.Option(help="A folder of PNG masks named as the photos, black where they are to be ignored."),
     ] = None,
+    depths: Annotated[
+        Path | None,
+        typer.Option(
+            help="A folder of depth maps named as the photos: 16-bit PNG in millimetres, EXR or NPY in units "
+            "of the poses."
+        ),
+    ] = None,
     bands: Annotated[
         Path | None,
         typer.Option(
@@ -82,6 +89,7 @@ def import_(
             together=together,
             exposures=exposures,
             masks=masks,
+            depths=depths,
             bands=bands,
             pixel_shift=pixel_shift,
             on_progress=status,

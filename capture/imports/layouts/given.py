@@ -30,6 +30,14 @@ OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
+class GivenDepth:
+    """The depth map of a photograph. unit: what 1 in it is in units of the world, where that is told."""
+
+    path: Path
+    unit: float | None = None
+
+
+@dataclass(frozen=True)
 class GivenPhoto:
     """One photograph that a layout names.
 
@@ -37,6 +45,7 @@ class GivenPhoto:
     that the layout states, None where rig has no such lens model. cam_from_world: None where the
     layout has no pose. frame: photographs of one camera and frame are a bracket; None: not told.
     use: what a data set with a split of its own has it for; None: for neither. mask: its mask, None: none.
+    depth: its depth map, None: none.
     """
 
     path: Path
@@ -47,6 +56,7 @@ class GivenPhoto:
     frame: int | None = None
     use: Literal["train", "test"] | None = None
     mask: Path | None = None
+    depth: GivenDepth | None = None
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,11 @@ from typing import Any, Literal
 import numpy as np
 
 from capture.imports.layouts.given import (
+    FARTHEST,
     OPENCV_FROM_OPENGL,
     Array,
     Given,
+    GivenDepth,
     GivenPhoto,
     inverse,
     lens_of,
@@ -179,8 +181,9 @@ def read(folder: Path) -> Given:
         camera = lenses.setdefault(lens, str(len(lenses)))
         pose = entry.cam_from_world()
         photos[path] = GivenPhoto(
-            path, camera, lens, pose if lens else None, entry.exposure(), use=use, mask=_mask(folder, entry)
-        )
+            path, camera, lens, pose if lens else None, entry.exposure(), use=use, mask=_mask(folder, entry),
+            depth=_depth(folder, entry),
+        )  # fmt: skip
     return Given(
         "nerfstudio",
         sources[0],
@@ -233,14 +236,31 @@ def _photo(folder: Path, name: str) -> Path:
 
 def _mask(folder: Path, entry: PosedFrame) -> Path | None:
     """The file that a `mask_path` means; InputError if it is not there."""
-    name = entry.values.get("mask_path")
+    return _file(folder, entry, "mask_path")
+
+
+def _depth(folder: Path, entry: PosedFrame) -> GivenDepth | None:
+    """The depth map that a `depth_file_path` means, or Instant NGP's `depth_path`; InputError as `_mask`.
+
+    The unit of whole numbers is `integer_depth_scale`, where the file says it.
+    """
+    path = _file(folder, entry, "depth_file_path") or _file(folder, entry, "depth_path")
+    if path is None:
+        return None
+    unit = entry.number("integer_depth_scale")
+    if unit is not None and not 0 < unit < FARTHEST:
+        raise InputError(f"{entry.where} has an integer_depth_scale of {unit:g}: correct it or take it out.")
+    return GivenDepth(path, unit)
+
+
+def _file(folder: Path, entry: PosedFrame, key: str) -> Path | None:
+    """The file that a frame names; None: it names none. InputError if it is not there."""
+    name = entry.values.get(key)
     if name is None:
         return None
     path = store.inside(folder, name) if isinstance(name, str) and name else None
     if path is None or not path.is_file():
-        raise InputError(
-            f"{entry.where} has a mask_path {name!r} that is no file: correct it or take it out."
-        )
+        raise InputError(f"{entry.where} has a {key} {name!r} that is no file: correct it or take it out.")
     return path
 
 

@@ -1,0 +1,50 @@
+"""Files that come with photographs, in a folder of their own and named as they are: masks, depth maps."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from capture.imports.originals import shown
+from imaging.errors import InputError
+
+
+def beside(photos: Iterable[Path], root: Path, folder: Path, suffixes: Sequence[str]) -> dict[Path, Path]:
+    """The files in a folder, by photograph: that of a/b.jpg is a/b.jpg.png, as COLMAP has it, or a/b.png.
+
+    suffixes: that they may have, of which the first that is there counts.
+    """
+    found = {}
+    for photo in photos:
+        if photo.is_relative_to(root):
+            own = folder / photo.relative_to(root)
+            names = (
+                name
+                for suffix in suffixes
+                for name in (own.with_name(f"{own.name}{suffix}"), own.with_suffix(suffix))
+            )
+            there = [name for name in names if name.is_file()]
+            if there:
+                found[photo] = there[0]
+    return found
+
+
+def asked(
+    photos: list[Path], root: Path, folder: Path, suffixes: Sequence[str], what: str
+) -> dict[Path, Path]:
+    """The same of a folder that somebody named; what: the files are called.
+
+    InputError where there are none, or where they lie among the photographs.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder} is not a folder: name the one that holds the {what}s.")
+    if folder.resolve().is_relative_to(root.resolve()) and any(
+        photo.is_relative_to(folder) for photo in photos
+    ):
+        raise InputError(f"{folder} lies among the photographs of {root}: move it beside that folder.")
+    found = beside(photos, root, folder, suffixes)
+    if not found:
+        first = photos[0].relative_to(root).with_suffix(suffixes[0]) if photos else None
+        example = "a photo's name" if first is None else shown(first)
+        raise InputError(
+            f"{folder} holds no {what} of any photo: name them as the photos, such as {example}."
+        )
+    return found
