@@ -1,5 +1,6 @@
 """Session and calibration to a scene: the whole stage, resumable."""
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
@@ -158,6 +159,7 @@ def _reconstruct(
 ) -> None:
     """`reconstruct` on one of the ranks: begin, or go on from the checkpoint; train; write."""
     training, decided = _begun(folder, run) if checkpoint is None else _resumed(run, checkpoint)
+    run = dataclasses.replace(run, dataset=run.dataset.with_depths(decided.settings.depth_scale))
     schedule = training.schedule
     if schedule and training.iteration >= schedule.total and (folder / MODEL).is_file():
         return
@@ -207,7 +209,8 @@ def _begun(folder: Path, run: Run) -> tuple[Training, Decisions]:
     """
     views = run.dataset.views
     fisheye = any(view.lens.fisheye for view in views)
-    warm_up(run.progress, run.device, fisheye=fisheye, channels=views[0].channels)
+    deep = any(view.depth is not None for view in views)
+    warm_up(run.progress, run.device, fisheye=fisheye, channels=views[0].channels, depth=deep)
     started = run.clock()
     case = Case.of(run)
     decided = decide(case)

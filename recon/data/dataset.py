@@ -14,6 +14,7 @@ from imaging.files.colmap import SparsePoints, read_points, read_tracks
 from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import Band, ImageKind
 from imaging.session.view_id import ViewId
+from recon.data.measured_depth import DepthMapFile, scaled
 from recon.data.shot import Shot
 from recon.data.world import SAME, WorldTransform
 from recon.splat import SplatCamera
@@ -60,6 +61,8 @@ class View:
     shots: tuple[Shot, ...]
     channels: int = 3
     """Of the scene's light: Rec.709's, or the bands of the session."""
+    depth: DepthMapFile | None = None
+    """What was measured beside it."""
 
     @property
     def id(self) -> ViewId:
@@ -128,6 +131,8 @@ class Dataset:
     """Where the scene, with its views, lies in the world of the calibration."""
     bands: tuple[Band, ...] = ()
     """The channels of the scene's light, by wavelength; none: those of Rec.709."""
+    depth_scale: float | None = 1.0
+    """What its depth maps, as they were loaded, are multiplied by; None: they are left out."""
 
     @property
     def validation(self) -> tuple[View, ...]:
@@ -158,6 +163,13 @@ class Dataset:
     def views(self) -> tuple[View, ...]:
         """Every view, in order of frame and camera."""
         return tuple(sorted(self.train + self.held_out, key=lambda view: view.id))
+
+    def with_depths(self, scale: float | None) -> "Dataset":
+        """The same with the depth maps of all views times a scale; None: without them."""
+        train, held_out = (
+            tuple(scaled(view, scale) for view in views) for views in (self.train, self.held_out)
+        )
+        return replace(self, train=train, held_out=held_out, depth_scale=scale)
 
     def points(self) -> SparsePoints:
         """The points of the calibration, in the scene; InputError if they cannot be read."""

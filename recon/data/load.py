@@ -20,6 +20,7 @@ from imaging.session.view_id import ViewId
 from recon.data.dataset import COLMAP, Dataset, Sensor, View
 from recon.data.decoded import FOLDER, Source, read_stored, require_room
 from recon.data.holdout import held_out, tested_views, used_shots
+from recon.data.measured_depth import DepthMapFile, scaled
 from recon.data.pixels import read_shot
 from recon.data.resident import too_large
 from recon.data.world import WorldTransform
@@ -79,9 +80,10 @@ def load(
 def again(dataset: Dataset, max_width: int, progress: Progress) -> Dataset:
     """The session of a data set at another width, its shots in memory only if those of the data set are."""
     stored = not all(view.held for view in dataset.train)
-    return load(
+    loaded = load(
         dataset.session, max_width=max_width, progress=progress, examine=lambda firsts, counts: stored
     )
+    return loaded.with_depths(dataset.depth_scale)
 
 
 def calibration_sha256(session: Path) -> str:
@@ -115,7 +117,7 @@ def read_views(
     def read(place: ViewId, stored: Path | None) -> View:
         camera = session.camera(place.camera)
         view = _view(session, calibration, poses[place], camera, groups[place], max_width, falloffs, stored)
-        return replace(view, lens=world.camera(view.lens))
+        return scaled(replace(view, lens=world.camera(view.lens)), 1 / world.unit)
 
     first = {place.camera: place for place in sorted(groups, reverse=True)}
     rest = sorted(set(groups) - set(first.values()))
@@ -235,4 +237,14 @@ def _view(
         ),
         shots=tuple(sorted(shots, key=lambda shot: (shot.band or 0, shot.k))),
         channels=len(session.record.bands) or 3,
+        depth=_depth(session, group),
     )
+
+
+def _depth(session: Session, group: Sequence[ShotRecord]) -> DepthMapFile | None:
+    """The depth map of the first shot that has one, in units of the world."""
+    for shot in group:
+        path = session.depth(shot)
+        if path is not None:
+            return DepthMapFile(path, shot.depth_unit or 1.0)
+    return None

@@ -12,8 +12,10 @@ The order, which `decisions.py` has as code:
 6. starting points: with the depths of as many views as the time has room for.
 7. trials: whether short trainings may decide what follows (`trials`, `probe`).
 8. environment: by whether views see the same light in the same directions, and a trial (`far_field`).
-9. corrections of the calibration: by its own errors, else by trials (`corrections`), and by what dark scene
+9. measured depth: by whether depth maps fit the scene points, as the start takes them, and by trials of their
+   weight in the loss (`measured_depth`).
+10. corrections of the calibration: by its own errors, else by trials (`corrections`), and by what dark scene
    points tell (`stray_light`).
-10. number of Gaussians: by trials that halve it (`size`).
-11. iterations, and the predicted quality: by a training in miniature (`probe`, `prediction`).
+11. number of Gaussians: by trials that halve it (`size`).
+12. iterations, and the predicted quality: by a training in miniature (`probe`, `prediction`).
 """

@@ -17,9 +17,11 @@ from imaging.progress import Progress
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
 from recon.data.light import Images, Light, light_of, radiance_images
+from recon.data.measured_depth import DepthFit
 from recon.decide.corrections import refinement_for
 from recon.decide.countdown import Countdown
 from recon.decide.far_field import environment_for
+from recon.decide.measured_depth import depth_fit, depth_for
 from recon.decide.prediction import Prediction, enough, predicted
 from recon.decide.probe import FEWEST, has_time_for_trials, probe
 from recon.decide.settings import Settings
@@ -57,20 +59,26 @@ class Run:
 class Case(Run):
     """What every decision may look at: the run, and the views.
 
-    images: the radiance images of the training views; look: seconds that they took.
+    dataset: with its depth maps, if there are any that fit, in scene coordinates. images: the radiance images
+    of the training views; look: seconds that they took. depths: how the maps fit; None: there are none.
     """
 
     images: Images
     light: Light
     look: float
+    depths: DepthFit | None = None
 
     @classmethod
     def of(cls, run: Run) -> "Case":
         """Look at the training views for the first time."""
         began = run.clock()
         images = radiance_images(run.dataset, run.progress)
+        light, depths = light_of(run.dataset, images), depth_fit(run.dataset, images, run.progress)
+        used = depths is not None and depths.fits and run.asked.overrides.depth != 0
+        dataset = run.dataset.with_depths(depths.scale if depths is not None and used else None)
         look = run.ranks.broadcast(run.clock() - began)
-        return cls(**vars(run), images=images, light=light_of(run.dataset, images), look=look)
+        parts = vars(run) | {"dataset": dataset}
+        return cls(**parts, images=images, light=light, look=look, depths=depths)
 
     def seconds_left(self) -> float | None:
         """Until training has to be over, the same on all ranks; None where time is no matter."""
@@ -84,7 +92,7 @@ class Decisions:
     settings: those asked for, with what was decided in place of it. first: points of a sweep over all depths,
     where poses came without any. points: to start from. far: what is
     behind them at the start. against_trials: why none is made; None: they are. rungs: the evidence for the
-    size and the environment; that for the corrections is in `refinement`.
+    size, the environment and depth; that for the corrections is in `refinement`.
     """
 
     settings: Settings
@@ -99,6 +107,11 @@ class Decisions:
     def setting(self, **changed: int) -> "Decisions":
         """The same with other settings."""
         return replace(self, settings=self.settings.model_copy(update=changed))
+
+    def of_trials(self, case: Case) -> Settings:
+        """What was asked for, with what trials train with as it was decided."""
+        decided = {name: getattr(self.settings, name) for name in ("environment", "depth")}
+        return case.asked.model_copy(update=decided)
 
     def training(self, case: Case) -> Training:
         """A training as decided by now, not yet begun."""
@@ -196,9 +209,21 @@ def environment(case: Case, decided: Decisions) -> Decisions:
     return replace(decided, settings=settings, far=far, points=without_far(points, dataset.train))
 
 
+def depth(case: Case, decided: Decisions) -> Decisions:
+    """Looks at how depth maps fit the scene points, then at trials; chooses how much training compares with
+    them, and leaves its rungs.
+    """
+    weight, rungs = depth_for(
+        case.dataset, case.depths, decided.settings, decided.against_trials, case.ranks, case.progress
+    )
+    update = {"depth": weight, "depth_scale": case.dataset.depth_scale}
+    settings = decided.settings.model_copy(update=update)
+    return replace(decided, settings=settings, rungs=(*decided.rungs, *rungs))
+
+
 def corrections(case: Case, decided: Decisions) -> Decisions:
     """Looks at the errors of the calibration, else at trials; chooses what training corrects in it."""
-    asked = case.asked.model_copy(update={"environment": decided.settings.environment})
+    asked = decided.of_trials(case)
     refinement = refinement_for(
         case.dataset, case.images, asked, decided.against_trials, case.ranks, case.progress
     )
@@ -207,17 +232,17 @@ def corrections(case: Case, decided: Decisions) -> Decisions:
 
 def gaussians(case: Case, decided: Decisions) -> Decisions:
     """Looks at trials, or at the samples of the views; chooses how many Gaussians the scene is given."""
-    asked = case.asked.model_copy(update={"environment": decided.settings.environment})
+    asked = decided.of_trials(case)
     points, colours = decided.points, decided.settings.degree or 0
     assert points is not None
     count, rung = gaussians_for(
         case.dataset, asked, decided.against_trials, colours, decided.refinement, points,
         case.ranks, case.progress, case.device,
     )  # fmt: skip
-    colour, far = decided.rungs
+    colour, *others = decided.rungs
     colour = colour.model_copy(update={"parameters": (colour.parameters or 0) * count})
     points = fewer(points, int(asked.start_share * count), asked.seed)
-    return replace(decided.setting(max_gaussians=count), points=points, rungs=(rung, colour, far))
+    return replace(decided.setting(max_gaussians=count), points=points, rungs=(rung, colour, *others))
 
 
 def iterations(case: Case, decided: Decisions) -> Decisions:
@@ -255,6 +280,7 @@ ORDER: tuple[Callable[[Case, Decisions], Decisions], ...] = (
     start,
     trials,
     environment,
+    depth,
     corrections,
     gaussians,
     iterations,

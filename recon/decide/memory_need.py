@@ -27,6 +27,8 @@ MOST_IMAGES = 0.5
 LOOK = 48
 """Bytes of a pixel whose shots are read and made targets at each look, beside both; by what trainings on RAW
 brackets of 0.8 megapixels took (6 views and 12: 0.88 and 0.98 GB where 0.87 was said without)."""
+DEPTH = 48
+"""Bytes of a pixel whose depth is read, drawn and compared with."""
 ARENA = 64 << 20
 """Bytes of address space that the C library sets aside for a thread."""
 
@@ -129,13 +131,15 @@ def _light(view: View) -> int:
 
 
 def _targets(view: View) -> int:
-    """Bytes of what a training compares with: codes or light, masks, and weights."""
+    """Bytes of what a training compares with: codes or light, masks, weights and depth."""
     masks = sum(bytes_of(shot.saturated) + bytes_of(shot.dark) + bytes_of(shot.valid) for shot in view.shots)
     pixels = sum(math.prod(shot.shape) for shot in view.shots)
     weights = FLOAT * 3 * pixels_of(view) if view.sensor.kind == "ldr" and len(view.shots) > 1 else 0
-    return FLOAT * pixels + masks + weights
+    depth = (FLOAT + 1) * pixels_of(view) if view.depth is not None else 0
+    return FLOAT * pixels + masks + weights + depth
 
 
 def _step(view: View) -> int:
     """Bytes of a render, of its comparison with all shots, and of the gradients of both."""
-    return FLOAT * (8 * sum(math.prod(shot.shape) for shot in view.shots) + 16 * pixels_of(view))
+    depth = DEPTH * pixels_of(view) if view.depth is not None else 0
+    return FLOAT * (8 * sum(math.prod(shot.shape) for shot in view.shots) + 16 * pixels_of(view)) + depth

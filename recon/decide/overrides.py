@@ -43,6 +43,8 @@ class Overrides(Record):
 
     environment: bool | None = None
     """Whether there is light from far away behind the Gaussians, a radiance by direction: 1 or 0."""
+    depth: float | None = Field(default=None, ge=0, le=100)
+    """Weight of measured depth in the loss; 0: depth maps are left out, at the start, too."""
 
     @classmethod
     def of(cls, words: Sequence[str]) -> Self:

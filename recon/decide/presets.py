@@ -12,6 +12,7 @@ QualityName = Literal["draft", "standard", "best"]
 OVERRIDES = (
     "iterations", "gaussians", "width", "degree", "ssim", "growth", "views", "exposures", "refine",
     "environment",
+    "depth",
 )  # fmt: skip
 """The keys of `--set`: the fields of `recon.decide.overrides.Overrides`."""
 

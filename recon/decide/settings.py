@@ -1,6 +1,7 @@
 """What decides a training besides the session."""
 
 import math
+from dataclasses import replace
 from typing import Literal
 
 from imaging.record import Record
@@ -38,6 +39,10 @@ class Settings(Record):
     """What was set by hand."""
     environment: bool = False
     """Whether light from far away is behind the Gaussians, as decided."""
+    depth: float = 0.0
+    """Weight of measured depth in the loss, as decided."""
+    depth_scale: float | None = None
+    """What the units of depth maps are multiplied by; None: there are none, or they are left out."""
     degree: int | None = None
     """Of the harmonics, as the scene was given it; None: as `overrides` or the method has it."""
 
@@ -69,7 +74,7 @@ class Settings(Record):
             if self.degree is None
             else self.overrides.model_copy(update={"degree": self.degree})
         )
-        return overrides.composed(METHODS[self.method](dataset, light))
+        return replace(overrides.composed(METHODS[self.method](dataset, light)), depth_weight=self.depth)
 
     def plan(self) -> Plan:
         """The whole training."""

@@ -37,7 +37,8 @@ _CPU = torch.device("cpu")
 
 def reason_against_trials(dataset: Dataset, settings: Settings) -> str | None:
     """Why nothing is decided by trials, whatever time there is; None: it may be."""
-    if settings.overrides.model_copy(update={"refine": None, "environment": None}) != Overrides():
+    decided_apart = dict.fromkeys(("refine", "environment", "depth"))
+    if settings.overrides.model_copy(update=decided_apart) != Overrides():
         return "not tried, since settings were fixed by hand"
     if settings.quality == "draft":
         return "not tried, since a draft is no longer than a trial"
@@ -115,13 +116,18 @@ class Trials:
         points: Start | None = None,
         device: torch.device = _CPU,
         environment: bool | None = None,
+        depth: float | None = None,
     ) -> Training:
         """A training to the end of a short schedule, of at most so many Gaussians.
 
         degree: of the harmonics; None: the method's own. points: to start from; None: all. environment:
-        whether light is behind the Gaussians; None: as the settings have it.
+        whether light is behind the Gaussians, depth: the weight of measured depth; None: as the settings have
+        it.
         """
-        method = METHODS[self.settings.method](self.part, self.light)
+        method = replace(
+            METHODS[self.settings.method](self.part, self.light),
+            depth_weight=self.settings.depth if depth is None else depth,
+        )
         if degree is not None:
             method = Overrides(degree=degree).composed(method)
         started, far = points or self.points, None

@@ -14,7 +14,8 @@ class Method:
 
     degrees: the share of training after which each further degree of the harmonics is in use.
     opacity_weight: pull of the mean opacity towards zero, which clears what nothing needs (luminance times
-    opacity is known, each of them alone only through occlusion).
+    opacity is known, each of them alone only through occlusion). depth_weight: of what measured depth differs
+    by, where views have any.
     """
 
     name: str
@@ -24,6 +25,7 @@ class Method:
     geometry: GeometryRates = field(default_factory=GeometryRates)
     degrees: tuple[float, ...] = (0.3, 0.6)
     opacity_weight: float = 0.0
+    depth_weight: float = 0.0
 
     def degree(self, progress: float) -> int:
         """Degree of the harmonics in use at a share of the training, 0..1."""

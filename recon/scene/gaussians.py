@@ -1,5 +1,6 @@
 """The Gaussians of a scene: their parameters, and the picture that a camera takes of them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from recon.scene.appearance import Appearance, Parameters, Rate
 from recon.scene.environment import Environment
 from recon.scene.sampling import Sampling, away_from
 from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
+from recon.splat.limits import CHANNELS_MOST
 from recon.splat.moved import moved
 
 GEOMETRY = ("means", "log_scales", "quats", "opacity_logits")
@@ -113,11 +115,12 @@ class Renderer:
         degree: int,
         stats: SplatStats | None = None,
         camera_delta: Tensor | None = None,
+        depth: bool = False,
     ) -> Render:
         """Linear Rec.709 radiance in scene units, before the environment; differentiable in every parameter.
 
         camera_delta [14]: how far the camera is moved, as `rasterize` has it; differentiable too, but for how
-        the environment turns with it.
+        the environment and the depth change with it. depth: whether `ln_depth` is drawn, too.
         """
         parameters = gaussians.parameters
         if camera_delta is not None:
@@ -126,15 +129,16 @@ class Renderer:
         with torch.no_grad():
             away = away_from(parameters["means"], place)
             directions = away / away.norm(dim=1, keepdim=True).clamp_min(1e-12)
-        render = rasterize(
-            *self._shapes(gaussians, place, away),
-            self.appearance.colours(parameters, directions, degree),
-            camera,
-            None,
-            self.limits,
-            stats,
-            camera_delta,
-        )
+        shapes = self._shapes(gaussians, place, away)
+
+        def drawn(colours: Tensor, stats: SplatStats | None) -> Render:
+            return rasterize(*shapes, colours, camera, None, self.limits, stats, camera_delta)
+
+        colours = self.appearance.colours(parameters, directions, degree)
+        if depth:
+            render = self._with_depth(drawn, colours, parameters["means"], place, stats)
+        else:
+            render = drawn(colours, stats)
         if self.environment is None:
             return render
         return replace(render, image=self.environment.behind(render.image, render.alpha, place))
@@ -149,6 +153,29 @@ class Renderer:
             blur = self.limits.blur
             scales, opacities = self.sampling.drawn(away, scales, quats, opacities, camera, blur)
         return Shapes(gaussians.parameters["means"], quats, scales, opacities)
+
+    def _with_depth(
+        self,
+        drawn: Callable[[Tensor, SplatStats | None], Render],
+        colours: Tensor,
+        means: Tensor,
+        place: SplatCamera,
+        stats: SplatStats | None,
+    ) -> Render:
+        """A render that has `ln_depth` too: of one more channel, or where there is no room for it of its own.
+
+        In a unit so small that no cut-off depends on it. The kernels of GPUs draw three channels.
+        """
+        unit = self.limits.luminance_reference or 1.0
+        ahead = torch.from_numpy(place.cam_from_world[2]).to(means, non_blocking=True)
+        ln_depth = unit * (means @ ahead[:3] + ahead[3]).clamp_min(self.limits.near).log()[:, None]
+        if means.device.type != "cpu" or colours.shape[1] == CHANNELS_MOST:
+            # As bright as the light, so that both are cut off alike.
+            light = colours.detach().amax(1, keepdim=True).expand(-1, 2)
+            own = drawn(torch.cat([ln_depth, light], 1), None)
+            return replace(drawn(colours, stats), ln_depth=own.image[..., 0] / unit)
+        render = drawn(torch.cat([colours, ln_depth], 1), stats)
+        return replace(render, image=render.image[..., :-1], ln_depth=render.image[..., -1] / unit)
 
 
 def drawn_values(

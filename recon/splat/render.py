@@ -24,6 +24,9 @@ class Render:
     counts: Counts
     """`culled`, `visible` and `pairs`: int64 [3] on the device of the image, or numbers. To read them off a
     GPU waits for all that is under way."""
+    ln_depth: torch.Tensor | None = None
+    """[H, W], the sum of weights times ln depth of the Gaussians' centres, differentiable; over alpha it is
+    the expected one. None: not asked for."""
 
     @property
     def culled(self) -> int:

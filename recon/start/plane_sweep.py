@@ -32,6 +32,10 @@ MOST_SWEPT = 48
 """Views of a larger session whose depths are swept; the others are looked at by their neighbours."""
 GOLDEN = 0.6180339887498949
 TRUSTED_SCORE = 0.6
+MEASURED = 2.0
+"""The score of what was measured, above any correlation: it needs no other view to confirm it."""
+NOWHERE = 1e9
+"""Depth where a scanner saw nothing: what no view confirms."""
 MOST_PARALLAX = 1.5
 """Coarse pixels between two planes in a neighbouring view, where no points tell the range of depths."""
 AGREEMENT = 0.03
@@ -71,7 +75,8 @@ def plane_sweep(
 
     points: sparse ones of the scene, [P, 3]. dimmest: the least radiance that matters.
     The range of depths of each view comes from the points in front of it, widened by a quarter
-    in inverse depth; views that see fewer than 8 of them get no map. Without points (None) the range
+    in inverse depth; views that see fewer than 8 of them get no map. Views whose depth was measured are not
+    swept, and what their scanners did not see is filled in from around it. Without points (None) the range
     goes from infinity to as near as the planes can tell apart, seen from the neighbours. over: asked before
     each view; when it says yes, the views that are left get no map and their indices go into `skipped`.
     Views are taken in an order that soon has some of everywhere.
@@ -89,6 +94,8 @@ def plane_sweep(
             if skipped is not None:
                 skipped.append(index)
             return None
+        if (measured := _measured(views[index], logs[index])) is not None:
+            return measured
         near = _neighbours(index, views, everyone)
         bounds = _reach(views[index], near, views, width) if points is None else _bounds(views[index], points)
         return _sweep_one(index, near, views, logs, bounds) if bounds and near else None
@@ -104,7 +111,9 @@ def plane_sweep(
     centres = {index: _coarse_centres(views[index], *depth.shape[::-1]) for index, depth in depths.items()}
     trusted, filled = {}, {}
     for index, depth in depths.items():
-        sure = (swept[index][1] > TRUSTED_SCORE) & _confirmed(index, depths, centres[index], views, chosen)
+        score = swept[index][1]
+        sure = _confirmed(index, depths, centres[index], views, chosen) | (score == MEASURED)
+        sure &= score > TRUSTED_SCORE
         trusted[index] = sure & (_at_size(views[index].seen.astype(np.float32), depth) > 0.5)
         filled[index] = _fill(depth, trusted[index])
     return [
@@ -183,6 +192,18 @@ def _neighbours(index: int, views: tuple[View, ...], among: Collection[int]) -> 
         if other != index and distance > 1e-9 and facing > 0.5:
             others.append((distance, other))
     return [other for _, other in sorted(others)[:NEIGHBOURS]]
+
+
+def _measured(view: View, image: Float) -> tuple[Float, Float] | None:
+    """Depth and score [h, w] of a view by its depth map; None: it has none, or that says nothing."""
+    if view.depth is None:
+        return None
+    whole, (height, width) = view.depth.seen(view), image.shape
+    x, y = _coarse_centres(view, width, height).astype(int).transpose(2, 0, 1)
+    depth = whole[y, x]
+    if not depth.any():
+        return None
+    return np.where(depth > 0, depth, np.float32(NOWHERE)), np.where(depth > 0, np.float32(MEASURED), 0)
 
 
 def _sweep_one(

@@ -11,6 +11,7 @@ import torch
 
 from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset, View
+from recon.observe.measured_depth import MeasuredDepth
 from recon.observe.refinement import RATES
 from recon.observe.targets import Targets
 from recon.scene.gaussians import Renderer
@@ -73,7 +74,7 @@ def train(
     density = Density(plan.density, training.light.reference)
     renderer, refinement, optimizer = training.renderer(), training.refinement, training.optimizer
     held_out = dataset.validation or dataset.held_out
-    alphas: Targets[_Alpha] = Targets()
+    alphas, depths = Targets[_Alpha](), MeasuredDepth()
     losses = FiniteLosses(training)
     optimizer.zero_grad()
     with torch_on_one_thread(), deferred() as interrupt:
@@ -87,7 +88,7 @@ def train(
             # Added up where it is, in float64: reading it would wait for all that is under way.
             total = torch.zeros((), dtype=torch.float64, device=training.gaussians.device)
             for view in _views(training.iteration, dataset.train, plan, ranks):
-                loss = _loss(training, renderer, view, done, plan.seed, alphas) / plan.batch
+                loss = _loss(training, renderer, view, done, plan.seed, alphas, depths) / plan.batch
                 losses.add(view, loss.detach())
                 loss.backward()  # type: ignore[no-untyped-call]
                 total += loss.detach()
@@ -106,7 +107,13 @@ def train(
 
 
 def _loss(
-    training: Training, renderer: Renderer, view: View, done: float, seed: int, alphas: Targets[_Alpha]
+    training: Training,
+    renderer: Renderer,
+    view: View,
+    done: float,
+    seed: int,
+    alphas: Targets[_Alpha],
+    depths: MeasuredDepth,
 ) -> torch.Tensor:
     """How far the render of a view is from its shots, and what the model's parts add to that, a scalar.
 
@@ -115,8 +122,9 @@ def _loss(
     method, gaussians, refinement = training.method, training.gaussians, training.refinement
     delta = refinement.motion(view, done) if refinement else None
     factors = refinement.factors(view, done) if refinement else None
+    deep = method.depth_weight > 0 and view.depth is not None
     render = renderer(
-        gaussians, view.lens, degree=method.degree(done), stats=training.stats, camera_delta=delta
+        gaussians, view.lens, degree=method.degree(done), stats=training.stats, camera_delta=delta, depth=deep
     )
     image = render.image
     image = refinement.through_lens(image, view, done) if refinement else image
@@ -130,6 +138,7 @@ def _loss(
         + method.appearance.penalty(gaussians.parameters)
         + method.observation.penalty(done)
         + method.opacity_weight * gaussians.opacities().mean()
+        + (method.depth_weight * depths.difference(render, view) if deep else 0.0)
     )
 
 

@@ -7,19 +7,26 @@ from imaging.compute.jit import cache_folder
 from imaging.progress import Progress
 from recon.observe.ssim import photometric_loss
 from recon.splat import Limits, SplatCamera, SplatStats, rasterize
+from recon.splat.limits import CHANNELS_MOST
 
 _CPU = torch.device("cpu")
 
 
 def warm_up(
-    progress: Progress, device: torch.device = _CPU, *, fisheye: bool = False, channels: int = 3
+    progress: Progress,
+    device: torch.device = _CPU,
+    *,
+    fisheye: bool = False,
+    channels: int = 3,
+    depth: bool = False,
 ) -> None:
     """Run each kernel once, on next to nothing: those of the CPU, then those of `device` if it is another.
 
     The first time on a machine this compiles for some ten to twenty seconds; the result is kept on disk
     (see `imaging.compute.jit`; Triton has a cache of its own) and loaded in a fraction of a second
     afterwards. progress: (message, done, total). fisheye: also those that project through fisheyes, compiled
-    apart; channels: of the light, for which the blending is.
+    apart; channels: of the light, for which the blending is; depth: also
+    those that draw depth beside it.
     """
     kept = any(cache_folder().rglob("*.nbi"))
     doing = "loading" if kept else "compiling, once on this machine,"
@@ -30,6 +37,8 @@ def warm_up(
     image.sum().backward()  # type: ignore[no-untyped-call]
     if fisheye:
         _render(device, fisheye=True, channels=channels).sum().backward()  # type: ignore[no-untyped-call]
+    if depth and channels < CHANNELS_MOST:
+        _render(_CPU, channels=channels + 1).sum().backward()  # type: ignore[no-untyped-call]
     progress(f"{doing} SSIM", 2, total)
     planes = image.detach().permute(2, 0, 1).contiguous()
     photometric_loss(planes.requires_grad_(), torch.zeros_like(planes), 0.5)

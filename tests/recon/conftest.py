@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.support import oracle
+from bench.support import depths, oracle
 from drivers.sim import rigs
 from recon.data.dataset import Dataset
 from recon.data.load import load
@@ -28,6 +28,17 @@ def toy_ldr(made_once: MadeOnce) -> Path:
 @pytest.fixture(scope="session")
 def toy_dataset(toy: Path) -> Dataset:
     return load(toy)
+
+
+@pytest.fixture(scope="session")
+def toy_deep(made_once: MadeOnce) -> Path:
+    """The toy session with depth maps of a scanner with 1 % of noise and holes; not to be changed."""
+
+    def make(folder: Path) -> None:
+        oracle.oracle_session(folder, "toy", points=300)
+        depths.add_depths(folder, noise=0.01, holes=0.2, seed=0)
+
+    return made_once("recon-toy-deep", make)
 
 
 @pytest.fixture(scope="session")

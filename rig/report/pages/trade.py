@@ -31,6 +31,7 @@ AXES = {
     "exposures": "exposures of a view",
     "refine": "corrections",
     "environment": "environment",
+    "depth": "weight of measured depth",
 }
 
 

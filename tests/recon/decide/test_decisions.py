@@ -30,11 +30,12 @@ def test_the_package_tells_the_order_of_the_decisions():
     assert [int(number) for number, _ in told] == list(range(1, len(ORDER) + 2))
     assert [name for _, name in told[1:]] == [
         "iterations at most", "report", "degree of the harmonics", "most Gaussians", "starting points",
-        "trials", "environment", "corrections of the calibration", "number of Gaussians", "iterations",
+        "trials", "environment", "measured depth", "corrections of the calibration", "number of Gaussians",
+        "iterations",
     ]  # fmt: skip
     assert [decision.__name__ for decision in ORDER] == [
-        "longest", "report", "degree", "most_gaussians", "start", "trials", "environment", "corrections",
-        "gaussians", "iterations",
+        "longest", "report", "degree", "most_gaussians", "start", "trials", "environment", "depth",
+        "corrections", "gaussians", "iterations",
     ]  # fmt: skip
 
 

@@ -13,6 +13,7 @@ import pytest
 from imaging.errors import InputError
 from imaging.files import store
 from recon.data.load import load
+from recon.data.measured_depth import DepthMapFile
 from recon.decide.memory_need import KERNELS, LOOKS, Need, need
 
 LIMITED = """
@@ -48,6 +49,16 @@ def test_a_view_of_one_shot_takes_its_planes_and_its_light(toy_ldr: Path) -> Non
     few, many = (need([view], {view.camera: (count, count)}, 1, 0).images for count in (1000, 1001))
     # Radiance of three channels, a mask, and twice a plane for the percentile of them all.
     assert many - few == held + 64 * 48 * (12 + 1 + 8)
+
+
+def test_a_depth_map_takes_a_float_and_a_mask_of_each_view_that_trains(toy_ldr: Path) -> None:
+    bare = load(toy_ldr).train[0]
+    deep = replace(bare, depth=DepthMapFile(Path("depths/0000/cam0_0.png"), 1.0))
+    taken = [
+        [need([view], {view.camera: (count, count)}, 1, 0).images for count in (1000, 1001)]
+        for view in (bare, deep)
+    ]
+    assert (taken[1][1] - taken[1][0]) - (taken[0][1] - taken[0][0]) == 64 * 48 * 5
 
 
 def test_gaussians_take_their_numbers_four_times_and_tables(toy_ldr: Path) -> None:

@@ -1,0 +1,134 @@
+"""Depth that was measured beside a photograph, and the one scale that brings it to the scene's."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.files.depth import read_depth
+from imaging.robust import robust_scale
+from recon.data.geometry import inside, project
+
+if TYPE_CHECKING:
+    from recon.data.dataset import View
+
+Array = npt.NDArray[np.float64]
+Float = npt.NDArray[np.float32]
+
+FEWEST_LOOKS = 30
+"""At scene points, of all views together, that tell a scale."""
+MOST_SCATTER = 0.1
+"""Of ln depth, beyond which maps and scene points are not of one scene: monocular guesses scatter more."""
+SURFACE = 1.1
+"""Times the nearest of four neighbouring pixels, within which all are of one surface."""
+MOST_POINTS = 20_000
+"""Scene points that are looked at where no view says which of them it saw."""
+
+
+@dataclass(frozen=True)
+class DepthMapFile:
+    """A depth map on the disk. unit: what 1 in it is, in scene coordinates. Each look reads it anew."""
+
+    path: Path
+    unit: float
+
+    def seen(self, view: "View") -> Float:
+        """Depth along the view's axis, scene coordinates, float32 [H, W]; 0 where nothing is known.
+
+        What a mask hides or alpha leaves out is not known. InputError where the file is missing or damaged.
+        """
+        values, _ = read_depth(self.path)
+        depth = _resized(values, view.lens.height, view.lens.width) * np.float32(self.unit)
+        known = view.seen & np.isfinite(depth)
+        if (alpha := view.alpha) is not None:
+            known &= alpha > 0.5
+        return np.asarray(np.where(known, depth, 0), np.float32)
+
+
+def _resized(values: Float, height: int, width: int) -> Float:
+    """A map [h, w] at [height, width]: bilinear on a surface, else the nearest pixel, as nothing is between a
+    near one and a far one.
+    """
+    shape = height, width
+    if values.shape == shape:
+        return values
+    places = [(np.arange(n) + 0.5) * own / n for own, n in zip(values.shape, shape, strict=True)]
+    nearest = values[np.ix_(*(place.astype(int) for place in places))]
+    before = [np.floor(place - 0.5) for place in places]
+    down, right = (
+        (place - 0.5 - first).astype(np.float32) for place, first in zip(places, before, strict=True)
+    )
+    rows, columns = (
+        [(first + step).clip(0, own - 1).astype(int) for step in (0, 1)]
+        for first, own in zip(before, values.shape, strict=True)
+    )
+    four = [[values[np.ix_(row, column)] for column in columns] for row in rows]
+    upper, lower = ((1 - right) * left + right * beside for left, beside in four)
+    least, most = (np.minimum.reduce(four[0] + four[1]), np.maximum.reduce(four[0] + four[1]))
+    surface = (least > 0) & (most < SURFACE * least)
+    return np.where(surface, (1 - down)[:, None] * upper + down[:, None] * lower, nearest)
+
+
+@dataclass(frozen=True)
+class DepthFit:
+    """How the depth maps of training views agree with the scene points.
+
+    views: with a map. scale: what their units are to be multiplied by. scatter: standard deviation of ln
+    depth about that, robust. looks: at scene points.
+    """
+
+    views: int
+    scale: float
+    scatter: float
+    looks: int
+
+    @property
+    def fits(self) -> bool:
+        """Whether the maps tell depths of this scene."""
+        return self.looks >= FEWEST_LOOKS and self.scatter <= MOST_SCATTER
+
+    def told(self) -> str:
+        """What was found, to stand in a sentence."""
+        maps = f"{self.views} training view{'' if self.views == 1 else 's'} with a depth map"
+        if self.looks < FEWEST_LOOKS:
+            return (
+                f"{maps} look at {self.looks} scene points, and {FEWEST_LOOKS} are needed to tell their scale"
+            )
+        agreed = f"{maps}, {self.scale:.4g} times what their unit says by {self.looks} looks at scene points"
+        return f"{agreed}, which scatter by {100 * self.scatter:.2g} %"
+
+
+def fit(views: Sequence["View"], xyz: Array, tracks: Mapping[str, npt.NDArray[np.int64]]) -> DepthFit | None:
+    """The scale of the depth maps of `views`; None: no view has one.
+
+    xyz: scene points [P, 3]; tracks: which of them the image of each name saw, as far as that is known. One
+    scale for all: what each map needs a scale of its own for is no measurement.
+    """
+    ratios: list[Array] = []
+    maps = [view for view in views if view.depth is not None]
+    for view in maps:
+        assert view.depth is not None
+        rows = tracks.get(view.id.image_name)
+        points = xyz[:: 1 + len(xyz) // MOST_POINTS] if rows is None or not len(rows) else xyz[rows]
+        pixels, away = project(view.lens, points)
+        shown = inside(view.lens, pixels, away)
+        x, y = pixels[shown].astype(int).T
+        depth = view.depth.seen(view)[y, x].astype(np.float64)
+        ratios.append(np.log(away[shown][depth > 0]) - np.log(depth[depth > 0]))
+    if not maps:
+        return None
+    together = np.concatenate(ratios)
+    if not len(together):
+        return DepthFit(len(maps), 1.0, 0.0, 0)
+    middle = float(np.median(together))
+    return DepthFit(len(maps), float(np.exp(middle)), robust_scale(together - middle), len(together))
+
+
+def scaled(view: "View", scale: float | None) -> "View":
+    """A view with its depth map, if it has one, times a scale; None: without it."""
+    if view.depth is None:
+        return view
+    return replace(view, depth=None if scale is None else replace(view.depth, unit=view.depth.unit * scale))

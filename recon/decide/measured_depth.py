@@ -1,0 +1,112 @@
+"""Whether training compares with measured depth, and with what weight: by trials, or by scene points."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from imaging.progress import Progress
+from imaging.session.records import ONE_OF_SEVERAL, Rung
+from recon.data.dataset import MOST_TRACKED, Dataset
+from recon.data.light import Images
+from recon.data.load import again
+from recon.data.measured_depth import DepthFit, fit
+from recon.decide.corrections import TRIAL_GAUSSIANS, TRIAL_LOOKS, TRIAL_SHARE, TRIAL_WIDTH, UNIT
+from recon.decide.held_out_evidence import robust_score_db
+from recon.decide.settings import Settings
+from recon.decide.trials import Trials, room
+from recon.start.initialisation import points_of_poses
+from recon.train.ranks import Ranks
+
+START, TERM = "depth start", "depth term"
+WEIGHTS = (0.1, 0.5)
+"""That are tried (bench/decided/depth.py)."""
+USUAL = 0.5
+"""The weight where no trial can be made."""
+SURE_SCATTER = 0.03
+"""Of ln depth about scene points, below which depth is compared with even without a trial."""
+
+
+def depth_fit(dataset: Dataset, images: Images, progress: Progress) -> DepthFit | None:
+    """How the depth maps of the training views agree with the scene points; None: there are no maps.
+
+    Where poses came without points, with those that a sweep of the images finds.
+    """
+    if all(view.depth is None for view in dataset.train):
+        return None
+    xyz, tracks = dataset.tracks(MOST_TRACKED)
+    if not len(xyz):
+        xyz, tracks = points_of_poses(dataset.with_depths(None), images, progress), {}
+    return fit(dataset.train, xyz, tracks)
+
+
+def depth_for(
+    dataset: Dataset,
+    fitted: DepthFit | None,
+    settings: Settings,
+    against_trials: str | None,
+    ranks: Ranks,
+    progress: Progress,
+) -> tuple[float, tuple[Rung, ...]]:
+    """The weight of measured depth in the loss, the same on all ranks, and the rungs; none without maps.
+
+    dataset: with its depth maps in scene coordinates, or without any where they do not fit.
+    """
+    asked = settings.overrides.depth
+    if fitted is None:
+        return 0.0, ()
+    if asked == 0:
+        return 0.0, (Rung(name=START, taken=False, reason="left out, as asked for"),)
+    if not fitted.fits:
+        reason = f"{fitted.told()}: they tell another scene, or units of their own"
+        return 0.0, (Rung(name=START, taken=False, reason=reason),)
+    first = Rung(name=START, taken=True, reason=f"in place of a sweep: {fitted.told()}")
+    weight, rung = 0.0, Rung(name=TERM, taken=False, reason="as the first process decided")
+    if asked is not None:
+        weight, rung = asked, Rung(name=TERM, taken=True, reason=f"asked for with a weight of {asked:g}")
+    elif ranks.first and against_trials is not None:
+        sure = fitted.scatter <= SURE_SCATTER
+        weight = USUAL if sure else 0.0
+        agreed = f"by {'less' if sure else 'more'} than {100 * SURE_SCATTER:g} %"
+        reason = f"maps and scene points differ {agreed}; a trial: {against_trials}"
+        rung = Rung(name=TERM, taken=sure, reason=reason)
+    elif ranks.first:
+        weight, rung = tried(dataset, settings, WEIGHTS, progress)
+    return ranks.broadcast(weight), (first, rung)
+
+
+def tried(
+    dataset: Dataset, settings: Settings, weights: Sequence[float], progress: Progress
+) -> tuple[float, Rung]:
+    """A short training without measured depth in its loss and one with each weight, judged on views that none
+    saw: the best weight, 0 if none is better, and its rung.
+    """
+    if settings.max_width > TRIAL_WIDTH:
+        small = again(dataset, TRIAL_WIDTH, progress)
+        dataset = replace(settings.overrides.subset(small), watched=dataset.watched)
+    most = min(TRIAL_GAUSSIANS, room(dataset))
+    trials = Trials.from_new_points(dataset, settings, most // 2, progress)
+    extent = trials.part.extent
+    looks = round(TRIAL_SHARE * settings.iterations * settings.batch)
+    iterations = max(TRIAL_LOOKS * len(trials.part.train), looks)
+
+    def scores(weight: float) -> np.ndarray:
+        told = f"a trial with measured depth of weight {weight:g}"
+        training = trials.trained(iterations, most, told, depth=weight)
+        return np.array([robust_score_db(training, view, (), extent) for view in trials.judged])
+
+    without = scores(0.0)
+    gains = {weight: scores(weight) - without for weight in weights}
+    weight = max(gains, key=lambda weight: float(gains[weight].mean()))
+    own = gains[weight]
+    rung = Rung.judged(
+        TERM,
+        float(own.mean()),
+        float(own.std(ddof=1) / np.sqrt(len(own))),
+        UNIT,
+        f"trainings of {iterations} iterations with weights of "
+        f"{', '.join(f'{one:g}' for one in (0, *weights))}, judged on {len(own)} views held out of all; "
+        f"{weight:g} is best",
+        errors=ONE_OF_SEVERAL,
+    )
+    return weight if rung.taken else 0.0, rung

@@ -1,0 +1,109 @@
+"""Whether measured depth is used: where it fits the scene points, and where held-out views gain."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from bench.support.depths import add_depths
+from imaging.errors import InputError
+from imaging.files import store
+from imaging.files.photo import encode_png
+from imaging.progress import unreported
+from recon.data.load import load
+from recon.decide.decisions import Case, decide
+from recon.decide.measured_depth import START, TERM, USUAL, tried
+from recon.decide.overrides import Overrides
+from recon.reconstruct import reconstruct
+from recon.result.model import MODEL, SPLATS
+
+from .test_corrections import settings
+from .test_decisions import run_of
+
+
+@pytest.fixture(scope="module")
+def deep(toy_deep):
+    return load(toy_deep)
+
+
+def decided_of(dataset, **overrides):
+    case = Case.of(run_of(dataset, settings(overrides=Overrides(**overrides))))
+    decided = decide(case)
+    return case, decided, {rung.name: rung for rung in decided.rungs if rung.name in (START, TERM)}
+
+
+def test_sessions_without_maps_have_no_rungs_of_them(toy_dataset):
+    case, decided, rungs = decided_of(toy_dataset)
+    assert rungs == {}
+    assert case.depths is None
+    assert (decided.settings.depth, decided.settings.depth_scale) == (0.0, None)
+
+
+def test_where_no_trial_can_be_made_scene_points_decide(deep):
+    _, decided, rungs = decided_of(deep)
+    assert rungs[START].taken
+    assert "times what their unit says" in rungs[START].reason
+    assert rungs[TERM].taken
+    assert "less than 3 %; a trial: not tried, since 5 training views" in rungs[TERM].reason
+    assert decided.settings.depth == USUAL
+    assert decided.settings.depth_scale == pytest.approx(1.0, abs=0.01)
+
+
+def test_it_is_left_out_or_weighed_as_asked_for(deep):
+    case, decided, rungs = decided_of(deep, depth=0)
+    assert [rung.reason for rung in rungs.values()] == ["left out, as asked for"]
+    assert (decided.settings.depth, decided.settings.depth_scale) == (0.0, None)
+    assert all(view.depth is None for view in case.dataset.train)
+    _, decided, rungs = decided_of(deep, depth=0.2)
+    assert decided.settings.depth == 0.2
+    assert rungs[TERM].reason == "asked for with a weight of 0.2"
+    with pytest.raises(InputError, match="--set depth=-1 cannot be used"):
+        Overrides.of(["depth=-1"])
+
+
+def test_maps_of_another_scene_are_left_out_and_told(deep, session_copy):
+    add_depths(session_copy, noise=0.5, holes=0.2, seed=0)
+    case, decided, rungs = decided_of(load(session_copy))
+    assert list(rungs) == [START]
+    assert not rungs[START].taken
+    assert "they tell another scene, or units of their own" in rungs[START].reason
+    assert decided.settings.depth == 0
+    assert all(view.depth is None for view in case.dataset.views)
+
+
+def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch, tmp_path):
+    for name in ("TRIAL_LOOKS", "TRIAL_GAUSSIANS"):
+        monkeypatch.setattr(f"recon.decide.measured_depth.{name}", {"TRIAL_LOOKS": 2}.get(name, 200))
+    weight, rung = tried(toy_long, settings(), (0.1, 0.5), unreported)
+    # Nobody measured any depth here, and all three trainings are one.
+    assert (weight, rung.gain, rung.standard_error, rung.taken) == (0.0, 0.0, 0.0, False)
+    assert "with weights of 0, 0.1, 0.5, judged on 4 views held out of all" in rung.reason
+
+
+def test_a_training_that_was_stopped_goes_on_with_its_depth(session_copy):
+    add_depths(session_copy, noise=0.01, holes=0.2, seed=0, unit=0.5e-3)
+    chosen = Overrides(iterations=80, gaussians=200, degree=0, refine="none", environment=False, depth=0.5)
+    whole = reconstruct(session_copy, method="nh-3dgs", overrides=chosen, name="whole")
+
+    def interrupt(message: str, done: int, total: int) -> None:
+        if "loss" in message and done < total:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(session_copy, method="nh-3dgs", overrides=chosen, name="twice", progress=interrupt)
+    again = reconstruct(session_copy, method="nh-3dgs", overrides=chosen, name="twice")
+    assert (again / SPLATS).read_bytes() == (whole / SPLATS).read_bytes()
+    model = store.read_json(again / MODEL)
+    assert model["settings"]["depth_scale"] == pytest.approx(0.5, rel=0.02)
+    assert [rung["name"] for rung in model["rungs"] if rung["name"].startswith("depth")] == [START, TERM]
+    assert 0 < store.read_json(whole / MODEL)["settings"]["depth"] == model["settings"]["depth"]
+
+
+def test_a_map_that_went_missing_is_named(session_copy):
+    add_depths(session_copy, noise=0.01, holes=0.2, seed=0)
+    dataset = load(session_copy)
+    broken = dataset.train[0].depth.path
+    broken.write_bytes(encode_png(np.ones((48, 64), np.uint16))[:-20])
+    with pytest.raises(InputError, match=r"The depth map .* is damaged or cut off: export it again\."):
+        Case.of(run_of(dataset, settings()))
