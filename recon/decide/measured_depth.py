@@ -26,18 +26,23 @@ USUAL = 0.5
 SURE_SCATTER = 0.03
 """Of ln depth about scene points, below which depth is compared with even without a trial."""
 
+AS_TOLD = 0.05
+"""Of ln depth, by which the scale that swept points tell may be off (toy scenes of six views: 0.01)."""
+
 
 def depth_fit(dataset: Dataset, images: Images, progress: Progress) -> DepthFit | None:
     """How the depth maps of the training views agree with the scene points; None: there are no maps.
 
-    Where poses came without points, with those that a sweep of the images finds.
+    Where poses came without points, with those that a sweep of the images finds; a unit that is as it is said
+    to be, as far as these can tell, is believed.
     """
     if all(view.depth is None for view in dataset.train):
         return None
     xyz, tracks = dataset.tracks(MOST_TRACKED)
-    if not len(xyz):
-        xyz, tracks = points_of_poses(dataset.with_depths(None), images, progress), {}
-    return fit(dataset.train, xyz, tracks)
+    if len(xyz):
+        return fit(dataset.train, xyz, tracks)
+    found = fit(dataset.train, points_of_poses(dataset.with_depths(None), images, progress), {})
+    return replace(found, scale=1.0) if found and abs(np.log(found.scale)) < AS_TOLD else found
 
 
 def depth_for(

@@ -1,7 +1,8 @@
 """What the depth that a render has differs by from what was measured beside a photograph.
 
-Depth-supervised training: Deng et al., arXiv 2107.02791, of expected depth; here of its logarithm, so that
-near and far count alike, and robust, so that the rims of what a scanner sees do not pull.
+Depth as supervision: Deng et al., arXiv 2107.02791, of how density is spread along rays. Here of the expected
+logarithm of depth alone, so that near and far count alike, and robust, so that the rims of what a scanner
+sees do not pull.
 """
 
 from dataclasses import dataclass, field

@@ -9,11 +9,13 @@ import pytest
 from bench.support.depths import add_depths
 from imaging.errors import InputError
 from imaging.files import store
+from imaging.files.colmap import pycolmap
 from imaging.files.photo import encode_png
 from imaging.progress import unreported
+from recon.data.light import radiance_image
 from recon.data.load import load
 from recon.decide.decisions import Case, decide
-from recon.decide.measured_depth import START, TERM, USUAL, tried
+from recon.decide.measured_depth import START, TERM, USUAL, depth_fit, tried
 from recon.decide.overrides import Overrides
 from recon.reconstruct import reconstruct
 from recon.result.model import MODEL, SPLATS
@@ -70,6 +72,17 @@ def test_maps_of_another_scene_are_left_out_and_told(deep, session_copy):
     assert "they tell another scene, or units of their own" in rungs[START].reason
     assert decided.settings.depth == 0
     assert all(view.depth is None for view in case.dataset.views)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [(1e-3, 1.0), (0.4e-3, 0.4)])
+def test_poses_without_points_have_a_sweep_tell_the_unit(session_copy, unit, scale):
+    add_depths(session_copy, noise=0.01, holes=0.2, seed=0, unit=unit)
+    pycolmap.Reconstruction().write(str(session_copy / "calibration" / "colmap"))
+    dataset = load(session_copy)
+    assert not len(dataset.points().xyz)
+    found = depth_fit(dataset, [radiance_image(view) for view in dataset.train], unreported)
+    assert found.fits
+    assert found.scale == (scale if scale == 1 else pytest.approx(scale, rel=0.04))
 
 
 def test_a_trial_is_judged_on_views_of_its_own(toy_long, monkeypatch, tmp_path):
