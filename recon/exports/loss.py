@@ -20,6 +20,7 @@ from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.scene.appearance import PlainHarmonics
 from recon.scene.gaussians import Renderer
+from recon.scene.sampling import Sampling
 from recon.splat import Limits
 
 VIEWS = 4
@@ -132,7 +133,12 @@ def _renderer(scene: Scene, splats: Splats) -> Renderer:
     if limits.luminance_reference is not None:
         unit = splats.factor * scene.record.normaliser
         limits = replace(limits, luminance_reference=limits.luminance_reference * unit)
-    sampling = scene.renderer.sampling if splats.linear and len(splats) == len(scene.gaussians) else None
+    sampling = None
+    if splats.linear:
+        cameras = [
+            scene.record.world.camera(view.splat_camera) for view in scene.views if view.use == "training"
+        ]
+        sampling = Sampling.of(splats.gaussians().parameters["means"], cameras)
     return Renderer(PlainHarmonics(), limits, far, sampling)
 
 

@@ -87,6 +87,10 @@ class Splats:
         }
         return Gaussians({name: torch.from_numpy(value.astype(np.float32)) for name, value in values.items()})
 
+    def in_single(self) -> "Splats":
+        """The same as float32 holds it; one half is added to the light, which takes of what is dim."""
+        return replace(self, harmonics=self.harmonics.astype(np.float32).astype(np.float64))
+
     def rows(self, kept: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> "Splats":
         """Some of them, or in another order."""
         names = ("means", "scales", "quats", "opacities", "harmonics")
@@ -161,7 +165,9 @@ def display_splats(scene: Scene, stops: float | None, progress: Progress) -> Spl
         return _splats(scene, scene.gaussians, harmonics, False, 1.0, 0)
     path = scene.folder / SPLATS
     if stops is None and path.is_file():
-        return from_ply(read_ply(path), scene, factor)
+        file = read_ply(path)
+        own = as_splats(file, record.world, record.offset, linear=False, factor=factor)
+        return replace(own, dome=max(0, len(file) - record.gaussians))
     far, drawn, dome = scene.renderer.environment, scene.gaussians, 0
     if far is not None:
         sphere = dome_of(far, scene.renderer.appearance, len(drawn))
@@ -183,8 +189,10 @@ def display_splats(scene: Scene, stops: float | None, progress: Progress) -> Spl
     return _splats(scene, drawn, shown.harmonics, False, factor, dome)
 
 
-def from_ply(file: PlySplats, scene: Scene, factor: float) -> Splats:
-    """The Gaussians of a scene's own splats.ply that can be drawn."""
+def as_splats(
+    file: PlySplats, world: WorldTransform, offset: Vector, *, linear: bool, factor: float
+) -> Splats:
+    """The Gaussians of a file that can be drawn, in their order."""
     values = np.column_stack([file.means, file.log_scales, file.quats, file.harmonics.reshape(len(file), -1)])
     kept = np.isfinite(values).all(1) & (file.logits > -np.inf) & (np.abs(file.quats).max(1, initial=0) > 0)
     return Splats(
@@ -193,11 +201,10 @@ def from_ply(file: PlySplats, scene: Scene, factor: float) -> Splats:
         quats=_unit(file.quats[kept]),
         opacities=_opacity(file.logits[kept]),
         harmonics=file.harmonics[kept],
-        linear=False,
+        linear=linear,
         factor=factor,
-        world=scene.record.world,
-        offset=scene.record.offset,
-        dome=max(0, len(file) - scene.record.gaussians),
+        world=world,
+        offset=offset,
     )
 
 

@@ -6,7 +6,6 @@ far below the factor's middle (`recon.exports.loss`). Cameras have no distortion
 """
 
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +45,8 @@ def require_usd() -> None:
 def write(job: Job) -> Written:
     """As `rig export` does."""
     splats = job.splats(with_dome=False)
-    held = replace(splats, harmonics=_single(splats.harmonics).astype(np.float64))
     files = write_usd(job.out, job.scene, splats, job.place)
-    return Written(files, held, splats, lens_note(job.scene))
+    return Written(files, splats.in_single(), splats, lens_note(job.scene))
 
 
 def write_usd(path: Path, scene: Scene, splats: Splats, place: Place) -> list[Path]:

@@ -1,0 +1,47 @@
+"""A few vectors that stand for many: of the harmonics of Gaussians, which a file names by a number."""
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from imaging.progress import Progress, unreported
+
+Array = npt.NDArray[np.float64]
+
+MOST = 65_536
+"""That 16 bits can name."""
+_SIZE = 2048
+"""Vectors of a palette that is shared: more take minutes without a GPU."""
+_SAMPLE = 32_768
+"""Vectors that tell the palette."""
+_ROUNDS = 4
+_CHUNK = 8192
+
+
+def palette(vectors: Array, progress: Progress = unreported) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Vectors [P, D], and which of them stands for each of [N, D]: int64 [N].
+
+    Up to 65,536 are their own palette; of more, k-means makes one of 2,048. The same vectors give the same.
+    """
+    if len(vectors) <= MOST:
+        return vectors, np.arange(len(vectors))
+    generator = np.random.Generator(np.random.PCG64(0))
+    sample = torch.from_numpy(vectors[generator.choice(len(vectors), _SAMPLE, replace=False)]).float()
+    entries = sample[:_SIZE].clone()
+    for _ in range(_ROUNDS):
+        labels = _labels(sample, entries)
+        sums = torch.zeros_like(entries).index_add_(0, labels, sample)
+        counts = torch.bincount(labels, minlength=_SIZE)[:, None]
+        entries = torch.where(counts > 0, sums / counts.clamp_min(1), entries)
+    found = []
+    for first in range(0, len(vectors), _CHUNK):
+        progress("choosing harmonics", first, len(vectors))
+        found.append(_labels(torch.from_numpy(vectors[first : first + _CHUNK]).float(), entries))
+    return entries.double().numpy(), torch.cat(found).numpy()
+
+
+def _labels(vectors: torch.Tensor, entries: torch.Tensor) -> torch.Tensor:
+    """The nearest entry of each vector."""
+    half = entries.square().sum(1) / 2
+    chunks = (vectors[first : first + _CHUNK] for first in range(0, len(vectors), _CHUNK))
+    return torch.cat([(half - chunk @ entries.T).argmin(1) for chunk in chunks])

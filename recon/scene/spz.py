@@ -1,0 +1,169 @@
+"""SPZ, the packed splats of Niantic: fixed-point places, 8 bits for what else there is, in gzip.
+
+Colours reach from -0.44 to 1.44, display values and a bit beyond; linear light does not fit in. Axes are
+those of OpenGL, x right, y up, z back, where PLY files of 3DGS have x right, y down, z ahead; y and z change
+their signs. Files are written in version 3, and read up to 4. https://github.com/nianticlabs/spz
+"""
+
+import gzip
+import math
+import struct
+import zlib
+from itertools import pairwise
+from pathlib import Path
+
+import imagecodecs
+import numpy as np
+import numpy.typing as npt
+
+from imaging.errors import InputError
+from recon.scene.ply import PlySplats
+
+Array = npt.NDArray[np.float64]
+Bytes = npt.NDArray[np.uint8]
+
+BRIGHTEST = 0.5 + 0.5 / 0.15 * 0.28209479177387814
+"""Of a colour."""
+_MAGIC = 0x5053474E
+_VERSION = 3
+_COLOUR = 0.15
+_FLIPS = np.array([1.0, -1.0, -1.0])
+"""Signs of x, y and z."""
+_FLIPS_QUAT = np.array([1.0, 1.0, -1.0, -1.0])
+"""Of w, x, y and z of a turn."""
+_FLIPS_REST = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
+"""Of the harmonics of degree 1 to 3, by how they hold y and z."""
+_MOST_BITS = 23
+_LARGEST = 2**9 - 1
+_MOST = 100_000_000
+"""Gaussians that a file is believed to have."""
+
+
+def pack(means: Array, log_scales: Array, quats: Array, opacities: Array, harmonics: Array) -> bytes:
+    """A file of Gaussians as `PlySplats` has them, but opacities [N] within 0..1, and quats of length 1."""
+    degree = math.isqrt(harmonics.shape[1]) - 1
+    reach = max(float(np.abs(means).max(initial=0)), 1e-12)
+    bits = int(np.clip(math.floor(math.log2((2**23 - 1) / reach)), 0, _MOST_BITS))
+    fixed = np.round(means * _FLIPS * 2**bits).clip(1 - 2**23, 2**23 - 1).astype("<i4")
+    places = fixed.view(np.uint8).reshape(len(means), 3, 4)[..., :3]
+    flips = _FLIPS_REST[: harmonics.shape[1] - 1, None]
+    parts = [
+        places,
+        _byte(255 * opacities),
+        _byte(255 * (harmonics[:, 0] * _COLOUR + 0.5)),
+        _byte(16 * (log_scales + 10)),
+        _packed_quats(quats * _FLIPS_QUAT),
+        _byte(128 * harmonics[:, 1:] * flips + 128),
+    ]
+    header = struct.pack("<IIIBBBB", _MAGIC, _VERSION, len(means), degree, bits, 0, 0)
+    return gzip.compress(header + b"".join(part.tobytes() for part in parts), mtime=0)
+
+
+def read_spz(path: Path) -> PlySplats:
+    """The Gaussians of a file, whoever wrote it; InputError if it is none, or damaged."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): correct the path.") from error
+    try:
+        return unpack(data)
+    except (ValueError, EOFError, OSError, struct.error, zlib.error, imagecodecs.ZstdError) as error:
+        raise InputError(f"{path} is no SPZ file, or a damaged one ({error}): copy it again.") from error
+
+
+def unpack(data: bytes) -> PlySplats:
+    """The Gaussians of the bytes of a file; ValueError, or an error of the compression, if they are none."""
+    if data[:4] == struct.pack("<I", _MAGIC):
+        version, count, degree, bits, parts = _streams(data)
+    else:
+        plain = gzip.decompress(data)
+        magic, version, count, degree, bits, _, _ = struct.unpack("<IIIBBBB", plain[:16])
+        if magic != _MAGIC or not 2 <= version <= 3:
+            raise ValueError(f"version {version} of {magic:#x}")
+        sizes = _sizes(version, count, degree)
+        if len(plain) < 16 + sum(sizes):
+            raise ValueError("it ends too early")
+        ends = np.cumsum([16, *sizes])
+        parts = [np.frombuffer(plain[a:b], np.uint8) for a, b in pairwise(ends)]
+    if count > _MOST or degree > 3 or bits > _MOST_BITS:
+        raise ValueError(f"{count} Gaussians of degree {degree}")
+    if [len(part) for part in parts] != _sizes(version, count, degree):
+        raise ValueError("its streams have other sizes")
+    places, alphas, colours, scales, quats, rest = parts
+    fixed = np.zeros((count * 3, 4), np.uint8)
+    fixed[:, 1:] = places.reshape(-1, 3)
+    means = (fixed.view("<i4")[:, 0] >> 8).reshape(count, 3) / 2.0**bits * _FLIPS
+    opacities = (alphas / 255.0).clip(1e-6, 1 - 1e-6)
+    constant = (colours.reshape(count, 1, 3) / 255.0 - 0.5) / _COLOUR
+    others = (rest.reshape(count, -1, 3) - 128.0) / 128
+    others = others * _FLIPS_REST[: others.shape[1], None]
+    return PlySplats(
+        means=means,
+        log_scales=scales.reshape(count, 3) / 16.0 - 10,
+        quats=(_unpacked_quats(quats) if version > 2 else _older_quats(quats)) * _FLIPS_QUAT,
+        logits=np.log(opacities / (1 - opacities)),
+        harmonics=np.concatenate([constant, others], axis=1),
+        comments=(),
+    )
+
+
+def _sizes(version: int, count: int, degree: int) -> list[int]:
+    """Bytes of places, opacities, colours, sizes, turns and harmonics."""
+    return [9 * count, count, 3 * count, 3 * count, (4 if version > 2 else 3) * count,
+            3 * ((degree + 1) ** 2 - 1) * count]  # fmt: skip
+
+
+def _streams(data: bytes) -> tuple[int, int, int, int, list[Bytes]]:
+    """Version, number of Gaussians, degree, bits of the fraction and streams of a file of version 4."""
+    _, version, count, degree, bits, _, streams, table = struct.unpack("<IIIBBBBI", data[:20])
+    if version != 4 or count > _MOST or degree > 3:
+        raise ValueError(f"version {version}, {count} Gaussians of degree {degree}")
+    sizes = _sizes(version, count, degree)
+    entries = struct.unpack(f"<{2 * streams}Q", data[table : table + 16 * streams])
+    place = table + 16 * streams
+    parts: list[Bytes] = []
+    for packed, plain in zip(entries[::2], entries[1::2], strict=True):
+        if len(parts) == len(sizes) or plain != sizes[len(parts)]:
+            raise ValueError("its streams have other sizes")
+        piece = imagecodecs.zstd_decode(data[place : place + packed], out=plain) if plain else b""
+        parts.append(np.frombuffer(piece, np.uint8))
+        place += packed
+    parts += [np.empty(0, np.uint8)] * (len(sizes) - len(parts))
+    return version, count, degree, bits, parts
+
+
+def _packed_quats(quats: Array) -> Bytes:
+    """The three smaller parts of [N, 4], wxyz, 10 bits each, and which the largest is of xyzw: [N, 4]."""
+    xyzw = quats[:, [1, 2, 3, 0]]
+    largest = np.abs(xyzw).argmax(axis=1)
+    turned = np.where(np.take_along_axis(xyzw, largest[:, None], 1) < 0, -xyzw, xyzw)
+    word = largest.astype(np.uint32)
+    for part in range(4):
+        value = np.floor(_LARGEST * np.abs(turned[:, part]) * math.sqrt(2) + 0.5).clip(0, _LARGEST)
+        code = (turned[:, part] < 0).astype(np.uint32) << 9 | value.astype(np.uint32)
+        word = np.where(part == largest, word, word << 10 | code).astype("<u4")
+    return np.ascontiguousarray(word, "<u4").view(np.uint8).reshape(-1, 4)
+
+
+def _unpacked_quats(codes: Bytes) -> Array:
+    word = codes.view("<u4").astype(np.int64)
+    largest = word >> 30
+    xyzw = np.zeros((len(word), 4))
+    for part in (3, 2, 1, 0):
+        here = part != largest
+        value = (word & _LARGEST) / (_LARGEST * math.sqrt(2)) * np.where(word >> 9 & 1, -1, 1)
+        xyzw[:, part] = np.where(here, value, 0)
+        word = np.where(here, word >> 10, word)
+    rows = np.arange(len(word))
+    xyzw[rows, largest] = np.sqrt(np.maximum(0, 1 - np.square(xyzw).sum(1)))
+    return xyzw[:, [3, 0, 1, 2]]
+
+
+def _older_quats(codes: Bytes) -> Array:
+    """Of version 2: x, y and z in 8 bits, w by what is left."""
+    xyz = codes.reshape(-1, 3) / 127.5 - 1
+    return np.column_stack([np.sqrt(np.maximum(0, 1 - np.square(xyz).sum(1))), xyz])
+
+
+def _byte(values: Array) -> Bytes:
+    return np.asarray(np.round(values).clip(0, 255), np.uint8)

@@ -1,0 +1,77 @@
+"""glTF files, taken apart by pygltflib."""
+
+from pathlib import Path
+
+import numpy as np
+import pygltflib
+import pytest
+
+from imaging.progress import unreported
+from recon.exports.export import export
+from recon.exports.gltf import EXTENSION
+from recon.exports.place import place_of
+from recon.exports.splats import Splats, display_splats, linear_splats
+from recon.result.scene import Scene, open_scene
+
+
+def accessor(file: pygltflib.GLTF2, number: int) -> np.ndarray:
+    told = file.accessors[number]
+    view = file.bufferViews[told.bufferView]
+    kind = {pygltflib.FLOAT: "<f4", pygltflib.UNSIGNED_BYTE: "u1"}[told.componentType]
+    width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[told.type]
+    data = file.binary_blob()[view.byteOffset : view.byteOffset + view.byteLength]
+    values = np.frombuffer(data, kind).reshape(told.count, width)
+    return values / 255 if told.normalized else values
+
+
+def same(path: Path, splats: Splats) -> pygltflib.GLTF2:
+    file = pygltflib.GLTF2().load(str(path))
+    (primitive,) = file.meshes[0].primitives
+    names = {name: number for name, number in vars(primitive.attributes).items() if number is not None}
+    values = {name: accessor(file, number) for name, number in names.items()}
+    assert np.allclose(values["POSITION"], splats.means, atol=1e-5)
+    assert np.allclose(values[f"{EXTENSION}:SCALE"], splats.scales, rtol=1e-5)
+    assert np.allclose(values[f"{EXTENSION}:ROTATION"][:, [3, 0, 1, 2]], splats.quats, atol=1e-6)
+    assert np.allclose(values[f"{EXTENSION}:OPACITY"][:, 0], splats.opacities, atol=1e-6)
+    place = 0
+    for degree in range(splats.degree + 1):
+        for number in range(2 * degree + 1):
+            found = values[f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{number}"]
+            assert np.allclose(found, splats.harmonics[:, place], rtol=1e-5, atol=1e-5)
+            place += 1
+    assert place == splats.harmonics.shape[1]
+    assert np.abs(values["COLOR_0"][:, :3] - (splats.light * splats.factor).clip(0, 1)).max() < 0.0021
+    assert primitive.mode == 0
+    assert file.extensionsUsed == [EXTENSION]
+    low, high = file.accessors[names["POSITION"]].min, file.accessors[names["POSITION"]].max
+    assert np.allclose([low, high], [splats.means.min(0), splats.means.max(0)], atol=1e-5)
+    return file
+
+
+@pytest.mark.parametrize("name", ["made_shiny", "made_sky"])
+def test_display_values_are_the_default(name: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    scene = open_scene(request.getfixturevalue(name))
+    told = export(scene, tmp_path / "scene.glb")
+    assert not told.linear
+    file = same(tmp_path / "scene.glb", display_splats(scene, None, unreported))
+    assert file.meshes[0].primitives[0].extensions[EXTENSION]["colorSpace"] == "srgb_rec709_display"
+    assert told.gaussians == file.accessors[0].count
+
+
+def test_linear_light_is_whole(scene: Scene, tmp_path: Path) -> None:
+    told = export(scene, tmp_path / "scene.glb", linear=True)
+    file = same(tmp_path / "scene.glb", linear_splats(scene, scene.exposure, with_dome=True))
+    assert file.meshes[0].primitives[0].extensions[EXTENSION]["colorSpace"] == "lin_rec709_display"
+    assert file.meshes[0].extras["rig:radianceFactor"] == scene.exposure
+    assert told.loss is not None
+    assert told.loss.pixel_p99 < 1e-3
+
+
+def test_y_is_up(scene: Scene, made_sky: Path, tmp_path: Path) -> None:
+    for opened, up in ((scene, scene.up), (open_scene(made_sky), np.array([0.0, 0.0, 1.0]))):
+        assert place_of(opened).z_up == (up[2] == 1)
+        export(opened, tmp_path / "scene.glb")
+        file = pygltflib.GLTF2().load(str(tmp_path / "scene.glb"))
+        matrix = np.array(file.nodes[0].matrix).reshape(4, 4).T
+        assert np.allclose(matrix[:3, :3] @ up, [0, 1, 0], atol=1e-9)
+        assert np.linalg.det(matrix) == pytest.approx(1)

@@ -1,0 +1,109 @@
+"""SPZ files, written here and read by gsply, and the other way round."""
+
+import shutil
+import struct
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import gsply
+import numpy as np
+import pytest
+
+from imaging.errors import InputError
+from imaging.progress import unreported
+from recon.exports.export import export
+from recon.exports.splats import Splats, display_splats
+from recon.exports.spz import packed_splats
+from recon.result.scene import Scene, open_scene
+from recon.scene.ply import PlySplats, write_ply
+from recon.scene.spz import read_spz
+
+SPLAT_TRANSFORM = shutil.which("splat-transform")
+
+
+@pytest.fixture(scope="module")
+def shown(made_shiny: Path) -> Splats:
+    """Of degree 2, in sRGB."""
+    return display_splats(open_scene(made_shiny), None, unreported)
+
+
+def test_gsply_reads_what_was_written(shown: Splats, tmp_path: Path) -> None:
+    data, held = packed_splats(shown)
+    (tmp_path / "a.spz").write_bytes(data)
+    found = gsply.read_spz(str(tmp_path / "a.spz"))
+    flip = [1, -1, -1]  # gsply keeps the axes of the file
+    assert np.allclose(found.means, held.means * flip, atol=1e-6)
+    assert np.allclose(found.scales, np.log(held.scales), atol=1e-5)
+    quats = held.quats * [1, 1, -1, -1]
+    assert np.allclose(np.abs((found.quats * quats).sum(1)), 1, atol=1e-5)
+    assert np.allclose(found.sh0, held.harmonics[:, 0], atol=1e-5)
+    rest = held.harmonics[:, 1:] * np.array([-1, -1, 1, -1, 1, 1, -1, 1])[:, None]
+    assert np.allclose(found.shN, rest, atol=1e-5)
+    # and what is held is near to what was to be written
+    assert np.abs(held.means - shown.means).max() < 1e-5
+    assert np.abs(np.log(held.scales / shown.scales)).max() <= 1 / 32 + 1e-9
+    assert (np.abs((held.quats * shown.quats).sum(1)) > 0.99999).all()
+    assert np.abs(held.opacities - shown.opacities).max() <= 0.5 / 255 + 1e-9
+    assert np.abs(held.colours - shown.colours.clip(0, 1.4403)).max() < 0.0042
+
+
+def test_what_gsply_writes_is_read(shown: Splats, tmp_path: Path) -> None:
+    path = tmp_path / "theirs.spz"
+    values = {
+        "means": shown.means,
+        "scales": np.log(shown.scales),
+        "quats": shown.quats,
+        "opacities": shown.logits,
+        "sh0": shown.harmonics[:, 0],
+        "shN": shown.harmonics[:, 1:],
+    }
+    single = {name: np.ascontiguousarray(value, np.float32) for name, value in values.items()}
+    gsply.write_spz(str(path), gsply.GSData(**single, masks=None, _base=None))
+    found = read_spz(path)
+    assert np.abs(found.means * [1, -1, -1] - shown.means).max() < 2e-3  # gsply keeps axes as they are
+    near(found, shown)
+
+
+@pytest.mark.skipif(SPLAT_TRANSFORM is None, reason="npm install -g @playcanvas/splat-transform writes SPZ 4")
+@pytest.mark.parametrize("version", ["3", "4"])
+def test_what_playcanvas_writes_is_read(shown: Splats, version: str, tmp_path: Path) -> None:
+    write_ply(tmp_path / "a.ply", shown.gaussians(), shown.harmonics, [], shown.world, shown.offset)
+    command = [str(SPLAT_TRANSFORM), "-q", "a.ply", "--spz-version", version, "b.spz"]
+    subprocess.run(command, check=True, timeout=60, cwd=tmp_path, capture_output=True)
+    found = read_spz(tmp_path / "b.spz")
+    assert np.abs(found.means - shown.means).max() < 2e-3
+    assert np.abs(found.harmonics[:, 1:] - shown.harmonics[:, 1:]).max() < 0.07
+    near(found, shown)
+
+
+def near(found: PlySplats, shown: Splats) -> None:
+    assert len(found) == len(shown)
+    assert np.abs(found.log_scales - np.log(shown.scales)).max() < 0.04
+    assert np.abs(found.harmonics[:, 0] - shown.harmonics[:, 0].clip(-3.33, 3.33)).max() < 0.02
+
+
+def test_far_and_small_scenes_keep_their_places(shown: Splats) -> None:
+    """Twelve bits of fraction would end at 2048 units, and be a quarter of a millimetre at best."""
+    for scale in (1e-3, 1e4):
+        moved = replace(shown, means=shown.means * scale)
+        off = np.abs(packed_splats(moved)[1].means - moved.means).max()
+        assert off < 1e-4 * np.ptp(moved.means)
+
+
+def test_linear_light_is_refused_with_what_it_would_lose(scene: Scene, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"so \d\d % of the linear light .* more than a third of a stop"):
+        export(scene, tmp_path / "scene.spz", linear=True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_damaged_files_are_refused_in_a_sentence(shown: Splats, tmp_path: Path) -> None:
+    data, _ = packed_splats(shown)
+    lies = struct.pack("<IIIBBBBI", 0x5053474E, 4, 2**31, 3, 12, 0, 6, 32) + bytes(200)
+    for number, damaged in enumerate((b"", b"NGSP", data[:200], data[:-9], b"\x1f\x8b" + bytes(40), lies)):
+        path = tmp_path / f"{number}.spz"
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match="is no SPZ file, or a damaged one"):
+            read_spz(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_spz(tmp_path / "none.spz")
