@@ -6,7 +6,6 @@ from imaging.errors import ReconstructionError
 from imaging.files import store
 from recon.data.world import Vector
 from recon.exports.job import Job, Written
-from recon.exports.splats import Splats
 from recon.result.splat_files import what_is_shown
 from recon.scene.ply import write_ply
 
@@ -18,8 +17,8 @@ _POINT = (*("x", "y", "z"), *("red", "green", "blue"))
 def write(job: Job) -> Written:
     """As `rig export` does."""
     splats = job.splats()
-    gaussians, comments = splats.gaussians(), _comments(job, splats)
-    write_ply(job.out, gaussians, splats.harmonics, comments, splats.world, splats.offset)
+    lines = comments(job, linear=splats.linear, factor=splats.factor, dome=splats.dome)
+    write_ply(job.out, splats.gaussians(), splats.harmonics, lines, splats.world, splats.offset)
     return Written([job.out], splats.in_single(), splats if splats.linear else None)
 
 
@@ -36,7 +35,7 @@ def write_points(job: Job) -> Written:
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        *(f"comment {line}" for line in _comments(job, solid)),
+        *(f"comment {line}" for line in comments(job, linear=True, factor=solid.factor)),
         f"element vertex {len(solid)}",
         *(f"property float {name}" for name in _POINT),
         "end_header",
@@ -50,10 +49,11 @@ def write_points(job: Job) -> Written:
     return Written([job.out], notes=tuple(notes))
 
 
-def _comments(job: Job, splats: Splats) -> list[str]:
-    record, factor = job.scene.record, splats.factor
+def comments(job: Job, *, linear: bool, factor: float, dome: int = 0) -> list[str]:
+    """What the header of a file says of its colours and coordinates."""
+    record = job.scene.record
     shown = what_is_shown(record.bands)
-    if splats.linear:
+    if linear:
         lines = [f"{shown} x {factor:.6g} ({record.radiance}); not clipped, not tone-mapped"]
         if record.luminance is not None:
             value, error = (part / factor for part in record.luminance)
@@ -66,8 +66,8 @@ def _comments(job: Job, splats: Splats) -> list[str]:
     if any(record.offset):
         lines.append(_offset_line(record.offset))
     lines.append(f"coordinates: {job.place.note}")
-    if splats.dome:
-        lines.append(f"light from far away: the last {splats.dome} Gaussians, a sphere around the scene")
+    if dome:
+        lines.append(f"light from far away: the last {dome} Gaussians, a sphere around the scene")
     return [line.encode("ascii", "replace").decode() for line in lines]
 
 

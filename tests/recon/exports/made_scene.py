@@ -35,6 +35,7 @@ def write_made(
     survey: bool = False,
     bands: tuple[Band, ...] = (),
     bent: bool = True,
+    frames: int = 2,
     seed: int = 0,
 ) -> Path:
     """The folder of a scene; light of 1 in its unit is 7, its luminance 250 cd/m2."""
@@ -80,7 +81,7 @@ def write_made(
         display_db=30.0,
         degree=degree,
         bands=bands,
-        views=tuple(_view(name, frame, bent) for frame in range(2) for name in ("a-1", "a.1")),
+        views=tuple(_view(name, frame, bent) for frame in range(frames) for name in ("a-1", "a.1")),
         gaussians=count,
         train_seconds=1.0,
         measuring_seconds=0.0,
