@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from imaging.colour import Space
 from imaging.errors import InputError
 from imaging.files import store
@@ -16,11 +19,15 @@ from recon.rendering.camera_files import read_camera_path
 from recon.rendering.camera_paths import CameraPath, named_path
 from recon.rendering.data_layers import DataLayers, Layer
 from recon.rendering.light_files import stem, write_light
+from recon.rendering.light_probe import light_probe
 from recon.rendering.video import Video
 from recon.result.display import Shown, displayed, in_colour, picture
+from recon.result.environment_files import LAYOUT
 from recon.result.scene import Scene, open_scene
 from recon.splat import SplatCamera
 
+PROBE_WIDTH = 1024
+"""Pixels, of a light probe."""
 FIRST_FRAME = 1001
 """Of a path, as film counts."""
 
@@ -64,14 +71,13 @@ def render(
     light premultiplied, the PNG as straight alpha. exposure: None takes what shows the median of the scene
     as middle grey; the EXR name that factor as `rig:exposure`. width: of the pictures, px; None: as the
     views were trained, or the path says. video: an MP4 of the first of `stops` too, of `rate` frames a
-    second. ReconstructionError for a view that the scene does not have; InputError for a path that cannot be.
+    second. ReconstructionError for a view that the scene does not have; InputError for a bad path.
     """
     out = Path(out)
     store.require_writable(out)
     scene = open_scene(folder)
+    _check_space(scene, space)
     bands = scene.record.bands
-    if bands and space != "rec709":
-        raise InputError(f"{folder} has the light of bands, which has no primaries: leave --space out.")
     factor = math.log2(scene.exposure) if exposure is None else exposure
     frames = list(_frames(scene, views, path, first_frame, width))
     data = DataLayers(scene, on_progress)
@@ -95,6 +101,62 @@ def render(
                     film.add(seen)
     on_progress("rendering", len(frames), len(frames))
     return files + pictures + ([] if film is None else [film.path])
+
+
+def render_probe(
+    folder: str | PathLike[str],
+    out: str | PathLike[str],
+    place: Sequence[float] | str,
+    *,
+    width: int = PROBE_WIDTH,
+    exposure: float | None = None,
+    space: Space = "rec709",
+    shown: Shown = displayed,
+) -> list[Path]:
+    """All light that arrives at a place, a map of latitude and longitude: probe.exr and probe.png in `out`.
+
+    place: x, y, z in the world of the calibration, or the name of a view, whose camera's centre it is. width:
+    of the map, px, which is half as high. The other arguments are as of `render`; the layout of the map, in
+    its header, is that of the scene's environment.exr. InputError for a place that is none.
+    """
+    out = Path(out)
+    store.require_writable(out)
+    scene = open_scene(folder)
+    _check_space(scene, space)
+    centre = _place(scene, place)
+    probe = light_probe(scene, centre, max(1, width // 2))
+    left, up, middle = (" ".join(f"{part:.9g}" for part in axis) for axis in probe.axes)
+    told: dict[str, str | float] = {
+        "rig:known": probe.known,
+        "rig:place": " ".join(f"{part:.9g}" for part in centre),
+        "rig:layout": LAYOUT,
+        "rig:up": up,
+        "rig:middle": middle,
+        "rig:longitude90": left,
+    }
+    factor = scene.exposure if exposure is None else 2.0**exposure
+    store.make_folder(out)
+    files = [out / "probe.exr", out / "probe.png"]
+    write_light(files[0], probe.light, scene.record, "probe", space, probe.alpha, attributes=told)
+    seen = picture(in_colour(probe.light, scene.record.bands), probe.alpha, factor, shown)
+    store.write_bytes(files[1], encode_png(seen))
+    return files
+
+
+def _place(scene: Scene, place: Sequence[float] | str) -> npt.NDArray[np.float64]:
+    if isinstance(place, str):
+        motion = scene.view(place).cam_from_world.matrix()
+        return np.asarray(-motion[:3, :3].T @ motion[:3, 3])
+    centre = np.asarray(place, np.float64)
+    if centre.shape != (3,) or not np.isfinite(centre).all():
+        raise InputError(f"A probe stands at three finite coordinates, not at {place!r:.60}: name x, y, z.")
+    return centre
+
+
+def _check_space(scene: Scene, space: Space) -> None:
+    """InputError for primaries of light that has none."""
+    if scene.record.bands and space != "rec709":
+        raise InputError(f"{scene.folder} has the light of bands, which has no primaries: leave --space out.")
 
 
 def _frames(

@@ -191,6 +191,19 @@ def _upwards(motions: Sequence[Array]) -> Array:
     return np.asarray(up if up @ mean > _TILTED else mean)
 
 
+def level_axes(views: Sequence[SceneView]) -> Array:
+    """World axes of a level map, float64 [3, 3], rows of unit length: left of where the views look, up, and
+    where they look, as far as that is level; right-handed."""
+    motions = [view.cam_from_world.matrix() for view in views]
+    up = _upwards(motions)
+    ahead = np.sum([motion[2, :3] for motion in motions], axis=0)
+    ahead = ahead - (ahead @ up) * up
+    if np.linalg.norm(ahead) < 1e-6 * len(motions):  # all round
+        ahead = np.cross(up, np.roll(up, 1))
+    ahead /= np.linalg.norm(ahead)
+    return np.stack([np.cross(up, ahead), up, ahead])
+
+
 def _looked_at(motions: Sequence[Array]) -> Array:
     """The point that is nearest to the axes of all cameras, in front of them on the average.
 

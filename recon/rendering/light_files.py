@@ -57,13 +57,15 @@ def write_light(
     space: Space = "rec709",
     alpha: Plane | None = None,
     layers: Mapping[Layer, Plane] | None = None,
+    attributes: Mapping[str, str | float] | None = None,
 ) -> None:
     """Write light [H, W, C] of a scene as EXR: of bands a channel each, else in the primaries of a space.
 
     name: of what is seen, for the header. alpha [H, W]: written as channel A, by which the light is
-    premultiplied already. layers: data [H, W], or [H, W, 3], each in a part of its name.
+    premultiplied already. layers: data [H, W], or [H, W, 3], each in a part of its name. attributes: more of
+    the header.
     """
-    header, primaries = attributes(record, name), None
+    header, primaries = _header(record, name) | dict(attributes or {}), None
     if record.bands:
         header |= LAYOUT
     else:
@@ -79,7 +81,7 @@ def write_light(
     write_exr(path, planes, primaries=primaries, attributes=header, data=data)
 
 
-def attributes(record: ModelRecord, name: str) -> dict[str, str | float]:
+def _header(record: ModelRecord, name: str) -> dict[str, str | float]:
     """What the header of an EXR says of its values."""
     absolute = {} if record.luminance is None else white_luminance(*record.luminance)
     return {

@@ -15,6 +15,10 @@ from recon.scene.environment import Environment
 from recon.scene.gaussians import Gaussians
 from recon.train.training import Training
 
+LAYOUT = (
+    "latitude and longitude as OpenEXR has them: the middle of the picture is longitude 0, its left end 180 "
+    "degrees, its uppermost row latitude 90; vectors are in world axes"
+)
 DOME = 50.0
 """Radius of the sphere in units of the scene, in which what is looked at is about 1 away."""
 FEWEST, MOST = 2000, 20_000
@@ -40,8 +44,7 @@ def write_environment(
         attributes={
             **({} if luminance is None else white_luminance(*luminance)),
             "rig:values": f"linear radiance relative to {gauge}",
-            "rig:layout": "latitude and longitude as OpenEXR has them: the middle of the picture is "
-            "longitude 0, its left end 180 degrees, its uppermost row latitude 90; vectors are in world axes",
+            "rig:layout": LAYOUT,
             "rig:up": up,
             "rig:middle": middle,
             "rig:longitude90": right,

@@ -1,7 +1,7 @@
 """`rig render`: pictures of scenes in linear light."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -45,13 +45,30 @@ def render(
             rich_help_panel=_CAMERAS,
         ),
     ] = None,
+    probe: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Write the light that arrives there from all sides instead, a map of latitude and longitude "
+            "(probe.exr) to light things with; in coordinates of the calibration.",
+            rich_help_panel=_CAMERAS,
+        ),
+    ] = None,
+    probe_view: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FRAME/CAMERA",
+            help="The same, where the camera of a view stood.",
+            rich_help_panel=_CAMERAS,
+        ),
+    ] = None,
     width: Annotated[
         int | None,
         typer.Option(
             metavar="PX",
             min=16,
             max=16384,
-            help="Width of the pictures. [default: that of the training, or of the path]",
+            help="Width of the pictures. [default: that of the training, or of the path; of a probe 1024]",
             rich_help_panel=_CAMERAS,
         ),
     ] = None,
@@ -114,13 +131,36 @@ def render(
         wanted = _layers(layers)
         if start_frame is not None and path is None:
             raise InputError("--start-frame numbers the frames of a path: name one by --path.")
+        place = _place(probe, probe_view)
+        if place is not None and (path is not None or wanted or video):
+            raise InputError("A light probe is one picture: leave --path, --layers and --video out.")
 
         def render_one(folder: Path) -> CommandResult:
             target = targets[folder]
             with removed_on_failure(target, unless=lambda path: any(path.rglob("*.exr"))):
+                from imaging.files.exr import read_exr_header
+                from recon.render import PROBE_WIDTH, render_probe
                 from recon.render import render as render_scene
                 from recon.result.model import read_model
 
+                if place is not None:
+                    status("drawing the light probe", 0, 0)
+                    files = render_probe(
+                        folder,
+                        target,
+                        place,
+                        width=width or PROBE_WIDTH,
+                        exposure=exposure,
+                        space=space,
+                        shown=_shown(tones),
+                    )
+                    return CommandResult(
+                        _scene_data(folder, target, files, read_model(folder).exposure),
+                        [
+                            f"{files[0]}: the light that arrives at {probe or probe_view} of {folder}",
+                            *_unknown(read_exr_header(files[0]).attributes),
+                        ],
+                    )
                 files = render_scene(
                     folder,
                     target,
@@ -150,6 +190,29 @@ def render(
         result = for_each_scene(folders, render_one, "rendered")
     result.data["space"] = space
     return result
+
+
+def _place(probe: str | None, view: str | None) -> str | tuple[float, ...] | None:
+    """Where a light probe stands; None: none was asked for. InputError for what is no place."""
+    if probe is None:
+        return view
+    if view is not None:
+        raise InputError("--probe and --probe-view both say where the probe stands: name one of them.")
+    try:
+        numbers = tuple(float(part) for part in probe.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
+        raise InputError(f"--probe {probe!r} is no place: write X,Y,Z, three numbers with commas between.")
+    return numbers
+
+
+def _unknown(attributes: Mapping[str, object]) -> list[str]:
+    """What a light probe lacks, in a sentence."""
+    known = attributes["rig:known"]
+    if not isinstance(known, float) or known > 0.995:
+        return []
+    return [f"the scene has light from {100 * known:.0f} % of all directions; the rest of the map is black"]
 
 
 def _layers(text: str) -> "tuple[Layer, ...]":

@@ -13,8 +13,9 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr import read_exr
 from imaging.files.photo import encode_png, read_photo
+from recon.data.geometry import rays
 from recon.evaluate import evaluate
-from recon.render import render
+from recon.render import render, render_probe
 from recon.rendering.camera_paths import named_path
 from recon.rendering.data_layers import LAYERS, DataLayers
 from recon.rendering.video import Video
@@ -167,3 +168,40 @@ def test_a_film_of_odd_sizes_is_even_and_of_two_sizes_refused(tmp_path: Path) ->
     with pytest.raises(InputError, match="of one size"), film:
         film.add(grey[:20])
     assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
+
+
+def test_a_light_probe_stands_where_a_view_did(cut_out: Path, tmp_path: Path) -> None:
+    scene = open_scene(cut_out)
+    view = scene.views[0]
+    exr, png = render_probe(cut_out, tmp_path, view.name, width=64, space="acescg")
+    image = read_exr(exr)
+    assert image.channels["R"].shape == (32, 64)
+    assert cv2.imread(str(png), cv2.IMREAD_UNCHANGED).shape == (32, 64, 4)
+    assert image.attributes["colorInteropID"] == "lin_ap1_scene"
+    motion = view.cam_from_world.matrix()
+    centre = -motion[:3, :3].T @ motion[:3, 3]
+    told = np.array([float(part) for part in str(image.attributes["rig:place"]).split()])
+    np.testing.assert_allclose(told, centre, rtol=1e-6)
+    again = render_probe(cut_out, tmp_path / "by place", centre, width=64)[0]
+    assert image.rgb() == pytest.approx(read_exr(again).rgb(), rel=1e-3, abs=1e-4)
+    # What the map has in the direction of the view's axis is what the view sees there.
+    axes = [[float(part) for part in str(image.attributes[f"rig:{name}"]).split()]
+            for name in ("longitude90", "up", "middle")]  # fmt: skip
+    fine = read_exr(render_probe(cut_out, tmp_path / "fine", centre, width=256)[0]).rgb()
+    light = scene.layer(view.splat_camera)[0]
+    x, y = np.meshgrid(np.arange(32) + 0.5, np.arange(24) + 0.5)
+    ahead = rays(view.splat_camera, np.stack([x, y], -1)) @ motion[:3, :3] @ np.transpose(axes)
+    x, y, z = np.moveaxis(ahead / np.linalg.norm(ahead, axis=-1, keepdims=True), -1, 0)
+    column = np.float32(256 * (0.5 - np.arctan2(x, z) / (2 * np.pi)) - 0.5)
+    row = np.float32(128 * (0.5 - np.arcsin(y) / np.pi) - 0.5)
+    there = cv2.remap(fine, column, row, cv2.INTER_LINEAR)
+    lit = light.min(axis=-1) > 0.05 * np.median(light)
+    logs = [np.log(plane.max(axis=-1)[lit]) for plane in (light, there)]
+    assert np.corrcoef(*logs)[0, 1] > 0.95
+    assert 0 < image.attributes["rig:known"] < 1
+
+
+@pytest.mark.parametrize("place", [(1.0, 2.0), (1.0, float("nan"), 3.0)])
+def test_a_probe_at_no_place_is_refused(cut_out: Path, tmp_path: Path, place: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="three finite coordinates"):
+        render_probe(cut_out, tmp_path, place)

@@ -90,6 +90,39 @@ def test_pictures_never_land_in_the_folder_of_a_scene(rig, two: list[str], tmp_p
     assert sorted(Path(two[0]).parent.rglob("*")) == before
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--probe", "1,2"], "three numbers with commas between"),
+        (["--probe", "-1,2,inf"], "three numbers with commas between"),
+        (["--probe", "1,2,3", "--probe-view", "0000/cam0"], "name one of them"),
+        (["--probe", "1,2,3", "--path", "orbit"], "leave --path"),
+        (["--probe-view", "0000/none"], "has no view '0000/none'"),
+        (["--start-frame", "7"], "name one by --path"),
+        (["--layers", "depth,colour"], "no layer 'colour'"),
+        (["--tones", "sepia"], "no tones 'sepia'"),
+        (["--path", "orbit:0"], "is no path"),
+        (["--path", "nowhere.csv"], "nowhere.csv is no path to render"),
+    ],
+)
+def test_what_cannot_be_drawn_is_told_in_a_sentence(
+    rig, two: list[str], tmp_path: Path, words: list[str], told: str
+) -> None:
+    code, out, err = rig("render", two[0], "--out", str(tmp_path / "out"), *words)
+    assert (code, out) == (2, "")
+    assert told in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_light_probe_says_what_of_it_is_known(rig, two: list[str], tmp_path: Path) -> None:
+    arguments = ("--probe=-0.1,0,0", "--width", "32", "--out", str(tmp_path / "out"))
+    code, out, _ = rig("render", two[0], *arguments)
+    assert code == 0
+    assert "% of all directions; the rest of the map is black" in out
+    assert {path.name for path in (tmp_path / "out").rglob("*.*")} == {"probe.exr", "probe.png"}
+
+
 def test_a_file_where_the_pictures_should_go_is_told_at_once(rig, two: list[str], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     code, _, err = rig("render", two[0], "--out", str(tmp_path / "file"))
