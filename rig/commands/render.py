@@ -102,10 +102,10 @@ def render(
         str,
         typer.Option(
             metavar="NAME",
-            help="Tones as in rig view, such as sRGB, aces-2.0 or false-colour.",
+            help="Tones as in rig view, such as linear, aces-2.0, agx, filmic or false-colour.",
             rich_help_panel=_PICTURES,
         ),
-    ] = "sRGB",
+    ] = "linear",
     video: Annotated[
         bool, typer.Option("--video", help="Write an MP4 of the PNG files too.", rich_help_panel=_PICTURES)
     ] = False,
