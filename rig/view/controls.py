@@ -5,6 +5,7 @@ from typing import Any
 
 import viser
 
+from rig.view.layers import LAYERS, legend_of
 from rig.view.look import STOPS, TONE_MAPS, Look, legend
 from rig.view.painter import DIFFERENCE, OVER, Painter, Parts
 
@@ -43,7 +44,7 @@ class Controls:
             self.exposure = gui.add_slider("Exposure, stops", -16.0, 16.0, 0.1, 0.0, hint=hint)
             hint = "linear: clipped at white, else untouched. The others bring more light onto the screen."
             self.tones = gui.add_dropdown("Tones", TONE_MAPS, hint=hint)
-            self.legend = gui.add_image(legend(), label=_legend_label(False), visible=False)
+            self.legend = gui.add_image(legend(), visible=False)
         with gui.add_folder("Cameras"):
             self.view = gui.add_dropdown("View", (FREE, *(view.name for view in scene.views)))
             shows = painter.shows(None)
@@ -102,9 +103,17 @@ class Controls:
         cameras.on_trigger(lambda _: assign(self.frusta, not self.frusta.value))
 
     def _retone(self, changed: Callable[[], None]) -> None:
-        compared = self.show.value in (DIFFERENCE, OVER)
-        self.legend.visible = compared or self.tones.value == "false colour"
-        self.legend.label = _legend_label(compared)
+        """Say what the colours mean, if there are any."""
+        show = str(self.show.value)
+        label = ""
+        if show in LAYERS:
+            label = legend_of(show, self._painter.scene)
+        elif show in (DIFFERENCE, OVER):
+            label = f"-{DIFFERENCE_STOPS:g} to +{DIFFERENCE_STOPS:g} stops above what is compared with"
+        elif self.tones.value == "false colour":
+            label = f"-{STOPS:g} to +{STOPS:g} stops above middle grey"
+        self.legend.visible = bool(label)
+        self.legend.label = label or None
         changed()
 
     @staticmethod
@@ -124,11 +133,6 @@ class Controls:
                     harmonics = gui.add_slider("Degree of colours", 0, degree, 1, degree, hint=hint)
                     harmonics.on_update(lambda _: changed())
         return environment, harmonics
-
-
-def _legend_label(compared: bool) -> str:
-    most, of = (DIFFERENCE_STOPS, "above what is compared with") if compared else (STOPS, "above middle grey")
-    return f"-{most:g} to +{most:g} stops {of}"
 
 
 def assign(control: Any, value: object) -> None:

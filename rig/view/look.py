@@ -7,6 +7,7 @@ from typing import Literal, get_args
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from rig.view import tones
 from rig.view.tones import Light, Picture
@@ -57,8 +58,13 @@ def stops(light: Light, factor: float) -> Light:
 
 def coloured(values: Light, most: float = STOPS) -> Picture:
     """Colours [H, W, 3] of stops [H, W] from -most (dark blue) to most (dark red); black: no light at all."""
-    place = np.uint8(np.round(255 * np.clip(np.nan_to_num(values / (2 * most)) + 0.5, 0, 1)))
-    return np.where(np.isfinite(values)[..., None], _turbo()[place], np.uint8(0))
+    return ramp(np.nan_to_num(values / (2 * most)) + 0.5, np.isfinite(values))
+
+
+def ramp(place: Light, there: npt.NDArray[np.bool_]) -> Picture:
+    """Colours [H, W, 3] of places 0..1 [H, W] from dark blue to dark red; black where nothing is `there`."""
+    code = np.uint8(np.round(255 * np.clip(np.nan_to_num(place), 0, 1)))
+    return np.where(there[..., None], _turbo()[code], np.uint8(0))
 
 
 def legend(most: float = STOPS) -> Picture:

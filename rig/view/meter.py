@@ -4,11 +4,12 @@ import numpy as np
 
 from recon.result.scene import Scene
 from rig.terminal.text import number
+from rig.view.layers import LAYERS, words_of
 from rig.view.look import LUMINANCE, stops
 from rig.view.painter import Drawing
 
 
-def reading(drawing: Drawing, scene: Scene, row: int, column: int) -> str:
+def reading(drawing: Drawing, show: str, scene: Scene, row: int, column: int) -> str:
     """The light of a pixel in stops, in the units of the scene, and in cd/m2 where those are known."""
     colour = drawing.light[row, column]
     luminance = float(colour @ LUMINANCE)
@@ -23,6 +24,8 @@ def reading(drawing: Drawing, scene: Scene, row: int, column: int) -> str:
         other = float(stops(drawing.over[row, column], scene.exposure))
         if np.isfinite(above - other):
             lines.append(f"**{above - other:+.3f} stops** over what it is compared with")
+    if drawing.layer is not None and show in LAYERS:
+        lines.append(words_of(show, drawing.layer[row, column], scene))
     lines += [
         f"luminance {number(luminance)}",
         "R, G, B " + ", ".join(number(float(value)) for value in colour),

@@ -2,6 +2,8 @@
 
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
@@ -13,6 +15,7 @@ from imaging.errors import RigError
 from rig.view.cameras import pose, splat_camera
 from rig.view.controls import DIFFERENCE_STOPS, FREE, Controls, assign
 from rig.view.frame import Frame
+from rig.view.layers import LAYERS, TRUST, picture_of
 from rig.view.look import coloured, stops
 from rig.view.meter import reading
 from rig.view.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
@@ -143,7 +146,8 @@ class ScenePage:
         wanted = self._wanted(coarse)
         key = wanted.key, camera.aspect
         if self._drawing is None or key != self._drawn:
-            self._drawing, self._drawn = self.painter.draw(wanted), key
+            with self._told(wanted):
+                self._drawing, self._drawn = self.painter.draw(wanted), key
             self.frame = Frame(self._drawing.light, camera.aspect)
         assert self.frame is not None
         shown = self.frame.in_window(self._picture(self._drawing, wanted.show))
@@ -152,6 +156,20 @@ class ScenePage:
         rate = shown.shape[0] * shown.shape[1] / max(time.perf_counter() - began, 1e-4)
         if coarse:
             self._pixels_a_second += 0.3 * (rate - self._pixels_a_second)
+
+    @contextmanager
+    def _told(self, wanted: Wanted) -> Iterator[None]:
+        """Say what is being done while it takes longer than a picture."""
+        if wanted.show != TRUST or self.painter.trust_is_known:
+            yield
+            return
+        title = "Looking at what each photograph saw"
+        notice = self.client.add_notification(title, "", loading=True, with_close_button=False)
+        self.client.flush()
+        try:
+            yield
+        finally:
+            notice.remove()
 
     def _wanted(self, coarse: bool) -> Wanted:
         camera, controls = self.client.camera, self.controls
@@ -167,6 +185,8 @@ class ScenePage:
 
     def _picture(self, drawing: Drawing, show: str) -> Picture:
         scale = self.painter.scene.exposure
+        if drawing.layer is not None and show in LAYERS:
+            return picture_of(show, drawing.layer, self.painter.scene)
         if show in (DIFFERENCE, OVER) and drawing.over is not None:
             return coloured(stops(drawing.light, scale) - stops(drawing.over, scale), DIFFERENCE_STOPS)
         return self.controls.look.shown(drawing.light, scale)
@@ -176,4 +196,5 @@ class ScenePage:
         frame, drawing = self.frame, self._drawing
         place = None if frame is None else frame.pixel(across, down)
         if drawing is not None and place is not None:
-            self.controls.spot.content = reading(drawing, self.painter.scene, *place)
+            show = str(self.controls.show.value)
+            self.controls.spot.content = reading(drawing, show, self.painter.scene, *place)

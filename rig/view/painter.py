@@ -4,15 +4,18 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
 
 from imaging.files.exr import read_exr
-from recon.rendering.light_files import stem
+from recon.render import stem
+from recon.rendering.data_layers import DataLayers
 from recon.result.display import in_colour
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
+from rig.view.layers import LAYERS, LayerName, Plane
 from rig.view.tones import Light
 
 RENDER, REFERENCE, DIFFERENCE = "render", "reference", "difference"
@@ -57,10 +60,12 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """light: linear Rec.709 [H, W, 3], which a spot meter measures; over: what it is compared with."""
+    """light: linear Rec.709 [H, W, 3], which a spot meter measures; over: what it is compared with;
+    layer: of `rig.view.layers`, which is shown in its place."""
 
     light: Light
     over: Light | None = None
+    layer: Plane | None = None
 
 
 class Painter:
@@ -70,6 +75,7 @@ class Painter:
         self.scenes = scenes
         self.drawing = threading.Lock()
         self.references = references(scenes[0])
+        self._data = DataLayers(scenes[0])
 
     @property
     def scene(self) -> Scene:
@@ -80,7 +86,7 @@ class Painter:
         """What there is to see from a view, or from a free camera."""
         if len(self.scenes) > 1:
             return (FIRST, SECOND, SPLIT, OVER, *((REFERENCE,) if view in self.references else ()))
-        return (RENDER, *((REFERENCE, DIFFERENCE) if view in self.references else ()))
+        return (RENDER, *((REFERENCE, DIFFERENCE) if view in self.references else ()), *LAYERS)
 
     def placed(self, view: str) -> SplatCamera:
         """A view's camera in the coordinates of the first scene."""
@@ -100,6 +106,8 @@ class Painter:
         if wanted.show == SECOND:
             return Drawing(self._light(1, wanted))
         light = self._light(0, wanted)
+        if wanted.show in LAYERS:
+            return Drawing(light, layer=self._layer(wanted))
         if wanted.show == DIFFERENCE:
             assert wanted.view is not None
             return Drawing(light, resized(read_light(self.references[wanted.view]), light))
@@ -110,6 +118,16 @@ class Painter:
             middle = light.shape[1] // 2
             return Drawing(np.concatenate([light[:, :middle], other[:, middle:]], axis=1))
         return Drawing(light)
+
+    @property
+    def trust_is_known(self) -> bool:
+        """Whether the views were looked at already, which takes a picture each."""
+        return "photographs" in vars(self._data)
+
+    def _layer(self, wanted: Wanted) -> Plane:
+        camera = self.scene.record.world.camera_in_world(wanted.camera)
+        with self.drawing:
+            return self._data.layer(cast(LayerName, wanted.show), camera)
 
     def _light(self, number: int, wanted: Wanted) -> Light:
         scene = self.scenes[number]

@@ -15,6 +15,7 @@ from rig.view.opening import show_scenes
 from rig.view.server import Viewer
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+CANVAS = "document.querySelector('canvas[data-engine]').clientWidth"
 LIMIT = 20.0
 """Seconds that a browser without a GPU may take for anything."""
 
@@ -49,6 +50,10 @@ class Window:
         self.until(lambda: bool(set(viewer.pages) - known))
         self.page = viewer.pages[max(viewer.pages)]
         self.until(lambda: self.page.frame is not None)
+        self.tab.get_by_text("Full screen", exact=True).wait_for()
+        # The panel slides in beside the canvas.
+        self.until(lambda: self.tab.evaluate("document.getAnimations().length") == 0)
+        self.until(lambda: self.width == self.tab.evaluate(CANVAS))
 
     def until(self, done: Callable[[], bool]) -> None:
         end = time.monotonic() + LIMIT

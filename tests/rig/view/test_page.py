@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rig.view.layers import picture_of
 from rig.view.look import LUMINANCE, Look
 
 
@@ -73,3 +74,15 @@ def test_keys_step_through_exposures_and_photographs(window) -> None:
     window.until(lambda: window.page.controls.view.value == "free")
     window.tab.get_by_text("Full screen", exact=True).click()
     window.until(lambda: window.tab.evaluate("document.fullscreenElement !== null"))
+
+
+def test_depth_and_trust_are_shown_and_measured(window) -> None:
+    painter = window.page.painter
+    window.choose("render", "depth")
+    window.until(lambda: window.page._drawing.layer is not None)
+    window.until(lambda: window.shows(lambda: picture_of("depth", window.page._drawing.layer, painter.scene)))
+    window.choose("depth", "trust")
+    window.until(lambda: "photographs" in (window.page.controls.legend.label or ""))
+    window.until(lambda: window.page._drawing.layer is not None and window.page._drawing.layer.max() > 1)
+    window.tab.mouse.click(200, 400)
+    window.until(lambda: "photographs** saw it" in window.page.controls.spot.content)
