@@ -151,6 +151,8 @@ class ScenePage:
             self.frame = Frame(self._drawing.light, camera.aspect)
         assert self.frame is not None
         shown = self.frame.in_window(self._picture(self._drawing, wanted.show))
+        if self._closed.is_set():
+            return
         self.client.scene.set_background_image(shown, format="jpeg", jpeg_quality=75 if coarse else 95)
         self.client.flush()
         rate = shown.shape[0] * shown.shape[1] / max(time.perf_counter() - began, 1e-4)

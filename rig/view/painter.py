@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from imaging.files.exr import read_exr
-from recon.render import stem
 from recon.rendering.data_layers import DataLayers
+from recon.rendering.light_files import stem
 from recon.result.display import in_colour
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
