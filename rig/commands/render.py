@@ -123,7 +123,7 @@ def render(
     ACES2065-1 (EXR), and as a display shows it (PNG), into FOLDER/NAME. Needs only the scene's folder, not
     its session. Files of a path are called NAME.1001.exr and so on. docs/render.md has more.
 
-    Example: rig render S/reconstructions/* --path spline:240 --layers depth,normal --video
+    Example: rig render S --path spline:240 --layers depth,normal
     """
     with running("render") as status:
         folders = _scenes(reconstructions)
