@@ -169,7 +169,7 @@ def run_reconstruct(
     before = evaluated_before(folder) if trained.already_there else None
     evaluated = before or run_evaluate(folder, status)
     if events is not None:
-        events.pictures(folder, trained.data["iterations"])
+        events.finished(folder, told=not trained.already_there)
     return changed(
         evaluated,
         data=trained.data | evaluated.data,

@@ -5,9 +5,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from imaging.errors import InputError
 from imaging.files import store
-from imaging.files.photo import read_photo
+from recon.result.model import LOG
+from recon.result.scene import open_scene
 
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
@@ -35,14 +38,19 @@ class TensorBoardLog:
                 self._events().add_scalar(f"training/{name}", value, int(line["iteration"]))
         self._events().flush()
 
-    def pictures(self, scene: Path, iteration: int) -> None:
-        """Add what an evaluation drew of held-out views, each beside its reference where there is one."""
-        for path in sorted((scene / "renders").glob("*.png"))[:MOST_PICTURES]:
-            for kind in ("renders", "references"):
-                picture = scene / kind / path.name
-                if picture.is_file():
-                    pixels = read_photo(picture).pixels
-                    self._events().add_image(f"{path.stem}/{kind}", pixels, iteration, dataformats="HWC")
+    def finished(self, folder: Path, *, told: bool) -> None:
+        """Add pictures of a scene's held-out views at its own exposure, of its first ones if it has none.
+
+        told: whether the lines of its log were; they are added otherwise.
+        """
+        if not told:
+            for line in store.read_lines(folder / LOG):
+                self.line(line)
+        scene = open_scene(folder)
+        names = scene.record.held_out or scene.record.training_views
+        for name in names[:MOST_PICTURES]:
+            pixels = np.asarray(scene.at(0, name).convert("RGB"))
+            self._events().add_image(name, pixels, scene.record.iterations, dataformats="HWC")
 
     def close(self) -> None:
         """Write what is left."""

@@ -1,28 +1,32 @@
-"""What TensorBoard shows of a training is its log, and what an evaluation drew."""
+"""What TensorBoard shows of a training is its log, and what its held-out views look like."""
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from imaging.errors import InputError, StorageError
 from imaging.files import store
 from imaging.session.paths import find_reconstruction
+from recon.result.scene import open_scene
 from rig.report.tensorboard import TensorBoardLog
 
 
 @pytest.fixture(scope="module")
 def logged(scene_template: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, EventAccumulator]:
-    """A scene, and its log written twice over, as by a training that was stopped and went on."""
+    """A scene, and its log written twice over, by a training that was stopped and one that went on."""
     scene, folder = find_reconstruction(scene_template), tmp_path_factory.mktemp("events") / "run"
     lines = store.read_lines(scene / "train.jsonl")
-    for upto in (len(lines) - 1, len(lines)):
-        log = TensorBoardLog(folder)
-        for line in lines[:upto]:
-            log.line(line)
-        log.pictures(scene, int(lines[-1]["iteration"]))
-        log.close()
+    stopped = TensorBoardLog(folder)
+    for line in lines[:-1]:
+        stopped.line(line)
+    stopped.close()
+    went_on = TensorBoardLog(folder)
+    went_on.finished(scene, told=False)
+    went_on.close()
     events = EventAccumulator(str(folder))
     events.Reload()
     return scene, events
@@ -40,13 +44,17 @@ def test_curves_are_the_numbers_of_the_log(logged: tuple[Path, EventAccumulator]
         )
 
 
-def test_pictures_are_those_of_the_evaluation(logged: tuple[Path, EventAccumulator]) -> None:
-    scene, events = logged
-    names = sorted(path.stem for path in (scene / "renders").glob("*.png"))[:4]
-    assert names
-    for name in names:
-        assert f"{name}/renders" in events.Tags()["images"]
-        assert f"{name}/references" in events.Tags()["images"]
+def test_pictures_are_the_held_out_views_as_the_scene_shows_them(
+    logged: tuple[Path, EventAccumulator],
+) -> None:
+    folder, events = logged
+    scene = open_scene(folder)
+    assert tuple(events.Tags()["images"]) == scene.record.held_out != ()
+    for name in scene.record.held_out:
+        (event,) = events.Images(name)
+        assert event.step == scene.record.iterations
+        shown = np.asarray(Image.open(BytesIO(event.encoded_image_string)).convert("RGB"))
+        assert np.array_equal(shown, np.asarray(scene.at(0, name)))
 
 
 def test_a_file_in_the_place_of_the_folder_is_refused_before_training(rig, toy: Path, tmp_path: Path) -> None:
