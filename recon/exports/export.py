@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
@@ -74,8 +75,8 @@ class Exported:
 
 
 def export(
-    scene: Scene | str | Path,
-    out: str | Path,
+    scene: Scene | str | PathLike[str],
+    out: str | PathLike[str],
     format: FormatName | None = None,
     *,
     linear: bool | None = None,

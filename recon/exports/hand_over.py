@@ -4,6 +4,7 @@ Renders are drawn by pinholes without distortion, as USD has cameras, so that th
 """
 
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 
 import PyOpenColorIO as OCIO
@@ -44,8 +45,8 @@ class HandOver:
 
 
 def hand_over(
-    scene: Scene | str | Path,
-    folder: str | Path,
+    scene: Scene | str | PathLike[str],
+    folder: str | PathLike[str],
     *,
     exposure: float | None = None,
     on_progress: Progress = unreported,
