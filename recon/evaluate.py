@@ -12,6 +12,7 @@ import numpy.typing as npt
 import torch
 
 from imaging import metrics
+from imaging.errors import ReconstructionError
 from imaging.files import store
 from imaging.merge.linear_frame import Bool, Float
 from imaging.progress import Progress, unreported
@@ -56,6 +57,11 @@ def evaluate(folder: str | PathLike[str], *, on_progress: Progress = unreported)
     out: the result says so and has no such figures.
     """
     folder = find_reconstruction(Path(folder))
+    if folder.is_file():
+        raise ReconstructionError(
+            f"{folder} is a file of splats, without the photographs that it could be measured by: name a "
+            "scene that rig trained."
+        )
     store.require_writable(folder)
     opened = open_model(folder, on_progress)
     views = opened.dataset.reported

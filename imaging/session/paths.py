@@ -17,8 +17,17 @@ def session_of(reconstruction: Path) -> Path | None:
     return folder if (folder / "session.json").is_file() else None
 
 
+SPLAT_FILES = (".ply", ".spz", ".usd", ".usda", ".usdc")
+"""Ends of the names of files of Gaussians that stand where a scene does."""
+
+
 def find_reconstruction(path: Path) -> Path:
-    """A reconstruction folder, given itself or its session (then the newest); InputError if there is none."""
+    """A reconstruction folder, given itself or its session (then the newest); or a file of splats, as it is.
+
+    InputError if it is none of these.
+    """
+    if path.is_file() and path.suffix.lower() in SPLAT_FILES:
+        return path
     if not path.is_dir():
         raise InputError(f"{path} is not a folder: name SESSION/reconstructions/NAME, or its session.")
     if (path / "model.json").is_file():

@@ -22,24 +22,13 @@ from recon.exports.usd_cameras import define_cameras
 from recon.result.display import in_colour
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import Scene
+from recon.scene.usd_field import require_usd
 
 SUFFIXES = (".usd", ".usda", ".usdc")
 COLOUR_SPACE = "lin_rec709_scene"
 """Of the ASWF Color Interop Forum, which OpenUSD takes its names from."""
 _REACH = 3.0
 """Standard deviations to which a Gaussian counts for the extent."""
-
-
-def require_usd() -> None:
-    """InputError where OpenUSD's Python is not installed, or too old for splats."""
-    try:
-        from pxr import UsdVol
-    except ImportError as error:
-        raise InputError(
-            "USD files need usd-core 26.3 or later: run `pip install 'hdr-rig[usd]'`."
-        ) from error
-    if not hasattr(UsdVol, "ParticleField3DGaussianSplat"):
-        raise InputError("USD splats need usd-core 26.3 or later: run `pip install -U 'usd-core>=26.3'`.")
 
 
 def write(job: Job) -> Written:

@@ -24,6 +24,7 @@ from recon.methods import APPEARANCES
 from recon.observe.photographs import Display
 from recon.observe.refinement import Refinement
 from recon.result.display import in_colour, picture
+from recon.result.foreign import read_splats
 from recon.result.model import CHECKPOINT, ModelRecord, SceneView, read_model, read_own_calibration
 from recon.scene.checkpoint import Checkpoint, read_checkpoint
 from recon.scene.environment import NAME as ENVIRONMENT
@@ -246,9 +247,14 @@ class Opened:
 def open_scene(folder: str | PathLike[str]) -> Scene:
     """Open a finished reconstruction, wherever its folder is, or the newest of a session.
 
-    ReconstructionError if a folder is neither; InputError if it is not there.
+    Or splats of somebody else, by their file: PLY, SPZ or USD (`recon.result.foreign`). A scene that is open
+    is returned as it is. ReconstructionError if a folder is neither; InputError if it is not there.
     """
+    if isinstance(folder, Scene):
+        return folder
     folder = find_reconstruction(Path(folder))
+    if folder.is_file():
+        return Scene(folder, *read_splats(folder))
     record = read_model(folder)
     return _scene(folder, record, read_checkpoint(folder / CHECKPOINT))
 

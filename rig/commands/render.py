@@ -141,12 +141,13 @@ def render(
                 from imaging.files.exr import read_exr_header
                 from recon.render import PROBE_WIDTH, render_probe
                 from recon.render import render as render_scene
-                from recon.result.model import read_model
+                from recon.result.scene import open_scene
 
+                scene = open_scene(folder)
                 if place is not None:
                     status("drawing the light probe", 0, 0)
                     files = render_probe(
-                        folder,
+                        scene,
                         target,
                         place,
                         width=width or PROBE_WIDTH,
@@ -155,14 +156,14 @@ def render(
                         shown=_shown(tones),
                     )
                     return CommandResult(
-                        _scene_data(folder, target, files, read_model(folder).exposure),
+                        _scene_data(folder, target, files, scene.exposure),
                         [
                             f"{files[0]}: the light that arrives at {probe or probe_view} of {folder}",
                             *_unknown(read_exr_header(files[0]).attributes),
                         ],
                     )
                 files = render_scene(
-                    folder,
+                    scene,
                     target,
                     path=path,
                     first_frame=start_frame,
@@ -175,7 +176,7 @@ def render(
                     rate=fps,
                     on_progress=status,
                 )
-            scale = read_model(folder).exposure
+            scale = scene.exposure
             count = sum(file.suffix == ".exr" for file in files)
             return CommandResult(
                 _scene_data(folder, target, files, scale),

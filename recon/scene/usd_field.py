@@ -1,0 +1,177 @@
+"""Gaussians and cameras of OpenUSD files: `ParticleField3DGaussianSplat`, whoever wrote them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.errors import InputError
+from imaging.files.nerfstudio import OPENGL_FROM_OPENCV
+from imaging.lens import Lens
+from recon.scene.ply import PlySplats
+
+Array = npt.NDArray[np.float64]
+_WIDTH = 640
+"""px of a camera whose file tells no size, as those of OpenUSD do not."""
+_MOST_VIEWS = 500
+
+
+@dataclass(frozen=True, eq=False)
+class UsdCamera:
+    """A camera at a time. cam_from_field: float64 [4, 4], a motion in the coordinates of the Gaussians."""
+
+    name: str
+    frame: int
+    lens: Lens
+    cam_from_field: Array
+
+
+@dataclass(frozen=True, eq=False)
+class UsdField:
+    """The Gaussians of a file. linear: whether colours are linear light; up: the way up, a unit vector."""
+
+    splats: PlySplats
+    linear: bool
+    up: Array
+    cameras: tuple[UsdCamera, ...]
+
+
+def require_usd() -> None:
+    """InputError where OpenUSD's Python is not installed, or too old for splats."""
+    try:
+        from pxr import UsdVol
+    except ImportError as error:
+        raise InputError("USD files need usd-core 26.3 or later: `pip install 'hdr-rig[usd]'`.") from error
+    if not hasattr(UsdVol, "ParticleField3DGaussianSplat"):
+        raise InputError("USD splats need usd-core 26.3 or later: run `pip install -U 'usd-core>=26.3'`.")
+
+
+def read_usd(path: Path) -> UsdField:
+    """The one field of Gaussians of a file and its cameras.
+
+    Colours whose space the file does not call linear are display values. InputError for a file that OpenUSD
+    cannot open, that has no such field, or several.
+    """
+    require_usd()
+    from pxr import Tf, Usd, UsdGeom, UsdVol
+
+    if not path.is_file():
+        raise InputError(f"{path} cannot be read: correct the path.")
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        raise InputError(f"{path} is no file that OpenUSD can open: export it again.") from error
+    prims = [prim for prim in stage.Traverse() if prim.IsA(UsdVol.ParticleField3DGaussianSplat)]
+    if len(prims) != 1:
+        found = f"{len(prims)} fields" if prims else "no field"
+        raise InputError(f"{path} has {found} of Gaussians: export one ParticleField3DGaussianSplat.")
+    field = UsdVol.ParticleField3DGaussianSplat(prims[0])
+    placed = _column(UsdGeom.Xformable(field).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime()))
+    unit = abs(float(np.linalg.det(placed[:3, :3]))) ** (1 / 3)
+    turn = placed[:3, :3] / max(unit, 1e-300)
+    if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-4) or np.linalg.det(turn) < 0:
+        raise InputError(
+            f"{path} stretches or mirrors its Gaussians: bake the transform of {prims[0].GetPath()}."
+        )
+    axis = [0.0, 0.0, 1.0] if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else [0.0, 1.0, 0.0]
+    cameras: list[UsdCamera] = []
+    for prim in stage.Traverse():
+        if prim.IsA(UsdGeom.Camera):
+            cameras += _cameras(UsdGeom.Camera(prim), placed[:3, 3], turn, unit)
+    space = _space(field)
+    return UsdField(
+        _splats(path, field), space.startswith("lin_"), turn.T @ axis, tuple(cameras[:_MOST_VIEWS])
+    )
+
+
+def _splats(path: Path, field: Any) -> PlySplats:
+    means = _values(field.GetPositionsAttr(), field.GetPositionshAttr(), 3)
+    count = len(means)
+    quats = field.GetOrientationsAttr().Get() or field.GetOrientationshAttr().Get() or []
+    scales = _values(field.GetScalesAttr(), field.GetScaleshAttr(), 3)
+    opacities = _values(field.GetOpacitiesAttr(), field.GetOpacitieshAttr(), 1)[:, 0]
+    degree = int(field.GetRadianceSphericalHarmonicsDegreeAttr().Get())
+    harmonics = _values(
+        field.GetRadianceSphericalHarmonicsCoefficientsAttr(),
+        field.GetRadianceSphericalHarmonicsCoefficientshAttr(),
+        3,
+    )
+    sizes = (len(quats), len(scales), len(opacities), len(harmonics) / (degree + 1) ** 2)
+    if not 0 <= degree <= 3 or any(size != count for size in sizes):
+        raise InputError(f"{path} has arrays of different lengths for its Gaussians: export it again.")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logits = np.log(opacities) - np.log1p(-opacities.clip(None, 1 - 2.0**-25))
+        log_scales = np.log(scales)
+    return PlySplats(
+        means=means,
+        log_scales=log_scales,
+        quats=np.array([(q.real, *q.imaginary) for q in quats], np.float64).reshape(-1, 4),
+        logits=logits,
+        harmonics=harmonics.reshape(count, -1, 3),
+        comments=(),
+    )
+
+
+def _values(single: Any, half: Any, width: int) -> Array:
+    """Of an attribute in either precision, [N, width]."""
+    found = single.Get()
+    return np.array(half.Get() if found is None else found, np.float64).reshape(-1, width)
+
+
+def _space(field: Any) -> str:
+    """The name of the colour space, empty where nobody says."""
+    from pxr import Usd
+
+    attribute = field.GetRadianceSphericalHarmonicsCoefficientsAttr()
+    if attribute.HasColorSpace():
+        return str(attribute.GetColorSpace())
+    prim = field.GetPrim()
+    while prim and not prim.IsPseudoRoot():
+        if prim.HasAPI(Usd.ColorSpaceAPI):
+            return str(Usd.ColorSpaceAPI(prim).GetColorSpaceNameAttr().Get() or "")
+        prim = prim.GetParent()
+    return ""
+
+
+def _cameras(camera: Any, shift: Array, turn: Array, unit: float) -> list[UsdCamera]:
+    """A camera at each of its times, its axes as OpenCV has them; those of no perspective are left out."""
+    from pxr import Usd, UsdGeom
+
+    times = UsdGeom.Xformable(camera).GetTimeSamples()
+    told = camera.GetPrim().GetAttribute("rig:lens:size")
+    found = []
+    for time in times or [Usd.TimeCode.Default()]:
+        gf = camera.GetCamera(time)
+        if gf.projection != gf.Perspective or not gf.focalLength > 0 or not gf.verticalAperture > 0:
+            continue
+        size = told.Get(time) if told else None
+        width = size[0] if size else _WIDTH
+        height = size[1] if size else max(1, round(width * gf.verticalAperture / gf.horizontalAperture))
+        fx = width * gf.focalLength / gf.horizontalAperture
+        fy = height * gf.focalLength / gf.verticalAperture
+        lens = Lens(
+            model="PINHOLE",
+            width=width,
+            height=height,
+            fx=fx,
+            fy=fy,
+            cx=width / 2 - fx * gf.horizontalApertureOffset / gf.focalLength,
+            cy=height / 2 + fy * gf.verticalApertureOffset / gf.focalLength,
+        )
+        pose = _column(gf.transform) @ OPENGL_FROM_OPENCV
+        centre = turn.T @ (pose[:3, 3] - shift) / unit
+        motion = np.eye(4)
+        motion[:3, :3] = pose[:3, :3].T @ turn
+        motion[:3, 3] = -motion[:3, :3] @ centre
+        frame = 0 if isinstance(time, Usd.TimeCode) else max(0, round(time))
+        found.append(
+            UsdCamera(camera.GetPrim().GetDisplayName() or camera.GetPrim().GetName(), frame, lens, motion)
+        )
+    return found
+
+
+def _column(matrix: Any) -> Array:
+    """A matrix of Gf, whose vectors are rows, for columns."""
+    return np.array(matrix, np.float64).reshape(4, 4).T
