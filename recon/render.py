@@ -13,6 +13,7 @@ import numpy.typing as npt
 from imaging.colour import Space
 from imaging.errors import InputError
 from imaging.files import store
+from imaging.files.dng import write_dng
 from imaging.files.photo import encode_png
 from imaging.progress import Progress, unreported
 from recon.rendering.camera_files import read_camera_path
@@ -20,6 +21,7 @@ from recon.rendering.camera_paths import CameraPath, named_path
 from recon.rendering.data_layers import DataLayers, Layer
 from recon.rendering.light_files import stem, write_light
 from recon.rendering.light_probe import light_probe
+from recon.rendering.simulated_raw import RawCamera
 from recon.rendering.video import Video
 from recon.result.display import Shown, displayed, in_colour, picture
 from recon.result.environment_files import LAYOUT
@@ -56,6 +58,7 @@ def render(
     shown: Shown = displayed,
     video: bool = False,
     rate: float = 24.0,
+    raw: str | None = None,
     on_progress: Progress = unreported,
 ) -> list[Path]:
     """Render views of a reconstruction, or a path through it, into `out`; the files written, EXR first.
@@ -71,7 +74,9 @@ def render(
     light premultiplied, the PNG as straight alpha. exposure: None takes what shows the median of the scene
     as middle grey; the EXR name that factor as `rig:exposure`. width: of the pictures, px; None: as the
     views were trained, or the path says. video: an MP4 of the first of `stops` too, of `rate` frames a
-    second. ReconstructionError for a view that the scene does not have; InputError for a bad path.
+    second. raw: the name of a camera, by whose sensor a bracket of DNG is written of each as well
+    (`recon.rendering.simulated_raw`). ReconstructionError for a view that the scene does not have; InputError
+    for a bad path, or a camera that is not known.
     """
     out = Path(out)
     store.require_writable(out)
@@ -81,7 +86,8 @@ def render(
     factor = math.log2(scene.exposure) if exposure is None else exposure
     frames = list(_frames(scene, views, path, first_frame, width))
     data = DataLayers(scene, on_progress)
-    files, pictures = [], []
+    sensor = None if raw is None else RawCamera.of(scene, raw)
+    files, pictures, mosaics = [], [], []
     store.make_folder(out)
     with ExitStack() as stack:
         film = stack.enter_context(Video(out / f"{_title(path)}.mp4", rate)) if video else None
@@ -92,6 +98,10 @@ def render(
             planes = {layer: data.layer(layer, frame.camera) for layer in layers}
             write_light(file, image, scene.record, frame.name, space, alpha, planes)
             files.append(file)
+            for index, mosaic in enumerate(() if sensor is None else sensor.bracket(image, seed=done)):
+                file = out / f"{frame.stem}_{index}.dng"
+                write_dng(file, mosaic)
+                mosaics.append(file)
             for index, step in enumerate(stops):
                 file = out / (f"{frame.stem}.png" if len(stops) == 1 else f"{frame.stem}_{step:+g}ev.png")
                 seen = picture(in_colour(image, bands), alpha, 2.0 ** (factor + step), shown)
@@ -100,7 +110,7 @@ def render(
                 if film is not None and index == 0:
                     film.add(seen)
     on_progress("rendering", len(frames), len(frames))
-    return files + pictures + ([] if film is None else [film.path])
+    return files + pictures + mosaics + ([] if film is None else [film.path])
 
 
 def render_probe(

@@ -43,6 +43,8 @@ class SceneShot(Record):
     """Relative to the session."""
     k: float = Field(gt=0)
     """Exposure scale, s, as training corrected it: camera signal = radiance x k."""
+    noise: tuple[float, float] | None = None
+    """Slope and floor of the variance of its signal, white at 1 (RAW alone); None: not known."""
     measures: tuple[float, float] | None = None
     """Least and most linear radiance that it tells from its noise and from white (`measured_light`); None:
     no limits are known."""
@@ -61,6 +63,8 @@ class SceneView(Record):
     """As training corrected it."""
     shots: tuple[SceneShot, ...]
     """Those that were looked at, darkest first."""
+    cfa: tuple[str, ...] = ()
+    """Rows of the tile of its colour filters (`imaging.cfa.Cfa`); none: it was not trained as a mosaic."""
 
     @property
     def id(self) -> ViewId:

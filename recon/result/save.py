@@ -8,6 +8,7 @@ from pathlib import Path
 from scipy.spatial.transform import Rotation
 
 from imaging.files import store
+from imaging.merge.linear_frame import SensorSignalNoise
 from imaging.pose import Pose
 from imaging.progress import Progress
 from imaging.session.records import Rung
@@ -147,9 +148,17 @@ def _scene_view(view: View, dataset: Dataset, use: Use) -> SceneView:
         lens=lens.model_copy(update=sizes | dict(zip(lens.names, camera.lens, strict=True))),
         cam_from_world=Pose(quaternion=(w, x, y, z), translation=(a, b, c)),
         shots=tuple(
-            SceneShot(file=shot.file, k=shot.k, measures=measured_light(shot, view.sensor.response))
+            SceneShot(
+                file=shot.file,
+                k=shot.k,
+                noise=(shot.noise.slope, shot.noise.floor)
+                if isinstance(shot.noise, SensorSignalNoise)
+                else None,
+                measures=measured_light(shot, view.sensor.response),
+            )
             for shot in view.shots
         ),
+        cfa=() if view.sensor.cfa is None else view.sensor.cfa.rows,
     )
 
 

@@ -88,6 +88,15 @@ def render(
             rich_help_panel=_FILES,
         ),
     ] = "",
+    raw: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CAMERA",
+            help="Write what the sensor of that camera would record too: RAW (DNG) by each exposure of its "
+            "bracket, with its colours, filters and noise.",
+            rich_help_panel=_FILES,
+        ),
+    ] = None,
     exposure: Annotated[
         float | None,
         typer.Option(
@@ -132,8 +141,8 @@ def render(
         if start_frame is not None and path is None:
             raise InputError("--start-frame numbers the frames of a path: name one by --path.")
         place = _place(probe, probe_view)
-        if place is not None and (path is not None or wanted or video):
-            raise InputError("A light probe is one picture: leave --path, --layers and --video out.")
+        if place is not None and (path or wanted or video or raw):
+            raise InputError("A light probe is one picture: leave --path, --layers, --video and --raw out.")
 
         def render_one(folder: Path) -> CommandResult:
             target = targets[folder]
@@ -174,6 +183,7 @@ def render(
                     shown=_shown(tones),
                     video=video,
                     rate=fps,
+                    raw=raw,
                     on_progress=status,
                 )
             scale = scene.exposure
