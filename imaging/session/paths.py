@@ -38,6 +38,12 @@ def find_reconstruction(path: Path) -> Path:
     return max(found, key=lambda folder: ((folder / "model.json").stat().st_mtime_ns, folder.name))
 
 
+def without_scene(path: Path) -> bool:
+    """Whether a path is a session's folder that holds no finished reconstruction yet."""
+    finished = any(path.glob("reconstructions/[!.]*/model.json"))
+    return (path / "session.json").is_file() and not finished
+
+
 def scene_around(path: Path) -> Path | None:
     """The reconstruction that a path is, or is in; None if it is in none."""
     place = path.resolve()

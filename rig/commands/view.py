@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from imaging.session.paths import find_reconstruction
+from imaging.session.paths import find_reconstruction, without_scene
 from rig.options.common import JsonOption, WrongUsage
 from rig.terminal.result import CommandResult, running
 
@@ -40,7 +40,8 @@ def view(
 
     Move through it with the mouse, at any exposure in stops; see it through ACES 2.0, AgX or a filmic curve,
     in false colours by stops or with what clips; measure light by a click; stand where a photograph was taken
-    and compare. It is drawn here in float and served to this machine alone, until Ctrl-C.
+    and compare. Of a session without a scene the photographs are seen, and the rig once it is calibrated. All
+    is drawn here in float and served to this machine alone, until Ctrl-C.
 
     Example: rig view S
     """
@@ -51,18 +52,27 @@ def view(
             from rig.view.first import FirstPicture
             from rig.view.server import Viewer
 
-            folders = [find_reconstruction(path) for path in reconstructions]
+            session = reconstructions[0] if len(reconstructions) == 1 else None
+            if session is None or not without_scene(session):
+                session = None
+            folders = [session] if session else [find_reconstruction(path) for path in reconstructions]
             label = " | ".join(folder.resolve().name for folder in folders)
-            viewer = stack.enter_context(Viewer(label, port, host, FirstPicture.of(folders[0])))
+            first = None if session else FirstPicture.of(folders[0])
+            viewer = stack.enter_context(Viewer(label, port, host, first))
         _announce(folders, viewer.url)
         with running("view") as status:
-            status("opening the scene", 0, 0)
-            from rig.view.opening import show_scenes
+            if session is not None:
+                from rig.view.session_page import show_session
 
-            show_scenes(viewer, folders)
+                show_session(viewer, session)
+            else:
+                status("opening the scene", 0, 0)
+                from rig.view.opening import show_scenes
+
+                show_scenes(viewer, folders)
         with suppress(KeyboardInterrupt):
             threading.Event().wait()
-    return CommandResult({"reconstructions": [str(folder) for folder in folders], "url": viewer.url})
+    return CommandResult({"shown": [str(folder) for folder in folders], "url": viewer.url})
 
 
 def _announce(folders: list[Path], url: str) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
-from rig.view.start import Start, start_at, up_of
+from rig.view.start import Start, pose_of, start_at, up_of
 
 Vector = npt.NDArray[np.float64]
 
@@ -54,9 +54,7 @@ def splat_camera(camera: BrowserCamera, width: int) -> SplatCamera:
 
 def pose(camera: SplatCamera) -> tuple[Vector, Vector]:
     """wxyz and position of a scene's camera, as a browser has them."""
-    turn = camera.cam_from_world[:3, :3].T
-    wxyz = Rotation.from_matrix(turn).as_quat(scalar_first=True)
-    return np.asarray(wxyz), np.asarray(-turn @ camera.cam_from_world[:3, 3])
+    return pose_of(camera.cam_from_world)
 
 
 def start_of(scene: Scene, view: SceneView) -> Start:

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from imaging.lens import Lens, rays
 
 Point = tuple[float, float, float]
+Pair = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -48,3 +50,10 @@ def start_at(motion: npt.NDArray[np.float64], up: npt.ArrayLike, lens: Lens) -> 
     """Where a camera stands, cam_from_world [4, 4], seen upright through its lens."""
     centre = -motion[:3, :3].T @ motion[:3, 3]
     return Start(point(centre), point(centre + motion[2, :3]), point(up), height_angle(lens))
+
+
+def pose_of(cam_from_world: npt.NDArray[np.float64]) -> Pair:
+    """wxyz and position of a motion [4, 4], as a browser has them."""
+    turn = cam_from_world[:3, :3].T
+    wxyz = Rotation.from_matrix(turn).as_quat(scalar_first=True)
+    return np.asarray(wxyz), np.asarray(-turn @ cam_from_world[:3, 3])

@@ -50,7 +50,7 @@ class Window:
         self.until(lambda: bool(set(viewer.pages) - known))
         self.page = viewer.pages[max(viewer.pages)]
         self.until(lambda: self.page.frame is not None)
-        self.tab.get_by_text("Full screen", exact=True).wait_for()
+        self.tab.get_by_text("Exposure, stops", exact=True).wait_for()
         # The panel slides in beside the canvas.
         self.until(lambda: self.tab.evaluate("document.getAnimations().length") == 0)
         self.until(lambda: self.width == self.tab.evaluate(CANVAS))

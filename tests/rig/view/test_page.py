@@ -64,6 +64,7 @@ def test_a_view_is_seen_through_its_own_lens_beside_what_it_should_be(window) ->
 
 
 def test_keys_step_through_exposures_and_photographs(window) -> None:
+    window.tab.get_by_text("Full screen", exact=True).wait_for()  # the last to come
     window.tab.keyboard.press("b")
     window.until(lambda: window.page.controls.exposure.value == 1.0)
     window.tab.keyboard.press("n")

@@ -1,0 +1,91 @@
+"""What a calibration found, for a page: cameras, scene points, and how far both agree."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.files.colmap import read_model
+from imaging.lens import Lens
+from imaging.session.calibration import CalibrationRecord
+from imaging.session.view_id import ViewId
+from rig.report.charts.residuals import read_residuals
+from rig.view.start import Start, point, start_at, up_of
+
+Array = npt.NDArray[np.float64]
+MOST_POINTS = 100_000
+WORST = 12
+"""Views whose residuals are listed."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigModel:
+    """In page coordinates: the origin amid the cameras, the scene's points about 1 away.
+
+    poses: cam_from_world [4, 4] by view; points float32 [P, 3], with colours uint8 [P, 3]; residuals: root
+    mean square by view, px.
+    """
+
+    record: CalibrationRecord
+    poses: dict[ViewId, Array]
+    lenses: dict[str, Lens]
+    points: npt.NDArray[np.float32]
+    colours: npt.NDArray[np.uint8]
+    residuals: dict[ViewId, float]
+
+    @classmethod
+    def of(cls, folder: Path, record: CalibrationRecord) -> "RigModel | None":
+        """Of a session's folder; None where no view has a pose."""
+        lenses = {camera.name: camera.lens for camera in record.cameras if camera.lens is not None}
+        poses = {view.id: view.cam_from_world.matrix() for view in record.views if view.camera in lenses}
+        if not poses:
+            return None
+        colmap = folder / "calibration" / "colmap"
+        points, colours = (
+            _points(colmap) if colmap.is_dir() else (np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+        )
+        centres = np.array([-pose[:3, :3].T @ pose[:3, 3] for pose in poses.values()])
+        origin = np.median(centres, axis=0)
+        far = np.linalg.norm((points if len(points) else centres) - origin, axis=1)
+        unit = float(np.median(far)) or 1.0
+        for pose in poses.values():
+            pose[:3, 3] = (pose[:3, :3] @ origin + pose[:3, 3]) / unit
+        placed = ((points - origin) / unit).astype(np.float32)
+        return cls(record, poses, lenses, placed, colours, read_residuals(colmap).views)
+
+    def start(self, view: ViewId | None = None) -> Start:
+        """Where a view stands; None: from where all cameras are seen, behind and above them."""
+        up = up_of(self.poses.values())
+        if view is not None:
+            return start_at(self.poses[view], up, self.lenses[view.camera])
+        ahead = sum((pose[2, :3] for pose in self.poses.values()), np.zeros(3))
+        ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-6)
+        centres = np.array([-pose[:3, :3].T @ pose[:3, 3] for pose in self.poses.values()])
+        reach = 1.0 + float(np.linalg.norm(centres, axis=1).max())
+        place = reach * (0.9 * up - 1.2 * ahead)
+        return Start(point(place), point(0.3 * ahead), point(up), 0.9)
+
+    def words(self) -> str:
+        """Markdown: how many views have a pose, what is doubted, and which views agree least."""
+        record = self.record
+        lines = [f"{len(self.poses)} views with a pose, {record.points} scene points"]
+        if record.reprojection_px is not None:
+            lines.append(f"reprojection error **{record.reprojection_px:.3g} px** in the mean")
+        if record.unregistered:
+            lines.append("without a pose: " + ", ".join(map(str, record.unregistered)))
+        lines += [f"**doubt**: {doubt}" for doubt in record.doubts]
+        text = "  \n".join(lines)
+        worst = sorted(self.residuals.items(), key=lambda item: -item[1])[:WORST]
+        if worst:
+            rows = "".join(f"| {view} | {rms:.3g} |\n" for view, rms in worst)
+            text += f"\n\n| view | residual, px |\n|---|---|\n{rows}"
+        return text
+
+
+def _points(colmap: Path) -> tuple[Array, npt.NDArray[np.uint8]]:
+    model = read_model(colmap)
+    found = list(model.points3D.values())
+    found = found[:: max(1, -(-len(found) // MOST_POINTS))]
+    xyz = np.array([point.xyz for point in found], np.float64).reshape(-1, 3)
+    return xyz, np.array([point.color for point in found], np.uint8).reshape(-1, 3)

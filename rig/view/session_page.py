@@ -1,0 +1,170 @@
+"""What one browser sees of a session without a scene: its photographs, and its rig once calibrated."""
+
+import threading
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import viser
+
+from imaging.errors import InputError
+from imaging.session.view_id import ViewId
+from rig.view.frame import Frame
+from rig.view.look import MIDDLE_GREY, TONE_MAPS, Look
+from rig.view.photographs import Photograph, Photographs, sheet
+from rig.view.rig_model import RigModel
+from rig.view.server import Viewer
+from rig.view.start import Start, height_angle, pose_of
+from rig.view.tones import Light
+
+PHOTOGRAPHS, RIG = "photographs", "rig"
+SHEET = 1000
+"""Width that a contact sheet is sent with, at least about, px."""
+FRUSTUM = 0.12
+"""Length of a camera, in page units."""
+
+
+class SessionPage:
+    """A contact sheet, developed at the page's exposure, and the rig in three dimensions."""
+
+    def __init__(self, client: viser.ClientHandle, photographs: Photographs, rig: RigModel | None) -> None:
+        self.client, self.photographs, self.rig = client, photographs, rig
+        self.frame: Frame | None = None
+        self.seen: dict[ViewId, Photograph] = {}
+        self._scale = 1.0
+        self._wake, self._closed = threading.Event(), threading.Event()
+        gui = client.gui
+        with gui.add_folder("Look"):
+            hint = "At 0 the median of the photographs is middle grey."
+            self.exposure = gui.add_slider("Exposure, stops", -16.0, 16.0, 0.1, 0.0, hint=hint)
+            self.tones = gui.add_dropdown("Tones", TONE_MAPS)
+            shows = (PHOTOGRAPHS, RIG) if rig else (PHOTOGRAPHS,)
+            self.show = gui.add_dropdown("Show", shows, visible=rig is not None)
+        with gui.add_folder("Session"):
+            self.words = gui.add_markdown("")
+        for control in (self.exposure, self.tones, self.show):
+            control.on_update(lambda _: self._wake.set())
+        client.camera.on_update(lambda _: self._reshaped())
+        self._thread = threading.Thread(target=self._run, name=f"page {client.client_id}", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """The browser is gone."""
+        self._closed.set()
+        self._wake.set()
+        self._thread.join()
+
+    @property
+    def look(self) -> Look:
+        """As chosen."""
+        return Look(float(self.exposure.value), self.tones.value)
+
+    def _reshaped(self) -> None:
+        """Only another shape of the window changes a contact sheet."""
+        if self.frame is not None and self.frame.aspect != self.client.camera.aspect:
+            self._wake.set()
+
+    def _run(self) -> None:
+        count = len(self.photographs)
+        notice = self.client.add_notification("Reading the photographs", "", loading=True)
+        for done, view in enumerate(self.photographs.groups):
+            if self._closed.is_set():
+                return
+            self.seen[view] = self.photographs.read(view)
+            notice.body = f"{done + 1} of {count}"
+            if done in (0, 3) or done % 8 == 7:
+                self._send()
+        notice.remove()
+        self._send()
+        while True:
+            self._wake.wait()
+            self._wake.clear()
+            if self._closed.is_set():
+                return
+            self._send()
+
+    def _send(self) -> None:
+        lights = [one.light for one in self.seen.values() if one.light is not None]
+        self._tell()
+        if not lights or self._closed.is_set():
+            return
+        lit = np.concatenate([light[light > 0] for light in lights])
+        self._scale = float(MIDDLE_GREY / np.median(lit)) if lit.size else 1.0
+        if self.show.value == RIG:
+            self.client.scene.set_background_image(None)
+            self._show_rig()
+        else:
+            self._hide_rig()
+            self._show_sheet(lights)
+        self.client.flush()
+
+    def _show_sheet(self, lights: list[Light]) -> None:
+        aspect = self.client.camera.aspect
+        shape = lights[0].shape
+        columns = max(1, round(np.sqrt(aspect * len(self.photographs) * shape[0] / shape[1])))
+        light = sheet(lights, min(columns, len(self.photographs)))
+        self.frame = Frame(light, aspect)
+        shown = self.frame.in_window(self.look.shown(light, self._scale))
+        larger = max(1, SHEET // shown.shape[1])  # or JPEG would blur the colours of small ones
+        shown = shown.repeat(larger, axis=0).repeat(larger, axis=1)
+        self.client.scene.set_background_image(shown, format="jpeg", jpeg_quality=92)
+
+    def _show_rig(self) -> None:
+        assert self.rig is not None
+        rig, scene = self.rig, self.client.scene
+        if scene.get_handle_by_name("/rig/points") is None:
+            scene.add_point_cloud("/rig/points", rig.points, rig.colours, point_size=0.008)
+            self._stand(rig.start())
+        for view, placed in rig.poses.items():
+            photograph = self.seen.get(view)
+            lens, light = rig.lenses[view.camera], None if photograph is None else photograph.light
+            wxyz, position = pose_of(placed)
+            frustum = scene.add_camera_frustum(
+                f"/rig/{view}",
+                height_angle(lens),
+                lens.width / lens.height,
+                scale=FRUSTUM,
+                thickness=0.02 * FRUSTUM,
+                color=(90, 160, 255),
+                image=None if light is None else self.look.shown(light, self._scale),
+                wxyz=wxyz,
+                position=position,
+            )
+            frustum.on_click(partial(self._stand_at, view))
+
+    def _hide_rig(self) -> None:
+        if self.rig is not None and self.client.scene.get_handle_by_name("/rig/points") is not None:
+            self.client.scene.remove_by_name("/rig")
+
+    def _stand_at(self, view: ViewId, _: object) -> None:
+        assert self.rig is not None
+        self._stand(self.rig.start(view))
+
+    def _stand(self, start: Start) -> None:
+        camera = self.client.camera
+        with self.client.atomic():
+            camera.position, camera.look_at = np.array(start.position), np.array(start.look_at)
+            camera.up_direction, camera.fov = np.array(start.up), start.fov
+
+    def _tell(self) -> None:
+        told = self.rig.words() if self.rig is not None and self.show.value == RIG else self._list()
+        if told != self.words.content:
+            self.words.content = told
+
+    def _list(self) -> str:
+        count = len(self.photographs)
+        state = "not calibrated" if self.photographs.calibration is None else "calibrated"
+        lines = [f"{count} views, {state}", *(one.told for one in self.seen.values())]
+        return "  \n".join(lines)
+
+
+def show_session(viewer: Viewer, folder: Path) -> None:
+    """Have a viewer show a session before there is a scene: its photographs, and its rig if it has poses."""
+    photographs = Photographs(folder)
+    if not photographs.groups:
+        raise InputError(f"{folder} has no photographs of a scene: capture or import some first.")
+    record = photographs.calibration
+    rig = None if record is None else RigModel.of(folder, record)
+    if rig is not None:
+        viewer.begin_at(rig.start())
+    viewer.show(lambda client: SessionPage(client, photographs, rig))

@@ -1,0 +1,103 @@
+"""A session before it has a scene, in headless Chromium, against what the simulator showed its cameras."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from imaging.errors import InputError
+from imaging.files.exr import read_exr
+from imaging.session.paths import without_scene
+from rig.view.look import Look
+from rig.view.photographs import Photographs, sheet
+from rig.view.rig_model import RigModel
+from rig.view.server import Viewer
+from rig.view.session_page import show_session
+
+
+@pytest.fixture(scope="module")
+def session(toy_template: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Calibrated, without a scene."""
+    folder = tmp_path_factory.mktemp("session") / "toy"
+    shutil.copytree(toy_template, folder, ignore=shutil.ignore_patterns("reconstructions"))
+    return folder
+
+
+def test_photographs_are_the_light_that_was_there(session: Path) -> None:
+    """The simulator's own; blurred, since the sites of a mosaic's colours lie beside each other."""
+    photographs = Photographs(session)
+    view = next(iter(photographs.groups))
+    light = photographs.read(view).light
+    truth = read_exr(session / "truth" / f"{view}.exr").rgb()
+    truth = cv2.resize(truth, light.shape[1::-1], interpolation=cv2.INTER_AREA)
+    light, truth = (cv2.GaussianBlur(one, (0, 0), 2) for one in (light, truth))
+    seen = (truth > 0.2 * np.median(truth)).all(2) & (light > 0).all(2)
+    assert seen.mean() > 0.5
+    off = np.log2(light[seen] / truth[seen])
+    off -= np.median(off[:, 1])
+    assert np.median(np.abs(off[:, 1])) < 0.12
+    assert np.median(np.abs(off)) < 0.25
+
+
+def test_a_sheet_has_every_picture_in_its_place() -> None:
+    pictures = [np.full((2, 3, 3), number, np.float32) for number in range(1, 6)]
+    found = sheet(pictures, 2)
+    assert found.shape == (6, 6, 3)
+    assert found[::2, ::3, 0].tolist() == [[1, 2], [3, 4], [5, 0]]
+
+
+def test_damaged_files_are_told_of(session: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(session, tmp_path / "damaged"))
+    photographs = Photographs(folder)
+    view, shots = next(iter(photographs.groups.items()))
+    (folder / shots[0].file).write_bytes(b"nothing")
+    found = photographs.read(view)
+    assert found.light is None
+    assert str(view) in found.told
+    assert Path(shots[0].file).name in found.told
+
+
+def test_an_empty_session_is_told(session: Path, tmp_path: Path) -> None:
+    (tmp_path / "session.json").write_bytes((session / "session.json").read_bytes())
+    assert without_scene(tmp_path)
+    with Viewer("toy", 0) as viewer, pytest.raises(InputError, match="no photographs"):
+        show_session(viewer, tmp_path)
+
+
+def test_the_page_has_a_contact_sheet_and_the_rig(session: Path, open_window) -> None:
+    with Viewer("toy", 0) as viewer:
+        show_session(viewer, session)
+        window = open_window(viewer)
+        page = window.page
+        window.until(lambda: len(page.seen) == len(page.photographs))
+
+        def developed(stops: float) -> bool:
+            """Whether the lower half is the sheet, which is a few pixels that the browser enlarges."""
+            sheet = page.frame.in_window(Look(stops).shown(page.frame.light, page._scale))
+            seen = cv2.resize(window.canvas(), sheet.shape[1::-1], interpolation=cv2.INTER_AREA)
+            return bool(np.abs(seen - sheet)[sheet.shape[0] // 2 :].mean() < 12)
+
+        window.until(lambda: developed(0.0))
+        assert not developed(2.0)
+        window.tab.locator("input[inputmode=decimal]").fill("2")
+        window.tab.keyboard.press("Enter")
+        window.until(lambda: developed(2.0))
+        window.choose("photographs", "rig")
+        window.until(lambda: "residual, px" in page.words.content)
+        window.until(lambda: window.canvas()[250:].std() > 4)
+        assert window.canvas()[250:].mean() < 100
+        window.tab.close()
+
+
+def test_the_rig_is_seen_in_its_own_size(session: Path) -> None:
+    photographs = Photographs(session)
+    rig = RigModel.of(session, photographs.calibration)
+    centres = [-pose[:3, :3].T @ pose[:3, 3] for pose in rig.poses.values()]
+    assert np.abs(np.median(centres, axis=0)).max() < 1e-9
+    assert np.median(np.linalg.norm(rig.points, axis=1)) == pytest.approx(1, rel=1e-3)
+    assert set(rig.residuals) <= set(rig.poses)
+    start = rig.start()
+    away = np.subtract(start.look_at, start.position)
+    assert np.dot(away, start.up) < 0  # from above
