@@ -40,6 +40,9 @@ def refused(line: str) -> str | None:
     if name not in COMMANDS:
         return f"there is no rig {name}"
     command = COMMANDS[name]
+    takes = {option for one in command.params if not getattr(one, "is_flag", True) for option in one.opts}
+    if rest and rest[-1] in takes:  # a sentence that names an option
+        rest.append("VALUE")
     context = typer.Context(command, info_name=name)
     try:
         values, left, _ = command.make_parser(context).parse_args(rest)

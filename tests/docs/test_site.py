@@ -80,6 +80,8 @@ def test_every_command_and_every_public_name_has_its_entry(site: Path) -> None:
     api = (site / "api.html").read_text(encoding="utf-8")
     assert [name for name in rig.__all__ if f'id="rig.{name}"' not in api] == []
     assert "Open a finished reconstruction" in api
+    examples = [path.name for path in (ROOT / "examples").glob("*.py")]
+    assert [name for name in examples if f"python examples/{name}" not in api] == []
 
 
 def test_every_table_is_there(site: Path) -> None:
