@@ -11,6 +11,7 @@ import typer
 
 from imaging.session.paths import find_reconstruction, without_scene
 from rig.options.common import JsonOption, WrongUsage
+from rig.terminal.failures import Stopped
 from rig.terminal.result import CommandResult, running
 
 
@@ -59,6 +60,7 @@ def view(
             label = " | ".join(folder.resolve().name for folder in folders)
             first = None if session else FirstPicture.of(folders[0])
             viewer = stack.enter_context(Viewer(label, port, host, first))
+        stack.enter_context(suppress(KeyboardInterrupt, Stopped))  # Ctrl-C ends it well, also while it opens
         _announce(folders, viewer.url)
         with running("view") as status:
             if session is not None:
@@ -70,8 +72,7 @@ def view(
                 from rig.view.opening import show_scenes
 
                 show_scenes(viewer, folders)
-        with suppress(KeyboardInterrupt):
-            threading.Event().wait()
+        threading.Event().wait()
     return CommandResult({"shown": [str(folder) for folder in folders], "url": viewer.url})
 
 
