@@ -21,10 +21,13 @@ from recon.train.ranks import Ranks
 START, TERM = "depth start", "depth term"
 WEIGHTS = (0.1, 0.5)
 """That are tried (bench/decided/depth.py)."""
-USUAL = 0.5
-"""The weight where no trial can be made."""
+USUAL = 0.1
+"""The weight where no trial can be made, and there are few views."""
+FEW_VIEWS = 12
+"""Training views, below which the term is worth it even without a trial: to what the start gains it adds 0.2 to
+0.3 dB with six, with twelve and sixteen between -0.1 and 0.4 (bench/decided/depth.py)."""
 SURE_SCATTER = 0.03
-"""Of ln depth about scene points, below which depth is compared with even without a trial."""
+"""Of ln depth about scene points, below which depth is good enough for that."""
 
 AS_TOLD = 0.05
 """Of ln depth, by which the scale that swept points tell may be off (toy scenes of six views: 0.01)."""
@@ -70,11 +73,12 @@ def depth_for(
     if asked is not None:
         weight, rung = asked, Rung(name=TERM, taken=True, reason=f"asked for with a weight of {asked:g}")
     elif ranks.first and against_trials is not None:
-        sure = fitted.scatter <= SURE_SCATTER
-        weight = USUAL if sure else 0.0
-        agreed = f"by {'less' if sure else 'more'} than {100 * SURE_SCATTER:g} %"
-        reason = f"maps and scene points differ {agreed}; a trial: {against_trials}"
-        rung = Rung(name=TERM, taken=sure, reason=reason)
+        sure, count = fitted.scatter <= SURE_SCATTER, len(dataset.train)
+        taken = sure and count < FEW_VIEWS
+        weight = USUAL if taken else 0.0
+        agreed = f"maps and scene points differ by {'less' if sure else 'more'} than {100 * SURE_SCATTER:g} %"
+        views = f"{count} training views are {'few' if count < FEW_VIEWS else 'enough without it'}"
+        rung = Rung(name=TERM, taken=taken, reason=f"{agreed}, {views}; a trial: {against_trials}")
     elif ranks.first:
         weight, rung = tried(dataset, settings, WEIGHTS, progress)
     return ranks.broadcast(weight), (first, rung)

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,11 +15,13 @@ from imaging.files.photo import encode_png
 from imaging.progress import unreported
 from recon.data.light import radiance_image
 from recon.data.load import load
+from recon.data.measured_depth import DepthFit
 from recon.decide.decisions import Case, decide
-from recon.decide.measured_depth import START, TERM, USUAL, depth_fit, tried
+from recon.decide.measured_depth import START, TERM, USUAL, depth_fit, depth_for, tried
 from recon.decide.overrides import Overrides
 from recon.reconstruct import reconstruct
 from recon.result.model import MODEL, SPLATS
+from recon.train.ranks import Ranks
 
 from .test_corrections import settings
 from .test_decisions import run_of
@@ -47,9 +50,23 @@ def test_where_no_trial_can_be_made_scene_points_decide(deep):
     assert rungs[START].taken
     assert "times what their unit says" in rungs[START].reason
     assert rungs[TERM].taken
-    assert "less than 3 %; a trial: not tried, since 5 training views" in rungs[TERM].reason
+    told = "less than 3 %, 5 training views are few; a trial: not tried, since 5 training views"
+    assert told in rungs[TERM].reason
     assert decided.settings.depth == USUAL
     assert decided.settings.depth_scale == pytest.approx(1.0, abs=0.01)
+
+
+def test_without_a_trial_many_views_and_scattered_maps_go_without_the_term(deep):
+    good = DepthFit(views=5, scale=1.0, scatter=0.01, looks=500)
+    many = replace(deep, train=deep.train * 3)
+    for dataset, fitted, told in (
+        (many, good, "15 training views are enough without it"),
+        (deep, replace(good, scatter=0.05), "differ by more than 3 %"),
+    ):
+        weight, rungs = depth_for(dataset, fitted, settings(), "no time", Ranks(), unreported)
+        assert weight == 0
+        assert [rung.taken for rung in rungs] == [True, False]
+        assert told in rungs[1].reason
 
 
 def test_it_is_left_out_or_weighed_as_asked_for(deep):
