@@ -27,7 +27,7 @@ from bench.support.trial import Cache
 from calib import place_views
 from calib.calibrate import calibrate
 from calib.data import features
-from calib.poses import contradictions, sfm
+from calib.poses import contradictions, first_model
 from imaging.errors import CalibrationError, PartialError
 from imaging.session.view_id import ViewId
 from tests.foreign import truth
@@ -73,7 +73,7 @@ def one_scene(name: str, folder: Path) -> dict[str, Any]:
 
     settle = contradictions.resolve_contradictions
     with ExitStack() as stack:
-        stack.enter_context(patch.object(sfm, "resolve_contradictions", settled))
+        stack.enter_context(patch.object(first_model, "resolve_contradictions", settled))
         _keep(kept, stack)
         try:
             calibrate(folder / "session")
@@ -88,7 +88,7 @@ def one_scene(name: str, folder: Path) -> dict[str, Any]:
 
 def _keep(kept: dict[str, Any], stack: ExitStack) -> None:
     """Have calibration use the summaries and the matches that are kept, and keep those that are not."""
-    summarise, match, fill = place_views.summarise, features.match, sfm.fill_database
+    summarise, match, fill = place_views.summarise, features.match, first_model.fill_database
     summaries = kept.setdefault("summaries", {})
     pairs = kept.get("pairs")
 
@@ -113,7 +113,7 @@ def _keep(kept: dict[str, Any], stack: ExitStack) -> None:
         return verified
 
     stack.enter_context(patch.object(place_views, "summarise", summary))
-    stack.enter_context(patch.object(sfm, "fill_database", filled))
+    stack.enter_context(patch.object(first_model, "fill_database", filled))
 
 
 def _poses(reconstruction: Any) -> dict[int, Any]:

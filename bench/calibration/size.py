@@ -31,7 +31,7 @@ from calib.calibrate import calibrate
 from calib.data import features as matched
 from calib.data import pairs as chosen
 from calib.data.unfinished import KEPT, Unfinished
-from calib.poses import sfm
+from calib.poses import first_model, mapping, sfm
 from capture.imports.photos import import_photos
 from capture.simulated import capture_simulated
 from drivers.sim.rigs import simulate
@@ -63,7 +63,14 @@ class _Known(Exception):
 
 
 def global_mapper(
-    database: Any, views: int, max_error: float, fixed: frozenset[int], threads: int, progress: Progress
+    database: Any,
+    views: int,
+    max_error: float,
+    fixed: frozenset[int],
+    threads: int,
+    progress: Progress,
+    *,
+    ahead: bool = False,
 ) -> Any | None:
     """As `calib.poses.mapping.map_views`, all views at once (Pan et al., "Global Structure-from-Motion
     Revisited", 2024)."""
@@ -79,7 +86,7 @@ def global_mapper(
     return max(every, key=lambda model: model.num_reg_images(), default=None)
 
 
-MAPPERS = {"incremental": sfm.map_views, "global": global_mapper}
+MAPPERS = {"incremental": mapping.map_views, "global": global_mapper}
 CHOSEN = tuple(f"chosen, {mapper}" for mapper in MAPPERS)
 
 
@@ -123,8 +130,8 @@ def row(
 
     features, cameras, rigs, threads, _ = given
     with (
-        mock.patch.object(sfm, "map_views", MAPPERS[mapper]),
-        mock.patch.object(sfm, "fill_database", fill),
+        mock.patch.object(first_model, "map_views", MAPPERS[mapper]),
+        mock.patch.object(first_model, "fill_database", fill),
     ):
         try:
             model = sfm.solve(features, cameras, rigs, threads, meter, **{**more, "kept": kept})

@@ -49,7 +49,8 @@ def picture(
     RAW of a camera whose colour is not known stays camera RGB.
     """
     merged = merge_bracket(read_view(session, view, scale, response))
-    light = np.nan_to_num(merged.radiance)
+    light = np.array(merged.radiance, np.float32)
+    cv2.patchNaNs(light.reshape(len(light), -1), 0.0)
     if merged.cfa is not None:
         light = demosaic(light, merged.cfa, np.asarray(np.isfinite(merged.radiance)), merged.sigma).rgb
     light = cv2.resize(light.astype(np.float32), size, interpolation=cv2.INTER_AREA)

@@ -19,6 +19,10 @@ Array = npt.NDArray[np.float64]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Of linear Rec.709."""
 LEAST_SNR = 10.0
+WINDOW = 5
+"""px of a picture, over which light is averaged; wider ones are reduced until it suffices."""
+WINDOWS = 300
+"""Across a wide picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +46,11 @@ def light(merged: Merged, camera_from_rec709: Array | None) -> ViewLight:
         assert merged.cfa is not None
         seen, each = bilinear(np.nan_to_num(merged.radiance), merged.cfa, merged.valid)
         rgb, known = balanced(seen, None), np.asarray(each.all(axis=-1))
-        window = 5
+        step, window = 1, WINDOW
     else:
-        rgb, known = np.nan_to_num(merged.radiance), np.logical_and.reduce(cv2.split(_bytes(merged.valid)))
-        window = max(5, merged.radiance.shape[1] // 300)
+        step = max(merged.radiance.shape[1] // WINDOWS // WINDOW, 1)
+        rgb, known = _reduced(_numbers(merged.radiance), step), _all_of(merged.valid, step)
+        window = max(WINDOW, rgb.shape[1] // WINDOWS)
     weights = LUMINANCE
     if camera_from_rec709 is not None:
         weights = LUMINANCE @ rec709_from_camera(camera_from_rec709[:3])
@@ -57,11 +62,37 @@ def light(merged: Merged, camera_from_rec709: Array | None) -> ViewLight:
     vivid = least > 0
     if merged.sigma is not None:
         sigma = merged.sigma if merged.sigma.ndim == 2 else _mixed(merged.sigma, np.full(3, 1 / 3))
-        noise = _mean(np.nan_to_num(sigma, posinf=1e30), window) / window
+        sigma = _reduced(np.minimum(_numbers(sigma), np.float32(1e30)), step) / np.float32(step)
+        noise = _mean(sigma, window) / window
         trusted &= luminance > LEAST_SNR * noise
         # Red and blue have a quarter of the sites, hence twice the noise.
         vivid &= least > 2 * LEAST_SNR * noise
     return ViewLight(luminance, colour, np.asarray(trusted), np.asarray(trusted & vivid))
+
+
+def _numbers(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """A copy with 0 where there is no number."""
+    copy = np.array(picture, np.float32)
+    cv2.patchNaNs(copy.reshape(len(copy), -1), 0.0)
+    return copy
+
+
+def _reduced(picture: npt.NDArray[np.float32], step: int) -> npt.NDArray[np.float32]:
+    """The means of a picture [h, w] or [h, w, C] over squares of `step` px; what is over is left out."""
+    if step == 1:
+        return picture
+    height, width = picture.shape[0] // step, picture.shape[1] // step
+    part = picture[: height * step, : width * step]
+    return np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _all_of(valid: npt.NDArray[np.bool_], step: int) -> npt.NDArray[np.bool_]:
+    """Where every channel of every pixel of a square of `step` px is valid."""
+    every = np.logical_and.reduce(cv2.split(_bytes(valid)))
+    height, width = every.shape[0] // step, every.shape[1] // step
+    if step > 1:
+        every = every[: height * step, : width * step].reshape(height, step, width, step).all(axis=(1, 3))
+    return np.asarray(every)
 
 
 def _bytes(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:

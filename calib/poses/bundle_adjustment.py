@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calib.poses.fisheye import nearest_terms
+from calib.poses.observations import observations
 from imaging.files.colmap import pycolmap
 from imaging.lens import Lens, LensModel
 
@@ -15,6 +16,10 @@ Array = npt.NDArray[np.float64]
 CUT = 4.0
 """Observations that miss by more than this many times the median are dropped."""
 MOST_ITERATIONS = 50
+STILL = 1e-6
+"""Share of the loss that a step has to gain for another to follow."""
+ROUGH_ITERATIONS, ROUGHLY_STILL = 15, 1e-4
+"""The same of an adjustment that only has to tell what misses: with more steps poses were no better."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +44,11 @@ def adjust(
     threads: int,
     *,
     points_only: bool = False,
-    iterations: int = MOST_ITERATIONS,
+    rough: bool = False,
 ) -> None:
     """Adjust points, poses and lenses in place, with a Cauchy loss of `scale` px.
 
-    points_only: poses and lenses stay. iterations: at most.
+    points_only: poses and lenses stay. rough: to tell what misses, and no more.
     """
     for number, camera in reconstruction.cameras.items():
         if number not in free.fixed:
@@ -60,8 +65,8 @@ def adjust(
     options.ceres.loss_function_scale = scale
     solver = options.ceres.solver_options
     solver.num_threads = threads
-    solver.max_num_iterations = iterations
-    solver.function_tolerance = 1e-6
+    solver.max_num_iterations = ROUGH_ITERATIONS if rough else MOST_ITERATIONS
+    solver.function_tolerance = ROUGHLY_STILL if rough else STILL
     config = pycolmap.BundleAdjustmentConfig()
     for image in sorted(reconstruction.reg_image_ids()):
         config.add_image(image)
@@ -144,32 +149,19 @@ class Misses:
 
 
 def misses(reconstruction: Any) -> Misses:
-    """Of every observation, in order of points and track elements."""
-    images: dict[int, list[tuple[int, Any, Any]]] = {}
-    for key in sorted(reconstruction.points3D):
-        point = reconstruction.points3D[key]
-        for element in point.track.elements:
-            images.setdefault(element.image_id, []).append((element.point2D_idx, point.xyz, None))
-    where, feature, error = [], [], []
-    for index in sorted(images):
+    """Of every observation, in order of images and features."""
+    seen = observations(reconstruction)
+    error = np.full(len(seen.image), np.inf)
+    for index, rows in seen.of_images():
         image = reconstruction.image(index)
-        own = np.array([entry[0] for entry in images[index]], np.int64)
-        world = np.array([entry[1] for entry in images[index]], np.float64).reshape(-1, 3)
-        seen = np.array([np.ravel(image.point2D(int(i)).xy) for i in own]).reshape(-1, 2)
         motion = image.cam_from_world().matrix()
-        camera = world @ motion[:, :3].T + motion[:, 3]
-        front = camera[:, 2] > 1e-9
-        projected = np.full(seen.shape, np.inf)
-        if front.any():
-            projected[front] = reconstruction.cameras[image.camera_id].img_from_cam(camera[front])
-        miss = np.full(len(own), np.inf)
-        miss[front] = np.linalg.norm(projected[front] - seen[front], axis=1)
-        where.append(np.full(len(own), index, np.int64))
-        feature.append(own)
-        error.append(np.where(np.isfinite(miss), miss, np.inf))
-    if not where:
-        return Misses(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
-    return Misses(np.concatenate(where), np.concatenate(feature), np.concatenate(error))
+        camera = seen.world[seen.point[rows]] @ motion[:, :3].T + motion[:, 3]
+        front = np.flatnonzero(camera[:, 2] > 1e-9)
+        if len(front):
+            projected = reconstruction.cameras[image.camera_id].img_from_cam(camera[front])
+            miss = np.linalg.norm(projected - seen.seen[rows][front], axis=1)
+            error[rows.start + front] = np.where(np.isfinite(miss), miss, np.inf)
+    return Misses(seen.image, seen.feature, error)
 
 
 def drop_outliers(reconstruction: Any, least: float) -> float:

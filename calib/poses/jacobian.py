@@ -8,6 +8,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from calib.poses.bundle_adjustment import Free, is_fisheye, opencv_parameters
+from calib.poses.observations import observations
 from imaging.files.colmap import pycolmap
 
 Array = npt.NDArray[np.float64]
@@ -55,17 +56,12 @@ def linearise(reconstruction: Any, free: Free) -> Linear:
             if number not in columns:
                 columns[number] = width
                 width += count
-    place = {number: order for order, number in enumerate(sorted(reconstruction.points3D))}
+    seen = observations(reconstruction)
     blocks: list[Any] = []
-    parts: list[tuple[Array, Array, Array, list[int], int]] = []
-    for index in sorted(reconstruction.reg_image_ids()):
+    parts: list[tuple[Array, Array]] = []
+    for index, rows in seen.of_images():
         image = reconstruction.image(index)
-        observed = [point for point in image.points2D if point.has_point3D()]
-        if not observed:
-            continue
-        numbers = [point.point3D_id for point in observed]
-        seen = np.array([np.ravel(point.xy) for point in observed])
-        world = np.array([reconstruction.points3D[number].xyz for number in numbers])
+        world = seen.world[seen.point[rows]]
         cam, rig = image.cam_from_world().matrix(), image.frame.rig_from_world.matrix()
         local, held = world @ cam[:, :3].T + cam[:, 3], world @ rig[:, :3].T + rig[:, 3]
         camera = reconstruction.cameras[image.camera_id]
@@ -77,15 +73,15 @@ def linearise(reconstruction: Any, free: Free) -> Linear:
         if image.camera_id in lenses:
             own.append((lenses[image.camera_id], _tied(by_lens, free)))
         blocks.append(_sparse(own, width))
-        parts.append((projected - seen, seen, by_ray @ cam[:, :3], [place[n] for n in numbers], index))
-    residuals, places, points, owners, images = zip(*parts, strict=True)
+        parts.append((projected - seen.seen[rows], by_ray @ cam[:, :3]))
+    residuals, points = zip(*parts, strict=True)
     return Linear(
         np.concatenate(residuals),
-        np.concatenate(places),
+        seen.seen,
         sparse.vstack(blocks).tocsr(),
         np.concatenate(points),
-        np.concatenate([np.array(own, np.int64) for own in owners]),
-        np.repeat(np.array(images, np.int64), [len(own) for own in owners]),
+        seen.point,
+        seen.image,
         frames,
         sensors,
         lenses,

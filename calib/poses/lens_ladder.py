@@ -29,11 +29,19 @@ MOST_POINTS = 2000
 
 
 def climb(
-    reconstruction: Any, free: Free, scale: float, threads: int, progress: Progress
+    reconstruction: Any,
+    free: Free,
+    scale: float,
+    threads: int,
+    progress: Progress,
+    told: str = "a board told the lenses",
 ) -> tuple[Free, tuple[Rung, ...]]:
-    """Try each term on top of those already taken; scale: the typical miss, px. Changes nothing."""
+    """Try each term on top of those already taken; scale: the typical miss, px. Changes nothing.
+
+    told: why there is nothing to try where every lens is fixed.
+    """
     if free.fixed.issuperset(reconstruction.cameras):
-        return free, (Rung(name="lens_terms", taken=False, reason="a board told the lenses"),)
+        return free, (Rung(name="lens_terms", taken=False, reason=told),)
     if reconstruction.num_reg_images() < FEWEST_VIEWS:
         reason = f"fewer than {FEWEST_VIEWS} views cannot judge more than focal length and one radial term"
         return free, (Rung(name="lens_terms", taken=False, reason=reason),)

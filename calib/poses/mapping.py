@@ -5,13 +5,29 @@ from typing import Any
 from imaging.files.colmap import pycolmap
 from imaging.progress import Progress
 
+MANY = 60
+"""Views beyond which a model is adjusted as a whole less often, and less exactly, while it grows."""
+GROWTH = 1.3
+"""By which it has grown then; 1.1 else."""
+STILL = 1e-5
+"""Share of the loss that a step of those adjustments has to gain."""
+
 
 def map_views(
-    database: Any, views: int, max_error: float, fixed: frozenset[int], threads: int, progress: Progress
+    database: Any,
+    views: int,
+    max_error: float,
+    fixed: frozenset[int],
+    threads: int,
+    progress: Progress,
+    *,
+    ahead: bool = False,
 ) -> Any | None:
     """The model of a database's matches that places the most views; None if no two can be placed.
 
-    views: how many there are. max_error: of a reprojection, px. fixed: cameras whose lenses stay.
+    views: how many there are. max_error: of a reprojection, px. fixed: cameras whose lenses stay. ahead:
+    begin with two views of which one was taken by going ahead from the other, too, and be content with
+    fewer matches of each further one, since what stands beside a road leaves the image after a few steps.
     """
     options = pycolmap.IncrementalPipelineOptions()
     options.constant_cameras = set(fixed)
@@ -21,6 +37,13 @@ def map_views(
     options.extract_colors = False
     options.ba_refine_principal_point = False
     options.mapper.init_min_tri_angle = 8
+    if ahead:
+        options.mapper.init_max_forward_motion = 1.0
+        options.mapper.init_min_tri_angle = 4
+        options.mapper.abs_pose_min_num_inliers = 15
+    if views > MANY:
+        options.ba_global_frames_ratio = options.ba_global_points_ratio = GROWTH
+        options.ba_global_function_tolerance = options.ba_local_function_tolerance = STILL
     options.mapper.filter_max_reproj_error = max_error
     options.triangulation.merge_max_reproj_error = max_error
     options.triangulation.complete_max_reproj_error = max_error

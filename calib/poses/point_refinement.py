@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from calib.poses.observations import observations
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
 
@@ -87,21 +88,14 @@ def refine_points(reconstruction: Any, pictures: Mapping[ViewId, bytes], progres
 
 
 def _gather(reconstruction: Any, pictures: Collection[ViewId]) -> _Sights:
-    rows, places, world = [], [], []
-    shown = {index for index in reconstruction.reg_image_ids()
-             if ViewId.of_image(reconstruction.image(index).name) in pictures}  # fmt: skip
-    for order, number in enumerate(sorted(reconstruction.points3D)):
-        point = reconstruction.points3D[number]
-        for element in sorted(point.track.elements, key=lambda one: (one.image_id, one.point2D_idx)):
-            if element.image_id not in shown:
-                continue
-            rows.append((element.image_id, element.point2D_idx, order))
-            places.append(np.ravel(reconstruction.image(element.image_id).point2D(element.point2D_idx).xy))
-            world.append(point.xyz)
-    image, feature, point = np.array(rows, np.int64).reshape(-1, 3).T
-    point = np.unique(point, return_inverse=True)[1]
+    every = observations(reconstruction)
+    shown = [index for index in reconstruction.reg_image_ids()
+             if ViewId.of_image(reconstruction.image(index).name) in pictures]  # fmt: skip
+    rows = np.lexsort([every.feature, every.image, every.point])
+    rows = rows[np.isin(every.image[rows], shown)]
+    point = np.unique(every.point[rows], return_inverse=True)[1]
     return _Sights(
-        image, feature, point, np.array(places).reshape(-1, 2), np.array(world, np.float64).reshape(-1, 3)
+        every.image[rows], every.feature[rows], point, every.seen[rows], every.world[every.point[rows]]
     )
 
 

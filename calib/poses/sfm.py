@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.features import FEWEST_MATCHES, Features, fill_database
+from calib.data.features import FEWEST_MATCHES, Features
 from calib.data.unfinished import Unfinished
-from calib.poses.bundle_adjustment import MOST_ITERATIONS, Free, adjust, drop_outliers, lens_of, misses
-from calib.poses.contradictions import ResolvedModel, resolve_contradictions
+from calib.poses.bundle_adjustment import Free, adjust, drop_outliers, lens_of, misses
+from calib.poses.contradictions import ResolvedModel
+from calib.poses.first_model import NO_START, Scene, camera_numbers, first_model
 from calib.poses.known_rig import NOTHING, KnownRig, camera_of, tie_rigs, to_metres
 from calib.poses.lens_ladder import climb, sees_wide
-from calib.poses.mapping import map_views
 from calib.poses.point_refinement import refine_points
-from calib.poses.refusals import require_depth, require_features
+from calib.poses.refusals import require_features
 from calib.poses.uncertainty import StandardErrors, standard_errors
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
@@ -29,19 +29,12 @@ MAX_ERROR = 4.0
 """Of a correspondence, px, in pictures of 1280 px or wider; less in smaller ones, at least half of it."""
 ROUNDS = 4
 """Of adjusting and cutting outliers."""
-ROUGH = 15
-"""Iterations of the rounds before the last, which only have to tell what misses: with more of them poses were
-no better, and a small calibration took an eighth longer."""
 ALIGNED = 0.4
 """Patches err by less than features, of whose error this is a part."""
 LOOSE = 1.5
 """Tied cameras may miss by this much more than free ones; beyond, they are not rigidly mounted."""
 _LENS_KINDS = ("lens_radial_1", "lens_radial_2", "lens_tangential", "lens_fisheye")
 """Rungs that a fisheye has behind it."""
-_NO_START = (
-    "{} pairs of views match, but no two of them give a start from which the others can be placed: take "
-    "more views, at most 30 degrees apart, that overlap by two thirds."
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +91,7 @@ def solve(
     than those of features. kept: matches of an earlier run.
     """
     require_features(features, blank or {})
-    scene = _Scene(
+    scene = Scene(
         features, rigs, threads, progress, focal_known, known, pictures or {}, brightness or {}, exact,
         kept or Unfinished(),
     )  # fmt: skip
@@ -112,6 +105,8 @@ def solve(
         for rig in rigs:
             to_metres(adjusted.reconstruction, known, rig)
     errors = standard_errors(adjusted.reconstruction, adjusted.free, adjusted.typical, progress)
+    if errors is not None:
+        errors = errors.without_lenses(adjusted.held)
     rungs = (*rungs, *adjusted.settled.rungs, adjusted.rig_rung, *adjusted.lens_rungs)
     model = _model(adjusted.reconstruction, rungs, errors, metric=adjusted.metric)
     return replace(
@@ -134,31 +129,16 @@ def transformed(model: SceneModel, transform: Any, *, metric: bool = True) -> Sc
 
 
 @dataclass(frozen=True, eq=False)
-class _Scene:
-    """What `solve` is given but for the lenses, which it may begin with twice."""
-
-    features: Mapping[ViewId, Features]
-    rigs: Sequence[Sequence[str]]
-    threads: int
-    progress: Progress
-    focal_known: Collection[str]
-    known: KnownRig
-    pictures: Mapping[ViewId, bytes]
-    brightness: Mapping[ViewId, npt.NDArray[np.float64]]
-    exact: Collection[str]
-    kept: Unfinished
-
-
-@dataclass(frozen=True, eq=False)
 class _Adjusted:
     """A model with the terms of its lenses chosen. free: how it was adjusted; typical: its miss, px;
-    metric: its unit is the metre."""
+    metric: its unit is the metre; held: cameras whose lenses stayed as the files say."""
 
     reconstruction: Any
     free: Free
     typical: float
     metric: bool
     settled: ResolvedModel
+    held: frozenset[str]
     rig_rung: Rung
     lens_rungs: tuple[Rung, ...]
 
@@ -176,7 +156,7 @@ class _Adjusted:
         }
 
 
-def _adjusted(scene: _Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
+def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
     """Place the views beginning with these lenses, tie rigs together, and choose the lenses' terms."""
     known, threads, progress = scene.known, scene.threads, scene.progress
     width = max(lens.width for lens in cameras.values())
@@ -188,7 +168,7 @@ def _adjusted(scene: _Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         else _camera(lens, name in scene.focal_known)
         for name, lens in cameras.items()
     }
-    settled = _settled(scene, database, models, cameras, max_error)
+    settled, held = first_model(scene, database, models, cameras, max_error)
     reconstruction = settled.reconstruction
     untied = misses(reconstruction).typical
     metric = sum(to_metres(reconstruction, known, rig) is not None for rig in scene.rigs) > 0
@@ -198,8 +178,8 @@ def _adjusted(scene: _Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
     fisheye = any(lens.fisheye for lens in cameras.values())
     free = Free(
         "RADIAL_FISHEYE" if fisheye else "SIMPLE_RADIAL",
-        fixed=_numbers(models, known.lenses),
-        placed=_numbers(models, known.cam_from_rig),
+        fixed=camera_numbers(models, {*known.lenses, *held}),
+        placed=camera_numbers(models, known.cam_from_rig),
     )
     typical = _polish(reconstruction, free, max_error, threads, progress)
     if rig_rung.taken and typical > LOOSE * max(untied, 0.1):
@@ -215,38 +195,12 @@ def _adjusted(scene: _Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         refine_points(reconstruction, scene.pictures, progress)
         typical = _polish(reconstruction, free, ALIGNED * max_error, threads, progress)
     if reconstruction.num_points3D() < FEWEST_MATCHES:
-        raise CalibrationError(_NO_START.format(settled.pairs))
-    free, lens_rungs = climb(reconstruction if uncut is None else uncut, free, typical, threads, progress)
+        raise CalibrationError(NO_START.format(settled.pairs))
+    judged = reconstruction if uncut is None else uncut
+    told = "the files told the lenses" if held else "a board told the lenses"
+    free, lens_rungs = climb(judged, free, typical, threads, progress, told)
     adjust(reconstruction, free, typical, threads)
-    return _Adjusted(reconstruction, free, typical, metric, settled, rig_rung, lens_rungs)
-
-
-def _settled(
-    scene: _Scene, database: Any, models: Mapping[str, Any], cameras: Mapping[str, Lens], max_error: float
-) -> ResolvedModel:
-    """Views matched and mapped, without what contradicts itself. models: pycolmap cameras by name."""
-    pairs = fill_database(database, models, scene.features, max_error, scene.rigs, scene.kept, scene.progress)
-    if not pairs:
-        raise CalibrationError(
-            "No two views share enough of the scene to be placed: take views that overlap by two thirds."
-        )
-    require_depth(pairs, cameras, max_error)
-    fixed = _numbers(models, scene.known.lenses)
-
-    def mapped() -> Any | None:
-        return map_views(database, len(scene.features), max_error, fixed, scene.threads, scene.progress)
-
-    reconstruction = mapped()
-    if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
-        raise CalibrationError(_NO_START.format(len(pairs)))
-    return resolve_contradictions(
-        database, reconstruction, pairs, scene.brightness, max_error, mapped, scene.exact
-    )
-
-
-def _numbers(models: Mapping[str, Any], names: Collection[str]) -> frozenset[int]:
-    """The numbers of those cameras among the pycolmap cameras that have these names."""
-    return frozenset(models[name].camera_id for name in names if name in models)
+    return _Adjusted(reconstruction, free, typical, metric, settled, held, rig_rung, lens_rungs)
 
 
 def _polish(reconstruction: Any, free: Free, max_error: float, threads: int, progress: Progress) -> float:
@@ -257,8 +211,7 @@ def _polish(reconstruction: Any, free: Free, max_error: float, threads: int, pro
     typical = 0.125 * max_error
     for turn in range(ROUNDS):
         progress("adjusting", turn, ROUNDS)
-        iterations = MOST_ITERATIONS if turn == ROUNDS - 1 else ROUGH
-        adjust(reconstruction, free, typical, threads, iterations=iterations)
+        adjust(reconstruction, free, typical, threads, rough=turn < ROUNDS - 1)
         typical = drop_outliers(reconstruction, least=0.15 * max_error)
     progress("adjusting", ROUNDS, ROUNDS)
     return typical

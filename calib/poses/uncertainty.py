@@ -8,14 +8,14 @@ second radial and the tangential terms are free meanwhile, whatever the ladder t
 to be seen makes what it trades places with no surer. How lenses are built bounds those.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, sparse
+from scipy import sparse
 
 from calib.poses.bundle_adjustment import Free, is_fisheye
 from calib.poses.jacobian import Linear, is_reference, linearise
@@ -49,6 +49,10 @@ class StandardErrors:
     rotation: dict[ViewId, float]
     translation: dict[ViewId, float]
     lenses: dict[str, dict[str, float]]
+
+    def without_lenses(self, cameras: Collection[str]) -> "StandardErrors":
+        """The same where nothing was measured of these cameras' lenses."""
+        return replace(self, lenses={name: own for name, own in self.lenses.items() if name not in cameras})
 
 
 def standard_errors(
@@ -115,23 +119,23 @@ def _moves(linear: Linear, reconstruction: Any, free: Free, scale: float) -> Arr
     left = sparse.csr_matrix(
         (inverse @ (points.T @ drawn), (np.repeat(group, 3), np.arange(3 * many))), shape=(groups, 3 * many)
     )
-    pulls = (summed @ linear.cameras).toarray() - (left @ shared.T).toarray()
-    pulls -= pulls.mean(0)
+    pulls = summed @ linear.cameras - left @ shared.T
     # What a fit follows, its residuals do not show.
     spare = 2 * count - 3 * many
-    pulls *= np.sqrt(spare / max(spare - len(curvature), 0.1 * spare) * groups / max(groups - 1, 1))
+    more = np.sqrt(spare / max(spare - len(curvature), 0.1 * spare) * groups / max(groups - 1, 1))
 
     variance = float((pull**2 * squares).mean() / (2 * weight.mean()))
     columns, errors = _built(linear, reconstruction, free)
     curvature[columns, columns] += variance / errors**2
-    prior = np.zeros((len(columns), len(curvature)))
-    prior[np.arange(len(columns)), columns] = variance / errors
-    pulls = np.concatenate([pulls, prior])
     size = np.sqrt(np.diag(curvature))
     size[size == 0] = 1.0
     curvature = curvature / size / size[:, None] + _RIDGE * np.eye(len(size))
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (DRAWS, len(pulls)))
-    return np.asarray(linalg.solve(curvature, (signs @ pulls / size).T, assume_a="sym").T / size)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (DRAWS, groups + len(columns)))
+    own, built = np.split(signs, [groups], axis=1)
+    # Pulls less their mean, and never as a table: groups times parameters grow by the square of the views.
+    drawn = more * ((pulls.T @ own.T).T - own.sum(1)[:, None] * np.asarray(pulls.mean(0)).ravel())
+    drawn[:, columns] += built * (variance / errors)
+    return np.asarray(np.linalg.solve(curvature, (drawn / size).T).T / size)
 
 
 def _by_blocks(matrices: npt.NDArray[Any]) -> Any:

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.cfa import Cfa
+from imaging.compute.jit import compiled
 from imaging.merge.linear_frame import Bool, Float, LinearFrame
 
 Array = npt.NDArray[np.float64]
@@ -66,15 +67,43 @@ def merge_bracket(frames: Sequence[LinearFrame]) -> Merged:
 
 def _single(frame: LinearFrame, rows: slice) -> tuple[Numbers, Numbers, Bool]:
     """One frame is its own weighted mean, whatever the weight."""
-    signal = frame.signal[rows]
-    number = frame.valid[rows] & np.isfinite(signal)
-    usable = number & ~frame.saturated[rows] & ~frame.dark[rows]
-    clipped = number & frame.saturated[rows]
-    sigma = np.where(number, np.float32(np.inf), np.float32(np.nan))
-    if frame.noise is not None:
-        np.copyto(sigma, np.sqrt(frame.noise.variance(signal)) / frame.k, where=usable)
-    radiance = np.where(number, signal / np.float32(frame.k), np.float32(np.nan))
-    return radiance, sigma, np.stack([usable, clipped, number & ~usable & ~clipped])
+    signal = np.ascontiguousarray(frame.signal[rows], np.float32)
+    radiance, sigma = np.empty(signal.shape, np.float32), np.empty(signal.shape, np.float32)
+    masks = np.empty((3, *signal.shape), bool)
+    variance = np.full(1, np.inf) if frame.noise is None else frame.noise.variance(signal)
+    variance = np.broadcast_to(variance, signal.shape).astype(np.float32)
+    _alone(
+        signal.reshape(-1), frame.valid[rows].reshape(-1), frame.saturated[rows].reshape(-1),
+        frame.dark[rows].reshape(-1), variance.reshape(-1), np.float32(frame.k),
+        radiance.reshape(-1), sigma.reshape(-1), masks.reshape(3, -1),
+    )  # fmt: skip
+    return radiance, sigma, masks
+
+
+@compiled
+def _alone(
+    signal: Float,
+    valid: Bool,
+    saturated: Bool,
+    dark: Bool,
+    variance: Float,
+    k: np.float32,
+    radiance: Float,
+    sigma: Float,
+    masks: Bool,
+) -> None:
+    """What each photosite [N] of one frame tells, written into the last three; masks [3, N]."""
+    for place in range(len(signal)):
+        value = signal[place]
+        number = valid[place] and np.isfinite(value)
+        usable = number and not saturated[place] and not dark[place]
+        clipped = number and saturated[place]
+        masks[0, place], masks[1, place] = usable, clipped
+        masks[2, place] = number and not usable and not clipped
+        radiance[place] = value / k if number else np.float32(np.nan)
+        sigma[place] = np.float32(np.nan)
+        if number:
+            sigma[place] = np.sqrt(variance[place]) / k if usable else np.float32(np.inf)
 
 
 def _merge_rows(frames: Sequence[LinearFrame], rows: slice, known: bool) -> tuple[Numbers, Numbers, Bool]:

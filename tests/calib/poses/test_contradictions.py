@@ -67,7 +67,7 @@ def pillar(alike: bool, lit: bool) -> tuple[dict, dict, Array]:
 
 def placed(features: Mapping, brightness: Mapping) -> tuple[SceneModel, Mapping]:
     """The model, and the pairs of views that match."""
-    with patch("calib.poses.sfm.resolve_contradictions", wraps=resolve_contradictions) as settled:
+    with patch("calib.poses.first_model.resolve_contradictions", wraps=resolve_contradictions) as settled:
         model = solve(features, {"cam": LENS}, [], 1, unreported, focal_known={"cam"}, brightness=brightness)
     return model, settled.call_args.args[2]
 
