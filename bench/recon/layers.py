@@ -149,10 +149,10 @@ def report(result: dict[str, Any]) -> str:
         "# Depth, normals and trust of trained scenes",
         "",
         f"`python -m bench.recon.layers --write`: draft, {result['seeds']} seed(s), held-out views, pixels "
-        "that the median calls a surface. By how much of itself the median depth, and the mean, is off: median "
-        "and 99th percentile over pixels. Degrees by which normals are off, of Gaussians and of the mean "
-        "depth, median. Views that trust counts, as many as there are in truth, and by how many a pixel is "
-        "off, means. "
+        "that the median calls a surface. By how much of itself the median depth, and the mean, is off: "
+        "median and 99th percentile over pixels. Degrees by which normals are off, of Gaussians and of the "
+        "mean depth, median. Views that trust counts, as many as there are in truth, and by how many a pixel "
+        "is off, means. "
         f"{words(result['machine'])}.",
         "",
         f"| {' | '.join(columns)} |",

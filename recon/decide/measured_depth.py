@@ -24,8 +24,8 @@ WEIGHTS = (0.1, 0.5)
 USUAL = 0.1
 """The weight where no trial can be made, and there are few views."""
 FEW_VIEWS = 12
-"""Training views, below which the term is worth it even without a trial: to what the start gains it adds 0.2 to
-0.3 dB with six, with twelve and sixteen between -0.1 and 0.4 (bench/decided/depth.py)."""
+"""Training views, below which the term is worth it even without a trial: to what the start gains it adds 0.2
+to 0.3 dB with six, with twelve and sixteen between -0.1 and 0.4 (bench/decided/depth.py)."""
 SURE_SCATTER = 0.03
 """Of ln depth about scene points, below which depth is good enough for that."""
 
