@@ -3,8 +3,8 @@
     python -m bench.decided.depth [--quick] [--json] [--write] [--work FOLDER]
 
 Simulated rigs of 24 views with their true calibration, of which a third is held out and some of the others
-train. Their true depth has 1 % of noise, or 3 %, and holes over a fifth of the picture. Finished rows are
-kept in FOLDER.
+train. Their true depth has 1 % of noise and holes over a fifth of the picture. Finished rows are kept in
+FOLDER.
 """
 
 import argparse
@@ -31,9 +31,7 @@ NOTHING = 1e-9
 """A weight at which only the start knows of the depth."""
 VARIANTS = {"none": 0.0, "start": NOTHING, "0.1": 0.1, "0.5": 0.5, "2": 2.0}
 CASES = [
-    *(("demo", 0, *length, 0.01) for length in ((6, 300), (12, 400), (16, 500))),
-    *(("gallery", 0, *length, 0.01) for length in ((6, 300), (12, 400), (16, 500))),
-    *((rig, seed, 6, 300, noise) for rig in ("demo", "gallery") for seed, noise in ((1, 0.01), (0, 0.03))),
+    (rig, 0, *length, 0.01) for rig in ("demo", "gallery") for length in ((6, 300), (12, 400), (16, 500))
 ]
 """Rig, seed, training views, iterations, noise."""
 HOLES = 0.2
@@ -71,7 +69,7 @@ def train(work: Path, rig: str, seed: int, views: int, iterations: int, noise: f
         name=f"{views}-{weight:g}",
         replace=True,
     )  # fmt: skip
-    metrics, model = evaluate(made), open_model(made)
+    metrics, model = evaluate(made).known(), open_model(made)
     told = next((rung.reason for rung in model.record.rungs if rung.name == "depth start"), "")
     shutil.rmtree(made)
     return {"db": metrics.hdr_psnr_mu_aligned, "stops": metrics.stops_median, "told": told}

@@ -121,7 +121,7 @@ def test_a_training_that_was_stopped_goes_on_with_its_depth(session_copy):
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(session_copy, method="nh-3dgs", overrides=chosen, name="twice", progress=interrupt)
+        reconstruct(session_copy, method="nh-3dgs", overrides=chosen, name="twice", on_progress=interrupt)
     again = reconstruct(session_copy, method="nh-3dgs", overrides=chosen, name="twice")
     assert (again / SPLATS).read_bytes() == (whole / SPLATS).read_bytes()
     model = store.read_json(again / MODEL)
