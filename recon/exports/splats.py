@@ -107,7 +107,7 @@ def sound(scene: Scene) -> tuple[Scene, int]:
     kept = torch.ones(len(scene.gaussians), dtype=torch.bool)
     for name, value in parameters.items():
         if name != "opacity_logits":
-            kept &= torch.isfinite(value.detach().reshape(len(kept), -1)).all(1)
+            kept &= torch.isfinite(value.detach()).flatten(1).all(1) if value.ndim > 1 else value.isfinite()
     kept &= torch.isfinite(scene.gaussians.scales()).all(1) & (scene.gaussians.scales() > 0).all(1)
     kept &= scene.gaussians.opacities() > 0  # of NaN neither
     kept &= parameters["quats"].abs().amax(1) > 0

@@ -1,0 +1,152 @@
+"""Every format at its limits: what is lost is told, and what cannot be is refused in a sentence."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from imaging.errors import InputError, ReconstructionError
+from imaging.session.records import Band
+from recon.exports import sog
+from recon.exports.export import FORMATS, export
+from recon.exports.loss import loss_of, stops_between
+from recon.exports.splats import linear_splats, sound
+from recon.result.scene import Scene, open_scene
+from recon.scene.gaussians import Gaussians
+from recon.scene.ply import read_ply
+from tests.recon.exports.made_scene import write_made
+
+SPLATS = {"usd": "a.usdc", "sog": "a.sog", "glb": "a.glb", "spz": "a.spz", "ply": "a.ply"}
+BANDS = (
+    Band(name="650nm", wavelength_nm=650, bandwidth_nm=40),
+    Band(name="800nm", wavelength_nm=800, bandwidth_nm=40),
+)
+
+
+def changed(scene: Scene, **rows: tuple[int, float]) -> Scene:
+    """The scene with one value of one Gaussian put in each of some parameters."""
+    parameters = {name: value.clone() for name, value in scene.gaussians.parameters.items()}
+    for name, (row, value) in rows.items():
+        parameters[name][row] = value
+    return replace(scene, gaussians=Gaussians(parameters))
+
+
+@pytest.mark.parametrize("name", SPLATS)
+def test_gaussians_that_cannot_be_drawn_are_left_out_and_counted(
+    name: str, scene: Scene, tmp_path: Path
+) -> None:
+    bad = changed(
+        scene,
+        means=(3, np.nan),
+        log_scales=(4, np.inf),
+        quats=(5, 0.0),
+        opacity_logits=(6, -np.inf),
+        ln_luminance=(7, np.nan),
+    )
+    told = export(bad, tmp_path / SPLATS[name])
+    assert told.gaussians == 395
+    assert "5 of 400 Gaussians, which no renderer draws" in told.notes
+    assert told.loss is not None
+    assert np.isfinite([value for value in told.loss.data().values() if value is not None]).all()
+
+
+@pytest.mark.parametrize("name", SPLATS)
+def test_a_lamp_of_2_to_the_40_stays_finite(name: str, scene: Scene, tmp_path: Path) -> None:
+    told = export(changed(scene, ln_luminance=(0, 40 * np.log(2))), tmp_path / SPLATS[name])
+    assert told.loss is not None
+    assert np.isfinite([value for value in told.loss.data().values() if value is not None]).all()
+    if name == "ply":
+        assert np.isfinite(read_ply(tmp_path / "a.ply").harmonics).all()
+
+
+@pytest.mark.parametrize("name", [*SPLATS, "points", "mesh"])
+def test_an_empty_scene_is_refused(name: str, scene: Scene, tmp_path: Path) -> None:
+    none = {key: value[:0] for key, value in scene.gaussians.parameters.items()}
+    with pytest.raises(
+        ReconstructionError, match="no Gaussian that can be drawn, so there is nothing to export"
+    ):
+        export(replace(scene, gaussians=Gaussians(none)), tmp_path / SPLATS.get(name, "a.ply"), name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_opaque_stays_opaque(scene: Scene) -> None:
+    """What is behind a wall is not seen, however bright: single precision has to say 1."""
+    splats = linear_splats(changed(scene, opacity_logits=(0, 60.0)), 1.0, with_dome=False)
+    assert float(splats.gaussians().opacities()[0]) == 1.0
+    assert splats.opacities.astype(np.float32)[0] == 1.0
+
+
+def test_bands_are_exported_in_false_colours(tmp_path: Path) -> None:
+    scene = open_scene(write_made(tmp_path / "bands", bands=BANDS))
+    told = export(scene, tmp_path / "a.ply", linear=True)
+    assert told.loss is not None
+    assert told.loss.pixel_p99 < 1e-3
+    file = read_ply(tmp_path / "a.ply")
+    assert any("false colours of the bands 650nm, 800nm" in line for line in file.comments)
+    colours = 0.5 + 0.28209479177387814 * file.harmonics[:, 0]
+    assert np.allclose(colours, colours[:, :1], rtol=1e-4, atol=1e-6)  # two bands make no colour: grey
+
+
+def test_the_figure_of_the_loss_is_that_of_the_file(scene: Scene) -> None:
+    """A file whose light is all half a stop off has lost half a stop."""
+    splats = linear_splats(scene, 1.0, with_dome=False)
+    held = replace(splats, factor=2.0**0.5)
+    loss = loss_of(scene, splats, held, lambda *_: None)
+    assert loss.gaussian_median == pytest.approx(0.5)
+    assert loss.pixel_median == pytest.approx(0.5, abs=0.01)
+    assert "0.5 stops in the median" in str(loss)
+    assert stops_between([0.0, 1.0, 4.0], [0.5, 2.0, 1.0], 0.5).tolist() == [0.0, 1.0, 2.0]
+
+
+def test_what_sog_loses_is_told(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fine = export(scene, tmp_path / "a.sog").loss
+    monkeypatch.setattr(
+        sog, "codebook", lambda values: np.linspace(values.min(), values.max(), 16).repeat(16)
+    )
+    coarse = export(scene, tmp_path / "a.sog").loss
+    assert fine is not None
+    assert coarse is not None
+    assert 0.001 < fine.gaussian_median < 0.5 * coarse.gaussian_median
+
+
+def test_display_values_have_no_linear_light(scene: Scene, tmp_path: Path) -> None:
+    export(scene, tmp_path / "shown.ply")
+    shown = open_scene(tmp_path / "shown.ply")
+    for name in ("a.usdc", "a.sog"):
+        with pytest.raises(ReconstructionError, match="trained on display values"):
+            export(shown, tmp_path / name)
+    with pytest.raises(ReconstructionError, match="leave --exposure out"):
+        export(shown, tmp_path / "a.glb", exposure=1.0)
+    assert export(shown, tmp_path / "a.glb").gaussians == 400
+
+
+def test_options_that_a_format_cannot_have_are_refused(scene: Scene, made: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="usd is scene-linear: leave --display out"):
+        export(scene, tmp_path / "a.usdc", linear=False)
+    with pytest.raises(InputError, match="does not tell a format by its end"):
+        export(scene, tmp_path / "a.obj")
+    with pytest.raises(InputError, match="is in the folder of the scene"):
+        export(scene, made / "a.ply")
+    assert not (made / "a.ply").exists()
+
+
+def test_sound_scenes_are_left_as_they_are(scene: Scene) -> None:
+    kept, dropped = sound(scene)
+    assert kept is scene
+    assert dropped == 0
+    assert set(FORMATS) >= set(SPLATS)
+
+
+def test_an_offset_is_left_out_of_every_file(made: Path, tmp_path: Path) -> None:
+    """Coordinates of a survey do not fit float32; those of the files are less a round number."""
+    scene = open_scene(made)
+    far = scene.record.model_copy(update={"offset": (450000.0, 5410000.0, 0.0)})
+    world = far.world.model_copy(update={"origin": (450003.0, 5409998.0, 1.5)})
+    scene = replace(scene, record=far.model_copy(update={"world": world}))
+    export(scene, tmp_path / "a.ply", linear=True)
+    means = read_ply(tmp_path / "a.ply").means
+    scene_means = scene.gaussians.parameters["means"].double().numpy()
+    assert np.abs(means - (scene_means * world.unit + [3.0, -2.0, 1.5])).max() < 1e-5
+    assert torch.is_tensor(scene.gaussians.parameters["means"])
