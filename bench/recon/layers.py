@@ -1,6 +1,6 @@
 """Layers of data of trained scenes, depth, normals and trust, against where the simulator's surfaces are.
 
-    python -m bench.recon.layers [--quick] [--json] [--write] [--seeds 1] [--work FOLDER]
+    python -m bench.recon.layers [--sets demo] [--quick] [--json] [--write] [--seeds 1] [--work FOLDER]
 
 The demo and the gallery, poses and exposures given, trained with the preset draft; held-out views. True depth
 is cast along the ray of each pixel, true normals are differences of true places, and the true trust is how
@@ -31,7 +31,7 @@ from recon.scene.gaussians import drawn_values
 from recon.splat import SplatCamera
 
 Array = npt.NDArray[np.float64]
-SETS = ("demo", "gallery")
+SETS = "demo,gallery"
 NEARER = 0.98
 """Of the distance of a place: a surface that is nearer hides it."""
 
@@ -133,10 +133,10 @@ def trained(folder: Path) -> Path:
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     rows = []
-    for name in ("toy",) if options.quick else SETS:
+    for name in ("toy",) if options.quick else options.sets.split(","):
         found = [row for seed in range(options.seeds) for row in measured(name, seed, options)]
         rows.append({"set": name, "views": len(found)} | {key: mean_of(found, key) for key in found[0]})
-    return {"machine": machine(), "seeds": options.seeds, "rows": rows}
+    return {"machine": machine(), "sets": options.sets, "seeds": options.seeds, "rows": rows}
 
 
 def mean_of(rows: list[dict[str, float]], key: str) -> float:
@@ -148,11 +148,11 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Depth, normals and trust of trained scenes",
         "",
-        f"`python -m bench.recon.layers --write`: draft, {result['seeds']} seed(s), held-out views, pixels "
-        "that the median calls a surface. By how much of itself the median depth, and the mean, is off: "
-        "median and 99th percentile over pixels. Degrees by which normals are off, of Gaussians and of the "
-        "mean depth, median. Views that trust counts, as many as there are in truth, and by how many a pixel "
-        "is off, means. "
+        f"`python -m bench.recon.layers --sets {result['sets']} --write`: draft, {result['seeds']} seed(s), "
+        "held-out views, pixels that the median calls a surface. By how much of itself the median depth, and "
+        "the mean, is off: median and 99th percentile over pixels. Degrees by which normals are off, of the "
+        "Gaussians and of the mean depth, median. Views that trust counts, as many as there are in truth, "
+        "and by how many a pixel is off, means. "
         f"{words(result['machine'])}.",
         "",
         f"| {' | '.join(columns)} |",
@@ -168,7 +168,9 @@ def report(result: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    options = arguments(__doc__, seeds=1).parse_args()
+    parser = arguments(__doc__, seeds=1)
+    parser.add_argument("--sets", default=SETS)
+    options = parser.parse_args()
     result = measure(options)
     deliver(options, "layers", result, report(result))
 
