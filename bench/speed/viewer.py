@@ -3,7 +3,7 @@
     python -m bench.speed.viewer [--quick] [--json] [--write] [--gaussians 100000] [--seconds 10]
                                  [--repeats 3] [--work FOLDER]
 
-The demo's scene is trained for two minutes, and its Gaussians are split until there are as many as asked for.
+The demo's scene is trained as a draft, and its Gaussians are split until there are as many as asked for.
 `rig view` runs as a command; a browser is played by a websocket that says where its camera stands fifty times
 a second, as a browser does that is dragged, in a window of 640x360, and takes the pictures that come, which
 it does not draw. Times are wall clock, from the command on where that is said.
@@ -44,12 +44,12 @@ PERIOD = 0.02
 LIMIT = 60.0
 
 
-def scene_of(work: Path, sim: str, budget: str, count: int) -> Path:
+def scene_of(work: Path, sim: str, count: int) -> Path:
     """A reconstruction of the demo with so many Gaussians, unless it is there already."""
     place = session(work, sim, 0, "truth")
     trained = place / "reconstructions" / "viewer"
     if not (trained / "model.json").exists():
-        command = ["reconstruct", str(place), "--name", "viewer", "--budget", budget]
+        command = ["reconstruct", str(place), "--name", "viewer", "--quality", "draft"]
         subprocess.run([sys.executable, "-m", "rig", *command], check=True, stdout=subprocess.DEVNULL)
     split = place / "reconstructions" / f"viewer-{count}"
     if not (split / "model.json").exists():
@@ -176,7 +176,7 @@ def connected(port: int) -> ClientConnection:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    folder = scene_of(options.work, options.sim, options.budget, options.gaussians)
+    folder = scene_of(options.work, options.sim, options.gaussians)
     rows, browser = [], Browser(folder)
     for turn in range(options.repeats):
         with command(folder, options.port + turn) as (process, began):
@@ -251,9 +251,9 @@ def main() -> None:
     parser.add_argument("--port", type=int, default=18080)
     parser.add_argument("--work", type=Path, default=WORK)
     options = parser.parse_args()
-    options.sim, options.budget = "demo", "2m"
+    options.sim = "demo"
     if options.quick:
-        options.sim, options.budget = "toy", "5s"
+        options.sim = "toy"
         options.gaussians, options.seconds, options.repeats = 2000, 2.0, 1
     result = measure(options)
     deliver(options, "viewer", result, report(result))

@@ -25,7 +25,10 @@ FULL_SCREEN = (
 
 
 class Controls:
-    """The controls of one browser; `changed` is called after what concerns the picture."""
+    """The controls of one browser; `changed` is called after what concerns the picture.
+
+    narrow: of a window in which all of them would hide the picture; some begin folded.
+    """
 
     def __init__(
         self,
@@ -33,6 +36,7 @@ class Controls:
         painter: Painter,
         changed: Callable[[], None],
         *,
+        narrow: bool,
         on_view: Callable[[str], None],
         on_frusta: Callable[[bool], None],
         on_home: Callable[[], None],
@@ -45,7 +49,7 @@ class Controls:
             hint = "linear: clipped at white, else untouched. The others bring more light onto the screen."
             self.tones = gui.add_dropdown("Tones", TONE_MAPS, hint=hint)
             self.legend = gui.add_image(legend(), visible=False)
-        with gui.add_folder("Cameras"):
+        with gui.add_folder("Cameras", expand_by_default=not narrow):
             self.view = gui.add_dropdown("View", (FREE, *(view.name for view in scene.views)))
             shows = painter.shows(None)
             self.show = gui.add_dropdown("Show", shows, visible=len(shows) > 1)

@@ -4,22 +4,21 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
-from typing import Any
 
 import numpy as np
 import torch
 import viser
 
 from imaging.errors import RigError
-from rig.view.cameras import pose, splat_camera
+from rig.view.cameras import splat_camera
 from rig.view.controls import DIFFERENCE_STOPS, FREE, Controls, assign
 from rig.view.frame import Frame
+from rig.view.frusta import Frusta
 from rig.view.layers import LAYERS, TRUST, picture_of
 from rig.view.look import coloured, stops
 from rig.view.meter import reading
 from rig.view.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
-from rig.view.start import Start, height_angle, start_at, up_of
+from rig.view.start import Start, start_at, up_of
 from rig.view.tones import Picture
 
 COARSE_SECONDS = 0.028
@@ -29,8 +28,7 @@ STILL_SECONDS = 0.15
 ARRIVAL_SECONDS = 0.5
 """In which a browser says where it stands after it was sent to a view: upright, as that may not be."""
 MOST_WIDTH, LEAST_WIDTH = 1280, 160
-FRUSTUM = 0.06
-"""Length of a camera, in units of the scene."""
+NARROW = 600
 _SAME = 1e-4
 """In units of the scene: a camera that is moved by less is where it was."""
 
@@ -47,10 +45,12 @@ class ScenePage:
         self._moved = self._arrived = 0.0
         self._stood = np.zeros(7)
         self._pixels_a_second = 2e6
+        self._frusta = Frusta(client, painter, lambda name: assign(self.controls.view, name))
         self.controls = Controls(
             client.gui,
             painter,
             self._wake.set,
+            narrow=client.camera.image_width < NARROW,
             on_view=self._go,
             on_frusta=self._show_frusta,
             on_home=self._go_home,
@@ -64,6 +64,7 @@ class ScenePage:
     def close(self) -> None:
         """The browser is gone."""
         self._closed.set()
+        self._frusta.visible = False
         self._wake.set()
         self._thread.join()
 
@@ -100,27 +101,10 @@ class ScenePage:
         self._wake.set()
 
     def _show_frusta(self, visible: bool) -> None:
-        for view in self.painter.scene.views:
-            name = f"/cameras/{view.name}"
-            if not visible:
-                self.client.scene.remove_by_name(name)
-                continue
-            wxyz, position = pose(self.painter.placed(view.name))
-            held_out = view.use != "training"
-            frustum = self.client.scene.add_camera_frustum(
-                name,
-                height_angle(view.lens),
-                view.lens.width / view.lens.height,
-                scale=FRUSTUM,
-                thickness=0.02 * FRUSTUM,
-                color=(255, 140, 0) if held_out else (90, 160, 255),
-                wxyz=wxyz,
-                position=position,
-            )
-            frustum.on_click(partial(self._stand_at, view.name))
-
-    def _stand_at(self, name: str, _: Any) -> None:
-        assign(self.controls.view, name)
+        if visible:
+            self._frusta.show(self.controls.look)
+        else:
+            self._frusta.hide()
 
     def _run(self) -> None:
         """Coarse pictures while the camera moves, and one at full size when it has stopped."""

@@ -17,8 +17,6 @@ from rig.view.frame import Frame
 from rig.view.look import Look
 from rig.view.start import Start
 
-NARROW = 600
-"""px of a window in which the controls would hide half of the picture: they begin folded."""
 _ANY = ("0.0.0.0", "::")
 
 
@@ -100,8 +98,6 @@ class Viewer:
         self.close()
 
     def _open(self, client: viser.ClientHandle) -> None:
-        if client.camera.image_width < NARROW:
-            client.gui.main_panel.minimize()
         with self._changing:
             if self._make is not None:
                 self.pages[client.client_id] = self._make(client)

@@ -87,3 +87,19 @@ def test_depth_and_trust_are_shown_and_measured(window) -> None:
     window.until(lambda: window.page._drawing.layer is not None and window.page._drawing.layer.max() > 1)
     window.tab.mouse.click(200, 400)
     window.until(lambda: "photographs** saw it" in window.page.controls.spot.content)
+
+
+def test_cameras_hold_their_photographs_and_are_stood_at(window) -> None:
+    window.tab.get_by_label("Cameras of the photographs").check()
+    window.until(lambda: window.page._frusta.visible)
+    scene = window.page.painter.scene
+
+    def pictured() -> bool:
+        handles = [
+            window.page.client.scene.get_handle_by_name(f"/cameras/{view.name}") for view in scene.views
+        ]
+        return all(handle is not None and handle.image is not None for handle in handles)
+
+    window.until(pictured)
+    window.page._frusta.on_click(scene.views[0].name)
+    window.until(lambda: window.page.controls.view.value == scene.views[0].name)

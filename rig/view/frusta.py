@@ -1,0 +1,79 @@
+"""The cameras of a scene's photographs, with what they took where the session is there."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import viser
+
+from imaging.errors import RigError
+from imaging.session.paths import session_of
+from recon.result.model import SceneView
+from rig.view.cameras import pose
+from rig.view.look import Look
+from rig.view.painter import Painter
+from rig.view.photographs import Photographs
+from rig.view.start import height_angle
+from rig.view.tones import Picture
+
+LENGTH = 0.06
+"""Of a camera, in units of the scene."""
+_TRAINED, _HELD_OUT = (90, 160, 255), (255, 140, 0)
+
+
+class Frusta:
+    """Shown to one browser. on_click: is given the name of the view."""
+
+    def __init__(self, client: viser.ClientHandle, painter: Painter, on_click: Callable[[str], None]) -> None:
+        self.client, self.painter, self.on_click = client, painter, on_click
+        self.visible = False
+
+    def show(self, look: Look) -> None:
+        """All cameras at once, then their photographs, one after another, developed as `look` says."""
+        self.visible = True
+        for view in self.painter.scene.views:
+            self._add(view, None)
+        photographs = self._photographs()
+        for view in self.painter.scene.views:
+            if photographs is None or not self.visible:
+                return
+            if view.id in photographs.groups:
+                light = photographs.read(view.id).light
+                if light is not None and self.visible:
+                    self._add(view, look.shown(light, self.painter.scene.exposure))
+
+    def hide(self) -> None:
+        """None of them."""
+        self.visible = False
+        for view in self.painter.scene.views:
+            self.client.scene.remove_by_name(_name(view))
+
+    def _photographs(self) -> Photographs | None:
+        """Of the session that the scene is in; None where it is in none, or in one that cannot be read."""
+        session = session_of(self.painter.scene.folder)
+        try:
+            return None if session is None or self.painter.scene.record.bands else Photographs(session)
+        except RigError:
+            return None
+
+    def _add(self, view: SceneView, image: Picture | None) -> None:
+        wxyz, position = pose(self.painter.placed(view.name))
+        frustum = self.client.scene.add_camera_frustum(
+            _name(view),
+            height_angle(view.lens),
+            view.lens.width / view.lens.height,
+            scale=LENGTH,
+            thickness=0.02 * LENGTH,
+            color=_TRAINED if view.use == "training" else _HELD_OUT,
+            image=image,
+            wxyz=wxyz,
+            position=position,
+        )
+        frustum.on_click(partial(self._clicked, view.name))
+
+    def _clicked(self, name: str, _: Any) -> None:
+        self.on_click(name)
+
+
+def _name(view: SceneView) -> str:
+    return f"/cameras/{view.name}"
