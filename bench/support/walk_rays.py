@@ -3,8 +3,9 @@
 import math
 from typing import Any
 
-import numba
 import numpy as np
+
+from imaging.compute.jit import compiled
 
 LEVELS = 4
 """Of each texture, halved each time."""
@@ -12,7 +13,7 @@ TILE = 50
 """px; the boxes that each tile may show are found before any ray is sent."""
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled
 def cast(
     directions: Any, pose: Any, focal: float, boxes: Any, light: Any, texels: Any, at: Any,
     numbers: Any, starts: Any, linear: Any, codes: Any,
