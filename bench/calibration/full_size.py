@@ -1,21 +1,23 @@
-"""Many photographs of 12 megapixels, calibrated by rig and by plain pycolmap, each in a process of its own.
+"""Photographs of 12 megapixels, calibrated by rig and by plain pycolmap, each in a process of its own.
 
-    python -m bench.calibration.full_size rig|pycolmap COUNT FOLDER
+    python -m bench.calibration.full_size [--count 200] [--json] [--write] [--work FOLDER]
 
 The photographs are those of `bench.support.walk`, made in FOLDER where they are not there yet; their textures
-are pieces of the photographs of `sceaux` and `monstree`, which RIG_DATA has. Prints a row of JSON: views that
-were placed, errors against the truth, seconds of the processor and of the clock by part, peak memory.
-pycolmap looks for features at the size that rig does, matches each photograph with the ten after it and with
-those 2^k after it, which closes the ring, and places them by its incremental mapper; all else is its default.
+are pieces of the photographs of `sceaux` and `monstree`, which RIG_DATA has. Errors are those of all pairs of
+views against the truth. pycolmap looks for features at the size that rig does, matches each photograph with
+the ten after it and with those 2^k after it, which closes a ring, and places them by its incremental mapper;
+all else is its default. Seconds are those of the processor; finished rows are kept in FOLDER.
 """
 
 import json
 import os
 import resource
 import shutil
+import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,8 @@ import numpy as np
 from bench.calibration.pose_error import Array, auc, pairs
 from bench.calibration.scene import WIDTH
 from bench.support import walk
+from bench.support.record import arguments, deliver, machine, words
+from bench.support.trial import Cache
 from calib.calibrate import calibrate
 from capture.imports.photos import import_photos
 from imaging.files.colmap import pycolmap
@@ -43,9 +47,9 @@ class Clock:
 
     def __call__(self, message: str, done: int, total: int) -> None:
         """As a calibration reports its progress."""
-        now = self._now()
-        before = self.parts.get(self._part, (0.0, 0.0))
-        self.parts[self._part] = tuple(b + n - s for b, n, s in zip(before, now, self._since, strict=True))  # type: ignore[assignment]
+        now, before = self._now(), self.parts.get(self._part, (0.0, 0.0))
+        spent = [b + n - s for b, n, s in zip(before, now, self._since, strict=True)]
+        self.parts[self._part] = spent[0], spent[1]
         self._part, self._since = message, now
 
 
@@ -140,5 +144,68 @@ def _row(
 
 PROGRAMS = {"rig": by_rig, "pycolmap": by_peer}
 
+
+def apart(program: str, work: Path, count: int) -> dict[str, Any]:
+    """The row of a program, in a process of its own, whose memory is that of nothing else."""
+    command = [
+        sys.executable,
+        "-m",
+        "bench.calibration.full_size",
+        "--work",
+        str(work),
+        "--count",
+        str(count),
+    ]
+    done = subprocess.run([*command, "--alone", program], check=True, stdout=subprocess.PIPE)
+    row: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return row
+
+
+def table(result: dict[str, Any]) -> str:
+    rows = result["rows"]
+    count = next(iter(rows.values()))["views"]
+    lines = [
+        "# Calibration of photographs of 12 megapixels",
+        "",
+        f"`python -m bench.calibration.full_size --count {count} --write`. {words(result['machine'])}.",
+        "",
+        f"{count} photographs of 4000x3000, poses known (`bench/support/walk.py`); features at {WIDTH} px.",
+        "",
+        "| by | placed | AUC@1 | rotation, degrees | direction, degrees | worst, degrees | px | points "
+        "| processor s | memory, MB |",
+        "|" + "---|" * 10,
+    ]
+    for name, row in rows.items():
+        errors = [f"{row[key]:.3f}" for key in ("auc_1", "rotation", "direction", "worst", "reprojection_px")]
+        lines.append(
+            f"| {name} | {row['placed']} of {row['views']} | {' | '.join(errors)} | {row['points']} "
+            f"| {sum(row['seconds'].values()):.0f} | {row['memory_mb']:.0f} |"
+        )
+    lines += ["", "## Processor seconds of each part", "", "| part | rig | pycolmap |", "|---|---|---|"]
+    for part in dict.fromkeys(part for row in rows.values() for part in row["seconds"]):
+        spent = [row["seconds"].get(part) for row in rows.values()]
+        cells = ("" if seconds is None else f"{seconds:.0f}" for seconds in spent)
+        lines.append(f"| {part} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = arguments(__doc__, seeds=1)
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--alone", choices=list(PROGRAMS), help="Print one row, made in this process.")
+    options = parser.parse_args()
+    if options.alone is not None:
+        print(json.dumps(PROGRAMS[options.alone](options.work, options.count)))
+        return
+    photographs(options.work, options.count)
+    cache = Cache(options.work / "full-size.jsonl")
+    rows = {
+        name: cache.get(f"{name} {options.count}", partial(apart, name, options.work, options.count))
+        for name in PROGRAMS
+    }
+    result = {"machine": machine(), "rows": rows}
+    deliver(options, "calibration_full_size", result, table(result))
+
+
 if __name__ == "__main__":
-    print(json.dumps(PROGRAMS[sys.argv[1]](Path(sys.argv[3]), int(sys.argv[2]))))
+    main()
