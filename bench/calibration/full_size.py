@@ -10,7 +10,6 @@ all else is its default. Seconds are those of the processor; finished rows are k
 """
 
 import json
-import os
 import resource
 import shutil
 import subprocess
@@ -53,19 +52,6 @@ class Clock:
         self._part, self._since = message, now
 
 
-def photographs(work: Path, count: int) -> Path:
-    """The folder of that many photographs, made if need be; their truth is in the file of the same name."""
-    folder = work / f"walk-{count}"
-    if not folder.with_suffix(".json").is_file():
-        data = Path(os.environ["RIG_DATA"])
-        sources = [
-            *sorted(data.glob("sceaux/*.[jJ][pP][gG]"))[::3],
-            *sorted(data.glob("monstree/*.jpg"))[::5],
-        ]
-        walk.take(walk.house(sources), count, folder)
-    return folder
-
-
 def truth_of(folder: Path) -> dict[str, Array]:
     """True cam_from_world [4, 4] by name of the photograph."""
     poses = json.loads(folder.with_suffix(".json").read_text())
@@ -74,12 +60,12 @@ def truth_of(folder: Path) -> dict[str, Array]:
 
 def by_rig(work: Path, count: int) -> dict[str, Any]:
     """Imported and calibrated, to the last file."""
-    folder, session = photographs(work, count), work / f"walk-{count}-session"
+    folder, session = walk.photographs(work, count), work / f"walk-{count}-session"
     shutil.rmtree(session, ignore_errors=True)
     clock = Clock()
     clock("importing", 0, 1)
     import_photos(folder, session)
-    record = calibrate(session, progress=clock)
+    record = calibrate(session, on_progress=clock)
     clock("", 0, 0)
     names = {
         ViewId(shot.frame, shot.camera): Path(shot.original or shot.file).name
@@ -91,7 +77,7 @@ def by_rig(work: Path, count: int) -> dict[str, Any]:
 
 def by_peer(work: Path, count: int) -> dict[str, Any]:
     """Features, sequential matching and incremental mapping of pycolmap."""
-    folder, own = photographs(work, count), work / f"walk-{count}-peer"
+    folder, own = walk.photographs(work, count), work / f"walk-{count}-peer"
     shutil.rmtree(own, ignore_errors=True)
     own.mkdir()
     database = own / "plain.db"
@@ -197,7 +183,7 @@ def main() -> None:
     if options.alone is not None:
         print(json.dumps(PROGRAMS[options.alone](options.work, options.count)))
         return
-    photographs(options.work, options.count)
+    walk.photographs(options.work, options.count)
     cache = Cache(options.work / "full-size.jsonl")
     rows = {
         name: cache.get(f"{name} {options.count}", partial(apart, name, options.work, options.count))

@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.real.compare import SETS, session_of
+from bench.real.compare import session_of
 from bench.support.enlarged import enlarged
 from bench.support.oracle import oracle_session
 from bench.support.record import arguments, deliver, machine, words
@@ -53,7 +53,7 @@ FACTOR = 31
 TRAININGS = ((6, False), (12, False), (6, True), (12, True))
 """Views, and whether their images stay on the disk."""
 GAUSSIANS, DEGREES = 1_000_000, (0, 1, 2)
-_PEAK = """
+PEAK = """
 def status(name):
     line = next(line for line in open("/proc/self/status") if line.startswith(name))
     return 1024 * int(line.split()[1])
@@ -63,7 +63,7 @@ import json, sys, time
 import recon.reconstruct as stage
 from recon.decide.memory_need import Need, need
 from recon.decide.overrides import Overrides
-{_PEAK}
+{PEAK}
 session, stored, seed = sys.argv[1], sys.argv[2] == "True", int(sys.argv[3])
 Need.too_large = lambda self, free: stored
 needs = []
@@ -83,7 +83,7 @@ from recon.splat import SplatCamera, SplatStats
 from recon.train.adam import Adam
 from recon.train.densification import Density, DensityRules
 from recon.train.warm_up import warm_up
-{_PEAK}
+{PEAK}
 count, degree = int(sys.argv[1]), int(sys.argv[2])
 warm_up(lambda *told: None)
 before = status("VmRSS")
@@ -116,7 +116,7 @@ print(json.dumps(dict(
 """
 
 
-def _last(script: str, *options: object) -> dict[str, Any]:
+def last(script: str, *options: object) -> dict[str, Any]:
     """What a script prints last."""
     command = [sys.executable, "-c", script, *map(str, options)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -136,7 +136,7 @@ def large_session(work: Path, views: int) -> Path:
 
 def measured(session: Path, width: int, gaussians: int, seed: int) -> dict[str, Any]:
     """What a training said of its memory, and its peak in bytes."""
-    return _last(_RUN, session, width, gaussians, seed)
+    return last(_RUN, session, width, gaussians, seed)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -177,11 +177,11 @@ def measure_at_size(options: argparse.Namespace) -> dict[str, Any]:
     for views, stored in TRAININGS[2:3] if options.quick else TRAININGS:
         for seed in range(options.seeds):
             session = large_session(options.work, views)
-            row = cache.get(f"{views} {stored} {seed}", partial(_last, _TRAINING, session, stored, seed))
+            row = cache.get(f"{views} {stored} {seed}", partial(last, _TRAINING, session, stored, seed))
             trainings.append({"views": views, "stored": stored} | row)
     count = GAUSSIANS // 10 if options.quick else GAUSSIANS
     for degree in DEGREES:
-        row = cache.get(f"{count} degree {degree}", partial(_last, _STEPS, count, degree))
+        row = cache.get(f"{count} degree {degree}", partial(last, _STEPS, count, degree))
         gaussians.append({"count": count, "degree": degree} | row)
     return {"machine": machine(), "trainings": trainings, "gaussians": gaussians}
 
@@ -223,7 +223,7 @@ def report_at_size(result: dict[str, Any]) -> str:
 
 def main() -> None:
     parser = arguments(__doc__, seeds=1)
-    parser.add_argument("--sets", default=",".join(SETS))
+    parser.add_argument("--sets", default="castle,monstree,lego")
     parser.add_argument("--at-size", action="store_true")
     options = parser.parse_args()
     if options.at_size:

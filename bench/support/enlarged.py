@@ -16,6 +16,7 @@ from imaging.files.photo import decode_codes, encode_jpeg
 from imaging.files.raw import is_raw, read_raw
 from imaging.lens import Lens
 from imaging.session.session import Session
+from imaging.session.view_id import ViewId
 
 
 def enlarged(session: Path, folder: Path, factor: int, *, exposures: int | None = None) -> Path:
@@ -61,3 +62,36 @@ def _repeated(pixels: npt.NDArray[np.generic], cell: tuple[int, int], factor: in
         cells = np.arange(side).reshape(-1, length)
         pixels = pixels.take(np.repeat(cells, factor, axis=0).reshape(-1), axis)
     return pixels
+
+
+def multiplied(session: Path, folder: Path, times: int) -> Path:
+    """A copy of a calibrated session with each frame so many times, its files linked, unless it is there.
+
+    No view of it shows anything new: it takes what so many views take of a training.
+    """
+    if (folder / "calibration" / "calibration.json").exists():
+        return folder
+    left = shutil.ignore_patterns("raw", "reconstructions", "decoded")
+    shutil.copytree(session, folder, ignore=left, dirs_exist_ok=True)
+    shots = Session.open(session).shots("scene")
+    frames = 1 + max(shot.frame for shot in shots)
+    more = []
+    for turn in range(times):
+        for shot in shots:
+            frame = shot.frame + turn * frames
+            view = str(ViewId(frame, shot.camera))
+            path = shot.file.replace(str(ViewId(shot.frame, shot.camera)), view)
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).hardlink_to(session / shot.file)
+            more.append(shot.model_copy(update={"frame": frame, "file": path}))
+    (folder / "shots.jsonl").write_text(
+        "".join(f"{shot.model_dump_json(exclude_none=True)}\n" for shot in more)
+    )
+    place = folder / "calibration" / "calibration.json"
+    record = store.read_json(place)
+    record["views"] = [
+        view | {"frame": view["frame"] + turn * frames} for turn in range(times) for view in record["views"]
+    ]
+    record["shots_sha256"] = store.sha256(folder / "shots.jsonl")
+    store.write_json(place, record)
+    return folder

@@ -11,6 +11,7 @@ before it, turned a few degrees at random.
 
 import json
 import math
+import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -213,6 +214,19 @@ def take(scene: House, count: int, folder: Path, size: tuple[int, int] = SIZE) -
         list(pool.map(one, range(count)))
     truth = {f"{number:04d}.jpg": pose.tolist() for number, pose in enumerate(every)}
     folder.with_suffix(".json").write_text(json.dumps(truth))
+
+
+def photographs(work: Path, count: int, size: tuple[int, int] = SIZE) -> Path:
+    """The folder of that many photographs, made if need be; their truth is in the file of the same name."""
+    folder = work / (f"walk-{count}" if size == SIZE else f"walk-{count}-{size[0]}")
+    if not folder.with_suffix(".json").is_file():
+        data = Path(os.environ["RIG_DATA"])
+        sources = [
+            *sorted(data.glob("sceaux/*.[jJ][pP][gG]"))[::3],
+            *sorted(data.glob("monstree/*.jpg"))[::5],
+        ]
+        take(house(sources), count, folder, size)
+    return folder
 
 
 _LINEAR = srgb_decode(np.arange(256) / 255).astype(np.float32)
