@@ -68,7 +68,7 @@ def by_rig(work: Path, count: int) -> dict[str, Any]:
     record = calibrate(session, on_progress=clock)
     clock("", 0, 0)
     names = {
-        ViewId(shot.frame, shot.camera): Path(shot.original or shot.file).name
+        ViewId(shot.frame, shot.camera): Path(shot.source or shot.file).name
         for shot in Session.open(session).shots()
     }
     poses = {names[view.id]: view.cam_from_world.matrix() for view in record.views}

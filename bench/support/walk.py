@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from bench.support.walk_rays import LEVELS, TILE, cast
 from imaging.colour import srgb_decode, srgb_encode
@@ -203,7 +204,7 @@ def take(scene: House, count: int, folder: Path, size: tuple[int, int] = SIZE) -
         exif = Image.Exif()
         exif[0x010F], exif[0x0110] = "Bench", "Walk 12"
         inner = exif.get_ifd(0x8769)
-        inner.update({0x829A: (1, shutter), 0x829D: (28, 10), 0x8827: 100, 0x920A: (4, 1)})
+        inner.update({0x829A: IFDRational(1, shutter), 0x829D: 2.8, 0x8827: 100, 0x920A: 4.0})
         inner[0xA405] = round(36 * FOCAL)
         inner[0x9003] = f"2024:06:01 12:{number // 60:02d}:{number % 60:02d}"
         part = folder / f"{number:04d}.part"
