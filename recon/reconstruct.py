@@ -34,6 +34,7 @@ from recon.scene.harmonics import DEGREE
 from recon.train.device import training_device
 from recon.train.early_stopping import Deadline, EarlyStop, Goal
 from recon.train.interrupt import Interrupted
+from recon.train.monitor import Shown, nobody
 from recon.train.ranks import joined
 from recon.train.resume import light_in, restored
 from recon.train.trainer import train
@@ -178,28 +179,37 @@ def _reconstruct(
         progress=run.progress,
         on_log=on_log,
     )
-    if run.ranks.first:
+    if not run.ranks.first:
+        _trained(scene, run, nobody, resumed=checkpoint is not None)
+        return
+    with scene.shown(run.clock) as shown:
         scene.go_on()
+        _trained(scene, run, shown, resumed=checkpoint is not None)
+        scene.save()
+        scene.write()
+
+
+def _trained(scene: SceneFolder, run: Run, shown: Shown, *, resumed: bool) -> None:
+    """Train to the end; Interrupted, with the scene as it then is, where the user stops it."""
+    training = scene.training
     try:
         train(
             training,
             run.dataset,
-            decided.settings.plan(),
+            scene.settings.plan(),
             log=scene.log,
             save=scene.save,
             progress=run.progress,
             ranks=run.ranks,
-            steers=_steers(run, training, decided.settings, resumed=checkpoint is not None),
+            steers=_steers(run, training, scene.settings, resumed=resumed),
+            shown=shown,
             clock=run.clock,
         )
     except KeyboardInterrupt as error:
         if scene.saved_at != training.iteration:  # another rank, or what is there is not whole
             raise
         scene.write()
-        raise Interrupted(f"{folder} has the scene after {training.iteration} iterations") from error
-    if run.ranks.first:
-        scene.save()
-        scene.write()
+        raise Interrupted(f"{scene.folder} has the scene after {training.iteration} iterations") from error
 
 
 def _begun(folder: Path, run: Run) -> tuple[Training, Decisions]:

@@ -1,18 +1,22 @@
 """The folder of a scene while it is trained: its log, its checkpoint, and in the end the scene."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from imaging.files import store
 from imaging.progress import Progress
+from imaging.session.lock import held
 from imaging.session.records import Rung
 from recon.data.dataset import Dataset
 from recon.decide.prediction import Prediction
 from recon.decide.settings import Settings
-from recon.result.model import CHECKPOINT, LOG, MODEL, REFINEMENT
-from recon.result.save import write_scene
+from recon.result.display import exposure_of
+from recon.result.live import Snapshots
+from recon.result.model import CHECKPOINT, LOG, MODEL, REFINEMENT, ModelRecord
+from recon.result.save import as_corrected, record_of, write_scene
 from recon.scene.checkpoint import write_checkpoint
 from recon.train.resume import checkpoint_of
 from recon.train.training import Training
@@ -25,7 +29,7 @@ class SceneFolder:
     asked, settings: as asked for, and as decided. method_rungs: of the method and its image formation;
     size_rungs: of degree and number of the Gaussians. reserve: seconds that a budget of time keeps for what
     follows training. on_log: is given each line of the log. saved_at: the iteration of the checkpoint; None
-    until there is one.
+    until there is one. exposure: of the snapshots, so that they can be compared; None before the first.
     """
 
     folder: Path
@@ -40,6 +44,7 @@ class SceneFolder:
     progress: Progress
     on_log: Callable[[dict[str, Any]], None]
     saved_at: int | None = None
+    exposure: float | None = None
     _lines: list[dict[str, Any]] = field(default_factory=list, init=False)
 
     def go_on(self) -> None:
@@ -73,15 +78,50 @@ class SceneFolder:
 
     def write(self) -> None:
         """Write the scene as it is now, model.json last."""
-        loss = float(self._lines[-1]["loss"]) if self._lines else None
-        rungs = (*self.method_rungs, *self.size_rungs)
         write_scene(
             self.folder,
             self.dataset,
             self.training,
             self.settings,
-            loss,
-            rungs,
+            self._loss,
+            self._rungs,
             self.prediction,
             self.progress,
         )
+
+    @contextmanager
+    def shown(self, clock: Callable[[], float]) -> Iterator[Snapshots]:
+        """What others see of the training, and that it goes on, within the block."""
+        snapshots = Snapshots(self.folder, self.training, self._record, clock)
+        with held(self.folder):
+            snapshots.clear()
+            try:
+                yield snapshots
+            finally:
+                snapshots.clear()
+
+    def _record(self) -> ModelRecord:
+        training = self.training
+        assert training.schedule is not None
+        if self.exposure is None:
+            self.exposure = exposure_of(training, as_corrected(self.dataset, training.refinement))
+        degree = training.method.degree(training.schedule.progress(training.iteration))
+        return record_of(
+            self.dataset,
+            training,
+            self.settings,
+            self._loss,
+            self._rungs,
+            self.prediction,
+            self.exposure,
+            degree,
+            display_db=None,
+        )
+
+    @property
+    def _loss(self) -> float | None:
+        return float(self._lines[-1]["loss"]) if self._lines else None
+
+    @property
+    def _rungs(self) -> tuple[Rung, ...]:
+        return (*self.method_rungs, *self.size_rungs)

@@ -51,25 +51,39 @@ def write_scene(
     """The PLY files, refinement.json of what was corrected, calibration.json as it was, and last model.json:
     all is there then.
     """
-    light = training.light
-    device = training.gaussians.parameters["means"].device
-    ldr = dataset.kind == "ldr"
-    gauge = "the calibration's response" if ldr else "camera signal = radiance x exposure scale"
+    gauge = _gauge(dataset)
     corrected = as_corrected(dataset, training.refinement)
-    exposure, degree = exposure_of(training, corrected), training.method.degree(1.0)
-    luminance = None if dataset.bands else _luminance(dataset, training)  # of Rec.709 alone
+    exposure = exposure_of(training, corrected)
+    luminance = _luminance(dataset, training)
     write_environment(folder, training, gauge, luminance)
     display_db = write_splats(folder, corrected, training, exposure, gauge, luminance, progress)
     if training.refinement is not None and training.refinement.parameters:
         store.write_json(folder / REFINEMENT, training.refinement.facts())
-    why = () if training.refinement is None else training.refinement.described_rungs()
-    schedule = training.schedule
-    assert schedule is not None
-    interrupted = training.iteration < schedule.total
     store.write_json(folder / CALIBRATION, dataset.calibration.model_dump(mode="json"))
+    degree = training.method.degree(1.0)
+    record = record_of(dataset, training, settings, loss, ladder, predicted, exposure, degree, display_db)
+    store.write_json(folder / MODEL, record.model_dump(mode="json"))
+
+
+def record_of(
+    dataset: Dataset,
+    training: Training,
+    settings: Settings,
+    loss: float | None,
+    ladder: tuple[Rung, ...],
+    predicted: Prediction | None,
+    exposure: float,
+    degree: int,
+    display_db: float | None,
+) -> ModelRecord:
+    """What is to be said of a training as it is now, drawn with harmonics of this degree."""
+    light, refinement, schedule = training.light, training.refinement, training.schedule
+    assert schedule is not None
+    why = () if refinement is None else refinement.described_rungs()
+    interrupted = training.iteration < schedule.total
     session, observation = Session.open(dataset.session), training.method.observation
     files = {shot.file for view in dataset.views for shot in view.shots}
-    record = ModelRecord(
+    return ModelRecord(
         created=datetime.now(UTC),
         versions={name: version(name) for name in ("hdr-rig", "torch", "numpy", "numba")},
         settings=settings,
@@ -81,8 +95,8 @@ def write_scene(
         display=DisplayValues(response=observation.response, k=observation.k, developed=observation.developed)
         if isinstance(observation, Display)
         else None,
-        radiance=f"relative to {gauge}",
-        luminance=luminance,
+        radiance=f"relative to {_gauge(dataset)}",
+        luminance=_luminance(dataset, training),
         bands=dataset.bands,
         transparent=any(view.transparent for view in dataset.views),
         world=dataset.world,
@@ -90,11 +104,11 @@ def write_scene(
         exposure=exposure,
         display_db=display_db,
         degree=degree,
-        views=scene_views(corrected),
+        views=scene_views(as_corrected(dataset, refinement)),
         gaussians=len(training.gaussians),
         train_seconds=round(training.seconds, 3),
         measuring_seconds=round(training.measuring, 3),
-        device=device_name(device),
+        device=device_name(training.gaussians.device),
         loss=loss,
         iterations=training.iteration,
         schedule=schedule.turns,
@@ -103,11 +117,17 @@ def write_scene(
         predicted=predicted,
         rungs=(*ladder, *why, *_early_stop(training, settings, len(dataset.train))),
     )
-    store.write_json(folder / MODEL, record.model_dump(mode="json"))
+
+
+def _gauge(dataset: Dataset) -> str:
+    ldr = dataset.kind == "ldr"
+    return "the calibration's response" if ldr else "camera signal = radiance x exposure scale"
 
 
 def _luminance(dataset: Dataset, training: Training) -> tuple[float, float] | None:
     """What the light of the scene is in cd/m2, if its unit is that of a calibration that knows."""
+    if dataset.bands:  # it is of Rec.709 alone
+        return None
     scale, observation = dataset.calibration.luminance, training.method.observation
     drifts = isinstance(observation, Display) or (isinstance(observation, ToneCurve) and observation.learned)
     if scale is None or drifts or not {view.camera for view in dataset.views} <= set(scale.cameras):

@@ -256,10 +256,11 @@ def open_scene(folder: str | PathLike[str]) -> Scene:
     if folder.is_file():
         return Scene(folder, *read_splats(folder))
     record = read_model(folder)
-    return _scene(folder, record, read_checkpoint(folder / CHECKPOINT))
+    return scene_of(folder, record, read_checkpoint(folder / CHECKPOINT))
 
 
-def _scene(folder: Path, record: ModelRecord, checkpoint: Checkpoint) -> Scene:
+def scene_of(folder: Path, record: ModelRecord, checkpoint: Checkpoint) -> Scene:
+    """The scene of a record and of the Gaussians and the light from far away in a checkpoint."""
     environment = Environment.stored(checkpoint.part(ENVIRONMENT))
     gaussians = Gaussians(checkpoint.part("gaussians"))
     cameras = [record.world.camera(view.splat_camera) for view in record.views if view.use == "training"]
@@ -280,7 +281,7 @@ def open_model(folder: Path, progress: Progress = unreported) -> Opened:
     method = record.settings.composed(dataset, light_in(checkpoint))
     refinement = Refinement.stored(dataset, checkpoint)
     training = restored(method, checkpoint, dataset.extent, refinement=refinement)
-    return Opened(_scene(folder, record, checkpoint), refinement.corrected(), training)
+    return Opened(scene_of(folder, record, checkpoint), refinement.corrected(), training)
 
 
 def _dataset(folder: Path, record: ModelRecord, progress: Progress) -> Dataset:

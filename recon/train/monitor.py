@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -19,9 +19,33 @@ from recon.train.schedule import Schedule
 from recon.train.training import Plan, Steer, Training
 
 
+class Shown(Protocol):
+    """Whoever looks at a training while it goes on."""
+
+    def wanted(self) -> bool:
+        """Whether somebody wants to see it now."""
+        ...
+
+    def write(self) -> None:
+        """Show it."""
+        ...
+
+
+class _Nobody:
+    def wanted(self) -> bool:
+        return False
+
+    def write(self) -> None:
+        """Nobody looks."""
+
+
+nobody = _Nobody()
+
+
 @dataclass
 class Monitor:
-    """Looks at a training after each iteration; `log`, `save`, `progress`, `steers` are as `train` has them.
+    """Looks at a training after each iteration; `log`, `save`, `progress`, `steers`, `shown` are as `train`
+    has them.
 
     held_out: views that the live curve may be of. interrupt: whether the user asked to stop.
     losses: of single views, which have to be finite before anything is measured or saved.
@@ -38,6 +62,7 @@ class Monitor:
     steers: Sequence[Steer]
     interrupt: Interrupt
     losses: FiniteLosses
+    shown: Shown = nobody
     clock: Callable[[], float] = time.monotonic
     _losses: list[Tensor] = field(default_factory=list, init=False)
 
@@ -76,6 +101,9 @@ class Monitor:
             self._saved = self.clock()
         if stop:
             raise KeyboardInterrupt
+        if self.ranks.first and self.shown.wanted():
+            self.losses.require()
+            self.shown.write()
         return self.schedule
 
     def _measure(self) -> None:

@@ -21,7 +21,7 @@ from recon.train.adam import Adam
 from recon.train.densification import Density
 from recon.train.finite_losses import FiniteLosses
 from recon.train.interrupt import deferred
-from recon.train.monitor import Monitor
+from recon.train.monitor import Monitor, Shown, nobody
 from recon.train.ranks import Ranks
 from recon.train.schedule import Schedule
 from recon.train.training import Plan, Steer, Training
@@ -53,6 +53,7 @@ def train(
     until: int | None = None,
     ranks: Ranks = _ALONE,
     steers: Sequence[Steer] = (),
+    shown: Shown = nobody,
     clock: Callable[[], float] = time.monotonic,
 ) -> None:
     """Train up to iteration `plan.iterations` (or stop before at `until`).
@@ -62,8 +63,9 @@ def train(
     saved and restored goes on bit for bit as if it had not been. `save` is called every
     `plan.checkpoint_seconds`, and when the user interrupts. `steers` may shorten the rest of the schedule;
     the first one that wants to is heard, and `training.schedule` says what came of it. A training that has
-    a schedule of that length already follows it. Several `ranks` share the views of an iteration;
-    `plan.batch` must be a multiple of their number. Only the first logs, saves and steers.
+    a schedule of that length already follows it. `shown` is asked after each iteration whether somebody
+    wants to see the scene as it is. Several `ranks` share the views of an iteration; `plan.batch` must be a
+    multiple of their number. Only the first logs, saves, shows and steers.
     ReconstructionError where the loss of a view is not finite: nothing is saved that it has spoilt.
     """
     if plan.batch % ranks.count:
@@ -79,7 +81,19 @@ def train(
     optimizer.zero_grad()
     with torch_on_one_thread(), deferred() as interrupt:
         monitor = Monitor(
-            training, schedule, plan, held_out, log, save, progress, ranks, steers, interrupt, losses, clock
+            training,
+            schedule,
+            plan,
+            held_out,
+            log,
+            save,
+            progress,
+            ranks,
+            steers,
+            interrupt,
+            losses,
+            shown,
+            clock,
         )
         while training.iteration < min(schedule.total, until or schedule.total):
             position = schedule.position(training.iteration)

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from imaging.session.paths import find_reconstruction, without_scene
+from imaging.session.lock import is_held
+from imaging.session.paths import find_reconstruction, session_of, without_scene
 from rig.options.common import JsonOption, WrongUsage
 from rig.terminal.failures import Stopped
 from rig.terminal.result import CommandResult, running
@@ -41,8 +42,9 @@ def view(
 
     Move through it with the mouse, at any exposure in stops; see it through ACES 2.0, AgX or a filmic curve,
     in false colours by stops or with what clips; measure light by a click; stand where a photograph was taken
-    and compare. Of a session without a scene the photographs are seen, and the rig once it is calibrated. All
-    is drawn here in float and served to this machine alone, until Ctrl-C.
+    and compare. A scene that `rig reconstruct` trains meanwhile is shown as it goes. Of a session without a
+    scene the photographs are seen, and the rig once it is calibrated. All is drawn here in float and served
+    to this machine alone, until Ctrl-C.
 
     Example: rig view S
     """
@@ -53,9 +55,7 @@ def view(
             from rig.view.first import FirstPicture
             from rig.view.server import Viewer
 
-            session = reconstructions[0] if len(reconstructions) == 1 else None
-            if session is None or not without_scene(session):
-                session = None
+            session = _followed(reconstructions[0]) if len(reconstructions) == 1 else None
             folders = [session] if session else [find_reconstruction(path) for path in reconstructions]
             label = " | ".join(folder.resolve().name for folder in folders)
             first = None if session else FirstPicture.of(folders[0])
@@ -64,9 +64,11 @@ def view(
         _announce(folders, viewer.url)
         with running("view") as status:
             if session is not None:
+                from rig.view.follow import Follower
                 from rig.view.session_page import show_session
 
                 show_session(viewer, session)
+                Follower(viewer, session).run()
             else:
                 status("opening the scene", 0, 0)
                 from rig.view.opening import show_scenes
@@ -74,6 +76,14 @@ def view(
                 show_scenes(viewer, folders)
         threading.Event().wait()
     return CommandResult({"shown": [str(folder) for folder in folders], "url": viewer.url})
+
+
+def _followed(path: Path) -> Path | None:
+    """The session whose training is shown as it goes: one that is under way, or that may begin; None: there
+    is a finished scene to look at."""
+    around = session_of(path) if is_held(path) else None
+    under_way = any(map(is_held, path.glob("reconstructions/*/")))
+    return around or (path if under_way or without_scene(path) else None)
 
 
 def _announce(folders: list[Path], url: str) -> None:

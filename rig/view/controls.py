@@ -7,6 +7,7 @@ import viser
 
 from rig.view.layers import LAYERS, legend_of
 from rig.view.look import STOPS, TONE_MAPS, Look, legend
+from rig.view.note import Note
 from rig.view.painter import DIFFERENCE, OVER, Painter, Parts
 
 FREE = "free"
@@ -25,7 +26,7 @@ FULL_SCREEN = (
 
 
 class Controls:
-    """The controls of one browser; `changed` is called after what concerns the picture.
+    """The controls of one browser, as a look has them; `changed` is called after what concerns the picture.
 
     narrow: of a window in which all of them would hide the picture; some begin folded.
     """
@@ -34,6 +35,7 @@ class Controls:
         self,
         gui: viser.GuiApi,
         painter: Painter,
+        look: Look,
         changed: Callable[[], None],
         *,
         narrow: bool,
@@ -43,11 +45,12 @@ class Controls:
     ) -> None:
         self._painter, self._on_home = painter, on_home
         scene = painter.scene
+        self.note = Note(gui)
         with gui.add_folder("Look"):
             hint = "At 0 the median of the scene is middle grey."
-            self.exposure = gui.add_slider("Exposure, stops", -16.0, 16.0, 0.1, 0.0, hint=hint)
+            self.exposure = gui.add_slider("Exposure, stops", -16.0, 16.0, 0.1, look.exposure, hint=hint)
             hint = "linear: clipped at white, else untouched. The others bring more light onto the screen."
-            self.tones = gui.add_dropdown("Tones", TONE_MAPS, hint=hint)
+            self.tones = gui.add_dropdown("Tones", TONE_MAPS, initial_value=look.tones, hint=hint)
             self.legend = gui.add_image(legend(), visible=False)
         with gui.add_folder("Cameras", expand_by_default=not narrow):
             self.view = gui.add_dropdown("View", (FREE, *(view.name for view in scene.views)))
@@ -62,6 +65,7 @@ class Controls:
             gui.add_markdown(KEYS)
         gui.add_html(FULL_SCREEN)
         self._hotkeys(gui)
+        self._say_legend()
         self.exposure.on_update(lambda _: changed())
         self.tones.on_update(lambda _: self._retone(changed))
         self.show.on_update(lambda _: self._retone(changed))
@@ -107,7 +111,11 @@ class Controls:
         cameras.on_trigger(lambda _: assign(self.frusta, not self.frusta.value))
 
     def _retone(self, changed: Callable[[], None]) -> None:
-        """Say what the colours mean, if there are any."""
+        self._say_legend()
+        changed()
+
+    def _say_legend(self) -> None:
+        """What the colours mean, if there are any."""
         show = str(self.show.value)
         label = ""
         if show in LAYERS:
@@ -118,7 +126,6 @@ class Controls:
             label = f"-{STOPS:g} to +{STOPS:g} stops above middle grey"
         self.legend.visible = bool(label)
         self.legend.label = label or None
-        changed()
 
     @staticmethod
     def _parts(gui: viser.GuiApi, painter: Painter, changed: Callable[[], None]) -> tuple[Any, Any]:

@@ -3,20 +3,33 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from recon.result.scene import open_scene
+from recon.result.scene import Scene, open_scene
 from rig.view.cameras import start_of
 from rig.view.page import ScenePage
 from rig.view.painter import Painter
 from rig.view.server import Viewer
+from rig.view.start import Start
 
 
 def show_scenes(viewer: Viewer, folders: Sequence[Path]) -> None:
     """Open one scene, or two to compare, and have a viewer show them."""
     scenes = [open_scene(folder) for folder in folders]
-    scene, first = scenes[0], viewer.first
-    start = start_of(scene, scene.views[0]) if first is None else first.start
-    if first is None:
-        viewer.begin_at(start)
+    show_painter(viewer, painter_of(*scenes), None if viewer.first is None else viewer.first.start)
+
+
+def painter_of(*scenes: Scene) -> Painter:
+    """What draws scenes, ready to draw at once."""
     painter = Painter(*scenes)
     painter.warm_up()
-    viewer.show(lambda client: ScenePage(client, painter, start))
+    return painter
+
+
+def show_painter(viewer: Viewer, painter: Painter, start: Start | None, *, stay: bool = False) -> None:
+    """Have a viewer show what a painter draws.
+
+    start: where browsers stand already; None: they are sent to the first view, unless they `stay` where they
+    are.
+    """
+    home = start_of(painter.scene, painter.scene.views[0]) if start is None else start
+    sent = home if start is None and not stay else None
+    viewer.show(lambda client, look: ScenePage(client, painter, home, look), sent)

@@ -15,10 +15,10 @@ from rig.view.controls import DIFFERENCE_STOPS, FREE, Controls, assign
 from rig.view.frame import Frame
 from rig.view.frusta import Frusta
 from rig.view.layers import LAYERS, TRUST, picture_of
-from rig.view.look import coloured, stops
+from rig.view.look import Look, coloured, stops
 from rig.view.meter import reading
 from rig.view.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
-from rig.view.start import Start, start_at, up_of
+from rig.view.start import Start, stand, start_at, up_of
 from rig.view.tones import Picture
 
 COARSE_SECONDS = 0.028
@@ -36,7 +36,7 @@ _SAME = 1e-4
 class ScenePage:
     """Draws for one browser, in a thread of its own, until it is closed."""
 
-    def __init__(self, client: viser.ClientHandle, painter: Painter, start: Start) -> None:
+    def __init__(self, client: viser.ClientHandle, painter: Painter, start: Start, look: Look) -> None:
         self.client, self.painter, self.start = client, painter, start
         self.frame: Frame | None = None
         self._drawing: Drawing | None = None
@@ -49,6 +49,7 @@ class ScenePage:
         self.controls = Controls(
             client.gui,
             painter,
+            look,
             self._wake.set,
             narrow=client.camera.image_width < NARROW,
             on_view=self._go,
@@ -61,8 +62,22 @@ class ScenePage:
         self._thread.start()
         self._wake.set()
 
+    @property
+    def look(self) -> Look:
+        """As chosen."""
+        return self.controls.look
+
+    def tell(self, text: str) -> None:
+        """Say how a training goes."""
+        self.controls.note.say(text)
+
+    def refresh(self) -> None:
+        """Draw again: the painter has another scene, or more is known of it."""
+        self._drawn = None
+        self._wake.set()
+
     def close(self) -> None:
-        """The browser is gone."""
+        """The browser is gone, or has another page."""
         self._closed.set()
         self._frusta.visible = False
         self._wake.set()
@@ -86,9 +101,7 @@ class ScenePage:
         camera = self.client.camera
         self._arrived = time.monotonic()
         self._stood = np.concatenate([camera.wxyz, camera.position])
-        with self.client.atomic():
-            camera.position, camera.look_at = np.array(start.position), np.array(start.look_at)
-            camera.up_direction, camera.fov = np.array(start.up), start.fov
+        stand(self.client, start)
 
     def _camera_moved(self) -> None:
         self._moved = time.monotonic()

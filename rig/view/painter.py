@@ -72,15 +72,24 @@ class Painter:
     """Draws one scene, or two to compare. drawing: held meanwhile, since the kernels share all cores."""
 
     def __init__(self, *scenes: Scene) -> None:
-        self.scenes = scenes
+        self.scenes: tuple[Scene, ...] = scenes
         self.drawing = threading.Lock()
-        self.references = references(scenes[0])
         self._data = DataLayers(scenes[0])
 
     @property
     def scene(self) -> Scene:
         """The first, whose coordinates, views and exposure are those of the page."""
         return self.scenes[0]
+
+    @property
+    def references(self) -> Mapping[str, Path]:
+        """Of the first scene, as far as they are there: an evaluation may still be writing them."""
+        return references(self.scene)
+
+    def turn_to(self, scene: Scene) -> None:
+        """Draw a later state of the one scene from now on."""
+        with self.drawing:
+            self.scenes, self._data = (scene,), DataLayers(scene)
 
     def shows(self, view: str | None) -> tuple[str, ...]:
         """What there is to see from a view, or from a free camera."""

@@ -15,7 +15,7 @@ from rig.view.access import LOCAL, Access, guarded
 from rig.view.first import FirstPicture
 from rig.view.frame import Frame
 from rig.view.look import Look
-from rig.view.start import Start
+from rig.view.start import Start, stand
 
 _ANY = ("0.0.0.0", "::")
 
@@ -23,12 +23,25 @@ _ANY = ("0.0.0.0", "::")
 class Page(Protocol):
     """What one browser sees, until it is closed."""
 
+    @property
+    def look(self) -> Look:
+        """As chosen."""
+        ...
+
+    def tell(self, text: str) -> None:
+        """Say how a training goes, in Markdown; nothing: none is followed."""
+        ...
+
+    def refresh(self) -> None:
+        """Draw again: there is something new to see."""
+        ...
+
     def close(self) -> None:
-        """The browser is gone."""
+        """The browser is gone, or another page takes its place."""
         ...
 
 
-MakePage = Callable[[viser.ClientHandle], Page]
+MakePage = Callable[[viser.ClientHandle, Look], Page]
 
 
 class Viewer:
@@ -45,9 +58,11 @@ class Viewer:
         self.host, self.first = host, first
         self.access = Access.to(host)
         self.pages: dict[int, Page] = {}
+        self._clients: dict[int, viser.ClientHandle] = {}
         self._make: MakePage | None = None
+        self._told = ""
         self._changing = threading.Lock()
-        self._waiting: dict[int, tuple[viser.ClientHandle, viser.NotificationHandle]] = {}
+        self._waiting: dict[int, viser.NotificationHandle] = {}
         with guarded(self.access), _silent():
             self.server = viser.ViserServer(host, port, label=label, verbose=False)
         if first is not None:
@@ -71,14 +86,35 @@ class Viewer:
         camera.fov = start.fov
         self.server.scene.set_up_direction(start.up)
 
-    def show(self, make: MakePage) -> None:
-        """Give every browser that is there, and that comes, a page."""
+    def show(self, make: MakePage, start: Start | None = None) -> None:
+        """Give every browser that is there, and that comes, a page, in place of the one it has.
+
+        start: where their cameras are sent; None: they stay where they are.
+        """
         with self._changing:
             self._make = make
-            waiting, self._waiting = list(self._waiting.values()), {}
-            for client, notice in waiting:
-                notice.remove()
-                self.pages[client.client_id] = make(client)
+            if start is not None:
+                self.begin_at(start)
+            for client in self._clients.values():
+                self._show(client, start)
+
+    def tell(self, text: str) -> None:
+        """Have every page say how a training goes, in Markdown."""
+        with self._changing:
+            self._told = text
+            for page in self.pages.values():
+                page.tell(text)
+
+    def refresh(self) -> None:
+        """Have every page drawn again."""
+        with self._changing:
+            for page in self.pages.values():
+                page.refresh()
+
+    @property
+    def watched(self) -> bool:
+        """Whether any browser looks."""
+        return bool(self._clients)
 
     def close(self) -> None:
         """Close all pages and the server."""
@@ -97,21 +133,39 @@ class Viewer:
     ) -> None:
         self.close()
 
+    def _show(self, client: viser.ClientHandle, start: Start | None) -> None:
+        """Make a page for a browser that waits for it, or has another one."""
+        assert self._make is not None
+        look = Look()
+        if (waiting := self._waiting.pop(client.client_id, None)) is not None:
+            waiting.remove()
+        if (before := self.pages.pop(client.client_id, None)) is not None:
+            look = before.look
+            before.close()
+            client.gui.reset()
+            client.scene.reset()
+        if start is not None:
+            stand(client, start)
+        page = self.pages[client.client_id] = self._make(client, look)
+        page.tell(self._told)
+
     def _open(self, client: viser.ClientHandle) -> None:
         with self._changing:
+            self._clients[client.client_id] = client
             if self._make is not None:
-                self.pages[client.client_id] = self._make(client)
+                self._show(client, None)
                 return
             if self.first is not None:
                 shown = Look().shown(self.first.light, self.first.exposure)
                 frame = Frame(self.first.light, client.camera.aspect)
                 client.scene.set_background_image(frame.in_window(shown), format="jpeg", jpeg_quality=90)
             notice = client.add_notification("Opening the scene", "", loading=True, with_close_button=False)
-            self._waiting[client.client_id] = client, notice
+            self._waiting[client.client_id] = notice
 
     def _close(self, client: viser.ClientHandle) -> None:
         with self._changing:
             self._waiting.pop(client.client_id, None)
+            self._clients.pop(client.client_id, None)
             page = self.pages.pop(client.client_id, None)
         if page is not None:
             page.close()

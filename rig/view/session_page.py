@@ -11,10 +11,11 @@ from imaging.errors import InputError
 from imaging.session.view_id import ViewId
 from rig.view.frame import Frame
 from rig.view.look import MIDDLE_GREY, TONE_MAPS, Look
+from rig.view.note import Note
 from rig.view.photographs import Photograph, Photographs, sheet
 from rig.view.rig_model import RigModel
 from rig.view.server import Viewer
-from rig.view.start import Start, height_angle, pose_of
+from rig.view.start import height_angle, pose_of, stand
 from rig.view.tones import Light
 
 PHOTOGRAPHS, RIG = "photographs", "rig"
@@ -27,17 +28,20 @@ FRUSTUM = 0.12
 class SessionPage:
     """A contact sheet, developed at the page's exposure, and the rig in three dimensions."""
 
-    def __init__(self, client: viser.ClientHandle, photographs: Photographs, rig: RigModel | None) -> None:
+    def __init__(
+        self, client: viser.ClientHandle, photographs: Photographs, rig: RigModel | None, look: Look
+    ) -> None:
         self.client, self.photographs, self.rig = client, photographs, rig
         self.frame: Frame | None = None
         self.seen: dict[ViewId, Photograph] = {}
         self._scale = 1.0
         self._wake, self._closed = threading.Event(), threading.Event()
         gui = client.gui
+        self._note = Note(gui)
         with gui.add_folder("Look"):
             hint = "At 0 the median of the photographs is middle grey."
-            self.exposure = gui.add_slider("Exposure, stops", -16.0, 16.0, 0.1, 0.0, hint=hint)
-            self.tones = gui.add_dropdown("Tones", TONE_MAPS)
+            self.exposure = gui.add_slider("Exposure, stops", -16.0, 16.0, 0.1, look.exposure, hint=hint)
+            self.tones = gui.add_dropdown("Tones", TONE_MAPS, initial_value=look.tones)
             shows = (PHOTOGRAPHS, RIG) if rig else (PHOTOGRAPHS,)
             self.show = gui.add_dropdown("Show", shows, visible=rig is not None)
         with gui.add_folder("Session"):
@@ -58,6 +62,13 @@ class SessionPage:
     def look(self) -> Look:
         """As chosen."""
         return Look(float(self.exposure.value), self.tones.value)
+
+    def tell(self, text: str) -> None:
+        """Say how a training goes."""
+        self._note.say(text)
+
+    def refresh(self) -> None:
+        """Nothing of it is a scene's."""
 
     def _reshaped(self) -> None:
         """Only another shape of the window changes a contact sheet."""
@@ -114,7 +125,7 @@ class SessionPage:
         rig, scene = self.rig, self.client.scene
         if scene.get_handle_by_name("/rig/points") is None:
             scene.add_point_cloud("/rig/points", rig.points, rig.colours, point_size=0.008)
-            self._stand(rig.start())
+            stand(self.client, rig.start())
         for view, placed in rig.poses.items():
             photograph = self.seen.get(view)
             lens, light = rig.lenses[view.camera], None if photograph is None else photograph.light
@@ -138,13 +149,7 @@ class SessionPage:
 
     def _stand_at(self, view: ViewId, _: object) -> None:
         assert self.rig is not None
-        self._stand(self.rig.start(view))
-
-    def _stand(self, start: Start) -> None:
-        camera = self.client.camera
-        with self.client.atomic():
-            camera.position, camera.look_at = np.array(start.position), np.array(start.look_at)
-            camera.up_direction, camera.fov = np.array(start.up), start.fov
+        stand(self.client, self.rig.start(view))
 
     def _tell(self) -> None:
         told = self.rig.words() if self.rig is not None and self.show.value == RIG else self._list()
@@ -165,6 +170,5 @@ def show_session(viewer: Viewer, folder: Path) -> None:
         raise InputError(f"{folder} has no photographs of a scene: capture or import some first.")
     record = photographs.calibration
     rig = None if record is None else RigModel.of(folder, record)
-    if rig is not None:
-        viewer.begin_at(rig.start())
-    viewer.show(lambda client: SessionPage(client, photographs, rig))
+    start = None if rig is None else rig.start()
+    viewer.show(lambda client, look: SessionPage(client, photographs, rig, look), start)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import viser
 from scipy.spatial.transform import Rotation
 
 from imaging.lens import Lens, rays
@@ -57,3 +58,11 @@ def pose_of(cam_from_world: npt.NDArray[np.float64]) -> Pair:
     turn = cam_from_world[:3, :3].T
     wxyz = Rotation.from_matrix(turn).as_quat(scalar_first=True)
     return np.asarray(wxyz), np.asarray(-turn @ cam_from_world[:3, 3])
+
+
+def stand(client: viser.ClientHandle, start: Start) -> None:
+    """Send the camera of a browser somewhere."""
+    camera = client.camera
+    with client.atomic():
+        camera.position, camera.look_at = np.array(start.position), np.array(start.look_at)
+        camera.up_direction, camera.fov = np.array(start.up), start.fov

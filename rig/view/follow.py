@@ -1,0 +1,183 @@
+"""A training that goes on in another process, shown as it goes; and the session or the scene around it.
+
+Both meet in the scene's folder (`recon.result.live`): the page asks for a snapshot, looks at it when it is
+there, and asks again. Once the training is over the finished scene takes its place.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from imaging.errors import RigError
+from imaging.session.lock import is_held
+from recon.result.live import SNAPSHOT, Snapshot, ask, read_snapshot
+from recon.result.model import CHECKPOINT, LOG, MODEL, ModelRecord
+from recon.result.scene import Scene, open_scene
+from rig.terminal.text import number
+from rig.view.opening import painter_of, show_painter
+from rig.view.painter import Painter
+from rig.view.server import Viewer
+
+PERIOD = 0.4
+"""Seconds between two looks at the disk."""
+LONG = 30.0
+"""Seconds after which a training that does not answer is told of."""
+NONE = "None is under way: `rig reconstruct` is shown here as it goes."
+
+
+def training_in(session: Path) -> Path | None:
+    """The folder that a process trains a scene in, the newest if there are more; None: none does."""
+    found = [folder for folder in session.glob("reconstructions/*/") if is_held(folder)]
+    return max(found, key=lambda folder: folder.stat().st_mtime_ns, default=None)
+
+
+class Follower:
+    """Looks at a session again and again, and has a viewer show what is new."""
+
+    def __init__(self, viewer: Viewer, session: Path, clock: Callable[[], float] = time.monotonic) -> None:
+        self.viewer, self.session, self.clock = viewer, session, clock
+        self._training: Path | None = None
+        self._finished_before: object = None
+        self._seen: object = None
+        self._seen_at = 0.0
+        self._opened: Path | None = None
+        self._painter: Painter | None = None
+        self._last: Snapshot | None = None
+        self._say(_unfinished(session))
+
+    def run(self) -> None:
+        """Look until Ctrl-C."""
+        pause = threading.Event()
+        while True:
+            self.look()
+            pause.wait(PERIOD)
+
+    def look(self) -> None:
+        """Look once; what goes wrong is said in the page, and tried again at the next look."""
+        try:
+            training = training_in(self.session)
+            if training is not None and training != self._training:
+                self._begin(training)
+            if self._training is None:
+                return
+            if training is None:
+                self._end(self._training)
+            elif self.viewer.watched:
+                self._follow(training)
+        except RigError as error:
+            self._say(str(error))
+
+    def _begin(self, training: Path) -> None:
+        self._training, self._opened, self._seen, self._last = training, None, None, None
+        self._finished_before = _stamp(_final(training) / MODEL) if training != _final(training) else None
+        self._seen_at = self.clock()
+        self._say(f"**{_name(training)}** is being trained: waiting for its first picture.")
+
+    def _follow(self, training: Path) -> None:
+        """Show a new snapshot, if there is one, and ask for the next."""
+        stamp = _stamp(training / SNAPSHOT)
+        if stamp is not None and stamp != self._seen:
+            self._last = read_snapshot(training)
+            self._seen, self._seen_at = stamp, self.clock()
+            self._show(self._last.scene)
+            self._say(_progress(training, self._last))
+        elif self.clock() - self._seen_at > LONG:
+            said = "" if self._last is None else _progress(training, self._last) + "\n\n"
+            self._say(said + f"No news for {LONG:.0f} s: the training is busy, or paused.")
+        ask(training)
+
+    def _end(self, training: Path) -> None:
+        """Show what a training that is over left behind."""
+        final = _final(training)
+        stamp = _stamp(final / MODEL)
+        if stamp is not None and stamp != self._finished_before:
+            self._open(final)
+        elif (training / MODEL).is_file():
+            self._open(training)  # until it is where it belongs
+            return
+        else:
+            self._say(
+                f"The training of **{_name(training)}** failed or was killed, so there is no finished scene: "
+                "its terminal says why; the same `rig reconstruct` goes on from its last checkpoint."
+            )
+        self._training = None
+
+    def _open(self, folder: Path) -> None:
+        if folder != self._opened:
+            scene = open_scene(folder)
+            self._show(scene)
+            self._say(_outcome(scene.record))
+            self._opened = folder
+
+    def _show(self, scene: Scene) -> None:
+        painter = self._painter
+        if painter is not None and _alike(painter.scene, scene):
+            painter.turn_to(scene)
+            self.viewer.refresh()
+            return
+        stay = painter is not None and painter.scene.record.world == scene.record.world
+        self._painter = painter_of(scene)
+        show_painter(self.viewer, self._painter, None, stay=stay)
+
+    def _say(self, text: str) -> None:
+        self.viewer.tell(text)
+
+
+def _alike(one: Scene, other: Scene) -> bool:
+    """Whether a page of one scene is a page of the other."""
+    names = ([view.name for view in scene.views] for scene in (one, other))
+    first, second = names
+    far = (one.renderer.environment is None) == (other.renderer.environment is None)
+    same_world = one.record.world == other.record.world
+    return first == second and far and same_world and one.record.degree == other.record.degree
+
+
+def _final(training: Path) -> Path:
+    """Where the scene of a training is in the end (`recon.result.place`)."""
+    return training.with_name(_name(training))
+
+
+def _name(training: Path) -> str:
+    name = training.name
+    return name[1:].removesuffix(".new") if name.startswith(".") else name
+
+
+def _stamp(path: Path) -> object:
+    """Another one for each file that was there; None: there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns, found.st_size
+
+
+def _unfinished(session: Path) -> str:
+    """What there is to say of a session that no training is under way in."""
+    for folder in sorted(session.glob("reconstructions/*/")):
+        begun = (folder / CHECKPOINT).is_file() or (folder / LOG).is_file()
+        if begun and not (folder / MODEL).is_file():
+            return f"**{_name(folder)}** was stopped: `rig reconstruct` goes on with it, and is shown here."
+    return NONE
+
+
+def _progress(training: Path, snapshot: Snapshot) -> str:
+    record = snapshot.scene.record
+    share = 100 * record.iterations / max(snapshot.total, 1)
+    done = f"iteration **{record.iterations:,}** of {snapshot.total:,}, {share:.0f} %"
+    lines = [f"**{_name(training)}**: {done}"]
+    if snapshot.moment is not None:
+        iteration, db = snapshot.moment
+        lines.append(f"held-out views **{db:.1f} dB** at iteration {iteration:,}")
+    lines.append(f"{record.gaussians:,} Gaussians, {record.train_seconds:.0f} s")
+    if record.loss is not None:
+        lines.append(f"loss {number(record.loss)}")
+    return "  \n".join(lines)
+
+
+def _outcome(record: ModelRecord) -> str:
+    quality = "" if record.held_out_db is None else f", held-out views **{record.held_out_db:.1f} dB**"
+    after = f"after {record.iterations:,} iterations{quality}"
+    if record.ending == "interrupted":
+        return f"Stopped {after}: the same `rig reconstruct` goes on."
+    return f"Finished {after}."

@@ -1,0 +1,18 @@
+"""What a page says of a training, above all else; nothing where none is followed."""
+
+import viser
+
+
+class Note:
+    """Of one browser."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._folder = gui.add_folder("Training", visible=False)
+        with self._folder:
+            self.words = gui.add_markdown("")
+
+    def say(self, text: str) -> None:
+        """Markdown."""
+        if text != self.words.content:
+            self.words.content = text
+            self._folder.visible = bool(text)
