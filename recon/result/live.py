@@ -21,7 +21,7 @@ from recon.train.training import Training
 
 WANTED, SNAPSHOT = "live.wanted", "live.safetensors"
 MOST_SHARE = 0.02
-"""Of the time of a training that its snapshots may take."""
+"""Of the time of a training that its snapshots may take, but for the first, which finds their exposure."""
 LEAST_SECONDS, LOOK_SECONDS = 1.0, 0.2
 """Between two snapshots, and between two looks for a question, which are slow on a disk far away."""
 
@@ -35,6 +35,7 @@ class Snapshots:
     record: Callable[[], ModelRecord]
     clock: Callable[[], float] = time.monotonic
     _next: float = field(default=0.0, init=False)
+    _first: bool = field(default=True, init=False)
 
     def wanted(self) -> bool:
         """Whether somebody asked for one, and it is time for it."""
@@ -51,7 +52,8 @@ class Snapshots:
             store.discard(self.folder / WANTED)
             write_checkpoint(self.folder / SNAPSHOT, self._checkpoint())
         now = self.clock()
-        self._next = now + max(LEAST_SECONDS, (now - began) * (1 / MOST_SHARE - 1))
+        rest = 0.0 if self._first else (now - began) * (1 / MOST_SHARE - 1)
+        self._first, self._next = False, now + max(LEAST_SECONDS, rest)
 
     def clear(self) -> None:
         """Remove question and answer: the training begins, or is over, however it ended."""

@@ -78,6 +78,12 @@ def test_snapshots_take_a_small_share_of_the_time(tmp_path, monkeypatch):
     snapshots.write()
     assert not (tmp_path / WANTED).exists()
     ask(tmp_path)
+    now[0] += 0.9
+    assert not snapshots.wanted()
+    now[0] += 0.3  # the first is not counted
+    assert snapshots.wanted()
+    snapshots.write()
+    ask(tmp_path)
     now[0] += 24.4
     assert not snapshots.wanted()
     now[0] += 0.2  # 0.5 s of 25 are 2 %
