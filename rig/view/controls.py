@@ -8,7 +8,7 @@ import viser
 from rig.view.layers import LAYERS, legend_of
 from rig.view.look import STOPS, TONE_MAPS, Look, legend
 from rig.view.note import Note
-from rig.view.painter import DIFFERENCE, OVER, Painter, Parts
+from rig.view.painter import DIFFERENCE, OVER, Painter, Parts, compared_with
 
 FREE = "free"
 DIFFERENCE_STOPS = 2.0
@@ -56,9 +56,9 @@ class Controls:
             self.view = gui.add_dropdown("View", (FREE, *(view.name for view in scene.views)))
             shows = painter.shows(None)
             self.show = gui.add_dropdown("Show", shows, visible=len(shows) > 1)
-            self.frusta = gui.add_checkbox("Cameras of the photographs", False)
+            self.frusta = gui.add_checkbox("Photographs", False, hint="Their cameras, in the scene.")
             self.home = gui.add_button("Home", icon=viser.Icon.HOME, hint="Back to where the page began.")
-        self.parts_of_model = self._parts(gui, painter, changed)
+        self.parts_of_model = self._parts(gui, painter, changed, narrow)
         with gui.add_folder("Spot meter"):
             self.spot = gui.add_markdown("Click into the picture.")
         with gui.add_folder("Keys", expand_by_default=False):
@@ -121,27 +121,30 @@ class Controls:
         if show in LAYERS:
             label = legend_of(show, self._painter.scene)
         elif show in (DIFFERENCE, OVER):
-            label = f"-{DIFFERENCE_STOPS:g} to +{DIFFERENCE_STOPS:g} stops above what is compared with"
+            ours = "B" if show == OVER else "render"
+            label = f"{ours} over {compared_with(show)}: -{DIFFERENCE_STOPS:g} to +{DIFFERENCE_STOPS:g} stops"
         elif self.tones.value == "false colour":
             label = f"-{STOPS:g} to +{STOPS:g} stops above middle grey"
         self.legend.visible = bool(label)
         self.legend.label = label or None
 
     @staticmethod
-    def _parts(gui: viser.GuiApi, painter: Painter, changed: Callable[[], None]) -> tuple[Any, Any]:
+    def _parts(
+        gui: viser.GuiApi, painter: Painter, changed: Callable[[], None], narrow: bool
+    ) -> tuple[Any, Any]:
         """Switches for the parts that the scenes have; None where they have none of a kind."""
         far = any(scene.renderer.environment is not None for scene in painter.scenes)
         degree = max(scene.record.degree for scene in painter.scenes)
         environment = harmonics = None
         if far or degree:
-            with gui.add_folder("Model"):
+            with gui.add_folder("Model", expand_by_default=not narrow):
                 if far:
                     hint = "Light from behind all Gaussians, by direction alone."
                     environment = gui.add_checkbox("Light from far away", True, hint=hint)
                     environment.on_update(lambda _: changed())
                 if degree:
-                    hint = "Of the harmonics: at 0 colours are the same from everywhere."
-                    harmonics = gui.add_slider("Degree of colours", 0, degree, 1, degree, hint=hint)
+                    hint = "Degree of the harmonics: at 0 colours are the same from everywhere."
+                    harmonics = gui.add_slider("Colours by direction", 0, degree, 1, degree, hint=hint)
                     harmonics.on_update(lambda _: changed())
         return environment, harmonics
 

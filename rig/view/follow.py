@@ -23,7 +23,7 @@ PERIOD = 0.4
 """Seconds between two looks at the disk."""
 LONG = 30.0
 """Seconds after which a training that does not answer is told of."""
-NONE = "None is under way: `rig reconstruct` is shown here as it goes."
+NONE = "None is under way: what `rig reconstruct` trains is shown here as it goes."
 
 
 def training_in(session: Path) -> Path | None:

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import viser
 
 from imaging.errors import RigError
@@ -13,11 +15,12 @@ from rig.view.cameras import pose
 from rig.view.look import Look
 from rig.view.painter import Painter
 from rig.view.photographs import Photographs
-from rig.view.start import height_angle
+from rig.view.start import Start, height_angle, overview
 from rig.view.tones import Picture
 
 LENGTH = 0.06
 """Of a camera, in units of the scene."""
+NEAR = 5 * LENGTH
 _TRAINED, _HELD_OUT = (90, 160, 255), (255, 140, 0)
 
 
@@ -41,6 +44,15 @@ class Frusta:
                 light = photographs.read(view.id).light
                 if light is not None and self.visible:
                     self._add(view, look.shown(light, self.painter.scene.exposure))
+
+    def hide_the_scene_from(self, eye: npt.NDArray[np.float64]) -> bool:
+        """Whether a camera is so near to the eye that its photograph would hide what is behind it."""
+        centres = np.array([pose(self.painter.placed(view.name))[1] for view in self.painter.scene.views])
+        return bool(np.linalg.norm(centres - eye, axis=1).min() < NEAR)
+
+    def overview(self) -> Start:
+        """From where all cameras are seen."""
+        return overview([self.painter.placed(view.name).cam_from_world for view in self.painter.scene.views])
 
     def hide(self) -> None:
         """None of them."""

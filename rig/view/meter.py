@@ -6,24 +6,33 @@ from recon.result.scene import Scene
 from rig.terminal.text import number
 from rig.view.layers import LAYERS, words_of
 from rig.view.look import LUMINANCE, stops
-from rig.view.painter import Drawing
+from rig.view.painter import Drawing, compared_with
+from rig.view.residuals import Residuals
 
 
-def reading(drawing: Drawing, show: str, scene: Scene, row: int, column: int) -> str:
-    """The light of a pixel in stops, in the units of the scene, and in cd/m2 where those are known."""
+def reading(
+    drawing: Drawing, show: str, scene: Scene, row: int, column: int, residuals: Residuals | None = None
+) -> str:
+    """The light of a pixel in stops, in the units of the scene, and in cd/m2 where those are known.
+
+    residuals: what is known of the error of the scene.
+    """
     colour = drawing.light[row, column]
     luminance = float(colour @ LUMINANCE)
     above = float(stops(colour, scene.exposure))
     height, width = drawing.light.shape[:2]
     lines = [f"**{above:+.2f} stops** from middle grey"]
+    error = None if residuals is None else residuals.at(luminance)
+    if error is not None:
+        lines.append(f"**+- {number(error, 2)} stops**: 68 % of held-out pixels as bright are no further off")
     if scene.luminance_scale is not None and scene.luminance_error is not None:
         share = scene.luminance_error / scene.luminance_scale
         absolute = luminance * scene.luminance_scale
-        lines.append(f"**{number(absolute)} cd/m2** +- {number(100 * share)} %")
+        lines.append(f"**{number(absolute)} cd/m2** +- {number(100 * share)} % by the scale")
     if drawing.over is not None:
         other = float(stops(drawing.over[row, column], scene.exposure))
         if np.isfinite(above - other):
-            lines.append(f"**{above - other:+.3f} stops** over what it is compared with")
+            lines.append(f"**{above - other:+.3f} stops** over {compared_with(show)}")
     if drawing.layer is not None and show in LAYERS:
         lines.append(words_of(show, drawing.layer[row, column], scene))
     lines += [

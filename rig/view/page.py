@@ -18,7 +18,7 @@ from rig.view.layers import LAYERS, TRUST, picture_of
 from rig.view.look import Look, coloured, stops
 from rig.view.meter import reading
 from rig.view.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
-from rig.view.start import Start, stand, start_at, up_of
+from rig.view.start import NARROW, Start, stand, start_at, up_of
 from rig.view.tones import Picture
 
 COARSE_SECONDS = 0.028
@@ -28,7 +28,6 @@ STILL_SECONDS = 0.15
 ARRIVAL_SECONDS = 0.5
 """In which a browser says where it stands after it was sent to a view: upright, as that may not be."""
 MOST_WIDTH, LEAST_WIDTH = 1280, 160
-NARROW = 600
 _SAME = 1e-4
 """In units of the scene: a camera that is moved by less is where it was."""
 
@@ -41,6 +40,7 @@ class ScenePage:
         self.frame: Frame | None = None
         self._drawing: Drawing | None = None
         self._drawn: object = None
+        self._measured: tuple[int, int] | None = None
         self._wake, self._closed = threading.Event(), threading.Event()
         self._moved = self._arrived = 0.0
         self._stood = np.zeros(7)
@@ -115,6 +115,9 @@ class ScenePage:
 
     def _show_frusta(self, visible: bool) -> None:
         if visible:
+            if self._frusta.hide_the_scene_from(self.client.camera.position):
+                assign(self.controls.view, FREE)
+                self._stand(self._frusta.overview())
             self._frusta.show(self.controls.look)
         else:
             self._frusta.hide()
@@ -196,4 +199,8 @@ class ScenePage:
         place = None if frame is None else frame.pixel(across, down)
         if drawing is not None and place is not None:
             show = str(self.controls.show.value)
+            self._measured = place
             self.controls.spot.content = reading(drawing, show, self.painter.scene, *place)
+            residuals = self.painter.residuals()  # the first time it takes a while
+            if self._measured == place and residuals is not None:
+                self.controls.spot.content = reading(drawing, show, self.painter.scene, *place, residuals)

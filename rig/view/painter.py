@@ -16,6 +16,7 @@ from recon.result.display import in_colour
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
 from rig.view.layers import LAYERS, LayerName, Plane
+from rig.view.residuals import Residuals, residuals_of
 from rig.view.tones import Light
 
 RENDER, REFERENCE, DIFFERENCE = "render", "reference", "difference"
@@ -75,6 +76,7 @@ class Painter:
         self.scenes: tuple[Scene, ...] = scenes
         self.drawing = threading.Lock()
         self._data = DataLayers(scenes[0])
+        self._residuals: dict[Scene, Residuals | None] = {}
 
     @property
     def scene(self) -> Scene:
@@ -90,6 +92,15 @@ class Painter:
         """Draw a later state of the one scene from now on."""
         with self.drawing:
             self.scenes, self._data = (scene,), DataLayers(scene)
+            self._residuals.clear()
+
+    def residuals(self) -> Residuals | None:
+        """How far the first scene is off held-out photographs, which are read once."""
+        scene = self.scene
+        with self.drawing:
+            if scene not in self._residuals:
+                self._residuals[scene] = residuals_of(scene)
+            return self._residuals[scene]
 
     def shows(self, view: str | None) -> tuple[str, ...]:
         """What there is to see from a view, or from a free camera."""
@@ -145,6 +156,11 @@ class Painter:
             camera = scene.view(str(wanted.view)).splat_camera
         with self.drawing:
             return in_colour(wanted.parts.of(scene).render(camera), scene.record.bands)
+
+
+def compared_with(show: str) -> str:
+    """What the light of a drawing is compared with, in words."""
+    return "A" if show == OVER else "the reference"
 
 
 def references(scene: Scene) -> Mapping[str, Path]:

@@ -11,7 +11,7 @@ from imaging.lens import Lens
 from imaging.session.calibration import CalibrationRecord
 from imaging.session.view_id import ViewId
 from rig.report.charts.residuals import read_residuals
-from rig.view.start import Start, point, start_at, up_of
+from rig.view.start import Start, overview, start_at, up_of
 
 Array = npt.NDArray[np.float64]
 MOST_POINTS = 100_000
@@ -56,15 +56,9 @@ class RigModel:
 
     def start(self, view: ViewId | None = None) -> Start:
         """Where a view stands; None: from where all cameras are seen, behind and above them."""
-        up = up_of(self.poses.values())
         if view is not None:
-            return start_at(self.poses[view], up, self.lenses[view.camera])
-        ahead = sum((pose[2, :3] for pose in self.poses.values()), np.zeros(3))
-        ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-6)
-        centres = np.array([-pose[:3, :3].T @ pose[:3, 3] for pose in self.poses.values()])
-        reach = 1.0 + float(np.linalg.norm(centres, axis=1).max())
-        place = reach * (0.9 * up - 1.2 * ahead)
-        return Start(point(place), point(0.3 * ahead), point(up), 0.9)
+            return start_at(self.poses[view], up_of(self.poses.values()), self.lenses[view.camera])
+        return overview(list(self.poses.values()))
 
     def words(self) -> str:
         """Markdown: how many views have a pose, what is doubted, and which views agree least."""

@@ -15,7 +15,7 @@ from rig.view.note import Note
 from rig.view.photographs import Photograph, Photographs, sheet
 from rig.view.rig_model import RigModel
 from rig.view.server import Viewer
-from rig.view.start import height_angle, pose_of, stand
+from rig.view.start import NARROW, height_angle, pose_of, stand
 from rig.view.tones import Light
 
 PHOTOGRAPHS, RIG = "photographs", "rig"
@@ -44,7 +44,7 @@ class SessionPage:
             self.tones = gui.add_dropdown("Tones", TONE_MAPS, initial_value=look.tones)
             shows = (PHOTOGRAPHS, RIG) if rig else (PHOTOGRAPHS,)
             self.show = gui.add_dropdown("Show", shows, visible=rig is not None)
-        with gui.add_folder("Session"):
+        with gui.add_folder("Session", expand_by_default=client.camera.image_width >= NARROW):
             self.words = gui.add_markdown("")
         for control in (self.exposure, self.tones, self.show):
             control.on_update(lambda _: self._wake.set())

@@ -1,6 +1,6 @@
 """Where the camera of a browser stands when its page opens."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +30,8 @@ def point(vector: npt.ArrayLike) -> Point:
     return x, y, z
 
 
+NARROW = 600
+"""px of a window's width below which all controls would hide the picture: some begin folded."""
 WIDEST = np.radians(120.0)
 """That a browser is asked to show from top to bottom."""
 
@@ -51,6 +53,16 @@ def start_at(motion: npt.NDArray[np.float64], up: npt.ArrayLike, lens: Lens) -> 
     """Where a camera stands, cam_from_world [4, 4], seen upright through its lens."""
     centre = -motion[:3, :3].T @ motion[:3, 3]
     return Start(point(centre), point(centre + motion[2, :3]), point(up), height_angle(lens))
+
+
+def overview(poses: Sequence[npt.NDArray[np.float64]]) -> Start:
+    """Where cameras about the origin, cam_from_world [4, 4], are all seen from: behind and above them."""
+    up = up_of(poses)
+    ahead = sum((pose[2, :3] for pose in poses), np.zeros(3))
+    ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-6)
+    centres = np.array([-pose[:3, :3].T @ pose[:3, 3] for pose in poses])
+    reach = 1.0 + float(np.linalg.norm(centres, axis=1).max())
+    return Start(point(reach * (0.9 * up - 1.2 * ahead)), point(0.3 * ahead), point(up), 0.9)
 
 
 def pose_of(cam_from_world: npt.NDArray[np.float64]) -> Pair:

@@ -51,7 +51,7 @@ def test_a_view_is_seen_through_its_own_lens_beside_what_it_should_be(window) ->
     window.until(lambda: window.page.frame.light.shape == truth.shape)
     np.testing.assert_allclose(window.page.frame.light, truth, rtol=1e-4, atol=1e-4 * truth.max())
     window.choose("render", "difference")
-    window.until(lambda: window.page.controls.legend.label == "-2 to +2 stops above what is compared with")
+    window.until(lambda: window.page.controls.legend.label == "render over the reference: -2 to +2 stops")
     window.choose("difference", "reference")
     window.until(lambda: not np.allclose(window.page.frame.light, truth, rtol=1e-3))
     window.tab.mouse.move(300, 300)
@@ -90,7 +90,7 @@ def test_depth_and_trust_are_shown_and_measured(window) -> None:
 
 
 def test_cameras_hold_their_photographs_and_are_stood_at(window) -> None:
-    window.tab.get_by_label("Cameras of the photographs").check()
+    window.tab.get_by_label("Photographs", exact=True).check()
     window.until(lambda: window.page._frusta.visible)
     scene = window.page.painter.scene
 

@@ -8,9 +8,12 @@ import pytest
 
 from imaging.session.paths import find_reconstruction
 from recon.result.scene import Scene, open_scene
+from rig.terminal.text import number
 from rig.view.layers import picture_of
+from rig.view.look import LUMINANCE
 from rig.view.meter import reading
 from rig.view.painter import DIFFERENCE, FIRST, OVER, REFERENCE, RENDER, SECOND, SPLIT, Painter, Parts, Wanted
+from rig.view.residuals import Residuals, residuals_of
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +41,7 @@ def test_two_scenes_are_compared_in_stops(scene: Scene, brighter: Scene) -> None
     np.testing.assert_array_equal(split.light[:, :middle], first.light[:, :middle])
     np.testing.assert_array_equal(split.light[:, middle:], second.light[:, middle:])
     np.testing.assert_allclose(over.light, 2 * over.over, rtol=1e-5)
-    assert "**+1.000 stops** over what it is compared with" in reading(over, OVER, scene, 10, 12)
+    assert "**+1.000 stops** over A" in reading(over, OVER, scene, 10, 12)
 
 
 def test_a_render_lies_beside_its_reference(scene: Scene) -> None:
@@ -76,3 +79,37 @@ def test_what_there_is_nothing_of_is_black(scene: Scene) -> None:
     normal = np.array([[[0, 0, 0], [0, 0, 1]]], np.float32)
     assert picture_of("normal", normal, scene)[0].tolist() == [[0, 0, 0], [128, 128, 255]]
     assert picture_of("trust", np.zeros((1, 1), np.float32), scene).tolist() == [[[0, 0, 0]]]
+
+
+def test_the_spot_meter_has_the_error_at_a_brightness() -> None:
+    """Errors are normal, of a size that grows with the light."""
+    generator = np.random.default_rng(3)
+    brightness = generator.uniform(-6, 6, 200_000).astype(np.float32)
+    off = (generator.normal(0, 1, len(brightness)) * np.where(brightness < 0, 0.1, 0.4)).astype(np.float32)
+    found = Residuals(brightness, off, 3)
+    assert found.at(2.0**-3) == pytest.approx(0.1, rel=0.03)
+    assert found.at(2.0**3) == pytest.approx(0.4, rel=0.03)
+    assert found.at(2.0**20) is None
+    assert found.at(0.0) is None
+
+
+def test_a_scene_is_off_held_out_photographs_by_what_it_is_too_bright(scene: Scene) -> None:
+    plain = residuals_of(scene)
+    brighter = replace(
+        scene, record=scene.record.model_copy(update={"normaliser": 16 * scene.record.normaliser})
+    )
+    found = residuals_of(brighter)
+    assert found.views == len([view for view in scene.views if view.use == "test"])
+    np.testing.assert_allclose(found.off, plain.off + 4, atol=1e-3)
+    assert abs(np.median(plain.off)) < 1
+    painter = Painter(scene)
+    drawing = painter.draw(wanted(painter, RENDER))
+    luminance = drawing.light @ LUMINANCE
+    row, column = np.unravel_index(np.argsort(luminance, axis=None)[luminance.size // 2], luminance.shape)
+    assert painter.residuals() is painter.residuals()
+    told = reading(drawing, RENDER, scene, row, column, painter.residuals())
+    assert f"**+- {number(plain.at(float(luminance[row, column])), 2)} stops**" in told
+
+
+def test_without_its_photographs_a_scene_has_no_error(scene: Scene, tmp_path: Path) -> None:
+    assert residuals_of(replace(scene, folder=tmp_path / "a" / "b")) is None
