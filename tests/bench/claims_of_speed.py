@@ -10,6 +10,7 @@ from .claims_of_scenes import beside_peer, presets
 
 Claim = partial(Claimed, page="docs/speed-or-accuracy.md")
 Front = partial(Claimed, page="README.md")
+Viewer = partial(Claimed, page="docs/view.md")
 
 
 def below(quality: str) -> list[float]:
@@ -97,5 +98,31 @@ CLAIMS = (
     Front(
         r"two cores \| ([\d.]+) ms",
         lambda: [cell("splat", "forward + backward, ms", "`recon.splat`", under="50,000 Gaussians")],
+    ),
+    Viewer(
+        r"With ([\d,]+) Gaussians in a window of",
+        lambda: line("viewer", r"write`: (\d+) Gaussians"),
+    ),
+    Viewer(
+        r"it takes ([\d.]+) s of processor time from the command on, and the scene itself ([\d.]+)\.",
+        lambda: [
+            cell("viewer", "processor time, s", words) for words in ("a picture that the", "the first that")
+        ],
+    ),
+    Viewer(
+        r"takes (\d+) ms of processor time at the coarsest",
+        lambda: line("viewer", r"processor time a picture, ms \| (\d+)"),
+    ),
+    Viewer(r"at a load of ([\d.]+):", lambda: line("viewer", r"load ([\d.]+),")),
+    Viewer(
+        r"the first picture came after ([\d.]+) s, then (\d+) pictures a second, (\d+) px wide, "
+        r"and the one of full size ([\d.]+) s after",
+        lambda: [
+            cell("viewer", "s", "a picture that the"),
+            *(
+                line("viewer", rf"{words} \| ([\d.]+)")[0]
+                for words in ("pictures a second", "width, px", "stopped, s")
+            ),
+        ],
     ),
 )
