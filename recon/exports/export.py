@@ -10,14 +10,14 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.paths import scene_around
-from recon.exports import cameras, gltf, mesh, ply, sog, spz, usd
+from recon.exports import cameras, gltf, html, mesh, ply, sog, spz, usd
 from recon.exports.job import Job, Written
 from recon.exports.loss import Loss, loss_of
 from recon.exports.place import place_of
 from recon.exports.splats import sound
 from recon.result.scene import Scene, open_scene
 
-FormatName = Literal["usd", "sog", "glb", "spz", "ply", "points", "mesh", "cameras"]
+FormatName = Literal["usd", "sog", "glb", "spz", "ply", "html", "points", "mesh", "cameras"]
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,9 @@ FORMATS: dict[FormatName, Format] = {
     "glb": Format(gltf.write, (".glb",), linear=False),
     "spz": Format(spz.write, (".spz",), linear=False),
     "ply": Format(ply.write, (".ply",), linear=False),
+    "html": Format(
+        html.write, (".html",), linear=True, only="is linear light, which it shows at any exposure"
+    ),
     "points": Format(ply.write_points, (), linear=True, only="are linear light"),
     "mesh": Format(mesh.write, (), linear=True, only="is linear light"),
     "cameras": Format(cameras.write, (), linear=True, only="have no light"),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from recon.exports.hand_over import HandOver
     from recon.exports.loss import Loss
 
-Format = Literal["usd", "sog", "glb", "spz", "ply", "points", "mesh", "cameras"]
+Format = Literal["usd", "sog", "glb", "spz", "ply", "html", "points", "mesh", "cameras"]
 
 
 def export(

@@ -18,7 +18,7 @@ from recon.scene.gaussians import Gaussians
 from recon.scene.ply import read_ply
 from tests.recon.exports.made_scene import write_made
 
-SPLATS = {"usd": "a.usdc", "sog": "a.sog", "glb": "a.glb", "spz": "a.spz", "ply": "a.ply"}
+SPLATS = {"usd": "a.usdc", "sog": "a.sog", "glb": "a.glb", "spz": "a.spz", "ply": "a.ply", "html": "a.html"}
 BANDS = (
     Band(name="650nm", wavelength_nm=650, bandwidth_nm=40),
     Band(name="800nm", wavelength_nm=800, bandwidth_nm=40),
@@ -114,7 +114,7 @@ def test_what_sog_loses_is_told(scene: Scene, tmp_path: Path, monkeypatch: pytes
 def test_display_values_have_no_linear_light(scene: Scene, tmp_path: Path) -> None:
     export(scene, tmp_path / "shown.ply")
     shown = open_scene(tmp_path / "shown.ply")
-    for name in ("a.usdc", "a.sog"):
+    for name in ("a.usdc", "a.sog", "a.html"):
         with pytest.raises(ReconstructionError, match="trained on display values"):
             export(shown, tmp_path / name)
     with pytest.raises(ReconstructionError, match="leave --exposure out"):

@@ -1,7 +1,6 @@
 """Headless Chromium, once for all tests of pages, and a window of it."""
 
 import io
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,8 +12,8 @@ from PIL import Image
 from imaging.session.paths import find_reconstruction
 from rig.view.opening import show_scenes
 from rig.view.server import Viewer
+from tests.chromium import chromium
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 CANVAS = "document.querySelector('canvas[data-engine]').clientWidth"
 LIMIT = 20.0
 """Seconds that a browser without a GPU may take for anything."""
@@ -22,14 +21,8 @@ LIMIT = 20.0
 
 @pytest.fixture(scope="package")
 def browser() -> Iterator[object]:
-    playwright = pytest.importorskip("playwright.sync_api")
-    if CHROMIUM is None:
-        pytest.skip("Chromium is not installed: apt-get install chromium")
-    software = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    with playwright.sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=software)
-        yield chromium
-        chromium.close()
+    with chromium() as found:
+        yield found
 
 
 @pytest.fixture(scope="package")

@@ -1,0 +1,220 @@
+"""A page that shows the scene at any exposure in any browser: one file, which loads nothing.
+
+The programs of `recon/exports/viewer/` draw as `rig` does, with its blur, its cut-offs and the distances that
+the Gaussians were trained at, and blend linear light in floats; an exposure and a map of tones come after
+that. The numbers of a Gaussian are 16 bits each between the least and the largest of the scene, of light on a
+scale that is even in stops, of places 21 bits; harmonics above the constant one are bytes that name one of
+256 values. WebGL 2 (Khronos 2017), and splats as instances sorted by a worker: Kerbl et al. 2023,
+arXiv 2308.04079.
+"""
+
+import base64
+import json
+import math
+import re
+import zlib
+from dataclasses import dataclass, replace
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from imaging.errors import ReconstructionError
+from imaging.files import store
+from recon.exports.codebook import codebook, nearest
+from recon.exports.job import Job, Written, lens_note
+from recon.exports.loss import floor_of
+from recon.exports.order import along_curve
+from recon.exports.place import pinhole
+from recon.exports.splats import Splats
+from recon.result.display import in_colour
+from recon.result.model import SceneView
+from recon.result.scene import Scene
+from recon.result.splat_files import what_is_shown
+from recon.scene.harmonics import C0, COEFFICIENTS, DEGREE
+
+Array = npt.NDArray[np.float64]
+
+_PARTS = (
+    *("page.css", "splat.vert", "splat.frag", "whole.vert", "sky.frag", "tones.frag"),
+    *("sort.js", "draw.js", "camera.js", "main.js"),
+)
+_FINE = 32
+"""Steps of a place between two codes of 16 bits."""
+_SOLID = 20.0
+"""Logit of an opacity that float32 has as 1, and its negative one that no renderer draws."""
+_FAR = 30.0
+"""Natural log of a distance that is as good as infinite, in scene units."""
+
+
+def write(job: Job) -> Written:
+    """As `rig export` does; ReconstructionError for a scene without views, where the page could not begin."""
+    scene = job.scene
+    if not scene.views:
+        raise ReconstructionError(
+            f"{scene.folder} has no views, at which a page begins: export another format."
+        )
+    splats = job.splats(with_dome=False)
+    order = along_curve(splats.means)
+    sampling = scene.renderer.sampling
+    least, most = np.zeros(len(splats)), np.full(len(splats), np.inf)
+    if sampling is not None:
+        least, most = sampling.least.double().numpy(), sampling.most.double().numpy()
+    packed = packed_splats(splats.rows(order), least[order], most[order], floor_of(scene) * splats.factor)
+    store.write_bytes(job.out, _page(job, packed).encode())
+    return Written([job.out], packed.held, splats.rows(order), lens_note(scene))
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """Gaussians as the page has them.
+
+    codes: uint16 [N, 16], of means in scene coordinates, opacity logit; log scales, ln least spacing; x, y, z
+    of the turn, ln most spacing; light, and five bits more of each mean. low, grain: a value of the 16 is
+    low + grain * code. Means are sign(x) ln(1 + |x|), light its arsinh in units of `faint`: a step is a share
+    of what is bright, and not of what does not matter. rest: uint8 [N, 8, 3], of the book, or [0, 8, 3].
+    """
+
+    codes: npt.NDArray[np.uint16]
+    rest: npt.NDArray[np.uint8]
+    book: Array
+    low: Array
+    grain: Array
+    faint: float
+    held: Splats
+
+
+def packed_splats(splats: Splats, least: Array, most: Array, floor: float) -> Packed:
+    """Gaussians of linear light, one or more, with the spacings [N] that they were trained at, scene units.
+
+    floor: the dimmest colour that matters, in the unit of the colours.
+    """
+    unit = splats.world.unit
+    origin = np.asarray(splats.world.origin) - splats.offset
+    away = (splats.means - origin) / unit
+    quats = splats.quats * np.where(splats.quats[:, :1] < 0, -1.0, 1.0)
+    constants = 0.5 + C0 * splats.harmonics[:, 0]
+    with np.errstate(divide="ignore"):
+        spacings = np.log(np.column_stack([least, most])).clip(-_FAR, _FAR)
+    values = np.column_stack(
+        [
+            *(np.sign(away) * np.log1p(np.abs(away))).T,
+            splats.logits.clip(-_SOLID, _SOLID),
+            *np.log(splats.scales / unit).T,
+            spacings[:, 0],
+            *quats[:, 1:].T,
+            spacings[:, 1],
+            *np.arcsinh(constants / floor).T,
+            np.zeros(len(splats)),
+        ]
+    )
+    low = values.min(axis=0)
+    span = np.ptp(values, axis=0)
+    grain = np.where(span > 0, span, 1.0) / 65535
+    exact = (values - low) / grain
+    codes = np.round(exact).astype(np.uint16)
+    places = np.round(exact[:, :3] * _FINE).astype(np.int64)
+    codes[:, :3] = places // _FINE
+    codes[:, 15] = (places % _FINE) @ [1024, 32, 1]
+    found = low + grain * codes
+    bent = low[:3] + grain[:3] * places / _FINE
+    parts = found[:, 8:11]
+    whole = np.sqrt(np.maximum(0, 1 - np.square(parts).sum(axis=1)))
+    light = floor * np.sinh(found[:, 12:15])
+    harmonics, rest, book = _harmonics(splats, light, floor)
+    held = replace(
+        splats,
+        means=origin + unit * np.sign(bent) * np.expm1(np.abs(bent)),
+        scales=np.exp(found[:, 4:7]) * unit,
+        quats=np.column_stack([whole, parts]),
+        opacities=1 / (1 + np.exp(-found[:, 3])),
+        harmonics=harmonics,
+    )
+    return Packed(codes, rest, book, low, grain, floor, held)
+
+
+def _harmonics(splats: Splats, light: Array, floor: float) -> tuple[Array, npt.NDArray[np.uint8], Array]:
+    """Harmonics as held, the bytes of those above the constant one, and the values that these name."""
+    constant = ((light - 0.5) / C0)[:, None]
+    if not splats.degree:
+        return constant, np.zeros((0, COEFFICIENTS - 1, 3), np.uint8), np.zeros(256)
+    bent = np.zeros((len(splats), COEFFICIENTS - 1, 3))
+    kept = min(splats.harmonics.shape[1], COEFFICIENTS) - 1
+    bent[:, :kept] = np.arcsinh(splats.harmonics[:, 1 : kept + 1] / floor)
+    steps = codebook(bent[:, :kept])
+    book = (floor * np.sinh(steps)).astype(np.float32).astype(np.float64)
+    codes = nearest(bent, steps)
+    return np.concatenate([constant, book[codes[:, :kept]]], axis=1), codes, book
+
+
+def _page(job: Job, packed: Packed) -> str:
+    scene = job.scene
+    facts, sky = _facts(job, packed), b""
+    far = scene.renderer.environment
+    if far is not None:
+        light = far.ln_light.detach().cpu().double().exp().movedim(0, 2).numpy()
+        shown = in_colour((light * scene.record.normaliser * job.factor).astype("<f4"), scene.record.bands)
+        facts["sky"] = {"rows": len(shown), "axes": far.axes.ravel().tolist()}
+        sky = shown.tobytes()
+    about = (
+        f"{len(packed.held):,} Gaussians of {what_is_shown(scene.record.bands)}, {scene.record.radiance}, "
+        f"times {job.factor:.6g}. Nothing is clipped before the exposure."
+    )
+    folder = files("recon.exports") / "viewer"
+    parts = {name: (folder / name).read_text("utf-8") for name in _PARTS}
+    parts |= {
+        "title": escape(scene.folder.resolve().name),
+        "about": escape(about),
+        "facts": json.dumps(facts, allow_nan=False).replace("<", "\\u003c"),
+        "codes": _text(_planes(packed.codes.astype("<u2"))),
+        "rest": _text(_planes(packed.rest)),
+        "sky": _text(sky),
+    }
+    page = (folder / "page.html").read_text("utf-8")
+    return re.sub(r"\[\[([\w.]+)\]\]", lambda place: parts[place[1]], page)
+
+
+def _facts(job: Job, packed: Packed) -> dict[str, Any]:
+    """What the page knows of the scene beside its Gaussians; places are in scene coordinates."""
+    scene, record, limits = job.scene, job.scene.record, job.scene.renderer.limits
+    cut = 0.0
+    if limits.luminance_reference is not None:
+        cut = limits.tau * limits.luminance_reference * record.normaliser * job.factor
+    return {
+        "count": len(packed.held),
+        "degree": min(packed.held.degree, DEGREE),
+        "low": packed.low.tolist(),
+        "grain": packed.grain.tolist(),
+        "faint": packed.faint,
+        "book": packed.book.tolist(),
+        "nearest": limits.near,
+        "blur": limits.blur,
+        "dimmest": limits.alpha_min,
+        "cut": cut,
+        "margin": limits.tangent_margin,
+        "factor": job.factor,
+        "luminance": scene.luminance_scale,
+        "up": scene.up.tolist(),
+        "home": 0,
+        "views": [_view(scene, view) for view in scene.views],
+    }
+
+
+def _view(scene: Scene, view: SceneView) -> dict[str, Any]:
+    """Where a view stands, and its lens without distortion; px."""
+    camera = scene.record.world.camera(pinhole(view.splat_camera))
+    turn, shift = camera.cam_from_world[:3, :3], camera.cam_from_world[:3, 3]
+    lens = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
+    return {"name": view.name, "turn": turn.ravel().tolist(), "centre": (-turn.T @ shift).tolist(), **lens}
+
+
+def _planes(values: npt.NDArray[Any]) -> bytes:
+    """The bytes of [N, ...] plane by plane: those of one plane are alike, which compresses better."""
+    return values.reshape(len(values), math.prod(values.shape[1:])).view(np.uint8).T.tobytes()
+
+
+def _text(data: bytes) -> str:
+    """Packed, in letters that HTML holds."""
+    return base64.b64encode(zlib.compress(data, 9)).decode()
