@@ -1,10 +1,11 @@
-"""glTF files, taken apart by pygltflib."""
+"""glTF files, taken apart by pygltflib, and beside those that PlayCanvas's splat-transform writes."""
 
 from pathlib import Path
 
 import numpy as np
 import pygltflib
 import pytest
+from scipy.spatial.transform import Rotation
 
 from imaging.progress import unreported
 from recon.exports.export import export
@@ -12,6 +13,8 @@ from recon.exports.gltf import EXTENSION
 from recon.exports.place import place_of
 from recon.exports.splats import Splats, display_splats, linear_splats
 from recon.result.scene import Scene, open_scene
+from recon.scene.ply import write_ply
+from tests.splat_transform import needs_splat_transform, splat_transform
 
 
 def accessor(file: pygltflib.GLTF2, number: int) -> np.ndarray:
@@ -75,3 +78,37 @@ def test_y_is_up(scene: Scene, made_sky: Path, tmp_path: Path) -> None:
         matrix = np.array(file.nodes[0].matrix).reshape(4, 4).T
         assert np.allclose(matrix[:3, :3] @ up, [0, 1, 0], atol=1e-9)
         assert np.linalg.det(matrix) == pytest.approx(1)
+
+
+@needs_splat_transform
+def test_playcanvas_writes_the_same(made_shiny: Path, tmp_path: Path) -> None:
+    """It reads no glTF, but writes it: attributes of the same names, types and values, and the same facts.
+
+    What it was given it turns by half about z; ours stands as it is, and the node turns it.
+    """
+    scene = open_scene(made_shiny)
+    shown = display_splats(scene, None, unreported)
+    write_ply(tmp_path / "a.ply", shown.gaussians(), shown.harmonics, [], shown.world, shown.offset)
+    splat_transform(tmp_path / "a.ply", tmp_path / "theirs.glb")
+    export(scene, tmp_path / "ours.glb")
+    ours, theirs = (pygltflib.GLTF2().load(str(tmp_path / name)) for name in ("ours.glb", "theirs.glb"))
+    own, other = (file.meshes[0].primitives[0] for file in (ours, theirs))
+    assert own.extensions == other.extensions
+    names = {name: number for name, number in vars(own.attributes).items() if number is not None}
+    assert names == {name: number for name, number in vars(other.attributes).items() if number is not None}
+    half = Rotation.from_euler("z", 180, degrees=True)
+    negated = {"1_COEF_0", "1_COEF_2", "2_COEF_1", "2_COEF_3"}  # of odd order
+    for name, number in names.items():
+        one, two = ours.accessors[number], theirs.accessors[number]
+        assert (one.componentType, one.type, one.normalized) == (two.componentType, two.type, two.normalized)
+        expected, found = accessor(ours, number), accessor(theirs, number)
+        if name == "COLOR_0":
+            continue  # they write codes of sRGB there, which glTF has linear
+        if name == "POSITION":
+            expected = half.apply(expected)
+        elif name.endswith("ROTATION"):
+            expected = (half * Rotation.from_quat(expected)).as_quat(canonical=True)
+            found = Rotation.from_quat(found).as_quat(canonical=True)
+        elif name.rpartition("DEGREE_")[2] in negated:
+            expected = -expected
+        assert np.allclose(found, expected, atol=1e-5), name
