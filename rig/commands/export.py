@@ -64,7 +64,8 @@ def export(
     """Write a scene for other programs, and say what that loses of its light.
 
     What is lost is measured on the scene and told in stops, of its Gaussians and of pictures drawn from the
-    file.
+    file. --out scene.html is a page that shows the scene at any exposure, offline, in any browser of 2023 or
+    later. docs/export.md has what each format is for.
 
     Example: rig export S --out scene.usdc
     """

@@ -88,6 +88,9 @@ function stand(number) {
   stand.at = chosen;
 }
 
+/** Three digits. */
+const short = (value) => String(Number(value.toPrecision(3)));
+
 /** Say what light is under the pointer. */
 function measured(event) {
   const shape = canvas.getBoundingClientRect();
@@ -98,9 +101,9 @@ function measured(event) {
   const stops = Math.log2(luminance / MIDDLE_GREY);
   const words = [
     luminance > 0 ? `${stops > 0 ? "+" : ""}${stops.toFixed(2)} stops from middle grey` : "no light",
-    `R G B ${light.map((part) => (part / facts.factor).toPrecision(3)).join(" ")}`,
+    `R G B ${light.map((part) => short(part / facts.factor)).join(" ")}`,
   ];
-  if (facts.luminance) words.push(`${((luminance / facts.factor) * facts.luminance).toPrecision(3)} cd/m²`);
+  if (facts.luminance) words.push(`${short((luminance / facts.factor) * facts.luminance)} cd/m²`);
   element("spot").textContent = words.join(" · ");
 }
 

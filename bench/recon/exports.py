@@ -1,0 +1,92 @@
+"""What each format of `rig export` loses of a scene's light, and how large its file is.
+
+    python -m bench.recon.exports demo/ [--json] [--write]
+
+Of scenes that are trained, such as that of `make demo`. The loss is what the command tells: the Gaussians as
+the file holds them against those of the scene, and pictures drawn of both.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from bench.support.record import arguments, deliver, machine, words
+from recon.exports.export import FormatName, export
+from recon.result.scene import Scene, open_scene
+
+FORMATS: tuple[tuple[FormatName, bool], ...] = (
+    ("usd", True),
+    ("glb", True),
+    ("ply", True),
+    ("html", True),
+    ("sog", True),
+    ("glb", False),
+    ("ply", False),
+    ("sog", False),
+    ("spz", False),
+)
+"""Each with whether its light is linear."""
+ENDS = {"usd": "usdc"}
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    rows = []
+    for folder in options.scenes:
+        scene = open_scene(folder)
+        rows += [{"scene": scene.folder.name} | one(scene, format, linear) for format, linear in FORMATS]
+    return {"machine": machine(), "rows": rows}
+
+
+def one(scene: Scene, format: FormatName, linear: bool) -> dict[str, Any]:
+    """A file, and what it lost."""
+    with tempfile.TemporaryDirectory() as folder:
+        told = export(scene, Path(folder) / f"scene.{ENDS.get(format, format)}", format, linear=linear)
+        return told.data()
+
+
+def report(result: dict[str, Any]) -> str:
+    lines = [
+        "# What formats of other programs lose of the light",
+        "",
+        "`python -m bench.recon.exports demo/ --write`, after `make demo`. Stops, without sign: of the light "
+        "of single Gaussians in the median and at worst, of the pixels of four views, clipped ones left out, "
+        "in the median and in 1 %; the share of pixels brighter than the file's white. "
+        f"{words(result['machine'])}.",
+        "",
+        "| scene | format | light | Gaussians | bytes each | of a Gaussian | of a pixel | clipped |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in result["rows"]:
+        loss = row["loss"]
+        own = "-"
+        if loss["gaussian_median"] is not None:
+            own = f"{stops(loss['gaussian_median'])}, {stops(loss['gaussian_worst'])}"
+        cells = (
+            row["scene"],
+            row["format"],
+            "linear" if row["linear"] else "display",
+            f"{row['gaussians']:,}",
+            f"{row['bytes'] / row['gaussians']:.0f}",
+            own,
+            f"{stops(loss['pixel_median'])}, {stops(loss['pixel_p99'])}",
+            f"{100 * loss['clipped']:.1f} %",
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def stops(value: float) -> str:
+    return f"{value:.2g}" if value >= 0.001 else "< 0.001"
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("scenes", type=Path, nargs="+")
+    options = parser.parse_args()
+    result = measure(options)
+    deliver(options, "exports", result, report(result))
+
+
+if __name__ == "__main__":
+    main()
