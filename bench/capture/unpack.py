@@ -3,8 +3,8 @@
     python -m bench.capture.unpack [--quick] [--json] [--write]
 
 Frames of 4 (in the cache) and of 24 megapixels (in memory); the median of the repetitions, both in turn in
-one run. "kernel" is into memory that is used again, "frame" is `drivers.u3v.pixels.unpack`, which takes new
-memory for each frame, as a camera does. --write puts the table into bench/results/unpack.md.
+one run. "kernel" is into memory that is used again, "frame" is `drivers.genicam.pixels.unpack`, which takes
+new memory for each frame, as a camera does. --write puts the table into bench/results/unpack.md.
 """
 
 import statistics
@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.support.record import arguments, deliver, machine, words
-from drivers.u3v import pixels
-from drivers.u3v.pixels import BY_NAME, unpack
+from drivers.genicam import pixels
+from drivers.genicam.pixels import BY_NAME, unpack
 
 Bytes = npt.NDArray[np.uint8]
 FORMATS = ("BayerRG12p", "BayerRG12Packed", "BayerRG10p", "BayerRG10Packed")

@@ -1,20 +1,18 @@
 """The bootstrap registers of a USB3 Vision device and the manifest, where its GenICam XML is found."""
 
 import hashlib
-import io
-import zipfile
-import zlib
 from dataclasses import dataclass
 from enum import IntEnum
 
 from drivers.errors import CameraProtocol
+from drivers.genicam.archive import LARGEST_XML, unzipped
 from drivers.u3v.control import ControlChannel
 
 STRING = 64
 """Bytes of a bootstrap string, NUL and all."""
 ENTRY = 64
 """Bytes of a manifest entry."""
-_MOST_ENTRIES, _LARGEST_XML = 64, 32 << 20
+_MOST_ENTRIES = 64
 
 
 class Abrm(IntEnum):
@@ -103,6 +101,21 @@ def _string(control: ControlChannel, address: int) -> str:
     return control.read(address, STRING).split(b"\0")[0].decode("utf-8", "replace")
 
 
+class AbrmClock:
+    """The timestamp registers, ns. Errors are those of the control channel."""
+
+    def __init__(self, control: ControlChannel) -> None:
+        self._control = control
+
+    def latch(self) -> None:
+        """Keep what the clock shows now."""
+        self._control.write_number(Abrm.LATCH, 4, 1)
+
+    def latched(self) -> int:
+        """What was kept."""
+        return self._control.read_number(Abrm.TIMESTAMP, 8)
+
+
 @dataclass(frozen=True)
 class ManifestEntry:
     """Where an XML lies. version: major, minor, subminor; sha1: of the bytes there, zeros if not given."""
@@ -148,33 +161,17 @@ def read_xml(control: ControlChannel, manifest: int) -> bytes:
     except CameraProtocol as error:
         raise _damaged(control, str(error)) from error
     entry = max(entries, key=lambda manifest: manifest.version)
-    if not 0 < entry.size <= _LARGEST_XML:
+    if not 0 < entry.size <= LARGEST_XML:
         raise _damaged(control, f"its description has {entry.size} bytes")
     data = control.read(entry.address, entry.size)
     if any(entry.sha1) and hashlib.sha1(data, usedforsecurity=False).digest() != entry.sha1:
         raise _damaged(control, "its description does not match its SHA-1")
-    return _unzipped(control, data) if entry.zipped else data.rstrip(b"\0")
-
-
-def _unzipped(control: ControlChannel, data: bytes) -> bytes:
-    """The first file of an archive."""
+    if not entry.zipped:
+        return data.rstrip(b"\0")
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            first = archive.infolist()[0]
-            if first.file_size > _LARGEST_XML:
-                raise _damaged(control, f"its description unzips to {first.file_size} bytes")
-            return archive.read(first)
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        IndexError,
-        NotImplementedError,
-        RuntimeError,
-        OSError,
-        EOFError,
-        ValueError,
-    ) as error:
-        raise _damaged(control, f"its description cannot be unzipped ({error})") from error
+        return unzipped(data)
+    except CameraProtocol as error:
+        raise _damaged(control, str(error)) from error
 
 
 def _damaged(control: ControlChannel, why: str) -> CameraProtocol:

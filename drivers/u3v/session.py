@@ -6,9 +6,10 @@ from usb.backend import IBackend
 
 from drivers.clock import Clock
 from drivers.errors import CameraNotFound, CameraRefused
+from drivers.genicam.chunks import ByteOrder
+from drivers.genicam.nodemap import NodeMap
 from drivers.u3v.control import ControlChannel
-from drivers.u3v.genicam import NodeMap
-from drivers.u3v.registers import Bootstrap, read_bootstrap, read_xml
+from drivers.u3v.registers import AbrmClock, Bootstrap, read_bootstrap, read_xml
 from drivers.u3v.stream import StreamChannel
 from drivers.usb import U3V_CONTROL, U3V_STREAM, UsbDevice, find
 from imaging.errors import CameraError
@@ -31,6 +32,8 @@ class U3vSession:
     bootstrap: Bootstrap
     nodes: NodeMap
     stream: StreamChannel
+    device_clock: AbrmClock
+    chunk_order: ByteOrder = "little"
 
     def __init__(self, device: UsbDevice, clock: Clock) -> None:
         self.where = device.where
@@ -38,6 +41,8 @@ class U3vSession:
         try:
             self.control = control = ControlChannel(self._control_pipe, clock)
             self.bootstrap = read_bootstrap(control)
+            self.make, self.model = self.bootstrap.manufacturer, self.bootstrap.model
+            self.device_clock = AbrmClock(control)
             if self.bootstrap.sirm is None:
                 raise CameraRefused(f"{self.where} cannot stream: it is no camera that can be used.")
             self.nodes = NodeMap(read_xml(control, self.bootstrap.manifest), control, self.where)

@@ -10,13 +10,15 @@ import numpy.typing as npt
 
 from drivers.clock import Clock
 from drivers.errors import CameraProtocol, CameraRefused, CameraTimeout
+from drivers.genicam.chunks import CHUNKS
+from drivers.genicam.session import Frame
 from drivers.u3v.control import ControlChannel
 from drivers.u3v.registers import Sirm
 from drivers.usb import EndpointStalled, UsbPipe
 
 LEADER_MAGIC, TRAILER_MAGIC = b"U3VL", b"U3VT"
-IMAGE, CHUNKS = 0x0001, 0x4000
-"""Payload types: an image, and the bit that says that chunks follow it."""
+IMAGE = 0x0001
+"""The payload type of an image."""
 _LEADER = struct.Struct("<4sHHQHHQIIIIIHH")
 _TRAILER = struct.Struct("<4sHHQHHQI")
 LEADER_SIZE, TRAILER_SIZE = _LEADER.size, _TRAILER.size
@@ -76,15 +78,6 @@ class Trailer:
             return None
         _, _, _, block, status, _, valid, height = _TRAILER.unpack_from(data)
         return cls(block, status, valid, height)
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """A frame as it came. payload: uint8; problem: what is missing of it, None if nothing is."""
-
-    leader: Leader
-    payload: npt.NDArray[np.uint8]
-    problem: str | None
 
 
 @dataclass(frozen=True)

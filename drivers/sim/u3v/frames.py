@@ -5,12 +5,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from drivers.genicam.chunks import CHUNKS, join_chunks
+from drivers.genicam.pixels import BY_CODE, FORMATS, PixelFormat
 from drivers.sim.u3v.description import CHUNK_EXPOSURE, CHUNK_IMAGE, Feature
 from drivers.sim.u3v.memory import DeviceMemory
 from drivers.sim.u3v.pixels import pack
-from drivers.u3v.chunks import join_chunks
-from drivers.u3v.pixels import BY_CODE, FORMATS, PixelFormat
-from drivers.u3v.stream import CHUNKS, IMAGE, Leader
+from drivers.u3v.stream import IMAGE, Leader
 from imaging.cfa import Cfa, Tile
 from imaging.mosaic import RawMosaic
 
@@ -69,5 +69,5 @@ def frame(
         parts = [(CHUNK_IMAGE, data)]
         if memory.get(Feature.CHUNK_ENABLE):
             parts.append((CHUNK_EXPOSURE, struct.pack("<d", 1e6 * time)))
-        data = join_chunks(parts)
+        data = join_chunks(parts, "little")
     return Leader(block, kind, stamp, pixels.code, width, height, left, top), data

@@ -1,4 +1,4 @@
-"""Values packed as a machine vision camera sends them: the other way round from `drivers.u3v.pixels`.
+"""Values packed as a machine vision camera sends them: the other way round from `drivers.genicam.pixels`.
 
 Written from bits, not from that module's kernels, so that both cannot share a mistake.
 """
@@ -6,7 +6,7 @@ Written from bits, not from that module's kernels, so that both cannot share a m
 import numpy as np
 import numpy.typing as npt
 
-from drivers.u3v.pixels import PixelFormat
+from drivers.genicam.pixels import PixelFormat
 
 
 def pack(values: npt.NDArray[np.uint16], pixels: PixelFormat) -> bytes:

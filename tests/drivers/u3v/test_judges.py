@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from drivers.u3v.genicam.formula import parse
+from drivers.genicam.nodemap.formula import parse
 from drivers.u3v.registers import Abrm, read_xml
 from drivers.u3v.session import open_session
-from tests.drivers.u3v.genicam.test_formula import BOTH, FLOAT, WHOLE
+from tests.drivers.genicam.nodemap.test_formula import BOTH, FLOAT, WHOLE
 
 from .conftest import MakeBench
 

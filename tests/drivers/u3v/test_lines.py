@@ -34,6 +34,7 @@ class Trio:
     """Three cameras; Line1 of the first is soldered to Line0 of the others unless `cut` says otherwise."""
 
     clock: VirtualClock
+    bus: VirtualBus
     devices: list[U3vDevice]
     cameras: list[U3vCamera]
     twins: list[SimulatedCamera]
@@ -86,7 +87,7 @@ def make_trio(cut: Sequence[int] = ()) -> Trio:
         if index not in cut:
             wire.connect(device, 0 if index else 1)
     cameras = [U3vCamera(device.serial, bus, clock) for device in devices]
-    return Trio(clock, devices, cameras, [make(index) for index in range(3)])
+    return Trio(clock, bus, devices, cameras, [make(index) for index in range(3)])
 
 
 def measured(frames: Sequence[RawMosaic]) -> float:
@@ -174,7 +175,7 @@ def test_a_camera_that_another_run_left_listening_takes_the_software_trigger() -
     assert first._session is not None
     first._session.nodes.set("TriggerActivation", "FallingEdge")
     first.close()
-    again = U3vCamera(first.serial, first._backend, trio.clock)
+    again = U3vCamera(first.serial, trio.bus, trio.clock)
     again.set_exposure(LABEL)
     again.arm()
     again.trigger()

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CameraRefused
+from drivers.genicam.settings import set_exposure
 from drivers.sim.u3v import device
 from drivers.sim.u3v.description import Feature
 from drivers.sim.u3v.device import STREAM_IN
 from drivers.sim.u3v.memory import _SIRM
 from drivers.u3v.registers import Sirm
 from drivers.u3v.session import U3vSession, open_session
-from drivers.u3v.settings import set_exposure
 from imaging.errors import CameraError
 from imaging.exposure import Exposure
 

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CameraLost, CameraProtocol, CameraRefused, CameraTimeout
+from drivers.genicam.chunks import ByteOrder, join_chunks, split_chunks
 from drivers.sim.u3v.device import STREAM_IN
 from drivers.sim.usb.port import Port
-from drivers.u3v.chunks import join_chunks, split_chunks
 from drivers.u3v.session import U3vSession, open_session
 from drivers.u3v.stream import IMAGE, Leader, Trailer, TransferPlan
 
@@ -65,12 +65,14 @@ def test_plans_cover_the_payload_in_aligned_transfers(payload: int, exponent: in
     assert all(size % alignment == 0 and 0 < size <= 1 << 20 for size in sizes)
 
 
+@pytest.mark.parametrize("order", ["little", "big"])
 @given(
-    st.binary(max_size=50), st.lists(st.tuples(st.integers(0, 2**32 - 1), st.binary(max_size=20)), max_size=4)
+    image=st.binary(max_size=50),
+    more=st.lists(st.tuples(st.integers(0, 2**32 - 1), st.binary(max_size=20)), max_size=4),
 )
-def test_chunks_survive(image: bytes, more: list[tuple[int, bytes]]) -> None:
-    payload = np.frombuffer(join_chunks([(0x1000, image), *more]), np.uint8)
-    found, chunks = split_chunks(payload)
+def test_chunks_survive(order: ByteOrder, image: bytes, more: list[tuple[int, bytes]]) -> None:
+    payload = np.frombuffer(join_chunks([(0x1000, image), *more], order), np.uint8)
+    found, chunks = split_chunks(payload, order)
     assert found.tobytes() == image
     assert chunks == dict(reversed(more))
 
@@ -78,7 +80,7 @@ def test_chunks_survive(image: bytes, more: list[tuple[int, bytes]]) -> None:
 @given(st.binary(max_size=60))
 def test_random_bytes_are_chunks_or_refused(data: bytes) -> None:
     try:
-        image, chunks = split_chunks(np.frombuffer(data, np.uint8))
+        image, chunks = split_chunks(np.frombuffer(data, np.uint8), "little")
     except CameraProtocol:
         return
     assert len(image) + sum(len(chunk) + 8 for chunk in chunks.values()) <= len(data)

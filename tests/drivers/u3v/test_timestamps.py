@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from drivers.errors import CameraRefused
+from drivers.genicam import camera as camera_module
+from drivers.genicam.nodemap import NodeMap
+from drivers.genicam.timestamps import Latch, Opening, latch, opening
 from drivers.sim.u3v.lines import Oscillator
 from drivers.sim.u3v.memory import Denied
-from drivers.u3v import camera as camera_module
-from drivers.u3v.control import ControlChannel
 from drivers.u3v.gencp import Status
-from drivers.u3v.genicam import NodeMap
 from drivers.u3v.registers import read_xml
-from drivers.u3v.timestamps import Latch, Opening, latch, opening
 from imaging.exposure import Exposure
 
 from .conftest import MakeBench
@@ -53,14 +52,14 @@ def test_the_moment_is_right_within_what_is_said(
         assert abs(found.time - truth) <= found.uncertainty < 250e-6
 
 
-class NoClock(ControlChannel):
+class NoClock:
     """The bootstrap registers of a device that keeps its clock elsewhere."""
 
-    def __init__(self) -> None:
-        pass
-
-    def write(self, address: int, data: bytes) -> None:
+    def latch(self) -> None:
         raise CameraRefused("it has nothing at that address")
+
+    def latched(self) -> int:
+        return 0
 
 
 def test_the_features_serve_where_the_registers_do_not(make_bench: MakeBench) -> None:
@@ -69,7 +68,7 @@ def test_the_features_serve_where_the_registers_do_not(make_bench: MakeBench) ->
     camera.identify()
     session = camera._session
     assert session is not None
-    by_registers = latch(session.control, session.nodes, bench.clock)
+    by_registers = latch(session.device_clock, session.nodes, bench.clock)
     by_features = latch(NoClock(), session.nodes, bench.clock)
     device = bench.device.oscillator
     for one in (by_registers, by_features):

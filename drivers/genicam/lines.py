@@ -9,8 +9,8 @@ such as Line1 of a Blackfly S, needs a pull-up resistor in the cable. Verified a
 from dataclasses import dataclass
 
 from drivers.errors import CameraRefused
-from drivers.u3v.genicam import NodeMap
-from drivers.u3v.settings import set_if_there
+from drivers.genicam.nodemap import NodeMap
+from drivers.genicam.settings import set_if_there
 
 _SOFTWARE = "Software"
 

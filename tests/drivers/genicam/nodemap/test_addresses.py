@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import CameraProtocol, CameraRefused
-from drivers.u3v.genicam import NodeMap
+from drivers.genicam.nodemap import NodeMap
 from tests.drivers.u3v.test_judges import HEAD
 
 from .test_genicam import Bytes, node_map

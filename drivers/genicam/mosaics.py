@@ -1,11 +1,10 @@
-"""Frames of a USB3 Vision camera as the rest of rig knows them."""
+"""Frames of a machine vision camera as the rest of rig knows them."""
 
 from drivers.errors import CameraProtocol
-from drivers.u3v import settings
-from drivers.u3v.chunks import split_chunks
-from drivers.u3v.pixels import format_of, unpack
-from drivers.u3v.session import U3vSession
-from drivers.u3v.stream import CHUNKS, Frame
+from drivers.genicam import settings
+from drivers.genicam.chunks import CHUNKS, split_chunks
+from drivers.genicam.pixels import format_of, unpack
+from drivers.genicam.session import Frame, Session
 from imaging.cfa import Tile
 from imaging.exposure import Exposure
 from imaging.mosaic import FrameMetadata, RawMosaic
@@ -14,7 +13,7 @@ from imaging.mosaic import FrameMetadata, RawMosaic
 class Mosaics:
     """Of one session with the camera of that serial number; levels are read once for each pixel format."""
 
-    def __init__(self, session: U3vSession, serial: str) -> None:
+    def __init__(self, session: Session, serial: str) -> None:
         self._session, self._serial = session, serial
         self._levels: dict[int, tuple[Tile, int]] = {}
         """Black and white of each pixel format."""
@@ -24,7 +23,7 @@ class Mosaics:
 
         CameraProtocol if a part of the frame is missing.
         """
-        leader, nodes, bootstrap = frame.leader, self._session.nodes, self._session.bootstrap
+        leader, nodes = frame.leader, self._session.nodes
         if frame.problem is not None:
             raise CameraProtocol(
                 f"frame {leader.block} of {self._session.where} is incomplete ({frame.problem}): "
@@ -34,7 +33,7 @@ class Mosaics:
         image = frame.payload
         chunks: dict[int, bytes] = {}
         if leader.payload_type & CHUNKS:
-            image, chunks = split_chunks(image)
+            image, chunks = split_chunks(image, self._session.chunk_order)
         nodes.attach_chunks(chunks)
         if chunks and nodes.available("ChunkExposureTime"):
             exposure = exposure.with_time(float(nodes.number("ChunkExposureTime")) / 1e6)
@@ -48,6 +47,9 @@ class Mosaics:
             black=black,
             white=white,
             metadata=FrameMetadata(
-                make=bootstrap.manufacturer, model=bootstrap.model, serial=self._serial, exposure=exposure
+                make=self._session.make,
+                model=self._session.model,
+                serial=self._serial,
+                exposure=exposure,
             ),
         )

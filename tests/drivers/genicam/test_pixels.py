@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import CameraProtocol, CameraRefused
+from drivers.genicam.pixels import BY_NAME, FORMATS, PixelFormat, format_of, unpack
 from drivers.sim.u3v.pixels import pack
-from drivers.u3v.pixels import BY_NAME, FORMATS, PixelFormat, format_of, unpack
 from imaging.cfa import Cfa
 
 

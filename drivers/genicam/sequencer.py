@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from drivers.errors import CameraRefused
-from drivers.u3v import lines, settings
-from drivers.u3v.genicam import NodeMap
+from drivers.genicam import lines, settings
+from drivers.genicam.nodemap import NodeMap
 from imaging.exposure import Exposure
 
 _NEXT = ("FrameEnd", "FrameStart", "ExposureActive")

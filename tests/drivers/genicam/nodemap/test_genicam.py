@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import CameraProtocol, CameraRefused
-from drivers.u3v.genicam import NodeMap
+from drivers.genicam.nodemap import NodeMap
 
 
 class Bytes:

@@ -1,8 +1,8 @@
 """Nodes whose value another node keeps: Integer, Float, Boolean, Enumeration, Command, String."""
 
 from drivers.errors import CameraProtocol, CameraRefused
-from drivers.u3v.genicam.formula import Number
-from drivers.u3v.genicam.nodes import UNLIMITED, Limits, Node, Value, as_number, integral, numeric
+from drivers.genicam.nodemap.formula import Number
+from drivers.genicam.nodemap.nodes import UNLIMITED, Limits, Node, Value, as_number, integral, numeric
 
 
 class Holder(Node):

@@ -1,11 +1,12 @@
 """When a shutter opened: a camera's own timestamps, on the clock of the host.
 
-A USB3 Vision camera stamps the leader of each frame with its own clock, in ns since it was switched on. That
+A machine vision camera stamps the leader of each frame with its own clock, such as ns since it was
+switched on. That
 clock is latched before the frame and again after it, each time between two looks at the host's clock (as in
 Cristian, "Probabilistic clock synchronization", 1989: the shortest of several round trips is the sharpest).
 The stamp lies between the two, and so does the moment: neither offset nor drift nor unit has to be known.
 
-Registers as in Aravis (ABRM 0x1F0, 0x1F8); names as in SFNC, which drivers of Blackfly S, ace 2 and Alvium
+Names as in SFNC, which drivers of Blackfly S, ace 2 and Alvium
 cameras use. Allied Vision says that a stamp is the start of the exposure; other makers do not always say. A
 stamp after which the exposure could not have ended is left out. Verified against the simulator.
 """
@@ -15,9 +16,8 @@ from dataclasses import dataclass
 
 from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
-from drivers.u3v.control import ControlChannel
-from drivers.u3v.genicam import NodeMap
-from drivers.u3v.registers import Abrm
+from drivers.genicam.nodemap import NodeMap
+from drivers.genicam.session import DeviceClock
 
 _TRIES = 5
 """Latches at most, of which the shortest is kept."""
@@ -27,7 +27,7 @@ _AS_SHORT = 1.2
 
 @dataclass(frozen=True)
 class Latch:
-    """A moment on both clocks. host: s; device: ns; uncertainty: half the round trip, s."""
+    """A moment on both clocks. host: s; device: in its unit; uncertainty: half the round trip, s."""
 
     host: float
     device: int
@@ -42,14 +42,14 @@ class Opening:
     uncertainty: float
 
 
-def latch(control: ControlChannel, nodes: NodeMap, clock: Clock, surest: Latch | None = None) -> Latch | None:
+def latch(registers: DeviceClock, nodes: NodeMap, clock: Clock, surest: Latch | None = None) -> Latch | None:
     """The device's clock now, by its registers, or else by its features; None if it has neither.
 
     surest: an earlier one; one that is nearly as sure will do.
     """
     enough = 0.0 if surest is None else _AS_SHORT * surest.uncertainty
     try:
-        return _shortest(lambda: _latch_register(control, clock), enough)
+        return _shortest(lambda: _latch_register(registers, clock), enough)
     except CameraRefused:
         pass  # Not every device has these registers.
     except (CameraBusy, CameraProtocol, CameraTimeout):
@@ -61,7 +61,7 @@ def latch(control: ControlChannel, nodes: NodeMap, clock: Clock, surest: Latch |
 
 
 def opening(before: Latch | None, after: Latch | None, stamp: int, exposure: float) -> Opening | None:
-    """The moment of a frame's `stamp`, ns, between two latches; None for a stamp that cannot be right.
+    """The moment of a frame's `stamp` between two latches; None for a stamp that cannot be right.
 
     exposure: s. A stamp is wrong if it is not between the latches (it may be 0, old, or of a clock that was
     set back), and if the exposure could not have ended before the second.
@@ -78,11 +78,11 @@ def opening(before: Latch | None, after: Latch | None, stamp: int, exposure: flo
     return Opening(time, uncertainty)
 
 
-def _latch_register(control: ControlChannel, clock: Clock) -> Latch:
+def _latch_register(registers: DeviceClock, clock: Clock) -> Latch:
     began = clock.now()
-    control.write_number(Abrm.LATCH, 4, 1)
+    registers.latch()
     ended = clock.now()
-    return Latch((began + ended) / 2, control.read_number(Abrm.TIMESTAMP, 8), (ended - began) / 2)
+    return Latch((began + ended) / 2, registers.latched(), (ended - began) / 2)
 
 
 def _latch_feature(nodes: NodeMap, clock: Clock) -> Latch:

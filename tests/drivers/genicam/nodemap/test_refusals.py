@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import CameraProtocol
-from drivers.u3v.genicam import NodeMap
+from drivers.genicam.nodemap import NodeMap
 
 from .test_genicam import Bytes, node_map
 

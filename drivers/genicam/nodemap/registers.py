@@ -4,9 +4,9 @@ import struct
 from typing import Literal
 
 from drivers.errors import CameraProtocol, CameraRefused
-from drivers.u3v.genicam.description import Element
-from drivers.u3v.genicam.formulas import SwissKnife
-from drivers.u3v.genicam.nodes import Limits, Node, Surroundings, Value, as_number, integral, numeric
+from drivers.genicam.nodemap.description import Element
+from drivers.genicam.nodemap.formulas import SwissKnife
+from drivers.genicam.nodemap.nodes import Limits, Node, Surroundings, Value, as_number, integral, numeric
 
 _PLACE = frozenset(("Address", "pAddress", "pIndex"))
 _OTHERS = frozenset(

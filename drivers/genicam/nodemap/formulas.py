@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping
 
 from drivers.errors import CameraProtocol
-from drivers.u3v.genicam.description import Element
-from drivers.u3v.genicam.formula import Formula, Number, parse
-from drivers.u3v.genicam.nodes import UNLIMITED, Limits, Node, Surroundings, Value, numeric
+from drivers.genicam.nodemap.description import Element
+from drivers.genicam.nodemap.formula import Formula, Number, parse
+from drivers.genicam.nodemap.nodes import UNLIMITED, Limits, Node, Surroundings, Value, numeric
 
 
 class _Variables(Mapping[str, Number]):

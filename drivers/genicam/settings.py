@@ -10,8 +10,8 @@ import numpy as np
 
 from drivers.camera import Capabilities
 from drivers.errors import CameraRefused
-from drivers.u3v.genicam import Limits, NodeMap
-from drivers.u3v.pixels import BY_NAME, PixelFormat, format_of
+from drivers.genicam.nodemap import Limits, NodeMap
+from drivers.genicam.pixels import BY_NAME, PixelFormat, format_of
 from imaging.cfa import Tile, as_tile
 from imaging.exposure import Exposure
 

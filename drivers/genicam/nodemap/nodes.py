@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from drivers.errors import CameraProtocol, CameraRefused
-from drivers.u3v.genicam.description import Element
-from drivers.u3v.genicam.formula import Number, wrapped
+from drivers.genicam.nodemap.description import Element
+from drivers.genicam.nodemap.formula import Number, wrapped
 
 UNLIMITED = float("inf")
 Value = Number | str | bool

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import CameraProtocol
-from drivers.u3v.genicam.formula import Number, parse
+from drivers.genicam.nodemap.formula import Number, parse
 
 # What `genicam` 1.6.0 (the committee's own) gives; test_judges asks it again where it is installed.
 BOTH = {

@@ -5,17 +5,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from drivers.errors import CameraProtocol, CameraRefused
-from drivers.u3v.genicam.description import Element, read_description
-from drivers.u3v.genicam.formula import Number
-from drivers.u3v.genicam.formulas import Converter, SwissKnife
-from drivers.u3v.genicam.nodes import Limits, Memory, Node, Surroundings, Value, numeric
-from drivers.u3v.genicam.registers import (
+from drivers.genicam.nodemap.description import Element, read_description
+from drivers.genicam.nodemap.formula import Number
+from drivers.genicam.nodemap.formulas import Converter, SwissKnife
+from drivers.genicam.nodemap.nodes import Limits, Memory, Node, Surroundings, Value, numeric
+from drivers.genicam.nodemap.registers import (
     FloatRegister,
     IntRegister,
     MaskedIntRegister,
     StringRegister,
 )
-from drivers.u3v.genicam.values import Boolean, Command, Enumeration, Float, Integer, String
+from drivers.genicam.nodemap.values import Boolean, Command, Enumeration, Float, Integer, String
 
 __all__ = ["Limits", "Memory", "NodeMap"]
 

@@ -1,0 +1,1 @@
+"""Machine vision cameras above their transport: the features of GenICam, and a camera driven by them."""

@@ -1,0 +1,129 @@
+"""What a transport, USB3 Vision or GigE Vision, gives to the camera above it."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.genicam.chunks import ByteOrder
+from drivers.genicam.nodemap import NodeMap
+
+
+class Leader(Protocol):
+    """What came before a frame. timestamp: of the device's clock; padding: bytes after each row."""
+
+    @property
+    def block(self) -> int:
+        """The number of the frame."""
+        ...
+
+    @property
+    def payload_type(self) -> int:
+        """An image, with or without chunks."""
+        ...
+
+    @property
+    def timestamp(self) -> int:
+        """Of the device's clock, in its unit."""
+        ...
+
+    @property
+    def pixel_format(self) -> int:
+        """Its code."""
+        ...
+
+    @property
+    def width(self) -> int:
+        """Pixels of a row."""
+        ...
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        ...
+
+    @property
+    def padding(self) -> int:
+        """Bytes after each row."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame as it came. payload: uint8; problem: what is missing of it, None if nothing is."""
+
+    leader: Leader
+    payload: npt.NDArray[np.uint8]
+    problem: str | None
+
+
+class FrameStream(Protocol):
+    """Frames, one after the other."""
+
+    def start(self) -> None:
+        """Make ready for frames as the camera is set now; AcquisitionStart comes after."""
+        ...
+
+    def stop(self) -> None:
+        """No more frames; AcquisitionStop comes before."""
+        ...
+
+    def next_frame(self, timeout: float) -> Frame:
+        """The next frame, complete or not, that begins within `timeout` s. CameraTimeout if none does."""
+        ...
+
+
+class DeviceClock(Protocol):
+    """The registers of a device that show its clock. CameraRefused where it has none."""
+
+    def latch(self) -> None:
+        """Keep what the clock shows now."""
+        ...
+
+    def latched(self) -> int:
+        """What was kept."""
+        ...
+
+
+class Session(Protocol):
+    """An opened device; errors are those of its parts."""
+
+    @property
+    def where(self) -> str:
+        """For messages: where on its bus or network it is."""
+        ...
+
+    @property
+    def make(self) -> str:
+        """The manufacturer."""
+        ...
+
+    @property
+    def model(self) -> str:
+        """The model."""
+        ...
+
+    @property
+    def nodes(self) -> NodeMap:
+        """Its features."""
+        ...
+
+    @property
+    def stream(self) -> FrameStream:
+        """Its frames."""
+        ...
+
+    @property
+    def device_clock(self) -> DeviceClock:
+        """Its clock."""
+        ...
+
+    @property
+    def chunk_order(self) -> ByteOrder:
+        """The byte order of the tags between chunks."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the device; a second time does nothing."""
+        ...
