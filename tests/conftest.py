@@ -37,6 +37,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
+@pytest.fixture(autouse=True)
+def no_broadcasts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No test looks for cameras on the network that this machine is in."""
+    monkeypatch.setattr("drivers.gige.network.interfaces", tuple)
+
+
 MadeOnce = Callable[[str, Callable[[Path], object]], Path]
 
 

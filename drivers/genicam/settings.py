@@ -90,7 +90,8 @@ def set_exposure(nodes: NodeMap, exposure: Exposure) -> Exposure:
 
     The iris is the lens's own affair: f-numbers are not known.
     """
-    nodes.set("ExposureTime", _within(nodes.limits("ExposureTime"), 1e6 * exposure.time))
+    time = _time_feature(nodes)
+    nodes.set(time, _within(nodes.limits(time), 1e6 * exposure.time))
     if exposure.iso is not None and nodes.writable("Gain"):
         nodes.set("Gain", _within(nodes.limits("Gain"), decibels_of(exposure.iso)))
     return read_exposure(nodes)
@@ -99,12 +100,12 @@ def set_exposure(nodes: NodeMap, exposure: Exposure) -> Exposure:
 def read_exposure(nodes: NodeMap) -> Exposure:
     """What the camera is set to."""
     iso = round(iso_of(float(nodes.number("Gain"))), 3) if nodes.available("Gain") else None
-    return Exposure(time=float(nodes.number("ExposureTime")) / 1e6, iso=iso)
+    return Exposure(time=float(nodes.number(_time_feature(nodes))) / 1e6, iso=iso)
 
 
 def read_capabilities(nodes: NodeMap) -> Capabilities:
     """Size and bits as set; times and ISOs as ladders of third stops over what it can be set to."""
-    times = nodes.limits("ExposureTime")
+    times = nodes.limits(_time_feature(nodes))
     isos: tuple[float, ...] = ()
     if nodes.writable("Gain"):
         gains = nodes.limits("Gain")
@@ -118,6 +119,12 @@ def read_capabilities(nodes: NodeMap) -> Capabilities:
         f_numbers=(),
         isos=isos,
     )
+
+
+def _time_feature(nodes: NodeMap) -> str:
+    """ExposureTime, or its name in version 1 of the convention, which older GigE cameras have."""
+    names = ("ExposureTime", "ExposureTimeAbs")
+    return next((name for name in names if nodes.available(name)), names[0])
 
 
 def _within(limits: Limits, value: float) -> float:
