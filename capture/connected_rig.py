@@ -18,6 +18,7 @@ from capture.rigfile.rigfile import RigFile
 from drivers.camera import Camera, CameraIdentity
 from drivers.clock import Clock, SystemClock
 from drivers.discovery import find_cameras
+from drivers.gige import Network
 from drivers.usb import default_backend
 from imaging.errors import CameraError, CaptureError, InputError
 from imaging.files.dng import Compression
@@ -65,6 +66,7 @@ def capture_rig(
     operator: Operator | None = None,
     positions: int | None = None,
     backend: IBackend | None = None,
+    network: Network | None = None,
     clock: Clock | None = None,
     on_progress: Progress = unreported,
     on_message: Say = lambda line: None,
@@ -73,7 +75,7 @@ def capture_rig(
 
     kind, frames, bracket, auto, resume: as for `capture_simulated`; what is None is that of the rig file.
     operator: who moves rig, scene, lens caps and boards; nobody if None. positions: how many there are.
-    backend, clock: of the bus that the cameras are on; None: this machine's.
+    backend, network, clock: of the bus and the network that the cameras are on; without any, this machine's.
 
     InputError: `out` cannot be used, or a camera cannot be triggered as the file says. CaptureError: a
     camera that it names is not there, or what is there cannot be metered. StorageError: the disk refuses;
@@ -81,7 +83,14 @@ def capture_rig(
     """
     request = CaptureRequest(kind, frames, bracket if auto is None else auto, resume, compression)
     with connected_source(
-        rig, request, operator=operator, positions=positions, backend=backend, clock=clock, say=on_message
+        rig,
+        request,
+        operator=operator,
+        positions=positions,
+        backend=backend,
+        network=network,
+        clock=clock,
+        say=on_message,
     ) as source:
         return shoot(source, Path(out), request, progress=on_progress, say=on_message)
 
@@ -106,17 +115,21 @@ def connected_source(
     operator: Operator | None = None,
     positions: int | None = None,
     backend: IBackend | None = None,
+    network: Network | None = None,
     clock: Clock | None = None,
     say: Say = lambda line: None,
 ) -> Iterator[Source]:
     """What a rig file describes: its cameras are opened, and in the end let go.
 
-    operator, positions, backend, clock, say: as for `capture_rig`. InputError: a camera cannot be triggered
-    as the file says, or it describes no board where one is requested. CaptureError: a camera is not there.
+    operator, positions, backend, network, clock, say: as for `capture_rig`. InputError: a camera cannot be
+    triggered as the file says, or it describes no board where one is requested. CaptureError: a camera is
+    not there.
     """
     _require_board(rig, request.kind)
     clock = clock or SystemClock()
-    cameras = find_cameras(backend if backend is not None else default_backend(), clock)
+    if backend is None:
+        backend, network = default_backend(), network or Network(rig.tables.addresses)
+    cameras = find_cameras(backend, clock, network)
     try:
         named, strangers = _identified(rig, cameras)
         for identity in strangers:

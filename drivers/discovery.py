@@ -6,13 +6,14 @@ from typing import Literal
 
 from usb.backend import IBackend
 
-from drivers import ptp, u3v
+from drivers import gige, ptp, u3v
 from drivers.camera import Camera, CameraIdentity, Capabilities
 from drivers.clock import Clock
+from drivers.gige import Network
 from imaging.errors import CameraError
 from imaging.progress import Progress, unreported
 
-Protocol = Literal["PTP", "USB3 Vision"]
+Protocol = Literal["PTP", "USB3 Vision", "GigE Vision"]
 
 
 @dataclass(frozen=True)
@@ -39,22 +40,29 @@ class ConnectedCamera:
         return f"{name} cannot shoot for rig: {self.capabilities.obstacle}."
 
 
-def find_cameras(backend: IBackend, clock: Clock) -> list[Camera]:
-    """A driver for every connected camera; none is opened."""
-    return [camera for _, camera in _by_protocol(backend, clock)]
+def find_cameras(backend: IBackend, clock: Clock, network: Network | None = None) -> list[Camera]:
+    """A driver for every camera on the USB and, where one is given, on the network; none is opened."""
+    return [camera for _, camera in _by_protocol(backend, clock, network)]
 
 
-def _by_protocol(backend: IBackend, clock: Clock) -> Iterator[tuple[Protocol, Camera]]:
+def _by_protocol(
+    backend: IBackend, clock: Clock, network: Network | None
+) -> Iterator[tuple[Protocol, Camera]]:
     for still in ptp.find_cameras(backend, clock):
         yield "PTP", still
     for machine in u3v.find_cameras(backend, clock):
         yield "USB3 Vision", machine
+    if network is not None:
+        for remote in gige.find_cameras(network, clock):
+            yield "GigE Vision", remote
 
 
-def ask_all(backend: IBackend, clock: Clock, progress: Progress = unreported) -> Iterator[ConnectedCamera]:
-    """Open each connected camera, ask what it is, and let it go."""
+def ask_all(
+    backend: IBackend, clock: Clock, progress: Progress = unreported, *, network: Network | None = None
+) -> Iterator[ConnectedCamera]:
+    """Open each camera on the USB and the network, ask what it is, and let it go."""
     progress("looking for cameras", 0, 0)
-    found = list(_by_protocol(backend, clock))
+    found = list(_by_protocol(backend, clock, network))
     for done, (protocol, camera) in enumerate(found):
         progress(camera.where or protocol, done, len(found))
         where, identity = camera.where, None

@@ -1,6 +1,6 @@
 """What `import rig` has that no stage has by itself."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -16,18 +16,20 @@ if TYPE_CHECKING:
 
 
 def find_cameras(
-    simulated: str | None = None, *, on_progress: Progress = unreported
+    simulated: str | None = None, *, addresses: Sequence[str] = (), on_progress: Progress = unreported
 ) -> "list[ConnectedCamera]":
     """Every camera that is connected, asked what it is and what it can do; none is left open.
 
-    simulated: those of a simulated rig of that name instead, such as "demo". InputError: there is no such
+    simulated: those of a simulated rig of that name instead, such as "demo". addresses: of GigE Vision
+    cameras that no broadcast reaches, such as "192.168.1.20". InputError: there is no such
     rig, or USB cannot be used on this machine.
     """
     from drivers.discovery import ask_all
-    from rig.commands.usb_bus import open_bus
+    from rig.commands.usb_bus import open_bus, open_network
 
     bus = open_bus(simulated)
-    return list(ask_all(bus.backend, bus.clock, on_progress))
+    network = open_network(simulated, addresses)
+    return list(ask_all(bus.backend, bus.clock, on_progress, network=network))
 
 
 def reconstruct(

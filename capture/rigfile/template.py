@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from capture.bracket.planner import BracketGoals
 from capture.check.check import SKEW_TOLERANCE
+from capture.rigfile.network_address import SCHEME
 from drivers.discovery import ConnectedCamera
 from imaging.errors import CaptureError
 from imaging.session.records import Board
@@ -45,10 +46,13 @@ tolerance = {SKEW_TOLERANCE}            # seconds between the shutters of one st
 """
 
 
-def rig_file_text(listed: Sequence[ConnectedCamera], board: Board | None = None) -> str:
+def rig_file_text(
+    listed: Sequence[ConnectedCamera], board: Board | None = None, addresses: Sequence[str] = ()
+) -> str:
     """RIG.toml for these cameras, by serial number, named cam0, cam1 and so on.
 
     board: the one that they will be shown, if that is known; else one stands there as an example.
+    addresses: those at which cameras were asked by name; they are again when it is shot.
     Those that could not be asked, or cannot shoot, are named in comments. CaptureError if none is left, or
     if two have one serial number.
     """
@@ -67,7 +71,9 @@ def rig_file_text(listed: Sequence[ConnectedCamera], board: Board | None = None)
                 "apart: unplug all but one of them."
             )
     parts = [_HEAD.format(f_number=_f_number(able), leader="cam0", board=_board(board))]
-    parts += [_camera(f"cam{index}", camera, alone=len(able) == 1) for index, camera in enumerate(able)]
+    parts += [
+        _camera(f"cam{index}", camera, addresses, alone=len(able) == 1) for index, camera in enumerate(able)
+    ]
     parts += [f"\n# Left out: {_printable(camera.trouble)}\n" for camera in listed if camera.trouble]
     return "".join(parts)
 
@@ -96,7 +102,7 @@ def _f_number(able: Sequence[ConnectedCamera]) -> str:
     return f"f_number = {min(shared, key=lambda f_number: abs(f_number - 8.0)):<16g} # {says}"
 
 
-def _camera(name: str, camera: ConnectedCamera, *, alone: bool) -> str:
+def _camera(name: str, camera: ConnectedCamera, addresses: Sequence[str], *, alone: bool) -> str:
     assert camera.identity is not None
     able = camera.capabilities
     size = f", {able.width} x {able.height}" if able and able.width else ""
@@ -107,7 +113,9 @@ def _camera(name: str, camera: ConnectedCamera, *, alone: bool) -> str:
         '# band = "650nm, 650, 40"     # the filter before a mono camera: name, nm of its middle and width\n'
         '# filters = ["450nm, 450, 40", "650nm, 650, 40"]  # of a wheel before it, turned at every frame\n'
     )
-    table = f"name = {_quoted(name)}\nserial = {_quoted(camera.identity.serial)}\n{rig}{band}"
+    named = next((address for address in addresses if camera.where == f"GigE {address}"), None)
+    at = "" if named is None else f'address = "{SCHEME}{named}"\n'
+    table = f"name = {_quoted(name)}\nserial = {_quoted(camera.identity.serial)}\n{at}{rig}{band}"
     return f"\n[[camera]]  # {_printable(about)}\n{table}"
 
 

@@ -5,7 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from rig.commands.usb_bus import open_bus
+from rig.commands.usb_bus import open_bus, open_network
+from rig.options.cameras import CameraOption, addresses_of
 from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
@@ -16,6 +17,7 @@ def cameras(
         str | None,
         typer.Option("--sim", metavar="NAME", help="The cameras of a simulated rig, on a simulated bus."),
     ] = None,
+    camera: CameraOption = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """List the connected cameras and what they can do.
@@ -27,14 +29,14 @@ def cameras(
     with running("cameras") as status:
         from drivers.discovery import ask_all
 
-        bus = open_bus(sim)
-        listed = list(ask_all(bus.backend, bus.clock, status))
-    lines = [line for camera in listed for line in _lines(camera)] or [
+        bus, network = open_bus(sim), open_network(sim, addresses_of(camera, sim))
+        listed = list(ask_all(bus.backend, bus.clock, status, network=network))
+    lines = [line for one in listed for line in _lines(one)] or [
         "No camera: rig doctor shows what is missing."
     ]
-    failed = [camera for camera in listed if camera.error]
+    failed = [one for one in listed if one.error]
     missing = f"{counted(len(failed), 'camera')} could not be asked: {failed[0].error}" if failed else None
-    data = {"cameras": [asdict(camera) for camera in listed]}
+    data = {"cameras": [asdict(one) for one in listed]}
     return CommandResult(data, lines, missing, usable=len(failed) < len(listed))
 
 

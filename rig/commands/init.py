@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from rig.commands.usb_bus import open_bus
+from rig.commands.usb_bus import open_bus, open_network
+from rig.options.cameras import CameraOption, addresses_of
 from rig.options.common import JsonOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import command_line, counted
@@ -17,6 +18,7 @@ def init(
         str | None,
         typer.Option("--sim", metavar="NAME", help="Use the cameras of a simulated rig."),
     ] = None,
+    camera: CameraOption = None,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Write a rig file for the connected cameras.
@@ -35,12 +37,13 @@ def init(
 
         if path.exists() or path.is_symlink():
             raise InputError(f"{path} exists already: name another file, or move it away.")
-        bus = open_bus(sim)
-        listed = list(ask_all(bus.backend, bus.clock, status))
+        addresses = addresses_of(camera, sim)
+        bus, network = open_bus(sim), open_network(sim, addresses)
+        listed = list(ask_all(bus.backend, bus.clock, status, network=network))
         board = None if bus.rig is None else Board.model_validate(bus.rig.board.description())
-        text = rig_file_text(listed, board)
+        text = rig_file_text(listed, board, addresses)
         store.write_bytes(path, text.encode())
-    failed = [camera for camera in listed if camera.trouble]
+    failed = [one for one in listed if one.trouble]
     asked = len(listed) - len(failed)
     missing = f"{counted(len(failed), 'camera')} left out: {failed[0].trouble}" if failed else None
     on = [] if sim is None else ["--sim", sim]
@@ -48,7 +51,5 @@ def init(
         f"{path}: {counted(asked, 'camera')}",
         f"Next: edit it as needed, then {command_line('rig', 'capture', path, 'S', '--dry-run', *on)}",
     ]
-    serials = [
-        camera.identity.serial for camera in listed if camera.identity is not None and not camera.trouble
-    ]
+    serials = [one.identity.serial for one in listed if one.identity is not None and not one.trouble]
     return CommandResult({"rig": str(path), "cameras": serials}, lines, missing)

@@ -1,8 +1,8 @@
-"""The USB bus of this machine, or that of a simulated rig, and what a session is shot with."""
+"""The USB and the network of this machine, or the bus of a simulated rig, and what a session is shot with."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from capture.record.source import CaptureRequest, Operator, Source
     from capture.rigfile.rigfile import RigFile
     from drivers.clock import Clock
+    from drivers.gige import Network
     from drivers.sim.rigs import SimulatedRig
     from rig.terminal.progress import StatusLine
 
@@ -40,6 +41,15 @@ def open_bus(sim: str | None, seed: int = 0, *, rough: bool = False) -> UsbBus:
     rig = simulate(sim, seed)
     bus = BusRig(rig, mix=ROUGH if rough else None)
     return UsbBus(bus.backend, bus.clock, rig)
+
+
+def open_network(sim: str | None, addresses: Sequence[str] = ()) -> Network | None:
+    """The network of this machine, with cameras at these addresses too; none for a simulated rig."""
+    if sim is not None:
+        return None
+    from drivers.gige import Network
+
+    return Network(addresses)
 
 
 def _operator_for(bus: UsbBus, rig: RigFile, status: StatusLine) -> Operator:
@@ -83,6 +93,7 @@ def source_of(
         positions=bus.rig.frames if bus.rig else None,
         backend=bus.backend,
         clock=bus.clock,
+        network=open_network(sim, rig.tables.addresses),
         say=status.say,
     ) as source:
         yield source

@@ -1,0 +1,31 @@
+"""Cameras on the command line that no search finds: `--camera gige:192.168.1.20`."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+CameraOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--camera",
+        metavar="gige:ADDRESS",
+        help="Also ask the GigE Vision camera at this address, which no broadcast reaches; repeatable.",
+    ),
+]
+
+
+def addresses_of(given: Sequence[str] | None, sim: str | None) -> list[str]:
+    """The IPv4 addresses that are named. InputError: one is none, or the rig is a simulated one."""
+    from capture.rigfile.network_address import address_of
+    from imaging.errors import InputError
+
+    if given and sim is not None:
+        raise InputError("--camera names a camera that is there: leave out --sim, or --camera.")
+    addresses = []
+    for text in given or ():
+        try:
+            addresses.append(address_of(text))
+        except ValueError as error:
+            raise InputError(f"--camera {text!r} has to be {error}.") from None
+    return addresses
