@@ -1,0 +1,306 @@
+"""What the driver of a camera has to do, asked of a camera that is connected: `rig doctor --camera`.
+
+Each examination drives the camera by nothing but the protocol `drivers.camera.Camera` and says what it found.
+Light and linearity are judged by photon transfer (EMVA 1288: the variance between two frames of one exposure
+rises in proportion to the signal, the signal in proportion to the time), for which the camera should look at
+something that neither moves nor flickers, part of it bright.
+"""
+
+import statistics
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.camera import Camera, CameraFile, Capabilities
+from drivers.clock import Clock
+from imaging.errors import CameraError, RigError
+from imaging.exposure import Exposure
+from imaging.files import raw
+from imaging.mosaic import RawMosaic
+from imaging.progress import Progress, unreported
+
+Verdict = Literal["passed", "failed", "skipped"]
+LONGEST = 1.0
+"""Seconds of exposure that an examination takes at most, so that all of them end in a minute or two."""
+SHOTS = 5
+"""Whose timing is told."""
+LEVELS = 5
+"""Exposures a stop apart by which light is judged."""
+BRIGHT = 0.9
+"""The share of photosites that are darker than the one which levels are chosen by."""
+FULL, FAINT = 0.6, 0.01
+"""Of the range: what that one has at most in the brightest of them, and below which none is judged."""
+UNEVEN_STOPS = 0.1
+"""By which a stop of time may differ from a stop of signal."""
+NOISE_OFF = 0.25
+"""By which the variance of a level may depart from the line through all."""
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What was asked, what came of it, and in words what was seen or what is wrong."""
+
+    name: str
+    verdict: Verdict
+    says: str
+
+
+class Failure(Exception):
+    """What the camera did is not what the protocol promises; the message says what, and what it should be."""
+
+
+class Skipped(Exception):
+    """It cannot be judged here; the message says why, and what to change."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A camera under examination, its clock, and what it says that it can."""
+
+    camera: Camera
+    clock: Clock
+    able: Capabilities
+
+    def exposure(self, time: float) -> Exposure:
+        """The exposure of that time, at the widest aperture and the lowest ISO that there are."""
+        return Exposure(
+            time=time,
+            f_number=self.able.f_numbers[0] if self.able.f_numbers else None,
+            iso=self.able.isos[0] if self.able.isos else None,
+        )
+
+    def times(self) -> list[float]:
+        """Seconds that are short enough to be waited for; Skipped where there are none."""
+        found = [time for time in self.able.times if time <= LONGEST]
+        if not found:
+            raise Skipped(f"the camera has no exposure time up to {LONGEST:g} s")
+        return found
+
+    def shoot(self) -> tuple[float, RawMosaic | CameraFile]:
+        """When the shutter opened, and the frame."""
+        self.camera.arm()
+        opened = self.camera.trigger()
+        return opened, self.camera.collect()
+
+    def pixels(self) -> npt.NDArray[np.float64]:
+        """A frame's signal in shares of its range, NaN where it is full; Skipped where it is no RAW frame."""
+        _, frame = self.shoot()
+        if isinstance(frame, CameraFile):
+            if frame.suffix not in raw.SUFFIXES:
+                raise Skipped("its frames are developed, and their light is known after rig calibrate only")
+            frame = raw.decode_raw(frame.data, frame.suffix)
+        black = float(np.mean(frame.black))
+        signal = (frame.pixels - black) / (frame.white - black)
+        return np.where(frame.pixels >= frame.white, np.nan, signal)
+
+
+def identity(subject: Subject) -> str:
+    """It says who it is, each time alike."""
+    first, again = subject.camera.identify(), subject.camera.identify()
+    if not first.serial:
+        raise Failure("it has no serial number, by which a rig file names cameras: make one up that lasts")
+    if first != again:
+        raise Failure(f"it says that it is {first}, and then that it is {again}")
+    return f"{first.make} {first.model}, serial number {first.serial}, {first.kind}"
+
+
+def capabilities(subject: Subject) -> str:
+    """What it can is in order: ascending, positive, and the same when it is asked again."""
+    able = subject.able
+    if able.obstacle:
+        raise Failure(f"it cannot shoot for rig: {able.obstacle}")
+    for what, values in (("times", able.times), ("f_numbers", able.f_numbers), ("isos", able.isos)):
+        if list(values) != sorted(set(values)) or any(value <= 0 for value in values):
+            raise Failure(f"{what} have to be positive and ascending, and are {values}")
+    if not able.times:
+        raise Failure("it has no exposure times: a bracket cannot be planned")
+    if subject.camera.capabilities() != able:
+        raise Failure("asked again, it can do something else")
+    return f"{able.width}x{able.height}, {len(able.times)} times, {len(able.isos)} ISO speeds"
+
+
+def settings(subject: Subject) -> str:
+    """The nearest exposure that it has is set and read back, the last one asked for holding."""
+    worst = 0.0
+    times = subject.times()
+    asked = [times[0], times[len(times) // 2], times[-1], times[0]]
+    for time in asked:
+        wanted = subject.exposure(time)
+        applied = subject.camera.set_exposure(wanted)
+        off = abs(np.log2(applied.time / wanted.time))
+        worst = max(worst, off)
+        if off > 0.25:
+            raise Failure(f"asked for {wanted}, which it says it has, it reads back {applied}")
+    return f"{len(set(asked))} exposures read back within {worst:.3f} stops"
+
+
+def frames(subject: Subject) -> str:
+    """A frame has the size, the kind and the exposure that were said."""
+    times = subject.times()
+    applied = subject.camera.set_exposure(subject.exposure(times[len(times) // 2]))
+    _, frame = subject.shoot()
+    if isinstance(frame, CameraFile):
+        size, told = (frame.width, frame.height), frame.metadata.exposure
+    else:
+        size, told = frame.pixels.shape[1::-1], frame.metadata.exposure
+    able = subject.able
+    if able.width and size != (able.width, able.height):
+        raise Failure(f"it says {able.width}x{able.height}, and its frame has {size[0]}x{size[1]}")
+    kind = subject.camera.identify().kind
+    if (kind == "raw") != (isinstance(frame, RawMosaic) or frame.suffix in raw.SUFFIXES):
+        raise Failure(f"it says that its frames are {kind!r}, and delivers another kind")
+    if told is not None and abs(np.log2(told.time / applied.time)) > 0.25:
+        raise Failure(f"it was set to {applied}, and its frame says {told}")
+    says = "which its frame says too" if told is not None else "of which its frame says nothing"
+    return f"{size[0]}x{size[1]}, {applied}, {says}"
+
+
+def order(subject: Subject) -> str:
+    """What comes out of order is refused by a CameraError or done, and the camera shoots afterwards."""
+    times = subject.times()
+    subject.camera.set_exposure(subject.exposure(times[0]))
+    refused = 0
+    for steps in (("collect",), ("trigger",), ("arm", "arm"), ("arm", "collect")):
+        try:
+            for step in steps:
+                getattr(subject.camera, step)()
+        except CameraError:
+            refused += 1
+        subject.camera.set_exposure(subject.exposure(times[0]))
+        subject.shoot()
+    return f"{refused} of 4 were refused, and a frame was taken after each"
+
+
+def closing(subject: Subject) -> str:
+    """It may be let go twice, and comes back when it is asked again."""
+    who = subject.camera.identify()
+    subject.camera.close()
+    subject.camera.close()
+    if subject.camera.identify() != who:
+        raise Failure("after it was let go another camera answers")
+    subject.camera.set_exposure(subject.exposure(subject.times()[0]))
+    subject.shoot()
+    return "let go twice, found again, and a frame taken"
+
+
+def timing(subject: Subject) -> str:
+    """The shutter opens between the call and the frame; how long a shot takes."""
+    subject.camera.set_exposure(subject.exposure(subject.times()[0]))
+    delays, whole = [], []
+    for _ in range(SHOTS):
+        subject.camera.arm()
+        before = subject.clock.now()
+        opened = subject.camera.trigger()
+        subject.camera.collect()
+        after = subject.clock.now()
+        if not before - 0.01 <= opened <= after:
+            raise Failure(
+                f"trigger() says that the shutter opened at {opened:.3f} s, which is not between the call at "
+                f"{before:.3f} s and the frame at {after:.3f} s of the clock that the driver was given"
+            )
+        delays.append(1e3 * (opened - before))
+        whole.append(after - before)
+    return (
+        f"the shutter opens {statistics.median(delays):.1f} ms after the call ({min(delays):.1f} to "
+        f"{max(delays):.1f}), the frame is there after {statistics.median(whole):.2f} s"
+    )
+
+
+def light(subject: Subject) -> str:
+    """Signals double with the time, and the variance between two frames rises in proportion to them."""
+    levels = _levels(subject)
+    pairs = []
+    for time in levels:
+        applied = subject.camera.set_exposure(subject.exposure(time))
+        pairs.append((applied.time, subject.pixels(), subject.pixels()))
+    usable = np.logical_and.reduce([np.isfinite(one) & np.isfinite(other) for _, one, other in pairs])
+    if usable.mean() < 0.05:
+        raise Skipped("nearly all of the picture is clipped: point the camera at something darker")
+    signals = np.array([(one[usable].mean() + other[usable].mean()) / 2 for _, one, other in pairs])
+    stops = np.diff(np.log2([time for time, _, _ in pairs]))
+    uneven = float(np.abs(np.diff(np.log2(signals)) - stops).max())
+    if uneven > UNEVEN_STOPS:
+        raise Failure(
+            f"a stop of exposure time changes the signal by up to {uneven:.2f} stops more or less than one: "
+            "the times that are read back or the black level are wrong, or the light flickers"
+        )
+    noise = np.array([np.var(one[usable] - other[usable]) / 2 for _, one, other in pairs])
+    slope, floor = np.polyfit(signals, noise, 1, w=1 / noise)
+    off = float(np.abs((slope * signals + floor) / noise - 1).max())
+    if slope <= 0 or off > NOISE_OFF:
+        raise Failure(
+            f"noise does not rise with the signal as photons do ({100 * off:.0f} % from a line): something "
+            "moves before the camera, or its frames are not the sensor's own codes"
+        )
+    return (
+        f"{len(pairs)} levels: stops even within {uneven:.3f}, variance on a line within {100 * off:.0f} %, "
+        f"{1 / slope:,.0f} electrons or so at full scale"
+    )
+
+
+def _levels(subject: Subject) -> list[float]:
+    """Times whose signals are neither full nor faint, ascending; Skipped where there are not three."""
+    times = subject.times()
+    time = times[len(times) // 2]
+    for _ in range(len(times)):
+        subject.camera.set_exposure(subject.exposure(time))
+        brightest = _bright(subject.pixels())
+        shorter = [one for one in times if one <= time / 2]
+        longer = [one for one in times if 2 * time <= one]
+        if brightest > FULL and shorter:
+            time = shorter[-1]
+        elif brightest < FULL / 3 and longer:
+            time = longer[0]
+        else:
+            break
+    wanted = [time / 2**step for step in range(LEVELS) if brightest / 2**step > FAINT]
+    found = sorted({min(times, key=lambda one, to=to: abs(np.log2(one / to))) for to in wanted})  # type: ignore[misc]
+    if len(found) < 3:
+        raise Skipped("the picture is too dark at all of its times: point the camera at something bright")
+    return found
+
+
+def _bright(signal: npt.NDArray[np.float64]) -> float:
+    """A bright photosite's, 1 where it is full."""
+    return float(np.quantile(np.nan_to_num(signal, nan=1.0), BRIGHT))
+
+
+EXAMINATIONS: tuple[Callable[[Subject], str], ...] = (
+    identity, capabilities, settings, frames, order, closing, timing, light,
+)  # fmt: skip
+
+
+def examine(
+    camera: Camera,
+    clock: Clock,
+    *,
+    examinations: Sequence[Callable[[Subject], str]] = EXAMINATIONS,
+    on_progress: Progress = unreported,
+) -> Iterator[Examination]:
+    """Ask a camera everything, one examination after the other, and let it go in the end.
+
+    clock: the one that its driver was given. A CameraError is a failure that says what the camera refused;
+    any other exception of its driver is one too, by its name.
+    """
+    try:
+        subject = Subject(camera, clock, camera.capabilities())
+        for done, ask in enumerate(examinations):
+            on_progress(ask.__name__, done, len(examinations))
+            yield _asked(ask, subject)
+    finally:
+        camera.close()
+
+
+def _asked(ask: Callable[[Subject], str], subject: Subject) -> Examination:
+    try:
+        return Examination(ask.__name__, "passed", ask(subject))
+    except Skipped as reason:
+        return Examination(ask.__name__, "skipped", str(reason))
+    except (Failure, RigError) as reason:
+        return Examination(ask.__name__, "failed", str(reason))
+    except Exception as error:  # a driver that is being written may raise anything
+        what = f"{type(error).__name__} ({error}) where a CameraError was due"
+        return Examination(ask.__name__, "failed", what)

@@ -1,0 +1,139 @@
+"""The examination of a camera: simulated ones pass, and each that breaks a promise fails where it does."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers import conformance
+from drivers.camera import Camera, CameraIdentity
+from drivers.conformance import EXAMINATIONS, Examination, examine
+from drivers.discovery import find_cameras
+from drivers.sim.bus_rig import BusRig
+from drivers.sim.rigs import simulate
+from drivers.sim.u3v.device import U3vDevice
+from imaging.errors import CameraError
+from imaging.exposure import Exposure
+from imaging.mosaic import RawMosaic
+
+
+def machine_camera() -> tuple[Camera, BusRig]:
+    """A simulated USB3 Vision camera, and its bus."""
+    bus = BusRig(simulate("toy", seed=2, cameras=1))
+    device = simulate("toy", seed=9, cameras=2).devices[1]
+    bus.backend.plug(U3vDevice(device, bus.clock))
+    return find_cameras(bus.backend, bus.clock)[1], bus
+
+
+def of(rows: list[Examination]) -> dict[str, str]:
+    return {row.name: row.verdict for row in rows}
+
+
+@pytest.mark.parametrize("model", ["generic", "canon-eos-6d", "nikon-z6", "sony-a7m4"])
+def test_simulated_bodies_pass(model: str) -> None:
+    bus = BusRig(simulate("toy", seed=2, cameras=1), model=model)
+    (camera,) = find_cameras(bus.backend, bus.clock)
+    rows = list(examine(camera, bus.clock))
+    assert of(rows) == dict.fromkeys((ask.__name__ for ask in EXAMINATIONS), "passed"), rows
+    assert bus.backend.open_handles == 0
+
+
+def test_a_machine_vision_camera_passes() -> None:
+    camera, bus = machine_camera()
+    rows = list(examine(camera, bus.clock))
+    assert set(of(rows).values()) == {"passed"}, rows
+
+
+def test_developed_frames_have_no_noise_and_are_no_raw_ones() -> None:
+    bus = BusRig(simulate("toy-ldr", seed=2, cameras=1))  # its body says that it has DNG files
+    (camera,) = find_cameras(bus.backend, bus.clock)
+    rows = of(list(examine(camera, bus.clock)))
+    assert rows.pop("light") == "skipped"
+    assert rows.pop("frames") == "failed"
+    assert set(rows.values()) == {"passed"}
+
+
+class Broken:
+    """A camera that does one thing otherwise than another one."""
+
+    def __init__(self, camera: Camera, **instead: Callable[..., Any]) -> None:
+        self._camera, self._instead = camera, instead
+
+    def __getattr__(self, name: str) -> Any:
+        own = getattr(self._camera, name)
+        return lambda *given: self._instead[name](own, *given) if name in self._instead else own(*given)
+
+
+def _other_each_time() -> Callable[..., CameraIdentity]:
+    turns = iter(range(1000))
+    return lambda own: replace(own(), serial=f"{next(turns)}")
+
+
+def _too_clean(own: Callable[[], RawMosaic]) -> RawMosaic:
+    """It has the less noise the more light there is."""
+    frame = own()
+    rng = np.random.Generator(np.random.PCG64(int(frame.pixels.sum())))
+    more = rng.normal(0, 3000 / (frame.pixels.mean() - np.mean(frame.black)), frame.pixels.shape)
+    return replace(frame, pixels=np.clip(frame.pixels + more, 0, frame.white).astype(np.uint16))
+
+
+def _boasting(own: Callable[[Exposure], Exposure], wanted: Exposure) -> Exposure:
+    own(wanted)
+    return wanted.with_time(wanted.time * 2)
+
+
+@pytest.mark.parametrize(
+    ("instead", "fails", "says"),
+    [
+        ({"identify": lambda own: replace(own(), serial="")}, "identity", "no serial number"),
+        ({"identify": _other_each_time()}, "identity", "and then that it is"),
+        (
+            {"capabilities": lambda own: replace(own(), times=(0.1, 0.01))},
+            "capabilities",
+            "positive and ascending",
+        ),
+        ({"set_exposure": _boasting}, "settings", "reads back"),
+        (
+            {"set_exposure": lambda own, wanted: own(wanted.with_time(wanted.time**0.8)) and wanted},
+            "light",
+            "a stop of exposure time changes",
+        ),
+        (
+            {"collect": lambda own: replace(own(), pixels=np.zeros((4, 6), np.uint16))},
+            "frames",
+            "its frame has 6x4",
+        ),
+        ({"trigger": lambda own: own() - 3600}, "timing", "not between the call"),
+        ({"trigger": lambda own: 1 / 0}, "frames", "ZeroDivisionError"),
+        ({"collect": _too_clean}, "light", "as photons do"),
+    ],
+)
+def test_a_broken_promise_is_told(instead: dict[str, Any], fails: str, says: str) -> None:
+    camera, bus = machine_camera()
+    rows = {row.name: row for row in examine(Broken(camera, **instead), bus.clock)}
+    assert rows[fails].verdict == "failed", rows
+    assert says in rows[fails].says
+
+
+def test_a_camera_that_does_not_answer_is_let_go() -> None:
+    def gone(own: Any) -> Any:
+        raise CameraError("The camera is gone: plug it in.")
+
+    camera, bus = machine_camera()
+    with pytest.raises(CameraError):
+        list(examine(Broken(camera, capabilities=gone), bus.clock))
+    assert bus.backend.open_handles == 0
+
+
+def test_too_dark_a_scene_is_not_a_failure() -> None:
+    camera, bus = machine_camera()
+
+    def dark(own: Callable[[], RawMosaic]) -> RawMosaic:
+        frame = own()
+        return replace(frame, pixels=np.full_like(frame.pixels, int(np.mean(frame.black))))
+
+    (row,) = examine(Broken(camera, collect=dark), bus.clock, examinations=[conformance.light])
+    assert row.verdict == "skipped"
+    assert "too dark" in row.says
