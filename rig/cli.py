@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from rig.commands import (
+    batch,
     bench,
     calibrate,
     cameras,
@@ -83,6 +84,7 @@ COMMANDS: dict[str, Callable[..., CommandResult]] = {
     "export": export.export,
     "view": view.view,
     "trade": trade.trade,
+    "batch": batch.batch,
     "bench": bench.bench,
     "simulate": simulate.simulate,
     "cameras": cameras.cameras,

@@ -11,6 +11,7 @@ from imaging.files import store
 from rig.report.charts.topic import Tile
 
 SECTIONS = {
+    "batch": "Scenes",
     "trade": "Trade-offs",
     "pictures": "Pictures",
     "quality": "Quality",

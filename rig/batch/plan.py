@@ -1,0 +1,139 @@
+"""`PLAN.toml`: sessions, and the scenes that are to be made of each."""
+
+import tomllib
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from capture.rigfile.toml_lines import key_lines, line_of
+from imaging.errors import InputError
+from imaging.session.records import Name
+from imaging.session.session import SESSION
+from recon.decide.budget import Budget
+from recon.decide.overrides import Overrides
+from recon.decide.presets import MethodName, QualityName
+
+EXAMPLE = 'sessions = ["scans/*"]'
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class PlannedScene(_Table):
+    """One scene of each session: the options of `rig reconstruct`, and the files that are exported of it.
+
+    export: names of files, whose ends tell their formats, as `rig export --out` has them.
+    """
+
+    name: Name | None = None
+    method: MethodName = "auto"
+    quality: QualityName = "standard"
+    budget: str | None = None
+    early_stop: Annotated[bool, Field(strict=True)] = False
+    seed: Annotated[int, Field(strict=True, ge=0)] = 0
+    set: dict[str, str | int | float | bool] = {}
+    export: tuple[Annotated[str, Field(pattern=r"^[^/\\]+\.[^/\\]+$")], ...] = ()
+
+    def words(self) -> list[str]:
+        """What `rig reconstruct` is given beside the session."""
+        words = ["--method", self.method, "--quality", self.quality, "--seed", str(self.seed)]
+        words += ["--early-stop"] if self.early_stop else []
+        words += [] if self.budget is None else ["--budget", self.budget]
+        words += [] if self.name is None else ["--name", self.name]
+        for one in self.sets():
+            words += ["--set", one]
+        return words
+
+    def sets(self) -> list[str]:
+        """As `--set` has them."""
+        return [
+            f"{key}={int(value) if isinstance(value, bool) else value}" for key, value in self.set.items()
+        ]
+
+    @property
+    def called(self) -> str:
+        """What tells it from the other scenes of a plan."""
+        return self.name or " ".join([self.method, self.quality, *([self.budget] if self.budget else [])])
+
+
+class _Tables(_Table):
+    sessions: Annotated[tuple[str, ...], Field(min_length=1)]
+    scene: tuple[PlannedScene, ...] = (PlannedScene(),)
+
+
+@dataclass(frozen=True)
+class BatchPlan:
+    """What is to be done: every scene of every session. sessions: folders, each once."""
+
+    path: Path
+    sessions: tuple[Path, ...]
+    scenes: tuple[PlannedScene, ...]
+
+
+def read_plan(path: str | Path) -> BatchPlan:
+    """A plan that can be carried out; InputError of one sentence that names the line at fault.
+
+    Sessions are folders beside the plan, or patterns of them such as `scans/*`.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+        value = tomllib.loads(text)
+        lines = key_lines(text)
+    except OSError as error:
+        reason = (error.strerror or "it cannot be read").lower()
+        raise InputError(
+            f"{path} cannot be read ({reason}): name a plan, such as a file with {EXAMPLE}."
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{path} is not TOML ({error}): correct it there.") from None
+    try:
+        tables = _Tables.model_validate(value)
+    except ValidationError as error:
+        first = min(error.errors(), key=lambda one: one["type"] == "missing")
+        keys = tuple(key for key in first["loc"] if isinstance(key, str | int))
+        where = f"{path}, line {line_of(lines, keys)}"
+        if first["type"] == "extra_forbidden":
+            raise InputError(f"{where}: there is no setting {keys[-1]!r}: correct its name.") from None
+        if first["type"] == "missing":
+            raise InputError(f"{where}: {keys[-1]} is missing: add it, such as {EXAMPLE}.") from None
+        what = ".".join(map(str, keys))
+        raise InputError(f"{where}: {what}: {first['msg'].lower()}; correct it.") from None
+    for number, scene in enumerate(tables.scene):
+        try:
+            Overrides.of(scene.sets())
+            if scene.budget is not None:
+                Budget.parse(scene.budget)
+        except InputError as error:
+            raise InputError(f"{path}, line {line_of(lines, ('scene', number))}: {error}") from None
+    called, count = Counter(scene.called for scene in tables.scene).most_common(1)[0]
+    if count > 1:
+        raise InputError(
+            f"{path} has {count} scenes that are called {called!r}: give each a name of its own."
+        )
+    return BatchPlan(path, _sessions(path, tables.sessions, line_of(lines, ("sessions",))), tables.scene)
+
+
+def _sessions(path: Path, patterns: tuple[str, ...], line: int) -> tuple[Path, ...]:
+    """The folders that are meant, in the order of the plan."""
+    found: dict[Path, None] = {}
+    for pattern in patterns:
+        folder = Path(pattern)
+        try:
+            some = [folder] if folder.is_absolute() else sorted(path.parent.glob(pattern))
+        except (ValueError, NotImplementedError) as error:
+            raise InputError(
+                f"{path}, line {line}: {pattern!r} is no pattern of folders ({error})."
+            ) from None
+        some = [one for one in some if (one / SESSION).is_file()]
+        if not some:
+            raise InputError(
+                f"{path}, line {line}: {pattern!r} is no session beside {path.name}: correct it, or make one "
+                "with rig import or rig capture."
+            )
+        found |= dict.fromkeys(some)
+    return tuple(found)

@@ -1,0 +1,69 @@
+"""PLAN.batch.html: what came of every scene of a plan, with links to their reports."""
+
+import os
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from rig.batch.run import BatchResult, BatchRow
+from rig.report.charts.topic import Tile
+from rig.report.page import Page, now, write_page
+from rig.terminal.text import counted, plain
+
+
+@dataclass(frozen=True)
+class SceneRow:
+    """A scene in words. link: to its report, from the page; empty where there is none."""
+
+    session: str
+    scene: str
+    link: str
+    db: str
+    iterations: str
+    seconds: str
+    outcome: str
+
+
+@dataclass(frozen=True)
+class BatchSection:
+    """Everything the section shows."""
+
+    rows: tuple[SceneRow, ...]
+
+
+def batch_report(result: BatchResult) -> Path:
+    """Write the page beside the plan; returns its path."""
+    path = result.plan.with_suffix(".batch.html")
+    failed = sum(row.failed is not None for row in result.rows)
+    sessions = len({row.session for row in result.rows})
+    tiles = [Tile(str(len(result.rows) - failed), "", "scenes"), Tile(str(failed), "", "failed")]
+    best = [row.db for row in result.rows if row.db is not None]
+    tiles += [Tile(f"{min(best):.1f} – {max(best):.1f}", "dB", "held out")] if best else []
+    page = Page(
+        kind="Batch report",
+        title=result.plan.stem,
+        lead=f"{counted(len(result.rows), 'scene')} of {counted(sessions, 'session')}.",
+        version=version("hdr-rig"),
+        made=now(),
+        tiles=tuple(tiles),
+        sections={"batch": BatchSection(tuple(_in_words(row, path.parent) for row in result.rows))},
+    )
+    write_page(path, page)
+    return path
+
+
+def _in_words(row: BatchRow, beside: Path) -> SceneRow:
+    outcome = "already there" if row.already_there else "made"
+    if row.exports:
+        outcome += f", exported {', '.join(path.name for path in row.exports)}"
+    if row.says:
+        outcome = f"{row.failed} failed: {row.says}" if row.failed else f"{outcome}; {row.says}"
+    return SceneRow(
+        session=plain(str(row.session)),
+        scene=row.scene,
+        link="" if row.report is None else os.path.relpath(row.report, beside),
+        db="" if row.db is None else f"{row.db:.1f}",
+        iterations="" if row.iterations is None else f"{row.iterations:,}",
+        seconds=f"{row.seconds:.0f}",
+        outcome=plain(outcome),
+    )

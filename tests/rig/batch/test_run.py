@@ -1,0 +1,125 @@
+"""A plan carried out: what is begun after what, what fails, and what a killed process costs."""
+
+import json
+import signal
+import sys
+from collections.abc import Sequence
+from concurrent.futures import Future
+from pathlib import Path
+
+import pytest
+
+from imaging.errors import InputError
+from imaging.files import store
+from rig.batch import processes
+from rig.batch.plan import BatchPlan, PlannedScene
+from rig.batch.processes import Ended, LocalWorkers, run
+from rig.batch.run import carry_out, record_path
+
+
+class Recorder:
+    """Ends every command at once, as `fails` has it, and keeps what it was given."""
+
+    def __init__(self, **fails: str) -> None:
+        self.fails, self.commands = fails, list[list[str]]()
+
+    def submit(self, words: Sequence[str]) -> "Future[Ended]":
+        self.commands.append(list(words))
+        code, says = (2, self.fails[words[0]]) if words[0] in self.fails else (0, "")
+        made = (
+            Path(words[1])
+            / "reconstructions"
+            / (words[words.index("--seed") + 1] if "--seed" in words else "")
+        )
+        data = {
+            "reconstruction": str(made),
+            "held_out_db": 30.0,
+            "iterations": 20,
+            "report": str(made / "r.html"),
+        }
+        future: Future[Ended] = Future()
+        future.set_result(Ended(code, data if words[0] == "reconstruct" and not code else {}, says, 1.0))
+        return future
+
+
+def planned(folder: Path) -> BatchPlan:
+    """Two sessions, the first calibrated; two scenes of each, the first exported twice."""
+    for name in ("a", "b"):
+        (folder / name).mkdir()
+    store.make_folder(folder / "a" / "calibration")
+    (folder / "a" / "calibration" / "calibration.json").touch()
+    scenes = (PlannedScene(seed=1, name="one", export=("x.ply", "y.usdc")), PlannedScene(seed=2))
+    return BatchPlan(folder / "PLAN.toml", (folder / "a", folder / "b"), scenes)
+
+
+def test_what_is_calibrated_is_trained_and_exports_follow(tmp_path: Path) -> None:
+    recorder = Recorder()
+    result = carry_out(planned(tmp_path), recorder.submit)
+    steps = [(words[0], Path(words[1]).relative_to(tmp_path).parts[0]) for words in recorder.commands]
+    assert steps.count(("calibrate", "b")) == 1
+    assert ("calibrate", "a") not in steps
+    assert steps.index(("calibrate", "b")) < steps.index(("reconstruct", "b"))
+    assert steps.count(("reconstruct", "a")) == steps.count(("reconstruct", "b")) == 2
+    assert steps.count(("export", "a")) == steps.count(("export", "b")) == 2
+    assert [(row.session.name, row.scene) for row in result.rows] == [
+        ("a", "one"), ("a", "auto standard"), ("b", "one"), ("b", "auto standard"),
+    ]  # fmt: skip
+    assert [row.seconds for row in result.rows] == [3.0, 1.0, 4.0, 1.0]  # b's first with its calibration
+    assert [path.name for path in result.rows[0].exports] == ["x.ply", "y.usdc"]
+    assert all(row.failed is None and row.db == 30.0 for row in result.rows)
+    assert len(store.read_json(record_path(tmp_path / "PLAN.toml"))["rows"]) == 4
+
+
+def test_what_fails_is_told_and_the_rest_goes_on(tmp_path: Path) -> None:
+    said: list[str] = []
+    result = carry_out(planned(tmp_path), Recorder(calibrate="No view.").submit, on_message=said.append)
+    assert [row.failed for row in result.rows] == [None, None, "calibrate", "calibrate"]
+    assert {row.says for row in result.rows[2:]} == {"No view."}
+    assert any(line.endswith("b, one: calibrate failed: No view.") for line in said)
+
+
+def test_an_export_that_fails_leaves_the_scene(tmp_path: Path) -> None:
+    first, *_ = carry_out(planned(tmp_path), Recorder(export="No disk.").submit).rows
+    assert (first.failed, first.says, first.db, first.exports) == ("export", "No disk.", 30.0, ())
+
+
+@pytest.fixture
+def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Stands for Python: is killed as often as the file `lives` has lines, then prints its words as JSON."""
+    lives, path = tmp_path / "lives", tmp_path / "program"
+    path.write_text(
+        f"""#!/bin/sh
+if [ -s {lives} ]; then sed -i 1d {lives}; kill -9 $$; fi
+echo about >&2
+echo '{{"words": "'"$*"'"}}'
+"""
+    )
+    path.chmod(0o755)
+    monkeypatch.setattr(processes.sys, "executable", str(path))
+    return lives
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize(("kills", "code", "attempts"), [(0, 0, 1), (1, 0, 2), (2, -signal.SIGKILL, 2)])
+def test_a_command_whose_process_is_killed_is_run_again_once(
+    program: Path, kills: int, code: int, attempts: int
+) -> None:
+    program.write_text("x\n" * kills)
+    ended = run(["reconstruct", "S"])
+    assert (ended.code, ended.attempts) == (code, attempts)
+    if code:
+        assert ended.says == "its process was killed 2 times (SIGKILL)."
+    else:
+        assert ended.data == {"words": "-m rig reconstruct S --json"}
+        assert ended.says == "about"
+
+
+def test_workers_share_the_cores(program: Path) -> None:
+    with pytest.raises(InputError, match="more than the"):
+        LocalWorkers(1000)
+    pool = LocalWorkers(1)
+    ended = [pool.submit(["check", name]) for name in ("a", "b")]
+    assert [json.dumps(one.result().data) for one in ended] == [
+        json.dumps({"words": f"-m rig check {name} --json"}) for name in ("a", "b")
+    ]
+    pool.close()
