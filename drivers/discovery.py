@@ -2,28 +2,26 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 from usb.backend import IBackend
 
-from drivers import gige, ptp, u3v
+from drivers import gige, plugins, ptp, u3v
 from drivers.camera import Camera, CameraIdentity, Capabilities
 from drivers.clock import Clock
 from drivers.gige import Network
 from imaging.errors import CameraError
 from imaging.progress import Progress, unreported
 
-Protocol = Literal["PTP", "USB3 Vision", "GigE Vision"]
-
 
 @dataclass(frozen=True)
 class ConnectedCamera:
     """One connected camera; `error` says why it could not be asked for what is then None.
 
+    protocol: PTP, USB3 Vision, GigE Vision, or the name of a plug-in.
     verified: what our driver for its make has been tried against.
     """
 
-    protocol: Protocol
+    protocol: str
     where: str
     identity: CameraIdentity | None = None
     capabilities: Capabilities | None = None
@@ -41,29 +39,38 @@ class ConnectedCamera:
 
 
 def find_cameras(backend: IBackend, clock: Clock, network: Network | None = None) -> list[Camera]:
-    """A driver for every camera on the USB and, where one is given, on the network; none is opened."""
-    return [camera for _, camera in _by_protocol(backend, clock, network)]
+    """A driver for every camera on the USB and, where a network is given, there and of plug-ins; none is open.
+
+    A plug-in that fails has no cameras here; `ask_all` says why.
+    """
+    found = (camera for _, camera in _by_protocol(backend, clock, network))
+    return [camera for camera in found if not isinstance(camera, CameraError)]
 
 
 def _by_protocol(
     backend: IBackend, clock: Clock, network: Network | None
-) -> Iterator[tuple[Protocol, Camera]]:
+) -> Iterator[tuple[str, Camera | CameraError]]:
     for still in ptp.find_cameras(backend, clock):
         yield "PTP", still
     for machine in u3v.find_cameras(backend, clock):
         yield "USB3 Vision", machine
-    if network is not None:
-        for remote in gige.find_cameras(network, clock):
-            yield "GigE Vision", remote
+    if network is None:  # a simulated bus has nothing beside it
+        return
+    for remote in gige.find_cameras(network, clock):
+        yield "GigE Vision", remote
+    yield from plugins.find_cameras(clock)
 
 
 def ask_all(
     backend: IBackend, clock: Clock, progress: Progress = unreported, *, network: Network | None = None
 ) -> Iterator[ConnectedCamera]:
-    """Open each camera on the USB and the network, ask what it is, and let it go."""
+    """Open each camera on the USB, the network and of plug-ins, ask what it is, and let it go."""
     progress("looking for cameras", 0, 0)
     found = list(_by_protocol(backend, clock, network))
     for done, (protocol, camera) in enumerate(found):
+        if isinstance(camera, CameraError):
+            yield ConnectedCamera(protocol, "", error=str(camera))
+            continue
         progress(camera.where or protocol, done, len(found))
         where, identity = camera.where, None
         try:

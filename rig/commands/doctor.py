@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imaging.errors import InputError
-from rig.commands.usb_bus import open_bus
+from rig.commands.usb_bus import open_bus, open_network
 from rig.options.common import JsonOption
 from rig.options.defaults import NAMED_BY, config_file, read_defaults, usual_place
 from rig.terminal.result import CommandResult, running
@@ -103,7 +103,7 @@ def _camera_result(serial: str, sim: str | None, status: "StatusLine") -> Comman
     from drivers.discovery import find_cameras
 
     bus = open_bus(sim)
-    cameras = find_cameras(bus.backend, bus.clock)
+    cameras = find_cameras(bus.backend, bus.clock, open_network(sim))
     status("looking for cameras", 0, 0)
     try:
         found = {camera.identify().serial: camera for camera in cameras}
