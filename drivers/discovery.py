@@ -39,7 +39,7 @@ class ConnectedCamera:
 
 
 def find_cameras(backend: IBackend, clock: Clock, network: Network | None = None) -> list[Camera]:
-    """A driver for every camera on the USB and, where a network is given, there and of plug-ins; none is open.
+    """A driver for every camera on the USB and, where a network is given, there and of plug-ins, not open.
 
     A plug-in that fails has no cameras here; `ask_all` says why.
     """
