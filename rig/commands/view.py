@@ -3,6 +3,7 @@
 import os
 import threading
 import webbrowser
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Annotated
@@ -68,13 +69,14 @@ def view(
                 from rig.view.session_page import show_session
 
                 show_session(viewer, session)
-                Follower(viewer, session).run()
+                wait: Callable[[], object] = Follower(viewer, session).run
             else:
                 status("opening the scene", 0, 0)
                 from rig.view.opening import show_scenes
 
                 show_scenes(viewer, folders)
-        threading.Event().wait()
+                wait = threading.Event().wait
+        wait()
     return CommandResult({"shown": [str(folder) for folder in folders], "url": viewer.url})
 
 
