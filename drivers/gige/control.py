@@ -13,9 +13,8 @@ from drivers.gige.gvcp import Answer, Code, Command, Status
 from drivers.gige.registers import CONTROL, EXCLUSIVE, Bootstrap
 from imaging.errors import CameraError
 
-ATTEMPTS = 5
-_PATIENCE = 0.3
-"""Seconds for an answer."""
+PATIENCE = (0.1, 0.2, 0.4, 0.8, 1.6)
+"""Seconds for an answer, at each attempt: on a cable it takes less than one thousandth."""
 _LONGEST_PENDING = 30.0
 """Seconds after which a device that only ever asks for more time is taken for hung."""
 _PAUSE, _LONGEST_BUSY = 0.01, 0.5
@@ -158,7 +157,7 @@ class ControlChannel:
             if self._lost is not None:
                 raise CameraLost(self._lost)
             try:
-                return self._attempt(code, request_id, payload)
+                return self._attempt(code, request_id, payload, PATIENCE[failures])
             except CameraBusy:
                 if self._clock.now() >= patient_until:
                     raise
@@ -166,18 +165,18 @@ class ControlChannel:
                 request_id = next(self._ids)
             except CameraTimeout as error:
                 failures += 1
-                if failures == ATTEMPTS:
+                if failures == len(PATIENCE):
                     self._lost = str(error)
             except CameraProtocol:
                 failures += 1
-                if failures == ATTEMPTS:
+                if failures == len(PATIENCE):
                     raise
 
-    def _attempt(self, code: Code, request_id: int, payload: bytes) -> bytes:
+    def _attempt(self, code: Code, request_id: int, payload: bytes, patience: float = PATIENCE[0]) -> bytes:
         """One command and its answer."""
         try:
             self._socket.send(Command(code, request_id, payload).pack())
-            return self._answer(code, request_id)
+            return self._answer(code, request_id, patience)
         except TimeoutError:
             raise CameraTimeout(
                 f"{self.where} does not answer: check its cable, its power and its address."
@@ -188,9 +187,9 @@ class ControlChannel:
                 f"{self.where} cannot be reached ({error.strerror}): check its cable and its power."
             ) from error
 
-    def _answer(self, code: Code, request_id: int) -> bytes:
+    def _answer(self, code: Code, request_id: int, patience: float) -> bytes:
         began = self._clock.now()
-        deadline = began + _PATIENCE
+        deadline = began + patience
         while (remaining := deadline - self._clock.now()) > 0:
             self._socket.settimeout(remaining)
             try:
@@ -201,7 +200,7 @@ class ControlChannel:
                 continue  # a late answer to a command that was given up
             if answer.code == Code.PENDING_ACK:
                 wait = gvcp.parse_number_payload(answer.payload) / 1000
-                deadline = min(self._clock.now() + wait + _PATIENCE, began + _LONGEST_PENDING)
+                deadline = min(self._clock.now() + wait + patience, began + _LONGEST_PENDING)
                 continue
             self._judge(answer.status)
             if answer.code != code + 1:

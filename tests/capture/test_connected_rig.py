@@ -20,10 +20,10 @@ from drivers.discovery import ask_all
 from drivers.ptp.codes import Operation
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Fault, FaultPlan, Kind
+from drivers.sim.genicam.lines import Wire
 from drivers.sim.ptp.usb_device import PtpDevice
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.u3v.device import U3vDevice
-from drivers.sim.u3v.lines import Wire
 from drivers.sim.usb.bus import Holder, VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CaptureError, InputError

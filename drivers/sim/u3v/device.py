@@ -6,23 +6,24 @@ Operations of its fault plan: "ReadMem" and "WriteMem" for control packets, "Fra
 import struct
 
 from drivers.errors import CameraProtocol
-from drivers.sim.camera import shutter
+from drivers.genicam.chunks import CHUNKS
 from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.faults import Fault, FaultPlan, Kind
+from drivers.sim.genicam import frames
+from drivers.sim.genicam.acquisition import Acquisition
+from drivers.sim.genicam.description import Feature, Transport
+from drivers.sim.genicam.lines import Oscillator, Wire
+from drivers.sim.genicam.memory import Denied
+from drivers.sim.genicam.power_on import checks_of, description_of, power_on
 from drivers.sim.seeds import generator
-from drivers.sim.u3v import frames
-from drivers.sim.u3v.acquisition import Acquisition
-from drivers.sim.u3v.description import SETS, THROUGHPUT, Feature, describe
-from drivers.sim.u3v.lines import Oscillator, Wire
-from drivers.sim.u3v.memory import LARGEST_PACKET, Denied, DeviceMemory
-from drivers.sim.u3v.register_checks import Checks
+from drivers.sim.u3v.memory import LARGEST_PACKET, DeviceMemory
 from drivers.sim.usb.descriptors import SUPER_SPEED, Description, Endpoint, Interface
 from drivers.sim.usb.port import Port, Setup, Stall
 from drivers.sim.usb.timeline import Action, Timeline
 from drivers.u3v import gencp
 from drivers.u3v.gencp import Code, Packet, Status
-from drivers.u3v.registers import Abrm, Sirm
-from drivers.u3v.stream import Trailer
+from drivers.u3v.registers import STRING, Abrm, Sirm
+from drivers.u3v.stream import IMAGE, Leader, Trailer
 from drivers.usb import U3V_CONTROL, U3V_STREAM
 from imaging.mosaic import RawMosaic
 
@@ -35,6 +36,16 @@ _WAY = 40e-6
 VENDOR, PRODUCT = 0x1209, 0x0453
 _ABOUT = struct.pack("<BBBII", 20, 0x24, 1, 0x00010000, 0x00010000) + bytes((4, 1, 2, 0, 0, 0, 3, 0, 8))
 """The class-specific descriptor: versions of GenCP and USB3 Vision, and which string says what."""
+_USB = Transport(
+    "USB",
+    "little",
+    ((Abrm.MANUFACTURER, STRING), (Abrm.MODEL, STRING), (Abrm.SERIAL, STRING)),
+    (Abrm.LATCH, 1),
+    Abrm.TIMESTAMP,
+    sources={},
+    categories={},
+    parts=(),
+)
 _OF_CONTROL = frozenset(
     {
         Kind.BUSY,
@@ -103,7 +114,12 @@ class U3vDevice:
         self._busy_until, self._busy_times = 0.0, 0
         self._memory = self._start_anew()
         self._acquisition = Acquisition(
-            self._camera, self._memory, self._timeline, self._deliver, self._shutter_moved
+            self._camera,
+            self._memory,
+            self._timeline,
+            lambda: bool(self._memory.stream(Sirm.CONTROL) & 1),
+            self._deliver,
+            self._shutter_moved,
         )
         self._refresh()
 
@@ -143,9 +159,9 @@ class U3vDevice:
         except CameraProtocol:
             self._live().halt(CONTROL_IN)
 
-    def _shutter_moved(self, is_open: bool) -> None:
+    def _shutter_moved(self, is_open: bool, when: float) -> None:
         if is_open:
-            self.opened.append(self._timeline.now())
+            self.opened.append(when)
         for number, wire in self.wires.items():
             if self._memory.get(Feature.LINE_CONTROL, number) & 0x11 == 0x11:
                 wire.edge(is_open, self)
@@ -230,9 +246,10 @@ class U3vDevice:
             port.halt(STREAM_IN)
             return
         stamp = self.oscillator.nanoseconds(opened)
-        leader, payload = frames.frame(
-            memory, mosaic, self._camera.body.sensor.bit_depth, self._block, time, stamp
-        )
+        image = frames.frame(memory, mosaic, self._camera.body.sensor.bit_depth, time)
+        kind = IMAGE | (CHUNKS if image.chunked else 0)
+        place = (image.code, image.width, image.height, image.left, image.top)
+        leader, payload = Leader(self._block, kind, stamp, *place), image.payload
         if unplug := faults.get(Kind.UNPLUG):
             port.unplug_at(max(unplug.count, 1), unplug.seconds)
         port.send(STREAM_IN, leader.pack())
@@ -260,38 +277,18 @@ class U3vDevice:
 
     def _refresh(self) -> None:
         body = self._camera.body
-        frames.refresh(self._memory, body.cfa, body.sensor.black, body.sensor.bit_depth)
+        payload = frames.refresh(self._memory, body.cfa, body.sensor.black, body.sensor.bit_depth)
+        self._memory.require(payload)
 
     def _start_anew(self) -> DeviceMemory:
         """Memory as it is when power comes on."""
-        identity, body, lens = self._identity, self._camera.body, self._camera.body.optics.lens
-        formats = frames.offered(body.cfa, body.sensor.bit_depth)
-        times = [1e6 * time for time in shutter.APPLIED_TIME.values()]
-        xml = describe(
-            identity.model, (lens.width, lens.height), formats, (min(times), max(times)), max(shutter.ISOS)
-        )
-        self._checks = Checks(
-            frozenset(formats.values()), (min(times), max(times)), (1000, 10 * max(shutter.ISOS))
-        )
+        self._checks, identity = checks_of(self._camera), self._identity
         names = {
             Abrm.MANUFACTURER: identity.make,
             Abrm.MODEL: identity.model,
             Abrm.DEVICE_VERSION: "1",
             Abrm.SERIAL: identity.serial,
         }
-        memory = DeviceMemory(names, xml)
-        for feature, value in {
-            Feature.WIDTH: lens.width,
-            Feature.HEIGHT: lens.height,
-            Feature.SENSOR_WIDTH: lens.width,
-            Feature.SENSOR_HEIGHT: lens.height,
-            Feature.PIXEL_FORMAT: next(iter(formats.values())),
-            Feature.FRAME_COUNT: 1,
-            Feature.BURST_COUNT: 1,
-            Feature.CHUNK_SELECTOR: 1,
-            Feature.LINE_SELECTOR: 1,
-            Feature.THROUGHPUT_LIMIT: THROUGHPUT[1],
-            Feature.SET_NEXT: SETS - 1,
-        }.items():
-            memory.put(feature, value)
+        memory = DeviceMemory(names, description_of(self._camera, _USB))
+        power_on(self._camera, memory)
         return memory

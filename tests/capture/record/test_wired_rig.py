@@ -9,9 +9,9 @@ import pytest
 from capture.bracket.single_exposure import expose
 from capture.record.recorder import record
 from drivers.sim.faults import Fault, FaultPlan, Kind
+from drivers.sim.genicam.lines import Wire
 from drivers.sim.rigs import simulate
 from drivers.sim.u3v.device import U3vDevice
-from drivers.sim.u3v.lines import Wire
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.u3v import U3vCamera

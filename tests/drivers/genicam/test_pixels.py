@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import CameraProtocol, CameraRefused
 from drivers.genicam.pixels import BY_NAME, FORMATS, PixelFormat, format_of, unpack
-from drivers.sim.u3v.pixels import pack
+from drivers.sim.genicam.pixels import pack
 from imaging.cfa import Cfa
 
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from drivers.errors import CameraRefused
 from drivers.genicam.settings import set_exposure
+from drivers.sim.genicam.description import Feature
 from drivers.sim.u3v import device
-from drivers.sim.u3v.description import Feature
 from drivers.sim.u3v.device import STREAM_IN
 from drivers.sim.u3v.memory import _SIRM
 from drivers.u3v.registers import Sirm

@@ -10,8 +10,8 @@ from drivers.errors import CameraRefused
 from drivers.genicam import camera as camera_module
 from drivers.genicam.nodemap import NodeMap
 from drivers.genicam.timestamps import Latch, Opening, latch, opening
-from drivers.sim.u3v.lines import Oscillator
-from drivers.sim.u3v.memory import Denied
+from drivers.sim.genicam.lines import Oscillator
+from drivers.sim.genicam.memory import Denied
 from drivers.u3v.gencp import Status
 from drivers.u3v.registers import read_xml
 from imaging.exposure import Exposure

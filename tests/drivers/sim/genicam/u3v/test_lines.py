@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.genicam.lines import Oscillator, Wire
 from drivers.sim.rigs import SimulatedRig, simulate
 from drivers.sim.u3v.device import U3vDevice
-from drivers.sim.u3v.lines import Oscillator, Wire
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.virtual_clock import VirtualClock
 from drivers.u3v import U3vCamera

@@ -6,10 +6,11 @@ Other people's parsers take it: the package `genicam` and Aravis.
 import io
 import zipfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import IntEnum
 
-from drivers.sim.u3v import xml as xml
-from drivers.u3v.registers import Abrm
+from drivers.genicam.chunks import ByteOrder
+from drivers.sim.genicam import xml
 
 CHUNK_EXPOSURE, CHUNK_IMAGE = 0x1001, 0x1000
 LINES = 3
@@ -62,10 +63,35 @@ class Feature(IntEnum):
     LINE_SELECTOR = 0x10128
     LINE_CONTROL = 0x10130
     """One for each line: bit 0 is 1 for an output, bit 4 is 1 where that shows exposures."""
+    PTP_ENABLE = 0x10140
+    PTP_STATUS = 0x10148
+    """Of SFNC's PtpStatus."""
 
 
-READ_ONLY = (Feature.SENSOR_WIDTH, Feature.SENSOR_HEIGHT, Feature.DYNAMIC_RANGE_MAX)
-_CATEGORIES = {
+READ_ONLY = (Feature.SENSOR_WIDTH, Feature.SENSOR_HEIGHT, Feature.DYNAMIC_RANGE_MAX, Feature.PTP_STATUS)
+
+
+@dataclass(frozen=True)
+class Transport:
+    """What differs with how the camera is connected.
+
+    name: as StandardNameSpace has it; order: of registers; texts: address and bytes of vendor, model and
+    serial number; latch, timestamp: registers, the first with what is written to it; sources: of triggers,
+    beyond software and lines; categories, parts: what its description has in addition.
+    """
+
+    name: str
+    order: ByteOrder
+    texts: tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
+    latch: tuple[int, int]
+    timestamp: int
+    sources: dict[str, int]
+    categories: dict[str, tuple[str, ...]]
+    parts: tuple[str, ...]
+
+
+_TEXTS = ("VendorName", "ModelName", "SerialNumber")
+_CATEGORIES: dict[str, tuple[str, ...]] = {
     "DeviceControl": (
         *("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber"),
         *("TimestampLatch", "TimestampLatchValue"),
@@ -93,23 +119,30 @@ _CATEGORIES = {
 
 
 def describe(
-    model: str, size: tuple[int, int], formats: Mapping[str, int], times: tuple[float, float], iso: float
+    model: str,
+    size: tuple[int, int],
+    formats: Mapping[str, int],
+    times: tuple[float, float],
+    iso: float,
+    transport: Transport,
 ) -> str:
     """The XML. size: width, height; formats: codes by name; times: us; iso: the largest."""
     width, height = size
     on = {"Off": 0, "On": 1}
     lines = {f"Line{number}": number for number in range(LINES)}
-    sources = {"Software": 0} | {name: 1 + number for name, number in lines.items()}
+    sources = {"Software": 0} | {name: 1 + number for name, number in lines.items()} | transport.sources
+    categories = _CATEGORIES | transport.categories
     parts = [
-        xml.category("Root", _CATEGORIES),
-        *(xml.category(name, features) for name, features in _CATEGORIES.items()),
-        xml.text("DeviceVendorName", 0x004),
-        xml.text("DeviceModelName", 0x044),
-        xml.text("DeviceSerialNumber", 0x144),
-        xml.command("TimestampLatch", Abrm.LATCH),
+        xml.category("Root", categories),
+        *(xml.category(name, features) for name, features in categories.items()),
+        *(
+            xml.text(f"Device{what}", address, length)
+            for what, (address, length) in zip(_TEXTS, transport.texts, strict=True)
+        ),
+        xml.command("TimestampLatch", *transport.latch),
         '<Integer Name="TimestampLatchValue"><pValue>TimestampLatchValueReg</pValue><Min>0</Min>'
         f"<Max>{(1 << 63) - 1}</Max></Integer>",
-        xml.register("IntReg", "TimestampLatchValueReg", Abrm.TIMESTAMP, length=8, access="RO"),
+        xml.register("IntReg", "TimestampLatchValueReg", transport.timestamp, length=8, access="RO"),
         xml.integer("SensorWidth", Feature.SENSOR_WIDTH, 1, width, access="RO"),
         xml.integer("SensorHeight", Feature.SENSOR_HEIGHT, 1, height, access="RO"),
         xml.integer("Width", Feature.WIDTH, 1, "WidthMost"),
@@ -152,6 +185,7 @@ def describe(
             Feature.TRIGGER_CONTROL,
             "TriggerIndex",
             {"TriggerModeReg": (0, 0), "TriggerSourceReg": (4, 7), "TriggerActivationReg": (8, 8)},
+            transport.order,
         ),
         xml.command("TriggerSoftware", Feature.TRIGGER_SOFTWARE),
         xml.enumeration("LineSelector", Feature.LINE_SELECTOR, lines),
@@ -167,6 +201,7 @@ def describe(
             Feature.LINE_CONTROL,
             "LineIndex",
             {"LineModeReg": (0, 0), "LineSourceReg": (4, 4)},
+            transport.order,
         ),
         '<Float Name="Gain"><pValue>GainConverter</pValue><Unit>dB</Unit></Float>'
         '<Converter Name="GainConverter"><FormulaTo>1000 * (10 ** (FROM / 20))</FormulaTo>'
@@ -212,6 +247,7 @@ def describe(
             step=THROUGHPUT[0],
             available="DeviceLinkThroughputLimitModeReg",
         ),
+        *transport.parts,
         '<Port Name="Device"/>',
         f'<Port Name="ChunkExposurePort"><ChunkID>{CHUNK_EXPOSURE:08x}</ChunkID></Port>',
     ]
@@ -219,13 +255,13 @@ def describe(
     return (
         '<?xml version="1.0" encoding="utf-8"?>\n'
         f'<RegisterDescription ModelName="{model.replace(" ", "_")}" VendorName="hdr_rig" '
-        'ToolTip="Simulated USB3 Vision camera" StandardNameSpace="USB" SchemaMajorVersion="1" '
+        f'ToolTip="Simulated camera" StandardNameSpace="{transport.name}" SchemaMajorVersion="1" '
         'SchemaMinorVersion="1" SchemaSubMinorVersion="0" MajorVersion="1" MinorVersion="0" '
         f'SubMinorVersion="0" ProductGuid="{guid}" VersionGuid="{guid}" '
         'xmlns="http://www.genicam.org/GenApi/Version_1_1" '
         'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:schemaLocation='
         '"http://www.genicam.org/GenApi/Version_1_1 http://www.genicam.org/GenApi/GenApiSchema_Version_1_1.xsd">\n'
-        + "\n".join(parts)
+        + "\n".join(parts).replace("LittleEndian", f"{transport.order.title()}Endian")
         + "\n</RegisterDescription>\n"
     )
 

@@ -1,16 +1,15 @@
 """A mosaic as the simulated machine vision camera sends it: pixel formats, windows, chunks, black levels."""
 
-import struct
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.genicam.chunks import CHUNKS, join_chunks
+from drivers.genicam.chunks import join_chunks
 from drivers.genicam.pixels import BY_CODE, FORMATS, PixelFormat
-from drivers.sim.u3v.description import CHUNK_EXPOSURE, CHUNK_IMAGE, Feature
-from drivers.sim.u3v.memory import DeviceMemory
-from drivers.sim.u3v.pixels import pack
-from drivers.u3v.stream import IMAGE, Leader
+from drivers.sim.genicam.description import CHUNK_EXPOSURE, CHUNK_IMAGE, Feature
+from drivers.sim.genicam.memory import FeatureMemory
+from drivers.sim.genicam.pixels import pack
 from imaging.cfa import Cfa, Tile
 from imaging.mosaic import RawMosaic
 
@@ -33,11 +32,10 @@ def shift(pixels: PixelFormat, bits: int) -> int:
     return max(bits - pixels.bits, 0)
 
 
-def refresh(memory: DeviceMemory, cfa: Cfa, black: Tile, bits: int) -> None:
-    """Set the registers that follow from others: frame size, largest value, black levels."""
+def refresh(memory: FeatureMemory, cfa: Cfa, black: Tile, bits: int) -> int:
+    """Set the registers that follow from others, largest value and black levels; returns a frame's bytes."""
     pixels = BY_CODE[memory.get(Feature.PIXEL_FORMAT)]
     size = pixels.row_bytes(memory.get(Feature.WIDTH) * memory.get(Feature.HEIGHT))
-    memory.require(size + (CHUNK_BYTES if memory.get(Feature.CHUNK_MODE) else 0))
     lost = shift(pixels, bits)
     memory.put(Feature.DYNAMIC_RANGE_MAX, ((1 << bits) - 1) >> lost)
     sites = np.array(black) / (1 << lost)
@@ -45,12 +43,24 @@ def refresh(memory: DeviceMemory, cfa: Cfa, black: Tile, bits: int) -> None:
     levels = [sites.mean(), *(sites[channels == channel].mean() for channel in range(len(cfa.letters)))]
     for index, level in enumerate(levels):
         memory.put_float(Feature.BLACK_LEVEL, float(level), index)
+    return size + (CHUNK_BYTES if memory.get(Feature.CHUNK_MODE) else 0)
 
 
-def frame(
-    memory: DeviceMemory, mosaic: RawMosaic, bits: int, block: int, time: float, stamp: int
-) -> tuple[Leader, bytes]:
-    """Leader and payload as the registers say. time: applied, s; stamp: of the device's clock, ns."""
+@dataclass(frozen=True)
+class SentImage:
+    """A frame as it is sent. code: of its pixel format; payload: with its chunks, if they are on."""
+
+    code: int
+    width: int
+    height: int
+    left: int
+    top: int
+    chunked: bool
+    payload: bytes
+
+
+def frame(memory: FeatureMemory, mosaic: RawMosaic, bits: int, time: float) -> SentImage:
+    """The frame as the registers say. time: applied, s."""
     left, top = memory.get(Feature.OFFSET_X), memory.get(Feature.OFFSET_Y)
     width, height = memory.get(Feature.WIDTH), memory.get(Feature.HEIGHT)
     window = mosaic.cropped(top, left, height, width)
@@ -63,11 +73,10 @@ def frame(
         == (window.cfa, configured.bits, configured.packing)
     )
     data = pack((window.pixels >> shift(pixels, bits)).astype(np.uint16), pixels)
-    kind = IMAGE
-    if memory.get(Feature.CHUNK_MODE):
-        kind |= CHUNKS
+    chunked = bool(memory.get(Feature.CHUNK_MODE))
+    if chunked:
         parts = [(CHUNK_IMAGE, data)]
         if memory.get(Feature.CHUNK_ENABLE):
-            parts.append((CHUNK_EXPOSURE, struct.pack("<d", 1e6 * time)))
-        data = join_chunks(parts, "little")
-    return Leader(block, kind, stamp, pixels.code, width, height, left, top), data
+            parts.append((CHUNK_EXPOSURE, memory.bytes_of(1e6 * time)))
+        data = join_chunks(parts, memory.order)
+    return SentImage(pixels.code, width, height, left, top, chunked, data)

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable, Mapping
 
+from drivers.genicam.chunks import ByteOrder
+
 
 def category(name: str, features: Iterable[str]) -> str:
     """A Category of features."""
@@ -30,9 +32,9 @@ def register(
     )
 
 
-def text(name: str, address: int) -> str:
-    """A string of 64 bytes that cannot be set."""
-    return register("StringReg", name, address, length=64, access="RO")
+def text(name: str, address: int, length: int) -> str:
+    """A string that cannot be set."""
+    return register("StringReg", name, address, length=length, access="RO")
 
 
 def integer(
@@ -85,19 +87,26 @@ def boolean(name: str, address: int) -> str:
     )
 
 
-def command(name: str, address: int) -> str:
-    """A Command that writes 1 to a register of its own."""
+def command(name: str, address: int, value: int = 1) -> str:
+    """A Command that writes a value to a register of its own."""
     return (
-        f'<Command Name="{name}"><pValue>{name}Reg</pValue><CommandValue>1</CommandValue></Command>'
+        f'<Command Name="{name}"><pValue>{name}Reg</pValue><CommandValue>{value}</CommandValue></Command>'
         + register("IntReg", f"{name}Reg", address)
     )
 
 
-def selected(comment: str, address: int, selector: str, entries: Mapping[str, tuple[int, int]]) -> str:
-    """A register for each value of a selector, cut into `entries`: lowest and highest bit by name."""
+def selected(
+    comment: str, address: int, selector: str, entries: Mapping[str, tuple[int, int]], order: ByteOrder
+) -> str:
+    """A register for each value of a selector, cut into `entries`: lowest and highest bit by name.
+
+    In registers that are big endian the description counts bits from the highest.
+    """
+    first = 31 if order == "big" else 0
     inside = "".join(
-        f'<StructEntry Name="{name}"><LSB>{low}</LSB><MSB>{high}</MSB></StructEntry>'
-        for name, (low, high) in entries.items()
+        f'<StructEntry Name="{name}"><LSB>{abs(first - ends[0])}</LSB><MSB>{abs(first - ends[1])}</MSB>'
+        "</StructEntry>"
+        for name, ends in entries.items()
     )
     return (
         f'<StructReg Comment="{comment}"><Address>{address:#x}</Address>'

@@ -1,11 +1,10 @@
 """What the simulated machine vision camera takes in its registers: what its description says, and no more."""
 
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.sim.u3v.description import LINES, SETS, THROUGHPUT, Feature
-from drivers.sim.u3v.memory import Denied, DeviceMemory, width
+from drivers.sim.genicam.description import LINES, SETS, THROUGHPUT, Feature
+from drivers.sim.genicam.memory import Denied, FeatureMemory, width
 from drivers.u3v.gencp import Status
 
 Range = tuple[float, float]
@@ -30,6 +29,7 @@ _RANGES: Mapping[Feature, Range] = {
     Feature.PATH_SELECTOR: (0, 0),
     Feature.SEQUENCER_SOURCE: _SWITCH,
     Feature.LINE_SELECTOR: (0, LINES - 1),
+    Feature.PTP_ENABLE: _SWITCH,
 }
 _ROOM = {
     Feature.WIDTH: (1, Feature.SENSOR_WIDTH, Feature.OFFSET_X),
@@ -48,23 +48,23 @@ class Checks:
     times: Range
     gains: Range
 
-    def check(self, memory: DeviceMemory, address: int, data: bytes) -> None:
+    def check(self, memory: FeatureMemory, address: int, data: bytes) -> None:
         """Denied unless the host may write that to a register."""
         if address not in tuple(Feature) or len(data) != width(address):
             return  # the memory itself refuses what is no register
         register = Feature(address)
-        value: float = int.from_bytes(data, "little")
+        value: float = int.from_bytes(data, memory.order)
         if register is Feature.PIXEL_FORMAT:
             fits = value in self.formats
         else:
             if register is Feature.EXPOSURE_TIME:
-                (value,) = struct.unpack("<d", data)
+                value = memory.float_of(data)
             low, high = self._range(memory, register)
             fits = low <= value <= high
         if not fits:
             raise Denied(Status.BAD_PARAMETER)
 
-    def _range(self, memory: DeviceMemory, register: Feature) -> Range:
+    def _range(self, memory: FeatureMemory, register: Feature) -> Range:
         if register in _ROOM:
             least, whole, other = _ROOM[register]
             return least, memory.get(whole) - memory.get(other)

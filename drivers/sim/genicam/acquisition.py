@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 from drivers.sim.camera import shutter
 from drivers.sim.camera.camera import SimulatedCamera
-from drivers.sim.u3v.description import Feature
-from drivers.sim.u3v.memory import DeviceMemory
+from drivers.sim.genicam.description import LINES, Feature
+from drivers.sim.genicam.memory import FeatureMemory
 from drivers.sim.usb.timeline import Timeline
-from drivers.u3v.registers import Sirm
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
 
@@ -17,10 +16,10 @@ READOUT = 1e-3
 """Seconds from the end of an exposure to its first byte."""
 _CONTINUOUS, _SINGLE = 0, 1
 _FRAME, _BURST = 0, 1
-SOFTWARE = 0
+SOFTWARE, ACTION = 0, 1 + LINES
 
 Deliver = Callable[[RawMosaic, float, float], None]
-Shutter = Callable[[bool], None]
+Shutter = Callable[[bool, float], None]
 
 
 @dataclass(frozen=True)
@@ -37,15 +36,18 @@ class Acquisition:
     def __init__(
         self,
         camera: SimulatedCamera,
-        memory: DeviceMemory,
+        memory: FeatureMemory,
         timeline: Timeline,
+        streams: Callable[[], bool],
         deliver: Deliver,
         shutter_moved: Shutter,
     ) -> None:
         """`deliver(mosaic, time, opened)` sends a frame, exposed for `time` s from `opened` of the timeline.
 
-        `shutter_moved(open)` is told of each exposure's beginning and end.
+        `streams()`: whether there is anybody to send to. `shutter_moved(open, when)` is told of each
+        exposure's beginning and end.
         """
+        self._streams = streams
         self._camera, self._memory, self._timeline = camera, memory, timeline
         self._deliver, self._shutter_moved = deliver, shutter_moved
         self._label = camera.set_exposure(Exposure(time=1 / 100, iso=100))
@@ -79,15 +81,18 @@ class Acquisition:
         if not self._memory.get(Feature.LINE_CONTROL, line) & 1:
             self.pulse(1 + line, rising)
 
-    def pulse(self, source: int, rising: bool = True) -> None:
-        """A trigger: SOFTWARE, or 1 + the number of a line; ignored unless the camera waits for it."""
+    def pulse(self, source: int, rising: bool = True, at: float | None = None) -> None:
+        """A trigger: SOFTWARE, 1 + the number of a line, or ACTION; ignored unless the camera waits for it.
+
+        at: when the shutter opens, on the timeline, where that is not now but to the moment then.
+        """
         for trigger in (_FRAME, _BURST):
             control = self._memory.get(Feature.TRIGGER_CONTROL, trigger)
             waits = control & 1 and control >> 4 & 15 == source
             waits = waits and (source == SOFTWARE or bool(control >> 8 & 1) is not rising)
             if waits and self._frames and not self._exposing:
                 self._burst = self._memory.get(Feature.BURST_COUNT) if trigger == _BURST else 1
-                self._expose()
+                self._expose(at)
 
     def stop(self) -> None:
         """No more frames; one that is being exposed is dropped."""
@@ -100,7 +105,7 @@ class Acquisition:
 
     def _start(self) -> None:
         mode = self._memory.get(Feature.ACQUISITION_MODE)
-        if not self._memory.stream(Sirm.CONTROL) & 1 or self._frames:
+        if not self._streams() or self._frames:
             return
         counts = {_CONTINUOUS: math.inf, _SINGLE: 1}
         self._frames = counts.get(mode, self._memory.get(Feature.FRAME_COUNT))
@@ -108,22 +113,23 @@ class Acquisition:
             self._burst = math.inf
             self._expose()
 
-    def _expose(self) -> None:
+    def _expose(self, at: float | None = None) -> None:
         self._camera.set_exposure(self._label)
         self._camera.arm()
         self._camera.trigger()
         self._exposing = True
         self._shot += 1
-        time, shot, opened = shutter.applied(self._label).time, self._shot, self._timeline.now()
+        time, shot = shutter.applied(self._label).time, self._shot
+        opened = self._timeline.now() if at is None else at
         self._open = True
-        self._shutter_moved(True)
+        self._shutter_moved(True, opened)
         self._timeline.call_later(time, lambda: self._close_shutter(shot))
         self._timeline.call_later(time + READOUT, lambda: self._finish(shot, time, opened))
 
     def _close_shutter(self, shot: int) -> None:
         if self._open and shot == self._shot:
             self._open = False
-            self._shutter_moved(False)
+            self._shutter_moved(False, self._timeline.now())
 
     def _finish(self, shot: int, time: float, opened: float) -> None:
         if shot != self._shot:

@@ -1,0 +1,50 @@
+"""What a simulated machine vision camera has when it is switched on."""
+
+from collections.abc import Mapping
+
+from drivers.sim.camera import shutter
+from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.genicam import frames
+from drivers.sim.genicam.description import SETS, THROUGHPUT, Feature, Transport, describe
+from drivers.sim.genicam.memory import FeatureMemory
+from drivers.sim.genicam.register_checks import Checks
+
+
+def _formats(camera: SimulatedCamera) -> Mapping[str, int]:
+    return frames.offered(camera.body.cfa, camera.body.sensor.bit_depth)
+
+
+def _times() -> tuple[float, float]:
+    times = [1e6 * time for time in shutter.APPLIED_TIME.values()]
+    return min(times), max(times)
+
+
+def description_of(camera: SimulatedCamera, transport: Transport) -> str:
+    """Its GenICam XML."""
+    lens = camera.body.optics.lens
+    model, size = camera.identify().model, (lens.width, lens.height)
+    return describe(model, size, _formats(camera), _times(), max(shutter.ISOS), transport)
+
+
+def checks_of(camera: SimulatedCamera) -> Checks:
+    """What its registers take."""
+    return Checks(frozenset(_formats(camera).values()), _times(), (1000, 10 * max(shutter.ISOS)))
+
+
+def power_on(camera: SimulatedCamera, memory: FeatureMemory) -> None:
+    """Set the features to what they are at first."""
+    lens = camera.body.optics.lens
+    for feature, value in {
+        Feature.WIDTH: lens.width,
+        Feature.HEIGHT: lens.height,
+        Feature.SENSOR_WIDTH: lens.width,
+        Feature.SENSOR_HEIGHT: lens.height,
+        Feature.PIXEL_FORMAT: next(iter(_formats(camera).values())),
+        Feature.FRAME_COUNT: 1,
+        Feature.BURST_COUNT: 1,
+        Feature.CHUNK_SELECTOR: 1,
+        Feature.LINE_SELECTOR: 1,
+        Feature.THROUGHPUT_LIMIT: THROUGHPUT[1],
+        Feature.SET_NEXT: SETS - 1,
+    }.items():
+        memory.put(feature, value)

@@ -1,0 +1,1 @@
+"""Simulated GigE Vision cameras, on UDP."""

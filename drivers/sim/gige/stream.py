@@ -1,0 +1,80 @@
+"""Frames of the simulated GigE Vision camera as packets, some of which get lost; the last ones are kept."""
+
+import socket
+from collections import OrderedDict
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivers.genicam.chunks import CHUNKS
+from drivers.gige import gvsp
+from drivers.gige.gvcp import Resend, Status
+from drivers.gige.gvsp import Kind, Leader, PacketHeader
+from drivers.sim.genicam.frames import SentImage
+
+_KEPT = 32
+"""Frames whose packets can be sent again."""
+
+
+@dataclass
+class Sender:
+    """Sends from a socket of its own. loss: the share of packets that never leave; lost: how many did not."""
+
+    socket: socket.socket
+    chance: np.random.Generator
+    extended: bool = False
+    loss: float = 0.0
+    lost: int = 0
+    sent: int = 0
+    _kept: OrderedDict[int, list[bytes]] = field(default_factory=OrderedDict)
+
+    def frame(
+        self, image: SentImage, block: int, stamp: int, packet_size: int, destination: tuple[str, int]
+    ) -> None:
+        """Send a frame, stamped with the device's clock."""
+        kind = gvsp.IMAGE | (CHUNKS if image.chunked else 0)
+        leader = Leader(block, kind, stamp, image.code, image.width, image.height, image.left, image.top)
+        room = gvsp.room(packet_size, self.extended)
+        parts = [image.payload[start : start + room] for start in range(0, len(image.payload), room)]
+        carried = [
+            (Kind.LEADER, leader.pack()),
+            *((Kind.PAYLOAD, part) for part in parts),
+            (Kind.TRAILER, gvsp.trailer(kind, image.height)),
+        ]
+        packets = [
+            PacketHeader(0, block, which, number, self.extended).pack() + data
+            for number, (which, data) in enumerate(carried)
+        ]
+        self._kept[block] = packets
+        while len(self._kept) > _KEPT:
+            self._kept.popitem(last=False)
+        for packet in packets:
+            self._send(packet, destination)
+
+    def again(self, wanted: Resend, destination: tuple[str, int]) -> None:
+        """Send packets once more, or say that they are gone."""
+        packets = self._kept.get(wanted.block)
+        if packets is None:
+            head = PacketHeader(Status.UNAVAILABLE, wanted.block, Kind.PAYLOAD, wanted.first, self.extended)
+            self._send(head.pack(), destination)
+            return
+        for packet in packets[wanted.first : wanted.last + 1]:
+            self._send(Status.RESENT.to_bytes(2, "big") + packet[2:], destination)
+
+    def test(self, packet_size: int, destination: tuple[str, int]) -> None:
+        """A packet of that size, to find out whether it arrives."""
+        data = PacketHeader(0, 0, Kind.PAYLOAD, 0).pack().ljust(gvsp.datagram_size(packet_size), b"\0")
+        self._send(data, destination)
+
+    def forget(self) -> None:
+        """Nothing can be sent again."""
+        self._kept.clear()
+
+    def _send(self, packet: bytes, destination: tuple[str, int]) -> None:
+        self.sent += 1
+        if self.chance.random() < self.loss:
+            self.lost += 1
+            return
+        with suppress(OSError):  # nobody is there, or the packet is too large for the way
+            self.socket.sendto(packet, destination)
