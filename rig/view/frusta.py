@@ -58,7 +58,8 @@ class Frusta:
         """None of them."""
         self.visible = False
         for view in self.painter.scene.views:
-            self.client.scene.remove_by_name(_name(view))
+            if self.client.scene.get_handle_by_name(_name(view)) is not None:
+                self.client.scene.remove_by_name(_name(view))
 
     def _photographs(self) -> Photographs | None:
         """Of the session that the scene is in; None where it is in none, or in one that cannot be read."""

@@ -83,6 +83,10 @@ class ScenePage:
         self._wake.set()
         self._thread.join()
 
+    def clear(self) -> None:
+        """Remove the cameras."""
+        self._frusta.hide()
+
     def _go(self, name: str) -> None:
         """Look from where a view does, through its lens, until the camera is moved."""
         self.controls.offer(None if name == FREE else name)

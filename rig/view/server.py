@@ -40,6 +40,10 @@ class Page(Protocol):
         """The browser is gone, or another page takes its place."""
         ...
 
+    def clear(self) -> None:
+        """Once closed: remove all but its picture, which stays until that of another page comes."""
+        ...
+
 
 MakePage = Callable[[viser.ClientHandle, Look], Page]
 
@@ -143,7 +147,7 @@ class Viewer:
             look = before.look
             before.close()
             client.gui.reset()
-            client.scene.reset()
+            before.clear()
         if start is not None:
             stand(client, start)
         page = self.pages[client.client_id] = self._make(client, look)

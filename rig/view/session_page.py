@@ -58,6 +58,10 @@ class SessionPage:
         self._wake.set()
         self._thread.join()
 
+    def clear(self) -> None:
+        """Remove the rig."""
+        self._hide_rig()
+
     @property
     def look(self) -> Look:
         """As chosen."""
