@@ -239,7 +239,7 @@ def _layers(text: str) -> "tuple[Layer, ...]":
 
 def _shown(tones: str) -> "Shown":
     """The map of tones of a name, as rig view has them; InputError for another."""
-    from rig.view.look import TONE_MAPS, Look
+    from rig.view.pictures.look import TONE_MAPS, Look
 
     names = {name.lower().replace(" ", "-"): name for name in TONE_MAPS}
     found = names.get(tones.lower().replace(" ", "-"))

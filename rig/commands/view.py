@@ -53,8 +53,8 @@ def view(
         raise WrongUsage("Two scenes can be compared, not more")
     with ExitStack() as stack:
         with running("view"):
-            from rig.view.first import FirstPicture
-            from rig.view.server import Viewer
+            from rig.view.serving.first import FirstPicture
+            from rig.view.serving.server import Viewer
 
             session = _followed(reconstructions[0]) if len(reconstructions) == 1 else None
             folders = [session] if session else [find_reconstruction(path) for path in reconstructions]
@@ -65,14 +65,14 @@ def view(
         _announce(folders, viewer.url)
         with running("view") as status:
             if session is not None:
-                from rig.view.follow import Follower
-                from rig.view.session_page import show_session
+                from rig.view.pages.follow import Follower
+                from rig.view.pages.session_page import show_session
 
                 show_session(viewer, session)
                 wait: Callable[[], object] = Follower(viewer, session).run
             else:
                 status("opening the scene", 0, 0)
-                from rig.view.opening import show_scenes
+                from rig.view.pages.opening import show_scenes
 
                 show_scenes(viewer, folders)
                 wait = threading.Event().wait

@@ -18,7 +18,7 @@ from recon.exports.loss import drawn, stops_between
 from recon.exports.place import pinhole
 from recon.exports.splats import linear_splats
 from recon.result.scene import Scene, open_scene
-from rig.view.look import Look
+from rig.view.pictures.look import Look
 from tests.chromium import chromium
 from tests.recon.exports.made_scene import write_made
 

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from imaging.session.paths import find_reconstruction
-from rig.view.opening import show_scenes
-from rig.view.server import Viewer
+from rig.view.pages.opening import show_scenes
+from rig.view.serving.server import Viewer
 from tests.chromium import chromium
 
 CANVAS = "document.querySelector('canvas[data-engine]').clientWidth"

@@ -11,12 +11,12 @@ import viser
 from imaging.errors import RigError
 from imaging.session.paths import session_of
 from recon.result.model import SceneView
-from rig.view.cameras import pose
-from rig.view.look import Look
-from rig.view.painter import Painter
-from rig.view.photographs import Photographs
-from rig.view.start import Start, height_angle, overview
-from rig.view.tones import Picture
+from rig.view.pages.cameras import pose
+from rig.view.pictures.look import Look
+from rig.view.pictures.painter import Painter
+from rig.view.pictures.photographs import Photographs
+from rig.view.pictures.tones import Picture
+from rig.view.serving.start import Start, height_angle, overview
 
 LENGTH = 0.06
 """Of a camera, in units of the scene."""

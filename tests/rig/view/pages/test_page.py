@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rig.view.layers import picture_of
-from rig.view.look import LUMINANCE, Look
+from rig.view.pictures.layers import picture_of
+from rig.view.pictures.look import LUMINANCE, Look
 
 
 def test_the_page_shows_the_scene_at_any_exposure_and_in_any_tones(window) -> None:

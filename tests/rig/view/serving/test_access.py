@@ -9,8 +9,8 @@ import viser
 import websockets.sync.client
 
 from imaging.errors import InputError
-from rig.view.access import Access
-from rig.view.server import Viewer
+from rig.view.serving.access import Access
+from rig.view.serving.server import Viewer
 
 
 @pytest.fixture(scope="module")

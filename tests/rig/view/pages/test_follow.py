@@ -17,11 +17,11 @@ from recon.decide.overrides import Overrides
 from recon.result.live import SNAPSHOT, WANTED, read_snapshot
 from recon.result.scene import open_scene
 from rig.commands.view import _followed
-from rig.view.follow import Follower
-from rig.view.look import Look
-from rig.view.page import ScenePage
-from rig.view.server import Viewer
-from rig.view.session_page import SessionPage, show_session
+from rig.view.pages.follow import Follower
+from rig.view.pages.page import ScenePage
+from rig.view.pages.session_page import SessionPage, show_session
+from rig.view.pictures.look import Look
+from rig.view.serving.server import Viewer
 from tests.rig.view.conftest import Window
 
 ITERATIONS = 120

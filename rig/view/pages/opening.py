@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from recon.result.scene import Scene, open_scene
-from rig.view.cameras import start_of
-from rig.view.page import ScenePage
-from rig.view.painter import Painter
-from rig.view.server import Viewer
-from rig.view.start import Start
+from rig.view.pages.cameras import start_of
+from rig.view.pages.page import ScenePage
+from rig.view.pictures.painter import Painter
+from rig.view.serving.server import Viewer
+from rig.view.serving.start import Start
 
 
 def show_scenes(viewer: Viewer, folders: Sequence[Path]) -> None:

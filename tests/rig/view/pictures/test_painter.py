@@ -9,11 +9,22 @@ import pytest
 from imaging.session.paths import find_reconstruction
 from recon.result.scene import Scene, open_scene
 from rig.terminal.text import number
-from rig.view.layers import picture_of
-from rig.view.look import LUMINANCE
-from rig.view.meter import reading
-from rig.view.painter import DIFFERENCE, FIRST, OVER, REFERENCE, RENDER, SECOND, SPLIT, Painter, Parts, Wanted
-from rig.view.residuals import Residuals, residuals_of
+from rig.view.pictures.layers import picture_of
+from rig.view.pictures.look import LUMINANCE
+from rig.view.pictures.meter import reading
+from rig.view.pictures.painter import (
+    DIFFERENCE,
+    FIRST,
+    OVER,
+    REFERENCE,
+    RENDER,
+    SECOND,
+    SPLIT,
+    Painter,
+    Parts,
+    Wanted,
+)
+from rig.view.pictures.residuals import Residuals, residuals_of
 
 
 @pytest.fixture(scope="module")

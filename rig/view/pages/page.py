@@ -10,16 +10,16 @@ import torch
 import viser
 
 from imaging.errors import RigError
-from rig.view.cameras import splat_camera
-from rig.view.controls import DIFFERENCE_STOPS, FREE, Controls, assign
-from rig.view.frame import Frame
-from rig.view.frusta import Frusta
-from rig.view.layers import LAYERS, TRUST, picture_of
-from rig.view.look import Look, coloured, stops
-from rig.view.meter import reading
-from rig.view.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
-from rig.view.start import NARROW, Start, stand, start_at, up_of
-from rig.view.tones import Picture
+from rig.view.pages.cameras import splat_camera
+from rig.view.pages.controls import DIFFERENCE_STOPS, FREE, Controls, assign
+from rig.view.pages.frusta import Frusta
+from rig.view.pictures.layers import LAYERS, TRUST, picture_of
+from rig.view.pictures.look import Look, coloured, stops
+from rig.view.pictures.meter import reading
+from rig.view.pictures.painter import DIFFERENCE, OVER, Drawing, Painter, Wanted
+from rig.view.pictures.tones import Picture
+from rig.view.serving.frame import Frame
+from rig.view.serving.start import NARROW, Start, stand, start_at, up_of
 
 COARSE_SECONDS = 0.028
 """That a picture may take while the camera moves: it has as few pixels as that needs."""

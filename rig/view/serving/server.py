@@ -11,11 +11,11 @@ from typing import Protocol
 import viser
 
 from imaging.errors import InputError
-from rig.view.access import LOCAL, Access, guarded
-from rig.view.first import FirstPicture
-from rig.view.frame import Frame
-from rig.view.look import Look
-from rig.view.start import Start, stand
+from rig.view.pictures.look import Look
+from rig.view.serving.access import LOCAL, Access, guarded
+from rig.view.serving.first import FirstPicture
+from rig.view.serving.frame import Frame
+from rig.view.serving.start import Start, stand
 
 _ANY = ("0.0.0.0", "::")
 

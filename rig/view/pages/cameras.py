@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from recon.result.model import SceneView
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
-from rig.view.start import Start, pose_of, start_at, up_of
+from rig.view.serving.start import Start, pose_of, start_at, up_of
 
 Vector = npt.NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from imaging.session.paths import find_reconstruction
 from recon.data.geometry import project
 from recon.result.scene import open_scene
-from rig.view.cameras import pose, splat_camera, start_of
-from rig.view.first import FirstPicture
-from rig.view.start import height_angle
+from rig.view.pages.cameras import pose, splat_camera, start_of
+from rig.view.serving.first import FirstPicture
+from rig.view.serving.start import height_angle
 
 
 @dataclass

@@ -5,10 +5,10 @@ from typing import Any
 
 import viser
 
-from rig.view.layers import LAYERS, legend_of
-from rig.view.look import STOPS, TONE_MAPS, Look, legend
-from rig.view.note import Note
-from rig.view.painter import DIFFERENCE, OVER, Painter, Parts, compared_with
+from rig.view.pages.note import Note
+from rig.view.pictures.layers import LAYERS, legend_of
+from rig.view.pictures.look import STOPS, TONE_MAPS, Look, legend
+from rig.view.pictures.painter import DIFFERENCE, OVER, Painter, Parts, compared_with
 
 FREE = "free"
 DIFFERENCE_STOPS = 2.0

@@ -10,11 +10,11 @@ import pytest
 from imaging.errors import InputError
 from imaging.files.exr import read_exr
 from imaging.session.paths import without_scene
-from rig.view.look import Look
-from rig.view.photographs import Photographs, sheet
-from rig.view.rig_model import RigModel
-from rig.view.server import Viewer
-from rig.view.session_page import show_session
+from rig.view.pages.rig_model import RigModel
+from rig.view.pages.session_page import show_session
+from rig.view.pictures.look import Look
+from rig.view.pictures.photographs import Photographs, sheet
+from rig.view.serving.server import Viewer
 
 
 @pytest.fixture(scope="module")

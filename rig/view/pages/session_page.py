@@ -9,14 +9,14 @@ import viser
 
 from imaging.errors import InputError
 from imaging.session.view_id import ViewId
-from rig.view.frame import Frame
-from rig.view.look import MIDDLE_GREY, TONE_MAPS, Look
-from rig.view.note import Note
-from rig.view.photographs import Photograph, Photographs, sheet
-from rig.view.rig_model import RigModel
-from rig.view.server import Viewer
-from rig.view.start import NARROW, height_angle, pose_of, stand
-from rig.view.tones import Light
+from rig.view.pages.note import Note
+from rig.view.pages.rig_model import RigModel
+from rig.view.pictures.look import MIDDLE_GREY, TONE_MAPS, Look
+from rig.view.pictures.photographs import Photograph, Photographs, sheet
+from rig.view.pictures.tones import Light
+from rig.view.serving.frame import Frame
+from rig.view.serving.server import Viewer
+from rig.view.serving.start import NARROW, height_angle, pose_of, stand
 
 PHOTOGRAPHS, RIG = "photographs", "rig"
 SHEET = 1000

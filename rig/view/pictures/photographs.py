@@ -16,7 +16,7 @@ from imaging.session.calibration import CalibrationRecord, CameraCalibration, Re
 from imaging.session.records import ShotRecord
 from imaging.session.session import Session, brackets
 from imaging.session.view_id import ViewId
-from rig.view.tones import Light
+from rig.view.pictures.tones import Light
 
 WIDTH = 320
 """px of each."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.view.frame import BESIDE, Frame
+from rig.view.serving.frame import BESIDE, Frame
 
 
 @pytest.mark.parametrize("aspect", [0.5, 4 / 3, 2.5])

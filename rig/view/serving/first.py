@@ -14,8 +14,8 @@ from imaging.errors import RigError
 from imaging.files.exr import read_exr
 from imaging.lens import Lens
 from imaging.pose import Pose
-from rig.view.start import Start, start_at, up_of
-from rig.view.tones import Light
+from rig.view.pictures.tones import Light
+from rig.view.serving.start import Start, start_at, up_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.view.tones import Light, Picture
+from rig.view.pictures.tones import Light, Picture
 
 BESIDE = 24
 """Grey of what a window shows beside a picture of another shape."""

@@ -15,9 +15,9 @@ from recon.rendering.light_files import stem
 from recon.result.display import in_colour
 from recon.result.scene import Scene
 from recon.splat import SplatCamera
-from rig.view.layers import LAYERS, LayerName, Plane
-from rig.view.residuals import Residuals, residuals_of
-from rig.view.tones import Light
+from rig.view.pictures.layers import LAYERS, LayerName, Plane
+from rig.view.pictures.residuals import Residuals, residuals_of
+from rig.view.pictures.tones import Light
 
 RENDER, REFERENCE, DIFFERENCE = "render", "reference", "difference"
 FIRST, SECOND, SPLIT, OVER = "A", "B", "A | B", "B over A"
@@ -62,7 +62,7 @@ class Wanted:
 @dataclass(frozen=True, eq=False)
 class Drawing:
     """light: linear Rec.709 [H, W, 3], which a spot meter measures; over: what it is compared with;
-    layer: of `rig.view.layers`, which is shown in its place."""
+    layer: of `rig.view.pictures.layers`, which is shown in its place."""
 
     light: Light
     over: Light | None = None

@@ -13,8 +13,8 @@ from imaging.errors import InputError
 from recon.result.model import read_own_calibration
 from recon.result.scene import Scene
 from rig.terminal.text import number
-from rig.view.look import ramp
-from rig.view.tones import Picture
+from rig.view.pictures.look import ramp
+from rig.view.pictures.tones import Picture
 
 Plane = npt.NDArray[np.float32]
 LayerName = Literal["depth", "normal", "trust"]

@@ -15,9 +15,9 @@ from recon.result.live import SNAPSHOT, Snapshot, ask, read_snapshot
 from recon.result.model import CHECKPOINT, LOG, MODEL, ModelRecord
 from recon.result.scene import Scene, open_scene
 from rig.terminal.text import number
-from rig.view.opening import painter_of, show_painter
-from rig.view.painter import Painter
-from rig.view.server import Viewer
+from rig.view.pages.opening import painter_of, show_painter
+from rig.view.pictures.painter import Painter
+from rig.view.serving.server import Viewer
 
 PERIOD = 0.4
 """Seconds between two looks at the disk."""

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rig.view import tones
-from rig.view.tones import Light, Picture
+from rig.view.pictures import tones
+from rig.view.pictures.tones import Light, Picture
 
 ToneMap = Literal["linear", "ACES 2.0", "AgX", "filmic", "false colour", "clipping"]
 TONE_MAPS: tuple[ToneMap, ...] = get_args(ToneMap)

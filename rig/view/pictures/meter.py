@@ -4,10 +4,10 @@ import numpy as np
 
 from recon.result.scene import Scene
 from rig.terminal.text import number
-from rig.view.layers import LAYERS, words_of
-from rig.view.look import LUMINANCE, stops
-from rig.view.painter import Drawing, compared_with
-from rig.view.residuals import Residuals
+from rig.view.pictures.layers import LAYERS, words_of
+from rig.view.pictures.look import LUMINANCE, stops
+from rig.view.pictures.painter import Drawing, compared_with
+from rig.view.pictures.residuals import Residuals
 
 
 def reading(

@@ -13,7 +13,7 @@ from recon.data.light import radiance_image
 from recon.data.load import read_views
 from recon.result.model import read_own_calibration
 from recon.result.scene import Scene
-from rig.view.look import LUMINANCE
+from rig.view.pictures.look import LUMINANCE
 
 MOST_VIEWS = 4
 MOST_PIXELS = 400_000

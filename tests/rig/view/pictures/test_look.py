@@ -5,8 +5,8 @@ import pytest
 
 from imaging.colour import srgb_decode, srgb_encode
 from recon.result import display
-from rig.view import look, tones
-from rig.view.look import STOPS, TONE_MAPS, Look, coloured, legend, stops
+from rig.view.pictures import look, tones
+from rig.view.pictures.look import STOPS, TONE_MAPS, Look, coloured, legend, stops
 
 
 def flat(*colours: tuple[float, float, float]) -> np.ndarray:
