@@ -94,7 +94,8 @@ def export(
         ]
         return CommandResult({"reconstruction": str(folder)} | told.data(), lines)
     light = "linear light" if told.linear else "sRGB as displays show it"
-    what = f"{counted(told.gaussians, 'Gaussian')} of {folder}, {light}"
+    made = "" if told.loss is not None else f"{told.format} made of "
+    what = f"{made}{counted(told.gaussians, 'Gaussian')} of {folder}, {light}"
     lines = [
         f"{told.files[0]}: {what}, {size / 1e6:.3g} MB",
         *(f"beside it: {path}" for path in told.files[1:]),

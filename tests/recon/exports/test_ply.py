@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-import gsply
 import numpy as np
 
 from recon.exports.export import export
 from recon.exports.splats import linear_splats
 from recon.result.scene import open_scene
 from recon.scene.ply import plain_harmonics, write_ply
+from tests.foreign_gsply import gsply
 from tests.recon.ply_files import read_ply as read_table
 
 

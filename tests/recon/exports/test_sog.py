@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import gsply
 import numpy as np
 import pytest
 
@@ -15,6 +14,7 @@ from recon.exports.sog import packed_splats
 from recon.exports.splats import Splats, as_splats, linear_splats
 from recon.result.scene import open_scene
 from recon.scene.ply import read_ply
+from tests.foreign_gsply import gsply
 from tests.splat_transform import needs_splat_transform, splat_transform
 
 

@@ -4,7 +4,6 @@ import struct
 from dataclasses import replace
 from pathlib import Path
 
-import gsply
 import numpy as np
 import pytest
 
@@ -16,6 +15,7 @@ from recon.exports.spz import packed_splats
 from recon.result.scene import Scene, open_scene
 from recon.scene.ply import PlySplats, read_ply, write_ply
 from recon.scene.spz import read_spz
+from tests.foreign_gsply import gsply
 from tests.splat_transform import needs_splat_transform, splat_transform
 
 

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import gsply
 import numpy as np
 import pytest
 import torch
@@ -20,6 +19,7 @@ from recon.result.scene import Scene, open_scene
 from recon.scene.appearance import PlainHarmonics
 from recon.scene.gaussians import Gaussians, Renderer
 from recon.splat import Limits
+from tests.foreign_gsply import gsply
 from tests.recon.exports.made_scene import write_made
 
 COUNT = 200
