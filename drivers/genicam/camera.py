@@ -39,6 +39,10 @@ class GenicamCamera:
     by its serial number, at whatever address, and set it as it was.
     """
 
+    _no_pulse = (
+        "check the cable, that it ends at this line, and that the camera that leads drives its own end."
+    )
+
     def __init__(self, serial: str, connect: Connect, clock: Clock) -> None:
         """`connect(patience)` opens the device with that serial number, waiting for it up to `patience` s."""
         self.serial = serial
@@ -131,10 +135,9 @@ class GenicamCamera:
         """
         session = self._must_be(_Stage.ARMED, "arm")
         began = self._clock.now()
-        if self._wiring.listens_to is None:
-            self._once(lambda: session.nodes.execute("TriggerSoftware"))
+        ahead = self._once(lambda: self._fire(session))
         self._stage = _Stage.EXPOSED
-        return (began + self._clock.now()) / 2
+        return (began + self._clock.now()) / 2 + ahead
 
     def collect(self) -> RawMosaic:
         """The frame, with its exposure time and the moment that it opened where the camera tells."""
@@ -174,6 +177,18 @@ class GenicamCamera:
         if session is not None:
             session.close()
 
+    def _set_up(self, session: Session) -> None:
+        """Set what does not change from shot to shot."""
+        name = f"camera {self.serial}"
+        settings.prepare(session.nodes, name)
+        lines.apply(session.nodes, name, self._wiring)
+
+    def _fire(self, session: Session) -> float:
+        """Trigger it, unless something else does; how long after that its shutter opens, s."""
+        if self._wiring.listens_to is None:
+            session.nodes.execute("TriggerSoftware")
+        return 0.0
+
     def _must_be(self, stage: _Stage, before: str) -> Session:
         if self._stage is not stage or self._session is None:
             raise CameraError(
@@ -204,9 +219,7 @@ class GenicamCamera:
             session = self._connect(patience)
             self._was_open = True
             try:
-                name = f"camera {self.serial}"
-                settings.prepare(session.nodes, name)
-                lines.apply(session.nodes, name, self._wiring)
+                self._set_up(session)
                 if self._wanted is not None:
                     self._applied = settings.set_exposure(session.nodes, self._wanted)
             except CameraError:
@@ -271,9 +284,9 @@ class GenicamCamera:
         try:
             return session.stream.next_frame(time + _LINE_GRACE)
         except CameraTimeout:
+            waited = f"{time + _LINE_GRACE:.3g} s"
             raise CameraTimeout(
-                f"camera {self.serial} got no pulse on {line} within {time + _LINE_GRACE:.3g} s: check the "
-                "cable, that it ends at this line, and that the camera that leads drives its own end."
+                f"camera {self.serial} got no pulse on {line} within {waited}: {self._no_pulse}"
             ) from None
 
     def _timed(self, mosaic: RawMosaic, stamp: int, after: Latch | None) -> RawMosaic:
@@ -281,7 +294,13 @@ class GenicamCamera:
         metadata = mosaic.metadata
         assert metadata.exposure is not None
         moment = opening(self._before, after, stamp, metadata.exposure.time)
-        return mosaic if moment is None else replace(mosaic, metadata=replace(metadata, opened=moment.time))
+        if moment is None:
+            return mosaic
+        return replace(mosaic, metadata=replace(metadata, opened=self._moment(stamp, moment.time)))
+
+    def _moment(self, stamp: int, opened: float) -> float:
+        """When a shutter opened, whose stamp lay between two readings as `opened` says."""
+        return opened
 
     def _finish(self, session: Session) -> None:
         settings.stop(session.nodes)

@@ -13,6 +13,8 @@ from drivers.genicam.nodemap import NodeMap
 from drivers.genicam.settings import set_if_there
 
 _SOFTWARE = "Software"
+_PULSES = ("Line", "Action")
+"""Sources whose pulses come from outside: lines, and the action commands of GigE Vision."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ def apply(nodes: NodeMap, name: str, wiring: Wiring) -> None:
 
 def _listen(nodes: NodeMap, name: str, line: str) -> None:
     """Have the rising edge of an input line start each frame."""
-    offered = tuple(source for source in nodes.entries("TriggerSource") if source.startswith("Line"))
+    offered = tuple(source for source in nodes.entries("TriggerSource") if source.startswith(_PULSES))
     if line not in offered:
         raise CameraRefused(f"{name} cannot be triggered by {line}: {_choice(offered)}.")
     if line in nodes.entries("LineSelector"):

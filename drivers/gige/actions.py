@@ -1,0 +1,120 @@
+"""Several cameras triggered by one command over the network, at once or at a time on which they agree.
+
+An ACTION command makes every camera expose that knows its keys. Cameras that are synchronised by IEEE 1588
+(PTPv2) are told when: the command then may come a little sooner or later, or twice, to one or the other, and
+what is left between their shutters is what is left between their clocks. Names of features as in SFNC, with
+those of version 1 of GigE Vision where they differ. Verified against the simulator.
+"""
+
+import bisect
+import itertools
+import socket
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+
+from drivers.errors import CameraProtocol, CameraRefused
+from drivers.genicam.nodemap import NodeMap
+from drivers.genicam.settings import set_if_there
+from drivers.genicam.timestamps import Latch
+from drivers.gige import gvcp
+from drivers.gige.gvcp import Action, Answer, Code
+
+DEVICE_KEY, GROUP_KEY, GROUP_MASK = 0x52494721, 1, 1
+"""Of all cameras that rig sets up."""
+AHEAD = 0.05
+"""Seconds from a command to the time that it names."""
+_ATTEMPTS, _PATIENCE = 5, 0.005
+"""Times that a camera is told, and seconds that its answer may take: they end before the time."""
+_NEW_ANCHOR = 10.0
+"""Seconds after which the times of host and network are compared anew: the host's clock drifts."""
+_SAME_TIME, _DRIFT = 1e-3, 2e-4
+"""Seconds by which cameras may seem to differ and share a time, as answers take theirs; and per second."""
+
+
+def action_source(nodes: NodeMap, where: str) -> str:
+    """The trigger source that is an action: the first that the camera has. CameraRefused."""
+    sources = [source for source in nodes.entries("TriggerSource") if source.startswith("Action")]
+    if not sources or not nodes.available("ActionDeviceKey"):
+        raise CameraRefused(f"{where} knows no action commands: trigger it by software or over a line.")
+    return sources[0]
+
+
+def heed(nodes: NodeMap, source: str) -> None:
+    """Have the camera take our commands for its action, and follow the time of the network."""
+    set_if_there(nodes, "ActionSelector", int(source.removeprefix("Action")))
+    nodes.set("ActionDeviceKey", DEVICE_KEY)
+    nodes.set("ActionGroupKey", GROUP_KEY)
+    nodes.set("ActionGroupMask", GROUP_MASK)
+    if not set_if_there(nodes, "PtpEnable", True):
+        set_if_there(nodes, "GevIEEE1588", True)
+
+
+def keeps_time(nodes: NodeMap) -> bool | None:
+    """Whether it is synchronised by now; None for a camera that never is."""
+    for name in ("PtpStatus", "GevIEEE1588Status"):
+        if nodes.available(name):
+            return nodes.text(name) in ("Master", "Slave")
+    return None
+
+
+class NetworkTime:
+    """The time of synchronised cameras, on the clock of the host; for any thread.
+
+    It is compared with the host's at one camera and then taken to run as fast, for all cameras alike: what
+    they tell of a shot differs by what their shutters did, not by how well each was compared.
+    """
+
+    def __init__(self) -> None:
+        self._anchors: list[Latch] = []
+        self._lock = threading.Lock()
+
+    def agrees(self, reading: Latch) -> bool:
+        """Whether a camera's clock shows this time; the first one's is it."""
+        with self._lock:
+            if not self._anchors:
+                self._anchors.append(reading)
+                return True
+            last = self._anchors[-1]
+            elapsed = reading.host - last.host
+            off = abs((reading.device - last.device) * 1e-9 - elapsed)
+            if off > _SAME_TIME + reading.uncertainty + last.uncertainty + _DRIFT * abs(elapsed):
+                return False
+            if elapsed > _NEW_ANCHOR:
+                self._anchors.append(reading)
+            return True
+
+    def on_host(self, stamp: int) -> float:
+        """When it was that time, ns, in seconds of the host's clock; `agrees` was asked before."""
+        with self._lock:
+            place = bisect.bisect_right([anchor.device for anchor in self._anchors], stamp)
+            anchor = self._anchors[max(place - 1, 0)]
+            return anchor.host + (stamp - anchor.device) * 1e-9
+
+
+def fire(addresses: Sequence[str], host: str, when: int | None) -> None:
+    """Have the cameras at these addresses expose: at `when`, ns of the network's time, or at once.
+
+    Those that do not answer are told again; one that is not reached has no frame. host: our address.
+    """
+    ids = itertools.count(1)
+    action = Action(DEVICE_KEY, GROUP_KEY, GROUP_MASK, when)
+    waiting = set(addresses)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        with suppress(OSError):  # the system chooses another
+            link.bind((host, 0))
+        for _ in range(_ATTEMPTS):
+            datagram = action.command(next(ids), acknowledge=True).pack()
+            for address in sorted(waiting):
+                with suppress(OSError):  # there is no way there at the moment
+                    link.sendto(datagram, (address, gvcp.PORT))
+            deadline = time.monotonic() + _PATIENCE
+            while waiting and (remaining := deadline - time.monotonic()) > 0:
+                link.settimeout(remaining)
+                with suppress(OSError, CameraProtocol):
+                    data, (address, _) = link.recvfrom(2048)
+                    if Answer.parse(data).code == Code.ACTION_ACK:
+                        waiting.discard(address)
+            if not waiting:
+                return
