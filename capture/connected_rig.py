@@ -18,7 +18,7 @@ from capture.rigfile.rigfile import RigFile
 from drivers.camera import Camera, CameraIdentity
 from drivers.clock import Clock, SystemClock
 from drivers.discovery import find_cameras
-from drivers.gige import Network
+from drivers.gige import ActionTeam, GigeCamera, Network
 from drivers.usb import default_backend
 from imaging.errors import CameraError, CaptureError, InputError
 from imaging.files.dng import Compression
@@ -38,6 +38,10 @@ class Unattended:
     def turn_to(self, band: str) -> None:
         """InputError: pictures through another filter would be taken for this one's."""
         raise InputError(f"nobody turns the filter wheel to {band}: name an operator who does.")
+
+
+AGREEMENT = 30.0
+"""Seconds that cameras are given to agree on a time; they need some rounds of one or two seconds."""
 
 
 @runtime_checkable
@@ -134,7 +138,7 @@ def connected_source(
         named, strangers = _identified(rig, cameras)
         for identity in strangers:
             say(f"{identity.make} {identity.model} {identity.serial} is connected and not in {rig.path}.")
-        _wire(rig, {name: camera for name, (camera, _) in named.items()})
+        _wire(rig, {name: camera for name, (camera, _) in named.items()}, clock, say)
         yield _source(rig, named, operator or Unattended(), positions, clock)
     finally:
         for camera in cameras:
@@ -185,7 +189,7 @@ def _source(
         f_number=bracket.f_number,
         positions=positions,
         frames=tables.frames,
-        leader=tables.trigger.leader if tables.trigger.mode == "hardware" else None,
+        leader=tables.leader,
         tolerance=tables.trigger.tolerance,
         size=None,
         board=tables.board,
@@ -229,10 +233,13 @@ def _identified(
     return by_name, [identity for serial, (_, identity) in sorted(by_serial.items()) if serial not in named]
 
 
-def _wire(rig: RigFile, cameras: Mapping[str, Camera]) -> None:
-    """Have the cameras trigger as the file says; InputError if one has no lines."""
+def _wire(rig: RigFile, cameras: Mapping[str, Camera], clock: Clock, say: Say) -> None:
+    """Have the cameras trigger as the file says; InputError if one has no lines, or knows no actions."""
     trigger = rig.tables.trigger
     if trigger.mode == "software":
+        return
+    if trigger.mode == "action":
+        _team_up(rig, cameras, clock, say)
         return
     assert trigger.line is not None  # the file was validated
     for index, table in enumerate(rig.tables.camera):
@@ -246,3 +253,28 @@ def _wire(rig: RigFile, cameras: Mapping[str, Camera]) -> None:
             camera.drive(trigger.output or trigger.line)
         else:
             camera.listen(trigger.line)
+
+
+def _team_up(rig: RigFile, cameras: Mapping[str, Camera], clock: Clock, say: Say) -> None:
+    """Have all cameras expose on the command of the one that leads; InputError if one is on no network."""
+    team = ActionTeam()
+    members: dict[str, GigeCamera] = {}
+    for index, table in enumerate(rig.tables.camera):
+        camera = cameras[table.name]
+        if not isinstance(camera, GigeCamera):
+            raise InputError(
+                f"{rig.at('camera', index)}: {table.name} is no GigE Vision camera and takes no commands "
+                'over the network; set mode = "software" in [trigger].'
+            )
+        members[table.name] = camera
+    for name, camera in members.items():
+        camera.join(team, leads=name == rig.tables.leader)
+    deadline = clock.now() + AGREEMENT
+    alone = [
+        name for name, camera in members.items() if not camera.wait_for_time(max(deadline - clock.now(), 0.0))
+    ]
+    if alone:
+        say(
+            f"No common time (IEEE 1588) with {', '.join(alone)}: the cameras are triggered at once, and how "
+            "far apart their shutters open is known to a millisecond or so."
+        )

@@ -139,10 +139,11 @@ class TriggerTable(_Table):
 
     hardware: all but the leader expose on a rising edge of their input `line`; the leader is triggered by
     software and shows on its line `output` (`line` if not given) that it exposes. Without a leader the
-    edges come from elsewhere. tolerance: s between the shutters of one step.
+    edges come from elsewhere. action: all expose on a command over the network, which the leader, the first
+    camera if none is named, sends when it is triggered. tolerance: s between the shutters of one step.
     """
 
-    mode: Literal["software", "hardware"] = "software"
+    mode: Literal["software", "hardware", "action"] = "software"
     leader: Text | None = None
     line: Text | None = None
     output: Text | None = None
@@ -158,6 +159,13 @@ class RigTables(_Table):
     trigger: TriggerTable = TriggerTable()
     board: Board | None = None
     camera: Annotated[tuple[CameraTable, ...], Field(min_length=1)]
+
+    @property
+    def leader(self) -> str | None:
+        """The camera whose exposure, or whose command, makes the others expose."""
+        if self.trigger.mode == "action":
+            return self.trigger.leader or self.camera[0].name
+        return self.trigger.leader if self.trigger.mode == "hardware" else None
 
     @property
     def addresses(self) -> tuple[str, ...]:

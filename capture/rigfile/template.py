@@ -32,7 +32,8 @@ snr = {_GOALS.snr}                  # dB that the darkest of the scene has to re
 # highest_iso = 400         # no ISO higher
 
 [trigger]
-mode = "software"           # "hardware": exposed by a rising edge on a line
+mode = "software"           # "hardware": exposed by a rising edge on a line; "action": GigE Vision cameras by
+                            #   one command over the network, at a time of IEEE 1588 where all keep it
 # line = "Line0"            # hardware: the input of the cameras that the edge comes in on
 # leader = "{{leader}}"           # hardware: this one is triggered by software, its exposure makes the edge
 # output = "Line1"          #   that goes out on this line of it; without a leader edges come from elsewhere

@@ -17,7 +17,7 @@ from drivers.gige.registers import About
 
 _QUIET, _LONGEST = 0.25, 1.0
 """Seconds without an answer after which no more come, as devices answer within milliseconds; and in all."""
-_ROUNDS = 2
+_ROUNDS = 3
 """Times that everybody is asked: datagrams get lost."""
 
 

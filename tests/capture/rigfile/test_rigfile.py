@@ -93,7 +93,7 @@ def test_byte_order_marks_and_line_ends_of_other_systems_are_read(tmp_path: Path
         ("= 8", "= true", 7, "f_number has to be a number"),
         ("= 8", "= 8\nsnr = 61", 8, "snr has to be 60"),
         ("0.005", "0", 10, "tolerance has to be above 0"),
-        ("0.005", '0.005\nmode = "hard"', 11, 'mode has to be "software" or "hardware"'),
+        ("0.005", '0.005\nmode = "hard"', 11, 'mode has to be "software", "hardware" or "action"'),
         ("0.005", '0.005\nmode = "hardware"', 11, "a hardware trigger comes in on a line"),
         ("0.005", '0.005\nleader = "cam9"', 11, "there is no camera 'cam9'; the cameras are left, right"),
         ('"left"', '"../left"', 13, "name has to be made of letters"),

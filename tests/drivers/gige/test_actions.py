@@ -14,8 +14,8 @@ from drivers.gige.team import ActionTeam
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
 
-from .conftest import MakeRow, Row
 from .fakes import ARAVIS, aravis_fake, camera_at, port_of_aravis, viva_fake
+from .rows import MakeRow, Row
 from .test_sim_device import LABEL, shoot
 
 SKEWS = (0.0, 40e-6, 3e-3, 1.5e-3)

@@ -20,8 +20,8 @@ from drivers.sim.gige.memory import PACKET_SIZES
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
 
-from .conftest import MakeRow
 from .fakes import ARAVIS, port_of_aravis
+from .rows import MakeRow
 
 LABEL = Exposure(time=1 / 250, iso=200)
 
