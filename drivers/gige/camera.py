@@ -82,9 +82,8 @@ class GigeCamera(GenicamCamera):
         if self._team is None or not self._leads:
             return super()._fire(session)
         team, when = self._team, None
-        if team.synchronised:
-            session.device_clock.latch()
-            when = session.device_clock.latched() + round(1e9 * AHEAD)
+        if team.synchronised and (reading := self._latched(session)) is not None:
+            when = reading.device + round(1e9 * AHEAD)
         fire(team.addresses, _control(session).host, when)
         return 0.0 if when is None else AHEAD
 

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 
 from drivers.clock import Clock
-from drivers.errors import CameraProtocol, CameraRefused, CameraTimeout
+from drivers.errors import CameraLost, CameraProtocol, CameraRefused, CameraTimeout
 from drivers.genicam.chunks import CHUNKS
 from drivers.genicam.session import Frame
 from drivers.gige import gvsp
@@ -52,9 +52,13 @@ class StreamChannel:
             number(Bootstrap.STREAM_DESTINATION, 4, int.from_bytes(socket.inet_aton(control.host), "big"))
             number(Bootstrap.STREAM_PORT, 4, self._socket.getsockname()[1])
             self.packet_size = self._agree()
-        except (CameraError, OSError):
+        except CameraError:
             self._socket.close()
             raise
+        except OSError as error:
+            self._socket.close()
+            where = self._control.where
+            raise CameraLost(f"{where} cannot send here ({error.strerror}): check the network.") from error
 
     def start(self) -> None:
         """Take what comes from now on; AcquisitionStart comes after."""
