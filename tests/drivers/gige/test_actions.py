@@ -1,5 +1,6 @@
 """Cameras that one command over the network triggers together, at once and at a time."""
 
+import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,7 +15,7 @@ from drivers.gige.team import ActionTeam
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
 
-from .fakes import ARAVIS, aravis_fake, camera_at, port_of_aravis, viva_fake
+from .fakes import ARAVIS, aravis_fake, camera_at, only_at, port_of_aravis, viva_fake
 from .rows import MakeRow, Row
 from .test_sim_device import LABEL, shoot
 
@@ -131,6 +132,9 @@ def test_viva_camera_takes_our_commands(monkeypatch: pytest.MonkeyPatch) -> None
         for name in ("DEVICE_KEY", "GROUP_KEY", "GROUP_MASK"):
             monkeypatch.setattr(f"drivers.gige.actions.{name}", getattr(fake, name))
         fire([fake.ip], "127.0.0.1", None)
+        deadline = time.monotonic() + 5
+        while not fake.actions() and time.monotonic() < deadline:
+            only_at(fake.ip).discover()  # it answers when it has done what was asked before
         assert 1 <= fake.actions() <= 5  # told again where its answer took long
 
 
