@@ -220,12 +220,13 @@ def judged(options: argparse.Namespace) -> list[tuple[str, int, tuple[float, ...
 
 
 def report(result: dict[str, Any]) -> str:
-    heading, flag, chosen = "# Photographs", "", (
-        " Blur, learning rates, backgrounds, splitting and the Gaussians for each view were chosen on views of "
-        "these three sets, the held-out ones among them."
-    )  # fmt: skip
-    if result["unseen"]:
-        heading, flag, chosen = "# Photographs that nothing was chosen on", "--unseen ", ""
+    heading, flag, chosen = "# Photographs that nothing was chosen on", "--unseen ", ""
+    if not result["unseen"]:
+        heading, flag = "# Photographs", ""
+        chosen = (
+            " Blur, learning rates, backgrounds, splitting and the Gaussians for each view were chosen on "
+        )
+        chosen += "views of these three sets, the held-out ones among them."
     lines = [
         f"{heading}: rig beside OpenSplat in the same processor seconds",
         "",
