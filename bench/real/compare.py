@@ -48,7 +48,7 @@ WALK = "walk"
 WALKED, WALK_SIZE = 100, (1600, 1200)
 """Photographs of the walk, and their size, px."""
 KNOWN = (("castle", 400, (120.0,)), ("monstree", 400, (120.0,)), ("lego", 400, (120.0,)))
-"""Each set, its width in px, and its budgets in processor seconds: blur, rates and more were chosen on them."""
+"""Each set, its width in px, its budgets in processor seconds: blur, rates and more were chosen on them."""
 UNSEEN = ((WALK, 800, (240.0,)), ("lund", 400, (120.0,)))
 """Nothing was chosen on these."""
 QUALITY: QualityName = "best"
