@@ -16,6 +16,7 @@ from drivers.genicam.nodemap.formula import parse
 from drivers.u3v.registers import Abrm, read_xml
 from drivers.u3v.session import open_session
 from tests.drivers.genicam.nodemap.test_formula import BOTH, FLOAT, WHOLE
+from tests.drivers.gige.fakes import port_of_aravis
 
 from .conftest import MakeBench
 
@@ -129,7 +130,8 @@ def test_aravis_reads_the_description(make_bench: MakeBench, tmp_path: Path) -> 
         command = [tool, "-a", "127.0.0.1", *words]
         return subprocess.run(command, capture_output=True, text=True, check=False, timeout=20).stdout
 
-    with subprocess.Popen([fake, "-i", "127.0.0.1", "-g", xml], stdout=subprocess.DEVNULL) as served:
+    command = [fake, "-i", "127.0.0.1", "-g", xml]
+    with port_of_aravis(), subprocess.Popen(command, stdout=subprocess.DEVNULL) as served:
         try:
             listed = next((told for _ in range(20) if "Root" in (told := ask("features"))), "")
             gain = ask("control", "Gain")
