@@ -37,8 +37,9 @@ def batch_report(result: BatchResult) -> Path:
     failed = sum(row.failed is not None for row in result.rows)
     sessions = len({row.session for row in result.rows})
     tiles = [Tile(str(len(result.rows) - failed), "", "scenes"), Tile(str(failed), "", "failed")]
-    best = [row.db for row in result.rows if row.db is not None]
-    tiles += [Tile(f"{min(best):.1f} – {max(best):.1f}", "dB", "held out")] if best else []
+    if held_out := sorted(row.db for row in result.rows if row.db is not None):
+        ends = dict.fromkeys(f"{db:.1f}" for db in (held_out[0], held_out[-1]))
+        tiles.append(Tile(" – ".join(ends), "dB", "held out"))
     page = Page(
         kind="Batch report",
         title=result.plan.stem,
