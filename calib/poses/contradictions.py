@@ -37,8 +37,8 @@ LOOPS = 0, 1, 2
 CLOSED = 10.0
 """Degrees by which the turns of three pairs may miss a closed loop."""
 TRIALS, TOLD_BY = 2000, 300
-"""Of a turn, by five matches each, and the matches that tell it: where three in ten agree, one trial in 400 has
-only such. The usual 100,000 of all matches take seconds a pair, and where fewer agree the turn is off by
+"""Of a turn, by five matches each, and the matches that tell it: where three in ten agree, one trial in 400
+has only such. The usual 100,000 of all matches take seconds a pair, and where fewer agree the turn is off by
 more than `CLOSED` with either."""
 MOST_LEFT_OUT = 0.1
 """Share of views that are left out or fit nowhere, though they match well, above which all are in doubt: of a
