@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -19,6 +20,8 @@ from imaging.errors import InputError
 
 ATTEMPTS = 2
 """Of a command whose process was killed, as by a machine that went down or ran out of memory."""
+PATIENCE = 5.0
+"""Seconds in which a cluster has to answer."""
 KEPT = 0.9
 """Of the free memory, what several processes share."""
 
@@ -130,9 +133,10 @@ class RayWorkers:
             ) from None
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anyone
         try:
+            _require_answer(self.address)
             ray.init(self.address, log_to_driver=False, logging_level="ERROR")
-        except (ConnectionError, ValueError, RuntimeError) as error:
-            what = str(error).splitlines()[0]
+        except (OSError, ValueError, RuntimeError) as error:
+            what = (str(error) or type(error).__name__).splitlines()[0]
             raise InputError(
                 f"No Ray cluster answers at {self.address} ({what}): begin one with ray start."
             ) from None
@@ -149,3 +153,10 @@ class RayWorkers:
     def close(self) -> None:
         """Leave the cluster; what is running there is stopped."""
         self._stack.close()
+
+
+def _require_answer(address: str) -> None:
+    """OSError unless somebody listens at HOST:PORT: Ray itself would ask for minutes."""
+    host, separator, port = address.removeprefix("ray://").rpartition(":")
+    if separator and port.isdecimal():
+        socket.create_connection((host, int(port)), timeout=PATIENCE).close()

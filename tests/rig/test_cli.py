@@ -44,7 +44,7 @@ def test_help_loads_few_modules() -> None:
 
 
 PLAIN_NUMBER = "N"
-UNITS = {"DB", "TIME", "STOPS", "PX", "PORT", "ISO", "HZ"}
+UNITS = {"DB", "TIME", "STOPS", "PX", "PORT", "ISO", "HZ", "GB"}
 
 
 def numbers() -> list[tuple[str, Any]]:
