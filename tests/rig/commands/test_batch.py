@@ -1,4 +1,4 @@
-"""`rig batch` as people use it: a session made into scenes, one that cannot be, and once more."""
+"""`rig batch` as people use it: a scene that is made, one that cannot be, a cluster that is not there."""
 
 import json
 import os
@@ -15,28 +15,24 @@ def _found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
 
 
-def test_a_plan_is_carried_out_and_gone_on_with(rig, toy: Path) -> None:
+def test_a_scene_is_made_and_what_fails_is_told(rig, toy: Path) -> None:
     plan = toy.parent / "PLAN.toml"
     plan.write_text(
         'sessions = ["toy"]\n[[scene]]\nname = "small"\nexport = ["scene.ply"]\n'
         'set = { iterations = 20, gaussians = 300, refine = "none", environment = false }\n'
+        '[[scene]]\nmethod = "hdr-gs"\n'
     )
     code, out, err = rig("batch", str(plan), "--json")
-    assert code == 0, err
-    (made,) = json.loads(out)["rows"]
-    assert (made["failed"], made["iterations"]) == (None, 20)
+    told = json.loads(out)
+    assert code == 3, err
+    made, failed = told["rows"]
+    assert (made["failed"], made["already_there"], made["iterations"]) == (None, False, 20)
     assert made["db"] > 5
     assert (toy / "exports" / "small" / "scene.ply").is_file()
-
-    plan.write_text(
-        plan.read_text().replace("[[scene]]", "[[scene]]\nbudget = '1s'\nmethod = 'hdr-gs'\n[[scene]]", 1)
-    )
-    code, out, err = rig("batch", str(plan))
-    assert code == 3
-    assert "already there" in out
-    assert "reconstruct failed" in out
-    assert "1 scene of 2 could not be made" in err
-    page = (toy.parent / "PLAN.batch.html").read_text()
+    assert (failed["failed"], failed["scene"]) == ("reconstruct", "hdr-gs standard")
+    assert "1 scene of 2 could not be made" in told["missing"]
+    assert failed["says"] in told["missing"]
+    page = Path(told["report"]).read_text()
     assert "toy/reconstructions/small/report.html" in page
     assert "reconstruct failed" in page
 
