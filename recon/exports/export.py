@@ -108,6 +108,11 @@ def export(
     written = chosen.write(job)
     loss = None if written.held is None else loss_of(kept, written.truth, written.held, on_progress)
     notes = written.notes
+    if written.truth is not None and job.linear and kept.record.display is not None:
+        notes = (
+            *notes,
+            "that the scene blends display values, as its photographs have them: light is blended",
+        )
     if dropped:
         notes = (*notes, f"{dropped} of {dropped + len(kept.gaussians)} Gaussians, which no renderer draws")
     return Exported(

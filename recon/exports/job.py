@@ -22,8 +22,9 @@ class Job:
 
     @property
     def factor(self) -> float:
-        """On radiance, for what is linear."""
-        return self.scene.exposure if self.stops is None else 2.0**self.stops
+        """On radiance, for what is linear; display values have the exposure of their photographs."""
+        usual = self.scene.exposure if self.scene.record.display is None else 1.0
+        return usual if self.stops is None else 2.0**self.stops
 
     def splats(self, *, with_dome: bool = True) -> Splats:
         """The Gaussians as they are to be written, before the format's numbers hold them."""

@@ -97,6 +97,8 @@ def loss_of(scene: Scene, truth: Splats | None, held: Splats, progress: Progress
 def floor_of(scene: Scene) -> float:
     """The dimmest radiance that matters."""
     record = scene.record
+    if record.display is not None:
+        return float(srgb_decode(1 / 255))  # the first code of a photograph
     if record.reference is not None:
         return record.reference * record.normaliser
     return _SPAN / record.exposure

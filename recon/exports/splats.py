@@ -9,7 +9,7 @@ import torch
 
 from imaging.colour import srgb_decode
 from imaging.errors import ReconstructionError
-from imaging.progress import Progress
+from imaging.progress import Progress, unreported
 from recon.data.world import Vector, WorldTransform
 from recon.result.display_colours import display_colours, steps_after
 from recon.result.environment_files import dome_of
@@ -130,14 +130,11 @@ def linear_splats(scene: Scene, factor: float, *, with_dome: bool) -> Splats:
     """A scene's radiance times `factor`; of bands in false colours.
 
     with_dome: light from far away as a sphere of Gaussians behind the others; else it is left out.
-    ReconstructionError for a scene of display values.
+    Of display values what they decode to, by sRGB: see `_decoded`.
     """
     record = scene.record
     if record.display is not None:
-        raise ReconstructionError(
-            f"{scene.folder} was trained on display values, so that its Gaussians have no linear light: "
-            "export it as ply, spz or glb without --linear, or reconstruct it with --method auto."
-        )
+        return _decoded(scene, factor)
     gaussians, far = scene.gaussians, scene.renderer.environment
     dome = 0
     if far is not None and with_dome:
@@ -146,6 +143,26 @@ def linear_splats(scene: Scene, factor: float, *, with_dome: bool) -> Splats:
     appearance = shown_in_colour(scene.renderer.appearance, record.bands)
     harmonics = plain_harmonics(gaussians, appearance, record.degree)
     return _splats(scene, gaussians, rescaled(harmonics, factor * record.normaliser), True, factor, dome)
+
+
+def _decoded(scene: Scene, factor: float) -> Splats:
+    """A scene of display values as light: each colour decoded, harmonics by the slope of the decoding there.
+
+    Light is blended where the scene blends display values, which shows where Gaussians are half transparent.
+    ReconstructionError where light from far away is a map of display values.
+    """
+    if scene.renderer.environment is not None:
+        raise ReconstructionError(
+            f"{scene.folder} was trained on display values, light from far away among them: export it "
+            "as ply, spz or glb without --linear, or reconstruct it with --set environment=0."
+        )
+    shown = display_splats(scene, None, unreported)
+    colours = shown.colours.clip(0, 1)
+    slope = np.where(colours <= 0.04045, 1 / 12.92, 2.4 / 1.055 * ((colours + 0.055) / 1.055) ** 1.4)
+    harmonics = shown.harmonics.copy()
+    harmonics[:, 0] = (factor * srgb_decode(colours) - 0.5) / C0
+    harmonics[:, 1:] *= (factor * slope)[:, None]
+    return replace(shown, harmonics=harmonics, linear=True, factor=factor)
 
 
 def display_splats(scene: Scene, stops: float | None, progress: Progress) -> Splats:

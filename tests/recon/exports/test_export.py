@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 import torch
 
+from imaging.colour import srgb_decode
 from imaging.errors import InputError, ReconstructionError
+from imaging.progress import unreported
 from imaging.session.records import Band
 from recon.exports import sog
 from recon.exports.export import FORMATS, export
 from recon.exports.loss import loss_of, stops_between
-from recon.exports.splats import linear_splats, sound
+from recon.exports.splats import display_splats, linear_splats, sound
 from recon.result.scene import Scene, open_scene
 from recon.scene.gaussians import Gaussians
 from recon.scene.ply import read_ply
@@ -111,12 +113,20 @@ def test_what_sog_loses_is_told(scene: Scene, tmp_path: Path, monkeypatch: pytes
     assert 0.001 < fine.gaussian_median < 0.5 * coarse.gaussian_median
 
 
-def test_display_values_have_no_linear_light(scene: Scene, tmp_path: Path) -> None:
+def test_display_values_are_written_as_the_light_they_decode_to(scene: Scene, tmp_path: Path) -> None:
     export(scene, tmp_path / "shown.ply")
     shown = open_scene(tmp_path / "shown.ply")
+    values = display_splats(shown, None, unreported).colours
+    for factor in (1.0, 4.0):
+        splats = linear_splats(shown, factor, with_dome=True)
+        assert splats.linear
+        assert np.allclose(splats.colours, factor * srgb_decode(values.clip(0, 1)), atol=1e-9)
     for name in ("a.usdc", "a.sog", "a.html"):
-        with pytest.raises(ReconstructionError, match="trained on display values"):
-            export(shown, tmp_path / name)
+        told = export(shown, tmp_path / name)
+        assert (told.linear, told.factor, told.gaussians) == (True, 1.0, 400)
+        assert told.loss is not None
+        assert told.loss.pixel_p99 > 0.001  # light is blended where the scene blends display values
+        assert any("blends display values" in note for note in told.notes)
     with pytest.raises(ReconstructionError, match="leave --exposure out"):
         export(shown, tmp_path / "a.glb", exposure=1.0)
     assert export(shown, tmp_path / "a.glb").gaussians == 400
