@@ -181,7 +181,8 @@ def _facts(job: Job, packed: Packed) -> dict[str, Any]:
     scene, record, limits = job.scene, job.scene.record, job.scene.renderer.limits
     cut = 0.0
     if limits.luminance_reference is not None:
-        cut = limits.tau * limits.luminance_reference * record.normaliser * job.factor
+        cut = limits.tau * limits.luminance_reference * job.factor
+        cut *= record.normaliser if record.display is None else 1.0
     return {
         "count": len(packed.held),
         "degree": min(packed.held.degree, DEGREE),

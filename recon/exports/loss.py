@@ -133,7 +133,7 @@ def _renderer(scene: Scene, splats: Splats) -> Renderer:
         far = far.copied()
         far.ln_light = far.ln_light + np.log(splats.factor * scene.record.normaliser)
     if limits.luminance_reference is not None:
-        unit = splats.factor * scene.record.normaliser
+        unit = splats.factor * (scene.record.normaliser if scene.record.display is None else 1.0)
         limits = replace(limits, luminance_reference=limits.luminance_reference * unit)
     sampling = None
     if splats.linear:

@@ -57,6 +57,7 @@ function moved() {
 
 function frame(now) {
   due = false;
+  if (!sorter) return; // the Gaussians are not there yet; start() comes back
   const passed = Math.min((now - last) / 1000, 0.1);
   last = now;
   if (keys.size) {
