@@ -69,7 +69,9 @@ class GigeDevice:
         self._sockets = [_bound(address, gvcp.PORT)]
         if broadcast is not None:
             self._sockets.append(_bound(broadcast, gvcp.PORT))
-        self.sender = Sender(_bound(address, 0), self._chance, extended_ids)
+        self.sender = Sender(
+            _bound(address, 0), generator(camera.body.seed, "frames", self.serial), extended_ids
+        )
         self._memory.put(Bootstrap.STREAM_SOURCE_PORT, self.sender.socket.getsockname()[1])
         self._memory.put(Feature.PTP_STATUS, STATUSES.index("Disabled"))
         self._acquisition = Acquisition(

@@ -65,7 +65,7 @@ def test_every_frame_of_every_camera_is_whole_where_one_packet_in_twenty_is_lost
         camera._session.nodes.set("GevSCPSPacketSize", 576)
         camera._session.stream.packet_size = 576
     row.lose(0.05)
-    for _ in range(4):
+    for _ in range(6):
         for camera in row.cameras:
             camera.set_exposure(LABEL)
             camera.arm()
@@ -75,7 +75,8 @@ def test_every_frame_of_every_camera_is_whole_where_one_packet_in_twenty_is_lost
             frame = camera.collect()
             assert np.array_equal(frame.pixels, shoot(twin).pixels)
     row.lose(0.0)
-    assert all(device.sender.lost > 0 for device in row.devices)
+    # A frame is twelve packets: that none of all 216 is lost happens once in 60,000 runs.
+    assert sum(device.sender.lost for device in row.devices) > 0
 
 
 def test_cameras_are_found_by_broadcast(make_row: MakeRow, monkeypatch: pytest.MonkeyPatch) -> None:
