@@ -16,6 +16,7 @@ from imaging.files.colmap import pycolmap
 from imaging.progress import Progress
 from imaging.session.records import ONE_OF_SEVERAL, Rung
 
+FISHEYE = "lens_fisheye"
 FEWEST_VIEWS = 4
 HELD_OUT = 3
 """One scene point in so many is held out."""
@@ -35,10 +36,13 @@ def climb(
     threads: int,
     progress: Progress,
     told: str = "a board told the lenses",
+    uncut: Any | None = None,
 ) -> tuple[Free, tuple[Rung, ...]]:
     """Try each term on top of those already taken; scale: the typical miss, px. Changes nothing.
 
-    told: why there is nothing to try where every lens is fixed.
+    told: why there is nothing to try where every lens is fixed. uncut: the model before anything was dropped
+    from it, where the lenses may be fisheyes: corners that radial terms drop tell those apart, and no others,
+    since what misses for other reasons is in it, too.
     """
     if free.fixed.issuperset(reconstruction.cameras):
         return free, (Rung(name="lens_terms", taken=False, reason=told),)
@@ -63,17 +67,20 @@ def climb(
                 "tangential terms and two focal lengths",
             ),
         ]
-        if sees_wide(reconstruction):
+        if uncut is not None:
             fisheye = {"radial": True, "model": "RADIAL_FISHEYE"}
-            trials.append(("lens_fisheye", fisheye, "a fisheye of two terms instead"))
+            trials.append((FISHEYE, fisheye, "a fisheye of two terms instead"))
     below = _held_out(sample, free, scale, threads)
     rungs = []
     for done, (name, more, what) in enumerate(trials):
         progress("judging the lens", done, len(trials))
         higher = replace(free, **more)
+        if name == FISHEYE:
+            sample, scale = _judges(uncut), misses(uncut).typical
+            below = _held_out(sample, free, scale, threads)
         above = _held_out(sample, higher, scale, threads)
         gain = below - above
-        large = gain.mean() >= MATERIAL or name == "lens_fisheye"
+        large = gain.mean() >= MATERIAL or name == FISHEYE
         rung = Rung.judged(
             name,
             float(gain.mean()),

@@ -196,9 +196,8 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         typical = _polish(reconstruction, free, ALIGNED * max_error, threads, progress)
     if reconstruction.num_points3D() < FEWEST_MATCHES:
         raise CalibrationError(NO_START.format(settled.pairs))
-    judged = reconstruction if uncut is None else uncut
     told = "the files told the lenses" if held else "a board told the lenses"
-    free, lens_rungs = climb(judged, free, typical, threads, progress, told)
+    free, lens_rungs = climb(reconstruction, free, typical, threads, progress, told, uncut)
     adjust(reconstruction, free, typical, threads)
     return _Adjusted(reconstruction, free, typical, metric, settled, held, rig_rung, lens_rungs)
 

@@ -14,20 +14,29 @@ NOISE = 0.3
 """px, of a standard deviation."""
 
 
-def views(seed: int, radial: float, frames: int = 6) -> Any:
-    """A scene seen by one camera with one radial term, each of 300 points in at most four views."""
+def synthesized(seed: int, lens: list[float], frames: int, track: int) -> Any:
+    """A scene without noise, seen by one camera, each of 300 points in at most `track` views."""
     options = pycolmap.SyntheticDatasetOptions()
     options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 1, frames
-    options.num_points3D, options.num_points2D_without_point3D, options.track_length = 300, 0, 4
+    options.num_points3D, options.num_points2D_without_point3D, options.track_length = 300, 0, track
     options.camera_width, options.camera_height = 640, 480
-    options.camera_params = [640.0, 320.0, 240.0, radial]
+    options.camera_params = lens
     pycolmap.set_random_seed(seed)
-    model = pycolmap.synthesize_dataset(options)
+    return pycolmap.synthesize_dataset(options)
+
+
+def with_noise(model: Any, seed: int, noise: float) -> Any:
+    """The same with corners that are off by so many pixels, in a standard deviation."""
     rng = np.random.default_rng(seed)
     for index in sorted(model.reg_image_ids()):
         for point in model.image(index).points2D:
-            point.xy = np.ravel(point.xy) + rng.normal(0, NOISE, 2)
+            point.xy = np.ravel(point.xy) + rng.normal(0, noise, 2)
     return model
+
+
+def views(seed: int, radial: float, frames: int = 6) -> Any:
+    """By a camera with one radial term."""
+    return with_noise(synthesized(seed, [640.0, 320.0, 240.0, radial], frames, 4), seed, NOISE)
 
 
 def terms(seed: int, radial: float, frames: int = 6) -> list[str]:
@@ -65,3 +74,17 @@ def test_three_views_judge_nothing():
     assert free == Free()
     assert not rung.taken
     assert "fewer than 4 views" in rung.reason
+
+
+def test_what_was_not_cut_decides_on_nothing_but_a_fisheye():
+    """An axis off the middle bends long walks, and shows in exact places alone."""
+    model = synthesized(3, [500.0, 326.0, 236.0, -0.1], 10, 5)
+    uncut = with_noise(pycolmap.Reconstruction(model), 3, 3.0)
+    with_noise(model, 4, 0.02)
+    for camera in (*model.cameras.values(), *uncut.cameras.values()):
+        camera.params = [500.0, 320.0, 240.0, -0.1]
+    found, rungs = lens_ladder.climb(model, Free(), 0.02, 1, unreported, uncut=uncut)
+    taken = {rung.name: rung.taken for rung in rungs}
+    assert taken["lens_principal_point"]
+    assert found.principal_point
+    assert not taken["lens_fisheye"]
