@@ -14,6 +14,7 @@ from capture.bracket.planner import BracketGoals
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import Say, nothing_beside, shoot
 from capture.record.source import CaptureRequest, Operator, Source, Stops
+from capture.rigfile.network_address import gige_hosts, ptpip_places
 from capture.rigfile.rigfile import RigFile
 from drivers.camera import Camera, CameraIdentity
 from drivers.clock import Clock, SystemClock
@@ -132,8 +133,10 @@ def connected_source(
     _require_board(rig, request.kind)
     clock = clock or SystemClock()
     if backend is None:
-        backend, network = default_backend(), network or Network(rig.tables.addresses)
-    cameras = find_cameras(backend, clock, network)
+        backend, network = default_backend(), network or Network(gige_hosts(rig.tables.addresses))
+    # A simulated bus stands in for the network too.
+    places = () if network is None else ptpip_places(rig.tables.addresses)
+    cameras = find_cameras(backend, clock, network, places)
     try:
         named, strangers = _identified(rig, cameras)
         for identity in strangers:

@@ -1,6 +1,6 @@
 """Every camera that is connected, whatever it speaks, and what it says of itself."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from usb.backend import IBackend
@@ -17,7 +17,7 @@ from imaging.progress import Progress, unreported
 class ConnectedCamera:
     """One connected camera; `error` says why it could not be asked for what is then None.
 
-    protocol: PTP, USB3 Vision, GigE Vision, or the name of a plug-in.
+    protocol: PTP, PTP/IP, USB3 Vision, GigE Vision, or the name of a plug-in.
     verified: what our driver for its make has been tried against.
     """
 
@@ -38,20 +38,29 @@ class ConnectedCamera:
         return f"{name} cannot shoot for rig: {self.capabilities.obstacle}."
 
 
-def find_cameras(backend: IBackend, clock: Clock, network: Network | None = None) -> list[Camera]:
-    """A driver for every camera on the USB and, where a network is given, there and of plug-ins, not open.
+Places = Sequence[tuple[str, int]]
+"""Host and port of each PTP/IP camera: nothing finds them by itself."""
+
+
+def find_cameras(
+    backend: IBackend, clock: Clock, network: Network | None = None, places: Places = ()
+) -> list[Camera]:
+    """A driver for every camera on the USB, at these places and, where a network is given, there and of
+    plug-ins, not open.
 
     A plug-in that fails has no cameras here; `ask_all` says why.
     """
-    found = (camera for _, camera in _by_protocol(backend, clock, network))
+    found = (camera for _, camera in _by_protocol(backend, clock, network, places))
     return [camera for camera in found if not isinstance(camera, CameraError)]
 
 
 def _by_protocol(
-    backend: IBackend, clock: Clock, network: Network | None
+    backend: IBackend, clock: Clock, network: Network | None, places: Places
 ) -> Iterator[tuple[str, Camera | CameraError]]:
     for still in ptp.find_cameras(backend, clock):
         yield "PTP", still
+    for still in ptp.cameras_at(places, clock):
+        yield "PTP/IP", still
     for machine in u3v.find_cameras(backend, clock):
         yield "USB3 Vision", machine
     if network is None:  # a simulated bus has nothing beside it
@@ -62,11 +71,16 @@ def _by_protocol(
 
 
 def ask_all(
-    backend: IBackend, clock: Clock, progress: Progress = unreported, *, network: Network | None = None
+    backend: IBackend,
+    clock: Clock,
+    progress: Progress = unreported,
+    *,
+    network: Network | None = None,
+    places: Places = (),
 ) -> Iterator[ConnectedCamera]:
-    """Open each camera on the USB, the network and of plug-ins, ask what it is, and let it go."""
+    """Open each camera on the USB, the network, at these places and of plug-ins, ask what it is, close it."""
     progress("looking for cameras", 0, 0)
-    found = list(_by_protocol(backend, clock, network))
+    found = list(_by_protocol(backend, clock, network, places))
     for done, (protocol, camera) in enumerate(found):
         if isinstance(camera, CameraError):
             yield ConnectedCamera(protocol, "", error=str(camera))

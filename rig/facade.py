@@ -20,16 +20,22 @@ def find_cameras(
 ) -> "list[ConnectedCamera]":
     """Every camera that is connected, asked what it is and what it can do; none is left open.
 
-    simulated: those of a simulated rig of that name instead, such as "demo". addresses: of GigE Vision
-    cameras that no broadcast reaches, such as "192.168.1.20". InputError: there is no such
-    rig, or USB cannot be used on this machine.
+    simulated: those of a simulated rig of that name instead, such as "demo". addresses: of cameras that
+    no search finds, such as "ptpip:192.168.1.2" or, of GigE Vision, "192.168.1.20". InputError: there is no
+    such rig, an address is none, or USB cannot be used on this machine.
     """
+    from capture.rigfile.network_address import address_of, ptpip_places
     from drivers.discovery import ask_all
     from rig.commands.usb_bus import open_bus, open_network
 
+    try:
+        named = [address_of(text if ":" in text else f"gige:{text}") for text in addresses]
+    except ValueError as error:
+        raise InputError(f"addresses has to be made of {error}.") from None
     bus = open_bus(simulated)
-    network = open_network(simulated, addresses)
-    return list(ask_all(bus.backend, bus.clock, on_progress, network=network))
+    network = open_network(simulated, named)
+    places = [] if simulated else ptpip_places(named)
+    return list(ask_all(bus.backend, bus.clock, on_progress, network=network, places=places))
 
 
 def reconstruct(

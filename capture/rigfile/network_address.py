@@ -1,16 +1,55 @@
-"""Where a camera on the network is, as people write it: `gige:192.168.1.20`."""
+"""Where a camera on the network is, as people write it: `gige:192.168.1.20`, `ptpip:192.168.1.2`."""
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from ipaddress import IPv4Address
-from typing import Any
+from typing import Any, Literal
 
-SCHEME = "gige:"
+from drivers.ptp.ip.packets import PORT, place_of
+
+_FORMS = 'gige: or ptpip: and an IPv4 address, as "gige:192.168.1.20" or "ptpip:192.168.1.2"'
 
 
-def address_of(value: Any) -> str:
-    """The IPv4 address. ValueError says what has to be written instead."""
+@dataclass(frozen=True)
+class NetworkAddress:
+    """What a camera speaks, its IPv4 address, and its port where that can be another than the usual one."""
+
+    scheme: Literal["gige", "ptpip"]
+    host: str
+    port: int | None = None
+
+    def __str__(self) -> str:
+        """As people write it."""
+        return f"{self.scheme}:{self.host}" + ("" if self.port in (None, PORT) else f":{self.port}")
+
+    @property
+    def where(self) -> str:
+        """As its driver says it."""
+        return f"GigE {self.host}" if self.port is None else place_of(self.host, self.port)
+
+
+def address_of(value: Any) -> NetworkAddress:
+    """What is written. ValueError says what has to be written instead."""
     try:
-        if not isinstance(value, str) or not value.startswith(SCHEME):
+        if not isinstance(value, str):
             raise ValueError
-        return str(IPv4Address(value.removeprefix(SCHEME)))
+        scheme, _, place = value.partition(":")
+        host, colon, port = place.partition(":")
+        host = str(IPv4Address(host))
+        if scheme == "gige" and not colon:
+            return NetworkAddress("gige", host)
+        if scheme == "ptpip" and (not colon or (port.isascii() and port.isdigit() and 0 < int(port) < 65536)):
+            return NetworkAddress("ptpip", host, int(port) if colon else PORT)
     except ValueError:
-        raise ValueError('gige: and an IPv4 address, as "gige:192.168.1.20"') from None
+        pass
+    raise ValueError(_FORMS)
+
+
+def gige_hosts(addresses: Iterable[NetworkAddress]) -> list[str]:
+    """Of the GigE Vision cameras among them."""
+    return [address.host for address in addresses if address.port is None]
+
+
+def ptpip_places(addresses: Iterable[NetworkAddress]) -> list[tuple[str, int]]:
+    """Host and port of the PTP/IP cameras among them."""
+    return [(address.host, address.port) for address in addresses if address.port is not None]

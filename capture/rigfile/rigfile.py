@@ -18,7 +18,7 @@ from pydantic_core import ErrorDetails
 from capture.bracket.planner import BracketGoals
 from capture.check.check import SKEW_TOLERANCE
 from capture.rigfile.filters import band_of, fault_of_bands, fault_of_wheels, wheel_of
-from capture.rigfile.network_address import address_of
+from capture.rigfile.network_address import NetworkAddress, address_of
 from capture.rigfile.shutter_time import seconds_of
 from capture.rigfile.toml_lines import Path as KeyPath
 from capture.rigfile.toml_lines import key_lines, line_of
@@ -92,8 +92,8 @@ class CameraTable(_Table):
 
     rig: cameras that name the same rig keep their places to each other; None: it stands alone. position: in
     the rig, m, in any axes; with those of two cameras the scene has a scale. band: the filter before a mono
-    camera; filters: those of the wheel before it, in the order of shooting. address: of a GigE Vision camera
-    that no broadcast reaches.
+    camera; filters: those of the wheel before it, in the order of shooting. address: of a PTP/IP camera, or a
+    GigE Vision camera that no broadcast reaches.
     """
 
     name: Annotated[Name, Field(strict=True)]
@@ -102,7 +102,7 @@ class CameraTable(_Table):
     position: Annotated[tuple[float, float, float], BeforeValidator(_place)] | None = None
     band: Annotated[Band, BeforeValidator(band_of)] | None = None
     filters: Annotated[tuple[Band, ...], BeforeValidator(wheel_of)] = ()
-    address: Annotated[str, BeforeValidator(address_of)] | None = None
+    address: Annotated[NetworkAddress, BeforeValidator(address_of)] | None = None
 
 
 class BracketTable(_Table):
@@ -168,7 +168,7 @@ class RigTables(_Table):
         return self.trigger.leader if self.trigger.mode == "hardware" else None
 
     @property
-    def addresses(self) -> tuple[str, ...]:
+    def addresses(self) -> tuple[NetworkAddress, ...]:
         """Where cameras are asked by name."""
         return tuple(camera.address for camera in self.camera if camera.address is not None)
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from capture.bracket.planner import BracketGoals
 from capture.check.check import SKEW_TOLERANCE
-from capture.rigfile.network_address import SCHEME
+from capture.rigfile.network_address import NetworkAddress
 from drivers.discovery import ConnectedCamera
 from imaging.errors import CaptureError
 from imaging.session.records import Board
@@ -48,7 +48,7 @@ tolerance = {SKEW_TOLERANCE}            # seconds between the shutters of one st
 
 
 def rig_file_text(
-    listed: Sequence[ConnectedCamera], board: Board | None = None, addresses: Sequence[str] = ()
+    listed: Sequence[ConnectedCamera], board: Board | None = None, addresses: Sequence[NetworkAddress] = ()
 ) -> str:
     """RIG.toml for these cameras, by serial number, named cam0, cam1 and so on.
 
@@ -103,7 +103,7 @@ def _f_number(able: Sequence[ConnectedCamera]) -> str:
     return f"f_number = {min(shared, key=lambda f_number: abs(f_number - 8.0)):<16g} # {says}"
 
 
-def _camera(name: str, camera: ConnectedCamera, addresses: Sequence[str], *, alone: bool) -> str:
+def _camera(name: str, camera: ConnectedCamera, addresses: Sequence[NetworkAddress], *, alone: bool) -> str:
     assert camera.identity is not None
     able = camera.capabilities
     size = f", {able.width} x {able.height}" if able and able.width else ""
@@ -114,8 +114,8 @@ def _camera(name: str, camera: ConnectedCamera, addresses: Sequence[str], *, alo
         '# band = "650nm, 650, 40"     # the filter before a mono camera: name, nm of its middle and width\n'
         '# filters = ["450nm, 450, 40", "650nm, 650, 40"]  # of a wheel before it, turned at every frame\n'
     )
-    named = next((address for address in addresses if camera.where == f"GigE {address}"), None)
-    at = "" if named is None else f'address = "{SCHEME}{named}"\n'
+    named = next((address for address in addresses if camera.where == address.where), None)
+    at = "" if named is None else f'address = "{named}"\n'
     table = f"name = {_quoted(name)}\nserial = {_quoted(camera.identity.serial)}\n{at}{rig}{band}"
     return f"\n[[camera]]  # {_printable(about)}\n{table}"
 

@@ -1,6 +1,6 @@
-"""A still camera on USB as a `Camera`: the state machine of one shot, over plugs that are pulled."""
+"""A still camera as a `Camera`: the state machine of one shot, over plugs that are pulled."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
@@ -12,9 +12,10 @@ from drivers.camera import CameraFile, CameraIdentity, Capabilities
 from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
 from drivers.ptp.codes import PropertyCode
-from drivers.ptp.connection import Connection
+from drivers.ptp.connection import Connection, UsbConnection
 from drivers.ptp.dials import Dials
 from drivers.ptp.exposure import Dial
+from drivers.ptp.ip.connection import IpConnection
 from drivers.ptp.picture import as_told, best_of, developed_beside, suffix
 from drivers.ptp.session import Download, PtpSession
 from drivers.ptp.shot import Shot, StoredShot
@@ -35,14 +36,22 @@ T = TypeVar("T")
 
 def find_cameras(backend: IBackend, clock: Clock) -> list["PtpCamera"]:
     """Every connected PTP camera, none of them opened: the first question to one opens it."""
-    return [PtpCamera(device, backend, clock) for device in usb.find(usb.STILL_IMAGE, backend)]
+    return [
+        PtpCamera(UsbConnection(device, backend, clock), clock)
+        for device in usb.find(usb.STILL_IMAGE, backend)
+    ]
+
+
+def cameras_at(places: Iterable[tuple[str, int]], clock: Clock) -> list["PtpCamera"]:
+    """The PTP/IP cameras at these hosts and ports, whether they are there or not: none is asked yet."""
+    return [PtpCamera(IpConnection(host, port, clock), clock) for host, port in places]
 
 
 class PtpCamera:
     """One camera, known by its serial number; found again under it after it was unplugged."""
 
-    def __init__(self, device: usb.UsbDevice, backend: IBackend, clock: Clock) -> None:
-        self._connection, self._clock = Connection(device, backend, clock), clock
+    def __init__(self, connection: Connection, clock: Clock) -> None:
+        self._connection, self._clock = connection, clock
         self._body: StandardBody | None = None
         self._wanted: Exposure | None = None
         self.dials = Dials()
@@ -54,7 +63,7 @@ class PtpCamera:
 
     @property
     def where(self) -> str:
-        """Where on the bus it was last seen."""
+        """Where on the bus or the network it was last seen."""
         return self._connection.where
 
     def identify(self) -> CameraIdentity:

@@ -1,6 +1,6 @@
 """A camera under its serial number: opened, lost, and found again at whatever address it has then."""
 
-from typing import Literal
+from typing import Literal, Protocol
 
 from usb.backend import IBackend
 from usb.util import dispose_resources
@@ -11,7 +11,7 @@ from drivers.clock import Clock
 from drivers.errors import CameraLost
 from drivers.ptp.codes import USB_VENDORS, CanonOperation, SonyOperation, VendorId
 from drivers.ptp.session import PtpSession
-from drivers.ptp.transport import Transport
+from drivers.ptp.transport import UsbTransport
 from drivers.ptp.vendors.canon import CanonBody
 from drivers.ptp.vendors.nikon import NikonBody
 from drivers.ptp.vendors.sony import SonyBody
@@ -23,14 +23,33 @@ REPLUG_SECONDS = 10.0
 _LOOK_EVERY = 0.1
 
 
-def body_for(session: PtpSession, usb_vendor: int) -> StandardBody:
+_NAMES = {"nikon": VendorId.NIKON, "canon": VendorId.CANON, "sony": VendorId.SONY}
+"""By the first word of DeviceInfo's manufacturer."""
+
+
+class Connection(Protocol):
+    """The way to one camera, wherever it is now. `identity` is None before it was first opened."""
+
+    where: str
+    identity: CameraIdentity | None
+
+    def open(self) -> StandardBody:
+        """Open a session and take control. CameraLost if it does not come back, and all CameraErrors."""
+        ...
+
+
+def body_for(session: PtpSession, usb_vendor: int | None) -> StandardBody:
     """The layer for a make, if the body lists its operations.
 
-    By DeviceInfo's vendor extension, by USB vendor id where that does not say.
+    By DeviceInfo's vendor extension; where that does not say by USB vendor id, or by the maker's name for a
+    body that is not on USB.
     """
     vendor = session.info.vendor_extension
     if vendor not in (VendorId.NIKON, VendorId.CANON, VendorId.SONY):
-        vendor = USB_VENDORS.get(usb_vendor, vendor)
+        if usb_vendor is None:
+            vendor = _NAMES.get(session.info.manufacturer.partition(" ")[0].lower(), vendor)
+        else:
+            vendor = USB_VENDORS.get(usb_vendor, vendor)
     if vendor == VendorId.NIKON:
         return NikonBody(session)
     if vendor == VendorId.CANON and session.supports(CanonOperation.SET_REMOTE_MODE):
@@ -40,8 +59,17 @@ def body_for(session: PtpSession, usb_vendor: int) -> StandardBody:
     return StandardBody(session)
 
 
-class Connection:
-    """The way to one camera. `identity` is None before it was first opened."""
+def identified(
+    session: PtpSession, usb_vendor: int | None, serial: str
+) -> tuple[StandardBody, CameraIdentity]:
+    """The layer for a body whose session is open, and who it is; `serial` where it does not say."""
+    info, body = session.info, body_for(session, usb_vendor)
+    kind: Literal["raw", "ldr"] = "raw" if body.delivers_raw() else "ldr"
+    return body, CameraIdentity(info.serial or serial, info.manufacturer, info.model, kind)
+
+
+class UsbConnection:
+    """The way to a camera on the USB, wherever it is plugged in."""
 
     def __init__(self, device: usb.UsbDevice, backend: IBackend, clock: Clock) -> None:
         self._connected: usb.UsbDevice | None = device
@@ -105,14 +133,12 @@ class Connection:
             dispose_resources(device.device)  # asking for the serial number opened it
             raise
         try:
-            session = PtpSession(Transport(pipe, self._clock), self._clock)
-            info = session.open()
-            serial = info.serial or usb_serial or device.where
-            if self.identity is not None and serial != self.identity.serial:
-                raise CameraLost(f"{device.where} is camera {serial}, not {self.identity.serial}.")
-            body = body_for(session, self._usb[0])
-            kind: Literal["raw", "ldr"] = "raw" if body.delivers_raw() else "ldr"
-            self.identity = CameraIdentity(serial, info.manufacturer, info.model, kind)
+            session = PtpSession(UsbTransport(pipe, self._clock), self._clock)
+            session.open()
+            body, identity = identified(session, self._usb[0], usb_serial or device.where)
+            if self.identity is not None and identity.serial != self.identity.serial:
+                raise CameraLost(f"{device.where} is camera {identity.serial}, not {self.identity.serial}.")
+            self.identity = identity
             self._usb_serial, self.where = usb_serial, device.where
             body.enter()
         except BaseException:

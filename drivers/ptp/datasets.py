@@ -184,7 +184,7 @@ class ObjectInfo:
             reader.string(),
             reader.string(),
             reader.string(),
-            reader.string(),
+            reader.string() if reader.remaining else "",  # some leave the last one out
         )
 
 

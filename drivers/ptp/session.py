@@ -17,7 +17,7 @@ from drivers.ptp.codes import (
     ResponseCode,
 )
 from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
-from drivers.ptp.transport import MOST_BYTES, TIMEOUT, Answer, Transport
+from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer, Transport
 
 SESSION = 1
 QUICK_TIMEOUT = 8.0
@@ -91,7 +91,7 @@ class PtpSession:
 
     def __init__(self, transport: Transport, clock: Clock) -> None:
         self.transport, self.clock = transport, clock
-        self.where = transport.pipe.where
+        self.where = transport.where
         self._transaction = 0
         self._types: dict[int, DataType] = {}
         self.info = DeviceInfo()

@@ -6,7 +6,6 @@ a response comes in; one transaction at a time.
 
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 from drivers.clock import Clock
@@ -23,13 +22,9 @@ from drivers.ptp.codec import (
     damaged,
 )
 from drivers.ptp.codes import UNKNOWN_LENGTH, EventCode, ResponseCode
+from drivers.ptp.transaction import MOST_BYTES, TIMEOUT, Answer
 from drivers.usb import EndpointStalled, UsbPipe
 from imaging.errors import CameraError
-
-TIMEOUT = 20.0
-"""Seconds that a camera may take over one transfer of an ordinary transaction."""
-MOST_BYTES = 16 << 20
-"""Bytes of an answer beyond which the camera talks nonsense, unless more were asked for."""
 
 _CANCEL, _RESET, _STATUS = 0x64, 0x66, 0x67
 _CLASS_OUT, _CLASS_IN = 0x21, 0xA1
@@ -41,19 +36,12 @@ _MOST_READS = 512
 _MOST_EVENTS = 64
 
 
-@dataclass(frozen=True)
-class Answer:
-    """How a transaction ended, and the data that came before; None if there was no data phase."""
-
-    response: Response
-    data: bytes | None
-
-
-class Transport:
+class UsbTransport:
     """Runs transactions on a pipe; waits on `clock`, so that simulated time suffices."""
 
     def __init__(self, pipe: UsbPipe, clock: Clock) -> None:
         self.pipe, self._clock = pipe, clock
+        self.where = pipe.where
         self._out = pipe.endpoint(into_host=False)
         self._in = pipe.endpoint(into_host=True)
         try:

@@ -27,10 +27,13 @@ def cameras(
     Example: rig cameras --sim demo
     """
     with running("cameras") as status:
+        from capture.rigfile.network_address import ptpip_places
         from drivers.discovery import ask_all
 
-        bus, network = open_bus(sim), open_network(sim, addresses_of(camera, sim))
-        listed = list(ask_all(bus.backend, bus.clock, status, network=network))
+        addresses = addresses_of(camera, sim)
+        bus, network = open_bus(sim), open_network(sim, addresses)
+        places = ptpip_places(addresses)
+        listed = list(ask_all(bus.backend, bus.clock, status, network=network, places=places))
     lines = [line for one in listed for line in _lines(one)] or [
         "No camera: rig doctor shows what is missing."
     ]

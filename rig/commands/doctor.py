@@ -8,6 +8,7 @@ import typer
 
 from imaging.errors import InputError
 from rig.commands.usb_bus import open_bus, open_network
+from rig.options.cameras import addresses_of
 from rig.options.common import JsonOption
 from rig.options.defaults import NAMED_BY, config_file, read_defaults, usual_place
 from rig.terminal.result import CommandResult, running
@@ -36,7 +37,7 @@ def doctor(
         str | None,
         typer.Option(
             "--camera",
-            metavar="SERIAL",
+            metavar="SERIAL|ptpip:ADDRESS|gige:ADDRESS",
             help="Examine this connected camera and its driver instead by some 50 frames: its states, "
             "exposures, timing and noise. With --json, a report to send.",
         ),
@@ -97,26 +98,34 @@ def doctor(
     )
 
 
-def _camera_result(serial: str, sim: str | None, status: "StatusLine") -> CommandResult:
+def _camera_result(which: str, sim: str | None, status: "StatusLine") -> CommandResult:
     """What came of the examination of a camera, a line each."""
+    from capture.rigfile.network_address import ptpip_places
     from drivers.conformance import examine
     from drivers.discovery import find_cameras
 
+    named = addresses_of([which], sim) if which.startswith(("gige:", "ptpip:")) else []
     bus = open_bus(sim)
-    cameras = find_cameras(bus.backend, bus.clock, open_network(sim))
+    cameras = find_cameras(bus.backend, bus.clock, open_network(sim, named), ptpip_places(named))
     status("looking for cameras", 0, 0)
     try:
-        found = {camera.identify().serial: camera for camera in cameras}
-        if serial not in found:
+        if named:
+            there = [camera for camera in cameras if camera.where == named[0].where]
+            found = dict(zip([which], there, strict=False))
+        else:
+            found = {camera.identify().serial: camera for camera in cameras}
+        if which not in found:
             known = ", ".join(sorted(found)) or "none"
-            raise InputError(f"No camera with the serial number {serial!r} is connected ({known} found).")
-        identity, verified = found[serial].identify(), found[serial].verified()
-        rows = list(examine(found[serial], bus.clock, on_progress=status))
+            what = "" if named else " with the serial number"
+            raise InputError(f"No camera{what} {which!r} is connected ({known} found).")
+        identity, verified = found[which].identify(), found[which].verified()
+        rows = list(examine(found[which], bus.clock, on_progress=status))
     finally:
         for camera in cameras:
             camera.close()
     width = max(len(row.name) for row in rows)
-    lines = [f"{identity.make} {identity.model}, serial number {serial}; driver verified against: {verified}"]
+    about = f"{identity.make} {identity.model}, serial number {identity.serial}"
+    lines = [f"{about}; driver verified against: {verified}"]
     lines += [f"{row.verdict:8}{row.name:{width}}  {row.says}" for row in rows]
     failed = [row.name for row in rows if row.verdict == "failed"]
     skipped = [row.name for row in rows if row.verdict == "skipped"]

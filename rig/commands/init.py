@@ -29,6 +29,7 @@ def init(
     Example: rig init RIG.toml --sim demo
     """
     with running("init") as status:
+        from capture.rigfile.network_address import ptpip_places
         from capture.rigfile.template import rig_file_text
         from drivers.discovery import ask_all
         from imaging.errors import InputError
@@ -39,7 +40,8 @@ def init(
             raise InputError(f"{path} exists already: name another file, or move it away.")
         addresses = addresses_of(camera, sim)
         bus, network = open_bus(sim), open_network(sim, addresses)
-        listed = list(ask_all(bus.backend, bus.clock, status, network=network))
+        places = ptpip_places(addresses)
+        listed = list(ask_all(bus.backend, bus.clock, status, network=network, places=places))
         board = None if bus.rig is None else Board.model_validate(bus.rig.board.description())
         text = rig_file_text(listed, board, addresses)
         store.write_bytes(path, text.encode())

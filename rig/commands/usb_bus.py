@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from usb.backend import IBackend
 
     from capture.record.source import CaptureRequest, Operator, Source
+    from capture.rigfile.network_address import NetworkAddress
     from capture.rigfile.rigfile import RigFile
     from drivers.clock import Clock
     from drivers.gige import Network
@@ -43,13 +44,14 @@ def open_bus(sim: str | None, seed: int = 0, *, rough: bool = False) -> UsbBus:
     return UsbBus(bus.backend, bus.clock, rig)
 
 
-def open_network(sim: str | None, addresses: Sequence[str] = ()) -> Network | None:
-    """The network of this machine, with cameras at these addresses too; none for a simulated rig."""
+def open_network(sim: str | None, addresses: Sequence[NetworkAddress] = ()) -> Network | None:
+    """The network of this machine, with GigE Vision cameras at these addresses; none for a simulated rig."""
     if sim is not None:
         return None
+    from capture.rigfile.network_address import gige_hosts
     from drivers.gige import Network
 
-    return Network(addresses)
+    return Network(gige_hosts(addresses))
 
 
 def _operator_for(bus: UsbBus, rig: RigFile, status: StatusLine) -> Operator:

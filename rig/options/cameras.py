@@ -1,22 +1,26 @@
-"""Cameras on the command line that no search finds: `--camera gige:192.168.1.20`."""
+"""Cameras on the command line that no search finds: `--camera ptpip:192.168.1.2`."""
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from capture.rigfile.network_address import NetworkAddress
 
 CameraOption = Annotated[
     list[str] | None,
     typer.Option(
         "--camera",
-        metavar="gige:ADDRESS",
-        help="Also ask the GigE Vision camera at this address, which no broadcast reaches; repeatable.",
+        metavar="ptpip:ADDRESS|gige:ADDRESS",
+        help="Also ask the camera at this address: a still camera on Wi-Fi or Ethernet (PTP/IP), or a GigE "
+        "Vision camera that no broadcast reaches; repeatable.",
     ),
 ]
 
 
-def addresses_of(given: Sequence[str] | None, sim: str | None) -> list[str]:
-    """The IPv4 addresses that are named. InputError: one is none, or the rig is a simulated one."""
+def addresses_of(given: Sequence[str] | None, sim: str | None) -> "list[NetworkAddress]":
+    """The addresses that are named. InputError: one is none, or the rig is a simulated one."""
     from capture.rigfile.network_address import address_of
     from imaging.errors import InputError
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from capture.connected_rig import capture_rig
+from capture.rigfile.network_address import NetworkAddress, gige_hosts
 from capture.rigfile.rigfile import read_rig_file
 from capture.rigfile.template import rig_file_text
 from drivers.clock import SystemClock
@@ -25,7 +26,7 @@ NO_USB = VirtualBus(VirtualClock())
 def rig_file(path: Path, network: Network, addresses: tuple[str, ...]) -> Path:
     """What rig init writes, with the trigger changed, and an exposure that needs no meter."""
     listed = list(ask_all(NO_USB, SystemClock(), network=network))
-    text = rig_file_text(listed, addresses=addresses)
+    text = rig_file_text(listed, addresses=[NetworkAddress("gige", address) for address in addresses])
     for address in addresses:
         assert f'address = "gige:{address}"' in text
     path.write_text(text.replace('mode = "software"', 'mode = "action"').replace("# time = ", "time = "))
@@ -44,7 +45,7 @@ def test_a_bracket_of_three_cameras_is_shot_by_commands(
         addresses = tuple(device.address for device in row.devices)
         network = Network(addresses, [])
         rig = read_rig_file(rig_file(tmp_path / "RIG.toml", network, addresses))
-        assert (rig.tables.addresses, rig.tables.leader) == (addresses, "cam0")
+        assert (tuple(gige_hosts(rig.tables.addresses)), rig.tables.leader) == (addresses, "cam0")
         result = capture_rig(
             rig,
             tmp_path / "S",

@@ -135,7 +135,7 @@ def test_a_camera_that_cannot_be_triggered_is_refused_by_name(given: Place) -> N
     with pytest.raises(
         CaptureError,
         match=r"RIG\.toml, line \d+: cam0 with the serial number 'SIM-RAW-001' cannot shoot for rig "
-        r"\(it takes no pictures on command over USB\): take it out of the file\.",
+        r"\(it takes no pictures on command\): take it out of the file\.",
     ):
         given.shoot()
     assert not given.out.exists()

@@ -51,12 +51,8 @@ class StandardBody:
     def obstacle(self) -> str:
         """Why it cannot shoot for rig, as half a sentence; empty where it can."""
         if not any(self.session.supports(operation) for operation in self.releases):
-            return "it takes no pictures on command over USB"
-        return (
-            ""
-            if self.time is not None
-            else "its exposure time cannot be set over USB: turn its mode dial to M"
-        )
+            return "it takes no pictures on command"
+        return "" if self.time is not None else "its exposure time cannot be set: turn its mode dial to M"
 
     @property
     def remembers(self) -> bool:

@@ -8,16 +8,16 @@ import socket
 import struct
 import threading
 from contextlib import suppress
-from enum import IntEnum
+from dataclasses import replace
 from typing import Self
 
 from drivers.ptp.codec import Event
-from drivers.sim.ptp.operations import Request
+from drivers.ptp.codes import ResponseCode
+from drivers.ptp.ip.packets import PORT, VERSION, PacketType
+from drivers.sim.faults import Kind
+from drivers.sim.ptp.operations import Reply, Request
 from drivers.sim.ptp.responder import Responder
 
-PORT = 15740
-"""Where clients look if they are not told otherwise."""
-_VERSION = 0x00010000
 _MOST = 1 << 20
 """Bytes of the largest packet that is taken, and of the data packets that are sent."""
 _MOST_AT_FIRST, _PATIENCE = 1 << 10, 10.0
@@ -27,19 +27,8 @@ _HEAD = 4
 """Bytes of the transaction in front of data."""
 
 
-class _Type(IntEnum):
-    INIT_COMMAND_REQUEST = 1
-    INIT_COMMAND_ACK = 2
-    INIT_EVENT_REQUEST = 3
-    INIT_EVENT_ACK = 4
-    OPERATION_REQUEST = 6
-    RESPONSE = 7
-    EVENT = 8
-    START_DATA = 9
-    DATA = 10
-    END_DATA = 12
-    PING = 13
-    PONG = 14
+_CARRIER = frozenset({Kind.TIMEOUT, Kind.TRUNCATED, Kind.WRONG_TRANSACTION, Kind.UNPLUG})
+"""What can go wrong on the way; unplugged is a connection that breaks."""
 
 
 class _Refused(Exception):
@@ -53,7 +42,7 @@ class _Connection:
         self._link = link
         self._sending = threading.Lock()
 
-    def send(self, kind: _Type, payload: bytes) -> None:
+    def send(self, kind: PacketType, payload: bytes) -> None:
         with self._sending:
             self._link.sendall(struct.pack("<II", 8 + len(payload), kind) + payload)
 
@@ -93,6 +82,8 @@ class PtpIpServer:
         self._threads: list[threading.Thread] = []
         self._lock = threading.Lock()
         self._session = 0
+        self._cancelled = threading.Event()
+        """Set when the client gives up the operation that gets no answer."""
         self._accepting = threading.Thread(target=self._accept, name="ptpip", daemon=True)
         self._accepting.start()
 
@@ -132,9 +123,9 @@ class PtpIpServer:
             link.settimeout(_PATIENCE)
             kind, payload = connection.receive(_MOST_AT_FIRST)
             link.settimeout(None)
-            if kind == _Type.INIT_COMMAND_REQUEST:
+            if kind == PacketType.INIT_COMMAND_REQUEST:
                 self._commands(connection, link)
-            elif kind == _Type.INIT_EVENT_REQUEST:
+            elif kind == PacketType.INIT_EVENT_REQUEST:
                 self._events(connection, link, payload)
         except (_Refused, OSError):
             pass  # The client went away or speaks something else: there is nobody to tell.
@@ -157,56 +148,86 @@ class PtpIpServer:
             with suppress(OSError):  # it has gone by itself
                 waiting.shutdown(socket.SHUT_RDWR)
         name = f"{self._responder.profile.model}\0".encode("utf-16-le")
-        ack = struct.pack("<I", session) + bytes(16) + name + struct.pack("<I", _VERSION)
-        connection.send(_Type.INIT_COMMAND_ACK, ack)
+        ack = struct.pack("<I", session) + bytes(16) + name + struct.pack("<I", VERSION)
+        connection.send(PacketType.INIT_COMMAND_ACK, ack)
+        try:
+            self._serve_commands(connection, session)
+        finally:
+            with self._lock:
+                rest = self._served - {link} if session == self._session else set()
+            for waiting in rest:
+                with suppress(OSError):
+                    waiting.shutdown(socket.SHUT_RDWR)
+
+    def _serve_commands(self, connection: _Connection, session: int) -> None:
         while True:
             kind, payload = connection.receive()
-            if kind == _Type.END_DATA and len(payload) <= _HEAD:
+            if kind == PacketType.END_DATA and len(payload) <= _HEAD:
                 continue  # of data that had no bytes, and was complete without it
-            if kind != _Type.OPERATION_REQUEST or len(payload) < 10:
+            if kind != PacketType.OPERATION_REQUEST or len(payload) < 10:
                 raise _Refused
             phase, operation, transaction = struct.unpack_from("<IHI", payload)
             count = min(5, (len(payload) - 10) // 4)
             parameters = struct.unpack_from(f"<{count}I", payload, 10)
             data = self._data_from(connection) if phase == _DATA_TO_CAMERA else b""
-            with self._responder.timeline.lock:
-                if session != self._session:
-                    raise _Refused
-                reply = self._responder.handle(Request(operation, transaction, parameters, data))
-            if reply.data is not None:
-                self._data_to(connection, transaction, reply.data)
-            fields = struct.pack(f"<HI{len(reply.parameters)}I", reply.code, transaction, *reply.parameters)
-            connection.send(_Type.RESPONSE, fields)
+            self._run(connection, session, Request(operation, transaction, parameters, data))
+
+    def _run(self, connection: _Connection, session: int, request: Request) -> None:
+        """Do an operation and answer, as far as its faults let it."""
+        with self._responder.timeline.lock:
+            if session != self._session:
+                raise _Refused
+            fault_of = {fault.kind: fault for fault in self._responder.faults(request, _CARRIER)}
+            if Kind.TIMEOUT in fault_of:
+                self._cancelled.clear()
+                reply = Reply(ResponseCode.TRANSACTION_CANCELLED)
+            else:
+                reply = self._responder.handle(replace(request, faults=tuple(fault_of.values())))
+        if Kind.UNPLUG in fault_of:
+            raise _Refused
+        if Kind.TIMEOUT in fault_of:
+            self._cancelled.wait(_PATIENCE)
+        transaction = request.transaction + (Kind.WRONG_TRANSACTION in fault_of)
+        if reply.data is not None:
+            cut = fault_of.get(Kind.TRUNCATED)
+            self._data_to(connection, transaction, reply.data, None if cut is None else cut.count)
+        fields = struct.pack(f"<HI{len(reply.parameters)}I", reply.code, transaction, *reply.parameters)
+        connection.send(PacketType.RESPONSE, fields)
 
     def _data_from(self, connection: _Connection) -> bytes:
         kind, payload = connection.receive()
-        if kind != _Type.START_DATA or len(payload) < _HEAD + 8:
+        if kind != PacketType.START_DATA or len(payload) < _HEAD + 8:
             raise _Refused
         if not any(payload[_HEAD : _HEAD + 8]):
             return b""  # libgphoto2 ends data of length 0 here, others with an EndData
         data = bytearray()
         while True:
             kind, payload = connection.receive()
-            if kind not in (_Type.DATA, _Type.END_DATA) or len(payload) < _HEAD or len(data) > _MOST:
+            if (
+                kind not in (PacketType.DATA, PacketType.END_DATA)
+                or len(payload) < _HEAD
+                or len(data) > _MOST
+            ):
                 raise _Refused
             data += payload[_HEAD:]
-            if kind == _Type.END_DATA:
+            if kind == PacketType.END_DATA:
                 return bytes(data)
 
-    def _data_to(self, connection: _Connection, transaction: int, data: bytes) -> None:
+    def _data_to(self, connection: _Connection, transaction: int, data: bytes, cut: int | None) -> None:
         head = struct.pack("<I", transaction)
-        connection.send(_Type.START_DATA, head + struct.pack("<Q", len(data)))
+        connection.send(PacketType.START_DATA, head + struct.pack("<Q", len(data)))
+        data = data[:cut]
         last = max(0, len(data) - 1) // _MOST * _MOST
         for at in range(0, last, _MOST):
-            connection.send(_Type.DATA, head + data[at : at + _MOST])
-        connection.send(_Type.END_DATA, head + data[last:])
+            connection.send(PacketType.DATA, head + data[at : at + _MOST])
+        connection.send(PacketType.END_DATA, head + data[last:])
 
     def _events(self, connection: _Connection, link: socket.socket, payload: bytes) -> None:
         def tell(event: Event) -> None:
             parameters = (*event.parameters, 0, 0, 0)[:3]
             fields = struct.pack("<HI3I", event.code, event.transaction, *parameters)
             with suppress(OSError):  # The client has gone; its commands end as well.
-                connection.send(_Type.EVENT, fields)
+                connection.send(PacketType.EVENT, fields)
 
         with self._responder.timeline.lock:
             if len(payload) < 4 or struct.unpack_from("<I", payload)[0] != self._session:
@@ -214,11 +235,13 @@ class PtpIpServer:
             self._responder.listener = tell
             with self._lock:
                 self._served.add(link)
-        connection.send(_Type.INIT_EVENT_ACK, b"")
+        connection.send(PacketType.INIT_EVENT_ACK, b"")
         while True:
             kind, _ = connection.receive()
-            if kind == _Type.PING:
-                connection.send(_Type.PONG, b"")
+            if kind == PacketType.PING:
+                connection.send(PacketType.PONG, b"")
+            elif kind == PacketType.CANCEL:
+                self._cancelled.set()
 
 
 def _hang_up(link: socket.socket) -> None:

@@ -108,7 +108,7 @@ def test_a_camera_that_cannot_be_triggered_says_so_and_is_left_out(toy: Simulate
         bench.responder._handlers.pop(operation, None)
     listed = bench.listed()
     assert listed.capabilities is not None
-    told = "it takes no pictures on command over USB"
+    told = "it takes no pictures on command"
     assert listed.capabilities.obstacle == told
     who = f"{profile(name).maker} {profile(name).model} SIM-RAW-001"
     assert listed.trouble == f"{who} cannot shoot for rig: {told}."
@@ -123,6 +123,6 @@ def test_a_camera_whose_time_cannot_be_set_says_so(toy: SimulatedRig) -> None:
     del bench.responder.shooting.dials[profile("generic").dials[0].code]
     listed = bench.listed()
     assert listed.capabilities is not None
-    assert listed.capabilities.obstacle == "its exposure time cannot be set over USB: turn its mode dial to M"
+    assert listed.capabilities.obstacle == "its exposure time cannot be set: turn its mode dial to M"
     with pytest.raises(CameraRefused, match="turn its mode dial to M"):
         bench.camera().set_exposure(Exposure(time=1 / 60))

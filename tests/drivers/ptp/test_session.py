@@ -11,7 +11,7 @@ from drivers.ptp.codec import Command, Data, Response
 from drivers.ptp.codes import DataType, Operation, PropertyCode, ResponseCode
 from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo
 from drivers.ptp.session import PATIENCE, PIECE, Download, PtpSession, RefusedWith
-from drivers.ptp.transport import Transport
+from drivers.ptp.transport import UsbTransport
 
 IN = 0x81
 INFO = DeviceInfo(model="Scripted", serial="A1", operations=(Operation.GET_PARTIAL_OBJECT,))
@@ -20,7 +20,7 @@ INFO = DeviceInfo(model="Scripted", serial="A1", operations=(Operation.GET_PARTI
 @pytest.fixture
 def session(scripted: Any, clock: Any) -> PtpSession:
     scripted.scripts[Operation.GET_DEVICE_INFO] = scripted.sends(INFO.pack())
-    return PtpSession(Transport(scripted.pipe(), clock), clock)
+    return PtpSession(UsbTransport(scripted.pipe(), clock), clock)
 
 
 def halts(scripted: Any) -> Any:

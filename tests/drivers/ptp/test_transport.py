@@ -7,7 +7,7 @@ import pytest
 from drivers.errors import CameraLost, CameraProtocol, CameraTimeout
 from drivers.ptp.codec import Command, Data, Event, Header, Response
 from drivers.ptp.codes import UNKNOWN_LENGTH, EventCode, Operation, ResponseCode
-from drivers.ptp.transport import Transport
+from drivers.ptp.transport import UsbTransport
 from drivers.usb import EndpointStalled
 
 OUT, IN, INTERRUPT = 0x02, 0x81, 0x83
@@ -15,8 +15,8 @@ GET, SET = Operation.GET_DEVICE_INFO, Operation.SET_DEVICE_PROP_VALUE
 
 
 @pytest.fixture
-def transport(scripted: Any, clock: Any) -> Transport:
-    return Transport(scripted.pipe(), clock)
+def transport(scripted: Any, clock: Any) -> UsbTransport:
+    return UsbTransport(scripted.pipe(), clock)
 
 
 def pixels(size: int) -> bytes:
@@ -32,7 +32,7 @@ def test_data_of_every_length_come_in_and_go_out(
     """Around whole packets, and around whole reads."""
     scripted.device.port.unplug()
     scripted.device.plug(packet)
-    transport = Transport(scripted.pipe(), clock)
+    transport = UsbTransport(scripted.pipe(), clock)
     payload = pixels(max(0, packets * packet + beyond))
     scripted.scripts[GET] = scripted.sends(payload)
     reply = transport.transact(Command(GET, 1, (7,)))
@@ -44,13 +44,13 @@ def test_data_of_every_length_come_in_and_go_out(
     assert clock.now() == 0.0
 
 
-def test_a_response_may_come_where_data_were_due(scripted: Any, transport: Transport) -> None:
+def test_a_response_may_come_where_data_were_due(scripted: Any, transport: UsbTransport) -> None:
     scripted.scripts[GET] = scripted.says(ResponseCode.ACCESS_DENIED)
     reply = transport.transact(Command(GET, 1))
     assert (reply.data, reply.response.code) == (None, ResponseCode.ACCESS_DENIED)
 
 
-def test_a_leftover_empty_packet_is_read_over_once(scripted: Any, transport: Transport) -> None:
+def test_a_leftover_empty_packet_is_read_over_once(scripted: Any, transport: UsbTransport) -> None:
     scripted.scripts[GET] = lambda command, data: [
         Data(GET, 1, b"some").pack(),
         b"",
@@ -64,7 +64,7 @@ def test_a_leftover_empty_packet_is_read_over_once(scripted: Any, transport: Tra
 
 @pytest.mark.parametrize("size", [0, 1, 499, 500, 501, 5000])
 def test_headers_alone_responses_merged_and_lengths_unknown(
-    scripted: Any, transport: Transport, size: int
+    scripted: Any, transport: UsbTransport, size: int
 ) -> None:
     payload = pixels(size)
 
@@ -91,7 +91,7 @@ def test_headers_alone_responses_merged_and_lengths_unknown(
         assert transport.transact(Command(GET, number)).data == payload
 
 
-def test_a_camera_may_leave_the_last_empty_packet_out(scripted: Any, transport: Transport) -> None:
+def test_a_camera_may_leave_the_last_empty_packet_out(scripted: Any, transport: UsbTransport) -> None:
     def script(command: Command, data: bytes) -> list[bytes]:
         scripted.device.send(Data(GET, command.transaction, pixels(500)).pack(), zlp=False)
         return scripted.ok(command)
@@ -125,7 +125,7 @@ def damage(**changes: int) -> Any:
     ],
 )
 def test_nonsense_is_told_and_left_behind(
-    scripted: Any, transport: Transport, changes: dict[str, int]
+    scripted: Any, transport: UsbTransport, changes: dict[str, int]
 ) -> None:
     scripted.scripts[GET] = damage(**changes)
     with pytest.raises(CameraProtocol) as told:
@@ -136,18 +136,18 @@ def test_nonsense_is_told_and_left_behind(
     assert transport.transact(Command(GET, 6)).data == b"sense"
 
 
-def test_padding_that_is_no_container_is_dropped(scripted: Any, transport: Transport) -> None:
+def test_padding_that_is_no_container_is_dropped(scripted: Any, transport: UsbTransport) -> None:
     scripted.scripts[GET] = damage(length=1001)
     assert transport.transact(Command(GET, 1)).data == pixels(989)
 
 
-def test_more_data_than_asked_for_are_refused(scripted: Any, transport: Transport) -> None:
+def test_more_data_than_asked_for_are_refused(scripted: Any, transport: UsbTransport) -> None:
     scripted.scripts[GET] = scripted.sends(pixels(1000))
     with pytest.raises(CameraProtocol, match="at most 999"):
         transport.transact(Command(GET, 1), most=999)
 
 
-def test_silence_is_a_time_out(scripted: Any, transport: Transport, clock: Any) -> None:
+def test_silence_is_a_time_out(scripted: Any, transport: UsbTransport, clock: Any) -> None:
     scripted.scripts[GET] = lambda command, data: []
     with pytest.raises(CameraTimeout):
         transport.transact(Command(GET, 1), timeout=3.0)
@@ -155,7 +155,7 @@ def test_silence_is_a_time_out(scripted: Any, transport: Transport, clock: Any) 
 
 
 def test_a_halt_before_the_first_byte_is_cleared_and_tried_again_once(
-    scripted: Any, transport: Transport
+    scripted: Any, transport: UsbTransport
 ) -> None:
     scripted.scripts[GET] = scripted.sends(b"here")
     scripted.device.port.halt(OUT)
@@ -170,7 +170,7 @@ def test_a_halt_before_the_first_byte_is_cleared_and_tried_again_once(
     assert len(scripted.commands) == 1
 
 
-def test_a_halt_instead_of_the_answer_is_not_tried_again(scripted: Any, transport: Transport) -> None:
+def test_a_halt_instead_of_the_answer_is_not_tried_again(scripted: Any, transport: UsbTransport) -> None:
     def halt(command: Command, data: bytes) -> list[bytes]:
         scripted.device.port.halt(IN)
         return []
@@ -185,7 +185,7 @@ def test_a_halt_instead_of_the_answer_is_not_tried_again(scripted: Any, transpor
     assert transport.transact(Command(GET, 2)).data == b"here"
 
 
-def test_a_camera_that_stays_busy_is_reset(scripted: Any, transport: Transport, clock: Any) -> None:
+def test_a_camera_that_stays_busy_is_reset(scripted: Any, transport: UsbTransport, clock: Any) -> None:
     error = CameraTimeout("no answer")
     scripted.device.status = (ResponseCode.DEVICE_BUSY, ())
     clock.call_later(1.0, lambda: setattr(scripted.device, "status", (ResponseCode.OK, ())))
@@ -203,7 +203,7 @@ def test_a_camera_that_stays_busy_is_reset(scripted: Any, transport: Transport, 
 
 
 def test_a_camera_without_class_requests_is_recovered_all_the_same(
-    scripted: Any, transport: Transport
+    scripted: Any, transport: UsbTransport
 ) -> None:
     scripted.device.controls = False
     scripted.device.port.halt(IN)
@@ -212,7 +212,7 @@ def test_a_camera_without_class_requests_is_recovered_all_the_same(
     assert scripted.device.port.halted() == ()
 
 
-def test_a_pulled_cable_is_told_as_such(scripted: Any, transport: Transport) -> None:
+def test_a_pulled_cable_is_told_as_such(scripted: Any, transport: UsbTransport) -> None:
     scripted.device.port.unplug()
     with pytest.raises(CameraLost):
         transport.transact(Command(GET, 1))
@@ -226,7 +226,7 @@ ADDED = Event(EventCode.OBJECT_ADDED, 9, (0x10001,))
 COMPLETE = Event(EventCode.CAPTURE_COMPLETE, 9)
 
 
-def test_events_come_whole_or_in_pieces(scripted: Any, transport: Transport, clock: Any) -> None:
+def test_events_come_whole_or_in_pieces(scripted: Any, transport: UsbTransport, clock: Any) -> None:
     device = scripted.device
     device.send(ADDED.pack(), INTERRUPT)
     device.send(COMPLETE.pack(), INTERRUPT)
@@ -240,7 +240,7 @@ def test_events_come_whole_or_in_pieces(scripted: Any, transport: Transport, clo
     assert transport.events(0.1) == [ADDED]
 
 
-def test_what_is_no_event_costs_only_time(scripted: Any, transport: Transport, clock: Any) -> None:
+def test_what_is_no_event_costs_only_time(scripted: Any, transport: UsbTransport, clock: Any) -> None:
     device = scripted.device
     for rubbish in (bytes(24), b"\xff" * 20, Event(1).pack()[:4] + bytes(10), Data(1, 1, b"12345678").pack()):
         device.send(rubbish, INTERRUPT)

@@ -14,7 +14,7 @@ import pytest
 
 from drivers.ptp.codes import FormatCode, PropertyCode
 from drivers.ptp.session import Download, PtpSession
-from drivers.ptp.transport import Transport
+from drivers.ptp.transport import UsbTransport
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.descriptors import Description, Endpoint, Interface
 from drivers.sim.usb.port import Port, Setup, Stall
@@ -109,7 +109,7 @@ def session(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[PtpSess
     bus = VirtualBus(clock)
     bus.plug(nikon)
     pipe = find(STILL_IMAGE, bus)[0].open()
-    yield PtpSession(Transport(pipe, clock), clock)
+    yield PtpSession(UsbTransport(pipe, clock), clock)
     nikon.close()
 
 

@@ -47,10 +47,18 @@ def test_a_camera_at_an_address_is_listed_described_and_shot_with(rig, tmp_path:
 
 
 def test_addresses_that_are_none_are_told(rig, tmp_path: Path, fake: Any) -> None:
-    for given in ("10.0.0.1", "gige:camera", "gige:10.0.0.256", "usb:1"):
+    for given in (
+        "10.0.0.1",
+        "gige:camera",
+        "gige:10.0.0.256",
+        "gige:10.0.0.1:80",
+        "ptpip:10.0.0.1:",
+        "ptpip:10.0.0.1:99999",
+        "usb:1",
+    ):
         code, out, err = rig("cameras", "--camera", given)
         assert (code, out) == (2, "")
-        assert f"--camera {given!r} has to be gige: and an IPv4 address" in err
+        assert f"--camera {given!r} has to be gige: or ptpip: and an IPv4 address" in err
     code, _, err = rig("init", str(tmp_path / "R.toml"), "--sim", "toy", "--camera", "gige:10.0.0.1")
     assert code == 2
     assert "leave out --sim, or --camera" in err
@@ -58,7 +66,7 @@ def test_addresses_that_are_none_are_told(rig, tmp_path: Path, fake: Any) -> Non
     path.write_text('[[camera]]\nname = "a"\nserial = "1"\naddress = "10.0.0.1"\n')
     code, _, err = rig("capture", str(path), str(tmp_path / "S"))
     assert code == 2
-    assert 'RIG.toml, line 4: address has to be gige: and an IPv4 address, as "gige:192.168.1.20".' in err
+    assert 'RIG.toml, line 4: address has to be gige: or ptpip: and an IPv4 address, as "gige:192.168' in err
 
 
 def test_a_camera_that_does_not_answer_is_missing(rig, tmp_path: Path, fake: Any) -> None:

@@ -1,0 +1,54 @@
+"""A PTP transaction, whatever carries it: how it ends, and what a carrier can be asked for."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivers.ptp.codec import Command, Event, Response
+from imaging.errors import CameraError
+
+TIMEOUT = 20.0
+"""Seconds that a camera may take over one transfer of an ordinary transaction."""
+MOST_BYTES = 16 << 20
+"""Bytes of an answer beyond which the camera talks nonsense, unless more were asked for."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How a transaction ended, and the data that came before; None if there was no data phase."""
+
+    response: Response
+    data: bytes | None
+
+
+class Transport(Protocol):
+    """Carries transactions to one camera, one at a time, and events from it. where: for messages."""
+
+    where: str
+
+    def transact(
+        self, command: Command, data: bytes | None = None, *, timeout: float = TIMEOUT, most: int = MOST_BYTES
+    ) -> Answer:
+        """One transaction, whatever the response code. `timeout` is for each transfer, in seconds.
+
+        CameraProtocol, CameraTimeout, CameraLost; after the first two it needs `recover`.
+        """
+        ...
+
+    def recover(self, error: CameraError, transaction: int) -> bool:
+        """Come back in step after `error`; False if that cost the session, which is then to open.
+
+        CameraLost if the camera has to be opened anew, or is gone.
+        """
+        ...
+
+    def reset(self) -> None:
+        """Have the camera drop its session and all it was doing."""
+        ...
+
+    def events(self, timeout: float) -> list[Event]:
+        """The events that have come, or the first to come within `timeout` seconds. CameraLost."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the camera; a second time does nothing."""
+        ...
