@@ -9,7 +9,7 @@ from drivers import gige, plugins, ptp, u3v
 from drivers.camera import Camera, CameraIdentity, Capabilities
 from drivers.clock import Clock
 from drivers.gige import Network
-from imaging.errors import CameraError
+from imaging.errors import CameraError, RigError
 from imaging.progress import Progress, unreported
 
 
@@ -91,7 +91,7 @@ def ask_all(
             identity = camera.identify()
             verified = camera.verified()
             listed = ConnectedCamera(protocol, where, identity, camera.capabilities(), verified)
-        except CameraError as error:
+        except RigError as error:
             listed = ConnectedCamera(protocol, where, identity, error=str(error))
         finally:
             camera.close()
