@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 from usb.backend import IBackend
 
@@ -16,7 +15,7 @@ from capture.record.shooting import Say, nothing_beside, shoot
 from capture.record.source import CaptureRequest, Operator, Source, Stops
 from capture.rigfile.network_address import gige_hosts, ptpip_places
 from capture.rigfile.rigfile import RigFile
-from drivers.camera import Camera, CameraIdentity
+from drivers.camera import Camera, CameraIdentity, HardwareTriggered
 from drivers.clock import Clock, SystemClock
 from drivers.discovery import find_cameras
 from drivers.gige import ActionTeam, GigeCamera, Network
@@ -43,19 +42,6 @@ class Unattended:
 
 AGREEMENT = 30.0
 """Seconds that cameras are given to agree on a time; they need some rounds of one or two seconds."""
-
-
-@runtime_checkable
-class HardwareTriggered(Protocol):
-    """A camera with lines for a hardware trigger."""
-
-    def listen(self, line: str) -> None:
-        """Expose on a rising edge of that input."""
-        ...
-
-    def drive(self, line: str) -> None:
-        """Show on that output that it exposes."""
-        ...
 
 
 def capture_rig(
@@ -100,7 +86,7 @@ def capture_rig(
         return shoot(source, Path(out), request, progress=on_progress, say=on_message)
 
 
-def _require_board(rig: RigFile, kind: Subject) -> None:
+def require_board(rig: RigFile, kind: Subject) -> None:
     """InputError where a board is to be shown that nothing describes: no calibration could use the shots."""
     if kind == "board" and rig.tables.board is None:
         from capture.rigfile.template import EXAMPLE  # a board takes OpenCV, which takes a while to load
@@ -130,7 +116,7 @@ def connected_source(
     triggered as the file says, or it describes no board where one is requested. CaptureError: a camera is
     not there.
     """
-    _require_board(rig, request.kind)
+    require_board(rig, request.kind)
     clock = clock or SystemClock()
     if backend is None:
         backend, network = default_backend(), network or Network(gige_hosts(rig.tables.addresses))
@@ -142,19 +128,20 @@ def connected_source(
         for identity in strangers:
             say(f"{identity.make} {identity.model} {identity.serial} is connected and not in {rig.path}.")
         _wire(rig, {name: camera for name, (camera, _) in named.items()}, clock, say)
-        yield _source(rig, named, operator or Unattended(), positions, clock)
+        yield rig_source(rig, named, operator or Unattended(), positions, clock)
     finally:
         for camera in cameras:
             camera.close()
 
 
-def _source(
+def rig_source(
     rig: RigFile,
     named: Mapping[str, tuple[Camera, CameraIdentity]],
     operator: Operator,
     positions: int | None,
     clock: Clock,
 ) -> Source:
+    """What to shoot with; cameras by the names that the file gives them. CaptureError: one cannot shoot."""
     tables = rig.tables
     cameras = {name: camera for name, (camera, _) in named.items()}
     able = {name: camera.capabilities() for name, camera in cameras.items()}

@@ -34,6 +34,18 @@ class Capabilities:
 
 
 @dataclass(frozen=True)
+class HostClock:
+    """The clock of another host that a camera is connected to, a node, as it was compared with ours.
+
+    offset: how far it is ahead, s; error: by which that may be wrong, s.
+    """
+
+    node: str
+    offset: float
+    error: float
+
+
+@dataclass(frozen=True)
 class CameraFile:
     """A frame as the file that the camera made of it, RAW or developed, its bytes as received."""
 
@@ -45,6 +57,10 @@ class CameraFile:
     bit_depth: int = 8
     developed: tuple[str, bytes] | None = None
     """Suffix and bytes of the photograph that the camera made of the same exposure beside its RAW file."""
+    proven: bool = False
+    """Whether rig wrote it itself and its hash is right: nobody has to decode it to know that it is whole."""
+    host: HostClock | None = None
+    """Where it comes from, if that is another host."""
 
 
 class Camera(Protocol):
@@ -85,6 +101,19 @@ class Camera(Protocol):
 
     def close(self) -> None:
         """Let go of the camera."""
+        ...
+
+
+@runtime_checkable
+class HardwareTriggered(Protocol):
+    """A camera with lines for a hardware trigger."""
+
+    def listen(self, line: str) -> None:
+        """Expose on a rising edge of that input."""
+        ...
+
+    def drive(self, line: str) -> None:
+        """Show on that output that it exposes."""
         ...
 
 

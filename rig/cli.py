@@ -23,6 +23,7 @@ from rig.commands import (
     importing,
     init,
     merge,
+    node,
     reconstruct,
     render,
     simulate,
@@ -87,6 +88,7 @@ COMMANDS: dict[str, Callable[..., CommandResult]] = {
     "batch": batch.batch,
     "bench": bench.bench,
     "simulate": simulate.simulate,
+    "node": node.node,
     "cameras": cameras.cameras,
     "doctor": doctor.doctor,
 }

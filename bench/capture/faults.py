@@ -19,46 +19,23 @@ from bench.support.record import arguments, deliver, machine, words
 from capture.check.check import check
 from capture.record.new_session import begin
 from capture.record.recorder import record
-from drivers.camera import Camera
-from drivers.sim.bus_rig import BusRig
-from drivers.sim.faults import ROUGH, FaultPlan, Mix
+from drivers.sim.bus_rig import VISION, BusRig
+from drivers.sim.faults import ROUGH, Mix
 from drivers.sim.ptp.profiles import PROFILES
-from drivers.sim.rigs import SimulatedRig, simulate
-from drivers.sim.u3v.device import U3vDevice
-from drivers.sim.usb.bus import VirtualBus
-from drivers.sim.usb.virtual_clock import VirtualClock
-from drivers.u3v import find_cameras
+from drivers.sim.rigs import simulate
 from imaging.exposure import Exposure
 from imaging.session.records import PlanRecord, SessionRecord
 
 TIMES = (1 / 1000, 1 / 250, 1 / 60, 1 / 15, 1 / 4, 1.0, 4.0)
-VISION = "usb3-vision"
 MODELS = (*PROFILES, VISION)
 WANTED = 1.3
 """Times the virtual time, which a rig on a bad day is to take at most."""
 
 
-class VisionRig:
-    """As `BusRig`, of machine vision cameras."""
-
-    def __init__(self, rig: SimulatedRig, mix: Mix | None) -> None:
-        self.clock = VirtualClock()
-        self._bus = VirtualBus(self.clock)
-        self.plan = FaultPlan(self.clock, (), mix, rig.seed)
-        for device in rig.devices:
-            self._bus.plug(U3vDevice(device, self.clock, self.plan))
-        self._serials = [device.body.serial for device in rig.devices]
-
-    def cameras(self) -> list[Camera]:
-        """In the order of the rig's records."""
-        found = {camera.serial: camera for camera in find_cameras(self._bus, self.clock)}
-        return [found[serial] for serial in self._serials]
-
-
 def capture(out: Path, cameras: int, frames: int, seed: int, model: str, mix: Mix | None) -> dict[str, Any]:
     """One capture: its virtual seconds, what is missing or wrong, and the faults that happened."""
     rig = simulate("toy", seed, cameras=cameras, positions=frames, samples=1)
-    bus = VisionRig(rig, mix) if model == VISION else BusRig(rig, mix=mix, model=model)
+    bus = BusRig(rig, mix=mix, model=model)
     devices = dict(zip((one.name for one in rig.records()), bus.cameras(), strict=True))
     session = begin(
         out,

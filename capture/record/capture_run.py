@@ -192,7 +192,7 @@ class CaptureRun:
         self, shot_id: ShotId, written: SavedShot, first: float | None, threads: CaptureThreads
     ) -> None:
         """The line of a shot whose file is whole; first: when the first shutter of its step opened."""
-        requested = _exposure_of(self._plan.bracket[shot_id.step])
+        requested, host = _exposure_of(self._plan.bracket[shot_id.step]), written.host
         shot = ShotRecord(
             kind=self._plan.kind,
             plan=self._plan.plan,
@@ -211,6 +211,9 @@ class CaptureRun:
             skew=None if first is None else max(0.0, written.opened - first),
             retries=written.retries,
             band=self._plan.band(shot_id.step, self._session.camera(shot_id.camera)),
+            node=host.node if host else None,
+            clock_offset=host.offset if host else None,
+            clock_error=host.error if host else None,
         )
         try:
             self._session.append_shot(shot)

@@ -118,7 +118,7 @@ class CaptureThreads:
         """The work of one writing thread."""
         while (unsaved := self._unsaved.get()) is not None:
             step, camera, frame, held = unsaved
-            is_own_file = isinstance(frame.frame, CameraFile)
+            to_prove = isinstance(frame.frame, CameraFile) and not frame.frame.proven
             outcome: SavedShot | RigError
             try:
                 outcome = self._state.halted or self._save(step, camera, frame)
@@ -127,7 +127,7 @@ class CaptureThreads:
                 outcome = error
             del unsaved, frame  # or this frame would stay while the next is waited for
             self._budget.release(held)
-            if is_own_file and isinstance(outcome, SavedShot):
+            if to_prove and isinstance(outcome, SavedShot):
                 self._unproven.put(_UnprovenShot(step, camera, outcome))
             else:
                 step.finish(camera, outcome)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from drivers.camera import HostClock
 from drivers.clock import Clock
 from drivers.errors import CameraTimeout
 from imaging.errors import RigError
@@ -25,6 +26,7 @@ class SavedShot:
     """A frame whose file is whole on the disk.
 
     opened: when its shutter opened, seconds of the clock. retries: attempts before this one.
+    host: where it comes from, if that is another host.
     """
 
     file: str
@@ -37,6 +39,7 @@ class SavedShot:
     captured_at: datetime
     opened: float
     retries: int
+    host: HostClock | None = None
 
 
 @dataclass

@@ -67,6 +67,7 @@ def save_frame(
         captured_at=frame.metadata.captured_at or datetime.now(UTC),
         opened=captured.opened,
         retries=captured.retries,
+        host=None if isinstance(frame, RawMosaic) else frame.host,
     )
 
 

@@ -93,7 +93,8 @@ class CameraTable(_Table):
     rig: cameras that name the same rig keep their places to each other; None: it stands alone. position: in
     the rig, m, in any axes; with those of two cameras the scene has a scale. band: the filter before a mono
     camera; filters: those of the wheel before it, in the order of shooting. address: of a PTP/IP camera, or a
-    GigE Vision camera that no broadcast reaches.
+    GigE Vision camera that no broadcast reaches. node: the host that it is connected to; None: the one that
+    captures.
     """
 
     name: Annotated[Name, Field(strict=True)]
@@ -103,6 +104,7 @@ class CameraTable(_Table):
     band: Annotated[Band, BeforeValidator(band_of)] | None = None
     filters: Annotated[tuple[Band, ...], BeforeValidator(wheel_of)] = ()
     address: Annotated[NetworkAddress, BeforeValidator(address_of)] | None = None
+    node: Annotated[Name, Field(strict=True)] | None = None
 
 
 class BracketTable(_Table):
@@ -171,6 +173,11 @@ class RigTables(_Table):
     def addresses(self) -> tuple[NetworkAddress, ...]:
         """Where cameras are asked by name."""
         return tuple(camera.address for camera in self.camera if camera.address is not None)
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The hosts that its cameras are connected to, each once; none: all are connected to this one."""
+        return tuple(dict.fromkeys(camera.node for camera in self.camera if camera.node is not None))
 
     @property
     def bands(self) -> tuple[Band, ...]:
@@ -312,10 +319,28 @@ def _must_be_one_rig(rig: RigFile) -> None:
             f"{rig.at('trigger', 'leader')}: there is no camera {trigger.leader!r}; "
             f"the cameras are {', '.join(camera.name for camera in cameras)}."
         )
+    if rig.tables.nodes:
+        _must_have_nodes(rig)
     if trigger.mode == "hardware" and trigger.line is None:
         raise InputError(
             f"{rig.at('trigger', 'mode')}: a hardware trigger comes in on a line; "
             'add line, as line = "Line0".'
+        )
+
+
+def _must_have_nodes(rig: RigFile) -> None:
+    """InputError where only some cameras name a node, or one command is to reach all over the network."""
+    first = rig.tables.nodes[0]
+    for index, camera in enumerate(rig.tables.camera):
+        if camera.node is None:
+            raise InputError(
+                f"{rig.at('camera', index)}: {camera.name} names no node, as other cameras do; add node, as "
+                f'node = "{first}" (the host that leads serves its own cameras by a rig node, too).'
+            )
+    if rig.tables.trigger.mode == "action":
+        raise InputError(
+            f"{rig.at('trigger', 'mode')}: action commands trigger cameras of one host; with nodes set mode "
+            '= "software", which releases all at one moment of compared clocks, or "hardware".'
         )
 
 

@@ -209,6 +209,12 @@ class ShotRecord(Record):
     """What 1 in the map is said to be, in units of the world."""
     band: Name | None = None
     """The filter that it was taken through, one of the session's bands; None: the session has none."""
+    node: Name | None = None
+    """The host that its camera is connected to, where that is not the one that led the capture."""
+    clock_offset: float | None = None
+    """How far that host's clock was ahead of the leader's, s: the monotonic clocks, which nobody sets."""
+    clock_error: float | None = Field(default=None, ge=0)
+    """By which that may be wrong, s, and `skew` with it against the cameras of other hosts."""
 
     @property
     def identity(self) -> tuple[str, str, int, int]:

@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -14,14 +13,13 @@ from dataclasses import dataclass, field
 from queue import SimpleQueue
 from typing import Any
 
+from capture.nodes.cluster import joined
 from imaging.compute import memory
 from imaging.compute.cores import available_cores
 from imaging.errors import InputError
 
 ATTEMPTS = 2
 """Of a command whose process was killed, as by a machine that went down or ran out of memory."""
-PATIENCE = 5.0
-"""Seconds in which a cluster has to answer."""
 KEPT = 0.9
 """Of the free memory, what several processes share."""
 
@@ -125,22 +123,7 @@ class RayWorkers:
     _stack: ExitStack = field(default_factory=ExitStack)
 
     def __post_init__(self) -> None:
-        try:
-            import ray
-        except ImportError:
-            raise InputError(
-                "Ray is not installed: pip install 'hdr-rig[cluster]', or leave --ray out."
-            ) from None
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anyone
-        try:
-            _require_answer(self.address)
-            ray.init(self.address, log_to_driver=False, logging_level="ERROR")
-        except (OSError, ValueError, RuntimeError) as error:
-            what = (str(error) or type(error).__name__).splitlines()[0]
-            raise InputError(
-                f"No Ray cluster answers at {self.address} ({what}): begin one with ray start."
-            ) from None
-        self._stack.callback(ray.shutdown)
+        ray = self._stack.enter_context(joined(self.address))
         self._run = ray.remote(run).options(
             num_cpus=self.cores, memory=self.memory, max_retries=ATTEMPTS, retry_exceptions=False
         )
@@ -153,10 +136,3 @@ class RayWorkers:
     def close(self) -> None:
         """Leave the cluster; what is running there is stopped."""
         self._stack.close()
-
-
-def _require_answer(address: str) -> None:
-    """OSError unless somebody listens at HOST:PORT: Ray itself would ask for minutes."""
-    host, separator, port = address.removeprefix("ray://").rpartition(":")
-    if separator and port.isdecimal():
-        socket.create_connection((host, int(port)), timeout=PATIENCE).close()

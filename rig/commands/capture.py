@@ -112,6 +112,15 @@ def capture(
             "--board", help="Add pictures of a calibration board to OUT, one metered exposure per pose."
         ),
     ] = False,
+    ray: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            envvar="RAY_ADDRESS",
+            help="Where RIG.toml names nodes: the Ray cluster that these joined by rig node, as HOST:PORT; "
+            "auto is the one that was started on this host.",
+        ),
+    ] = "auto",
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Shoot a session.
@@ -133,9 +142,9 @@ def capture(
     request = _request(kind, frames, bracket, _wanted(bracket, limits, rig), resume)
     if dry_run:
         with running("plan") as status:
-            return rehearse(sim, out, status, request, rig=rig, seed=seed)
+            return rehearse(sim, out, status, request, rig=rig, seed=seed, ray=ray)
     with running("capture", go_on=f"run the same command again with --resume to complete {out}") as status:
-        return run_capture(sim, out, status, request, rig=rig, seed=seed, rough=rough)
+        return run_capture(sim, out, status, request, rig=rig, seed=seed, rough=rough, ray=ray)
 
 
 def _places(context: typer.Context, paths: list[Path], sim: str | None) -> tuple[Path | None, Path]:
@@ -204,13 +213,14 @@ def run_capture(
     seed: int,
     rig: RigFile | None = None,
     rough: bool = False,
+    ray: str = "auto",
 ) -> CommandResult:
     """Capture and say what came of it."""
     with removed_on_failure(out, unless=has_shots):
         from capture.record.shooting import shoot
         from imaging.session.session import Session
 
-        with source_of(sim, seed, rig, request, status, rough=rough) as source:
+        with source_of(sim, seed, rig, request, status, rough=rough, ray=ray) as source:
             result = shoot(source, out, request, progress=status, say=status.say)
     there = result.taken + result.kept
     kept = f", {result.kept} of them taken before" if result.kept else ""

@@ -21,12 +21,19 @@ _FRAMES = {"scene": "position", "dark": "repeat", "flat": "repeat", "board": "po
 
 
 def rehearse(
-    sim: str | None, out: Path, status: StatusLine, request: CaptureRequest, *, rig: RigFile | None, seed: int
+    sim: str | None,
+    out: Path,
+    status: StatusLine,
+    request: CaptureRequest,
+    *,
+    rig: RigFile | None,
+    seed: int,
+    ray: str,
 ) -> CommandResult:
     """StatusLine, plan and say so; nothing is written."""
     from capture.record import shooting
 
-    with source_of(sim, seed, rig, request, status) as source:
+    with source_of(sim, seed, rig, request, status, ray=ray) as source:
         done = shooting.rehearse(source, out, request)
     record = done.record
     steps = [str(exposure) for exposure in record.bracket]

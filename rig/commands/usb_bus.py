@@ -58,9 +58,14 @@ def _operator_for(bus: UsbBus, rig: RigFile, status: StatusLine) -> Operator:
     """Who moves the rig and what stands before it: the simulator, or the person at the terminal."""
     if bus.rig is not None:
         return bus.rig
+    return _person(rig, status, bus.clock)
+
+
+def _person(rig: RigFile, status: StatusLine, clock: Clock) -> Operator:
+    """Whoever sits at the terminal."""
     from rig.terminal.operator import TerminalOperator
 
-    return TerminalOperator(status.ask, rig.tables.pause, bus.clock)
+    return TerminalOperator(status.ask, rig.tables.pause, clock)
 
 
 @contextmanager
@@ -72,10 +77,12 @@ def source_of(
     status: StatusLine,
     *,
     rough: bool = False,
+    ray: str = "auto",
 ) -> Iterator[Source]:
     """What the command line names: the cameras of a rig file, or with `sim` simulated ones in their place.
 
-    InputError and CaptureError as `connected_source` and `simulated_source` have them.
+    ray: the cluster of the nodes that a rig file names. InputError and CaptureError as `connected_source`,
+    `simulated_source`, `ray_links` and `nodes_source` have them.
     """
     if rig is None:
         from capture.simulated import simulated_source
@@ -83,6 +90,20 @@ def source_of(
 
         assert sim is not None  # the command line was looked through
         with simulated_source(sim, seed, ROUGH if rough else None) as source:
+            yield source
+        return
+    if sim is None and rig.tables.nodes:
+        from capture.nodes.cluster import ray_links
+        from capture.rig_of_nodes import assignments_of, nodes_source
+        from drivers.clock import SystemClock
+
+        clock = SystemClock()
+        person = _person(rig, status, clock)
+        status("joining the nodes", 0, 0)
+        with (
+            ray_links(ray, assignments_of(rig, request.compression)) as links,
+            nodes_source(rig, request, links, person=person, clock=clock, say=status.say) as source,
+        ):
             yield source
         return
     from capture.connected_rig import connected_source

@@ -1,0 +1,87 @@
+"""What a node is: its name, the cameras that it looks for, and where it keeps their frames."""
+
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+from usb.backend import IBackend
+
+from capture.rigfile.network_address import NetworkAddress
+from drivers.clock import Clock, SystemClock
+from drivers.sim.bus_rig import BusRig
+from drivers.sim.faults import ROUGH
+from drivers.sim.rigs import SimulatedRig, simulate
+from drivers.sim.usb.timeline import LiveTimeline
+from drivers.usb import default_backend
+from imaging.errors import InputError
+from imaging.record import Record
+from imaging.session.records import Name
+
+VARIABLE = "RIG_NODE"
+"""The environment variable that holds the settings of a node, for the processes that Ray starts there."""
+
+
+class NodeSettings(Record):
+    """What `rig node` was told.
+
+    sim: the simulated rig whose cameras stand in for those of the USB, as the devices `profile`; rough: with
+    faults; changes: of the rig's settings.
+    """
+
+    name: Name
+    disk: Path
+    addresses: tuple[NetworkAddress, ...] = ()
+    sim: str | None = None
+    profile: str = "generic"
+    seed: int = 0
+    rough: bool = False
+    changes: Mapping[str, Any] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Place:
+    """What the drivers of a node are given, and a folder. rig: the simulated one; None: cameras are real.
+
+    addresses: where cameras are asked by name, whatever the rig file says.
+    """
+
+    name: str
+    backend: IBackend | None
+    clock: Clock
+    disk: Path
+    addresses: tuple[NetworkAddress, ...] = ()
+    rig: SimulatedRig | None = None
+
+
+def place_of(settings: NodeSettings) -> Place:
+    """The place of a node; a simulated one runs on the machine's own time. InputError: no such rig."""
+    name, disk, addresses = settings.name, settings.disk, settings.addresses
+    if settings.sim is None:
+        return Place(name, default_backend(), SystemClock(), disk, addresses)
+    rig = simulate(settings.sim, settings.seed, **settings.changes)
+    mix = ROUGH if settings.rough else None
+    bus = BusRig(rig, mix=mix, model=settings.profile, clock=LiveTimeline())
+    return Place(name, bus.backend, bus.clock, disk, addresses, rig)
+
+
+def settings_of(**given: Any) -> NodeSettings:
+    """Settings from the command line. InputError: a name that is none."""
+    try:
+        return NodeSettings(**given)
+    except ValidationError as error:
+        what = error.errors()[0]
+        raise InputError(
+            f"{'.'.join(map(str, what['loc']))} {what['input']!r} cannot be used: "
+            f"{what['msg'].removeprefix('Value error, ').lower()}."
+        ) from None
+
+
+def settings_here() -> NodeSettings:
+    """Those of the node that this process runs on. InputError if it runs on none."""
+    with suppress(KeyError, ValidationError):
+        return NodeSettings.model_validate_json(os.environ[VARIABLE])
+    raise InputError("this host is no node of a rig: start one with rig node.")

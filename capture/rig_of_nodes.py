@@ -1,0 +1,133 @@
+"""`rig capture RIG.toml` where the file's cameras are connected to several hosts."""
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+
+from capture.connected_rig import require_board, rig_source
+from capture.nodes.clocks import Release
+from capture.nodes.node import Assignment, NodeReport, Scene, Wire
+from capture.nodes.remote import Link, RemoteCamera, RemoteNode, Say, Stage
+from capture.record.source import CaptureRequest, Operator, Source
+from capture.rigfile.rigfile import CameraTable, RigFile
+from drivers.camera import Camera, CameraIdentity
+from drivers.clock import Clock, SystemClock
+from imaging.errors import CaptureError, InputError
+from imaging.files.dng import Compression
+from imaging.session.records import Subject
+
+
+class OperatorOfNodes:
+    """Tells simulated cameras what they see; a person moves the others, where there are any."""
+
+    def __init__(self, stage: Stage, person: Operator | None) -> None:
+        self._stage, self._person = stage, person
+        self._next = Scene()
+
+    def show(self, kind: Subject) -> None:
+        """As of the next frame."""
+        self._next = replace(self._next, kind=kind)
+        if self._person is not None:
+            self._person.show(kind)
+
+    def move_to(self, frame: int) -> None:
+        """Move."""
+        if self._person is not None:
+            self._person.move_to(frame)
+        self._set(replace(self._next, frame=frame))
+
+    def turn_to(self, band: str) -> None:
+        """Turn the filter wheels. InputError: as the person has it."""
+        if self._person is not None:
+            self._person.turn_to(band)
+        self._set(replace(self._next, band=band))
+
+    def _set(self, scene: Scene) -> None:
+        self._next = self._stage.scene = replace(scene, number=self._next.number + 1)
+
+
+def assignments_of(rig: RigFile, compression: Compression = "none") -> dict[str, Assignment]:
+    """What each node of a rig file has to do."""
+    tables = rig.tables
+    return {
+        node: Assignment(
+            serials=tuple(camera.serial for camera in cameras),
+            addresses=tuple(camera.address for camera in cameras if camera.address is not None),
+            wires={camera.serial: wire for camera in cameras if (wire := _wire(rig, camera)) is not None},
+            compression=compression,
+        )
+        for node in tables.nodes
+        if (cameras := [camera for camera in tables.camera if camera.node == node])
+    }
+
+
+def _wire(rig: RigFile, camera: CameraTable) -> Wire | None:
+    trigger = rig.tables.trigger
+    if trigger.mode != "hardware":
+        return None
+    assert trigger.line is not None  # the file was validated
+    if camera.name == trigger.leader:
+        return "drive", trigger.output or trigger.line
+    return "listen", trigger.line
+
+
+@contextmanager
+def nodes_source(
+    rig: RigFile,
+    request: CaptureRequest,
+    links: Mapping[str, Link],
+    *,
+    person: Operator,
+    clock: Clock | None = None,
+    say: Say = lambda line: None,
+) -> Iterator[Source]:
+    """What a rig file with nodes describes. links: the way to each node that it names, left open.
+
+    person: who moves what is not simulated. clock: ours; None: that of the machine. InputError and
+    CaptureError as `connected_source` has them.
+    """
+    require_board(rig, request.kind)
+    clock = clock or SystemClock()
+    stage = Stage(Release(clock))
+    nodes = {name: RemoteNode(name, link, clock, stage, say) for name, link in links.items()}
+    with ThreadPoolExecutor(len(nodes)) as pool:
+        reports = dict(zip(nodes, pool.map(lambda node: node.ask("report"), nodes.values()), strict=True))
+    named = _named(rig, nodes, reports)
+    known = {camera.serial for camera in rig.tables.camera}
+    for name, report in reports.items():
+        for other in report.strangers:
+            if other.serial not in known:
+                say(
+                    f"{other.make} {other.model} {other.serial} is connected to {name} and not in {rig.path}."
+                )
+    positions = [report.positions for report in reports.values()]
+    simulated = [count for count in positions if count is not None]
+    all_simulated = len(simulated) == len(positions)
+    operator = OperatorOfNodes(stage, None if all_simulated else person)
+    yield rig_source(rig, named, operator, min(simulated) if all_simulated else None, clock)
+
+
+def _named(
+    rig: RigFile, nodes: Mapping[str, RemoteNode], reports: Mapping[str, NodeReport]
+) -> dict[str, tuple[Camera, CameraIdentity]]:
+    """The cameras by the names that the file gives them. CaptureError: one is not at its node."""
+    named: dict[str, tuple[Camera, CameraIdentity]] = {}
+    for index, table in enumerate(rig.tables.camera):
+        assert table.node is not None  # the file was validated
+        report = reports[table.node]
+        served = report.served.get(table.serial)
+        if served is None:
+            others = sorted([*report.served, *(one.serial for one in report.strangers)])
+            there = "; ".join([", ".join(others) or "none", *report.refused])
+            raise CaptureError(
+                f"{rig.at('camera', index, 'serial')}: {table.name} with the serial number {table.serial!r} "
+                f"is not among the cameras of node {table.node} ({there}): connect it, or correct the file."
+            )
+        if _wire(rig, table) is not None and not served.has_lines:
+            raise InputError(
+                f"{rig.at('camera', index)}: {table.name} has no lines for a hardware trigger; "
+                'set mode = "software" in [trigger].'
+            )
+        named[table.name] = (RemoteCamera(nodes[table.node], served), served.identity)
+    return named

@@ -1,0 +1,98 @@
+"""`rig node`: the cameras of this host for a rig that another host leads."""
+
+import signal
+from contextlib import closing, suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.commands.simulate import Address, address
+from rig.options.cameras import CameraOption, addresses_of
+from rig.options.common import JsonOption, SeedOption
+from rig.terminal.result import CommandResult, running
+from rig.terminal.text import counted
+
+DISK = Path("~/.cache/hdr-rig/nodes")
+
+
+def node(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Its name, as RIG.toml has it: node = NAME.")],
+    ray: Annotated[
+        Address,
+        typer.Option(
+            parser=address,
+            metavar="HOST:PORT",
+            help="The host that leads, where ray start --head runs, and its port.",
+        ),
+    ],
+    disk: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            show_default=f"{DISK}/NAME",
+            help="Where frames are kept until the host that leads has them.",
+        ),
+    ] = None,
+    camera: CameraOption = None,
+    sim: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Serve simulated cameras, those of this rig, instead of the USB."),
+    ] = None,
+    profile: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="With --sim, the cameras: generic, canon-eos-6d, nikon-z6, sony-a7m4 or usb3-vision.",
+        ),
+    ] = "generic",
+    seed: SeedOption = 0,
+    rough: Annotated[
+        bool, typer.Option("--rough", help="With --sim: inject bus errors into 5 % of camera requests.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> CommandResult:
+    """Serve the cameras of this host to the one that leads.
+
+    Joins the Ray cluster (pip install 'hdr-rig[cluster]') of the host that leads, which captures with
+    rig capture RIG.toml; cameras whose tables name this node are then driven here. Stays until Ctrl-C. Ray
+    has no password: the network has to be your own.
+
+    Example: rig node left --ray 192.168.1.10:6379
+    """
+    with running("node") as status:
+        from capture.nodes.joining import joined_as
+        from capture.nodes.node import Assignment, Node
+        from capture.nodes.place import place_of, settings_of
+        from imaging.files import store
+
+        settings = settings_of(
+            name=name,
+            disk=(DISK / name if disk is None else disk).expanduser().absolute(),
+            addresses=addresses_of(camera, None),
+            sim=sim,
+            profile=profile,
+            seed=seed,
+            rough=rough,
+        )
+        store.require_writable(settings.disk)
+        status("looking for cameras", 0, 0)
+        with closing(Node(place_of(settings), Assignment(()))) as here:
+            report = here.report()
+        for one in report.strangers:
+            status.say(f"{one.serial}  {one.make} {one.model}")
+        for refused in report.refused:
+            status.say(f"{refused}.")
+        status("joining", 0, 0)
+        where = f"{ray[0]}:{ray[1]}"
+        with joined_as(settings, where) as joined:
+            status.say(
+                f"Node {name} serves {counted(len(report.strangers), 'camera')} to {where}; Ctrl-C ends it."
+            )
+            signal.signal(signal.SIGTERM, signal.default_int_handler)  # leave in order, too
+            with suppress(KeyboardInterrupt):
+                joined.wait_for_end()
+                status.say(f"The Ray cluster at {where} is gone.")
+    data = {"node": name, "ray": where, "cameras": [asdict(one) for one in report.strangers]}
+    return CommandResult(data, [f"Node {name} has left."])

@@ -1,0 +1,86 @@
+"""The clock of another host, and one moment for several."""
+
+from itertools import cycle
+
+import pytest
+
+from capture.nodes.clocks import DRIFT, EVERY, QUESTIONS, ComparedClock, Release
+
+
+class Hand:
+    """A clock that is moved by hand."""
+
+    def __init__(self) -> None:
+        self.time = 100.0
+
+    def now(self) -> float:
+        return self.time
+
+
+class Other:
+    """A clock elsewhere: ahead, drifting; ways there and back of different and changing length."""
+
+    def __init__(self, hand: Hand, ahead: float, drift: float, ways: list[tuple[float, float]]) -> None:
+        self._hand, self._ahead, self._drift = hand, ahead, drift
+        self._ways = cycle(ways)
+        self.asked = 0
+
+    def offset(self) -> float:
+        return self._ahead + self._drift * (self._hand.time - 100.0)
+
+    def ask(self) -> float:
+        self.asked += 1
+        there, back = next(self._ways)
+        self._hand.time += there
+        answer = self._hand.time + self.offset()
+        self._hand.time += back
+        return answer
+
+
+WAYS = [(0.004, 0.0001), (0.0003, 0.0002), (0.02, 0.03), (0.0001, 0.0009)]
+
+
+@pytest.mark.parametrize("ahead", [0.0, 12345.678, -3.2])
+@pytest.mark.parametrize("drift", [0.0, DRIFT, -DRIFT])
+def test_the_offset_is_found_within_its_error(ahead: float, drift: float) -> None:
+    hand = Hand()
+    other = Other(hand, ahead, drift, WAYS)
+    compared = ComparedClock(other.ask, hand)
+    for pause in (0.0, 0.5, 0.9, 3.0, 40.0, 0.2):
+        hand.time += pause
+        reading = compared.reading()
+        assert abs(reading.offset - other.offset()) <= reading.error
+        assert reading.error < 0.00025 + EVERY * DRIFT + 0.3 * DRIFT  # the shortest way, and the drift since
+
+
+def test_what_is_known_well_is_not_asked_again() -> None:
+    hand = Hand()
+    other = Other(hand, 1.0, 0.0, [(0.001, 0.001)])
+    compared = ComparedClock(other.ask, hand)
+    compared.reading()
+    compared.reading()
+    assert other.asked == QUESTIONS
+    hand.time += EVERY + 0.01
+    compared.reading()
+    assert other.asked == 2 * QUESTIONS
+
+
+def test_a_host_that_was_started_again_has_another_clock() -> None:
+    hand = Hand()
+    clocks = [Other(hand, 5.0, 0.0, [(0.0001, 0.0001)]), Other(hand, -70.0, 0.0, WAYS)]
+    compared = ComparedClock(lambda: clocks[0].ask(), hand)
+    assert compared.reading().offset == pytest.approx(5.0, abs=1e-3)
+    del clocks[0]
+    compared.forget()
+    assert compared.reading().offset == pytest.approx(-70.0, abs=1e-3)
+
+
+def test_those_who_come_in_time_are_released_at_one_moment_a_little_ahead() -> None:
+    hand = Hand()
+    release = Release(hand)
+    first = release.moment()
+    assert first == hand.time + Release.AHEAD
+    hand.time += Release.AHEAD - 1.01 * Release.LEAST
+    assert release.moment() == first
+    hand.time += 0.02 * Release.LEAST
+    assert release.moment() == hand.time + Release.AHEAD

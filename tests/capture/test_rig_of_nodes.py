@@ -1,0 +1,312 @@
+"""A rig on several hosts: the session is the one that one host would have shot."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from capture.check.check import check
+from capture.connected_rig import Unattended, capture_rig
+from capture.record.capture_run import CaptureResult
+from capture.record.shooting import shoot
+from capture.record.source import CaptureRequest
+from capture.rig_of_nodes import assignments_of, nodes_source
+from capture.rigfile.rigfile import RigFile, read_rig_file
+from drivers.sim.bus_rig import VISION, BusRig
+from drivers.sim.faults import ROUGH
+from drivers.sim.rigs import simulate
+from drivers.sim.usb.virtual_clock import VirtualClock
+from imaging.errors import CaptureError, InputError, StorageError
+from imaging.files import store
+from imaging.session.session import Session
+from tests.capture.nodes.nearby import NearLink, near_node
+
+RIG = """
+frames = 2
+[bracket]
+exposures = [-4, 0]
+time = "1/60"
+f_number = 8
+[trigger]
+mode = "software"
+tolerance = 0.005
+"""
+CAMERA = """
+[[camera]]
+name = "{name}"
+serial = "{serial}"
+rig = "rig"
+node = "{node}"
+"""
+NODES = {"left": 71.5, "right": -1234.25}
+"""Their clocks: s ahead of the leader's."""
+
+
+@dataclass
+class Place:
+    """A rig file of cameras on two nodes, as they are started for each capture."""
+
+    folder: Path
+    text: str = RIG
+    cameras: int = 4
+    model: str = "generic"
+    said: list[str] = field(default_factory=list)
+    links: dict[str, NearLink] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
+    ways: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def file(self) -> RigFile:
+        names = list(NODES)
+        cameras = [
+            CAMERA.format(name=f"cam{n}", serial=f"SIM-RAW-{n + 1:03d}", node=names[n % 2])
+            for n in range(self.cameras)
+        ]
+        path = self.folder / "RIG.toml"
+        path.write_text(self.text + "".join(cameras))
+        return read_rig_file(path)
+
+    def start(self, clock: VirtualClock) -> None:
+        self.links = {
+            name: near_node(
+                name,
+                assignment,
+                clock,
+                self.folder,
+                ahead=NODES[name],
+                there=self.ways.get(name, 0.0004),
+                back=self.ways.get(name, 0.0009),
+                cameras=self.cameras,
+                model=self.model,
+                **self.options,
+            )
+            for name, assignment in assignments_of(self.file).items()
+        }
+
+    def shoot(self, out: str = "nodes", prepare=lambda place: None, **options: Any) -> CaptureResult:
+        clock = VirtualClock()
+        self.start(clock)
+        prepare(self)
+        request = CaptureRequest(**options)
+        try:
+            with nodes_source(
+                self.file, request, self.links, person=Unattended(), clock=clock, say=self.said.append
+            ) as source:
+                return shoot(source, self.folder / out, request)
+        finally:
+            for link in self.links.values():
+                link.close()
+
+    def shoot_without_nodes(self, out: str = "alone", **options: Any) -> CaptureResult:
+        rig = simulate("toy", 3, samples=1, cameras=self.cameras)
+        bus = BusRig(rig, model=self.model)
+        return capture_rig(
+            self.file,
+            self.folder / out,
+            operator=rig,
+            positions=rig.frames,
+            backend=bus.backend,
+            clock=bus.clock,
+            **options,
+        )
+
+    def files(self, out: str) -> dict[str, bytes]:
+        folder = self.folder / out
+        return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.dng")}
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Iterator[Place]:
+    place = Place(tmp_path)
+    yield place
+    left = [path for name in NODES for path in (tmp_path / name).glob("*")]
+    assert not left, "frames stay on a node that has given them away"
+
+
+@pytest.mark.parametrize("model", ["generic", "nikon-z6", VISION])
+def test_the_session_is_the_one_that_one_host_would_have_shot(place: Place, model: str) -> None:
+    place.model = model
+    assert place.shoot_without_nodes().missing == ()
+    result = place.shoot()
+    assert (result.taken, result.missing, result.problems, place.said) == (16, (), (), [])
+    assert place.files("nodes") == place.files("alone")
+    assert len(place.files("nodes")) == 16
+    alone, nodes = (Session.open(place.folder / name) for name in ("alone", "nodes"))
+    assert alone.record.cameras == nodes.record.cameras
+    assert [shot.sha256 for shot in alone.shots()] == [shot.sha256 for shot in nodes.shots()]
+    assert check(place.folder / "nodes").sound == 16
+
+
+def test_what_is_metered_and_planned_is_the_same_too(place: Place) -> None:
+    place.text, place.cameras = RIG.replace("[-4, 0]", '"auto"').replace('time = "1/60"\n', "snr = 12\n"), 2
+    place.text = place.text.replace("frames = 2", "frames = 1")
+    place.shoot_without_nodes()
+    place.shoot()
+    one, other = (Session.open(place.folder / name).plans()[0] for name in ("alone", "nodes"))
+    assert one.model_dump(exclude={"created"}) == other.model_dump(exclude={"created"})
+    assert place.files("nodes") == place.files("alone")
+
+
+def test_every_record_has_the_clock_of_its_node_and_shutters_are_compared_on_one(place: Place) -> None:
+    place.model = VISION
+    place.shoot()
+    shots = Session.open(place.folder / "nodes").shots()
+    for shot in shots:
+        node = "left" if shot.camera in ("cam0", "cam2") else "right"
+        assert shot.node == node
+        assert shot.clock_offset is not None
+        assert shot.clock_error is not None
+        assert abs(shot.clock_offset - NODES[node]) <= shot.clock_error < 0.0015
+
+
+def test_shutters_open_together_however_long_a_node_takes_to_be_told(place: Place) -> None:
+    """The right node is told 20 ms after the left one; devices say when they opened on the clock of all."""
+    place.model, place.ways = VISION, {"right": 0.02}
+    opened: dict[str, list[float]] = {}
+
+    def watch(place: Place) -> None:
+        for name, link in place.links.items():
+            backend: Any = link.node._place.backend
+            for serial in assignments_of(place.file)[name].serials:
+                opened[serial] = backend.port(serial).device.opened
+
+    place.shoot(prepare=watch)
+    assert {len(times) for times in opened.values()} == {4}
+    assert np.ptp(np.array(list(opened.values())), axis=0).max() < 0.001
+    for shot in Session.open(place.folder / "nodes").shots():
+        assert (shot.clock_error or 0.0) < 0.021
+        assert (shot.skew or 0.0) < 0.001
+
+
+@pytest.mark.parametrize("dies_at", [("arm", 3), ("trigger", 4), ("keep", 3), ("store", 2), ("read", 3)])
+def test_a_node_that_is_lost_costs_its_frames_and_a_sentence(place: Place, dies_at: tuple[str, int]) -> None:
+    def die(place: Place) -> None:
+        place.links["right"].dies_at = dies_at
+
+    place.shoot_without_nodes()
+    result = place.shoot(prepare=die)
+    (line,) = place.said
+    assert line.startswith("Node right does not answer, and its cameras get no frames until it is back:")
+    assert result.missing
+    assert {one.split(",")[0] for one in result.missing} <= {"cam1", "cam3"}
+    there = [name for name in place.files("nodes") if "cam0" in name or "cam2" in name]
+    assert len(there) == 8
+    place.said.clear()
+    for link in place.links.values():
+        link.start_again()  # what is left on its disk is removed when it begins
+    resumed = place.shoot(resume=True)
+    assert (resumed.kept, resumed.taken, resumed.missing) == (
+        16 - len(result.missing),
+        len(result.missing),
+        (),
+    )
+    assert place.files("nodes") == place.files("alone")
+
+
+def test_a_node_that_comes_back_is_shot_with_again(place: Place) -> None:
+    place.shoot_without_nodes()
+    links: dict[str, NearLink] = {}
+
+    def blink(place: Place) -> None:
+        link = links["right"] = place.links["right"]
+        link.dies_at = ("trigger", 1)
+        ask = link.ask
+
+        def back_for_the_next(what: str, *arguments: Any) -> Any:
+            if link.dead and what == "set_exposure" and link.asked[what] >= 4:
+                link.start_again()
+            return ask(what, *arguments)
+
+        link.ask = back_for_the_next  # type: ignore[method-assign]
+
+    result = place.shoot(prepare=blink)
+    assert result.missing == ()
+    assert [line.split(",")[0] for line in place.said] == [
+        "Node right does not answer",
+        "Node right is back.",
+    ]
+    shapes = {name: len(data) for name, data in place.files("nodes").items()}
+    assert shapes == {name: len(data) for name, data in place.files("alone").items()}
+
+
+def test_a_frame_that_is_damaged_on_the_way_is_fetched_again(place: Place) -> None:
+    def damage(place: Place) -> None:
+        place.links["left"].damaged = 1
+
+    place.shoot_without_nodes()
+    result = place.shoot(prepare=damage)
+    assert result.missing == ()
+    assert check(place.folder / "nodes").sound == 16
+
+
+def test_faults_on_the_buses_of_nodes_cost_nothing(place: Place) -> None:
+    place.options = {"mix": ROUGH}
+    result = place.shoot()
+    assert (result.taken, result.missing) == (16, ())
+    assert check(place.folder / "nodes").sound == 16
+
+
+def test_the_disk_of_a_node_that_is_full_is_told(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    write = store.write_pieces
+
+    def refuse(path: Path, pieces: Any) -> None:
+        if path.parent.name == "left":
+            raise StorageError(f"{path} could not be written (no space left on device): free some space.")
+        write(path, pieces)
+
+    monkeypatch.setattr(store, "write_pieces", refuse)
+    result = place.shoot()
+    assert {one.split(",")[0] for one in result.missing} == {"cam0", "cam2"}
+    assert "the disk of node left is in the way" in result.missing[0]
+
+
+def test_a_camera_that_is_at_another_node_is_named_with_its_line(place: Place) -> None:
+    text = place.file.path.read_text().replace('"SIM-RAW-003"', '"SIM-RAW-009"')
+    place.text, place.cameras = text, 0
+    clock = VirtualClock()
+    (place.folder / "RIG.toml").write_text(text)
+    rig = read_rig_file(place.folder / "RIG.toml")
+    links = {
+        name: near_node(name, assignment, clock, place.folder, cameras=4)
+        for name, assignment in assignments_of(rig).items()
+    }
+    with (
+        pytest.raises(CaptureError, match=r"cam2 with the serial number 'SIM-RAW-009' is not among"),
+        nodes_source(rig, CaptureRequest(), links, person=Unattended(), clock=clock),
+    ):
+        pass
+    for link in links.values():
+        link.close()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('node = "left"\n\n', "\n\n"), "cam0 names no node, as other cameras do"),
+        (('mode = "software"', 'mode = "action"'), "action commands trigger cameras of one host"),
+        (('node = "left"', 'node = "a b"'), "has to be made of letters, digits"),
+    ],
+)
+def test_rig_files_that_cannot_be_are_told_with_their_line(
+    place: Place, change: tuple[str, str], words: str
+) -> None:
+    text = place.file.path.read_text()
+    assert change[0] in text
+    place.file.path.write_text(text.replace(*change, 1))
+    with pytest.raises(InputError, match=rf"RIG\.toml, line \d+: .*{words}"):
+        read_rig_file(place.folder / "RIG.toml")
+
+
+def test_lines_are_wired_at_the_nodes(place: Place) -> None:
+    place.text = RIG.replace('mode = "software"', 'mode = "hardware"\nline = "Line0"\nleader = "cam0"')
+    assignments = assignments_of(place.file)
+    assert assignments["left"].wires == {
+        "SIM-RAW-001": ("drive", "Line0"),
+        "SIM-RAW-003": ("listen", "Line0"),
+    }
+    assert assignments["right"].wires == dict.fromkeys(("SIM-RAW-002", "SIM-RAW-004"), ("listen", "Line0"))
+    with pytest.raises(InputError, match=r"line \d+: cam0 has no lines for a hardware trigger"):
+        place.shoot()
