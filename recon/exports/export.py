@@ -10,7 +10,8 @@ from imaging.errors import InputError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.session.paths import scene_around
-from recon.exports import cameras, gltf, html, mesh, ply, sog, spz, usd
+from recon.exports import cameras
+from recon.exports.formats import gltf, html, mesh, ply, sog, spz, usd
 from recon.exports.job import Job, Written
 from recon.exports.loss import Loss, loss_of
 from recon.exports.place import place_of

@@ -14,8 +14,8 @@ from imaging.files import store
 from imaging.files.exr import white_luminance, write_exr
 from imaging.progress import Progress, unreported
 from imaging.session.paths import scene_around
-from recon.exports import usd
 from recon.exports.cameras import write_cameras
+from recon.exports.formats import usd
 from recon.exports.hand_over_page import page
 from recon.exports.job import Job, lens_note
 from recon.exports.loss import Loss, loss_of

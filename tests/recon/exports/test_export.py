@@ -11,8 +11,8 @@ from imaging.colour import srgb_decode
 from imaging.errors import InputError, ReconstructionError
 from imaging.progress import unreported
 from imaging.session.records import Band
-from recon.exports import sog
 from recon.exports.export import FORMATS, export
+from recon.exports.formats import sog
 from recon.exports.loss import loss_of, stops_between
 from recon.exports.splats import display_splats, linear_splats, sound
 from recon.result.scene import Scene, open_scene

@@ -8,10 +8,10 @@ from pxr import Gf, Usd, UsdGeom, UsdLux, UsdValidation, UsdVol
 
 from imaging.errors import InputError
 from imaging.files.exr import read_exr
+from recon.exports.formats.usd import COLOUR_SPACE, write_usd
 from recon.exports.loss import drawn
 from recon.exports.place import place_of
 from recon.exports.splats import Splats, linear_splats
-from recon.exports.usd import COLOUR_SPACE, write_usd
 from recon.result.model import SceneView
 from recon.result.scene import Scene, open_scene
 

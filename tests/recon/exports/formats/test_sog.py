@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recon.exports import palette as choice
-from recon.exports.codebook import SIZE, codebook, nearest
+from recon.exports.formats import palette as choice
+from recon.exports.formats.codebook import SIZE, codebook, nearest
+from recon.exports.formats.palette import palette
+from recon.exports.formats.sog import packed_splats
 from recon.exports.loss import floor_of, stops_between
-from recon.exports.palette import palette
-from recon.exports.sog import packed_splats
 from recon.exports.splats import Splats, as_splats, linear_splats
 from recon.result.scene import open_scene
 from recon.scene.ply import read_ply

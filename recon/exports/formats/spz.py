@@ -6,9 +6,9 @@ import numpy as np
 
 from imaging.errors import InputError
 from imaging.files import store
+from recon.exports.formats.order import along_curve
 from recon.exports.job import Job, Written
 from recon.exports.loss import floor_of, stops_between
-from recon.exports.order import along_curve
 from recon.exports.splats import Splats, as_splats
 from recon.scene.spz import BRIGHTEST, pack, unpack
 

@@ -16,10 +16,10 @@ from scipy.ndimage import binary_erosion, distance_transform_edt, map_coordinate
 
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
+from recon.exports.formats.ply import comments
 from recon.exports.job import Job, Written
 from recon.exports.loss import floor_of
 from recon.exports.place import pinhole
-from recon.exports.ply import comments
 from recon.rendering.data_layers import DataLayers
 from recon.result.display import in_colour
 from recon.result.model import SceneView

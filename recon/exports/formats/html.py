@@ -1,11 +1,11 @@
 """A page that shows the scene at any exposure in any browser: one file, which loads nothing.
 
-The programs of `recon/exports/viewer/` draw as `rig` does, with its blur, its cut-offs and the distances that
-the Gaussians were trained at, and blend linear light in floats; an exposure and a map of tones come after
-that. The numbers of a Gaussian are 16 bits each between the least and the largest of the scene, of light on a
+The programs of `viewer/` draw as `rig` does, with its blur, its cut-offs and the distances that the
+Gaussians were trained at, and blend linear light in floats; an exposure and a map of tones come after that.
+The numbers of a Gaussian are 16 bits each between the least and the largest of the scene, of light on a
 scale that is even in stops, of places 21 bits; harmonics above the constant one are bytes that name one of
-256 values. WebGL 2 (Khronos 2017), and splats as instances sorted by a worker: Kerbl et al. 2023,
-arXiv 2308.04079.
+256 values. WebGL 2 (Khronos 2017), and splats as instances sorted by a worker: Kerbl et al. 2023, arXiv
+2308.04079.
 """
 
 import base64
@@ -23,10 +23,10 @@ import numpy.typing as npt
 
 from imaging.errors import ReconstructionError
 from imaging.files import store
-from recon.exports.codebook import codebook, nearest
+from recon.exports.formats.codebook import codebook, nearest
+from recon.exports.formats.order import along_curve
 from recon.exports.job import Job, Written, lens_note
 from recon.exports.loss import floor_of
-from recon.exports.order import along_curve
 from recon.exports.place import pinhole
 from recon.exports.splats import Splats
 from recon.result.display import in_colour
@@ -162,7 +162,7 @@ def _page(job: Job, packed: Packed) -> str:
         f"{len(packed.held):,} Gaussians of {what_is_shown(scene.record.bands)}, {scene.record.radiance}, "
         f"times {job.factor:.6g}. Nothing is clipped before the exposure."
     )
-    folder = files("recon.exports") / "viewer"
+    folder = files("recon.exports.formats") / "viewer"
     parts = {name: (folder / name).read_text("utf-8") for name in _PARTS}
     parts |= {
         "title": escape(scene.folder.resolve().name),

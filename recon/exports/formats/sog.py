@@ -18,11 +18,11 @@ from PIL import Image
 
 from imaging.files import store
 from imaging.progress import Progress, unreported
-from recon.exports.codebook import codebook, nearest
+from recon.exports.formats.codebook import codebook, nearest
+from recon.exports.formats.order import along_curve
+from recon.exports.formats.palette import palette
 from recon.exports.job import Job, Written
 from recon.exports.loss import floor_of
-from recon.exports.order import along_curve
-from recon.exports.palette import palette
 from recon.exports.splats import Splats
 from recon.scene.harmonics import C0
 

@@ -15,10 +15,10 @@ import numpy.typing as npt
 from imaging.errors import InputError
 from imaging.files import store
 from imaging.files.exr import write_exr
+from recon.exports.formats.usd_cameras import define_cameras
 from recon.exports.job import Job, Written, lens_note
 from recon.exports.place import Place
 from recon.exports.splats import Splats
-from recon.exports.usd_cameras import define_cameras
 from recon.result.display import in_colour
 from recon.result.model import ENVIRONMENT
 from recon.result.scene import Scene

@@ -10,8 +10,8 @@ import pytest
 from imaging.errors import InputError
 from imaging.progress import unreported
 from recon.exports.export import export
+from recon.exports.formats.spz import packed_splats
 from recon.exports.splats import Splats, as_splats, display_splats
-from recon.exports.spz import packed_splats
 from recon.result.scene import Scene, open_scene
 from recon.scene.ply import PlySplats, read_ply, write_ply
 from recon.scene.spz import read_spz

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from imaging.progress import unreported
 from recon.exports.export import export
-from recon.exports.gltf import EXTENSION
+from recon.exports.formats.gltf import EXTENSION
 from recon.exports.place import place_of
 from recon.exports.splats import Splats, display_splats, linear_splats
 from recon.result.scene import Scene, open_scene

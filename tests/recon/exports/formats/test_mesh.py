@@ -9,8 +9,8 @@ import torch
 import trimesh
 
 from imaging.errors import ReconstructionError
-from recon.exports import mesh
 from recon.exports.export import export
+from recon.exports.formats import mesh
 from recon.result.environment_files import evenly
 from recon.result.scene import Scene, open_scene
 from recon.scene.gaussians import Gaussians
