@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 from usb.backend import IBackend
 
-from drivers import gige, plugins, ptp, u3v
+from drivers import choice, gige, plugins, u3v
 from drivers.camera import Camera, CameraIdentity, Capabilities
+from drivers.choice import Place
 from drivers.clock import Clock
 from drivers.gige import Network
 from imaging.errors import CameraError, RigError
@@ -17,8 +18,9 @@ from imaging.progress import Progress, unreported
 class ConnectedCamera:
     """One connected camera; `error` says why it could not be asked for what is then None.
 
-    protocol: PTP, PTP/IP, USB3 Vision, GigE Vision, or the name of a plug-in.
-    verified: what our driver for its make has been tried against.
+    protocol: PTP, PTP/IP, libgphoto2, USB3 Vision, GigE Vision, or the name of a plug-in.
+    verified: what our driver for its make has been tried against. chosen: which driver it got, and why, where
+    there are two.
     """
 
     protocol: str
@@ -26,6 +28,7 @@ class ConnectedCamera:
     identity: CameraIdentity | None = None
     capabilities: Capabilities | None = None
     verified: str = ""
+    chosen: str = ""
     error: str = ""
 
     @property
@@ -38,36 +41,32 @@ class ConnectedCamera:
         return f"{name} cannot shoot for rig: {self.capabilities.obstacle}."
 
 
-Places = Sequence[tuple[str, int]]
-"""Host and port of each PTP/IP camera: nothing finds them by itself."""
-
-
 def find_cameras(
-    backend: IBackend, clock: Clock, network: Network | None = None, places: Places = ()
+    backend: IBackend, clock: Clock, network: Network | None = None, places: Sequence[Place] = ()
 ) -> list[Camera]:
     """A driver for every camera on the USB, at these places and, where a network is given, there and of
     plug-ins, not open.
 
     A plug-in that fails has no cameras here; `ask_all` says why.
     """
-    found = (camera for _, camera in _by_protocol(backend, clock, network, places))
+    found = (camera for _, camera, _ in _by_protocol(backend, clock, network, places))
     return [camera for camera in found if not isinstance(camera, CameraError)]
 
 
 def _by_protocol(
-    backend: IBackend, clock: Clock, network: Network | None, places: Places
-) -> Iterator[tuple[str, Camera | CameraError]]:
-    for still in ptp.find_cameras(backend, clock):
-        yield "PTP", still
-    for still in ptp.cameras_at(places, clock):
-        yield "PTP/IP", still
+    backend: IBackend, clock: Clock, network: Network | None, places: Sequence[Place]
+) -> Iterator[tuple[str, Camera | CameraError, str]]:
+    """The protocol, the driver or why there is none, and why it is that one."""
+    # A simulated bus has no network, and none of this machine's cameras, beside it.
+    yield from choice.find_cameras(backend, clock, places, library=network is not None)
     for machine in u3v.find_cameras(backend, clock):
-        yield "USB3 Vision", machine
-    if network is None:  # a simulated bus has nothing beside it
+        yield "USB3 Vision", machine, ""
+    if network is None:
         return
     for remote in gige.find_cameras(network, clock):
-        yield "GigE Vision", remote
-    yield from plugins.find_cameras(clock)
+        yield "GigE Vision", remote, ""
+    for name, other in plugins.find_cameras(clock):
+        yield name, other, ""
 
 
 def ask_all(
@@ -76,12 +75,12 @@ def ask_all(
     progress: Progress = unreported,
     *,
     network: Network | None = None,
-    places: Places = (),
+    places: Sequence[Place] = (),
 ) -> Iterator[ConnectedCamera]:
     """Open each camera on the USB, the network, at these places and of plug-ins, ask what it is, close it."""
     progress("looking for cameras", 0, 0)
     found = list(_by_protocol(backend, clock, network, places))
-    for done, (protocol, camera) in enumerate(found):
+    for done, (protocol, camera, chosen) in enumerate(found):
         if isinstance(camera, CameraError):
             yield ConnectedCamera(protocol, "", error=str(camera))
             continue
@@ -90,7 +89,7 @@ def ask_all(
         try:
             identity = camera.identify()
             verified = camera.verified()
-            listed = ConnectedCamera(protocol, where, identity, camera.capabilities(), verified)
+            listed = ConnectedCamera(protocol, where, identity, camera.capabilities(), verified, chosen)
         except RigError as error:
             listed = ConnectedCamera(protocol, where, identity, error=str(error))
         finally:

@@ -1,10 +1,15 @@
-"""Where a camera on the network is, as people write it: `gige:192.168.1.20`, `ptpip:192.168.1.2`."""
+"""Where a camera on the network is, as people write it: `gige:192.168.1.20`, `ptpip:192.168.1.2`.
+
+`gphoto2:ptpip:192.168.1.2` has libgphoto2 drive it.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 from typing import Any, Literal
 
+from drivers.choice import Place
+from drivers.gphoto2 import SCHEME
 from drivers.ptp.ip.packets import PORT, place_of
 
 _FORMS = 'gige: or ptpip: and an IPv4 address, as "gige:192.168.1.20" or "ptpip:192.168.1.2"'
@@ -14,7 +19,7 @@ _FORMS = 'gige: or ptpip: and an IPv4 address, as "gige:192.168.1.20" or "ptpip:
 class NetworkAddress:
     """What a camera speaks, its IPv4 address, and its port where that can be another than the usual one."""
 
-    scheme: Literal["gige", "ptpip"]
+    scheme: Literal["gige", "ptpip", "gphoto2:ptpip"]
     host: str
     port: int | None = None
 
@@ -25,7 +30,9 @@ class NetworkAddress:
     @property
     def where(self) -> str:
         """As its driver says it."""
-        return f"GigE {self.host}" if self.port is None else place_of(self.host, self.port)
+        if self.port is None:
+            return f"GigE {self.host}"
+        return place_of(self.host, self.port) if self.scheme == "ptpip" else str(self)
 
 
 def address_of(value: Any) -> NetworkAddress:
@@ -33,13 +40,14 @@ def address_of(value: Any) -> NetworkAddress:
     try:
         if not isinstance(value, str):
             raise ValueError
-        scheme, _, place = value.partition(":")
+        library = value.startswith(SCHEME)
+        scheme, _, place = value.removeprefix(SCHEME).partition(":")
         host, colon, port = place.partition(":")
         host = str(IPv4Address(host))
-        if scheme == "gige" and not colon:
+        if scheme == "gige" and not colon and not library:
             return NetworkAddress("gige", host)
         if scheme == "ptpip" and (not colon or (port.isascii() and port.isdigit() and 0 < int(port) < 65536)):
-            return NetworkAddress("ptpip", host, int(port) if colon else PORT)
+            return NetworkAddress("gphoto2:ptpip" if library else "ptpip", host, int(port) if colon else PORT)
     except ValueError:
         pass
     raise ValueError(_FORMS)
@@ -50,6 +58,10 @@ def gige_hosts(addresses: Iterable[NetworkAddress]) -> list[str]:
     return [address.host for address in addresses if address.port is None]
 
 
-def ptpip_places(addresses: Iterable[NetworkAddress]) -> list[tuple[str, int]]:
-    """Host and port of the PTP/IP cameras among them."""
-    return [(address.host, address.port) for address in addresses if address.port is not None]
+def ptpip_places(addresses: Iterable[NetworkAddress]) -> list[Place]:
+    """Where the PTP/IP cameras among them are."""
+    return [
+        Place(address.host, address.port, address.scheme != "ptpip")
+        for address in addresses
+        if address.port is not None
+    ]

@@ -64,6 +64,7 @@ def _lines(camera: Any) -> list[str]:
         f"    {settings}" if settings else "",
     ]
     lines += [f"    cannot shoot for rig: {able.obstacle}" if able.obstacle else ""]
+    lines += [f"    driver: {camera.chosen}" if camera.chosen else ""]
     lines += [f"    driver verified against: {camera.verified}"]
     return [line for line in lines if line]
 

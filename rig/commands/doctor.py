@@ -37,7 +37,7 @@ def doctor(
         str | None,
         typer.Option(
             "--camera",
-            metavar="SERIAL|ptpip:ADDRESS|gige:ADDRESS",
+            metavar="SERIAL|[gphoto2:]ptpip:ADDRESS|gige:ADDRESS",
             help="Examine this connected camera and its driver instead by some 50 frames: its states, "
             "exposures, timing and noise. With --json, a report to send.",
         ),
@@ -104,7 +104,7 @@ def _camera_result(which: str, sim: str | None, status: "StatusLine") -> Command
     from drivers.conformance import examine
     from drivers.discovery import find_cameras
 
-    named = addresses_of([which], sim) if which.startswith(("gige:", "ptpip:")) else []
+    named = addresses_of([which], sim) if which.startswith(("gige:", "ptpip:", "gphoto2:")) else []
     bus = open_bus(sim)
     cameras = find_cameras(bus.backend, bus.clock, open_network(sim, named), ptpip_places(named))
     status("looking for cameras", 0, 0)

@@ -12,9 +12,9 @@ CameraOption = Annotated[
     list[str] | None,
     typer.Option(
         "--camera",
-        metavar="ptpip:ADDRESS|gige:ADDRESS",
+        metavar="[gphoto2:]ptpip:ADDRESS|gige:ADDRESS",
         help="Also ask the camera at this address: a still camera on Wi-Fi or Ethernet (PTP/IP), or a GigE "
-        "Vision camera that no broadcast reaches; repeatable.",
+        "Vision camera that no broadcast reaches; repeatable. gphoto2:ptpip:ADDRESS has libgphoto2 drive it.",
     ),
 ]
 

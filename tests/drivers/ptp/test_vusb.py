@@ -102,9 +102,10 @@ def session(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[PtpSess
     library, folder = places
     (tmp_path / "DCIM" / "100RIGXX").mkdir(parents=True)
     (tmp_path / "DCIM" / "100RIGXX" / "IMG_0001.JPG").write_bytes(PICTURE)
+    # It brings the libraries that the port library needs, and sets IOLIBS for good.
+    importlib.import_module("gphoto2")
     monkeypatch.setenv("IOLIBS", str(folder))
     monkeypatch.setenv("VCAMERADIR", str(tmp_path))
-    importlib.import_module("gphoto2")  # brings the libraries that the port library needs
     nikon, clock = VirtualNikon(ctypes.CDLL(str(library))), VirtualClock()
     bus = VirtualBus(clock)
     bus.plug(nikon)

@@ -1,7 +1,7 @@
 """A camera on the network, from `rig cameras` to a session; it is the fake camera of viva-genicam."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,8 @@ from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.files.raw import read_raw
 from rig.commands.usb_bus import UsbBus
 from tests.drivers.gige.fakes import own_address, viva_fake
+from tests.drivers.gphoto2.conftest import Served
+from tests.drivers.gphoto2.conftest import serve as serve
 
 
 @pytest.fixture
@@ -72,3 +74,22 @@ def test_addresses_that_are_none_are_told(rig, tmp_path: Path, fake: Any) -> Non
 def test_a_camera_that_does_not_answer_is_missing(rig, tmp_path: Path, fake: Any) -> None:
     code, out, _ = rig("cameras", "--camera", f"gige:{own_address(3)}")
     assert (code, out) == (0, "No camera: rig doctor shows what is missing.\n")
+
+
+def test_libgphoto2_drives_a_camera_that_is_named_so(
+    rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, serve: Callable[..., Served]
+) -> None:
+    for place in ("usb_bus", "init", "cameras"):
+        monkeypatch.setattr(
+            f"rig.commands.{place}.open_bus",
+            lambda sim, seed=0, *, rough=False: UsbBus(VirtualBus(VirtualClock()), SystemClock()),
+        )
+    at = f"gphoto2:ptpip:127.0.0.1:{serve('generic').port}"
+    code, out, _ = rig("cameras", "--camera", at)
+    assert code == 0
+    assert f"SIM-RAW-001  hdr-rig Simulated PTP  (PTP/IP at {at})\n    1/8000 to 30 s, f/2.8 to f/16" in out
+    assert "    driver: libgphoto2, as it is named\n" in out
+    path = tmp_path / "RIG.toml"
+    code, _, err = rig("init", str(path), "--camera", at)
+    assert code == 0, err
+    assert f'serial = "SIM-RAW-001"\naddress = "{at}"\n' in path.read_text()

@@ -1,0 +1,80 @@
+"""Which of two drivers a still camera gets: rig's own PTP, or libgphoto2, by what each can do with it."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from usb.backend import IBackend
+
+from drivers import gphoto2, ptp
+from drivers.camera import Camera
+from drivers.clock import Clock
+from drivers.errors import CameraRefused
+from imaging.errors import CameraError
+
+OWN = "rig's own PTP, which can set and trigger it"
+ONLY = "libgphoto2, as it is no PTP camera"
+NAMED = "libgphoto2, as it is named"
+
+
+class Place(NamedTuple):
+    """Where a PTP/IP camera is, as nothing finds it by itself. library: to be driven by libgphoto2."""
+
+    host: str
+    port: int
+    library: bool = False
+
+
+def find_cameras(
+    backend: IBackend, clock: Clock, places: Sequence[Place], *, library: bool
+) -> Iterator[tuple[str, Camera, str]]:
+    """Protocol, driver, and why it is that one, for each still camera on the USB and at these places.
+
+    library: whether libgphoto2 may be asked. Where it is installed and both know a camera, that is opened and
+    asked. The reason is empty where there was no choice.
+    """
+    library = library and gphoto2.is_installed()
+    known = {one.port: one for one in gphoto2.find_cameras(clock)} if library else {}
+    for own in ptp.find_cameras(backend, clock):
+        other = known.pop(_port_of(own.where), None)
+        yield "PTP", *chosen(own, other)
+    for place in places:
+        (own,) = ptp.cameras_at([place[:2]], clock)
+        (other,) = gphoto2.cameras_at([place[:2]], clock)
+        if place.library:
+            yield "PTP/IP", other, NAMED
+        else:
+            yield "PTP/IP", *chosen(own, other if library else None)
+    for other in known.values():
+        yield "libgphoto2", other, ONLY
+
+
+def chosen(own: Camera, other: Camera | None) -> tuple[Camera, str]:
+    """The driver that can set and trigger the camera, and why: its own, unless only the other one can.
+
+    A camera that cannot be asked stays with its own driver, which says what is wrong.
+    """
+    lacks = None if other is None else _obstacle(own)
+    if lacks is None or other is None:
+        return own, ""
+    if not lacks:
+        return own, OWN
+    own.close()  # libgphoto2 has to have the camera to itself
+    able = _obstacle(other) == ""
+    other.close()
+    why = lacks.partition(":")[0]  # without the fix, which is not needed
+    return (other, f"libgphoto2, as rig's own PTP finds that {why}") if able else (own, "")
+
+
+def _obstacle(camera: Camera) -> str | None:
+    """Why it cannot shoot for rig, empty where it can; None where it cannot be asked."""
+    try:
+        return camera.capabilities().obstacle
+    except CameraRefused as error:
+        return str(error).rstrip(".")
+    except CameraError:
+        return None
+
+
+def _port_of(where: str) -> str:
+    """What libgphoto2 calls the device that `drivers.usb.UsbDevice.where` names."""
+    return f"usb:{where.removeprefix('USB ')[:7].replace(':', ',')}"

@@ -1,0 +1,111 @@
+"""The driver above libgphoto2, judged by the examinations of `rig doctor --camera`."""
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import CameraFile
+from drivers.clock import SystemClock
+from drivers.conformance import EXAMINATIONS, Subject, examine, frames, identity, settings
+from drivers.errors import CameraRefused
+from drivers.gphoto2 import Gphoto2Camera, cameras_at, find_cameras
+from drivers.gphoto2.library import library
+from imaging.errors import CameraError
+from imaging.exposure import Exposure
+
+from .conftest import Served
+
+Serve = Callable[..., Served]
+Asked = Callable[[Subject], str]
+ALL = {one.__name__: "passed" for one in EXAMINATIONS}
+
+
+def verdicts(camera: Gphoto2Camera, asked: Sequence[Asked] = EXAMINATIONS) -> dict[str, str]:
+    rows = list(examine(camera, SystemClock(), examinations=asked))
+    assert not [row for row in rows if row.verdict == "failed"], rows
+    return {row.name: row.verdict for row in rows}
+
+
+def shoot(camera: Gphoto2Camera, exposure: Exposure) -> CameraFile:
+    camera.set_exposure(exposure)
+    camera.arm()
+    camera.trigger()
+    return camera.collect()
+
+
+def test_a_body_passes_all_examinations(serve: Serve) -> None:
+    assert verdicts(serve("generic").camera()) == ALL
+
+
+def test_a_nikon_passes_them(serve: Serve) -> None:
+    """All of them, as Sony and Canon bodies do, in 20, 20 and 150 s: libgphoto2 waits for their events."""
+    assert set(verdicts(serve("nikon-z6").camera(), (identity, settings, frames)).values()) == {"passed"}
+
+
+def test_libgphoto2s_own_virtual_camera_passes_them(virtual: Path) -> None:
+    """It has a picture from the beginning, and hands that out."""
+    (camera,) = find_cameras(SystemClock())
+    assert (camera.where, camera.identify().kind) == ("gphoto2:usb:001,001", "ldr")
+    assert verdicts(camera) == ALL | {"light": "skipped"}
+    frame = shoot(camera, Exposure(time=0.01, f_number=5.6))
+    assert (frame.data, frame.suffix) == (virtual.read_bytes(), ".jpg")
+    camera.close()
+
+
+def test_a_canon_shoots(serve: Serve) -> None:
+    camera = serve("canon-eos-6d").camera()
+    asked = Exposure(time=1 / 500, f_number=5.6, iso=200.0)
+    frame = shoot(camera, asked)
+    assert (frame.suffix, frame.metadata.exposure) == (".cr2", asked)
+    camera.close()
+
+
+def test_raw_and_jpeg_come_together(serve: Serve) -> None:
+    camera = serve("sony-a7m4", jpeg=True).camera()
+    frame = shoot(camera, Exposure(time=1 / 500))
+    assert frame.suffix in (".arw", ".dng")
+    assert frame.developed is not None
+    assert (frame.developed[0], frame.developed[1][:2]) == (".jpg", b"\xff\xd8")
+    camera.close()
+
+
+def test_a_body_that_goes_is_told_and_found_again(serve: Serve) -> None:
+    served = serve("generic")
+    camera = served.camera()
+    camera.set_exposure(Exposure(time=1 / 500))
+    camera.arm()
+    served.stop()
+    with pytest.raises(
+        CameraError, match=r"gphoto2:ptpip:127\.0\.0\.1:\d+ answers .* through libgphoto2: check"
+    ):
+        camera.trigger()
+    with pytest.raises(CameraError, match="call set_exposure, arm, trigger and collect in this order"):
+        camera.collect()
+    serve("generic", served.port)
+    frame = shoot(camera, Exposure(time=1 / 500))
+    assert frame.metadata.exposure is not None
+    assert frame.metadata.exposure.time == 1 / 500
+    camera.close()
+
+
+def test_nothing_of_this_process_is_closed(serve: Serve) -> None:
+    """libgphoto2 closes file 0 when it lets go of a camera on the network, and not that of rig."""
+    before = os.fstat(0)
+    camera = serve("generic").camera()
+    camera.identify()
+    camera.close()
+    assert os.path.samestat(os.fstat(0), before)
+
+
+def test_without_the_package_the_command_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gphoto2", None)
+    with pytest.raises(
+        CameraRefused, match=r"^libgphoto2 is not installed: pip install 'hdr-rig\[gphoto2\]'\.$"
+    ):
+        library()
+    (camera,) = cameras_at([("127.0.0.1", 9)], SystemClock())
+    with pytest.raises(CameraRefused, match="pip install"):
+        camera.identify()

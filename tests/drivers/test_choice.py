@@ -1,0 +1,80 @@
+"""Which driver a still camera gets: libgphoto2's virtual Nikon is at the place of what is on the bus."""
+
+import ctypes
+from dataclasses import replace
+
+import pytest
+
+from drivers.clock import SystemClock
+from drivers.discovery import ConnectedCamera, ask_all, find_cameras
+from drivers.gphoto2 import Gphoto2Camera
+from drivers.sim.camera.camera import SimulatedCamera
+from drivers.sim.ptp import dials
+from drivers.sim.ptp.profiles import profile
+from drivers.sim.ptp.responder import Responder
+from drivers.sim.ptp.usb_device import PtpDevice
+from drivers.sim.rigs import simulate
+from drivers.sim.usb.bus import VirtualBus
+from drivers.sim.usb.virtual_clock import VirtualClock
+from tests.drivers.gphoto2.conftest import virtual as virtual
+from tests.drivers.ptp.test_vusb import VirtualNikon, _places
+from tests.drivers.test_plugins import NoNetwork
+from tests.drivers.test_plugins import nothing_else as nothing_else
+
+pytestmark = pytest.mark.usefixtures("nothing_else", "virtual")
+
+
+def listed(bus: VirtualBus) -> ConnectedCamera:
+    (one,) = ask_all(bus, SystemClock(), network=NoNetwork())
+    return one
+
+
+def without_time(bus: VirtualBus) -> None:
+    """Plug in a body whose exposure time stands on its dial: what can be set is the rest."""
+    rig = simulate("toy")
+    told = replace(profile("generic"), dials=(dials.F_NUMBER, dials.EXPOSURE_INDEX))
+    camera = SimulatedCamera(rig.bodies[0], lambda frame: rig.radiance(0, frame))
+    bus.plug(PtpDevice(Responder(camera, told, VirtualClock())))
+
+
+def test_rigs_own_driver_is_first_where_it_can_set_the_camera() -> None:
+    """Both drive the same one: libgphoto2's, whose port is on our bus too."""
+    places = _places()
+    assert places is not None
+    bus, nikon = VirtualBus(VirtualClock()), VirtualNikon(ctypes.CDLL(str(places[0])))
+    bus.plug(nikon)
+    one = listed(bus)
+    assert (one.protocol, one.error) == ("PTP", "")
+    assert one.chosen == "rig's own PTP, which can set and trigger it"
+    nikon.close()
+
+
+def test_libgphoto2_drives_what_only_it_can_set() -> None:
+    bus = VirtualBus(VirtualClock())
+    without_time(bus)
+    one = listed(bus)
+    assert one.where == "gphoto2:usb:001,001"
+    assert one.capabilities is not None
+    assert len(one.capabilities.times) == 9
+    assert one.chosen == "libgphoto2, as rig's own PTP finds that its exposure time cannot be set"
+    assert bus.open_handles == 0
+
+
+def test_what_is_no_ptp_camera_is_libgphoto2s() -> None:
+    one = listed(VirtualBus(VirtualClock()))
+    assert (one.protocol, one.chosen) == ("libgphoto2", "libgphoto2, as it is no PTP camera")
+
+
+def test_a_simulated_bus_and_a_machine_without_the_package_have_no_choice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bus = VirtualBus(VirtualClock())
+    without_time(bus)
+    (one,) = ask_all(bus, SystemClock())
+    assert (one.protocol, one.chosen) == ("PTP", "")
+    assert "its exposure time cannot be set" in one.trouble
+    monkeypatch.setattr("drivers.gphoto2.library.find_spec", lambda name: None)
+    assert listed(bus) == one
+    assert not any(
+        isinstance(camera, Gphoto2Camera) for camera in find_cameras(bus, SystemClock(), NoNetwork())
+    )
