@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from usb.backend import IBackend
 
-from drivers import choice, gige, plugins, u3v
+from drivers import choice, gentl, gige, plugins, u3v
 from drivers.camera import Camera, CameraIdentity, Capabilities
 from drivers.choice import Place
 from drivers.clock import Clock
@@ -18,7 +18,7 @@ from imaging.progress import Progress, unreported
 class ConnectedCamera:
     """One connected camera; `error` says why it could not be asked for what is then None.
 
-    protocol: PTP, PTP/IP, libgphoto2, USB3 Vision, GigE Vision, or the name of a plug-in.
+    protocol: PTP, PTP/IP, libgphoto2, USB3 Vision, GigE Vision, GenTL, or the name of a plug-in.
     verified: what our driver for its make has been tried against. chosen: which driver it got, and why, where
     there are two.
     """
@@ -44,10 +44,10 @@ class ConnectedCamera:
 def find_cameras(
     backend: IBackend, clock: Clock, network: Network | None = None, places: Sequence[Place] = ()
 ) -> list[Camera]:
-    """A driver for every camera on the USB, at these places and, where a network is given, there and of
-    plug-ins, not open.
+    """A driver for every camera on the USB, at these places and, where a network is given, there, of GenTL
+    producers and of plug-ins, not open.
 
-    A plug-in that fails has no cameras here; `ask_all` says why.
+    A plug-in or a GenTL producer that fails has no cameras here; `ask_all` says why.
     """
     found = (camera for _, camera, _ in _by_protocol(backend, clock, network, places))
     return [camera for camera in found if not isinstance(camera, CameraError)]
@@ -59,12 +59,18 @@ def _by_protocol(
     """The protocol, the driver or why there is none, and why it is that one."""
     # A simulated bus has no network, and none of this machine's cameras, beside it.
     yield from choice.find_cameras(backend, clock, places, library=network is not None)
+    own = set()
     for machine in u3v.find_cameras(backend, clock):
+        own.add(machine.serial)
         yield "USB3 Vision", machine, ""
     if network is None:
         return
     for remote in gige.find_cameras(network, clock):
+        own.add(remote.serial)
         yield "GigE Vision", remote, ""
+    for made in gentl.find_cameras(clock):
+        if isinstance(made, CameraError) or made.serial not in own:  # a producer finds those above, too
+            yield "GenTL", made, ""
     for name, other in plugins.find_cameras(clock):
         yield name, other, ""
 

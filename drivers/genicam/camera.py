@@ -180,6 +180,8 @@ class GenicamCamera:
     def _set_up(self, session: Session) -> None:
         """Set what does not change from shot to shot."""
         name = f"camera {self.serial}"
+        if not session.nodes.available("TriggerMode"):
+            raise CameraRefused(f"{name} cannot be triggered ({session.where}): take one that can.")
         settings.prepare(session.nodes, name)
         lines.apply(session.nodes, name, self._wiring)
 

@@ -51,7 +51,7 @@ def _lines(camera: Any) -> list[str]:
             if camera.identity
             else ""
         )
-        return [f"{who}{camera.where}: {camera.error}"]
+        return [f"{who}{camera.where or camera.protocol}: {camera.error}"]
     identity, able = camera.identity, camera.capabilities
     size = f"{able.width}x{able.height}, {able.bit_depth} bit, " if able.width and able.bit_depth else ""
     parts = [f"{_time(able.times[0])} to {_time(able.times[-1])} s" if able.times else ""]
