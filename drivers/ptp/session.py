@@ -30,6 +30,8 @@ READY_TIMEOUT = 4.0
 picture that lies in its memory."""
 PATIENCE = 8.0
 """Seconds for which a busy camera is asked again."""
+_LONGEST_PAUSE = 0.02
+"""Seconds between two questions to a busy camera; libgphoto2 asks Nikons as often."""
 PIECE = 1 << 20
 """Bytes of one partial download; 5 MiB crash a Canon EOS R."""
 
@@ -119,13 +121,16 @@ class PtpSession:
         most: int = MOST_BYTES,
         repeatable: bool | None = None,
         patience: float = PATIENCE,
+        prompt: float | None = None,
     ) -> Answer:
         """Run an operation until the camera says OK.
 
         Busy is asked again for `patience` seconds, then CameraBusy. An operation that may be done twice
-        is done once more after an error that the connection survived. CameraRefused for other answers.
+        is done once more after an error that the connection survived, or `prompt` seconds without an answer;
+        if not given, that is PROMPT_TIMEOUT but for what takes long. CameraRefused for other answers.
         """
         limit = timeout or (QUICK_TIMEOUT if operation in _QUICK else TIMEOUT)
+        first = prompt or (limit if operation in _SLOW else PROMPT_TIMEOUT)
         may_repeat = operation in _REPEATABLE if repeatable is None else repeatable
 
         def attempt(limit: float) -> Answer:
@@ -143,17 +148,23 @@ class PtpSession:
             if not may_repeat:
                 return attempt(limit)
             try:
-                return attempt(min(limit, PROMPT_TIMEOUT) if operation not in _SLOW else limit)
+                return attempt(min(limit, first))
             except (CameraProtocol, CameraTimeout):
                 return attempt(limit)
 
         return self._patiently(operation, insisting, patience)
 
     def get(
-        self, operation: int, *parameters: int, timeout: float | None = None, most: int = MOST_BYTES
+        self,
+        operation: int,
+        *parameters: int,
+        timeout: float | None = None,
+        most: int = MOST_BYTES,
+        prompt: float | None = None,
     ) -> bytes:
         """Run an operation that answers with data, and may be run twice; CameraProtocol if it sends none."""
-        data = self.run(operation, *parameters, timeout=timeout, most=most, repeatable=True).data
+        reply = self.run(operation, *parameters, timeout=timeout, most=most, repeatable=True, prompt=prompt)
+        data = reply.data
         if data is None:
             raise CameraProtocol(f"{self.where} sent nothing for operation 0x{operation:04X}: try again.")
         return data
@@ -301,4 +312,4 @@ class PtpSession:
             if self.clock.now() >= end:
                 raise CameraBusy(f"{self.where} stays busy: let it finish writing, or switch it off and on.")
             self.clock.sleep(pause)
-            pause = min(1.5 * pause, 0.03)
+            pause = min(1.5 * pause, _LONGEST_PAUSE)

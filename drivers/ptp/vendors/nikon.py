@@ -22,7 +22,7 @@ from drivers.ptp.codes import (
 from drivers.ptp.datasets import EnumForm
 from drivers.ptp.exposure import NIKON_ISO, NIKON_TIME
 from drivers.ptp.picture import has_raw
-from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, READY_TIMEOUT, Download
+from drivers.ptp.session import PATIENCE, PROMPT_TIMEOUT, QUICK_TIMEOUT, READY_TIMEOUT, Download
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import LATE, deadline
 from imaging.errors import CameraError
@@ -31,6 +31,9 @@ MEMORY_HANDLE = 0xFFFF0001
 """Where a picture lies that went to the camera's memory."""
 _TO_MEMORY, _NO_AUTOFOCUS = 1, 0xFFFFFFFF
 _PAUSE, _ASK_AFTER = 0.05, 1.0
+_POLL_TIMEOUT = 1.0
+"""Seconds after which DeviceReady and GetEvent are asked once more: they are made to be asked while the body
+is busy with other things, so that an answer that has not come is lost."""
 _MEMORY_RELEASES = (
     NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA,
     NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM,
@@ -165,7 +168,9 @@ class NikonBody(StandardBody):
         if file.data:
             return bytes(file.data)
         most = 1 << 32 if file.info.size == UNKNOWN_LENGTH else max(file.info.size, 1)
-        return self.session.get(Operation.GET_OBJECT, file.handle, timeout=READY_TIMEOUT, most=most)
+        return self.session.get(
+            Operation.GET_OBJECT, file.handle, timeout=READY_TIMEOUT, most=most, prompt=PROMPT_TIMEOUT
+        )
 
     def discard(self, file: Download) -> None:
         """Delete it from memory, else the next shot finds the camera busy."""
@@ -213,11 +218,17 @@ class NikonBody(StandardBody):
     def _until_ready(self, patience: float) -> None:
         if self.session.supports(NikonOperation.DEVICE_READY):
             self.session.run(
-                NikonOperation.DEVICE_READY, timeout=QUICK_TIMEOUT, repeatable=True, patience=patience
+                NikonOperation.DEVICE_READY,
+                timeout=QUICK_TIMEOUT,
+                repeatable=True,
+                patience=patience,
+                prompt=_POLL_TIMEOUT,
             )
 
     def _events(self) -> list[Event]:
-        return unpack_events(self.session.get(NikonOperation.GET_EVENT, timeout=QUICK_TIMEOUT))
+        return unpack_events(
+            self.session.get(NikonOperation.GET_EVENT, timeout=QUICK_TIMEOUT, prompt=_POLL_TIMEOUT)
+        )
 
 
 def _in_memory(file: Download) -> bool:

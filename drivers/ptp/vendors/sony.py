@@ -11,7 +11,7 @@ from drivers.ptp.codes import UNKNOWN_LENGTH, DataType, Operation, PropertyCode,
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.ptp.exposure import SONY_ISO, SONY_TIME, STANDARD_F_NUMBER, Dial
 from drivers.ptp.picture import has_raw
-from drivers.ptp.session import PATIENCE, QUICK_TIMEOUT, READY_TIMEOUT, Download
+from drivers.ptp.session import PATIENCE, PROMPT_TIMEOUT, QUICK_TIMEOUT, READY_TIMEOUT, Download
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import LATE, deadline
 from imaging.errors import CameraError
@@ -165,7 +165,9 @@ class SonyBody(StandardBody):
         if file.data:
             return bytes(file.data)
         most = 1 << 32 if file.info.size == UNKNOWN_LENGTH else max(file.info.size, 1)
-        file.data[:] = self.session.get(Operation.GET_OBJECT, file.handle, timeout=READY_TIMEOUT, most=most)
+        file.data[:] = self.session.get(
+            Operation.GET_OBJECT, file.handle, timeout=READY_TIMEOUT, most=most, prompt=PROMPT_TIMEOUT
+        )
         return bytes(file.data)
 
     def discard(self, file: Download) -> None:

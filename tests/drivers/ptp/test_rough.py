@@ -7,8 +7,9 @@ from dataclasses import replace
 import pytest
 
 from drivers.ptp import PtpCamera, find_cameras
+from drivers.sim.bus_rig import BusRig
 from drivers.sim.camera.camera import SimulatedCamera
-from drivers.sim.faults import ROUGH, FaultPlan, Mix
+from drivers.sim.faults import ROUGH, Fault, FaultPlan, Kind, Mix
 from drivers.sim.ptp.profiles import PROFILES, profile
 from drivers.sim.ptp.responder import Responder
 from drivers.sim.ptp.usb_device import PtpDevice
@@ -97,3 +98,26 @@ def test_sessions_leave_nothing_open(toy: SimulatedRig) -> None:
             camera.close()
             camera.close()
         assert row.bus.open_handles == 0
+
+
+@pytest.mark.parametrize(
+    ("operation", "lost"), [("DEVICE_READY", 1.2), ("GET_EVENT", 1.2), ("GET_OBJECT", 2.2)]
+)
+def test_a_nikon_whose_answer_is_lost_costs_no_more_than_asking_again(
+    toy: SimulatedRig, operation: str, lost: float
+) -> None:
+    """Seconds, by how soon it is asked again."""
+    times = []
+    for faults in ((), (Fault(Kind.TIMEOUT, operation=operation, nth=3),)):
+        bus = BusRig(toy, faults, model="nikon-z6")
+        camera = bus.cameras()[0]
+        for _ in range(4):
+            camera.set_exposure(Exposure(time=1 / 60, f_number=4.0, iso=100.0))
+            camera.arm()
+            camera.trigger()
+            frame = camera.collect()
+            assert frame.metadata.exposure == Exposure(time=1 / 60, f_number=4.0, iso=100.0)
+        assert len(bus.plan.log) == len(faults)
+        times.append(bus.clock.now())
+        camera.close()
+    assert 0.5 < times[1] - times[0] < lost
