@@ -98,9 +98,8 @@ def nodes_source(
     for name, report in reports.items():
         for other in report.strangers:
             if other.serial not in known:
-                say(
-                    f"{other.make} {other.model} {other.serial} is connected to {name} and not in {rig.path}."
-                )
+                who = f"{other.make} {other.model} {other.serial}"
+                say(f"{who} is connected to node {name} and not in {rig.path}.")
     positions = [report.positions for report in reports.values()]
     simulated = [count for count in positions if count is not None]
     all_simulated = len(simulated) == len(positions)

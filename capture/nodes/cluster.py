@@ -15,8 +15,8 @@ from imaging.errors import CaptureError, InputError
 
 PATIENCE = 5.0
 """Seconds in which a cluster has to answer."""
-RELEASED = 10.0
-"""Seconds after which a node whose leader was killed is free again."""
+RELEASED = 20.0
+"""Seconds after which a node whose leader was killed is free again, and a host that is down not counted."""
 STARTED = 60.0
 """Seconds in which an actor has to begin; rig has to be loaded there."""
 AT_ONCE = 64
@@ -138,22 +138,27 @@ def ray_links(address: str, assignments: Mapping[str, Assignment]) -> Iterator[d
 
 
 def _require_node(ray: Any, address: str, name: str) -> None:
-    """CaptureError unless one host is that node, and it serves nobody else."""
-    resource = resource_of(name)
-    hosts = [node["Resources"] for node in ray.nodes() if node["Alive"]]
-    there = [resources for resources in hosts if resource in resources]
-    if not there:
-        every, head = {one for host in hosts for one in host}, resource_of("")
-        others = ", ".join(sorted(one.removeprefix(head) for one in every if one.startswith(head)))
-        raise CaptureError(
-            f"the Ray cluster at {address} has no node {name} (it has {others or 'none'}): "
-            f"start rig node {name} on its host."
-        )
-    if len(there) > 1:
-        raise CaptureError(f"{len(there)} hosts call themselves node {name}: end rig node on all but one.")
-    deadline = time.monotonic() + RELEASED
-    waiting = threading.Event()
-    while not ray.available_resources().get(resource):
-        if time.monotonic() > deadline:
-            raise CaptureError(f"node {name} serves another capture: wait for its end, or stop it.")
+    """CaptureError unless one host is that node, and it serves nobody else.
+
+    It is looked again for a while: of a host that went down, and of a leader that was killed, the cluster
+    learns only after some seconds.
+    """
+    resource, deadline, waiting = resource_of(name), time.monotonic() + RELEASED, threading.Event()
+    while True:
+        hosts = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+        count = sum(resource in resources for resources in hosts)
+        if count == 1 and ray.available_resources().get(resource):
+            return
+        if count == 0 or time.monotonic() > deadline:
+            break
         waiting.wait(0.2)
+    if count == 1:
+        raise CaptureError(f"node {name} serves another capture: wait for its end, or stop it.")
+    if count > 1:
+        raise CaptureError(f"{count} hosts call themselves node {name}: end rig node on all but one.")
+    every, head = {one for host in hosts for one in host}, resource_of("")
+    others = ", ".join(sorted(one.removeprefix(head) for one in every if one.startswith(head)))
+    raise CaptureError(
+        f"the Ray cluster at {address} has no node {name} (it has {others or 'none'}): "
+        f"start rig node {name} on its host."
+    )
