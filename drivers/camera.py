@@ -1,5 +1,6 @@
 """What every camera can be asked, whatever the bus: the `Camera` protocol."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
@@ -114,6 +115,15 @@ class HardwareTriggered(Protocol):
 
     def drive(self, line: str) -> None:
         """Show on that output that it exposes."""
+        ...
+
+
+@runtime_checkable
+class ShootsBrackets(Protocol):
+    """A camera that may shoot several exposures on one order, each faster than it could be set."""
+
+    def bracket(self, exposures: Sequence[Exposure]) -> Sequence[RawMosaic | CameraFile]:
+        """A frame for each exposure, with its own metadata. CameraRefused if it has no way to do so."""
         ...
 
 

@@ -14,8 +14,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from drivers.camera import Camera, CameraFile, Capabilities
+from drivers.camera import Camera, CameraFile, Capabilities, ShootsBrackets
 from drivers.clock import Clock
+from drivers.errors import CameraRefused
 from imaging.errors import CameraError, RigError
 from imaging.exposure import Exposure
 from imaging.files import raw
@@ -209,6 +210,36 @@ def timing(subject: Subject) -> str:
     )
 
 
+def bracket(subject: Subject) -> str:
+    """Exposures a stop apart are shot on one order or one by one, each frame as it was asked for."""
+    camera, times = subject.camera, subject.times()
+    if not isinstance(camera, ShootsBrackets):
+        raise Skipped("its driver shoots no brackets: rig sets each exposure and triggers it")
+    longest = times[len(times) // 2]
+    wanted = [min(times, key=lambda one, to=to: abs(np.log2(one / to))) for to in _stops(longest)]  # type: ignore[misc]
+    exposures = [subject.exposure(time) for time in wanted]
+    began = subject.clock.now()
+    try:
+        taken = camera.bracket(exposures)
+    except CameraRefused as error:
+        raise Skipped(str(error)) from error
+    seconds = subject.clock.now() - began
+    for exposure, frame in zip(exposures, taken, strict=True):
+        told = frame.metadata.exposure
+        if told is None or abs(np.log2(told.time / exposure.time)) > 0.25:
+            raise Failure(f"asked for {exposure}, a frame of its bracket says {told}")
+    began = subject.clock.now()
+    for exposure in exposures:
+        camera.set_exposure(exposure)
+        subject.shoot()
+    alone = subject.clock.now() - began
+    return f"{len(taken)} frames as asked in {seconds:.2f} s, in {alone:.2f} s one by one"
+
+
+def _stops(longest: float) -> list[float]:
+    return [longest / 2**step for step in range(3)]
+
+
 def light(subject: Subject) -> str:
     """Signals double with the time, and the variance between two frames rises in proportion to them."""
     levels = _levels(subject)
@@ -269,7 +300,7 @@ def _bright(signal: npt.NDArray[np.float64]) -> float:
 
 
 EXAMINATIONS: tuple[Callable[[Subject], str], ...] = (
-    identity, capabilities, settings, frames, order, closing, timing, light,
+    identity, capabilities, settings, frames, order, closing, timing, bracket, light,
 )  # fmt: skip
 
 

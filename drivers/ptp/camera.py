@@ -1,6 +1,6 @@
 """A still camera as a `Camera`: the state machine of one shot, over plugs that are pulled."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
@@ -11,6 +11,8 @@ from drivers import usb
 from drivers.camera import CameraFile, CameraIdentity, Capabilities
 from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
+from drivers.ptp.autobracket import Fit, fit, shows
+from drivers.ptp.bracket_shot import shoot
 from drivers.ptp.codes import PropertyCode
 from drivers.ptp.connection import Connection, UsbConnection
 from drivers.ptp.dials import Dials
@@ -138,6 +140,50 @@ class PtpCamera:
         frame = self.fetch(self._stored())
         self._shot, self._failed = None, False
         return frame
+
+    def bracket(self, exposures: Sequence[Exposure]) -> list[CameraFile]:
+        """A frame for each exposure: by the body's own bracketing where that holds them, else one by one.
+
+        Whatever the body made of it, each frame's file states the exposure that is wanted; what its bracket
+        did not bring is set and shot alone. Errors are those of set_exposure, arm, trigger and collect.
+        """
+        frames: list[CameraFile] = []
+        with suppress(CameraError):  # it is tried for its speed alone
+            found = self._again(lambda body: self._fit(body, exposures))
+            if found is not None:
+                self._shoot_bracket(found, frames)
+        return [
+            next((frame for frame in frames if shows(frame.metadata.exposure, wanted)), None)
+            or self._single(wanted)
+            for wanted in exposures
+        ]
+
+    def _single(self, exposure: Exposure) -> CameraFile:
+        self.set_exposure(exposure)
+        self.arm()
+        self.trigger()
+        return self.collect()
+
+    def _fit(self, body: StandardBody, exposures: Sequence[Exposure]) -> Fit | None:
+        offered = body.auto_brackets()
+        return fit(exposures, offered, _values(body.time)) if offered else None
+
+    def _shoot_bracket(self, found: Fit, frames: list[CameraFile]) -> None:
+        """Add the frames of a bracket as they come; in the end the body is set to single frames again.
+
+        CameraErrors; a body that then could not be set back is let go, and begins anew.
+        """
+        if not shows(self.set_exposure(found.middle), found.middle):
+            return
+        self.arm()
+        body = self._connected()
+        self._failed = True
+        try:
+            shoot(body, found, frames)
+        except CameraError:
+            self._drop()
+            raise
+        self._failed = False
 
     def keeps(self) -> bool:
         """Whether its pictures stay on a card, where they can be fetched later."""

@@ -175,7 +175,7 @@ class PropertyCode(IntEnum):
     CAPTURE_DELAY = 0x5012
     """uint32, milliseconds."""
     STILL_CAPTURE_MODE = 0x5013
-    """1 single, 2 burst."""
+    """1 single, 2 burst; Sony has its brackets here too."""
     BURST_NUMBER = 0x5018
 
 
@@ -185,11 +185,13 @@ class CanonProperty(IntEnum):
     APERTURE = 0xD101
     SHUTTER_SPEED = 0xD102
     ISO_SPEED = 0xD103
+    DRIVE_MODE = 0xD106
+    """0 single, 1 continuous."""
     AVAILABLE_SHOTS = 0xD11B
     CAPTURE_DESTINATION = 0xD11C
-    AEB_NUMBER = 0xD11D
     IMAGE_FORMAT = 0xD120
     AEB = 0xD1D9
+    """Eighths of a stop to either side, thirds rounded as those of the dials; 0 off."""
 
 
 class NikonProperty(IntEnum):

@@ -2,15 +2,16 @@
 
 Source: libgphoto2's codes and layout of event records; what an EOS 6D and an R6 sent (its dumps).
 Verified against: the simulated cameras, which follow the same notes; no hardware. Left out: setting the image
-format (choose RAW in the camera's menu), bulb, in-camera bracketing, live view, autofocus and its result.
+format (choose RAW in the camera's menu), bulb, live view, autofocus and its result.
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from dataclasses import replace
 
 from drivers.errors import CameraBusy, CameraProtocol, CameraRefused, CameraTimeout
+from drivers.ptp.autobracket import AutoBracket
 from drivers.ptp.codec import Reader, Value, damaged
 from drivers.ptp.codes import CanonEvent, CanonOperation, CanonProperty, DataType
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, ObjectInfo
@@ -25,7 +26,15 @@ _CAPACITY = (0x0FFFFFFF, 0x1000, 1)
 _LIST = 3
 _PAUSE = 0.05
 _MOST_BATCHES = 64
+_READ_BACKS = 5
 _HALF, _FULL = 1, 2
+_SINGLE, _CONTINUOUS, _AEB_OFF = 0, 1, 0
+_BRACKETS = tuple(
+    AutoBracket(code, thirds, 3)
+    for thirds, code in enumerate((0x03, 0x05, 0x08, 0x0B, 0x0D, 0x10, 0x13, 0x15, 0x18), 1)
+)
+"""AEB by thirds of a stop. It has three frames, unless the photographer chose another number in the camera's
+menu, which is not told."""
 
 
 def unpack_records(data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -74,6 +83,8 @@ class CanonBody(StandardBody):
         with suppress(CameraBusy):  # libgphoto2 goes on too; the shot would tell
             self.session.run(CanonOperation.PC_HDD_CAPACITY, *_CAPACITY, repeatable=True)
         self._listen()
+        if self._description(CanonProperty.AEB).current != _AEB_OFF:  # a bracket that broke off left it so
+            self.write(CanonProperty.AEB, _AEB_OFF)
         self.time, self.f_number, self.iso = (Dial(self, *setting) for setting in CANON_DIALS)
 
     def leave(self) -> None:
@@ -143,6 +154,47 @@ class CanonBody(StandardBody):
             clock.sleep(_PAUSE)
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
+    def auto_brackets(self) -> tuple[AutoBracket, ...]:
+        """AEB, of a body that has both it and continuous shooting, and a button that can be held down."""
+        self._listen()
+        aeb, drive = (self._offered(code) for code in (CanonProperty.AEB, CanonProperty.DRIVE_MODE))
+        if _CONTINUOUS not in drive or not self.session.supports(CanonOperation.REMOTE_RELEASE_ON):
+            return ()
+        return tuple(bracket for bracket in _BRACKETS if bracket.code in aeb)
+
+    def set_auto_bracket(self, bracket: AutoBracket | None) -> None:
+        """AEB in continuous shooting, in which one press takes all frames."""
+        for code, wanted in (
+            (CanonProperty.DRIVE_MODE, _SINGLE if bracket is None else _CONTINUOUS),
+            (CanonProperty.AEB, _AEB_OFF if bracket is None else bracket.code),
+        ):
+            self.write(code, wanted)
+            for _ in range(_READ_BACKS):
+                if self.describe(code).current == wanted:
+                    break
+                self.session.clock.sleep(_PAUSE)
+            else:
+                raise CameraRefused(f"{self.session.where} keeps its drive mode or AEB: set its dial to M.")
+
+    def shoot_bracket(self, bracket: AutoBracket, seconds: float) -> Generator[Download, None, None]:
+        """The button is held down until all frames are there."""
+        clock = self.session.clock
+        end = clock.now() + deadline(seconds)
+        self.session.run(CanonOperation.REMOTE_RELEASE_ON, _HALF, repeatable=True)
+        try:
+            self.session.run(CanonOperation.REMOTE_RELEASE_ON, _FULL, repeatable=False)
+            for _ in range(bracket.frames):
+                self._listen()
+                while not self._added:
+                    if clock.now() >= end:
+                        raise CameraTimeout(f"{self.session.where} broke its bracket off: check its menu.")
+                    clock.sleep(_PAUSE)
+                    self._listen()
+                yield self._added.pop(0)
+        finally:
+            for half in (_FULL, _HALF):
+                self.session.run(CanonOperation.REMOTE_RELEASE_OFF, half, repeatable=True)
+
     def fetch(self, file: Download) -> bytes:
         """In pieces of 1 MiB at most."""
         self.session.pieces(file, lambda offset, count: self._piece(file.handle, offset, count))
@@ -181,6 +233,11 @@ class CanonBody(StandardBody):
             if form == _LIST and reader.remaining >= 4 * count:
                 choices = EnumForm(tuple(reader.u32() for _ in range(count)))
                 self._properties[description.code] = replace(description, form=choices)
+
+    def _offered(self, code: int) -> tuple[Value, ...]:
+        """What a property may be set to, by the events so far."""
+        form = self._description(code).form
+        return form.values if isinstance(form, EnumForm) else ()
 
     def _description(self, code: int) -> DevicePropDesc:
         return self._properties.get(code) or DevicePropDesc(code, DataType.UINT32, True, 0, 0)

@@ -2,7 +2,8 @@
 
 Source: libgphoto2's codes, and the property lists of a Z 6, a D780 and 60 older bodies (its dumps). Verified
 against: the simulated cameras, which follow the same notes; no hardware. Left out: bulb, in-camera
-bracketing, live view, Wi-Fi pairing. A body that lists none of Nikon's operations is spoken to in plain PTP.
+bracketing (its properties are known, not what their values mean), live view, Wi-Fi pairing. A body that
+lists none of Nikon's operations is spoken to in plain PTP.
 """
 
 from contextlib import suppress

@@ -5,7 +5,10 @@ against: the simulated cameras, which follow the same notes; no hardware. Protoc
 spoken. Left out: bodies that take shutter speed only in steps, protocol 3 and its own properties, bulb.
 """
 
+from collections.abc import Generator
+
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused, CameraTimeout
+from drivers.ptp.autobracket import AutoBracket
 from drivers.ptp.codec import Reader, Value, damaged, pack_value
 from drivers.ptp.codes import UNKNOWN_LENGTH, DataType, Operation, PropertyCode, SonyOperation, SonyProperty
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
@@ -25,6 +28,16 @@ _RAW, _RAW_AND_JPEG = 0x10, range(0x11, 0x15)
 _UP, _DOWN = 1, 2
 _HOST = 1
 _START_UP, _PAUSE = 8.0, 0.05
+_SINGLE = 1
+_BRACKETS = {
+    code: AutoBracket(code, thirds, frames)
+    for thirds, low, most in ((1, 0x37, 9), (2, 0x77, 9), (3, 0x11, 9), (6, 0x21, 5), (9, 0x31, 5))
+    for frames in (3, 5, 9)
+    if frames <= most
+    for code in (0x8000 | frames << 8 | low,)
+}
+"""StillCaptureMode of continuous brackets: 0x8537 is 5 frames a third of a stop apart."""
+_READ_BACKS = 5
 _MOST_SECOND_LIST = 0x200
 """A second list of values begins with its length, and the next property with its code, which is greater."""
 
@@ -87,6 +100,9 @@ class SonyBody(StandardBody):
         else:
             self._choose(quality, _RAW)
         self._choose(listed.get(SonyProperty.SAVE_DESTINATION), _HOST)
+        mode = listed.get(PropertyCode.STILL_CAPTURE_MODE)
+        if mode is not None and mode.current in _BRACKETS:  # a bracket that broke off left it so
+            self._choose(mode, _SINGLE)
         self.time, self.iso = Dial(self, *SONY_TIME), Dial(self, *SONY_ISO)
         self.f_number = Dial(self, *STANDARD_F_NUMBER) if PropertyCode.F_NUMBER in listed else None
 
@@ -159,6 +175,42 @@ class SonyBody(StandardBody):
                 return files
             clock.sleep(_PAUSE)
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
+
+    def auto_brackets(self) -> tuple[AutoBracket, ...]:
+        """Those in its list of drive modes; none for RAW+JPEG, whose files could not be told apart."""
+        mode = self._everything().get(PropertyCode.STILL_CAPTURE_MODE)
+        if self._files > 1 or mode is None or not mode.writable or not isinstance(mode.form, EnumForm):
+            return ()
+        return tuple(
+            _BRACKETS[value] for value in mode.form.values if isinstance(value, int) and value in _BRACKETS
+        )
+
+    def set_auto_bracket(self, bracket: AutoBracket | None) -> None:
+        """By the drive mode, which a body that is set otherwise by a dial keeps."""
+        wanted = _SINGLE if bracket is None else bracket.code
+        self.write(PropertyCode.STILL_CAPTURE_MODE, wanted)
+        for _ in range(_READ_BACKS):
+            if self.describe(PropertyCode.STILL_CAPTURE_MODE).current == wanted:
+                return
+            self.session.clock.sleep(_PAUSE)
+        raise CameraRefused(f"{self.session.where} keeps its drive mode: free its dial for computers.")
+
+    def shoot_bracket(self, bracket: AutoBracket, seconds: float) -> Generator[Download, None, None]:
+        """The button is held down until all frames are there."""
+        clock = self.session.clock
+        end = clock.now() + deadline(seconds)
+        try:
+            self._press(SonyProperty.HALF_PRESS, _DOWN, PATIENCE)
+            self._press(SonyProperty.FULL_PRESS, _DOWN, PATIENCE, repeatable=False)
+            for _ in range(bracket.frames):
+                while self._in_memory() < READY:
+                    if clock.now() >= end:
+                        raise CameraTimeout(f"{self.session.where} broke its bracket off: check its card.")
+                    clock.sleep(_PAUSE)
+                yield Download(MEMORY_HANDLE, self.session.object_info(MEMORY_HANDLE), bytearray())
+        finally:
+            for button in (SonyProperty.FULL_PRESS, SonyProperty.HALF_PRESS):
+                self._press(button, _UP, PATIENCE)
 
     def fetch(self, file: Download) -> bytes:
         """In one go, which also frees the memory."""

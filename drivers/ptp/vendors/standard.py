@@ -5,6 +5,9 @@ RAW is not part of the standard: choose it in the camera's menu. Of Fuji, only t
 is known (libgphoto2's dump of an X-T4): what puts those bodies under remote control is left out.
 """
 
+from collections.abc import Generator
+
+from drivers.ptp.autobracket import AutoBracket
 from drivers.ptp.codec import Value
 from drivers.ptp.codes import FormatCode, Operation, VendorId
 from drivers.ptp.datasets import DevicePropDesc
@@ -82,6 +85,21 @@ class StandardBody:
     def wait(self, exposure: float) -> list[Download]:
         """All objects of the shot that was begun; `exposure` is its time in seconds."""
         return wait_for_objects(self.session, self.earlier, exposure)
+
+    def auto_brackets(self) -> tuple[AutoBracket, ...]:
+        """The brackets that it shoots by itself, as far as it can be told to."""
+        return ()
+
+    def set_auto_bracket(self, bracket: AutoBracket | None) -> None:
+        """Have the next release shoot that bracket, None: a single frame. CameraRefused if it will not."""
+        raise NotImplementedError  # none is offered
+
+    def shoot_bracket(self, bracket: AutoBracket, seconds: float) -> Generator[Download, None, None]:
+        """Release, and give each frame when it is stored: it has to be fetched and discarded before the next.
+
+        seconds: all exposures together. CameraTimeout if a frame does not come.
+        """
+        raise NotImplementedError
 
     def fetch(self, file: Download) -> bytes:
         """The bytes of an object; goes on where it stopped."""

@@ -24,6 +24,11 @@ GET_STORAGE_IDS, GET_STORAGE_INFO, GET_OBJECT, DELETE_OBJECT = 0x9101, 0x9102, 0
 GET_DEVICE_INFO_EX, REQUEST_PROPERTY = 0x9108, 0x9127
 """Operations of Canon's own that gphoto2 uses besides those of `codes`."""
 CARD, HOST = 2, 4
+AEB = {0: 0, **dict(zip((0x03, 0x05, 0x08, 0x0B, 0x0D, 0x10, 0x13, 0x15, 0x18), range(1, 10), strict=True))}
+"""Thirds of a stop by code."""
+_DRIVE = (0, 1)
+_BRACKET = 3
+"""Frames, as a body shoots them that was not set to another number in its menu."""
 _FULL_PRESS = 2
 _U16_LIST = 3
 _RAW = (1, 0x10, 6, 0, 4)
@@ -38,12 +43,16 @@ def _is_full_press(request: Request) -> bool:
 class Canon(Manner):
     """What a camera in remote mode does."""
 
-    memory_handles = (MEMORY_HANDLE, MEMORY_HANDLE + 1)
+    memory_handles = (MEMORY_HANDLE, MEMORY_HANDLE + 1, *range(MEMORY_HANDLE + 2, MEMORY_HANDLE + 6))
+    """One pair a frame of a bracket."""
     polled = True
     _records: list[bytes]
     _destination = CARD
     _host_room = 0
     """Bytes that the host says it has room for."""
+    _aeb = _drive = 0
+    _held = False
+    """Whether the button is down."""
 
     def operations(self) -> dict[int, Handler]:
         """Canon's own; the standard's InitiateCapture is not there."""
@@ -57,7 +66,7 @@ class Canon(Manner):
             CanonOperation.PC_HDD_CAPACITY: Handler(self._room),
             CanonOperation.REMOTE_RELEASE: Handler(self._release, shoots=always),
             CanonOperation.REMOTE_RELEASE_ON: Handler(self._release_on, shoots=_is_full_press),
-            CanonOperation.REMOTE_RELEASE_OFF: done,
+            CanonOperation.REMOTE_RELEASE_OFF: Handler(self._release_off),
             CanonOperation.GET_PARTIAL_OBJECT: Handler(self._partial, Phase.TO_HOST),
             CanonOperation.TRANSFER_COMPLETE: Handler(self._complete),
             GET_STORAGE_IDS: Handler(self._storage_ids, Phase.TO_HOST),
@@ -74,7 +83,7 @@ class Canon(Manner):
     def begin(self) -> None:
         """No records before event mode."""
         super().begin()
-        self._records = []
+        self._records, self._held = [], False
 
     def announce(self, announcement: Announcement) -> None:
         """A record of the object; that the capture is complete is not told."""
@@ -127,6 +136,10 @@ class Canon(Manner):
         self._value(CanonProperty.CAPTURE_DESTINATION, self._destination)
         self._list(CanonProperty.CAPTURE_DESTINATION, (CARD, HOST))
         self._value(CanonProperty.IMAGE_FORMAT, *_RAW)
+        self._value(CanonProperty.AEB, self._aeb)
+        self._list(CanonProperty.AEB, tuple(AEB))
+        self._value(CanonProperty.DRIVE_MODE, self._drive)
+        self._list(CanonProperty.DRIVE_MODE, _DRIVE)
         return Reply()
 
     def _get_event(self, request: Request) -> Reply:
@@ -142,6 +155,15 @@ class Canon(Manner):
             self._destination = value
             self._value(code, value)
             self._count_shots()
+            return Reply()
+        if (code == CanonProperty.AEB and value in AEB) or (
+            code == CanonProperty.DRIVE_MODE and value in _DRIVE
+        ):
+            if code == CanonProperty.AEB:
+                self._aeb = value
+            else:
+                self._drive = value
+            self._value(code, value)
             return Reply()
         dial = self.shooting.dials.get(code)
         if dial is None:
@@ -170,14 +192,27 @@ class Canon(Manner):
         return self._destination == HOST
 
     def _release_on(self, request: Request) -> Reply:
+        self._held |= _is_full_press(request)
         return self._release(request) if _is_full_press(request) else Reply(parameters=(0,))
+
+    def _release_off(self, request: Request) -> Reply:
+        self._held &= not _is_full_press(request)
+        return Reply()
 
     def _release(self, request: Request) -> Reply:
         if self._to_host and not self._host_room:
             return Reply(ResponseCode.STORE_FULL)
         if self.fills_memory():
             return Reply(ResponseCode.DEVICE_BUSY)
-        memory = self.memory_handles if self._to_host else None
+        memory = (MEMORY_HANDLE, MEMORY_HANDLE + 1) if self._to_host else None
+        if self._aeb and self._drive and self._to_host:
+            handles = self.memory_handles
+            pairs = list(zip(handles[::2], handles[1::2], strict=True))[:_BRACKET]
+            thirds = AEB[self._aeb]
+            code = self.shooting.shoot_bracket(
+                request.transaction, request.faults, thirds, pairs, lambda: self._held
+            )
+            return Reply(code, (0,))
         return Reply(self.shooting.shoot(request.transaction, request.faults, memory), (0,))
 
     def _object(self, request: Request) -> Reply:

@@ -29,7 +29,7 @@ class CameraProfile:
     vendor, product: of the USB descriptor; extension: DeviceInfo's vendor id; raw_format: of its RAW objects;
     prefix: of file names; jpeg_settings, raw_setting, raw_jpeg_settings: what CompressionSetting is when it
     shoots JPEG, RAW or both; jpeg: whether it stands at both; write: seconds from the end of an exposure
-    until the file is on the card.
+    until the file is on the card; lag: from the order to the exposure; rate: frames a second in a burst.
     """
 
     name: str
@@ -51,6 +51,8 @@ class CameraProfile:
     raw_jpeg_settings: tuple[int, ...] = (5, 6, 7)
     write: float = 0.15
     jpeg: bool = False
+    lag: float = 0.0
+    rate: float = 10.0
 
 
 PROFILES = {
@@ -81,6 +83,7 @@ PROFILES = {
             (dials.CANON_TIME, dials.CANON_F_NUMBER, dials.CANON_ISO),
             raw_format=FormatCode.VENDOR_RAW_2,
             folder="100CANON",
+            rate=4.5,
         ),
         CameraProfile(
             "nikon-z6",

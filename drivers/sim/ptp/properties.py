@@ -18,6 +18,12 @@ from drivers.sim.ptp.shooting import Shooting
 _MANUAL = 1
 _STARTED = "20260101T120000"
 """What its clock shows, for ever: a simulation's files are dated by where the rig stands."""
+SONY_BRACKETS = {
+    **{0x8337: (1, 3), 0x8537: (1, 5), 0x8937: (1, 9), 0x8377: (2, 3), 0x8577: (2, 5), 0x8977: (2, 9)},
+    **{0x8311: (3, 3), 0x8511: (3, 5), 0x8911: (3, 9), 0x8321: (6, 3), 0x8521: (6, 5)},
+    **{0x8331: (9, 3), 0x8531: (9, 5)},
+}
+"""Thirds of a stop and frames by drive mode."""
 _BIASES = tuple(round(1000 * third / 3) for third in range(-9, 10))
 
 
@@ -44,8 +50,10 @@ def _others(profile: CameraProfile, focal_length_mm: float) -> tuple[DevicePropD
     if profile.style is Style.NIKON:
         return (*standard, _fixed(NikonProperty.RECORDING_MEDIA, DataType.UINT8, 0, 0, 1))
     if profile.style is Style.SONY:
+        single = _fixed(PropertyCode.STILL_CAPTURE_MODE, DataType.UINT16, 1, 1, 2, *SONY_BRACKETS)
         return (
-            *standard,
+            *(one for one in standard if one.code != single.code),
+            single,
             _fixed(SonyProperty.SAVE_DESTINATION, DataType.UINT16, 1, 1, 16, 17),
             DevicePropDesc(
                 SonyProperty.OBJECT_IN_MEMORY, DataType.UINT16, False, 0, 0, RangeForm(0, 0xFFFF, 1)

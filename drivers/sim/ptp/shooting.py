@@ -94,19 +94,78 @@ class Shooting:
         off = fault_of.get(Kind.EXPOSURE_OFF)
         wanted = self.exposure.with_time(self.exposure.time * (1.0 + (off.share if off else 0.0)))
         label = self.camera.set_exposure(wanted)
-        self.camera.arm()
-        self.camera.trigger()
         self.shooting = True
         slow = fault_of.get(Kind.SLOW_CARD)
         write = self.profile.write + (slow.seconds if slow else 0.0)
-        lasting = shutter.applied(label).time + write
-        self.timeline.call_later(lasting, lambda: self._store(transaction, fault_of, memory_handles))
+
+        def expose() -> None:
+            self.camera.arm()
+            self.camera.trigger()
+            self.timeline.call_later(shutter.applied(label).time + write, store)
+
+        def store() -> None:
+            self._store(self.camera.collect(), transaction, fault_of, memory_handles)
+            self.shooting = False
+
+        if self.profile.lag:
+            self.timeline.call_later(self.profile.lag, expose)
+        else:
+            expose()
+        return ResponseCode.OK
+
+    def shoot_bracket(
+        self,
+        transaction: int,
+        faults: Sequence[Fault],
+        thirds: int,
+        memory_handles: Sequence[tuple[int, int]],
+        held: Callable[[], bool],
+    ) -> ResponseCode:
+        """Shoot a frame for each pair of handles: as set, then ever shorter ones, then ever longer ones.
+
+        thirds: of a stop between two. It goes on for as long as the button is held; the files are written
+        meanwhile. What is beyond the ends of the dial is exposed as at its end.
+        """
+        fault_of = {fault.kind: fault for fault in faults}
+        if self.shooting:
+            return ResponseCode.DEVICE_BUSY
+        if Kind.STORE_FULL in fault_of:
+            return ResponseCode.STORE_FULL
+        off = fault_of.get(Kind.EXPOSURE_OFF)
+        frames = len(memory_handles)
+        steps = [0, *range(-1, -(frames // 2) - 1, -1), *range(1, (frames - 1) // 2 + 1)]
+        share = 1.0 + (off.share if off else 0.0)
+        times = [self.exposure.time * 2 ** (step * thirds / 3) * share for step in steps]
+        self.shooting = True
+
+        def expose(number: int) -> None:
+            if number == frames or not held():
+                self.timeline.call_later(self.profile.write, done)
+                return
+            lasting = shutter.applied(self.camera.set_exposure(self.exposure.with_time(times[number]))).time
+            self.camera.arm()
+            self.camera.trigger()
+            self.timeline.call_later(lasting, lambda: expose_next(number, lasting))
+
+        def expose_next(number: int, lasting: float) -> None:
+            frame, handles = self.camera.collect(), memory_handles[number]
+            store = partial(self._store, frame, transaction, fault_of, handles)
+            self.timeline.call_later(self.profile.write, store)
+            self.timeline.call_later(max(0.0, 1 / self.profile.rate - lasting), partial(expose, number + 1))
+
+        def done() -> None:
+            self.shooting = False
+
+        self.timeline.call_later(self.profile.lag, partial(expose, 0))
         return ResponseCode.OK
 
     def _store(
-        self, transaction: int, fault_of: dict[Kind, Fault], memory_handles: tuple[int, int] | None
+        self,
+        frame: Any,
+        transaction: int,
+        fault_of: dict[Kind, Fault],
+        memory_handles: tuple[int, int] | None,
     ) -> None:
-        frame = self.camera.collect()
         files = [photograph(frame, self.profile)]
         if isinstance(frame, RawMosaic):
             if self.quality in self.profile.jpeg_settings:
@@ -117,7 +176,6 @@ class Shooting:
             self.store.add(file, memory, beside=number > 0)
             for number, (file, memory) in enumerate(zip(files, memory_handles or (None, None), strict=False))
         ]
-        self.shooting = False
         self.shots += 1
         news = [Announcement(News.OBJECT_ADDED, handle, transaction) for handle in handles]
         news.append(Announcement(News.CAPTURE_COMPLETE, handles[0], transaction))

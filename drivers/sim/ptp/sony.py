@@ -6,6 +6,7 @@ from drivers.ptp.codec import Event, pack_array, pack_value, unpack_value
 from drivers.ptp.codes import (
     DataType,
     Operation,
+    PropertyCode,
     ResponseCode,
     SonyEvent,
     SonyOperation,
@@ -13,6 +14,7 @@ from drivers.ptp.codes import (
 )
 from drivers.ptp.datasets import DevicePropDesc, EnumForm, RangeForm
 from drivers.sim.ptp.operations import Handler, Phase, Reply, Request
+from drivers.sim.ptp.properties import SONY_BRACKETS
 from drivers.sim.ptp.shooting import Announcement, News
 from drivers.sim.ptp.standard import Manner
 
@@ -33,6 +35,8 @@ class Sony(Manner):
 
     memory_handles = (MEMORY_HANDLE, MEMORY_HANDLE)
     _connected = 0
+    _held = False
+    """Whether the button is down."""
 
     def operations(self) -> dict[int, Handler]:
         """Sony's own; neither the standard's capture nor its way of setting properties works."""
@@ -52,7 +56,7 @@ class Sony(Manner):
     def begin(self) -> None:
         """The handshake has to be done again."""
         super().begin()
-        self._connected = 0
+        self._connected, self._held = 0, False
 
     def announce(self, announcement: Announcement) -> None:
         """An event for the object; the property that says the same does not depend on it."""
@@ -101,10 +105,24 @@ class Sony(Manner):
             return self._step(button, request.data)
         if self._connected < 3 or button not in _BUTTONS or len(request.data) != 2:
             return Reply(ResponseCode.INVALID_PARAMETER)
+        if button == SonyProperty.FULL_PRESS:
+            self._held = _is_full_press(request)
         if not _is_full_press(request):
             return Reply()
         if self.fills_memory():
             return Reply(ResponseCode.DEVICE_BUSY)
+        mode = self.properties.description(PropertyCode.STILL_CAPTURE_MODE)
+        bracket = SONY_BRACKETS.get(mode.current) if mode and isinstance(mode.current, int) else None
+        if bracket is not None:
+            thirds, frames = bracket
+            code = self.shooting.shoot_bracket(
+                request.transaction,
+                request.faults,
+                thirds,
+                [self.memory_handles] * frames,
+                lambda: self._held,
+            )
+            return Reply(code)
         return Reply(self.shooting.shoot(request.transaction, request.faults, self.memory_handles))
 
     def _step(self, code: int, data: bytes) -> Reply:

@@ -17,7 +17,7 @@ def always(request: Request) -> bool:
 class Manner:
     """InitiateCapture, and events on the interrupt endpoint."""
 
-    memory_handles: tuple[int, int] | None = None
+    memory_handles: tuple[int, ...] | None = None
     """Of objects in working memory, where a shot may stay until the host has fetched it: of a RAW file or
     whatever there is, and of the JPEG beside it."""
     polled = False
