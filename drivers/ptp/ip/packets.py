@@ -106,10 +106,14 @@ class Link:
         self._packet, self._filled = bytearray(HEAD), 0
         return kind, fields
 
-    def close(self) -> None:
-        """Hang up; this also wakes a thread that waits for a packet."""
-        with suppress(OSError):
+    def hang_up(self) -> None:
+        """End the connection, which wakes a thread that waits for a packet; `close` it once that is gone."""
+        with suppress(OSError):  # it has ended by itself
             self._socket.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Hang up and let go; a second time does nothing."""
+        self.hang_up()
         self._socket.close()
 
     def _fill(self, size: int, timeout: float | None) -> None:

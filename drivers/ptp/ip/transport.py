@@ -97,9 +97,10 @@ class IpTransport:
 
     def close(self) -> None:
         """Hang up; a second time does nothing."""
+        self._event_link.hang_up()
+        self._listener.join()
         self._commands.close()
         self._event_link.close()
-        self._listener.join()
 
     def _send_data(self, transaction: int, data: bytes) -> None:
         head = struct.pack("<I", transaction)
