@@ -16,8 +16,10 @@ from drivers.sim.rigs import simulate
 from drivers.sim.usb.bus import VirtualBus
 from drivers.sim.usb.timeline import LiveTimeline
 from drivers.sim.usb.virtual_clock import VirtualClock
+from imaging.errors import InputError
 from imaging.files.raw import read_raw
 from rig.commands.usb_bus import UsbBus
+from rig.facade import find_cameras
 
 
 @pytest.fixture
@@ -76,3 +78,10 @@ def test_a_camera_that_is_not_there_is_told(rig, served: str) -> None:
         2,
         True,
     )
+
+
+def test_addresses_are_taken_by_import_rig_too(served: str) -> None:
+    (one,) = find_cameras(addresses=[served])
+    assert (one.protocol, one.identity and one.identity.model) == ("PTP/IP", "Z 6")
+    with pytest.raises(InputError, match="addresses has to be made of gige: or ptpip: and an IPv4 address"):
+        find_cameras(addresses=["nowhere"])

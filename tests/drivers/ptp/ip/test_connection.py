@@ -1,7 +1,9 @@
 """How a camera at an address is connected to, paired with, and found again after its connection broke."""
 
 import struct
+import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -200,3 +202,17 @@ def test_a_camera_that_does_not_come_back_is_lost(
         camera.identify()
     with pytest.raises(CameraLost, match=r"Camera SIM-RAW-001 does not come back: .*connection refused"):
         camera.set_exposure(WANTED)
+
+
+def test_connections_leave_nothing_open(rig: SimulatedRig, timeline: LiveTimeline) -> None:
+    server, _ = served(rig, timeline, "nikon-z6")
+    with server:
+        (camera,) = cameras_at([(server.host, server.port)], CLOCK)
+        counts = []
+        for _ in range(40):
+            camera.capabilities()
+            camera.close()
+            heard = sum(thread.name.startswith("events of") for thread in threading.enumerate())
+            counts.append((len(list(Path("/proc/self/fd").iterdir())), heard))
+    assert all(heard == 0 for _, heard in counts)
+    assert max(open_ for open_, _ in counts) <= counts[0][0] + 4  # of the server, which closes by and by
