@@ -118,6 +118,8 @@ def connected_source(
     """
     require_board(rig, request.kind)
     clock = clock or SystemClock()
+    if backend is None and rig.tables.nodes:
+        raise InputError(f"{rig.path} names nodes: shoot with the command rig capture, which asks them.")
     if backend is None:
         backend, network = default_backend(), network or Network(gige_hosts(rig.tables.addresses))
     # A simulated bus stands in for the network too.

@@ -104,6 +104,7 @@ def source_of(
             ray_links(ray, assignments_of(rig, request.compression)) as links,
             nodes_source(rig, request, links, person=person, clock=clock, say=status.say) as source,
         ):
+            status("planning", 0, 0)
             yield source
         return
     from capture.connected_rig import connected_source

@@ -17,6 +17,7 @@ from capture.rig_of_nodes import assignments_of, nodes_source
 from capture.rigfile.rigfile import RigFile, read_rig_file
 from drivers.sim.bus_rig import VISION, BusRig
 from drivers.sim.faults import ROUGH
+from drivers.sim.genicam.lines import Wire
 from drivers.sim.rigs import simulate
 from drivers.sim.usb.virtual_clock import VirtualClock
 from imaging.errors import CaptureError, InputError, StorageError
@@ -51,12 +52,13 @@ class Place:
 
     folder: Path
     text: str = RIG
-    cameras: int = 4
+    cameras: int = 2
     model: str = "generic"
     said: list[str] = field(default_factory=list)
     links: dict[str, NearLink] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
     ways: dict[str, float] = field(default_factory=dict)
+    clock: VirtualClock = field(default_factory=VirtualClock)
 
     @property
     def file(self) -> RigFile:
@@ -70,6 +72,7 @@ class Place:
         return read_rig_file(path)
 
     def start(self, clock: VirtualClock) -> None:
+        self.clock = clock
         self.links = {
             name: near_node(
                 name,
@@ -131,17 +134,17 @@ def test_the_session_is_the_one_that_one_host_would_have_shot(place: Place, mode
     place.model = model
     assert place.shoot_without_nodes().missing == ()
     result = place.shoot()
-    assert (result.taken, result.missing, result.problems, place.said) == (16, (), (), [])
+    assert (result.taken, result.missing, result.problems, place.said) == (8, (), (), [])
     assert place.files("nodes") == place.files("alone")
-    assert len(place.files("nodes")) == 16
+    assert len(place.files("nodes")) == 8
     alone, nodes = (Session.open(place.folder / name) for name in ("alone", "nodes"))
     assert alone.record.cameras == nodes.record.cameras
     assert [shot.sha256 for shot in alone.shots()] == [shot.sha256 for shot in nodes.shots()]
-    assert check(place.folder / "nodes").sound == 16
+    assert check(place.folder / "nodes").sound == 8
 
 
 def test_what_is_metered_and_planned_is_the_same_too(place: Place) -> None:
-    place.text, place.cameras = RIG.replace("[-4, 0]", '"auto"').replace('time = "1/60"\n', "snr = 12\n"), 2
+    place.text = RIG.replace("[-4, 0]", '"auto"').replace('time = "1/60"\n', "snr = 12\n")
     place.text = place.text.replace("frames = 2", "frames = 1")
     place.shoot_without_nodes()
     place.shoot()
@@ -155,7 +158,7 @@ def test_every_record_has_the_clock_of_its_node_and_shutters_are_compared_on_one
     place.shoot()
     shots = Session.open(place.folder / "nodes").shots()
     for shot in shots:
-        node = "left" if shot.camera in ("cam0", "cam2") else "right"
+        node = "left" if shot.camera == "cam0" else "right"
         assert shot.node == node
         assert shot.clock_offset is not None
         assert shot.clock_error is not None
@@ -191,15 +194,15 @@ def test_a_node_that_is_lost_costs_its_frames_and_a_sentence(place: Place, dies_
     (line,) = place.said
     assert line.startswith("Node right does not answer, and its cameras get no frames until it is back:")
     assert result.missing
-    assert {one.split(",")[0] for one in result.missing} <= {"cam1", "cam3"}
-    there = [name for name in place.files("nodes") if "cam0" in name or "cam2" in name]
-    assert len(there) == 8
+    assert {one.split(",")[0] for one in result.missing} == {"cam1"}
+    there = [name for name in place.files("nodes") if "cam0" in name]
+    assert len(there) == 4
     place.said.clear()
     for link in place.links.values():
         link.start_again()  # what is left on its disk is removed when it begins
     resumed = place.shoot(resume=True)
     assert (resumed.kept, resumed.taken, resumed.missing) == (
-        16 - len(result.missing),
+        8 - len(result.missing),
         len(result.missing),
         (),
     )
@@ -239,14 +242,14 @@ def test_a_frame_that_is_damaged_on_the_way_is_fetched_again(place: Place) -> No
     place.shoot_without_nodes()
     result = place.shoot(prepare=damage)
     assert result.missing == ()
-    assert check(place.folder / "nodes").sound == 16
+    assert check(place.folder / "nodes").sound == 8
 
 
 def test_faults_on_the_buses_of_nodes_cost_nothing(place: Place) -> None:
     place.options = {"mix": ROUGH}
     result = place.shoot()
-    assert (result.taken, result.missing) == (16, ())
-    assert check(place.folder / "nodes").sound == 16
+    assert (result.taken, result.missing) == (8, ())
+    assert check(place.folder / "nodes").sound == 8
 
 
 def test_the_disk_of_a_node_that_is_full_is_told(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -259,22 +262,22 @@ def test_the_disk_of_a_node_that_is_full_is_told(place: Place, monkeypatch: pyte
 
     monkeypatch.setattr(store, "write_pieces", refuse)
     result = place.shoot()
-    assert {one.split(",")[0] for one in result.missing} == {"cam0", "cam2"}
+    assert {one.split(",")[0] for one in result.missing} == {"cam0"}
     assert "the disk of node left is in the way" in result.missing[0]
 
 
 def test_a_camera_that_is_at_another_node_is_named_with_its_line(place: Place) -> None:
-    text = place.file.path.read_text().replace('"SIM-RAW-003"', '"SIM-RAW-009"')
+    text = place.file.path.read_text().replace('"SIM-RAW-002"', '"SIM-RAW-009"')
     place.text, place.cameras = text, 0
     clock = VirtualClock()
     (place.folder / "RIG.toml").write_text(text)
     rig = read_rig_file(place.folder / "RIG.toml")
     links = {
-        name: near_node(name, assignment, clock, place.folder, cameras=4)
+        name: near_node(name, assignment, clock, place.folder, cameras=2)
         for name, assignment in assignments_of(rig).items()
     }
     with (
-        pytest.raises(CaptureError, match=r"cam2 with the serial number 'SIM-RAW-009' is not among"),
+        pytest.raises(CaptureError, match=r"cam1 with the serial number 'SIM-RAW-009' is not among"),
         nodes_source(rig, CaptureRequest(), links, person=Unattended(), clock=clock),
     ):
         pass
@@ -300,13 +303,23 @@ def test_rig_files_that_cannot_be_are_told_with_their_line(
         read_rig_file(place.folder / "RIG.toml")
 
 
-def test_lines_are_wired_at_the_nodes(place: Place) -> None:
-    place.text = RIG.replace('mode = "software"', 'mode = "hardware"\nline = "Line0"\nleader = "cam0"')
-    assignments = assignments_of(place.file)
-    assert assignments["left"].wires == {
-        "SIM-RAW-001": ("drive", "Line0"),
-        "SIM-RAW-003": ("listen", "Line0"),
-    }
-    assert assignments["right"].wires == dict.fromkeys(("SIM-RAW-002", "SIM-RAW-004"), ("listen", "Line0"))
+def test_a_wire_from_node_to_node_triggers(place: Place) -> None:
+    """Line1 of cam0, at the left node, is soldered to Line0 of cam1, at the right one."""
+    hardware = 'mode = "hardware"\nline = "Line0"\noutput = "Line1"\nleader = "cam0"'
+    place.text = RIG.replace('mode = "software"', hardware)
+    opened: list[list[float]] = []
+
+    def solder(place: Place) -> None:
+        wire = Wire(place.clock)
+        for number, (name, link) in enumerate(place.links.items()):
+            backend: Any = link.node._place.backend
+            (serial,) = assignments_of(place.file)[name].serials
+            wire.connect(backend.port(serial).device, 1 - number)
+            opened.append(backend.port(serial).device.opened)
+
+    place.model = VISION
+    assert place.shoot(prepare=solder).missing == ()
+    assert np.abs(np.subtract(*opened)).max() < 100e-6
+    place.model = "generic"
     with pytest.raises(InputError, match=r"line \d+: cam0 has no lines for a hardware trigger"):
-        place.shoot()
+        place.shoot("still")
