@@ -101,8 +101,8 @@ class RayLink:
 
     def close(self) -> None:
         """As `Link.close`."""
-        with suppress(NodeLost):
-            self.ask("close")
+        with suppress(NodeLost, self._ray.exceptions.GetTimeoutError):
+            self._answer(self._actor.close.remote(), RELEASED)
         self._ray.kill(self._actor)
 
     def _answer(self, reference: Any, seconds: float | None) -> Any:

@@ -5,6 +5,7 @@ import itertools
 import math
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -201,7 +202,8 @@ class Node:
         frame = self._on_disk.pop(number, None)
         for file in (frame.file, frame.developed) if frame else ():
             if file is not None:
-                store.discard(file.path)
+                with suppress(StorageError):  # the next capture removes it
+                    store.discard(file.path)
 
     def close(self) -> None:
         """Let go of the cameras, and remove what is left of their frames."""
