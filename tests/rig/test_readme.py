@@ -149,7 +149,8 @@ def test_a_rig_of_your_own(desk: Desk) -> None:
     commands = until("6. ")
     assert len(commands) > 8
     for command in commands:
-        if command != "rig doctor":  # what the machine lacks is not the page's fault
+        # What the machine lacks, or the network, is not the page's fault.
+        if command != "rig doctor" and "--camera" not in command:
             desk.run(stood_in(command))
     assert (desk.folder / "S" / "calibration" / "report.html").is_file()
     (light, *_) = (desk.folder / "merged").rglob("*.exr")
