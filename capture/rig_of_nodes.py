@@ -10,7 +10,8 @@ from capture.nodes.clocks import Release
 from capture.nodes.node import Assignment, NodeReport, Scene, Wire
 from capture.nodes.remote import Link, RemoteCamera, RemoteNode, Say, Stage
 from capture.record.source import CaptureRequest, Operator, Source
-from capture.rigfile.rigfile import CameraTable, RigFile
+from capture.rigfile.rigfile import RigFile
+from capture.rigfile.tables import CameraTable
 from drivers.camera import Camera, CameraIdentity
 from drivers.clock import Clock, SystemClock
 from imaging.errors import CaptureError, InputError
