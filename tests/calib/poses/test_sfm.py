@@ -26,10 +26,10 @@ def turned(degrees):
     return np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
 
 
-def seen(rotation, translation, noise=0.2, seed=0, k1=0.0):
+def seen(rotation, translation, noise=0.2, seed=0, k1=0.0, scene=POINTS):
     """Features of the points in a camera; descriptors with a little noise, in an order of their own."""
     rng = np.random.default_rng(seed)
-    x, y, z = (POINTS @ rotation.T + translation).T
+    x, y, z = (scene @ rotation.T + translation).T
     bent = FOCAL / z * (1 + k1 * (x**2 + y**2) / z**2)
     u, v = bent * x + WIDTH / 2, bent * y + HEIGHT / 2
     inside = np.flatnonzero((u > 0) & (u < WIDTH) & (v > 0) & (v < HEIGHT) & (z > 0.1))
@@ -84,6 +84,31 @@ def test_a_rig_on_an_arc_is_placed():
     true_distances = np.linalg.norm(true_spread[:, None] - true_spread, axis=-1)
     scale = distances.sum() / true_distances.sum()
     assert distances / scale == pytest.approx(true_distances, abs=0.01 * true_distances.max())
+
+
+def test_cameras_that_never_see_the_same_at_once_are_one_rig():
+    """They look apart, along a wall: what one sees now, the other has seen or will see."""
+    wall = RNG.uniform(-1, 1, (600, 3)) * (7.0, 1.2, 0.8) + (0.0, 0.0, 4.0)
+    features, places = {}, np.linspace(-3.0, 3.0, 7)
+    for frame, place in enumerate(places):
+        for name, angle in (("left", 35.0), ("right", -35.0)):
+            rotation = turned(angle)
+            features[ViewId(frame, name)] = seen(
+                rotation,
+                -rotation @ np.array([place, 0.02 * frame**2, 0.1 * np.sin(frame)]),
+                seed=frame,
+                scene=wall,
+            )
+    model = solve(features, {"left": GUESS, "right": GUESS}, [["left", "right"]], 1, unreported)
+    for frame in range(len(places)):
+        pairs = match(
+            features[ViewId(frame, "left")].descriptors, features[ViewId(frame, "right")].descriptors
+        )
+        assert len(pairs) == 0
+    assert set(model.poses) == set(features)
+    assert model.rigged
+    apart = model.cam_from_rig["right"].matrix()[:3, :3] @ model.cam_from_rig["left"].matrix()[:3, :3].T
+    assert np.degrees(np.arccos((np.trace(apart) - 1) / 2)) == pytest.approx(70.0, abs=0.3)
 
 
 @pytest.mark.parametrize(("k1", "views"), [(0.0, 5), (-0.12, 5), (0.0, 12), (-0.06, 12)])
