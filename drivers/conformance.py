@@ -211,18 +211,18 @@ def timing(subject: Subject) -> str:
 
 
 def bracket(subject: Subject) -> str:
-    """Exposures a stop apart are shot on one order or one by one, each frame as it was asked for."""
+    """Exposures a stop apart that the camera shoots by itself, if it does, are each as asked for."""
     camera, times = subject.camera, subject.times()
     if not isinstance(camera, ShootsBrackets):
-        raise Skipped("its driver shoots no brackets: rig sets each exposure and triggers it")
+        return "none of its own: each exposure is set and triggered"
     longest = times[len(times) // 2]
     wanted = [min(times, key=lambda one, to=to: abs(np.log2(one / to))) for to in _stops(longest)]  # type: ignore[misc]
     exposures = [subject.exposure(time) for time in wanted]
     began = subject.clock.now()
     try:
         taken = camera.bracket(exposures)
-    except CameraRefused as error:
-        raise Skipped(str(error)) from error
+    except CameraRefused as error:  # rig needs none
+        return f"none of its own: {error}"
     seconds = subject.clock.now() - began
     for exposure, frame in zip(exposures, taken, strict=True):
         told = frame.metadata.exposure

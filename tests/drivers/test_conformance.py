@@ -9,7 +9,7 @@ import pytest
 
 from drivers import conformance
 from drivers.camera import Camera, CameraIdentity
-from drivers.conformance import EXAMINATIONS, Examination, examine
+from drivers.conformance import EXAMINATIONS, Examination, bracket, examine
 from drivers.discovery import find_cameras
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
@@ -137,3 +137,14 @@ def test_too_dark_a_scene_is_not_a_failure() -> None:
     (row,) = examine(Broken(camera, collect=dark), bus.clock, examinations=[conformance.light])
     assert row.verdict == "skipped"
     assert "too dark" in row.says
+
+
+@pytest.mark.parametrize("bad", [False, True])
+def test_a_bracket_of_its_own_is_held_to_what_was_asked(*, bad: bool) -> None:
+    bus = BusRig(simulate("toy"), model="sony-a7m4")
+    camera = bus.cameras()[0]
+    if bad:
+        camera.bracket = lambda exposures: [camera._single(exposures[0])] * len(exposures)  # type: ignore[attr-defined]
+    (row,) = examine(camera, bus.clock, examinations=[bracket])
+    assert row.verdict == ("failed" if bad else "passed"), row
+    assert ("a frame of its bracket says" if bad else "3 frames as asked in") in row.says
