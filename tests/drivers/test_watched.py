@@ -19,8 +19,7 @@ from imaging.mosaic import FrameMetadata, RawMosaic
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "watched" / "watched.py"
 OLD = 0.125
 """Seconds of exposure of the picture that lies there already."""
-PASSED = {one.__name__: "passed" for one in EXAMINATIONS} | {"bracket": "skipped"}
-"""All that can be asked of a driver that shoots no brackets."""
+PASSED = {one.__name__: "passed" for one in EXAMINATIONS}
 
 
 class Software:

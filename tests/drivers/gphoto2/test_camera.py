@@ -20,8 +20,7 @@ from .conftest import Served
 
 Serve = Callable[..., Served]
 Asked = Callable[[Subject], str]
-ALL = {one.__name__: "passed" for one in EXAMINATIONS} | {"bracket": "skipped"}
-"""Brackets that the body shoots by itself are for rig's own PTP."""
+ALL = {one.__name__: "passed" for one in EXAMINATIONS}
 
 
 def verdicts(camera: Gphoto2Camera, asked: Sequence[Asked] = EXAMINATIONS) -> dict[str, str]:
