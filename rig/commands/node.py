@@ -1,7 +1,7 @@
 """`rig node`: the cameras of this host for a rig that another host leads."""
 
 import signal
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -61,38 +61,40 @@ def node(
 
     Example: rig node left --ray 192.168.1.10:6379
     """
-    with running("node") as status:
-        from capture.nodes.joining import joined_as
-        from capture.nodes.node import Assignment, Node
-        from capture.nodes.place import place_of, settings_of
-        from imaging.files import store
+    with ExitStack() as stack:
+        with running("node") as status:
+            from capture.nodes.joining import joined_as
+            from capture.nodes.node import Assignment, Node
+            from capture.nodes.place import place_of, settings_of
+            from imaging.files import store
 
-        settings = settings_of(
-            name=name,
-            disk=(DISK / name if disk is None else disk).expanduser().absolute(),
-            addresses=addresses_of(camera, None),
-            sim=sim,
-            profile=profile,
-            seed=seed,
-            rough=rough,
-        )
-        store.require_writable(settings.disk)
-        status("looking for cameras", 0, 0)
-        with closing(Node(place_of(settings), Assignment(()))) as here:
-            report = here.report()
-        for one in report.strangers:
-            status.say(f"{one.serial}  {one.make} {one.model}")
-        for refused in report.refused:
-            status.say(f"{refused}.")
-        status("joining", 0, 0)
-        where = f"{ray[0]}:{ray[1]}"
-        with joined_as(settings, where) as joined:
+            settings = settings_of(
+                name=name,
+                disk=(DISK / name if disk is None else disk).expanduser().absolute(),
+                addresses=addresses_of(camera, None),
+                sim=sim,
+                profile=profile,
+                seed=seed,
+                rough=rough,
+            )
+            store.require_writable(settings.disk)
+            status("looking for cameras", 0, 0)
+            with closing(Node(place_of(settings), Assignment(()))) as here:
+                report = here.report()
+            for one in report.strangers:
+                status.say(f"{one.serial}  {one.make} {one.model}")
+            for refused in report.refused:
+                status.say(f"{refused}.")
+            status("joining", 0, 0)
+            where = f"{ray[0]}:{ray[1]}"
+            joined = stack.enter_context(joined_as(settings, where))
             status.say(
                 f"Node {name} serves {counted(len(report.strangers), 'camera')} to {where}; Ctrl-C ends it."
             )
-            signal.signal(signal.SIGTERM, signal.default_int_handler)  # leave in order, too
-            with suppress(KeyboardInterrupt):
-                joined.wait_for_end()
-                status.say(f"The Ray cluster at {where} is gone.")
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # leave in order, too
+        lines = [f"Node {name} has left."]
+        with suppress(KeyboardInterrupt):
+            joined.wait_for_end()
+            lines = [f"The Ray cluster at {where} is gone, and node {name} with it."]
     data = {"node": name, "ray": where, "cameras": [asdict(one) for one in report.strangers]}
-    return CommandResult(data, [f"Node {name} has left."])
+    return CommandResult(data, lines)
