@@ -1,6 +1,6 @@
 """The shots of a plan that one call of `record` takes, those it finds there, and those that are missing."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +17,9 @@ from imaging.exposure import Exposure
 from imaging.progress import Progress
 from imaging.session.records import PlanRecord, ShotRecord
 from imaging.session.session import Session
+
+LISTED = 6
+"""Missing shots, or causes of theirs, that a sentence names."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +43,24 @@ class CaptureResult:
         if self.missing:
             raise PartialError(
                 f"{self.session}: {len(self.missing)} of {self.planned} shots are missing "
-                f"({'; '.join(self.missing)}): repeat the command with --resume to take them."
+                f"({_listed(self.missing)}): repeat the command with --resume to take them."
             )
+
+
+def _listed(missing: Sequence[str]) -> str:
+    """Each of few sentences; of many one of each cause, and how many more there are."""
+    if len(missing) <= LISTED:
+        return "; ".join(missing)
+    causes: dict[str, list[str]] = {}
+    for sentence in missing:
+        shot, _, cause = sentence.partition(": ")
+        causes.setdefault(cause, []).append(shot)
+    told = [
+        f"{shots[0]}" + (f" and {len(shots) - 1} more" if len(shots) > 1 else "") + f": {cause}"
+        for cause, shots in causes.items()
+    ]
+    rest = sum(len(shots) for shots in [*causes.values()][LISTED:])
+    return "; ".join([*told[:LISTED], *([f"and {rest} more"] if rest else [])])
 
 
 def planned_shots(plan: PlanRecord) -> list[ShotId]:

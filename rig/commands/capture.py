@@ -143,7 +143,7 @@ def capture(
     if dry_run:
         with running("plan") as status:
             return rehearse(sim, out, status, request, rig=rig, seed=seed, ray=ray)
-    with running("capture", go_on=f"run the same command again with --resume to complete {out}") as status:
+    with running("capture", go_on="run the same command again with --resume") as status:
         return run_capture(sim, out, status, request, rig=rig, seed=seed, rough=rough, ray=ray)
 
 

@@ -36,7 +36,7 @@ def demo(
 
     Example: rig demo demo/
     """
-    with running("demo", go_on="run the same command again") as status:
+    with running("demo") as status:
         return run_demo(out, status)
 
 

@@ -1,0 +1,39 @@
+"""What a capture says of the shots that are missing."""
+
+from pathlib import Path
+
+import pytest
+
+from capture.record.capture_run import LISTED, CaptureResult
+from imaging.errors import PartialError
+
+
+def said(*missing: str) -> str:
+    result = CaptureResult(Path("S"), planned=100, taken=0, kept=0, missing=missing)
+    with pytest.raises(PartialError) as caught:
+        result.require_complete()
+    return str(caught.value)
+
+
+def test_few_are_listed_each() -> None:
+    assert said("a, frame 0, step 0: unplugged", "a, frame 0, step 1: unplugged") == (
+        "S: 2 of 100 shots are missing (a, frame 0, step 0: unplugged; a, frame 0, step 1: unplugged): "
+        "repeat the command with --resume to take them."
+    )
+
+
+def test_many_are_told_by_their_causes() -> None:
+    lost = [f"b, frame {frame}, step 0: node left does not answer" for frame in range(20)]
+    told = said(*lost, "c, frame 3, step 1: too dark")
+    assert "21 of 100 shots" in told
+    assert "(b, frame 0, step 0 and 19 more: node left does not answer; c, frame 3, step 1: too dark)" in told
+
+
+def test_many_causes_are_counted() -> None:
+    told = said(*(f"a, frame {frame}, step 0: error {frame}" for frame in range(20)))
+    assert f"error {LISTED - 1}; and {20 - LISTED} more)" in told
+    assert f"error {LISTED}" not in told
+
+
+def test_nothing_is_said_of_none() -> None:
+    CaptureResult(Path("S"), planned=1, taken=1, kept=0).require_complete()
