@@ -92,6 +92,21 @@ CLAIMS = (
         r"published, ([\d.]+) and ([\d.]+) on 100 of NeRF", lambda: beside_peer("lego", "before white, dB")
     ),
     Claim(
+        r"house, ([\d.]+) px wide, in ([\d.]+) seconds, `rig` has ([\d.]+) dB after ([\d.]+) iterations and "
+        r"OpenSplat ([\d.]+) after ([\d.]+):",
+        lambda: (
+            [
+                cell("real_unseen", "px", "walk", "rig"),
+                cells("real_unseen", "processor s", "walk", "rig")[0][1],
+            ]
+            + [
+                cell("real_unseen", column, "walk", trainer)
+                for trainer in ("rig", "OpenSplat")
+                for column in ("PSNR, dB", "iterations")
+            ]
+        ),
+    ),
+    Claim(
         r"has ([\d.]+) dB before white on lego at (\d+) px; 3DGS is published with ([\d.]+) at",
         lambda: [cell("published", name, "lego") for name in ("before white", "px", "3DGS")],
     ),
