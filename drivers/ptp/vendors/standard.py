@@ -7,6 +7,7 @@ is known (libgphoto2's dump of an X-T4): what puts those bodies under remote con
 
 from collections.abc import Generator
 
+from drivers.errors import CameraRefused
 from drivers.ptp.autobracket import AutoBracket
 from drivers.ptp.codec import Value
 from drivers.ptp.codes import FormatCode, Operation, VendorId
@@ -15,6 +16,8 @@ from drivers.ptp.exposure import FUJI_TIME, STANDARD_F_NUMBER, STANDARD_ISO, STA
 from drivers.ptp.session import PATIENCE, Download, PtpSession
 from drivers.ptp.shutter import Coding
 from drivers.ptp.waiting import drain, wait_for_objects
+
+NO_BRACKET = "this body shoots no brackets that it can be told of: set and trigger each exposure."
 
 _RAW_FORMATS = {FormatCode.DNG, FormatCode.VENDOR_RAW_1, FormatCode.VENDOR_RAW_2, FormatCode.CANON_CR3}
 
@@ -92,14 +95,14 @@ class StandardBody:
 
     def set_auto_bracket(self, bracket: AutoBracket | None) -> None:
         """Have the next release shoot that bracket, None: a single frame. CameraRefused if it will not."""
-        raise NotImplementedError  # none is offered
+        raise CameraRefused(NO_BRACKET)
 
     def shoot_bracket(self, bracket: AutoBracket, seconds: float) -> Generator[Download, None, None]:
         """Release, and give each frame when it is stored: it has to be fetched and discarded before the next.
 
         seconds: all exposures together. CameraTimeout if a frame does not come.
         """
-        raise NotImplementedError
+        raise CameraRefused(NO_BRACKET)
 
     def fetch(self, file: Download) -> bytes:
         """The bytes of an object; goes on where it stopped."""

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import CameraFile
+from drivers.errors import CameraRefused
 from drivers.ptp import PtpCamera
 from drivers.ptp.autobracket import AutoBracket, fit, shows
 from drivers.ptp.codes import CanonProperty, PropertyCode, ResponseCode
@@ -176,3 +177,16 @@ def test_a_file_that_is_silent_proves_nothing() -> None:
     assert not shows(None, wanted)
     assert shows(Exposure(time=1 / 64), wanted)
     assert not shows(Exposure(time=1 / 64, iso=200.0), wanted)
+
+
+@pytest.mark.parametrize("act", ["set_auto_bracket", "shoot_bracket"])
+def test_a_body_without_brackets_refuses_them_in_a_sentence(toy: SimulatedRig, act: str) -> None:
+    bus = BusRig(toy, model="generic")
+    (camera,) = bus.cameras()
+    assert isinstance(camera, PtpCamera)
+    body = camera._connected()
+    assert body.auto_brackets() == ()
+    given = (None,) if act == "set_auto_bracket" else (None, 1.0)
+    with pytest.raises(CameraRefused, match=r"shoots no brackets .*: set and trigger each exposure\.$"):
+        getattr(body, act)(*given)
+    camera.close()
