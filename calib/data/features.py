@@ -34,10 +34,10 @@ PLANAR_SHARE = 0.85
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """points: float64 [K, 2], preview pixels, centres at +0.5; descriptors: [K, 128], of any length."""
+    """points: float64 [K, 2], preview pixels, centres at +0.5; descriptors: SIFT's, uint8 [K, 128]."""
 
     points: npt.NDArray[np.float64]
-    descriptors: npt.NDArray[Any]
+    descriptors: npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def extract(picture: Float, threads: int) -> Features:
         if len(keypoints) >= min(most, ENOUGH_FEATURES):
             break
     points = np.array(pycolmap.keypoints_to_matrix(keypoints), np.float64).reshape(-1, 4)[:, :2]
-    vectors = np.asarray(descriptors.data).reshape(len(points), 128)
+    vectors = np.asarray(descriptors.data, np.uint8).reshape(len(points), 128)
     return Features(points / scale, vectors)
 
 

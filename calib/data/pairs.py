@@ -25,11 +25,11 @@ SAMPLE = 40_000
 
 
 def pairs_to_match(
-    descriptors: Mapping[ViewId, Float], rigs: Sequence[Collection[str]]
+    descriptors: Mapping[ViewId, npt.NDArray[np.uint8]], rigs: Sequence[Collection[str]]
 ) -> list[tuple[ViewId, ViewId]]:
     """Pairs of views in their order, each once.
 
-    descriptors: of the features of each view, [K, 128]. rigs: names of cameras that are mounted to each
+    descriptors: of the features of each view, uint8 [K, 128]. rigs: names of cameras that are mounted to each
     other: of one frame they are all matched.
     """
     views = list(descriptors)

@@ -7,13 +7,19 @@ from calib.data.matching import FARTHEST, RATIO, ROWS, match
 
 
 def descriptors(rng: np.random.Generator, count: int) -> np.ndarray:
-    """As SIFT's: no component is negative, length 1."""
-    found = rng.exponential(size=(count, 128)).astype(np.float32)
+    """As directions: no component is negative, length 1."""
+    found = rng.exponential(size=(count, 128))
     return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
+def whole(directions: np.ndarray) -> np.ndarray:
+    """As SIFT writes them: 512 times a unit vector."""
+    return np.clip(np.rint(512 * directions), 0, 255).astype(np.uint8)
+
+
 def by_definition(one: np.ndarray, other: np.ndarray) -> set[tuple[int, int]]:
-    angles = np.arccos(np.clip(one.astype(np.float64) @ other.T.astype(np.float64), -1, 1))
+    one, other = (own / np.linalg.norm(own.astype(float), axis=1, keepdims=True) for own in (one, other))
+    angles = np.arccos(np.clip(one @ other.T, -1, 1))
 
     def nearest(table: np.ndarray) -> list[int | None]:
         order = np.argsort(table, axis=1)[:, :2]
@@ -33,13 +39,14 @@ def test_matches_are_those_of_the_definition(count):
         one[rng.permutation(count)] + rng.uniform(0, 0.06, (count, 1)) * rng.normal(size=one.shape)
     )
     repeated = one[: count // 8] + 1e-3 * descriptors(rng, count // 8)
-    other = np.concatenate([noisy, repeated, descriptors(rng, 40)]).astype(np.float32)
-    other /= np.linalg.norm(other, axis=1, keepdims=True)
+    other = np.concatenate([noisy, repeated, descriptors(rng, 40)])
+    other = whole(other / np.linalg.norm(other, axis=1, keepdims=True))
+    one = whole(one)
     found = {(int(a), int(b)) for a, b in match(one, other)}
     assert found == by_definition(one, other)
     assert {(b, a) for a, b in found} == {(int(a), int(b)) for a, b in match(other, one)}
 
 
 def test_too_few_features_match_nothing():
-    one = descriptors(np.random.default_rng(0), 5)
+    one = whole(descriptors(np.random.default_rng(0), 5))
     assert match(one[:1], one).shape == match(one, one[:0]).shape == (0, 2)

@@ -38,7 +38,7 @@ def views(frames: int) -> dict[ViewId, Features]:
     """Points of a room of 8 by 5 by 5 as the lens sees them, good to 0.2 px, each with its descriptor."""
     rng = np.random.default_rng(7)
     points = rng.uniform(-1, 1, (COUNT, 3)) * (4.0, 2.5, 2.5) + (0, 0, 0.5)
-    descriptors = rng.normal(size=(COUNT, 128))
+    descriptors = rng.exponential(30, (COUNT, 128))
     found = {}
     for frame in range(frames):
         seen = points @ pose(frame)[:3, :3].T + pose(frame)[:3, 3]
@@ -46,10 +46,9 @@ def views(frames: int) -> dict[ViewId, Features]:
         pixels = simulated.project(TRUE, seen[ahead])
         inside = (pixels > 0).all(1) & (pixels < (WIDTH, HEIGHT)).all(1)
         ids = ahead[inside]
-        vectors = descriptors[ids] + rng.normal(0, 0.05, (len(ids), 128))
-        vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+        noisy = descriptors[ids] + rng.normal(0, 2, (len(ids), 128))
         places = pixels[inside] + rng.normal(0, 0.2, (len(ids), 2))
-        found[ViewId(frame, "cam")] = Features(places, vectors.astype(np.float32))
+        found[ViewId(frame, "cam")] = Features(places, np.clip(noisy, 0, 255).astype(np.uint8))
     return found
 
 

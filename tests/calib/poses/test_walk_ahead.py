@@ -30,7 +30,7 @@ def street() -> dict[ViewId, Features]:
     count = 2500
     side = rng.choice([-1.0, 1.0], count)
     world = np.stack([3 * side, rng.uniform(-2, 1.5, count), rng.uniform(2, 26, count)], axis=1)
-    descriptors = rng.normal(size=(count, 128))
+    descriptors = rng.exponential(30, (count, 128))
     views = {}
     for step in range(STEPS):
         rotation, centre = pose(step)
@@ -38,8 +38,8 @@ def street() -> dict[ViewId, Features]:
         u, v = FOCAL * x / z + WIDTH / 2, FOCAL * y / z + HEIGHT / 2
         inside = np.flatnonzero((z > 1) & (z < 12) & (u > 0) & (u < WIDTH) & (v > 0) & (v < HEIGHT))
         places = np.stack([u, v], axis=1)[inside] + rng.normal(0, 0.2, (len(inside), 2))
-        vectors = descriptors[inside] + rng.normal(0, 0.05, (len(inside), 128))
-        views[ViewId(step, "phone")] = Features(places, vectors.astype(np.float32))
+        noisy = descriptors[inside] + rng.normal(0, 2, (len(inside), 128))
+        views[ViewId(step, "phone")] = Features(places, np.clip(noisy, 0, 255).astype(np.uint8))
     return views
 
 
