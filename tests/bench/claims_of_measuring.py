@@ -4,6 +4,14 @@ from .claim import Claim, cell, cells
 
 CLAIMS = (
     Claim(
+        r"four terms of a fisheye are within ([\d.]+) px of 25 of them, out to (\d+) degrees",
+        lambda: [
+            cells("fisheye_models", "OPENCV_FISHEYE, px", "88")[0][1],
+            cells("fisheye_models", "degrees from the axis", "88")[0][0],
+        ],
+        page="docs/methods.md",
+    ),
+    Claim(
         r"between views right to ([\d.]+) degrees and turns to ([\d.]+) in the median",
         lambda: [
             cell("calibration", key, "320 px, 0 EV", under="Scene")
