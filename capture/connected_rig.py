@@ -1,18 +1,14 @@
-"""`rig capture RIG.toml`: a session shot by the cameras that a rig file names."""
+"""`rig capture RIG.toml` where the file's cameras are connected to this machine."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from os import PathLike
-from pathlib import Path
 
 from usb.backend import IBackend
 
 from capture.bracket.exposure_choices import common_isos
-from capture.bracket.planner import BracketGoals
-from capture.record.capture_run import CaptureResult
-from capture.record.shooting import Say, nothing_beside, shoot
-from capture.record.source import CaptureRequest, Operator, Source, Stops
+from capture.record.shooting import Say, nothing_beside
+from capture.record.source import CaptureRequest, Operator, Source
 from capture.rigfile.network_address import gige_hosts, ptpip_places
 from capture.rigfile.rigfile import RigFile
 from drivers.camera import Camera, CameraIdentity, HardwareTriggered
@@ -21,8 +17,6 @@ from drivers.discovery import find_cameras
 from drivers.gige import ActionTeam, GigeCamera, Network
 from drivers.usb import default_backend
 from imaging.errors import CameraError, CaptureError, InputError
-from imaging.files.dng import Compression
-from imaging.progress import Progress, unreported
 from imaging.session.records import CameraRecord, Subject
 
 
@@ -42,48 +36,6 @@ class Unattended:
 
 AGREEMENT = 30.0
 """Seconds that cameras are given to agree on a time; they need some rounds of one or two seconds."""
-
-
-def capture_rig(
-    rig: RigFile,
-    out: str | PathLike[str],
-    *,
-    kind: Subject = "scene",
-    frames: int | None = None,
-    bracket: Stops | None = None,
-    auto: BracketGoals | None = None,
-    resume: bool = False,
-    compression: Compression = "none",
-    operator: Operator | None = None,
-    positions: int | None = None,
-    backend: IBackend | None = None,
-    network: Network | None = None,
-    clock: Clock | None = None,
-    on_progress: Progress = unreported,
-    on_message: Say = lambda line: None,
-) -> CaptureResult:
-    """Shoot with the connected cameras that a rig file names into the session folder `out`.
-
-    kind, frames, bracket, auto, resume: as for `capture_simulated`; what is None is that of the rig file.
-    operator: who moves rig, scene, lens caps and boards; nobody if None. positions: how many there are.
-    backend, network, clock: of the bus and the network that the cameras are on; without any, this machine's.
-
-    InputError: `out` cannot be used, or a camera cannot be triggered as the file says. CaptureError: a
-    camera that it names is not there, or what is there cannot be metered. StorageError: the disk refuses;
-    what was finished stays.
-    """
-    request = CaptureRequest(kind, frames, bracket if auto is None else auto, resume, compression)
-    with connected_source(
-        rig,
-        request,
-        operator=operator,
-        positions=positions,
-        backend=backend,
-        network=network,
-        clock=clock,
-        say=on_message,
-    ) as source:
-        return shoot(source, Path(out), request, progress=on_progress, say=on_message)
 
 
 def require_board(rig: RigFile, kind: Subject) -> None:
@@ -112,14 +64,14 @@ def connected_source(
 ) -> Iterator[Source]:
     """What a rig file describes: its cameras are opened, and in the end let go.
 
-    operator, positions, backend, network, clock, say: as for `capture_rig`. InputError: a camera cannot be
+    operator: who moves rig, scene, lens caps and boards; nobody if None. positions: how many there are.
+    backend, network, clock: of the bus and the network that the cameras are on; without any, this machine's.
+    InputError: a camera cannot be
     triggered as the file says, or it describes no board where one is requested. CaptureError: a camera is
     not there.
     """
     require_board(rig, request.kind)
     clock = clock or SystemClock()
-    if backend is None and rig.tables.nodes:
-        raise InputError(f"{rig.path} names nodes: shoot with the command rig capture, which asks them.")
     if backend is None:
         backend, network = default_backend(), network or Network(gige_hosts(rig.tables.addresses))
     # A simulated bus stands in for the network too.

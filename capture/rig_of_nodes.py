@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from capture.connected_rig import require_board, rig_source
 from capture.nodes.clocks import Release
+from capture.nodes.cluster import ray_links
 from capture.nodes.node import Assignment, NodeReport, Scene, Wire
 from capture.nodes.remote import Link, RemoteCamera, RemoteNode, Say, Stage
 from capture.record.source import CaptureRequest, Operator, Source
@@ -106,6 +107,24 @@ def nodes_source(
     all_simulated = len(simulated) == len(positions)
     operator = OperatorOfNodes(stage, None if all_simulated else person)
     yield rig_source(rig, named, operator, min(simulated) if all_simulated else None, clock)
+
+
+@contextmanager
+def ray_source(
+    rig: RigFile,
+    request: CaptureRequest,
+    ray: str,
+    *,
+    person: Operator,
+    clock: Clock | None = None,
+    say: Say = lambda line: None,
+) -> Iterator[Source]:
+    """As `nodes_source`, with the nodes of a Ray cluster; errors are those of `ray_links`, too."""
+    with (
+        ray_links(ray, assignments_of(rig, request.compression)) as links,
+        nodes_source(rig, request, links, person=person, clock=clock, say=say) as source,
+    ):
+        yield source
 
 
 def _named(

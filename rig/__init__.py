@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from calib.calibrate import calibrate
     from calib.exports.merge_session import Merged, merge
+    from capture.capture_rig import capture_rig
     from capture.check.check import CheckReport, RepairReport, check, repair
-    from capture.connected_rig import capture_rig
     from capture.imports.photos import ImportResult, import_photos
     from capture.record.capture_run import CaptureResult
     from capture.rigfile.rigfile import read_rig_file
@@ -126,7 +126,7 @@ _HOMES = {
     "Trade": "recon.trade",
     "calibrate": "calib.calibrate",
     "calibration_report": "rig.report.pages.calibration",
-    "capture_rig": "capture.connected_rig",
+    "capture_rig": "capture.capture_rig",
     "capture_simulated": "capture.simulated",
     "check": "capture.check.check",
     "evaluate": "recon.evaluate",

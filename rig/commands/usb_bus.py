@@ -82,7 +82,7 @@ def source_of(
     """What the command line names: the cameras of a rig file, or with `sim` simulated ones in their place.
 
     ray: the cluster of the nodes that a rig file names. InputError and CaptureError as `connected_source`,
-    `simulated_source`, `ray_links` and `nodes_source` have them.
+    `simulated_source` and `ray_source` have them.
     """
     if rig is None:
         from capture.simulated import simulated_source
@@ -93,17 +93,13 @@ def source_of(
             yield source
         return
     if sim is None and rig.tables.nodes:
-        from capture.nodes.cluster import ray_links
-        from capture.rig_of_nodes import assignments_of, nodes_source
+        from capture.rig_of_nodes import ray_source
         from drivers.clock import SystemClock
 
         clock = SystemClock()
         person = _person(rig, status, clock)
         status("joining the nodes", 0, 0)
-        with (
-            ray_links(ray, assignments_of(rig, request.compression)) as links,
-            nodes_source(rig, request, links, person=person, clock=clock, say=status.say) as source,
-        ):
+        with ray_source(rig, request, ray, person=person, clock=clock, say=status.say) as source:
             status("planning", 0, 0)
             yield source
         return

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.connected_rig import capture_rig
+from capture.capture_rig import capture_rig
 from capture.rigfile.network_address import NetworkAddress, gige_hosts
 from capture.rigfile.rigfile import read_rig_file
 from capture.rigfile.template import rig_file_text

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from capture.bracket.planner import BracketGoals
-from capture.connected_rig import capture_rig, connected_source
+from capture.capture_rig import capture_rig
+from capture.connected_rig import connected_source
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import Rehearsal, rehearse
 from capture.record.source import CaptureRequest

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from calib.exports.merge_session import merge
+from capture.capture_rig import capture_rig
 from capture.check.check import check, repair
-from capture.connected_rig import capture_rig
 from capture.rigfile.filters import band_of
 from capture.rigfile.rigfile import read_rig_file
 from capture.rigfile.template import rig_file_text

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from capture.capture_rig import capture_rig
 from capture.check.check import check
-from capture.connected_rig import Unattended, capture_rig
+from capture.connected_rig import Unattended
 from capture.record.capture_run import CaptureResult
 from capture.record.shooting import shoot
 from capture.record.source import CaptureRequest

@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
+from capture.capture_rig import capture_rig
 from capture.check.check import check
-from capture.connected_rig import Unattended, capture_rig
+from capture.connected_rig import Unattended
 from capture.nodes.cluster import RayLink, ray_links, resource_of
 from capture.nodes.node import Assignment
 from capture.nodes.place import VARIABLE, NodeSettings
@@ -21,7 +22,7 @@ from capture.record.capture_run import CaptureResult
 from capture.record.shooting import shoot
 from capture.record.source import CaptureRequest
 from capture.rig_of_nodes import assignments_of, nodes_source
-from capture.rigfile.rigfile import read_rig_file
+from capture.rigfile.rigfile import RigFile, read_rig_file
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.rigs import simulate
 from imaging.errors import CaptureError, InputError
@@ -71,10 +72,13 @@ class Hosts:
         os.kill(_pid(self.links[name]), signal.SIGKILL)
         self.cluster.remove_node(self.up.pop(name), allow_graceful=False)
 
-    def shoot(self, out: Path, said: list[str], resume: bool = False, **watch: Any) -> CaptureResult:
+    def rig(self) -> RigFile:
         path = self.folder / "RIG.toml"
         path.write_text(RIG + "".join(CAMERAS))
-        rig, request = read_rig_file(path), CaptureRequest(resume=resume)
+        return read_rig_file(path)
+
+    def shoot(self, out: Path, said: list[str], resume: bool = False, **watch: Any) -> CaptureResult:
+        rig, request = self.rig(), CaptureRequest(resume=resume)
         with (
             ray_links(self.address, assignments_of(rig)) as links,
             nodes_source(rig, request, links, person=Unattended(), say=said.append) as source,
@@ -128,7 +132,7 @@ def test_a_session_over_processes_is_the_one_of_one_host(
     hosts: Hosts, alone: dict[str, bytes], tmp_path: Path
 ) -> None:
     said: list[str] = []
-    result = hosts.shoot(tmp_path / "S", said)
+    result = capture_rig(hosts.rig(), tmp_path / "S", ray=hosts.address, on_message=said.append)
     assert (result.taken, result.missing, said) == (12, (), [])
     assert files(tmp_path / "S") == alone
     assert check(tmp_path / "S").sound == 12

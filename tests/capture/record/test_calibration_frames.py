@@ -10,8 +10,8 @@ import pytest
 from capture.bracket.fixed_exposures import flat_levels
 from capture.bracket.planner import Target
 from capture.bracket.raw_noise import RawNoise
+from capture.capture_rig import capture_rig
 from capture.check.check import check
-from capture.connected_rig import capture_rig
 from capture.record.shooting import rehearse
 from capture.record.source import CaptureRequest
 from capture.rigfile.rigfile import read_rig_file

@@ -1,0 +1,69 @@
+"""`rig capture RIG.toml` from Python: a session shot by the cameras that a rig file names."""
+
+from os import PathLike
+from pathlib import Path
+
+from usb.backend import IBackend
+
+from capture.bracket.planner import BracketGoals
+from capture.connected_rig import Unattended, connected_source
+from capture.record.capture_run import CaptureResult
+from capture.record.shooting import Say, shoot
+from capture.record.source import CaptureRequest, Operator, Stops
+from capture.rig_of_nodes import ray_source
+from capture.rigfile.rigfile import RigFile
+from drivers.clock import Clock
+from drivers.gige import Network
+from imaging.files.dng import Compression
+from imaging.progress import Progress, unreported
+from imaging.session.records import Subject
+
+
+def capture_rig(
+    rig: RigFile,
+    out: str | PathLike[str],
+    *,
+    kind: Subject = "scene",
+    frames: int | None = None,
+    bracket: Stops | None = None,
+    auto: BracketGoals | None = None,
+    resume: bool = False,
+    compression: Compression = "none",
+    operator: Operator | None = None,
+    positions: int | None = None,
+    backend: IBackend | None = None,
+    network: Network | None = None,
+    clock: Clock | None = None,
+    ray: str = "auto",
+    on_progress: Progress = unreported,
+    on_message: Say = lambda line: None,
+) -> CaptureResult:
+    """Shoot with the connected cameras that a rig file names into the session folder `out`.
+
+    kind, frames, bracket, auto, resume: as for `capture_simulated`; what is None is that of the rig file.
+    operator: who moves rig, scene, lens caps and boards; nobody if None. positions: how many there are.
+    backend, network, clock: of the bus and the network that the cameras are on; without any, this machine's,
+    and those of the nodes that the file names. ray: HOST:PORT of the cluster that the nodes joined by
+    `rig node`; "auto": the one that this machine is in.
+
+    InputError: `out` cannot be used, a camera cannot be triggered as the file says, or there is no such
+    cluster. CaptureError: a camera or a node that it names is not there, or what is there cannot be metered.
+    StorageError: the disk refuses; what was finished stays.
+    """
+    request = CaptureRequest(kind, frames, bracket if auto is None else auto, resume, compression)
+    if backend is None and rig.tables.nodes:
+        person = operator or Unattended()
+        described = ray_source(rig, request, ray, person=person, clock=clock, say=on_message)
+    else:
+        described = connected_source(
+            rig,
+            request,
+            operator=operator,
+            positions=positions,
+            backend=backend,
+            network=network,
+            clock=clock,
+            say=on_message,
+        )
+    with described as source:
+        return shoot(source, Path(out), request, progress=on_progress, say=on_message)
