@@ -1,6 +1,6 @@
 """What every camera can be asked, whatever the bus: the `Camera` protocol."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
@@ -122,8 +122,12 @@ class HardwareTriggered(Protocol):
 class ShootsBrackets(Protocol):
     """A camera that may shoot several exposures on one order, each faster than it could be set."""
 
-    def bracket(self, exposures: Sequence[Exposure]) -> Sequence[RawMosaic | CameraFile]:
-        """A frame for each exposure, with its own metadata. CameraRefused if it has no way to do so."""
+    def bracket(self, exposures: Sequence[Exposure]) -> Iterable[RawMosaic | CameraFile]:
+        """Frames as they come, in the camera's own order; which exposure each is, its own metadata tell.
+
+        Some of those asked for may be missing, and others may be among them. CameraRefused, before anything
+        is exposed, if it has no way to do so; other CameraErrors may end it after any frame.
+        """
         ...
 
 

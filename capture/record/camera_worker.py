@@ -1,20 +1,22 @@
 """What is done with one camera, in a thread of its own: set, arm, wait for the others, trigger, collect.
 
-A camera that keeps its shots is emptied of each while it exposes the next.
+A camera that keeps its shots is emptied of each while it exposes the next. Steps that nobody has to be waited
+for may come together: a body that has brackets of its own then shoots them on one order.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 from capture.bracket.acceptance import RETRIES
+from capture.bracket.deviation import deviates
 from capture.bracket.single_exposure import CapturedFrame, made_ready
 from capture.record.exposure_step import ExposureStep, RunState
 from capture.record.memory_budget import MemoryBudget
 from capture.record.thread_group import Inbox
-from drivers.camera import Camera, CameraFile, StoresShots
+from drivers.camera import Camera, CameraFile, HardwareTriggered, ShootsBrackets, StoresShots
 from drivers.clock import Clock
-from drivers.errors import CameraBusy, CameraTimeout
+from drivers.errors import CameraBusy, CameraLost, CameraTimeout
 from imaging.errors import CameraError, RigError
 from imaging.exposure import Exposure
 from imaging.mosaic import RawMosaic
@@ -37,12 +39,20 @@ class _StoredShot(NamedTuple):
     shot: Any
 
 
+class _Download(NamedTuple):
+    """A frame that came, and the bytes of the budget that it holds."""
+
+    frame: RawMosaic | CameraFile
+    held: int
+
+
 class CameraGivenUp(CameraError):
     """A camera that failed too often to be asked again."""
 
 
 class CameraWorker:
-    """One camera of a capture. orders: the exposure steps that it has still to take part in.
+    """One camera of a capture. orders: the exposure steps that it has still to take part in; several at once
+    are a bracket that it may shoot as its body can.
 
     sizes: bytes of a frame of each camera, by the last that it delivered; shared by the threads.
     """
@@ -60,26 +70,79 @@ class CameraWorker:
         self.name, self._camera = name, camera
         self._clock, self._state, self._budget, self._sizes = clock, state, budget, sizes
         self._hand_over = hand_over
-        self.orders: Inbox[ExposureStep] = Inbox(clock)
+        self.orders: Inbox[Sequence[ExposureStep]] = Inbox(clock)
         self._misses = 0
         self._stored: _StoredShot | None = None
         self._overlaps = True
         """Whether it has not refused yet to be emptied while it exposes."""
+        self._refused: set[tuple[Exposure, ...]] = set()
+        """Brackets that its body has not shot as they were asked for: it is not asked again."""
 
     def serve(self) -> None:
         """The work of the camera's thread."""
-        while (step := self._next()) is not None:
-            self._take(step)
+        while (steps := self._next()) is not None:
+            if len(steps) > 1:
+                for step in self._bracketed(steps):
+                    self.orders.put((step,))
+                continue
+            self._take(steps[0])
             with self._clock.lock:
                 self._state.late.discard(self.name)
 
-    def _next(self) -> ExposureStep | None:
+    def _next(self) -> Sequence[ExposureStep] | None:
         """The next order; while there is none, nothing is left in the camera."""
-        step = self.orders.poll()
-        if step is None:
+        steps = self.orders.poll()
+        if steps is None:
             self._empty()
-            step = self.orders.get()
-        return step
+            steps = self.orders.get()
+        return steps
+
+    def _bracketed(self, steps: Sequence[ExposureStep]) -> Sequence[ExposureStep]:
+        """Have the body shoot as many of them as its brackets hold; the steps that are still to be taken."""
+        missing = list(steps)
+        self._empty()
+        while len(missing) > 1 and not self._misses and self._brings_some(missing):
+            pass
+        return missing
+
+    def _brings_some(self, missing: list[ExposureStep]) -> bool:
+        """Have the body shoot one bracket, and strike off the steps of its frames; whether it was worth it.
+
+        A frame is that of the step whose exposure its file states: one that says nothing proves nothing.
+        """
+        camera, exposures = self._camera, tuple(step.requested for step in missing)
+        if (
+            not isinstance(camera, ShootsBrackets)
+            or isinstance(camera, HardwareTriggered)  # each of its frames may be an edge's
+            or exposures in self._refused
+        ):
+            return False
+        released, error = False, None
+        try:
+            frames = iter(camera.bracket(exposures))
+            while self._state.halted is None and (download := self._download(lambda: next(frames, None))):
+                released = True
+                stated = download.frame.metadata.exposure
+                shown = [one for one in missing if stated and not deviates(stated, one.requested)]
+                step = shown[0] if shown else None
+                if step is None:
+                    self._budget.release(download.held)
+                else:
+                    missing.remove(step)
+                    self._deliver(step, step.requested, self._clock.now(), download)
+        except CameraError as broken_off:
+            error = broken_off
+        if self._state.halted is not None:
+            return False
+        brought = len(exposures) - len(missing)
+        if brought > 1 and error is None:
+            return True
+        if not isinstance(error, CameraLost):
+            self._refused.add(exposures)
+        if released:
+            for step in missing:
+                step.count_failure(self.name)
+        return False
 
     def _take(self, step: ExposureStep) -> None:
         """Expose with the others and collect; the step learns what became of it."""
@@ -153,7 +216,12 @@ class CameraWorker:
         opened: float,
         deliver: Callable[[], RawMosaic | CameraFile],
     ) -> None:
-        """Download within the budget; the frame leaves with the part of it that it still takes."""
+        download = self._download(deliver)
+        assert download is not None
+        self._deliver(step, set_to, opened, download)
+
+    def _download(self, deliver: Callable[[], RawMosaic | CameraFile | None]) -> _Download | None:
+        """A frame within the budget, with the part of it that it still takes; None if there is no more."""
         reserved = self._expected()
         self._budget.reserve(reserved)
         try:
@@ -161,6 +229,9 @@ class CameraWorker:
         except BaseException:
             self._budget.release(reserved)
             raise
+        if frame is None:
+            self._budget.release(reserved)
+            return None
         if isinstance(frame, RawMosaic):
             held, pixels = frame.pixels.nbytes, frame.pixels.size
         else:
@@ -168,15 +239,21 @@ class CameraWorker:
             held, pixels = len(frame.data) + beside, frame.width * frame.height
         with self._clock.lock:
             self._sizes[self.name] = 2 * pixels
+        self._budget.replace(reserved, held)
+        return _Download(frame, held)
+
+    def _deliver(self, step: ExposureStep, set_to: Exposure, opened: float, download: _Download) -> None:
+        """Hand a frame over to those who write, if its step wants it of this camera."""
+        frame, held = download
+        with self._clock.lock:
             if frame.metadata.opened is not None:  # more exact than when the order was given
                 opened = frame.metadata.opened
             if self.name in step.cameras:
                 step.opened[self.name] = opened
         self._misses = 0
         if self.name not in step.cameras:
-            self._budget.release(reserved)
+            self._budget.release(held)
             return
-        self._budget.replace(reserved, held)
         self._hand_over(step, self.name, CapturedFrame(frame, set_to, opened, step.failures(self.name)), held)
 
     def _expected(self) -> int:

@@ -131,7 +131,12 @@ class CaptureRun:
                 yield (bands[start] if bands else None), range(start, end)
 
     def take(self, frame: int, steps: range, threads: CaptureThreads) -> None:
-        """Shoot what a frame lacks of these steps, one by one; then once more what failed, and once more."""
+        """Shoot what a frame lacks of these steps, one by one; then once more what failed, and once more.
+
+        The only camera of a plan shoots them by its body's own bracket, if it has one and nothing is there
+        yet. Several do not: at which moment the shutter opens within a bracket is the body's, and it is the
+        moment of each step that they have in common.
+        """
         pending: dict[int, list[str]] = {}
         for shot_id in self.planned:
             if shot_id.frame == frame and shot_id.step in steps and shot_id not in self.done:
@@ -139,9 +144,11 @@ class CaptureRun:
         together = {step for step, names in pending.items() if len(names) == len(self._plan.cameras)}
         first: dict[int, float] = {}
         acceptance: Acceptance[ShotId, SavedShot] = Acceptance()
-        for _ in range(RETRIES + 1):
+        alone = self._plan.cameras[0] if len(self._plan.cameras) == 1 and not self._leader else None
+        for attempt in range(RETRIES + 1):
             failed: dict[int, list[str]] = {}
-            for step in threads.shoot(self._steps(frame, pending)):
+            bracketed = alone if not attempt and len(pending) == len(steps) else None
+            for step in threads.shoot(self._steps(frame, pending), bracketed):
                 if step.opened and step.number in together:
                     first.setdefault(step.number, min(step.opened.values()))
                 for name in step.cameras:

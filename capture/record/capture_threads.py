@@ -85,14 +85,18 @@ class CaptureThreads:
     ) -> None:
         self._threads.__exit__(kind, error, where)
 
-    def shoot(self, steps: Sequence[ExposureStep]) -> Iterator[ExposureStep]:
+    def shoot(self, steps: Sequence[ExposureStep], bracketed: str | None = None) -> Iterator[ExposureStep]:
         """Expose one step after the other; each is yielded once it is over, while later ones go on.
 
-        What a thread died of is raised here.
+        bracketed: the only camera that takes part, which gets all steps in one order and may shoot them as
+        its body can. What a thread died of is raised here.
         """
-        for step in steps:
-            for camera in step.participants:
-                self._workers[camera].orders.put(step)
+        if bracketed is not None:
+            self._workers[bracketed].orders.put(steps)
+        else:
+            for step in steps:
+                for camera in step.participants:
+                    self._workers[camera].orders.put((step,))
         for step in steps:
             self._clock.wait(partial(self._over_or_broken, step), math.inf)
             if self._threads.defect is not None:
@@ -107,8 +111,9 @@ class CaptureThreads:
         with self._clock.lock:
             self._state.halted = self._state.halted or reason
             for name, worker in self._workers.items():
-                for step in worker.orders.take_all():
-                    step.finish(name, reason)
+                for steps in worker.orders.take_all():
+                    for step in steps:
+                        step.finish(name, reason)
             self._clock.changed()
 
     def _hand_over(self, step: ExposureStep, camera: str, frame: CapturedFrame, held: int) -> None:

@@ -8,6 +8,9 @@ from itertools import pairwise
 from drivers.ptp.exposure import SAME, apart
 from imaging.exposure import Exposure
 
+FEWEST = 3
+"""Exposures for which a bracket is worth its order: no body has one of fewer frames to both sides."""
+
 
 @dataclass(frozen=True)
 class AutoBracket:
@@ -27,6 +30,22 @@ class Fit:
 
     bracket: AutoBracket
     middle: Exposure
+
+
+def best_fit(
+    exposures: Sequence[Exposure], offered: Iterable[AutoBracket], times: Sequence[float]
+) -> Fit | None:
+    """The offered bracket that holds the most of the exposures, neighbours in time.
+
+    None if none holds FEWEST of them.
+    """
+    wanted, brackets = sorted(exposures, key=lambda exposure: exposure.time), tuple(offered)
+    for count in range(len(wanted), FEWEST - 1, -1):
+        for first in range(len(wanted) - count + 1):
+            found = fit(wanted[first : first + count], brackets, times)
+            if found is not None:
+                return found
+    return None
 
 
 def fit(exposures: Sequence[Exposure], offered: Iterable[AutoBracket], times: Sequence[float]) -> Fit | None:

@@ -1,31 +1,41 @@
 """A bracket that a body shoots by itself, from its release to the last frame."""
 
+from collections.abc import Iterator
 from contextlib import closing
 
 from drivers.camera import CameraFile
 from drivers.errors import CameraProtocol
-from drivers.ptp.autobracket import Fit
+from drivers.ptp.autobracket import AutoBracket, Fit
 from drivers.ptp.picture import as_told
 from drivers.ptp.vendors.standard import StandardBody
 from imaging.errors import InputError
 
 
-def shoot(body: StandardBody, found: Fit, frames: list[CameraFile]) -> None:
-    """Add the frames of a bracket as they come; in the end the body is set to single frames again.
+def stand(body: StandardBody, bracket: AutoBracket | None) -> None:
+    """Have the next release shoot that bracket, None: a single frame; nothing is said that holds already.
 
-    The body stands at the middle exposure and is ready. CameraErrors, after which it has to begin anew;
-    what came before stays in `frames`.
+    CameraErrors, after which it may stand at either.
+    """
+    if body.standing != bracket:
+        body.standing = body.standing or bracket
+        body.set_auto_bracket(bracket)
+        body.standing = bracket
+
+
+def shoot(body: StandardBody, found: Fit) -> Iterator[CameraFile]:
+    """The frames of a bracket as they come; the body goes on exposing while they are fetched.
+
+    The body stands at the middle exposure and is ready; it is left in the bracket's mode, since the next
+    shot is mostly the same bracket. CameraErrors, after which it has to begin anew.
     """
     bracket = found.bracket
     longest = found.middle.time * 2 ** (bracket.frames // 2 * bracket.thirds / 3)
-    try:
-        body.set_auto_bracket(bracket)
-        with closing(body.shoot_bracket(bracket, 2 * longest)) as files:
-            for file in files:
-                try:
-                    frames.append(as_told(body.fetch(file), file))
-                except InputError as error:
-                    raise CameraProtocol(f"{body.session.where} delivered a damaged file: {error}") from error
-                body.discard(file)
-    finally:
-        body.set_auto_bracket(None)
+    stand(body, bracket)
+    with closing(body.shoot_bracket(bracket, 2 * longest)) as files:
+        for file in files:
+            try:
+                frame = as_told(body.fetch(file), file)
+            except InputError as error:
+                raise CameraProtocol(f"{body.session.where} delivered a damaged file: {error}") from error
+            body.discard(file)
+            yield frame

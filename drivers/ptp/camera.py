@@ -1,6 +1,6 @@
 """A still camera as a `Camera`: the state machine of one shot, over plugs that are pulled."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
@@ -11,8 +11,8 @@ from drivers import usb
 from drivers.camera import CameraFile, CameraIdentity, Capabilities
 from drivers.clock import Clock
 from drivers.errors import CameraBusy, CameraLost, CameraProtocol, CameraRefused
-from drivers.ptp.autobracket import Fit, fit, shows
-from drivers.ptp.bracket_shot import shoot
+from drivers.ptp.autobracket import AutoBracket, Fit, best_fit, shows
+from drivers.ptp.bracket_shot import shoot, stand
 from drivers.ptp.codes import PropertyCode
 from drivers.ptp.connection import Connection, UsbConnection
 from drivers.ptp.dials import Dials
@@ -141,49 +141,38 @@ class PtpCamera:
         self._shot, self._failed = None, False
         return frame
 
-    def bracket(self, exposures: Sequence[Exposure]) -> list[CameraFile]:
-        """A frame for each exposure: by the body's own bracketing where that holds them, else one by one.
+    def bracket(self, exposures: Sequence[Exposure]) -> Iterator[CameraFile]:
+        """The frames of the body's own bracketing that holds the most of the exposures, as they come.
 
-        Whatever the body made of it, each frame's file states the exposure that is wanted; what its bracket
-        did not bring is set and shot alone. Errors are those of set_exposure, arm, trigger and collect.
+        CameraRefused, before anything is exposed, if none holds enough of them. After another error the
+        camera is let go, and begins anew.
         """
-        frames: list[CameraFile] = []
-        with suppress(CameraError):  # it is tried for its speed alone
-            found = self._again(lambda body: self._fit(body, exposures))
-            if found is not None:
-                self._shoot_bracket(found, frames)
-        return [
-            next((frame for frame in frames if shows(frame.metadata.exposure, wanted)), None)
-            or self._single(wanted)
-            for wanted in exposures
-        ]
-
-    def _single(self, exposure: Exposure) -> CameraFile:
-        self.set_exposure(exposure)
+        found = self._again(lambda body: self._fit(body, exposures))
+        if found is None:
+            raise CameraRefused(f"{self.where} has no such bracket: set and trigger each exposure.")
+        self._shot = self._listening = None
+        applied = self._again(lambda body: self._set(body, found.middle, found.bracket))
+        self._wanted = found.middle
+        if not shows(applied, found.middle):
+            raise CameraRefused(
+                f"{self.where} stands at {applied}, not at {found.middle}: set its dial to M."
+            )
         self.arm()
-        self.trigger()
-        return self.collect()
-
-    def _fit(self, body: StandardBody, exposures: Sequence[Exposure]) -> Fit | None:
-        offered = body.auto_brackets()
-        return fit(exposures, offered, _values(body.time)) if offered else None
-
-    def _shoot_bracket(self, found: Fit, frames: list[CameraFile]) -> None:
-        """Add the frames of a bracket as they come; in the end the body is set to single frames again.
-
-        CameraErrors; a body that then could not be set back is let go, and begins anew.
-        """
-        if not shows(self.set_exposure(found.middle), found.middle):
-            return
-        self.arm()
-        body = self._connected()
         self._failed = True
         try:
-            shoot(body, found, frames)
+            body = self._connected()
+            for frame in shoot(body, found):
+                if shows(frame.metadata.exposure, found.middle):
+                    self.dials.learn(body, frame.metadata.exposure, self.dials.setting)
+                yield frame
         except CameraError:
             self._drop()
             raise
         self._failed = False
+
+    def _fit(self, body: StandardBody, exposures: Sequence[Exposure]) -> Fit | None:
+        offered = body.auto_brackets()
+        return best_fit(exposures, offered, _values(body.time)) if offered else None
 
     def keeps(self) -> bool:
         """Whether its pictures stay on a card, where they can be fetched later."""
@@ -235,6 +224,8 @@ class PtpCamera:
         body, self._body = self._body, None
         if body is not None:
             with suppress(CameraError):
+                stand(body, None)
+            with suppress(CameraError):
                 body.leave()
             body.session.close()
 
@@ -274,10 +265,13 @@ class PtpCamera:
         times, f_numbers, isos = map(_values, (body.time, body.f_number, body.iso))
         return Capabilities(width, height, self._bits, times, f_numbers, isos, body.obstacle())
 
-    def _set(self, body: StandardBody, exposure: Exposure) -> Exposure:
+    def _set(self, body: StandardBody, exposure: Exposure, bracket: AutoBracket | None = None) -> Exposure:
+        """bracket: what a body that stands at it is left at; else it is set to single frames."""
         if body.time is None:
             raise CameraRefused(f"{self.where} has no exposure time to set: turn its mode dial to M.")
         body.wait_ready()
+        if body.standing != bracket:
+            stand(body, None)
         self._listening = body
         return self.dials.set(body, exposure, self._clock.sleep, afresh=self._failed)
 

@@ -144,7 +144,8 @@ def test_a_bracket_of_its_own_is_held_to_what_was_asked(*, bad: bool) -> None:
     bus = BusRig(simulate("toy"), model="sony-a7m4")
     camera = bus.cameras()[0]
     if bad:
-        camera.bracket = lambda exposures: [camera._single(exposures[0])] * len(exposures)  # type: ignore[attr-defined]
+        own = camera.bracket  # type: ignore[attr-defined]
+        camera.bracket = lambda exposures: list(own(exposures))[:2]  # type: ignore[attr-defined]
     (row,) = examine(camera, bus.clock, examinations=[bracket])
     assert row.verdict == ("failed" if bad else "passed"), row
-    assert ("a frame of its bracket says" if bad else "3 frames as asked in") in row.says
+    assert ("the frames of its bracket say" if bad else "3 frames as asked in") in row.says

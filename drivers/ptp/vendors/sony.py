@@ -28,6 +28,7 @@ _RAW, _RAW_AND_JPEG = 0x10, range(0x11, 0x15)
 _UP, _DOWN = 1, 2
 _HOST = 1
 _START_UP, _PAUSE = 8.0, 0.05
+"""Seconds; after the latter its memory is looked at, whether or not an event tells of a picture."""
 _SINGLE = 1
 _BRACKETS = {
     code: AutoBracket(code, thirds, frames)
@@ -173,7 +174,7 @@ class SonyBody(StandardBody):
                 return files
             if len(files) == self._files or (has_raw(files) and clock.now() - news >= LATE):
                 return files
-            clock.sleep(_PAUSE)
+            self.session.events(_PAUSE)
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
     def auto_brackets(self) -> tuple[AutoBracket, ...]:
@@ -206,7 +207,7 @@ class SonyBody(StandardBody):
                 while self._in_memory() < READY:
                     if clock.now() >= end:
                         raise CameraTimeout(f"{self.session.where} broke its bracket off: check its card.")
-                    clock.sleep(_PAUSE)
+                    self.session.events(_PAUSE)
                 yield Download(MEMORY_HANDLE, self.session.object_info(MEMORY_HANDLE), bytearray())
         finally:
             for button in (SonyProperty.FULL_PRESS, SonyProperty.HALF_PRESS):

@@ -34,6 +34,8 @@ class StandardBody:
         self.session = session
         self.earlier: set[int] = set()
         """Handles of objects that are not of the next shot."""
+        self.standing: AutoBracket | None = None
+        """What a release shoots, as far as it was told by `bracket_shot.stand`; None: a single frame."""
         self.listed: tuple[int, ...] = session.info.properties
         self.time: Dial | None = None
         self.f_number: Dial | None = None

@@ -139,7 +139,7 @@ class Shooting:
         self.shooting = True
 
         def expose(number: int) -> None:
-            if number == frames or not held():
+            if not held():
                 self.timeline.call_later(self.profile.write, done)
                 return
             lasting = shutter.applied(self.camera.set_exposure(self.exposure.with_time(times[number]))).time
@@ -151,7 +151,11 @@ class Shooting:
             frame, handles = self.camera.collect(), memory_handles[number]
             store = partial(self._store, frame, transaction, fault_of, handles)
             self.timeline.call_later(self.profile.write, store)
-            self.timeline.call_later(max(0.0, 1 / self.profile.rate - lasting), partial(expose, number + 1))
+            recovery = max(0.0, 1 / self.profile.rate - lasting)
+            if number + 1 < frames:
+                self.timeline.call_later(recovery, partial(expose, number + 1))
+            else:
+                self.timeline.call_later(max(recovery, self.profile.write), done)
 
         def done() -> None:
             self.shooting = False
