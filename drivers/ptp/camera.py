@@ -162,6 +162,7 @@ class PtpCamera:
         try:
             body = self._connected()
             for frame in shoot(body, found):
+                self._size, self._bits = (frame.width, frame.height), frame.bit_depth
                 if shows(frame.metadata.exposure, found.middle):
                     self.dials.learn(body, frame.metadata.exposure, self.dials.setting)
                 yield frame

@@ -198,7 +198,13 @@ class NikonProperty(IntEnum):
     """Nikon."""
 
     ISO_EX = 0xD0B4
+    BRACKET_SET = 0xD078
+    """What a bracket changes: 1 is exposure alone."""
+    MANUAL_BRACKET = 0xD079
+    """By what it does so at manual exposure: 0 is time."""
     BRACKET_ENABLE = 0xD0C0
+    BRACKET_STEP = 0xD0C1
+    BRACKET_PROGRAM = 0xD0C2
     SHUTTER_SPEED = 0xD100
     RECORDING_MEDIA = 0xD10B
 

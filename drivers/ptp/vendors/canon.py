@@ -24,6 +24,8 @@ TO_HOST = 4
 _CAPACITY = (0x0FFFFFFF, 0x1000, 1)
 """Free clusters, bytes of a cluster, reset: room on the host, without which nothing is shot."""
 _LIST = 3
+_IMAGE_FORMAT = struct.pack("<I", CanonProperty.IMAGE_FORMAT)
+"""How its records begin; the number of files of a shot follows."""
 _PAUSE = 0.05
 _MOST_BATCHES = 64
 _READ_BACKS = 5
@@ -76,6 +78,7 @@ class CanonBody(StandardBody):
         """Remote mode, event mode, all properties, the host as the destination."""
         self._properties: dict[int, DevicePropDesc] = {}
         self._added: list[Download] = []
+        self._files = 1
         self.session.run(CanonOperation.SET_REMOTE_MODE, 1, repeatable=True)
         self.session.run(CanonOperation.SET_EVENT_MODE, 1, repeatable=True)
         self._listen()
@@ -155,8 +158,13 @@ class CanonBody(StandardBody):
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
     def auto_brackets(self) -> tuple[AutoBracket, ...]:
-        """AEB, of a body that has both it and continuous shooting, and a button that can be held down."""
+        """AEB, of a body that has both it and continuous shooting, and a button that can be held down.
+
+        None for RAW+JPEG, whose files could not be told apart.
+        """
         self._listen()
+        if self._files > 1:
+            return ()
         aeb, drive = (self._offered(code) for code in (CanonProperty.AEB, CanonProperty.DRIVE_MODE))
         if _CONTINUOUS not in drive or not self.session.supports(CanonOperation.REMOTE_RELEASE_ON):
             return ()
@@ -222,6 +230,8 @@ class CanonBody(StandardBody):
     def _take(self, kind: int, payload: bytes) -> None:
         if kind in (CanonEvent.OBJECT_ADDED_EX, CanonEvent.REQUEST_OBJECT_TRANSFER):
             self._added.append(unpack_object(kind, payload))
+        elif kind == CanonEvent.PROP_VALUE_CHANGED and payload[:4] == _IMAGE_FORMAT and len(payload) >= 8:
+            self._files = int.from_bytes(payload[4:8], "little")
         elif kind == CanonEvent.PROP_VALUE_CHANGED and 4 < len(payload) <= 8:
             description = self._description(int.from_bytes(payload[:4], "little"))
             self._properties[description.code] = replace(

@@ -1,14 +1,15 @@
 """Nikon: remote mode, RAW into the camera's memory, DeviceReady and GetEvent by polling.
 
 Source: libgphoto2's codes, and the property lists of a Z 6, a D780 and 60 older bodies (its dumps). Verified
-against: the simulated cameras, which follow the same notes; no hardware. Left out: bulb, in-camera
-bracketing (its properties are known, not what their values mean), live view, Wi-Fi pairing. A body that
-lists none of Nikon's operations is spoken to in plain PTP.
+against: the simulated cameras, which follow the same notes; no hardware. Left out: bulb, live view, Wi-Fi
+pairing. A body that lists none of Nikon's operations is spoken to in plain PTP.
 """
 
+from collections.abc import Generator
 from contextlib import suppress
 
 from drivers.errors import CameraLost, CameraRefused, CameraTimeout
+from drivers.ptp.autobracket import AutoBracket
 from drivers.ptp.codec import Event, Reader, Value, damaged
 from drivers.ptp.codes import (
     UNKNOWN_LENGTH,
@@ -24,6 +25,7 @@ from drivers.ptp.datasets import EnumForm
 from drivers.ptp.exposure import NIKON_ISO, NIKON_TIME
 from drivers.ptp.picture import has_raw
 from drivers.ptp.session import PATIENCE, PROMPT_TIMEOUT, QUICK_TIMEOUT, READY_TIMEOUT, Download
+from drivers.ptp.vendors import nikon_brackets
 from drivers.ptp.vendors.standard import StandardBody
 from drivers.ptp.waiting import LATE, deadline
 from imaging.errors import CameraError
@@ -35,6 +37,8 @@ _PAUSE, _ASK_AFTER = 0.05, 1.0
 _POLL_TIMEOUT = 1.0
 """Seconds after which DeviceReady and GetEvent are asked once more: they are made to be asked while the body
 is busy with other things, so that an answer that has not come is lost."""
+_SINGLE, _CONTINUOUS = 1, 2
+_READ_BACKS = 5
 _MEMORY_RELEASES = (
     NikonOperation.INITIATE_CAPTURE_REC_IN_MEDIA,
     NikonOperation.INITIATE_CAPTURE_REC_IN_SDRAM,
@@ -97,6 +101,9 @@ class NikonBody(StandardBody):
         if fine is not None and self.describe(fine.code).writable:
             self.time = fine  # exact, where ExposureTime counts 100 us
         self.iso = self._dial(NIKON_ISO) or self.iso
+        if self._stands_at(NikonProperty.BRACKET_ENABLE, 1):  # a bracket that broke off left it so
+            with suppress(CameraRefused):
+                self.set_auto_bracket(None)
 
     def leave(self) -> None:
         """Local mode."""
@@ -162,6 +169,67 @@ class NikonBody(StandardBody):
             clock.sleep(_PAUSE)
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
 
+    def auto_brackets(self) -> tuple[AutoBracket, ...]:
+        """Those that its properties name, of a body that shoots them to memory; none for NEF+JPEG."""
+        step, program = NikonProperty.BRACKET_STEP, NikonProperty.BRACKET_PROGRAM
+        needed = {step, program, NikonProperty.BRACKET_ENABLE, PropertyCode.STILL_CAPTURE_MODE}
+        if (
+            self._files > 1
+            or not self._to_memory
+            or not {*needed, PropertyCode.BURST_NUMBER} <= {*self.listed}
+        ):
+            return ()
+        return nikon_brackets.offered(self.describe(step), self.describe(program))
+
+    def set_auto_bracket(self, bracket: AutoBracket | None) -> None:
+        """Its program in continuous shooting, in which one order takes as many frames as were asked for."""
+        settings: tuple[tuple[int, int], ...]
+        if bracket is None:
+            settings = (
+                (NikonProperty.BRACKET_ENABLE, 0),
+                (PropertyCode.BURST_NUMBER, 1),
+                (PropertyCode.STILL_CAPTURE_MODE, _SINGLE),
+            )
+        else:
+            step, program = nikon_brackets.values(bracket)
+            settings = (
+                (NikonProperty.BRACKET_SET, 1),
+                (NikonProperty.MANUAL_BRACKET, 0),
+                (NikonProperty.BRACKET_STEP, step),
+                (NikonProperty.BRACKET_PROGRAM, program),
+                (PropertyCode.STILL_CAPTURE_MODE, _CONTINUOUS),
+                (PropertyCode.BURST_NUMBER, bracket.frames),
+                (NikonProperty.BRACKET_ENABLE, 1),
+            )
+        for code, wanted in settings:
+            if code in self.listed and not self._stands_at(code, wanted):
+                self._insist(code, wanted)
+
+    def shoot_bracket(self, bracket: AutoBracket, seconds: float) -> Generator[Download, None, None]:
+        """One order; the frames come one after the other, mostly under the same handle."""
+        clock = self.session.clock
+        end = clock.now() + deadline(seconds)
+        self.release()
+        told, ask_at = list[int](), clock.now() + _ASK_AFTER
+        for _ in range(bracket.frames):
+            files = list[Download]()
+            while not files:
+                told += [
+                    event.parameters[0] or MEMORY_HANDLE
+                    for event in self._events()
+                    if event.code == NikonEvent.OBJECT_ADDED_IN_SDRAM
+                ]
+                if not told and clock.now() >= ask_at:  # the event may be lost
+                    told = [MEMORY_HANDLE]
+                if told:
+                    self._takes(told.pop(0), files)
+                    ask_at = clock.now() + _ASK_AFTER
+                elif clock.now() >= end:
+                    raise CameraTimeout(f"{self.session.where} broke its bracket off: check its menu.")
+                else:
+                    clock.sleep(_PAUSE)
+            yield files[0]
+
     def fetch(self, file: Download) -> bytes:
         """From memory in one go, from a card in pieces."""
         if not _in_memory(file):
@@ -188,6 +256,18 @@ class NikonBody(StandardBody):
             self._files = 2
         else:
             self.write(PropertyCode.COMPRESSION_SETTING, nef)
+
+    def _stands_at(self, code: int, value: int) -> bool:
+        return code in self.listed and self.describe(code).current == value
+
+    def _insist(self, code: int, wanted: int) -> None:
+        """Set a property, and see that it is."""
+        self.write(code, wanted)
+        for _ in range(_READ_BACKS):
+            if self._stands_at(code, wanted):
+                return
+            self.session.clock.sleep(_PAUSE)
+        raise CameraRefused(f"{self.session.where} keeps its bracketing or release mode: see its dials.")
 
     def _takes(self, handle: int, files: list[Download]) -> bool:
         """Add an object to those of the shot; whether there was one.

@@ -31,8 +31,8 @@ _BRACKET = 3
 """Frames, as a body shoots them that was not set to another number in its menu."""
 _FULL_PRESS = 2
 _U16_LIST = 3
-_RAW = (1, 0x10, 6, 0, 4)
-"""ImageFormat: one file, and its 16-byte record: kind RAW, size 0, compression 4."""
+_RAW, _JPEG = (0x10, 6, 0, 4), (0x10, 1, 0, 3)
+"""Of ImageFormat, which begins with the number of files: 16 bytes, kind RAW or JPEG, size 0, compression."""
 _END = struct.pack("<II", 8, 0)
 
 
@@ -135,7 +135,8 @@ class Canon(Manner):
         self._count_shots()
         self._value(CanonProperty.CAPTURE_DESTINATION, self._destination)
         self._list(CanonProperty.CAPTURE_DESTINATION, (CARD, HOST))
-        self._value(CanonProperty.IMAGE_FORMAT, *_RAW)
+        both = self.shooting.quality in self.shooting.profile.raw_jpeg_settings
+        self._value(CanonProperty.IMAGE_FORMAT, *((2, *_RAW, *_JPEG) if both else (1, *_RAW)))
         self._value(CanonProperty.AEB, self._aeb)
         self._list(CanonProperty.AEB, tuple(AEB))
         self._value(CanonProperty.DRIVE_MODE, self._drive)

@@ -20,6 +20,11 @@ MEMORY_HANDLE = 0xFFFF0001
 DELETE_MEMORY = 0x90C3
 """DelImageSDRAM."""
 _STANDARD_BELOW = 0xD000
+_STEPS = (1, None, 2, 3, 6, 9)
+"""Thirds of a stop by BracketStep, as a Z 6 counts them; the second is half a stop."""
+_PROGRAMS = {4: 3, 5: 5, 6: 7, 7: 9}
+"""Frames by BracketProgram; those to one side alone, and none at all, are left out."""
+_CONTINUOUS = 2
 
 
 class Nikon(Manner):
@@ -83,7 +88,29 @@ class Nikon(Manner):
     def _to_memory(self, request: Request) -> Reply:
         if self.fills_memory():
             return Reply(ResponseCode.DEVICE_BUSY)
-        return Reply(self.shooting.shoot(request.transaction, request.faults, self.memory_handles))
+        frames = _PROGRAMS.get(self._number(NikonProperty.BRACKET_PROGRAM))
+        if (
+            frames is None
+            or not self._number(NikonProperty.BRACKET_ENABLE)
+            or self._number(PropertyCode.STILL_CAPTURE_MODE) != _CONTINUOUS
+        ):
+            return Reply(self.shooting.shoot(request.transaction, request.faults, self.memory_handles))
+        by_time = self._number(NikonProperty.BRACKET_SET) < 2 and not self._number(
+            NikonProperty.MANUAL_BRACKET
+        )
+        thirds = _STEPS[self._number(NikonProperty.BRACKET_STEP)] if by_time else 0
+        asked = self._number(PropertyCode.BURST_NUMBER)
+        handles = [self.memory_handles] * min(frames, asked)
+        if thirds is None:
+            return Reply(ResponseCode.INVALID_PARAMETER)
+        code = self.shooting.shoot_bracket(request.transaction, request.faults, thirds, handles, lambda: True)
+        return Reply(code)
+
+    def _number(self, code: int) -> int:
+        description = self.properties.description(code)
+        assert description is not None
+        assert isinstance(description.current, int)
+        return description.current
 
     def _to_media(self, request: Request) -> Reply:
         return self._to_memory(request) if request.parameter(1) == 1 else self._capture(request)

@@ -100,6 +100,7 @@ PROFILES = {
             raw_format=FormatCode.UNDEFINED,
             prefix="DSC_",
             folder="100NCZ_6",
+            rate=5.5,
             jpeg_settings=(0, 1, 2, 3, 4, 5, 6),
             raw_setting=7,
             raw_jpeg_settings=(8, 9, 10, 11, 12, 13),

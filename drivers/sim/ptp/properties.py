@@ -32,6 +32,10 @@ def _fixed(code: int, kind: DataType, value: Value, *values: Value) -> DevicePro
     return DevicePropDesc(code, kind, len(values) > 1, value, value, EnumForm(values) if values else None)
 
 
+def _ranging(code: int, low: int, high: int, value: int) -> DevicePropDesc:
+    return DevicePropDesc(code, DataType.UINT8, True, value, value, RangeForm(low, high, 1))
+
+
 def _others(profile: CameraProfile, focal_length_mm: float) -> tuple[DevicePropDesc, ...]:
     """What every profile has besides its dials, and what its maker adds."""
     qualities = (*profile.jpeg_settings, profile.raw_setting, *profile.raw_jpeg_settings)
@@ -48,7 +52,16 @@ def _others(profile: CameraProfile, focal_length_mm: float) -> tuple[DevicePropD
         DevicePropDesc(PropertyCode.DATE_TIME, DataType.STRING, True, _STARTED, _STARTED),
     )
     if profile.style is Style.NIKON:
-        return (*standard, _fixed(NikonProperty.RECORDING_MEDIA, DataType.UINT8, 0, 0, 1))
+        return (
+            *standard,
+            _fixed(NikonProperty.RECORDING_MEDIA, DataType.UINT8, 0, 0, 1),
+            _ranging(NikonProperty.BRACKET_SET, 0, 4, 0),
+            _ranging(NikonProperty.MANUAL_BRACKET, 0, 3, 0),
+            _ranging(NikonProperty.BRACKET_ENABLE, 0, 1, 0),
+            _ranging(NikonProperty.BRACKET_STEP, 0, 5, 3),
+            _ranging(NikonProperty.BRACKET_PROGRAM, 0, 8, 8),
+            DevicePropDesc(PropertyCode.BURST_NUMBER, DataType.UINT16, True, 1, 1, RangeForm(1, 65535, 1)),
+        )
     if profile.style is Style.SONY:
         single = _fixed(PropertyCode.STILL_CAPTURE_MODE, DataType.UINT16, 1, 1, 2, *SONY_BRACKETS)
         return (
@@ -60,6 +73,12 @@ def _others(profile: CameraProfile, focal_length_mm: float) -> tuple[DevicePropD
             ),
         )
     return standard
+
+
+def _within(form: RangeForm, value: Value) -> bool:
+    numbers = (form.minimum, value, form.maximum)
+    low, number, high = (one if isinstance(one, int) else 0 for one in numbers)
+    return low <= number <= high
 
 
 class SimulatedProperties:
@@ -104,6 +123,8 @@ class SimulatedProperties:
         if reader.remaining:
             return ResponseCode.INVALID_DEVICE_PROP_FORMAT
         if isinstance(description.form, EnumForm) and value not in description.form.values:
+            return ResponseCode.INVALID_DEVICE_PROP_VALUE
+        if isinstance(description.form, RangeForm) and not _within(description.form, value):
             return ResponseCode.INVALID_DEVICE_PROP_VALUE
         if self._shooting.shooting:
             return ResponseCode.DEVICE_BUSY

@@ -16,7 +16,9 @@ from drivers.sim.faults import Fault, Kind
 from drivers.sim.ptp import profiles
 from drivers.sim.ptp.properties import SimulatedProperties
 from drivers.sim.rigs import simulate
+from imaging.errors import StorageError
 from imaging.exposure import Exposure
+from imaging.files import store
 from imaging.session.records import PlanRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
 from tests.capture.conftest import WHEN
@@ -24,11 +26,15 @@ from tests.capture.conftest import WHEN
 STOPS = (1 / 500, 1 / 250, 1 / 125, 1 / 60)
 TWO_STOPS = (1 / 250, 1 / 60, 1 / 15)
 UNEVEN = (1 / 500, 1 / 60, 1 / 30, 1 / 4)
-MAKES = ("canon-eos-6d", "sony-a7m4")
-PRESS = {"sony-a7m4": ("SET_CONTROL_B", 2), "canon-eos-6d": ("REMOTE_RELEASE_ON", 2)}
-SHARE = {"sony-a7m4": 0.5, "canon-eos-6d": 0.7}
-"""Of the time one by one: four frames are one bracket of Sony's body, and three and one of Canon's."""
-FETCH = {"sony-a7m4": "GET_OBJECT", "canon-eos-6d": "GET_PARTIAL_OBJECT"}
+MAKES = ("canon-eos-6d", "nikon-z6", "sony-a7m4")
+PRESS = {
+    "sony-a7m4": ("SET_CONTROL_B", 2),
+    "canon-eos-6d": ("REMOTE_RELEASE_ON", 2),
+    "nikon-z6": ("INITIATE_CAPTURE_REC_IN_MEDIA", 1),
+}
+SHARE = {"sony-a7m4": 0.5, "nikon-z6": 0.65, "canon-eos-6d": 0.7}
+"""Of the time one by one: four frames are in a bracket of five of Sony and Nikon, three and one of Canon."""
+FETCH = {"sony-a7m4": "GET_OBJECT", "nikon-z6": "GET_OBJECT", "canon-eos-6d": "GET_PARTIAL_OBJECT"}
 
 
 class Capture:
@@ -42,6 +48,8 @@ class Capture:
         faults: Sequence[Fault] = (),
         cameras: int = 1,
         frames: int = 2,
+        *,
+        complete: bool = True,
     ) -> None:
         self.rig = simulate("toy", 1, cameras=cameras, positions=frames, samples=1)
         self.bus = BusRig(self.rig, faults, model=model)
@@ -59,14 +67,16 @@ class Capture:
             reason="test",
         )
         self.session.append_plan(self.plan)
-        self.shoot()
+        self.shoot(complete=complete)
 
-    def shoot(self) -> None:
+    def shoot(self, *, complete: bool = True) -> None:
         began = self.bus.clock.now()
         self.result = record(
             self.session, self.plan, self.cameras, clock=self.bus.clock, move_to=self.rig.move_to
         )
         self.seconds = self.bus.clock.now() - began
+        if not complete:
+            return
         assert (self.result.missing, self.result.problems) == ((), ())
         for shot in self.shots.values():
             assert shot.reported == shot.requested == self.plan.bracket[shot.step]
@@ -201,6 +211,29 @@ def test_what_a_frame_lacks_is_resumed_one_by_one(tmp_path: Path, asked: list[bo
     capture.shoot()
     assert (capture.result.taken, capture.result.kept) == (4, 4)
     assert asked == [True]
+
+
+def test_a_disk_that_fills_up_within_a_bracket_ends_it_and_another_run_completes_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: list[bool]
+) -> None:
+    own, files = store.write_pieces, list[str]()
+
+    def write(path: Path, pieces: Sequence[bytes]) -> None:
+        if path.parent.name == "0001":
+            files.append(path.name)
+            if len(files) > 1:
+                raise StorageError(f"{path}: the disk is full: free some of it.")
+        own(path, pieces)
+
+    monkeypatch.setattr(store, "write_pieces", write)
+    capture = Capture(tmp_path / "S", "sony-a7m4", complete=False)
+    assert capture.result.taken == 5
+    assert all("the disk is full" in why for why in capture.result.missing)
+    monkeypatch.setattr(store, "write_pieces", own)
+    capture.shoot()
+    assert (capture.result.taken, capture.result.kept) == (3, 5)
+    assert asked[0]
+    assert len(asked) == 2
 
 
 def test_a_camera_with_a_card_is_still_emptied_while_it_exposes_the_next(

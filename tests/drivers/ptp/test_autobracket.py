@@ -10,7 +10,7 @@ from drivers.camera import CameraFile
 from drivers.errors import CameraRefused
 from drivers.ptp import PtpCamera
 from drivers.ptp.autobracket import AutoBracket, best_fit, fit, shows
-from drivers.ptp.codes import CanonProperty, PropertyCode
+from drivers.ptp.codes import CanonProperty, NikonProperty, PropertyCode
 from drivers.sim.bus_rig import BusRig
 from drivers.sim.faults import Fault
 from drivers.sim.ptp import profiles
@@ -123,10 +123,16 @@ def test_a_bracket_of_the_body_is_faster_than_one_by_one(
 def test_four_frames_take_less_than_half_the_time_of_one_by_one(
     toy: SimulatedRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a body that shoots 10 frames a second, and takes 0.3 s from an order to the exposure."""
+    """Of a body that shoots 10 frames a second, and takes 0.3 s from an order to the exposure.
+
+    Nikon's shoots 5.5, and five of them for four.
+    """
     monkeypatch.setitem(profiles.PROFILES, "sony-a7m4", replace(profiles.PROFILES["sony-a7m4"], lag=0.3))
     seconds, alone = shot(toy, "sony-a7m4", STOPS)
     assert seconds < 0.5 * alone
+    monkeypatch.setitem(profiles.PROFILES, "nikon-z6", replace(profiles.PROFILES["nikon-z6"], lag=0.3))
+    seconds, alone = shot(toy, "nikon-z6", STOPS)
+    assert seconds < 0.65 * alone
 
 
 @pytest.mark.parametrize("model", sorted(profiles.PROFILES))
@@ -152,10 +158,21 @@ def test_the_most_neighbours_that_a_body_has_a_bracket_of_are_shot_together() ->
     assert best_fit(exposures(*STOPS[:2]), OFFERED, LABELS) is None
 
 
-PRESS = ("canon-eos-6d", "sony-a7m4")
+@pytest.mark.parametrize("model", ["canon-eos-6d", "nikon-z6", "sony-a7m4"])
+def test_a_body_that_writes_raw_and_jpeg_shoots_them_one_by_one(
+    toy: SimulatedRig, monkeypatch: pytest.MonkeyPatch, model: str
+) -> None:
+    monkeypatch.setitem(profiles.PROFILES, model, replace(profiles.PROFILES[model], jpeg=True))
+    _, camera = opened(toy, model)
+    with pytest.raises(CameraRefused, match="has no such bracket"):
+        next(camera.bracket(exposures(*STOPS)))
+    camera.close()
 
 
-@pytest.mark.parametrize("model", sorted(PRESS))
+MAKES = ("canon-eos-6d", "nikon-z6", "sony-a7m4")
+
+
+@pytest.mark.parametrize("model", MAKES)
 def test_a_body_that_a_bracket_left_in_its_mode_is_set_back(toy: SimulatedRig, model: str) -> None:
     bus = BusRig(toy, model=model)
     (camera,) = bus.cameras()
@@ -170,6 +187,9 @@ def test_a_body_that_a_bracket_left_in_its_mode_is_set_back(toy: SimulatedRig, m
     body = camera._connected()
     if model == "canon-eos-6d":
         assert body.describe(CanonProperty.AEB).current == 0
+    elif model == "nikon-z6":
+        assert body.describe(NikonProperty.BRACKET_ENABLE).current == 0
+        assert body.describe(PropertyCode.STILL_CAPTURE_MODE).current == 1
     else:
         assert body.describe(PropertyCode.STILL_CAPTURE_MODE).current == 1
     camera.close()
