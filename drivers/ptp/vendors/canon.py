@@ -78,7 +78,8 @@ class CanonBody(StandardBody):
         """Remote mode, event mode, all properties, the host as the destination."""
         self._properties: dict[int, DevicePropDesc] = {}
         self._added: list[Download] = []
-        self._files = 1
+        self._files: int | None = None
+        """Of a shot, as the image format has it; None: it has not been told."""
         self.session.run(CanonOperation.SET_REMOTE_MODE, 1, repeatable=True)
         self.session.run(CanonOperation.SET_EVENT_MODE, 1, repeatable=True)
         self._listen()
@@ -142,7 +143,7 @@ class CanonBody(StandardBody):
             self.session.run(CanonOperation.REMOTE_RELEASE_OFF, _HALF, repeatable=True)
 
     def wait(self, exposure: float) -> list[Download]:
-        """Until its events tell of a picture, and for a moment of no more."""
+        """Until its events tell of all files of a shot, or for a moment of no more."""
         clock = self.session.clock
         end = clock.now() + deadline(exposure)
         clock.sleep(exposure)  # whoever asks meanwhile learns nothing
@@ -152,7 +153,7 @@ class CanonBody(StandardBody):
             if self._added:
                 files += self._added
                 self._added, news = [], clock.now()
-            if files and clock.now() - news >= GRACE:
+            if files and (len(files) == self._files or clock.now() - news >= GRACE):
                 return files
             clock.sleep(_PAUSE)
         raise CameraTimeout(f"{self.session.where} delivered no picture: check its focus and mode dial.")
@@ -163,7 +164,7 @@ class CanonBody(StandardBody):
         None for RAW+JPEG, whose files could not be told apart.
         """
         self._listen()
-        if self._files > 1:
+        if self._files is not None and self._files > 1:
             return ()
         aeb, drive = (self._offered(code) for code in (CanonProperty.AEB, CanonProperty.DRIVE_MODE))
         if _CONTINUOUS not in drive or not self.session.supports(CanonOperation.REMOTE_RELEASE_ON):
