@@ -148,7 +148,8 @@ def report(result: dict[str, Any]) -> str:
             "",
             "Sony's body shoots 10 frames a second and has brackets of 3, 5 and 9, Nikon's 5.5 and 3, 5, 7 "
             "and 9, Canon's 4.5 and 3: Sony and Nikon shoot five for four. Where an order takes no time, "
-            "bursts of Canon and Nikon are slower than single frames, of which simulated bodies write 6 a second.",
+            "bursts of Canon and Nikon are slower than single frames, of which simulated bodies write 6 a "
+            "second.",
             "",
         ]
     )
