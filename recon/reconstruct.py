@@ -19,7 +19,8 @@ from recon.data.load import load
 from recon.decide.budget import Budget
 from recon.decide.countdown import Countdown
 from recon.decide.decisions import Case, Decisions, Run, decide, iterations_at_most
-from recon.decide.memory_need import free, need
+from recon.decide.forecast import fitting
+from recon.decide.memory_need import free
 from recon.decide.method_choice import method_for, rungs, uncoloured
 from recon.decide.overrides import Overrides
 from recon.decide.prediction import Prediction
@@ -30,7 +31,6 @@ from recon.result.folder import SceneFolder
 from recon.result.model import CHECKPOINT, LOG, MODEL
 from recon.result.place import default_name, place_for
 from recon.scene.checkpoint import Checkpoint
-from recon.scene.harmonics import DEGREE
 from recon.train.device import training_device
 from recon.train.early_stopping import Deadline, EarlyStop, Goal
 from recon.train.interrupt import Interrupted
@@ -103,13 +103,10 @@ def reconstruct(
         store.require_writable(session / shelf)
 
         def examine(firsts: Sequence[View], counts: Mapping[str, tuple[int, int]]) -> bool:
-            asked = None if budget is None else budget.gaussians
-            trained = sum(train for _, train in counts.values())
-            most = asked or overrides.gaussians or QUALITIES[quality].gaussians_of(trained)
-            degree, room = DEGREE if overrides.degree is None else overrides.degree, free()
-            needed = need(firsts, counts, most, degree)
-            if stored := needed.too_large(room):
-                needed = need(firsts, counts, most, degree, stored=True)
+            room = free()
+            needed, stored = fitting(
+                firsts, counts, room, quality=quality, overrides=overrides, budget=budget
+            )
             needed.require(session, room)
             if ranks.first and needed.worth_saying(room):
                 on_message(needed.told())

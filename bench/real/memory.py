@@ -32,10 +32,11 @@ ITERATIONS = 40
 _RUN = f"""
 import json, resource, sys
 from recon.decide.overrides import Overrides
+import recon.decide.forecast as deciding
 import recon.reconstruct as stage
 from recon.decide.memory_need import need
 needs = []
-stage.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
+deciding.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
 session, width, gaussians, seed = sys.argv[1], *map(int, sys.argv[2:])
 overrides = Overrides(
     width=width, gaussians=gaussians, iterations={ITERATIONS}, refine="none", environment=False
@@ -60,6 +61,7 @@ def status(name):
 """
 _TRAINING = f"""
 import json, sys, time
+import recon.decide.forecast as deciding
 import recon.reconstruct as stage
 from recon.decide.memory_need import Need, need
 from recon.decide.overrides import Overrides
@@ -67,7 +69,7 @@ from recon.decide.overrides import Overrides
 session, stored, seed = sys.argv[1], sys.argv[2] == "True", int(sys.argv[3])
 Need.too_large = lambda self, free: stored
 needs = []
-stage.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
+deciding.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
 overrides = Overrides(width=4096, gaussians=20000, iterations=12, refine="none", environment=False)
 stage.reconstruct(
     session, quality="draft", overrides=overrides, seed=seed, name="memory", shelf="memory", replace=True

@@ -2,12 +2,15 @@
 
 import os
 
+GIVEN = "RIG_CORES"
+"""Variable of the environment: cores that this process may keep busy, where several share a machine."""
+
 
 def available_cores() -> int:
     """Cores that this process may run on; all of the machine where the system does not restrict processes.
 
     Only Linux tells which cores a process may use.
     """
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    given = os.environ.get(GIVEN, "")
+    return max(min(cores, int(given)), 1) if given.isdecimal() else cores

@@ -12,14 +12,17 @@ PER_SAMPLE = 28
 """Bytes, at most, that reading a picture takes for each of its samples: its number in the file and in
 float32, with copies of both. Measured of every format: 6 to 24 (half-float EXR of other primaries)."""
 
+GIVEN = "RIG_MEMORY"
+"""Variable of the environment: bytes that this process may take in all, where several share a machine."""
+
 _GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 _MEMINFO = Path("/proc/meminfo")
 _STATM = Path("/proc/self/statm")
 
 
 def available() -> int:
-    """Bytes that this process may still take: of the machine, of its control group and of its own limit."""
-    bounds = [_machine(), _group(), _own()]
+    """Bytes that this process may still take: of the machine, its control group, its limit and its share."""
+    bounds = [_machine(), _group(), _own(), _given()]
     return max(min(bound for bound in bounds if bound is not None), 0)
 
 
@@ -106,6 +109,12 @@ def _own() -> int | None:
         return most - int(_STATM.read_text("ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError):
         return most
+
+
+def _given() -> int | None:
+    """What is left of the share that whoever started this process gave it; None: it has no share."""
+    given = os.environ.get(GIVEN, "")
+    return int(given) - resident() if given.isdecimal() else None
 
 
 def told(size: int) -> str:

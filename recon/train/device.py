@@ -15,6 +15,14 @@ def training_device() -> torch.device:
     return torch.device("cpu")
 
 
+def gpus() -> list[str]:
+    """Those that trainings run on, each as CUDA_VISIBLE_DEVICES names it alone; none without any."""
+    if training_device().type != "cuda":
+        return []
+    named = os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",")
+    return named if all(named) else [str(number) for number in range(torch.cuda.device_count())]
+
+
 def device_name(device: torch.device) -> str:
     """For people: the GPU's name, or how many threads of the CPU are used."""
     if device.type == "cuda":

@@ -1,27 +1,25 @@
 """A command of rig in a process of its own: on a share of this machine, or where a cluster has room."""
 
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from queue import SimpleQueue
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from capture.nodes.cluster import joined
 from imaging.compute import memory
-from imaging.compute.cores import available_cores
+from imaging.compute.workers import ATTEMPTS, LocalWorkers, Share, Task, WorkerLost, Workers
 from imaging.errors import InputError
 
-ATTEMPTS = 2
-"""Of a command whose process was killed, as by a machine that went down or ran out of memory."""
-KEPT = 0.9
-"""Of the free memory, what several processes share."""
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -35,21 +33,14 @@ class Ended:
     attempts: int = 1
 
 
-Submit = Callable[[Sequence[str]], "Future[Ended]"]
-"""Runs `python -m rig` with these words and `--json`."""
-
-
-def run(words: Sequence[str], cores: frozenset[int] | None = None, room: int | None = None) -> Ended:
-    """Run a command to its end; again where its process was killed.
-
-    cores: on which it may run; None: on all. room: bytes of address space that it may take; None: all.
-    """
+def run(share: Share, words: Sequence[str]) -> Ended:
+    """Run `python -m rig` with these words and `--json` to its end; again where its process was killed."""
     began = time.monotonic()
     attempt = 1
-    code, out, err = _once(words, cores, room)
+    code, out, err = _once(share, words)
     while code < 0 and attempt < ATTEMPTS:
         attempt += 1
-        code, out, err = _once(words, cores, room)
+        code, out, err = _once(share, words)
     try:
         data = json.loads(out)
     except ValueError:
@@ -60,79 +51,115 @@ def run(words: Sequence[str], cores: frozenset[int] | None = None, room: int | N
     return Ended(code, data, says, time.monotonic() - began, attempt)
 
 
-def _once(words: Sequence[str], cores: frozenset[int] | None, room: int | None) -> tuple[int, str, str]:
-    command = [sys.executable, "-m", "rig", *words, "--json"]
+def _once(share: Share, words: Sequence[str]) -> tuple[int, str, str]:
     with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "rig", *words, "--json"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | share.environment(),
     ) as process:
-        if hasattr(os, "sched_setaffinity") and cores is not None:
-            os.sched_setaffinity(process.pid, cores)
-        if sys.platform == "linux" and room is not None:
-            import resource
-
-            resource.prlimit(process.pid, resource.RLIMIT_AS, (room, room))
+        share.pin(process.pid)
         out, err = process.communicate()
     return process.returncode, out, err
-
-
-@dataclass
-class LocalWorkers:
-    """Processes on this machine, each with its share of the cores and of the memory."""
-
-    count: int
-    _pool: ThreadPoolExecutor = field(init=False)
-    _shares: "SimpleQueue[frozenset[int]]" = field(init=False)
-
-    def __post_init__(self) -> None:
-        if self.count > available_cores():
-            raise InputError(f"--workers {self.count} is more than the {available_cores()} cores there are.")
-        self._pool = ThreadPoolExecutor(self.count)
-        self._shares = SimpleQueue()
-        every = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
-        for number in range(self.count):
-            self._shares.put(frozenset(every[number :: self.count]))
-
-    def submit(self, words: Sequence[str]) -> "Future[Ended]":
-        """Run a command when a share is free."""
-        return self._pool.submit(self._run, words)
-
-    def _run(self, words: Sequence[str]) -> Ended:
-        if self.count == 1:
-            return run(words)
-        cores = self._shares.get()
-        try:
-            return run(words, cores or None, int(KEPT * memory.available() / self.count))
-        finally:
-            self._shares.put(cores)
-
-    def close(self) -> None:
-        """Begin nothing more, and wait for what is running."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
 
 
 @dataclass
 class RayWorkers:
     """Processes on the nodes of a Ray cluster, which see the sessions at the same paths.
 
-    cores: of a node, that a command takes; memory: bytes that it takes.
+    cores: of a node, that a task takes; its memory is what it is forecast to take, and it takes one GPU if it
+    wants one and the cluster has any. InputError: no node has so many cores.
     """
 
     address: str
     cores: int
-    memory: int
+    room: int = field(init=False)
+    at_once: int = field(init=False)
+    beside: int = field(init=False)
     _stack: ExitStack = field(default_factory=ExitStack)
 
     def __post_init__(self) -> None:
-        ray = self._stack.enter_context(joined(self.address))
-        self._run = ray.remote(run).options(
-            num_cpus=self.cores, memory=self.memory, max_retries=ATTEMPTS, retry_exceptions=False
-        )
+        self._ray = self._stack.enter_context(joined(self.address))
+        nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
+        self._gpus = int(any(node.get("GPU", 0) >= 1 for node in nodes))
+        nodes = [node for node in nodes if node.get("GPU", 0) >= self._gpus]
+        if (most := max((node.get("CPU", 0) for node in nodes), default=0)) < self.cores:
+            self.close()
+            raise InputError(
+                f"No node of the Ray cluster at {self.address} that can train has {self.cores} cores: "
+                f"give --cores {most:g} or fewer."
+            )
+        nodes = [node for node in nodes if node.get("CPU", 0) >= self.cores]
+        places = [int(min(node["CPU"] // self.cores, node.get("GPU", math.inf))) for node in nodes]
+        self.room = int(max(node.get("memory", 0) for node in nodes))
+        self.at_once, self.beside = sum(places), max(places)
+        self._call = self._ray.remote(_called)
 
-    def submit(self, words: Sequence[str]) -> "Future[Ended]":
-        """Run a command on whichever node has room; again on another where its node is lost."""
-        future: Future[Ended] = self._run.remote(list(words)).future()
+    def submit(
+        self, task: Task, function: Callable[Concatenate[Share, P], T], *arguments: P.args, **named: P.kwargs
+    ) -> "Future[T]":
+        """As `Workers.submit`, on whichever node has room; again on another where its node is lost.
+
+        InputError in the future: no node has so much memory.
+        """
+        future: Future[T] = Future()
+        if task.memory > self.room:
+            future.set_exception(
+                InputError(
+                    f"It takes about {memory.told(task.memory)} of memory, and no node of the Ray cluster at "
+                    f"{self.address} has more than {memory.told(self.room)}: add one that has."
+                )
+            )
+            return future
+        call = self._call.options(
+            num_cpus=self.cores,
+            num_gpus=self._gpus * task.gpu,
+            memory=task.memory,
+            max_retries=ATTEMPTS - 1,
+            retry_exceptions=False,
+        )
+        share = Share(cores=self.cores, room=self.room)
+        reference = call.remote(function, share, arguments, named)
+        reference.future().add_done_callback(lambda done: self._pass_on(done, future))
         return future
+
+    def _pass_on(self, done: "Future[T]", future: "Future[T]") -> None:
+        """The end of a call, whose errors are those of the function, or WorkerLost."""
+        errors = self._ray.exceptions
+        try:
+            future.set_result(done.result())
+        except errors.RayTaskError as error:
+            future.set_exception(error.cause)
+        except errors.RayError:
+            future.set_exception(
+                WorkerLost(f"the node that ran it was lost {ATTEMPTS} times, or its process was killed.")
+            )
+        except BaseException as error:
+            future.set_exception(error)
 
     def close(self) -> None:
         """Leave the cluster; what is running there is stopped."""
         self._stack.close()
+
+
+@contextmanager
+def begun(count: int, address: str | None, cores: int) -> Iterator[Workers]:
+    """Workers until the block ends: so many on this machine, or those of a Ray cluster at an address."""
+    workers: Workers
+    if address is None:
+        from recon.train.device import gpus
+
+        workers = LocalWorkers(count, gpus())
+    else:
+        workers = RayWorkers(address, cores)
+    try:
+        yield workers
+    finally:
+        workers.close()
+
+
+def _called(function: Callable[..., T], share: Share, arguments: Sequence[Any], named: dict[str, Any]) -> T:
+    """On a node."""
+    return function(share, *arguments, **named)

@@ -3,14 +3,19 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
+from imaging.compute import memory
+from imaging.compute.workers import Task, Workers
+from imaging.errors import RigError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from imaging.record import Record
+from rig.batch import forecasts
 from rig.batch.plan import BatchPlan, PlannedScene
-from rig.batch.processes import Ended, Submit
+from rig.batch.processes import Ended, run
 
 EXPORTS = "exports"
 """Folder of a session, with one of each scene for what is exported of it."""
@@ -21,7 +26,8 @@ class BatchRow(Record):
     """What came of a scene of a session, or of the calibration without which it has none.
 
     failed: the step that failed; says: why, in a sentence. seconds: of all steps, of the clock. attempts: of
-    the step that took most. already_there: it was finished before.
+    the step that took most. already_there: it was finished before. forecast: bytes of memory that its
+    training was said to take.
     """
 
     session: Path
@@ -36,6 +42,7 @@ class BatchRow(Record):
     seconds: float = 0.0
     attempts: int = 1
     already_there: bool = False
+    forecast: int | None = None
 
 
 class BatchResult(Record):
@@ -50,15 +57,25 @@ class _Run:
     """A plan under way."""
 
     plan: BatchPlan
-    submit: Submit
+    workers: Workers
     progress: Progress
     say: Callable[[str], None]
     done: int = 0
     rows: dict[tuple[Path, int], BatchRow] = field(default_factory=dict)
-    waiting: "dict[Future[Ended], Callable[[Ended], None]]" = field(default_factory=dict)
+    waiting: "dict[Future[Ended], Callable[[Future[Ended]], None]]" = field(default_factory=dict)
 
-    def start(self, words: Sequence[str], then: Callable[[Ended], None]) -> None:
-        self.waiting[self.submit(words)] = then
+    def start(
+        self, forecast: Callable[[], Task], words: Sequence[str], then: Callable[[Ended, Task], None]
+    ) -> None:
+        """Run a command when there is room for what it is forecast to take."""
+        task = Task(0)
+        try:
+            task = forecast()
+            future = self.workers.submit(task, run, words)
+        except RigError as error:  # it fits nowhere, or the session is damaged
+            future = Future()
+            future.set_exception(error)
+        self.waiting[future] = partial(_ended, then, task)
 
     def begin(self, session: Path) -> None:
         """A session's first step."""
@@ -66,27 +83,28 @@ class _Run:
             self.train(session, 0.0)
             return
 
-        def calibrated(ended: Ended) -> None:
+        def calibrated(ended: Ended, task: Task) -> None:
             if ended.code in (0, 3):
                 self.train(session, ended.seconds)
                 return
             for number, scene in enumerate(self.plan.scenes):
                 self.finish(number, _failed(session, scene, "calibrate", ended))
 
-        self.start(["calibrate", str(session)], calibrated)
+        self.start(partial(forecasts.calibration, session), ["calibrate", str(session)], calibrated)
 
     def train(self, session: Path, before: float) -> None:
         """All scenes of a calibrated session. before: seconds that its calibration took."""
         for number, scene in enumerate(self.plan.scenes):
             words = ["reconstruct", str(session), *scene.words()]
-            self.start(words, self._trained(session, number, scene, before if number == 0 else 0.0))
+            then = self._trained(session, number, scene, before if number == 0 else 0.0)
+            self.start(partial(forecasts.training, session, scene, self.workers), words, then)
 
     def _trained(
         self, session: Path, number: int, scene: PlannedScene, before: float
-    ) -> Callable[[Ended], None]:
-        def trained(ended: Ended) -> None:
+    ) -> Callable[[Ended, Task], None]:
+        def trained(ended: Ended, task: Task) -> None:
             if ended.code not in (0, 3) or "reconstruction" not in ended.data:
-                self.finish(number, _failed(session, scene, "reconstruct", ended))
+                self.finish(number, _failed(session, scene, "reconstruct", ended, task))
                 return
             data = ended.data
             row = BatchRow(
@@ -100,6 +118,7 @@ class _Run:
                 seconds=before + ended.seconds,
                 attempts=ended.attempts,
                 already_there=bool(data.get("already_there")),
+                forecast=task.memory,
             )
             self.export(number, scene, row, scene.export)
 
@@ -114,14 +133,15 @@ class _Run:
         out = row.session / EXPORTS / row.reconstruction.name / files[0]
         store.make_folder(out.parent)
 
-        def exported(ended: Ended) -> None:
+        def exported(ended: Ended, task: Task) -> None:
             if ended.code == 0:
                 more = {"exports": (*row.exports, out), "seconds": row.seconds + ended.seconds}
             else:
                 more = {"failed": "export", "says": ended.says, "seconds": row.seconds + ended.seconds}
             self.export(number, scene, row.model_copy(update=more), files[1:])
 
-        self.start(["export", str(row.reconstruction), "--out", str(out)], exported)
+        words = ["export", str(row.reconstruction), "--out", str(out)]
+        self.start(partial(forecasts.export, row.reconstruction), words, exported)
 
     def finish(self, number: int, row: BatchRow) -> None:
         """A scene is done, or has failed."""
@@ -145,7 +165,7 @@ class _Run:
 
 def carry_out(
     plan: BatchPlan,
-    submit: Submit,
+    workers: Workers,
     *,
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
@@ -155,16 +175,16 @@ def carry_out(
     Every step is a command of its own that goes on where it was stopped, so the same plan does so too. As
     scenes are done, PLAN.batch.json is written.
     """
-    run = _Run(plan, submit, on_progress, on_message)
-    on_progress("scenes", 0, run.total)
+    going = _Run(plan, workers, on_progress, on_message)
+    on_progress("scenes", 0, going.total)
     for session in plan.sessions:
-        run.begin(session)
-    while run.waiting:
-        ended, _ = wait(run.waiting, return_when=FIRST_COMPLETED)
+        going.begin(session)
+    while going.waiting:
+        ended, _ = wait(going.waiting, return_when=FIRST_COMPLETED)
         for future in ended:
-            run.waiting.pop(future)(future.result())
-        store.write_json(record_path(plan.path), run.result().model_dump(mode="json"))
-    return run.result()
+            going.waiting.pop(future)(future)
+        store.write_json(record_path(plan.path), going.result().model_dump(mode="json"))
+    return going.result()
 
 
 def record_path(plan: Path) -> Path:
@@ -177,10 +197,22 @@ def told(row: BatchRow) -> str:
     words = [] if row.db is None else [f"held-out {row.db:.1f} dB"]
     words += ["already there"] if row.already_there else [f"{row.seconds:.0f} s"]
     words += [f"{row.attempts} attempts"] if row.attempts > 1 else []
+    words += [] if row.forecast is None else [f"forecast {memory.told(row.forecast)}"]
     return ", ".join(words)
 
 
-def _failed(session: Path, scene: PlannedScene, step: Step, ended: Ended) -> BatchRow:
+def _ended(then: Callable[[Ended, Task], None], task: Task, future: "Future[Ended]") -> None:
+    """Go on with how a command ended, or with why it did not."""
+    try:
+        ended = future.result()
+    except RigError as error:
+        ended = Ended(error.exit_code, {}, str(error), 0.0)
+    then(ended, task)
+
+
+def _failed(
+    session: Path, scene: PlannedScene, step: Step, ended: Ended, task: Task | None = None
+) -> BatchRow:
     return BatchRow(
         session=session,
         scene=scene.called,
@@ -188,4 +220,5 @@ def _failed(session: Path, scene: PlannedScene, step: Step, ended: Ended) -> Bat
         says=ended.says,
         seconds=ended.seconds,
         attempts=ended.attempts,
+        forecast=task.memory if task is not None and task.memory else None,
     )

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.options.common import JsonOption
+from rig.options.common import CoresOption, JsonOption, RayOption
 from rig.terminal.result import CommandResult, running
 from rig.terminal.tables import table
-from rig.terminal.text import counted
+from rig.terminal.text import counted, size
 
 if TYPE_CHECKING:
     from rig.batch.run import BatchResult, BatchRow
@@ -21,25 +21,15 @@ def batch(
     workers: Annotated[
         int,
         typer.Option(
-            min=1, max=64, metavar="N", help="Commands at once; they share the cores and the memory evenly."
+            min=1,
+            max=64,
+            metavar="N",
+            help="Commands at once: each has its share of the cores, and begins when the memory that it is "
+            "forecast to take is free.",
         ),
     ] = 1,
-    ray: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            envvar="RAY_ADDRESS",
-            help="Run on this Ray cluster instead, such as auto or ray://HOST:10001; its nodes see the "
-            "sessions at the same paths.",
-        ),
-    ] = None,
-    cores: Annotated[
-        int, typer.Option(min=1, max=256, metavar="N", help="With --ray: cores that a command takes.")
-    ] = 4,
-    memory: Annotated[
-        float,
-        typer.Option(min=0.5, max=4096, metavar="GB", help="With --ray: memory that a command takes, in GB."),
-    ] = 8.0,
+    ray: RayOption = None,
+    cores: CoresOption = 4,
     as_json: JsonOption = False,
 ) -> CommandResult:
     """Calibrate sessions and make scenes of them, as a plan says.
@@ -47,28 +37,26 @@ def batch(
     PLAN.toml has `sessions = ["scans/*"]` and, for each scene that is to be made of each of them, a table
     [[scene]] with options of rig reconstruct (name, method, quality, budget, seed, set) and `export`, a list
     of files. What is calibrated or made already stays; what fails is listed, and the rest goes on. The same
-    command goes on where it was stopped. Writes PLAN.batch.json and PLAN.batch.html beside the plan.
+    command goes on where it was stopped. The memory of each step is forecast, and a step begins where that
+    is free. Writes PLAN.batch.json and PLAN.batch.html beside the plan.
 
     Example: rig batch PLAN.toml --workers 2
     """
     with running("batch") as status:
         from rig.batch.plan import read_plan
-        from rig.batch.processes import LocalWorkers, RayWorkers
+        from rig.batch.processes import begun
         from rig.batch.run import carry_out
         from rig.report.pages.batch import batch_report
 
         read = read_plan(plan)
-        pool = LocalWorkers(workers) if ray is None else RayWorkers(ray, cores, int(memory * 1e9))
-        try:
-            result = carry_out(read, pool.submit, on_progress=status, on_message=status.say)
-        finally:
-            pool.close()
+        with begun(workers, ray, cores) as several:
+            result = carry_out(read, several, on_progress=status, on_message=status.say)
         return _batch_result(result, batch_report(result))
 
 
 def _batch_result(result: "BatchResult", report: Path) -> CommandResult:
     rows = [_cells(row) for row in result.rows]
-    lines = table([("", rows)], ("Session", "Scene", "dB", "s", "Outcome"), {})
+    lines = table([("", rows)], ("Session", "Scene", "dB", "s", "Forecast", "Outcome"), {})
     lines.append(f"Report: {report}")
     failed = [row for row in result.rows if row.failed is not None]
     missing = None
@@ -89,5 +77,6 @@ def _cells(row: "BatchRow") -> tuple[str, ...]:
         row.scene,
         "" if row.db is None else f"{row.db:.1f}",
         f"{row.seconds:.0f}",
+        "" if row.forecast is None else size(row.forecast),
         outcome,
     )

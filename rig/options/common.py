@@ -35,6 +35,18 @@ SpaceOption = Annotated[
     Literal["rec709", "acescg", "aces2065-1"],
     typer.Option(help="Primaries of the EXR files (written to the header); light is linear in all."),
 ]
+RayOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        envvar="RAY_ADDRESS",
+        help="Run on this Ray cluster instead, such as auto or ray://HOST:10001; its nodes see the "
+        "sessions at the same paths.",
+    ),
+]
+CoresOption = Annotated[
+    int, typer.Option(min=1, max=256, metavar="N", help="With --ray: cores of a node that each takes.")
+]
 SeedOption = Annotated[int, typer.Option(min=0, metavar="N", help="The same seed gives the same bytes.")]
 
 

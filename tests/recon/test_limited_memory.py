@@ -24,6 +24,7 @@ LIMITED = f"""
 import resource, sys
 from pathlib import Path
 import recon.decide.memory_need as forecast
+import recon.decide.forecast as deciding
 import recon.reconstruct as stage
 from recon.evaluate import evaluate
 from recon.decide.overrides import Overrides
@@ -32,7 +33,7 @@ warm_up(lambda *told: None)
 first = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (first + {LIMIT},) * 2)
 needs = []
-stage.need = lambda *views, **how: needs.append(forecast.need(*views, **how)) or needs[-1]
+deciding.need = lambda *views, **how: needs.append(forecast.need(*views, **how)) or needs[-1]
 overrides = Overrides(iterations={ITERATIONS}, gaussians=1000, width=640, refine="none", environment=False)
 folder = stage.reconstruct(sys.argv[1], quality="draft", overrides=overrides, name="limited",
                            on_message=print)

@@ -8,7 +8,7 @@ from pathlib import Path
 from rig.batch.run import BatchResult, BatchRow
 from rig.report.charts.topic import Tile
 from rig.report.page import Page, now, write_page
-from rig.terminal.text import counted, plain
+from rig.terminal.text import counted, plain, size
 
 
 @dataclass(frozen=True)
@@ -21,6 +21,7 @@ class SceneRow:
     db: str
     iterations: str
     seconds: str
+    forecast: str
     outcome: str
 
 
@@ -66,5 +67,6 @@ def _in_words(row: BatchRow, beside: Path) -> SceneRow:
         db="" if row.db is None else f"{row.db:.1f}",
         iterations="" if row.iterations is None else f"{row.iterations:,}",
         seconds=f"{row.seconds:.0f}",
+        forecast="" if row.forecast is None else size(row.forecast),
         outcome=plain(outcome),
     )

@@ -239,3 +239,11 @@ def test_sizes_that_no_picture_has_are_refused(width: int, height: int) -> None:
 def test_what_fits_is_let_through() -> None:
     memory.check_picture("a.png", 1000, 1000)
     assert encode_png(np.zeros((2, 2), np.uint8))
+
+
+def test_a_share_of_the_machine_bounds_what_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Less what this process has of it already."""
+    monkeypatch.setenv(memory.GIVEN, str(memory.resident() + (100 << 20)))
+    assert memory.available() == pytest.approx(100 << 20, abs=8 << 20)
+    monkeypatch.setenv(memory.GIVEN, "1")
+    assert memory.available() == 0

@@ -1,13 +1,20 @@
-"""A command on a Ray cluster: the same words, the same end."""
+"""Tasks on a Ray cluster: the same words and end; what it has room for, what a lost process costs."""
 
 import os
+import signal
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from rig.batch.processes import RayWorkers
+from imaging.compute.workers import Share, Task, WorkerLost
+from imaging.errors import InputError
+from rig.batch import processes
+from rig.batch.processes import RayWorkers, run
 
 pytest.importorskip("ray")
 
@@ -16,18 +23,97 @@ pytest.importorskip("ray")
 def cluster() -> Iterator[RayWorkers]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parents[3]), *filter(None, sys.path)]))
-        pool = RayWorkers("local", cores=1, memory=100_000_000)
+        pool = RayWorkers("local", cores=1)
         try:
             yield pool
         finally:
             pool.close()
 
 
+SMALL = Task(100_000_000)
+
+
 def test_commands_end_as_they_do_here(cluster: RayWorkers, tmp_path: Path) -> None:
-    good, bad = cluster.submit(["cameras", "--sim", "toy"]), cluster.submit(["check", str(tmp_path / "none")])
+    good = cluster.submit(SMALL, run, ["cameras", "--sim", "toy"])
+    bad = cluster.submit(SMALL, run, ["check", str(tmp_path / "none")])
     assert [camera["identity"]["serial"] for camera in good.result().data["cameras"]] == [
         "SIM-RAW-001",
         "SIM-RAW-002",
     ]
     assert (good.result().code, bad.result().code) == (0, 2)
     assert str(tmp_path / "none") in bad.result().says
+
+
+def given(share: Share) -> tuple[Share, dict[str, float]]:
+    """What a task is told of its share, and what the scheduler set aside for it."""
+    import ray
+
+    return share, ray.get_runtime_context().get_assigned_resources()
+
+
+def test_the_scheduler_is_given_the_forecast(cluster: RayWorkers) -> None:
+    share, resources = cluster.submit(Task(300_000_000), given).result()
+    assert (resources["CPU"], resources["memory"]) == (1, 300_000_000)
+    assert share == Share(cores=1, room=cluster.room)
+
+
+def killed(share: Share, lives: Path) -> str:
+    """Kills its process as often as the file has characters."""
+    if left := lives.read_text():
+        lives.write_text(left[1:])
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "done"
+
+
+def test_a_lost_worker_is_made_up_for(cluster: RayWorkers, tmp_path: Path) -> None:
+    lives = tmp_path / "lives"
+    lives.write_text("x")
+    assert cluster.submit(SMALL, killed, lives).result() == "done"
+    lives.write_text("xxx")
+    with pytest.raises(WorkerLost, match="lost 2 times"):
+        cluster.submit(SMALL, killed, lives).result()
+    assert lives.read_text() == "x"
+
+
+def refused(share: Share) -> None:
+    """Fails as a stage does."""
+    raise InputError("This is no session: name one.")
+
+
+def test_an_error_is_that_of_the_function(cluster: RayWorkers) -> None:
+    with pytest.raises(InputError, match=r"^This is no session: name one\.$"):
+        cluster.submit(SMALL, refused).result()
+
+
+def test_what_fits_no_node_is_refused(cluster: RayWorkers) -> None:
+    with pytest.raises(InputError, match=r"It takes about 999000\.0 GB .* no node .*: add one"):
+        cluster.submit(Task(999 * 10**12), run, ["check"]).result()
+
+
+def of_nodes(monkeypatch: pytest.MonkeyPatch, *nodes: dict[str, float]) -> None:
+    """A cluster that says it has these, and can do nothing."""
+    listed = [{"Alive": True, "Resources": node} for node in nodes]
+    listed.append({"Alive": False, "Resources": {"CPU": 64, "memory": 64e9}})
+
+    @contextmanager
+    def joined(address: str) -> Iterator[Any]:
+        yield SimpleNamespace(nodes=lambda: listed, remote=lambda function: None)
+
+    monkeypatch.setattr(processes, "joined", joined)
+
+
+def test_room_is_that_of_the_nodes_that_can_train(monkeypatch: pytest.MonkeyPatch) -> None:
+    of_nodes(monkeypatch, {"CPU": 8, "memory": 9e9}, {"CPU": 4, "memory": 8e9}, {"CPU": 2, "memory": 99e9})
+    pool = RayWorkers("somewhere", cores=4)
+    assert (pool.room, pool.at_once, pool.beside) == (9e9, 3, 2)
+    of_nodes(
+        monkeypatch, {"CPU": 64, "memory": 99e9}, {"CPU": 16, "memory": 9e9, "GPU": 2}, {"CPU": 2, "GPU": 1}
+    )
+    pool = RayWorkers("somewhere", cores=4)
+    assert (pool.room, pool.at_once, pool.beside) == (9e9, 2, 2)
+
+
+def test_more_cores_than_any_node_has_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    of_nodes(monkeypatch, {"CPU": 8, "memory": 9e9}, {"CPU": 4, "memory": 8e9})
+    with pytest.raises(InputError, match=r"somewhere .* has 16 cores: give --cores 8 or fewer\."):
+        RayWorkers("somewhere", cores=16)

@@ -1,19 +1,19 @@
 """A plan carried out: what is begun after what, what fails, and what a killed process costs."""
 
-import json
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
 
+from imaging.compute.workers import Share, Task
 from imaging.errors import InputError
 from imaging.files import store
-from rig.batch import processes
+from rig.batch import forecasts, processes
 from rig.batch.plan import BatchPlan, PlannedScene
-from rig.batch.processes import Ended, LocalWorkers, run
+from rig.batch.processes import Ended, begun, run
 from rig.batch.run import carry_out, record_path
 
 
@@ -21,10 +21,12 @@ class Recorder:
     """Ends every command at once, as `fails` has it, and keeps what it was given."""
 
     def __init__(self, **fails: str) -> None:
-        self.fails, self.commands = fails, list[list[str]]()
+        self.fails, self.commands, self.tasks = fails, list[list[str]](), list[Task]()
 
-    def submit(self, words: Sequence[str]) -> "Future[Ended]":
+    def submit(self, task: Task, function: Callable[..., Ended], words: Sequence[str]) -> "Future[Ended]":
+        assert function is run
         self.commands.append(list(words))
+        self.tasks.append(task)
         code, says = (2, self.fails[words[0]]) if words[0] in self.fails else (0, "")
         made = (
             Path(words[1])
@@ -42,6 +44,14 @@ class Recorder:
         return future
 
 
+@pytest.fixture(autouse=True)
+def forecast(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of sessions that are empty folders."""
+    monkeypatch.setattr(forecasts, "calibration", lambda session: Task(100))
+    monkeypatch.setattr(forecasts, "training", lambda session, scene, workers: Task(scene.seed, gpu=True))
+    monkeypatch.setattr(forecasts, "export", lambda reconstruction: Task(50))
+
+
 def planned(folder: Path) -> BatchPlan:
     """Two sessions, the first calibrated; two scenes of each, the first exported twice."""
     for name in ("a", "b"):
@@ -54,7 +64,7 @@ def planned(folder: Path) -> BatchPlan:
 
 def test_what_is_calibrated_is_trained_and_exports_follow(tmp_path: Path) -> None:
     recorder = Recorder()
-    result = carry_out(planned(tmp_path), recorder.submit)
+    result = carry_out(planned(tmp_path), recorder)
     steps = [(words[0], Path(words[1]).relative_to(tmp_path).parts[0]) for words in recorder.commands]
     assert steps.count(("calibrate", "b")) == 1
     assert ("calibrate", "a") not in steps
@@ -67,20 +77,39 @@ def test_what_is_calibrated_is_trained_and_exports_follow(tmp_path: Path) -> Non
     assert [row.seconds for row in result.rows] == [3.0, 1.0, 4.0, 1.0]  # b's first with its calibration
     assert [path.name for path in result.rows[0].exports] == ["x.ply", "y.usdc"]
     assert all(row.failed is None and row.db == 30.0 for row in result.rows)
+    assert [row.forecast for row in result.rows] == [1, 2, 1, 2]
+    told = dict(zip((words[0] for words in recorder.commands), recorder.tasks, strict=True))
+    assert (told["calibrate"], told["export"], told["reconstruct"].gpu) == (Task(100), Task(50), True)
     assert len(store.read_json(record_path(tmp_path / "PLAN.toml"))["rows"]) == 4
 
 
 def test_what_fails_is_told_and_the_rest_goes_on(tmp_path: Path) -> None:
     said: list[str] = []
-    result = carry_out(planned(tmp_path), Recorder(calibrate="No view.").submit, on_message=said.append)
+    result = carry_out(planned(tmp_path), Recorder(calibrate="No view."), on_message=said.append)
     assert [row.failed for row in result.rows] == [None, None, "calibrate", "calibrate"]
     assert {row.says for row in result.rows[2:]} == {"No view."}
     assert any(line.endswith("b, one: calibrate failed: No view.") for line in said)
 
 
 def test_an_export_that_fails_leaves_the_scene(tmp_path: Path) -> None:
-    first, *_ = carry_out(planned(tmp_path), Recorder(export="No disk.").submit).rows
+    first, *_ = carry_out(planned(tmp_path), Recorder(export="No disk.")).rows
     assert (first.failed, first.says, first.db, first.exports) == ("export", "No disk.", 30.0, ())
+
+
+def test_what_fits_no_machine_is_told_and_never_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(session: Path, scene: PlannedScene, workers: object) -> Task:
+        if scene.name is None:
+            raise InputError("Training takes 9 GB more: give --set width=640.")
+        return Task(1)
+
+    monkeypatch.setattr(forecasts, "training", refused)
+    recorder = Recorder()
+    first, second, *_ = carry_out(planned(tmp_path), recorder).rows
+    assert (first.failed, second.failed, second.forecast) == (None, "reconstruct", None)
+    assert second.says == "Training takes 9 GB more: give --set width=640."
+    assert not any("--seed" in words and "2" in words for words in recorder.commands)
 
 
 @pytest.fixture
@@ -91,7 +120,7 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         f"""#!/bin/sh
 if [ -s {lives} ]; then sed -i 1d {lives}; kill -9 $$; fi
 echo about >&2
-echo '{{"words": "'"$*"'"}}'
+echo '{{"words": "'"$*"'", "room": "'"$RIG_MEMORY"'", "gpu": "'"$CUDA_VISIBLE_DEVICES"'"}}'
 """
     )
     path.chmod(0o755)
@@ -105,21 +134,19 @@ def test_a_command_whose_process_is_killed_is_run_again_once(
     program: Path, kills: int, code: int, attempts: int
 ) -> None:
     program.write_text("x\n" * kills)
-    ended = run(["reconstruct", "S"])
+    ended = run(Share(room=1234, gpu="3"), ["reconstruct", "S"])
     assert (ended.code, ended.attempts) == (code, attempts)
     if code:
         assert ended.says == "its process was killed 2 times (SIGKILL)."
     else:
-        assert ended.data == {"words": "-m rig reconstruct S --json"}
+        assert ended.data == {"words": "-m rig reconstruct S --json", "room": "1234", "gpu": "3"}
         assert ended.says == "about"
 
 
-def test_workers_share_the_cores(program: Path) -> None:
-    with pytest.raises(InputError, match="more than the"):
-        LocalWorkers(1000)
-    pool = LocalWorkers(1)
-    ended = [pool.submit(["check", name]) for name in ("a", "b")]
-    assert [json.dumps(one.result().data) for one in ended] == [
-        json.dumps({"words": f"-m rig check {name} --json"}) for name in ("a", "b")
-    ]
-    pool.close()
+def test_commands_run_on_this_machine(program: Path) -> None:
+    with pytest.raises(InputError, match="more than the"), begun(1000, None, 4):
+        pass
+    with begun(1, None, 4) as workers:
+        ended = [workers.submit(Task(0), run, ["check", name]) for name in ("a", "b")]
+        words = [one.result().data["words"] for one in ended]
+    assert words == [f"-m rig check {name} --json" for name in ("a", "b")]

@@ -1,0 +1,73 @@
+"""What a training will take of a machine, said before it is begun, or when it has read its first views."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NoReturn
+
+from imaging.compute import memory
+from recon.data.dataset import View
+from recon.data.load import load
+from recon.decide.budget import Budget
+from recon.decide.memory_need import ARENA, Need, need
+from recon.decide.overrides import Overrides
+from recon.decide.presets import QUALITIES, QualityName
+from recon.scene.harmonics import DEGREE
+
+Counts = Mapping[str, tuple[int, int]]
+"""Of each camera, how many views it has in all, and to train on."""
+
+
+def fitting(
+    firsts: Sequence[View],
+    counts: Counts,
+    free: int,
+    *,
+    quality: QualityName,
+    overrides: Overrides,
+    budget: Budget | None,
+) -> tuple[Need, bool]:
+    """What a training takes where `free` bytes are left, and whether its images stay on the disk for that.
+
+    firsts: a view of each camera. overrides, budget: as `reconstruct` has them.
+    """
+    asked = None if budget is None else budget.gaussians
+    trained = sum(train for _, train in counts.values())
+    most = asked or overrides.gaussians or QUALITIES[quality].gaussians_of(trained)
+    degree = DEGREE if overrides.degree is None else overrides.degree
+    needed = need(firsts, counts, most, degree)
+    if stored := needed.too_large(free):
+        needed = need(firsts, counts, most, degree, stored=True)
+    return needed, stored
+
+
+class _Read(Exception):
+    """A view of each camera was read, which is enough."""
+
+
+def forecast(
+    session: Path,
+    room: int,
+    threads: int,
+    *,
+    quality: QualityName,
+    overrides: Overrides,
+    budget: Budget | None,
+) -> int:
+    """Bytes that a training takes at its peak, where a process of so many threads may take `room` in all.
+
+    Reads a view of each camera. InputError, with the setting that would fit, where it takes more.
+    """
+    seen: list[tuple[Sequence[View], Counts]] = []
+
+    def look(firsts: Sequence[View], counts: Counts) -> NoReturn:
+        seen.append((tuple(firsts), counts))
+        raise _Read
+
+    with suppress(_Read):
+        load(session, max_width=overrides.width or QUALITIES[quality].width, examine=look)
+    firsts, counts = seen[0]
+    free = max(room - memory.resident() - ARENA * threads, 0)
+    needed, _ = fitting(firsts, counts, free, quality=quality, overrides=overrides, budget=budget)
+    needed.require(session, free)
+    return needed.total

@@ -1,0 +1,44 @@
+"""How much memory each step of a plan will take, said before it is begun."""
+
+from pathlib import Path
+
+from imaging.compute.workers import Task, Workers
+from imaging.session.session import Session
+from recon.decide.budget import Budget
+from recon.decide.forecast import forecast
+from recon.decide.overrides import Overrides
+from recon.result.model import SPLATS
+from rig.batch.plan import PlannedScene
+
+PROCESS = 420_000_000
+"""Bytes of a process of rig with its libraries."""
+PIXEL = 100
+"""Bytes of a pixel of the photograph that a calibration has in memory."""
+VIEW = 10_000_000
+"""Bytes that a calibration has of each view: features, matches, and their part of the adjustment."""
+SPLAT = 10
+"""Bytes that an export has in memory of each byte of splats.ply."""
+
+
+def calibration(session: Path) -> Task:
+    """Of `rig calibrate`, by the largest photograph and the number of them. Errors: those of a session."""
+    shots = Session.open(session).shots("scene")
+    largest = max((shot.width * shot.height for shot in shots), default=0)
+    views = {(shot.frame, shot.camera) for shot in shots}
+    return Task(PROCESS + PIXEL * largest + VIEW * len(views))
+
+
+def training(session: Path, scene: PlannedScene, workers: Workers) -> Task:
+    """Of `rig reconstruct`. InputError: more than any machine has, with the setting that would fit."""
+    budget = None if scene.budget is None else Budget.parse(scene.budget)
+    overrides = Overrides.of(scene.sets())
+    needed = forecast(
+        session, workers.room, workers.cores, quality=scene.quality, overrides=overrides, budget=budget
+    )
+    return Task(needed, gpu=True)
+
+
+def export(reconstruction: Path) -> Task:
+    """Of `rig export`, by the size of the scene; one that is not there is told by the command itself."""
+    scene = reconstruction / SPLATS
+    return Task(PROCESS + SPLAT * scene.stat().st_size if scene.is_file() else PROCESS)
