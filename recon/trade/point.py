@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imaging.compute import threads
+from imaging.compute.workers import Share, apart
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
@@ -26,11 +26,18 @@ class OutOfTime(Exception):
     """A training was given up since its time was over."""
 
 
-def work_on(
-    session: Path, choice: Choice, trade: Trade, at_once: int, cores: int, until: float | None
+def train_apart(
+    share: Share, session: Path, choice: Choice, trade: Trade, at_once: int, ends: float | None
 ) -> Point:
-    """`train_point` in a process of its own, with a share of the cores."""
-    threads.set_threads(max(1, cores // at_once))
+    """`train_point` in a process of its own, with its share of a machine.
+
+    ends: reading of `time.time`, which machines agree on, at which it is given up.
+    """
+    return apart(share, _work_on, session, choice, trade, at_once, ends)
+
+
+def _work_on(session: Path, choice: Choice, trade: Trade, at_once: int, ends: float | None) -> Point:
+    until = None if ends is None else time.monotonic() + ends - time.time()
     return train_point(session, choice, trade, at_once, until=until)
 
 
@@ -87,6 +94,7 @@ def train_point(
             degree=opened.training.method.degree(1.0),
             refine="+".join(corrected.parameters) or None if corrected is not None else None,
             width=max(view.lens.width for view in opened.dataset.views),
+            device=opened.record.device,
             seconds=opened.record.train_seconds,
             processor_seconds=round(used, 3),
             at_once=at_once,

@@ -58,12 +58,14 @@ class Point(Record):
     """What training corrected in the calibration, joined by +; None: nothing."""
     width: int
     """px of the training images."""
+    device: str
+    """What it was trained on."""
     seconds: float
     """Of training, wall clock."""
     processor_seconds: float
     """Of all threads, reading and compiling included."""
     at_once: int
-    """Trainings that shared the machine with it, itself included."""
+    """Trainings that may have shared the machine with it, itself included."""
     size_bytes: int
     splats_sha256: str
     db: float
@@ -83,7 +85,6 @@ class Trade(Record):
     calibration_sha256: str
     method: str
     seed: int
-    device: str
     measure: Measure
     width: int
     """px of the images that all points are measured on, as `load` takes it."""

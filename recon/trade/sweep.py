@@ -1,34 +1,35 @@
 """The sweep: trainings one after the other, or several at once, within a budget, each kept when done."""
 
-import multiprocessing
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
 
-from imaging.compute.cores import available_cores
+from imaging.compute.workers import LocalWorkers, Task, Workers
 from imaging.errors import ReconstructionError, RigError
 from imaging.files import store
 from imaging.progress import Progress, unreported
 from recon.data.dataset import Dataset
 from recon.data.holdout import FEWEST_FOR_HOLDOUT
+from recon.decide.forecast import forecast
 from recon.decide.method_choice import chosen_method
 from recon.decide.presets import QUALITIES
 from recon.trade.plan import STANDARD, Session, expected_seconds, neighbours, planned
-from recon.trade.point import OutOfTime, measuring, train_point, work_on
+from recon.trade.point import OutOfTime, measuring, train_apart, train_point
 from recon.trade.records import FOLDER, TRADE, Choice, Measure, Point, Trade, code_hash, key_of, read_trade
-from recon.train.device import device_name, training_device
+from recon.train.device import gpus
 
 
 def trade_sweep(
     session: str | PathLike[str],
     *,
     budget: float,
-    workers: int = 1,
+    workers: int | Workers = 1,
     seed: int = 0,
     on_progress: Progress = unreported,
     on_message: Callable[[str], None] = lambda line: None,
@@ -40,8 +41,10 @@ def trade_sweep(
     one under way is given up and no other is begun. Each is kept when it is done, so that a sweep that was
     stopped, or ran out of time, goes on when it is called again; a change of the calibration or of the code
     begins anew.
-    workers: trainings at once; more than one share the machine, so their seconds tell less than their
-    processor seconds. Errors: InputError, ReconstructionError, StorageError.
+    workers: trainings at once, in processes of this machine, or where they run. Several on a machine have
+    their own cores, and begin when the memory that they are forecast to take is free; as they share the rest,
+    their seconds tell less than their processor seconds. What is trained is the same, to the byte on
+    machines of one kind. Errors: InputError, ReconstructionError, StorageError.
     """
     session = Path(session)
     store.require_writable(session / FOLDER)
@@ -53,11 +56,14 @@ def trade_sweep(
             f"{FEWEST_FOR_HOLDOUT} or more."
         )
     run = _Run(session, _begun(session, dataset, width, seed), Session.of(dataset), budget, until)
-    if workers > 1:
-        _several(run, workers, on_progress, on_message)
-    else:
+    if workers == 1:
         for choice in run.choices():
             run.alone(choice, on_progress, on_message)
+    elif isinstance(workers, int):
+        with closing(LocalWorkers(workers, gpus())) as several:
+            _several(run, several, on_progress, on_message)
+    else:
+        _several(run, workers, on_progress, on_message)
     return run.finished()
 
 
@@ -110,6 +116,25 @@ class _Run:
             say,
         )
 
+    def begin(self, choice: Choice, workers: Workers) -> "Future[Point]":
+        """Train when a worker has room for it."""
+        ends = None if self.until is None else time.time() + self.until - time.monotonic()
+        try:
+            needed = forecast(
+                self.session,
+                workers.room,
+                workers.cores,
+                quality=choice.quality,
+                overrides=choice.overrides,
+                budget=None,
+            )
+        except RigError as error:
+            refused: Future[Point] = Future()
+            refused.set_exception(error)
+            return refused
+        task = Task(needed, gpu=True)
+        return workers.submit(task, train_apart, self.session, choice, self.trade, workers.beside, ends)
+
     def make(self, choice: Choice, train: Callable[[Choice], Point], say: Callable[[str], None]) -> None:
         """Train and keep it, or note why that failed."""
         try:
@@ -147,24 +172,20 @@ class _Run:
         store.write_json(self.session / FOLDER / TRADE, self.trade.model_dump(mode="json"))
 
 
-def _several(run: _Run, workers: int, progress: Progress, say: Callable[[str], None]) -> None:
-    """In processes that are started afresh: a fork would inherit threads that are not there."""
-    cores = available_cores()
-    context = multiprocessing.get_context("spawn")
+def _several(run: _Run, workers: Workers, progress: Progress, say: Callable[[str], None]) -> None:
+    """As many at once as there are workers, but `standard` alone, since it tells the size of the others."""
     choices, under_way = run.choices(), dict[Future[Point], Choice]()
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        while True:
-            while len(under_way) < workers and STANDARD not in under_way.values():
-                if (choice := next(choices, None)) is None:
-                    break
-                future = pool.submit(work_on, run.session, choice, run.trade, workers, cores, run.until)
-                under_way[future] = choice
-            if not under_way:
-                return
-            done = len(run.trade.points)
-            progress(f"{len(under_way)} trainings at once, {done} done", 0, 0)
-            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-                run.make(under_way.pop(future), lambda choice, of=future: of.result(), say)  # type: ignore[misc]
+    while True:
+        while len(under_way) < workers.at_once and STANDARD not in under_way.values():
+            if (choice := next(choices, None)) is None:
+                break
+            under_way[run.begin(choice, workers)] = choice
+        if not under_way:
+            return
+        done = len(run.trade.points)
+        progress(f"{len(under_way)} trainings at once, {done} done", 0, 0)
+        for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+            run.make(under_way.pop(future), lambda choice, of=future: of.result(), say)  # type: ignore[misc]
 
 
 def label(choice: Choice) -> str:
@@ -183,7 +204,6 @@ def _begun(session: Path, dataset: Dataset, width: int, seed: int) -> Trade:
         calibration_sha256=dataset.calibration_sha256,
         method=chosen_method(dataset)[0],
         seed=seed,
-        device=device_name(training_device()),
         measure=kinds.get(dataset.kind, "raw_psnr"),
         width=width,
     )

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.options.common import JsonOption, SeedOption, SessionArgument
+from rig.options.common import CoresOption, JsonOption, RayOption, SeedOption, SessionArgument
 from rig.terminal.progress import StatusLine
 from rig.terminal.result import CommandResult, running
 from rig.terminal.start_time import started_at
 from rig.terminal.text import counted, size
 
 if TYPE_CHECKING:
+    from imaging.compute.workers import Workers
     from recon.trade import Point, Trade
 
 
@@ -28,8 +29,16 @@ def trade(
     ] = "10m",
     workers: Annotated[
         int,
-        typer.Option(min=1, max=64, metavar="N", help="Parallel trainings; timings become less reliable."),
+        typer.Option(
+            min=1,
+            max=64,
+            metavar="N",
+            help="Trainings at once, each on its share of the cores: their seconds are then not those of one "
+            "that has the machine to itself, and the page compares processor time.",
+        ),
     ] = 1,
+    ray: RayOption = None,
+    cores: CoresOption = 4,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> CommandResult:
@@ -38,7 +47,8 @@ def trade(
     Trains the presets, then with one thing changed at a time (iterations, Gaussians, resolution, SH
     degree, loss, growth, views, exposures, corrections), then near the best; measures each on held-out
     views. Writes SESSION/trade/trade.json and report.html, with the command that makes each of the
-    scenes. What is done is kept: the same command continues where the budget or Ctrl-C ended it.
+    scenes. What is done is kept: the same command continues where the budget or Ctrl-C ended it. With --ray,
+    seconds stay comparable where --cores is all that a node has, and all nodes are of one kind.
 
     Example: rig trade S --budget 10m
     """
@@ -49,10 +59,17 @@ def trade(
         limit = Budget.parse(budget)
         if limit.unit != "s":
             raise InputError(f"A trade-off is measured within a time, not {budget}: write it as 90s or 10m.")
-        return run_trade(session, status, limit.amount, workers, seed)
+        if ray is None:
+            return run_trade(session, status, limit.amount, workers, seed)
+        from rig.batch.processes import begun
+
+        with begun(workers, ray, cores) as cluster:
+            return run_trade(session, status, limit.amount, cluster, seed)
 
 
-def run_trade(session: Path, status: StatusLine, budget: float, workers: int, seed: int) -> CommandResult:
+def run_trade(
+    session: Path, status: StatusLine, budget: float, workers: "int | Workers", seed: int
+) -> CommandResult:
     """Sweep, write the page and say what came of it; after Ctrl-C too the page has what there is."""
     from recon.trade import trade_sweep
     from rig.report.pages.trade import trade_report

@@ -13,12 +13,16 @@ PRESETS = {"draft": 1, "standard": 2, "best": 3}
 """The colour of each preset's dot; those of all other trainings share one."""
 
 
+def comparable(trade: Trade) -> bool:
+    """Whether each training had a machine to itself, and all the same kind of it."""
+    return all(point.at_once == 1 for point in trade.points) and len({p.device for p in trade.points}) < 2
+
+
 def costs(trade: Trade) -> list[tuple[str, str, Value]]:
     """What a point may cost: heading, axis and value."""
-    alone = all(point.at_once == 1 for point in trade.points)
     time: tuple[str, str, Value] = (
         ("time", "training time, s", lambda point: point.seconds)
-        if alone
+        if comparable(trade)
         else ("processor time", "processor time of all threads, s", lambda point: point.processor_seconds)
     )
     return [

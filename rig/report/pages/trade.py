@@ -15,7 +15,7 @@ from recon.observe.losses import Photometric
 from recon.trade import Point, Trade, front, read_trade
 from recon.trade.records import FOLDER
 from rig.report.charts.topic import Figure, Table, Tile, plus_minus
-from rig.report.charts.trade_charts import PRESETS, costs, figures, is_preset
+from rig.report.charts.trade_charts import PRESETS, comparable, costs, figures, is_preset
 from rig.report.page import Page, now, write_page
 from rig.report.sections.provenance import provenance
 from rig.terminal.text import counted, duration, number, size
@@ -53,7 +53,7 @@ def trade_report(session: str | PathLike[str]) -> Path:
     page = Page(
         kind="Trade-off report",
         title=opened.record.name,
-        lead=f"{counted(len(trade.points), 'training')} with method {trade.method} on {trade.device}.",
+        lead=f"{counted(len(trade.points), 'training')} with method {trade.method}{_on(trade)}.",
         version=version("hdr-rig"),
         made=now(),
         tiles=tuple(_tiles(trade)),
@@ -69,18 +69,36 @@ def trade_report(session: str | PathLike[str]) -> Path:
 
 def trade_off(trade: Trade) -> TradeSection:
     """A trade-off as the page shows it."""
-    several = max((point.at_once for point in trade.points), default=1)
     return TradeSection(
         lead="All scenes are measured on the same held-out views at the same size, whatever they were "
         "trained at. A dot is a training of its own: a moment of a longer one would look worse than it is, "
         "since its learning rates are still high.",
-        caution=f"Up to {several} trainings shared the machine, so their seconds say little of one that "
-        "has it to itself: processor time is drawn instead."
-        if several > 1
-        else "",
+        caution=_caution(trade),
         figures=tuple(figures(trade)),
         tables=tuple(_tables(trade)),
         failed=tuple(trade.failed.items()),
+    )
+
+
+def _on(trade: Trade) -> str:
+    """What its trainings ran on."""
+    devices = sorted({point.device for point in trade.points})
+    return f" on {' and '.join(devices)}" if devices else ""
+
+
+def _caution(trade: Trade) -> str:
+    """Why the seconds of its trainings do not compare, if they do not."""
+    several = max((point.at_once for point in trade.points), default=1)
+    if several > 1:
+        return (
+            f"Up to {several} trainings shared a machine, so their seconds say little of one that has it to "
+            "itself: processor time is drawn instead."
+        )
+    if comparable(trade):
+        return ""
+    return (
+        "Not all trainings ran on machines of one kind, so the seconds of one say little of another: "
+        "processor time is drawn instead, which depends on the kind less than seconds do."
     )
 
 

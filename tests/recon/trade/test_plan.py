@@ -18,7 +18,7 @@ def point(choice: Choice, db: float = 30.0, seconds: float = 10.0) -> Point:
     effective = RICH.effective(choice)
     return Point(
         key="k", choice=choice, command="", iterations=1, gaussians=effective.gaussians,
-        degree=2 if effective.degree is None else effective.degree, width=64, seconds=seconds,
+        degree=2 if effective.degree is None else effective.degree, width=64, device="", seconds=seconds,
         processor_seconds=1.0, at_once=1, size_bytes=1, splats_sha256="", db=db, views={},
     )  # fmt: skip
 

@@ -1,17 +1,20 @@
 """Sweeps at toy size: points are kept, true, and made again by what is said beside them."""
 
 import importlib
+from concurrent.futures import Future
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
+from imaging.compute.workers import LocalWorkers, WorkerLost
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.evaluate import evaluate
 from recon.reconstruct import reconstruct
-from recon.trade import Choice, read_trade, trade_sweep
+from recon.trade import Choice, Point, Trade, read_trade, trade_sweep
 from recon.trade.records import key_of
 
 TINY = {"draft": Quality(10, 100, 32), "standard": Quality(20, 200, 64), "best": Quality(30, 300, 64)}
@@ -142,14 +145,61 @@ def test_no_trade_off_is_said(session_copy: Path) -> None:
         read_trade(session_copy)
 
 
-def test_another_process_trains_what_this_one_would(
+SAID = (
+    Choice(axis="preset", overrides=Overrides(iterations=10, gaussians=100, width=32)),
+    Choice(axis="Gaussians", overrides=Overrides(iterations=12, gaussians=200, width=32)),
+)
+"""Quick by what they say, not by tiny presets, of which processes that are started afresh know nothing."""
+
+
+@pytest.fixture
+def said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    monkeypatch.setattr(module, "planned", lambda session, standard: list(SAID))
+    monkeypatch.setattr(module, "neighbours", lambda points, session: [])
+
+
+@pytest.mark.usefixtures("said")
+def test_several_at_once_are_what_they_are_alone(session_copy: Path) -> None:
+    several = trade_sweep(session_copy, budget=1e6, workers=2)
+    store.discard(session_copy / "trade" / "trade.json")
+    alone = trade_sweep(session_copy, budget=1e6)
+    assert same(several) == same(alone)
+    assert [point.at_once for point in (*several.points, *alone.points)] == [2, 2, 1, 1]
+
+
+@pytest.mark.usefixtures("said")
+def test_a_lost_process_is_noted_and_its_training_made_by_the_next_call(
     session_copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It is started afresh and knows nothing of the tiny presets: all is said by the choice."""
-    choice = Choice(axis="preset", overrides=Overrides(iterations=10, gaussians=100, width=32))
-    monkeypatch.setattr(module, "planned", lambda session, standard: [choice])
-    monkeypatch.setattr(module, "neighbours", lambda points, session: [])
-    (point,) = trade_sweep(session_copy, budget=1e6, workers=2).points
-    assert (point.choice, point.at_once) == (choice, 2)
-    folder = reconstruct(session_copy, method="nh-3dgs", overrides=choice.overrides)
-    assert store.sha256(folder / "splats.ply") == point.splats_sha256
+    class Losing(LocalWorkers):
+        def submit(self, task, function, session, choice, *rest):
+            if choice == SAID[0]:
+                lost: Future[Point] = Future()
+                lost.set_exception(WorkerLost("its process was killed 2 times."))
+                return lost
+            return super().submit(task, function, session, choice, *rest)
+
+    with closing(Losing(2)) as workers:
+        trade = trade_sweep(session_copy, budget=1e6, workers=workers)
+    assert [point.choice for point in trade.points] == [SAID[1]]
+    assert list(trade.failed.values()) == ["its process was killed 2 times."]
+    again = trade_sweep(session_copy, budget=1e6)
+    assert [point.choice for point in again.points] == [SAID[1], SAID[0]]
+    assert again.failed == {}
+
+
+@pytest.mark.usefixtures("said")
+def test_a_training_that_fits_no_worker_is_noted(session_copy: Path) -> None:
+    with closing(LocalWorkers(2)) as workers:
+        workers.room = 1
+        trade = trade_sweep(session_copy, budget=1e6, workers=workers)
+    assert trade.points == ()
+    assert len(trade.failed) == 2
+    assert "more of memory where 0 MB are free" in next(iter(trade.failed.values()))
+
+
+def same(trade: Trade) -> dict[str, dict[str, object]]:
+    """Of each point by its key, what does not depend on how it was run."""
+    rest = {"seconds", "processor_seconds", "at_once", "device"}
+    return {point.key: point.model_dump(exclude=rest) for point in trade.points}

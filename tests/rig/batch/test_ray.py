@@ -1,5 +1,6 @@
 """Tasks on a Ray cluster: the same words and end; what it has room for, what a lost process costs."""
 
+import importlib
 import os
 import signal
 import sys
@@ -13,6 +14,9 @@ import pytest
 
 from imaging.compute.workers import Share, Task, WorkerLost
 from imaging.errors import InputError
+from imaging.files import store
+from recon.decide.overrides import Overrides
+from recon.trade import Choice, trade_sweep
 from rig.batch import processes
 from rig.batch.processes import RayWorkers, run
 
@@ -88,6 +92,27 @@ def test_an_error_is_that_of_the_function(cluster: RayWorkers) -> None:
 def test_what_fits_no_node_is_refused(cluster: RayWorkers) -> None:
     with pytest.raises(InputError, match=r"It takes about 999000\.0 GB .* no node .*: add one"):
         cluster.submit(Task(999 * 10**12), run, ["check"]).result()
+
+
+def test_a_trade_off_is_what_it_is_on_one_machine(
+    cluster: RayWorkers, toy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choices = [
+        Choice(axis="preset", overrides=Overrides(iterations=10, gaussians=100 * number, width=32))
+        for number in (1, 2)
+    ]
+    sweep = importlib.import_module("recon.trade.sweep")
+    monkeypatch.setattr(sweep, "planned", lambda session, standard: choices)
+    monkeypatch.setattr(sweep, "neighbours", lambda points, session: [])
+    spread = trade_sweep(toy, budget=1e6, workers=cluster)
+    store.discard(toy / "trade" / "trade.json")
+    alone = trade_sweep(toy, budget=1e6)
+    rest = {"seconds", "processor_seconds", "at_once", "device"}
+    found, expected = (
+        {point.key: point.model_dump(exclude=rest) for point in trade.points} for trade in (spread, alone)
+    )
+    assert found == expected
+    assert {(point.at_once, point.device) for point in spread.points} == {(cluster.beside, "CPU, 1 thread")}
 
 
 def of_nodes(monkeypatch: pytest.MonkeyPatch, *nodes: dict[str, float]) -> None:

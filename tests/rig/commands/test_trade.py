@@ -30,7 +30,7 @@ def point(
         key=f"{quality}{overrides}", choice=choice, command=choice.command("S", "nh-3dgs", 0),
         iterations=choice.overrides.iterations or QUALITIES[choice.quality].iterations,
         gaussians=choice.overrides.gaussians or int(seconds * 1000), degree=overrides.get("degree", 1),
-        refine=None if quality == "draft" else "poses", width=width, seconds=seconds,
+        refine=None if quality == "draft" else "poses", width=width, device="CPU, 2 threads", seconds=seconds,
         processor_seconds=2 * seconds, at_once=at_once, size_bytes=int(seconds * 1e5), splats_sha256="0",
         db=db, views={"0000/a": db - 1.0, "0000/b": db + 1.0 + 0.1 * bool(overrides)}, truth_db=db + 2,
     )  # fmt: skip
@@ -39,7 +39,7 @@ def point(
 def made(*points: Point, **change: object) -> Trade:
     return Trade(
         created=datetime(2026, 1, 1, tzinfo=UTC), versions={}, code="c", calibration_sha256="0",
-        method="nh-3dgs", seed=0, device="CPU, 2 threads", measure="raw_psnr", width=1280, points=points,
+        method="nh-3dgs", seed=0, measure="raw_psnr", width=1280, points=points,
     ).model_copy(update=change)  # fmt: skip
 
 
@@ -140,8 +140,11 @@ def test_a_sweep_tells_what_its_single_changes_buy(toy: Path, monkeypatch: pytes
 def test_with_several_at_once_processor_time_is_drawn_and_said() -> None:
     alone, shared = made(*POINTS), made(*POINTS, point("standard", 36, 9.0, at_once=2, degree=1))
     assert trade_off(alone).caution == ""
-    assert trade_off(shared).caution.startswith("Up to 2 trainings shared the machine")
+    assert trade_off(shared).caution.startswith("Up to 2 trainings shared a machine")
     assert next(iter(figures(shared))).heading == "Quality against processor time"
+    other = made(*POINTS, POINTS[0].model_copy(update={"device": "NVIDIA H100"}))
+    assert trade_off(other).caution.startswith("Not all trainings ran on machines of one kind")
+    assert next(iter(figures(other))).heading == "Quality against processor time"
 
 
 def test_no_points_and_failures_are_a_page_too(session: Path) -> None:
