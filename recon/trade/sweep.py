@@ -183,7 +183,7 @@ def _several(run: _Run, workers: Workers, progress: Progress, say: Callable[[str
         if not under_way:
             return
         done = len(run.trade.points)
-        progress(f"{len(under_way)} trainings at once, {done} done", 0, 0)
+        progress(f"{len(under_way)} under way, {done} done", 0, 0)
         for future in wait(under_way, return_when=FIRST_COMPLETED).done:
             run.make(under_way.pop(future), lambda choice, of=future: of.result(), say)  # type: ignore[misc]
 

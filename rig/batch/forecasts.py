@@ -10,14 +10,16 @@ from recon.decide.overrides import Overrides
 from recon.result.model import SPLATS
 from rig.batch.plan import PlannedScene
 
-PROCESS = 420_000_000
-"""Bytes of a process of rig with its libraries."""
-PIXEL = 100
+CALIBRATION = 420_000_000
+"""Bytes of the process itself. With the next two the peaks of five sessions are met or exceeded."""
+PIXEL = 80
 """Bytes of a pixel of the photograph that a calibration has in memory."""
-VIEW = 10_000_000
+VIEW = 8_000_000
 """Bytes that a calibration has of each view: features, matches, and their part of the adjustment."""
-SPLAT = 10
-"""Bytes that an export has in memory of each byte of splats.ply."""
+EXPORT = 600_000_000
+"""Bytes of an export of a scene of next to nothing, in the format that takes most."""
+SPLAT = 17
+"""Bytes that an export has in memory for each byte of splats.ply."""
 
 
 def calibration(session: Path) -> Task:
@@ -25,7 +27,7 @@ def calibration(session: Path) -> Task:
     shots = Session.open(session).shots("scene")
     largest = max((shot.width * shot.height for shot in shots), default=0)
     views = {(shot.frame, shot.camera) for shot in shots}
-    return Task(PROCESS + PIXEL * largest + VIEW * len(views))
+    return Task(CALIBRATION + PIXEL * largest + VIEW * len(views))
 
 
 def training(session: Path, scene: PlannedScene, workers: Workers) -> Task:
@@ -41,4 +43,4 @@ def training(session: Path, scene: PlannedScene, workers: Workers) -> Task:
 def export(reconstruction: Path) -> Task:
     """Of `rig export`, by the size of the scene; one that is not there is told by the command itself."""
     scene = reconstruction / SPLATS
-    return Task(PROCESS + SPLAT * scene.stat().st_size if scene.is_file() else PROCESS)
+    return Task(EXPORT + SPLAT * (scene.stat().st_size if scene.is_file() else 0))

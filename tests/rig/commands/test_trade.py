@@ -181,6 +181,13 @@ def test_a_time_without_room_for_one_training_is_said(rig, toy: Path) -> None:
     assert f"No training of {toy} was done in time: give a longer --budget." in err
 
 
+def test_no_cluster_is_said(rig, toy: Path) -> None:
+    pytest.importorskip("ray")
+    code, _, err = rig("trade", str(toy), "--ray", "127.0.0.1:1")
+    assert code == 2
+    assert "No Ray cluster answers at 127.0.0.1:1" in err
+
+
 def test_an_interruption_leaves_the_page_of_what_is_done(
     rig, session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
