@@ -42,13 +42,15 @@ class Share:
     """What a task may take of its machine.
 
     cores: how many; pinned: which ones, if not any; room: bytes, that its own decisions keep to as the
-    forecast did; gpu: as CUDA_VISIBLE_DEVICES has it, if not any. None: whatever there is.
+    forecast did; gpu: as CUDA_VISIBLE_DEVICES has it, if not any. None: whatever there is. own: the process
+    that the task is called in is there for tasks alone.
     """
 
     cores: int | None = None
     pinned: frozenset[int] | None = None
     room: int | None = None
     gpu: str | None = None
+    own: bool = False
 
     def environment(self) -> dict[str, str]:
         """Of a process that keeps to it."""
@@ -92,8 +94,11 @@ class Workers(Protocol):
 def apart(share: Share, function: Callable[..., T], *arguments: Any) -> T:
     """What a function of a module returns in a process of its own; again where that was killed.
 
-    WorkerLost: each time.
+    WorkerLost: each time. Where this process is the task's own, whoever began it sees to that.
     """
+    if share.own:
+        share.take()
+        return function(*arguments)
     context = multiprocessing.get_context("spawn")  # a fork would inherit threads that are not there
     for _ in range(ATTEMPTS):
         with ProcessPoolExecutor(1, mp_context=context, initializer=_begun, initargs=(share,)) as pool:

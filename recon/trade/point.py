@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from imaging.compute import threads
+from imaging.compute.cores import available_cores
 from imaging.compute.workers import Share, apart
 from imaging.files import store
 from imaging.progress import Progress, unreported
@@ -37,6 +39,7 @@ def train_apart(
 
 
 def _work_on(session: Path, choice: Choice, trade: Trade, at_once: int, ends: float | None) -> Point:
+    threads.set_threads(available_cores())  # of the share, which a process may learn late
     until = None if ends is None else time.monotonic() + ends - time.time()
     return train_point(session, choice, trade, at_once, until=until)
 

@@ -122,6 +122,12 @@ def test_a_process_of_its_own_keeps_to_its_share() -> None:
     assert apart(Share(room=4321), os.getenv, "RIG_MEMORY") == "4321"
 
 
+def test_a_process_that_is_the_tasks_own_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RIG_MEMORY", "1")
+    assert apart(Share(room=4321, own=True), os.getpid) == os.getpid()
+    assert os.environ["RIG_MEMORY"] == "4321"
+
+
 def killed(lives: Path) -> str:
     """Kills its process as often as the file has characters."""
     if left := lives.read_text():
