@@ -18,7 +18,7 @@ LUMINANCE = np.array((0.2126, 0.7152, 0.0722))
 
 @pytest.fixture(scope="module")
 def demo() -> SimulatedRig:
-    return simulate("demo")
+    return simulate("demo", samples=2)
 
 
 def shoot(rig: SimulatedRig, camera: int, frame: int) -> list[RawMosaic]:
