@@ -1,6 +1,6 @@
 """A session placed in the coordinates of another, photographed later from elsewhere."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calib.calibrate import calibrate
+from calib.data.features import Features, extract
 from calib.poses.sfm import SceneModel
 from calib.survey.onto import place_onto, read_target
 from calib.survey.similarity import fit
@@ -37,6 +38,22 @@ def later(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if shot["frame"] == LATER:
             store.append_line(session / "shots.jsonl", shot)
     return session
+
+
+@pytest.fixture(scope="module", autouse=True)
+def found_once() -> Iterator[None]:
+    """The features of the arm's twelve pictures are found once for both tests that are placed onto them."""
+    found: dict[bytes, Features] = {}
+
+    def remembered(picture: np.ndarray, threads: int) -> Features:
+        known = picture.tobytes()
+        if known not in found:
+            found[known] = extract(picture, threads)
+        return found[known]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("calib.survey.onto.extract", remembered)
+        yield
 
 
 def centre(motion: np.ndarray) -> np.ndarray:
@@ -82,8 +99,6 @@ def test_sessions_that_share_nothing_are_not_placed(
     arm: Path, model_of: Callable[[Path], SceneModel], tmp_path: Path
 ) -> None:
     """Descriptors of noise."""
-    from calib.data.features import Features
-
     model, rng = model_of(arm), np.random.default_rng(0)
     before = {view: pose.matrix() for view, pose in model.poses.items()}
     features = {}

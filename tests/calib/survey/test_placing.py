@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from calib.calibrate import calibrate
+from calib.data.unfinished import KEPT
 from calib.poses.sfm import SceneModel, centres
 from calib.survey.placing import Expected, place_by_survey
 from calib.survey.points import Survey, SurveyPosition
@@ -131,10 +132,25 @@ def test_points_on_a_line_and_too_few_marks_are_refused(arm: Path, staked: Stake
 
 
 @pytest.fixture(scope="module")
-def placed(arm: Path, staked: Staked, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def matched(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The arm, whose calibration of poses was stopped when all views were matched; it goes on in copies."""
+    session = Path(shutil.copytree(arm, tmp_path_factory.mktemp("matched") / "session"))
+
+    def stop(message: str, done: int, total: int) -> None:
+        if message == "placing views":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        calibrate(session, only="poses", on_progress=stop)
+    assert (session / KEPT).is_dir()
+    return session
+
+
+@pytest.fixture(scope="module")
+def placed(matched: Path, staked: Staked, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The arm, calibrated in UTM coordinates."""
     folder = tmp_path_factory.mktemp("placed")
-    session = Path(shutil.copytree(arm, folder / "session"))
+    session = Path(shutil.copytree(matched, folder / "session"))
     points = write_points(folder / "points.csv", {name: place + UTM for name, place in staked.places.items()})
     points.write_text("# EPSG:25832\n" + points.read_text())
     marks = write_marks(folder / "marks.csv", staked.marks(CLICK))
@@ -175,8 +191,9 @@ def test_a_survey_stays_until_it_is_forgotten(placed: Path) -> None:
 
 
 def test_a_survey_that_does_not_fit_leaves_the_scene_in_its_own_coordinates(
-    own_arm: Path, staked: Staked, tmp_path: Path
+    matched: Path, staked: Staked, tmp_path: Path
 ) -> None:
+    session = Path(shutil.copytree(matched, tmp_path / "session"))
     few = dict(list(staked.places.items())[:4])
     few["P0"], few["P1"] = few["P1"], few["P0"]
     points = write_points(tmp_path / "points.csv", few)
@@ -184,9 +201,9 @@ def test_a_survey_that_does_not_fit_leaves_the_scene_in_its_own_coordinates(
         tmp_path / "marks.csv", {n: own for n, own in staked.marks(CLICK).items() if n in few}
     )
     with pytest.raises(PartialError, match=r"coordinates of its own.*exchanged"):
-        calibrate(own_arm, only="poses", survey=points, marks=marks)
-    record = read_calibration(own_arm)
+        calibrate(session, only="poses", survey=points, marks=marks)
+    record = read_calibration(session)
     assert len(record.views) == 12
     assert (record.unit, record.coordinates) == ("relative", None)
     with pytest.raises(InputError, match="--survey and --onto place poses"):
-        calibrate(own_arm, only="colour", survey=points, marks=marks)
+        calibrate(session, only="colour", survey=points, marks=marks)
