@@ -57,7 +57,7 @@ def solve(
     """
     model, rows = _model(board, seen, start, free)
     _adjust(model, free, boards_only=boards_only, robust=None)
-    return _read(model, rows, start)
+    return _read(board, model, rows, start)
 
 
 def drop_outliers(
@@ -69,7 +69,7 @@ def drop_outliers(
     for scale in (2.0, 0.3):
         model, rows = _model(board, kept, solved, free)
         _adjust(model, free, boards_only=False, robust=scale)
-        fitted = _read(model, rows, solved)
+        fitted = _read(board, model, rows, solved)
         worst = max(CUT * float(np.median(fitted.misses)), LEAST_CUT)
         good = {place for place, miss in zip(fitted.places, fitted.misses, strict=True) if miss <= worst}
         kept = {view: _only(corners, view, good) for view, corners in kept.items()}
@@ -125,13 +125,14 @@ def _model(
         model.add_frame(one)
         for view in (view for view in views if view.frame == frame):
             corners = seen[view]
+            # All corners at once: one by one they would take as long as the adjustment.
             image = pycolmap.Image(
-                name=view.image_name,
-                image_id=image_of[view],
-                camera_id=number[view.camera],
-                frame_id=place,
-                points2D=[pycolmap.Point2D(point) for point in corners.points],
+                view.image_name,
+                np.asarray(corners.points, np.float64),
+                number[view.camera],
+                image_of[view],
             )
+            image.frame_id = place
             model.add_image(image)
             rows.append((view, image_of[view], corners.ids, corners.points))
         model.register_frame(place)
@@ -181,8 +182,8 @@ def _adjust(model: Any, free: Free, *, boards_only: bool, robust: float | None) 
     pycolmap.create_default_bundle_adjuster(options, config, model).solve()
 
 
-def _read(model: Any, rows: Rows, start: "Start | Solved") -> Solved:
-    rig = model.rigs[1]
+def _read(board: Board, model: Any, rows: Rows, start: "Start | Solved") -> Solved:
+    flat, rig = board.corners(), model.rigs[1]
     names = sorted(start.cam_from_rig)
     lenses, mounted = dict(start.lenses), {}
     for index, name in enumerate(names, start=1):
@@ -196,16 +197,11 @@ def _read(model: Any, rows: Rows, start: "Start | Solved") -> Solved:
         sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, index)
         mounted[name] = np.eye(4) if rig.is_ref_sensor(sensor) else _square(rig.sensor_from_rig(sensor))
     boards, misses, places = dict(start.rig_from_board), [], []
-    flat_of = {}
-    for point in model.points3D.values():
-        for element in point.track.elements:
-            flat_of[element.image_id, element.point2D_idx] = point.xyz
     for view, index, ids, points in rows:
         image = model.images[index]
         boards[view.frame] = _square(image.frame.rig_from_world)
         motion = image.cam_from_world().matrix()
-        world = np.array([flat_of[index, place] for place in range(len(ids))]).reshape(-1, 3)
-        local = world @ motion[:, :3].T + motion[:, 3]
+        local = flat[ids] @ motion[:, :3].T + motion[:, 3]
         ahead = local[:, 2] > 1e-9
         projected = np.full(points.shape, np.inf)
         if ahead.any():
