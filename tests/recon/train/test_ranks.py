@@ -26,7 +26,7 @@ from recon.train.trainer import train
 from recon.train.training import Plan, Training
 
 ROOT = Path(__file__).parents[3]
-PLAN = Plan(30, DensityRules(700, every=0.1), seed=5, batch=2, log_every=10)
+PLAN = Plan(12, DensityRules(700, every=0.1), seed=5, batch=2, log_every=4)
 
 
 def begin(dataset: Dataset) -> Training:
@@ -43,7 +43,7 @@ def train_here(session: Path, out: Path, ranks: Ranks) -> list[dict[str, float]]
     """Train the plan, stopping once on the way as at a checkpoint; leaves OUT/RANK.safetensors."""
     dataset, lines = load(session), []
     training = begin(dataset)
-    for until in (14, PLAN.iterations):
+    for until in (5, PLAN.iterations):
         train(training, dataset, PLAN, log=lines.append, save=lambda: None, until=until, ranks=ranks)
     training.gather(ranks)
     write_checkpoint(out / f"{ranks.number}.safetensors", checkpoint_of(training, {}))
@@ -92,7 +92,7 @@ def test_two_ranks_give_what_one_gives(toy: Path, tmp_path: Path) -> None:
             assert torch.equal(first[name], value), name
     logged = [json.loads(out) for _, out, _ in found]
     assert logged[1] == []
-    assert [line["iteration"] for line in logged[0]] == [line["iteration"] for line in lines] == [10, 20, 30]
+    assert [line["iteration"] for line in logged[0]] == [line["iteration"] for line in lines] == [4, 8, 12]
     for ours, theirs in zip(logged[0], lines, strict=True):
         assert ours["loss"] == pytest.approx(theirs["loss"], rel=1e-9)
     assert len(expected["gaussians.means"]) == 700
