@@ -22,14 +22,20 @@ LONGEST = (
     "foreign/test_room.py",
     "calib/test_calibrate.py",
     "foreign/test_objects.py",
+    "rig/test_stability.py",
+    "rig/commands/test_batch.py",
+    "rig/commands/test_trade.py",
+    "rig/view/pages/test_follow.py",
+    "rig/batch/test_ray.py",
     "calib/poses/test_known_rig.py",
     "foreign/test_alike.py",
     "rig/test_wheel.py",
 )
-"""Files whose tests take longest. They go first: one that came last would keep one of two processes at work
-and the other idle. (pytest-xdist by itself takes files of many tests first; pyproject.toml says not to.)
-The first compiles the kernels of the CPU, which are kept on disk; the second needs none of them, or both
-processes would compile them all."""
+"""Files whose tests take longest. They go first: one that came last, as those of the last folder would, would
+keep one of two processes at work and the other idle. (pytest-xdist by itself takes files of many tests first;
+pyproject.toml says not to.) The first compiles the kernels of the CPU, which are kept on disk; the second
+needs none of them, or both processes would compile them all. Between the two files that begin with the demo
+calibrated stand others: it is made once, and a process that needs it meanwhile waits."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
