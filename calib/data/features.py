@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import cv2
@@ -13,6 +12,7 @@ from calib.data.matching import match
 from calib.data.pairs import pairs_to_match
 from calib.data.previews import enlargement
 from calib.data.unfinished import Unfinished
+from imaging.compute.threads import in_turn
 from imaging.files.colmap import pycolmap
 from imaging.progress import Progress
 from imaging.session.view_id import ViewId
@@ -143,21 +143,33 @@ def fill_database(
     options.detect_watermark = False
     pairs = {}
     every = pairs_to_match({view: own.descriptors for view, own in features.items()}, tied)
+
+    def geometry_of(number: int) -> tuple[npt.NDArray[np.uint32], Any]:
+        """Matches of a pair and the geometry that they fit; None where they are too few."""
+        a, b = every[number]
+        one, other = features[a], features[b]
+        matches = kept.small(f"{a} {b}")
+        if matches is None:
+            matches = match(one.descriptors, other.descriptors)
+        if len(matches) < FEWEST_MATCHES:
+            return matches, None
+        return matches, pycolmap.estimate_two_view_geometry(
+            cameras[a.camera], one.points, cameras[b.camera], other.points, matches, options
+        )
+
     try:
-        for done, (a, b) in enumerate(every):
+        for done, (matches, geometry) in enumerate(in_turn(len(every), geometry_of)):
             progress("matching", done, len(every))
-            one, other = features[a], features[b]
-            matches = kept.small(f"{a} {b}", partial(match, one.descriptors, other.descriptors))
-            if len(matches) < FEWEST_MATCHES:
+            a, b = every[done]
+            kept.keep(f"{a} {b}", matches)
+            if geometry is None:
                 continue
-            geometry = pycolmap.estimate_two_view_geometry(
-                cameras[a.camera], one.points, cameras[b.camera], other.points, matches, options
-            )
             database.write_matches(images[a], images[b], matches)
             inliers = np.asarray(geometry.inlier_matches)
             if len(inliers) >= FEWEST_MATCHES:
                 database.write_two_view_geometry(images[a], images[b], geometry)
-                pairs[a, b] = MatchedPair(one.points[inliers[:, 0]], other.points[inliers[:, 1]], inliers)
+                one, other = features[a].points[inliers[:, 0]], features[b].points[inliers[:, 1]]
+                pairs[a, b] = MatchedPair(one, other, inliers)
     finally:
         kept.flush()
     progress("matching", len(every), len(every))

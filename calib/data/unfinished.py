@@ -55,13 +55,16 @@ class Unfinished:
             store.write_bytes(file, _written(found))
         return found
 
-    def small(self, name: str, find: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[Any]:
-        """What is one of many: kept in memory, and written some at a time; `flush` writes the rest."""
+    def small(self, name: str) -> npt.NDArray[Any] | None:
+        """What was kept of something that is one of many; None: nothing."""
+        return self._known.get(name)
+
+    def keep(self, name: str, found: npt.NDArray[Any]) -> None:
+        """Keep what is one of many: in memory, and written some at a time; `flush` writes the rest."""
         if name not in self._known:
-            self._known[name] = self._few[name] = find()
+            self._known[name] = self._few[name] = found
             if time.monotonic() - self._since > EVERY:
                 self.flush()
-        return self._known[name]
 
     def flush(self) -> None:
         """Write what is in memory alone."""

@@ -8,10 +8,11 @@ waits for every thread at the end of each loop, and may not be followed by a for
 
 import os
 import threading
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
@@ -20,6 +21,8 @@ from numba.extending import intrinsic
 
 from imaging.compute.cores import available_cores
 from imaging.compute.jit import Kernel
+
+T = TypeVar("T")
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -119,6 +122,25 @@ def share(kernel: Kernel, work: float, *arguments: Any) -> None:
         kernel(counter, *arguments)
     finally:
         job.close()
+
+
+def in_turn(count: int, work: Callable[[int], T]) -> Iterator[T]:
+    """`work(number)` of 0..count-1 in their order, each found on one of all threads, some of them ahead.
+
+    For work that leaves Python's lock most of the time. Who ends before the last number waits for what has
+    begun.
+    """
+    ahead: deque[Future[T]] = deque()
+    with ThreadPoolExecutor(_threads) as pool:
+        try:
+            for number in range(count):
+                ahead.append(pool.submit(work, number))
+                if len(ahead) > 2 * _threads:
+                    yield ahead.popleft().result()
+            while ahead:
+                yield ahead.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def share_pieces(count: int, stride: int, work: Callable[[int, int], None]) -> None:

@@ -298,12 +298,13 @@ def test_a_stopped_calibration_goes_on_and_ends_as_an_undisturbed_one(
     monkeypatch.setattr("calib.data.features.match", counted)
     with pytest.raises(KeyboardInterrupt):
         calibrate(small, on_progress=stop)
-    assert len(matched) == 9
+    stopped = len(matched)  # and perhaps some more, ahead of the nine that are kept
+    assert stopped >= 9
     first = calibrate(small, on_progress=unreported)
-    assert len(matched) == 15
+    assert len(matched) == stopped + 6
     assert not list(small.glob(".*"))
     second = calibrate(small, on_progress=unreported)
-    assert len(matched) == 30
+    assert len(matched) == stopped + 21
     assert len(first.views) == 6
     assert second.model_copy(update={"created": first.created}) == first
     assert first.camera("cam3").lens is None

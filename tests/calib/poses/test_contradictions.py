@@ -58,9 +58,8 @@ def pillar(alike: bool, lit: bool) -> tuple[dict, dict, Array]:
         facing = ((place * (normal @ pose[:3, :3].T)).sum(1) < -1.2) & (np.abs(pixels[:, 1] - 120) < 118)
         seen = rng.permutation(np.flatnonzero(facing))
         own = vectors.reshape(-1, 128)[seen] + 0.1 * rng.normal(size=(len(seen), 128))
-        own /= np.linalg.norm(own, axis=1, keepdims=True)
         points = pixels[seen] + rng.normal(0, 0.2, (len(seen), 2))
-        features[ViewId(view, "cam")] = Features(points, own.astype(np.float32))
+        features[ViewId(view, "cam")] = Features(points, np.clip(128 + 30 * own, 0, 255).astype(np.uint8))
         brightness[ViewId(view, "cam")] = light[seen] + rng.normal(0, 0.02, len(seen))
     return features, brightness, poses
 

@@ -1,0 +1,49 @@
+"""Work on all threads, whose results come in their order."""
+
+import threading
+
+import pytest
+
+from imaging.compute import threads
+from imaging.compute.threads import in_turn
+
+
+@pytest.fixture(autouse=True)
+def two(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "_threads", 2)
+
+
+def test_results_come_in_turn_though_two_are_under_way() -> None:
+    meeting = threading.Barrier(2, timeout=20.0)
+
+    def work(number: int) -> int:
+        meeting.wait()  # which one at a time would never pass
+        return number**2
+
+    assert list(in_turn(10, work)) == [number**2 for number in range(10)]
+
+
+def test_who_stops_has_little_begun_ahead() -> None:
+    begun: list[int] = []
+
+    def work(number: int) -> int:
+        begun.append(number)
+        return number
+
+    found = in_turn(1000, work)
+    assert [next(found) for _ in range(3)] == [0, 1, 2]
+    found.close()
+    assert len(begun) <= 3 + 2 * 2 + 1
+
+
+def test_an_error_is_raised_in_its_turn() -> None:
+    def work(number: int) -> int:
+        if number == 2:
+            raise ValueError("two")
+        return number
+
+    found = in_turn(9, work)
+    assert [next(found), next(found)] == [0, 1]
+    with pytest.raises(ValueError, match="two"):
+        next(found)
+    assert list(in_turn(0, work)) == []
