@@ -44,7 +44,7 @@ def model() -> SceneModel:
         for frame, (rotation, translation) in enumerate(arc(5))
         for name in RIGS
     }
-    features[LOST] = Features(np.empty((0, 2)), np.empty((0, 128), np.float32))
+    features[LOST] = Features(np.empty((0, 2)), np.empty((0, 128), np.uint8))
     return solve(features, {"left": GUESS, "right": GUESS}, [list(RIGS)], 1, unreported)
 
 

@@ -105,7 +105,8 @@ def test_sessions_that_share_nothing_are_not_placed(
     for index in model.reconstruction.reg_image_ids():
         image = model.reconstruction.image(index)
         points = np.array([np.ravel(point.xy) for point in image.points2D])[::4]
-        features[ViewId.of_image(image.name)] = Features(points, rng.random((len(points), 128)))
+        noise = rng.integers(0, 256, (len(points), 128), np.uint8)
+        features[ViewId.of_image(image.name)] = Features(points, noise)
     with pytest.raises(CalibrationError, match="share 0 scene points"):
         place_onto(model, features, read_target(arm), unreported)
     for view, pose in model.poses.items():
