@@ -32,7 +32,7 @@ LONGEST = (
     "rig/test_wheel.py",
 )
 """Files whose tests take longest. They go first: one that came last, as those of the last folder would, would
-keep one of two processes at work and the other idle. (pytest-xdist by itself takes files of many tests first;
+keep one process at work and the others idle. (pytest-xdist by itself takes files of many tests first;
 pyproject.toml says not to.) The first compiles the kernels of the CPU, which are kept on disk; the second
 needs none of them, or both processes would compile them all. Between the two files that begin with the demo
 calibrated stand others: it is made once, and a process that needs it meanwhile waits."""
