@@ -11,6 +11,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -18,6 +19,7 @@ import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.extending import intrinsic
+from threadpoolctl import threadpool_limits
 
 from imaging.compute.cores import available_cores
 from imaging.compute.jit import Kernel
@@ -124,14 +126,25 @@ def share(kernel: Kernel, work: float, *arguments: Any) -> None:
         job.close()
 
 
+@contextmanager
+def one_thread_a_product() -> Iterator[None]:
+    """Until the block or the function ends, products of numpy are made on the thread that asks for them.
+
+    BLAS would share each small one among all cores, whose threads then spin until the next: on two busy
+    cores a calibration took twice the processor time, and no less of the clock's.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
 def in_turn(count: int, work: Callable[[int], T]) -> Iterator[T]:
     """`work(number)` of 0..count-1 in their order, each found on one of all threads, some of them ahead.
 
-    For work that leaves Python's lock most of the time. Who ends before the last number waits for what has
-    begun.
+    For work that leaves Python's lock most of the time; each has one thread for products of numpy. Who ends
+    before the last number waits for what has begun.
     """
     ahead: deque[Future[T]] = deque()
-    with ThreadPoolExecutor(_threads) as pool:
+    with one_thread_a_product(), ThreadPoolExecutor(_threads) as pool:
         try:
             for number in range(count):
                 ahead.append(pool.submit(work, number))

@@ -2,10 +2,12 @@
 
 import threading
 
+import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 from imaging.compute import threads
-from imaging.compute.threads import in_turn
+from imaging.compute.threads import in_turn, one_thread_a_product
 
 
 @pytest.fixture(autouse=True)
@@ -47,3 +49,19 @@ def test_an_error_is_raised_in_its_turn() -> None:
     with pytest.raises(ValueError, match="two"):
         next(found)
     assert list(in_turn(0, work)) == []
+
+
+def blas_threads() -> set[int]:
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+def test_products_are_made_on_the_thread_that_asks() -> None:
+    @one_thread_a_product()
+    def within() -> set[int]:
+        return blas_threads()
+
+    before = blas_threads()
+    assert np.ones((2, 2)).sum() == 4  # numpy's is loaded
+    assert within() == {1}
+    assert {one for found in in_turn(3, lambda number: blas_threads()) for one in found} == {1}
+    assert blas_threads() == before
