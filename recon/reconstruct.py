@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from imaging.compute.threads import one_thread_a_product
 from imaging.errors import InputError, ReconstructionError
 from imaging.files import store
 from imaging.progress import Progress, unreported
@@ -47,6 +48,7 @@ _AS_IT_IS = Overrides()
 _CPU = torch.device("cpu")
 
 
+@one_thread_a_product()
 def reconstruct(
     session: str | PathLike[str],
     *,
