@@ -14,8 +14,8 @@ Float = npt.NDArray[np.float32]
 
 ALL_PAIRS = 60
 """Views up to which every pair is matched."""
-ALIKE = 20
-"""Most alike views that each of more views is matched with."""
+ALIKE = 10
+"""Most alike views that each of more views is matched with (`bench/calibration/alike.py`)."""
 NEIGHBOURS = 5
 """Frames before and after that the same camera is matched with."""
 WORDS = 64

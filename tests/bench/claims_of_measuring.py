@@ -4,6 +4,20 @@ from .claim import Claim, cell, cells
 
 CLAIMS = (
     Claim(
+        r"give the same: ([\d.]+) for ([\d.]+) there, ([\d.]+) for ([\d.]+) on a hundred",
+        lambda: [
+            next(
+                auc[0]
+                for auc, alike in zip(
+                    cells("alike", "AUC@1", name), cells("alike", "alike", name), strict=True
+                )
+                if alike[0] == count
+            )
+            for name in ("rig", "walk")
+            for count in (10, 20)
+        ],
+    ),
+    Claim(
         r"four terms of a fisheye are within ([\d.]+) px of 25 of them, out to (\d+) degrees",
         lambda: [
             cells("fisheye_models", "OPENCV_FISHEYE, px", "88")[0][1],
