@@ -6,8 +6,9 @@ The photographs are those of `bench.support.walk`, made in FOLDER where they are
 are pieces of the photographs of `sceaux` and `monstree`, which RIG_DATA has. Errors are those of all pairs of
 views against the truth. pycolmap looks for features at the size that rig does, matches each photograph with
 the ten after it and with those 2^k after it, which closes a ring, and places them by its incremental mapper;
-all else is its default. A third row adjusts that model with the axis of the lens free. rig's ladder of lenses was
-mended and its pairs were chosen on this walk. Seconds are those of the processor; finished rows are kept in FOLDER.
+all else is its default. A third row adjusts that model with the axis of the lens free. rig's ladder of lenses
+was mended and its pairs were chosen on this walk. Seconds are those of the processor; finished rows are kept
+in FOLDER.
 """
 
 import json
