@@ -11,6 +11,7 @@ import typer
 from rig.commands.simulate import Address, address
 from rig.options.cameras import CameraOption, addresses_of
 from rig.options.common import JsonOption, SeedOption
+from rig.terminal.failures import Stopped
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
 
@@ -88,12 +89,12 @@ def node(
             status("joining", 0, 0)
             where = f"{ray[0]}:{ray[1]}"
             joined = stack.enter_context(joined_as(settings, where))
-            status.say(
-                f"Node {name} serves {counted(len(report.strangers), 'camera')} to {where}; Ctrl-C ends it."
-            )
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # leave in order, too
         lines = [f"Node {name} has left."]
-        with suppress(KeyboardInterrupt):
+        with suppress(KeyboardInterrupt, Stopped):  # Ctrl-C ends it well from the moment it is announced
+            with running("node") as status:
+                found = counted(len(report.strangers), "camera")
+                status.say(f"Node {name} serves {found} to {where}; Ctrl-C ends it.")
             joined.wait_for_end()
             lines = [f"The Ray cluster at {where} is gone, and node {name} with it."]
     data = {"node": name, "ray": where, "cameras": [asdict(one) for one in report.strangers]}

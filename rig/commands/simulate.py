@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from rig.options.common import JsonOption, SeedOption
+from rig.terminal.failures import Stopped
 from rig.terminal.result import CommandResult, running
 from rig.terminal.text import counted
 
@@ -71,11 +72,12 @@ def simulate(
             camera = SimulatedCamera(rig.bodies[0], lambda frame: view)
             responder = Responder(camera, body, stack.enter_context(closing(LiveTimeline())))
             server = stack.enter_context(PtpIpServer(responder, listening))
-            status.say(
-                f'{body.model} is at {server.host}:{server.port}, try: gphoto2 --camera "PTP/IP Camera" '
-                f"--port ptpip:{server.host}:{server.port}:{server.port} --summary"
-            )
-        with suppress(KeyboardInterrupt):
+        with suppress(KeyboardInterrupt, Stopped):  # Ctrl-C ends it well from the moment it is announced
+            with running("simulate") as status:
+                status.say(
+                    f'{body.model} is at {server.host}:{server.port}, try: gphoto2 --camera "PTP/IP Camera" '
+                    f"--port ptpip:{server.host}:{server.port}:{server.port} --summary"
+                )
             threading.Event().wait()
         shots = responder.shooting.shots
     data = {"profile": profile, "host": server.host, "port": server.port, "shots": shots}

@@ -10,6 +10,8 @@ import sys
 
 import pytest
 
+from rig.terminal.progress import PlainStatusLine
+
 
 def test_it_says_where_it_is_serves_and_ends_with_ctrl_c() -> None:
     command = [sys.executable, "-m", "rig", "simulate", "--ptpip", "127.0.0.1:0", "--profile", "nikon-z6"]
@@ -35,6 +37,16 @@ def test_it_says_where_it_is_serves_and_ends_with_ctrl_c() -> None:
         "port": port,
         "shots": 0,
     }
+
+
+def test_ctrl_c_ends_it_well_as_soon_as_it_says_where_it_is(rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(line: PlainStatusLine, said: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(PlainStatusLine, "say", interrupted)
+    code, out, err = rig("simulate", "--ptpip", "127.0.0.1:0")
+    assert (code, err) == (0, "")
+    assert out == "Simulated PTP took 0 shots\n"
 
 
 @pytest.mark.parametrize("text", ["15740", "127.0.0.1", "127.0.0.1:70000", "a b:1"])
