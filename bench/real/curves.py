@@ -1,13 +1,14 @@
 """Quality over iterations, Gaussians and processor seconds on real photographs: what presets come from.
 
-    python -m bench.real.curves [--sets lego,monstree,castle] [--width 400] [--quick] [--json] [--write]
-        [--seeds 1] [--work FOLDER]
+    python -m bench.real.curves [--wide] [--sets lego,monstree,castle] [--width 400] [--quick] [--json]
+        [--write] [--seeds 1] [--work FOLDER]
 
 Every number of iterations with every number of Gaussians, all else as decided without trials; the harmonics
 of degree 0 and, at the best of them, of degree 2. Held-out views, as `rig evaluate` has them. For each number
 of iterations the number of Gaussians is given that is best, and the fewest within 0.25 dB of it; the exponent
-says how that grows with the iterations. Finished trainings are kept in FOLDER; `--write` draws the
-curves into docs/real.png.
+says how that grows with the iterations. --wide: at the width that the preset best trains at, of the sets
+whose photographs are that wide. Finished trainings are kept in FOLDER; `--write` draws the curves into
+docs/real.png, or docs/real-wide.png.
 """
 
 import argparse
@@ -31,8 +32,9 @@ from recon.train.warm_up import warm_up
 
 ITERATIONS = (250, 1000, 3000)
 GAUSSIANS = (10_000, 40_000, 160_000)
-PICTURE = Path(__file__).parents[2] / "docs" / "real.png"
-TICKS = (15, 30, 60, 120, 240, 480)
+WIDE, WIDE_SETS, WIDE_ITERATIONS = 1280, "monstree,castle", ITERATIONS[:2]
+DOCS = Path(__file__).parents[2] / "docs"
+TICKS = (15, 30, 60, 120, 240, 480, 960)
 """Seconds that the picture names."""
 NEAR = 0.25
 """dB within which fewer Gaussians are as good."""
@@ -94,7 +96,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         best = max(last, key=lambda count: last[count]["gained"])
         turning = mean(options.iterations[-1], int(best), 2)
         sets.append({"set": name, "table": table, "best": int(best), "turning": turning})
-    return {"machine": machine(), "width": options.width, "seeds": options.seeds, "sets": sets}
+    said = {"machine": machine(), "width": options.width, "seeds": options.seeds, "wide": options.wide}
+    return said | {"sets": sets}
 
 
 def needed(row: dict[str, dict[str, float]]) -> tuple[int, int]:
@@ -112,12 +115,13 @@ def exponent(table: dict[str, dict[str, dict[str, float]]]) -> float:
 
 
 def report(result: dict[str, Any]) -> str:
+    wide = result["wide"]
     lines = [
-        "# Real photographs: quality over iterations and Gaussians",
+        f"# Real photographs{', wide' * wide}: quality over iterations and Gaussians",
         "",
-        f"`python -m bench.real.curves --write`: {result['width']} px wide, {result['seeds']} seed(s), "
-        "harmonics of degree 0, no corrections. dB of held-out views after a gain a channel, and processor "
-        f"seconds. {words(result['machine'])}.",
+        f"`python -m bench.real.curves {'--wide ' * wide}--write`: {result['width']} px wide, "
+        f"{result['seeds']} seed(s), harmonics of degree 0, no corrections. dB of held-out views after a "
+        f"gain a channel, and processor seconds. {words(result['machine'])}.",
     ]
     for one in result["sets"]:
         table = one["table"]
@@ -176,16 +180,19 @@ def draw(sets: Sequence[dict[str, Any]], path: Path) -> None:
 
 def main() -> None:
     parser = arguments(__doc__, seeds=1)
-    parser.add_argument("--sets", default="lego,monstree,castle")
-    parser.add_argument("--width", type=int, default=400)
+    parser.add_argument("--wide", action="store_true", help="At the width of the preset best.")
+    parser.add_argument("--sets")
+    parser.add_argument("--width", type=int)
     options = parser.parse_args()
-    options.iterations, options.gaussians = ITERATIONS, GAUSSIANS
+    options.sets = options.sets or (WIDE_SETS if options.wide else "lego,monstree,castle")
+    options.width = options.width or (WIDE if options.wide else 400)
+    options.iterations, options.gaussians = WIDE_ITERATIONS if options.wide else ITERATIONS, GAUSSIANS
     if options.quick:
         options.iterations, options.gaussians = ITERATIONS[:2], GAUSSIANS[:2]
     result = measure(options)
-    deliver(options, "real_curves", result, report(result))
+    deliver(options, "real_curves_wide" if options.wide else "real_curves", result, report(result))
     if options.write:
-        draw(result["sets"], PICTURE)
+        draw(result["sets"], DOCS / ("real-wide.png" if options.wide else "real.png"))
 
 
 if __name__ == "__main__":
