@@ -51,13 +51,17 @@ def _lines(camera: Any) -> list[str]:
             if camera.identity
             else ""
         )
-        return [f"{who}{camera.where or camera.protocol}: {camera.error}"]
+        where = camera.where or camera.protocol
+        named = who or not camera.error.startswith(where)  # a place that cannot be reached is in its error
+        return [f"{who}{where}: {camera.error}" if named else camera.error]
     identity, able = camera.identity, camera.capabilities
     size = f"{able.width}x{able.height}, {able.bit_depth} bit, " if able.width and able.bit_depth else ""
     parts = [f"{_time(able.times[0])} to {_time(able.times[-1])} s" if able.times else ""]
     parts += [f"f/{able.f_numbers[0]:g} to f/{able.f_numbers[-1]:g}" if able.f_numbers else ""]
     parts += [f"ISO {able.isos[0]:g} to {able.isos[-1]:g}" if able.isos else ""]
-    at = f"{camera.protocol} at {camera.where}" if camera.where else camera.protocol
+    at = camera.where or camera.protocol
+    if not at.startswith(camera.protocol):
+        at = f"{camera.protocol} at {at}"
     settings = f"{size}{', '.join(part for part in parts if part)}"
     lines = [
         f"{identity.serial}  {identity.make} {identity.model}  ({at})",
