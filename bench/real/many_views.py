@@ -31,6 +31,7 @@ ROOM = 8_000_000_000
 _TRAINING = f"""
 import json, sys, time
 from pathlib import Path
+import recon.decide.forecast as deciding
 import recon.reconstruct as stage
 from imaging.compute import memory
 from recon.decide.memory_need import need
@@ -39,7 +40,7 @@ from recon.decide.overrides import Overrides
 session, width, seed = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 memory.available = lambda: {ROOM} - memory.resident()
 needs = []
-stage.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
+deciding.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
 overrides = Overrides(
     width=width, gaussians={GAUSSIANS}, iterations={ITERATIONS}, refine="none", environment=False
 )
