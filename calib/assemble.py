@@ -190,11 +190,17 @@ def _lens_error(model: sfm.SceneModel, name: str, width: int, height: int) -> Le
 
 
 def _rig_error(model: sfm.SceneModel, name: str, board: MeasuredBoard | None) -> PoseError | None:
-    """A board's where its rig was kept; else that of the camera's views, which the rig makes all alike."""
+    """A board's where its rig was kept; else that of the camera's views, which the rig makes all alike.
+
+    Where motion ties cameras together, views of one are sure of each other and not of those of the other.
+    """
     if name not in model.cam_from_rig:
         return None
     if board is not None and board.sure_rig:
         return board.rig_errors.get(name)
+    if model.by_motion and model.errors is not None and name in model.errors.mounted:
+        turn, shift = model.errors.mounted[name]
+        return PoseError(rotation=turn, translation=shift)
     every = [_pose_error(model, view, None) for view in model.poses if view.camera == name]
     errors = [error for error in every if error is not None]
     if not errors:

@@ -64,6 +64,11 @@ class ResolvedModel:
     rungs: tuple[Rung, ...]
     pairs: int
 
+    @property
+    def cameras(self) -> set[str]:
+        """Those with a placed view."""
+        return {view.camera for view in _placed(self.reconstruction)}
+
 
 def resolve_contradictions(
     database: Any,
@@ -213,12 +218,17 @@ def contradicting(reconstruction: Any, pairs: Pairs, max_error: float) -> dict[t
     return found
 
 
+def well_matched(pairs: Pairs, placed: Collection[ViewId]) -> float:
+    """The matches from which on a pair is as good as those that placed views have with each other."""
+    best = _best(pairs, placed)
+    usual = median(best.values()) if best else 0
+    return max(STRONG * usual, 2 * FEWEST_AGAINST)
+
+
 def shut_out(reconstruction: Any, pairs: Pairs) -> set[ViewId]:
     """The views without a pose that match placed ones as well as these match each other."""
     placed = _placed(reconstruction)
-    best = _best(pairs, placed)
-    usual = median(best.values()) if best else 0
-    least = max(STRONG * usual, 2 * FEWEST_AGAINST)
+    least = well_matched(pairs, placed)
     return {
         view
         for (one, other), pair in pairs.items()

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calib.data.features import FEWEST_MATCHES, Features, fill_database
+from calib.data.features import FEWEST_MATCHES, Features, MatchedPair, fill_database
 from calib.data.unfinished import Unfinished
+from calib.poses.apart import cameras_apart, unjoined
 from calib.poses.contradictions import ResolvedModel, resolve_contradictions
 from calib.poses.known_rig import KnownRig
 from calib.poses.mapping import map_views
@@ -47,10 +48,23 @@ class Scene:
     kept: Unfinished
 
 
-def first_model(
+@dataclass(frozen=True, eq=False)
+class FirstModels:
+    """The model of most views, and those of cameras that no match joins to it though their rig may.
+
+    held: cameras whose lenses the files tell. unplaced: why other cameras that are apart have no model.
+    """
+
+    main: ResolvedModel
+    apart: tuple[ResolvedModel, ...]
+    held: frozenset[str]
+    unplaced: tuple[Rung, ...]
+
+
+def first_models(
     scene: Scene, database: Any, models: Mapping[str, Any], cameras: Mapping[str, Lens], max_error: float
-) -> tuple[ResolvedModel, frozenset[str]]:
-    """Views matched and mapped, without what contradicts itself; and the cameras whose lenses the files tell.
+) -> FirstModels:
+    """Views matched and mapped, without what contradicts itself.
 
     models: pycolmap cameras by name.
     """
@@ -60,36 +74,89 @@ def first_model(
             "No two views share enough of the scene to be placed: take views that overlap by two thirds."
         )
     require_depth(pairs, cameras, max_error)
-    held: frozenset[str] = frozenset()
+    placing = _Placing(scene, database, models, pairs, max_error)
+    main, held, rest = placing.placed(frozenset(models))
+    apart: list[ResolvedModel] = []
+    unplaced: tuple[Rung, ...] = ()
+    while rest:
+        try:
+            own, lenses, _ = placing.placed(rest)
+        except CalibrationError as error:
+            cause = f"{str(error)[0].lower()}{str(error)[1:].removesuffix('.')}"
+            unplaced = (unjoined(rest, f"they cannot be placed by themselves: {cause}"),)
+            break
+        apart.append(own)
+        held |= lenses
+        rest -= own.cameras
+    return FirstModels(main, tuple(apart), held, unplaced)
 
-    def mapped() -> Any | None:
-        fixed = camera_numbers(models, {*scene.known.lenses, *held})
-        return map_views(
-            database, len(scene.features), max_error, fixed, scene.threads, scene.progress, ahead=bool(held)
+
+@dataclass(frozen=True, eq=False)
+class _Placing:
+    """What views are placed from once they are matched."""
+
+    scene: Scene
+    database: Any
+    models: Mapping[str, Any]
+    pairs: Mapping[tuple[ViewId, ViewId], MatchedPair]
+    max_error: float
+
+    def placed(self, names: frozenset[str]) -> tuple[ResolvedModel, frozenset[str], frozenset[str]]:
+        """The model of most views of these cameras, those whose lenses the files tell, and those apart."""
+        scene, database, models, max_error = self.scene, self.database, self.models, self.max_error
+        held: frozenset[str] = frozenset()
+        pairs, views = self._of(names)
+
+        def mapped() -> Any | None:
+            fixed = camera_numbers(models, {*scene.known.lenses, *held})
+            images = [view.image_name for view in views] if len(views) < len(scene.features) else []
+            return map_views(
+                database, len(views), max_error, fixed, scene.threads, scene.progress,
+                ahead=bool(held), images=images,
+            )  # fmt: skip
+
+        def placed(model: Any | None) -> int:
+            return 0 if model is None else int(model.num_reg_images())
+
+        reconstruction = mapped()
+        apart: frozenset[str] = frozenset()
+        if reconstruction is not None:
+            apart = cameras_apart(scene.rigs, pairs, views_of(reconstruction))
+        if apart:
+            names -= apart
+            pairs, views = self._of(names)
+        matched = {view for pair in pairs for view in pair}
+        told = frozenset(scene.focal_known)
+        rungs: tuple[Rung, ...] = ()
+        if placed(reconstruction) < PLACED * len(matched) and told.issuperset(names):
+            held = told & names
+            another = mapped()
+            if placed(another) > max(placed(reconstruction), PLACED * len(matched)):
+                reason = _AHEAD.format(placed(reconstruction), len(matched))
+                rungs = (Rung(name="walk_ahead", taken=True, reason=reason),)
+                reconstruction = another
+            else:
+                held = frozenset()
+        if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
+            raise CalibrationError(NO_START.format(len(pairs)))
+        settled = resolve_contradictions(
+            database, reconstruction, pairs, scene.brightness, max_error, mapped, scene.exact
         )
+        return replace(settled, rungs=(*rungs, *settled.rungs)), held, apart
 
-    def placed(model: Any | None) -> int:
-        return 0 if model is None else int(model.num_reg_images())
+    def _of(self, names: Collection[str]) -> tuple[dict[tuple[ViewId, ViewId], MatchedPair], list[ViewId]]:
+        """The pairs between views of these cameras, and all their views."""
+        pairs = {
+            (one, other): pair
+            for (one, other), pair in self.pairs.items()
+            if one.camera in names and other.camera in names
+        }
+        return pairs, [view for view in self.scene.features if view.camera in names]
 
-    reconstruction = mapped()
-    views = {view for pair in pairs for view in pair}
-    told = frozenset(scene.focal_known)
-    rungs: tuple[Rung, ...] = ()
-    if placed(reconstruction) < PLACED * len(views) and told.issuperset(cameras):
-        held = told
-        another = mapped()
-        if placed(another) > max(placed(reconstruction), PLACED * len(views)):
-            reason = _AHEAD.format(placed(reconstruction), len(views))
-            rungs = (Rung(name="walk_ahead", taken=True, reason=reason),)
-            reconstruction = another
-        else:
-            held = frozenset()
-    if reconstruction is None or reconstruction.num_points3D() < FEWEST_MATCHES:
-        raise CalibrationError(NO_START.format(len(pairs)))
-    settled = resolve_contradictions(
-        database, reconstruction, pairs, scene.brightness, max_error, mapped, scene.exact
-    )
-    return replace(settled, rungs=(*rungs, *settled.rungs)), held
+
+def views_of(model: Any) -> set[ViewId]:
+    """The views that a COLMAP model places."""
+    return {ViewId.of_image(model.image(index).name) for index in model.reg_image_ids()}
 
 
 def camera_numbers(models: Mapping[str, Any], names: Collection[str]) -> frozenset[int]:

@@ -1,5 +1,6 @@
 """Views placed one after another by COLMAP's incremental mapper."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from imaging.files.colmap import pycolmap
@@ -22,15 +23,18 @@ def map_views(
     progress: Progress,
     *,
     ahead: bool = False,
+    images: Sequence[str] = (),
 ) -> Any | None:
     """The model of a database's matches that places the most views; None if no two can be placed.
 
     views: how many there are. max_error: of a reprojection, px. fixed: cameras whose lenses stay. ahead:
     begin with two views of which one was taken by going ahead from the other, too, and be content with
     fewer matches of each further one, since what stands beside a road leaves the image after a few steps.
+    images: the names of those to place; (): all.
     """
     options = pycolmap.IncrementalPipelineOptions()
     options.constant_cameras = set(fixed)
+    options.image_names = list(images)
     options.min_model_size = 2
     options.random_seed = 0
     options.num_threads = threads

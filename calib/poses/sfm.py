@@ -9,13 +9,14 @@ import numpy.typing as npt
 
 from calib.data.features import FEWEST_MATCHES, Features
 from calib.data.unfinished import Unfinished
-from calib.poses.bundle_adjustment import Free, adjust, drop_outliers, lens_of, misses
-from calib.poses.contradictions import ResolvedModel
-from calib.poses.first_model import NO_START, Scene, camera_numbers, first_model
-from calib.poses.known_rig import NOTHING, KnownRig, camera_of, tie_rigs, to_metres
-from calib.poses.lens_ladder import climb, sees_wide
+from calib.poses.apart import Joined, join, unjoined
+from calib.poses.bundle_adjustment import Free, adjust, lens_of
+from calib.poses.first_model import NO_START, Scene, camera_numbers, first_models
+from calib.poses.known_rig import NOTHING, KnownRig, camera_of, to_metres
+from calib.poses.lens_ladder import climb
 from calib.poses.point_refinement import refine_points
 from calib.poses.refusals import require_features
+from calib.poses.tied_model import polish, tied_model
 from calib.poses.uncertainty import StandardErrors, standard_errors
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
@@ -27,12 +28,8 @@ from imaging.session.view_id import ViewId
 
 MAX_ERROR = 4.0
 """Of a correspondence, px, in pictures of 1280 px or wider; less in smaller ones, at least half of it."""
-ROUNDS = 4
-"""Of adjusting and cutting outliers."""
 ALIGNED = 0.4
 """Patches err by less than features, of whose error this is a part."""
-LOOSE = 1.5
-"""Tied cameras may miss by this much more than free ones; beyond, they are not rigidly mounted."""
 _LENS_KINDS = ("lens_radial_1", "lens_radial_2", "lens_tangential", "lens_fisheye")
 """Rungs that a fisheye has behind it."""
 
@@ -44,7 +41,8 @@ class SceneModel:
     reconstruction: the pycolmap model. poses: cam_from_world of every registered view. cam_from_rig: of
     every camera, if the rig constraint held. points: scene points that each view sees. rungs: the
     ladder of rig and lens. contradicted: views that were left out because others
-    said that their poses were false. free: how it was adjusted; typical: its miss, px.
+    said that their poses were false. free: how it was adjusted; typical: its miss, px. by_motion: cameras
+    that nothing but their motion ties to the others.
     """
 
     reconstruction: Any
@@ -59,6 +57,7 @@ class SceneModel:
     contradicted: frozenset[ViewId] = frozenset()
     free: Free | None = None
     typical: float = 0.0
+    by_motion: frozenset[str] = frozenset()
 
     @property
     def rigged(self) -> bool:
@@ -103,14 +102,20 @@ def solve(
         adjusted = _adjusted(scene, {**cameras, **adjusted.centred(cameras)})
     if adjusted.metric and not adjusted.free.placed:  # distances are better known now than at first
         for rig in rigs:
-            to_metres(adjusted.reconstruction, known, rig)
+            to_metres(
+                adjusted.reconstruction, known, [name for name in rig if name not in adjusted.by_motion]
+            )
     errors = standard_errors(adjusted.reconstruction, adjusted.free, adjusted.typical, progress)
     if errors is not None:
         errors = errors.without_lenses(adjusted.held)
-    rungs = (*rungs, *adjusted.settled.rungs, adjusted.rig_rung, *adjusted.lens_rungs)
+    rungs = (*rungs, *adjusted.rungs, adjusted.rig_rung, *adjusted.lens_rungs)
     model = _model(adjusted.reconstruction, rungs, errors, metric=adjusted.metric)
     return replace(
-        model, contradicted=adjusted.settled.left_out, free=adjusted.free, typical=adjusted.typical
+        model,
+        contradicted=adjusted.left_out,
+        free=adjusted.free,
+        typical=adjusted.typical,
+        by_motion=adjusted.by_motion,
     )
 
 
@@ -123,22 +128,34 @@ def transformed(model: SceneModel, transform: Any, *, metric: bool = True) -> Sc
     errors = model.errors and replace(
         model.errors,
         translation={view: transform.scale * one for view, one in model.errors.translation.items()},
+        mounted={
+            name: (turn, transform.scale * shift) for name, (turn, shift) in model.errors.mounted.items()
+        },
     )
     moved = _model(model.reconstruction, model.rungs, errors, metric=metric)
-    return replace(moved, contradicted=model.contradicted, free=model.free, typical=model.typical)
+    return replace(
+        moved,
+        contradicted=model.contradicted,
+        free=model.free,
+        typical=model.typical,
+        by_motion=model.by_motion,
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Adjusted:
     """A model with the terms of its lenses chosen. free: how it was adjusted; typical: its miss, px;
-    metric: its unit is the metre; held: cameras whose lenses stayed as the files say."""
+    metric: its unit is the metre; held: cameras whose lenses stayed as the files say; left_out: views that
+    others contradict; by_motion: cameras that are tied by it alone."""
 
     reconstruction: Any
     free: Free
     typical: float
     metric: bool
-    settled: ResolvedModel
     held: frozenset[str]
+    left_out: frozenset[ViewId]
+    by_motion: frozenset[str]
+    rungs: tuple[Rung, ...]
     rig_rung: Rung
     lens_rungs: tuple[Rung, ...]
 
@@ -168,52 +185,42 @@ def _adjusted(scene: Scene, cameras: Mapping[str, Lens]) -> _Adjusted:
         else _camera(lens, name in scene.focal_known)
         for name, lens in cameras.items()
     }
-    settled, held = first_model(scene, database, models, cameras, max_error)
-    reconstruction = settled.reconstruction
-    untied = misses(reconstruction).typical
-    metric = sum(to_metres(reconstruction, known, rig) is not None for rig in scene.rigs) > 0
-    loose = pycolmap.Reconstruction(reconstruction)
-    uncut = pycolmap.Reconstruction(reconstruction) if sees_wide(reconstruction) else None
-    rig_rung = tie_rigs(database, reconstruction, scene.rigs, known)
-    fisheye = any(lens.fisheye for lens in cameras.values())
+    first = first_models(scene, database, models, cameras, max_error)
+    # Motion tells the distance of cameras that see nothing in common too badly to give the scene its scale.
+    metric = sum(to_metres(first.main.reconstruction, known, rig) is not None for rig in scene.rigs) > 0
+    joined = join(first.main.reconstruction, [one.reconstruction for one in first.apart], scene.rigs)
     free = Free(
-        "RADIAL_FISHEYE" if fisheye else "SIMPLE_RADIAL",
-        fixed=camera_numbers(models, {*known.lenses, *held}),
+        "RADIAL_FISHEYE" if any(lens.fisheye for lens in cameras.values()) else "SIMPLE_RADIAL",
+        fixed=camera_numbers(models, {*known.lenses, *first.held}),
         placed=camera_numbers(models, known.cam_from_rig),
     )
-    typical = _polish(reconstruction, free, max_error, threads, progress)
-    if rig_rung.taken and typical > LOOSE * max(untied, 0.1):
-        reconstruction = loose
-        reason = (
-            f"the cameras moved against each other: tied together, points miss by {typical:.2f} px "
-            f"instead of {untied:.2f} px"
-        )
-        rig_rung = Rung(name="rig_constraint", taken=False, reason=reason)
-        free = replace(free, placed=frozenset())
-        typical = _polish(reconstruction, free, max_error, threads, progress)
+    tied = tied_model(scene, database, joined, free, max_error, metric)
+    if joined.cameras and not tied.rung.taken:
+        rung = unjoined(joined.cameras, tied.rung.reason)
+        joined = Joined(first.main.reconstruction, frozenset(), (rung,))
+        tied = tied_model(scene, database, joined, free, max_error, metric)
+    reconstruction, free, typical = tied.reconstruction, tied.free, tied.typical
     if scene.pictures and reconstruction.num_points3D() >= FEWEST_MATCHES:
         refine_points(reconstruction, scene.pictures, progress)
-        typical = _polish(reconstruction, free, ALIGNED * max_error, threads, progress)
+        typical = polish(reconstruction, free, ALIGNED * max_error, threads, progress)
     if reconstruction.num_points3D() < FEWEST_MATCHES:
-        raise CalibrationError(NO_START.format(settled.pairs))
-    told = "the files told the lenses" if held else "a board told the lenses"
-    free, lens_rungs = climb(reconstruction, free, typical, threads, progress, told, uncut)
+        raise CalibrationError(NO_START.format(first.main.pairs))
+    told = "the files told the lenses" if first.held else "a board told the lenses"
+    free, lens_rungs = climb(reconstruction, free, typical, threads, progress, told, tied.uncut)
     adjust(reconstruction, free, typical, threads)
-    return _Adjusted(reconstruction, free, typical, metric, settled, held, rig_rung, lens_rungs)
-
-
-def _polish(reconstruction: Any, free: Free, max_error: float, threads: int, progress: Progress) -> float:
-    """Adjust robustly and drop what misses, a few times; returns the typical miss, px.
-
-    The scale of the loss follows the data: sub-pixel corners deserve more than a fixed pixel.
-    """
-    typical = 0.125 * max_error
-    for turn in range(ROUNDS):
-        progress("adjusting", turn, ROUNDS)
-        adjust(reconstruction, free, typical, threads, rough=turn < ROUNDS - 1)
-        typical = drop_outliers(reconstruction, least=0.15 * max_error)
-    progress("adjusting", ROUNDS, ROUNDS)
-    return typical
+    every = [first.main, *(one for one in first.apart if one.cameras <= joined.cameras)]
+    return _Adjusted(
+        reconstruction,
+        free,
+        typical,
+        metric,
+        first.held,
+        frozenset().union(*(one.left_out for one in every)),
+        joined.cameras,
+        (*(rung for one in every for rung in one.rungs), *joined.rungs, *first.unplaced),
+        tied.rung,
+        lens_rungs,
+    )
 
 
 def _camera(lens: Lens, focal_known: bool) -> Any:

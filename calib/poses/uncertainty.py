@@ -43,12 +43,14 @@ class StandardErrors:
     """Of poses and lenses.
 
     rotation: degrees, and translation: in units of the model, of each view, about and along its worst axis;
-    lenses: by camera and term, in the pixels of the model.
+    lenses: by camera and term, in the pixels of the model. mounted: the same two of each camera in its rig
+    that does not tell the rig's place.
     """
 
     rotation: dict[ViewId, float]
     translation: dict[ViewId, float]
     lenses: dict[str, dict[str, float]]
+    mounted: dict[str, tuple[float, float]]
 
     def without_lenses(self, cameras: Collection[str]) -> "StandardErrors":
         """The same where nothing was measured of these cameras' lenses."""
@@ -91,6 +93,13 @@ def standard_errors(
         rotation={view: float(np.degrees(_widest(own))) for view, own in turns.items()},
         translation={view: _widest(own) for view, own in shifts.items()},
         lenses=lenses,
+        mounted={
+            names[number]: (
+                float(np.degrees(_widest(list(moves[:, at : at + 3])))),
+                _widest(list(moves[:, at + 3 : at + 6])),
+            )
+            for number, at in linear.sensors.items()
+        },
     )
 
 

@@ -244,6 +244,8 @@ def _why_unplaced(record: "CalibrationRecord", view: "ViewId") -> str:
 
 def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
     """What came of a calibration with poses."""
+    from imaging.session.calibration import MOTION
+
     report = session / "calibration" / "report.html"
     images = len(record.views) + len(record.unregistered)
     by_rig = [view.id for view in record.views if view.by_rig]
@@ -251,6 +253,7 @@ def poses_result(session: Path, record: "CalibrationRecord") -> CommandResult:
         f"{session}: {len(record.views)} of {counted(images, 'image')} with a pose, "
         f"{counted(record.points, 'scene point')}, reprojection error {number(record.reprojection_px)} px",
         *[f"{session}: {view} {_why_unplaced(record, view)}: its pose is the rig's" for view in by_rig],
+        *[f"{session}: {rung.reason}" for rung in record.rungs if rung.name == MOTION],
         *[f"{session}: {doubt}" for doubt in record.doubts],
         *_coordinate_lines(session, record),
         *_chart_lines(session, record),

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from imaging.session.calibration import CalibrationRecord, CameraCalibration
+from imaging.session.calibration import MOTION, CalibrationRecord, CameraCalibration
 from imaging.session.session import Session
 from imaging.session.view_id import ViewId
 from rig.report.sections.verdicts import FEW_POINTS, LENS_PX
@@ -38,6 +38,8 @@ def _named(names: Sequence[str | ViewId]) -> str:
 def _poses(record: CalibrationRecord) -> Iterable[str]:
     posed = {view.camera for view in record.views}
     lost = {view.camera for view in record.unregistered} - posed
+    untied = [rung.reason for rung in record.rungs if rung.name == MOTION and not rung.taken]
+    yield from (f"{reason[0].upper()}{reason[1:]}." for reason in untied)
     if record.views and lost:
         yield (
             f"{_named(sorted(lost))} has no pose at all: point it so that it shows what the other cameras "
