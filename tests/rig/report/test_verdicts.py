@@ -8,6 +8,7 @@ import pytest
 from calib.sensor import metadata
 from imaging.files import store
 from imaging.session.calibration import (
+    MOTION,
     CalibrationRecord,
     CameraCalibration,
     LensError,
@@ -114,6 +115,18 @@ def test_doubts_about_the_poses_are_told_everywhere(toy: Path, name: str) -> Non
     outcome = poses_result(toy, record)
     assert f"{toy}: why they are" in outcome.lines
     assert outcome.data["doubts"] == ["why they are"]
+
+
+def test_how_cameras_that_see_nothing_in_common_stand_is_told_and_what_motion_lacks_is_asked_for(
+    toy: Path,
+) -> None:
+    record = read_calibration(toy)
+    for taken in (True, False):
+        told = changed(
+            record, rungs=(*record.rungs, Rung(name=MOTION, taken=taken, reason="the others moved"))
+        )
+        assert f"{toy}: the others moved" in poses_result(toy, told).lines
+        assert ("The others moved." in list(next_shots(Session.open(toy), told))) == (not taken)
 
 
 def test_a_board_that_stayed_in_the_middle_is_sent_to_the_corners(toy: Path) -> None:
