@@ -1,6 +1,7 @@
 """The poses of a session's views, and what these tell of lenses, falloff and colours, as its calibration."""
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 
@@ -12,7 +13,7 @@ from calib.exports import pictures
 from calib.exports.output import write_calibration
 from calib.light import each_photograph, tracks, vignetting
 from calib.luminance.measure import scaled
-from calib.poses import sfm
+from calib.poses import moving, sfm
 from calib.poses.known_rig import KnownRig
 from calib.poses.rig_placement import place_by_rig
 from calib.survey.locate import located
@@ -58,6 +59,8 @@ def with_poses(evidence: Evidence, board_refused: str, progress: Progress) -> Ca
         progress,
     )
     model, by_rig = place_by_rig(model, summaries, rigs)
+    shots = [shot for view in evidence.views for shot in view.shots]
+    model = replace(model, rungs=(*model.rungs, *moving.rungs(shots)))
     names = sorted(model.lenses)
     progress("measuring falloff", 0, 1)
     brightness = {view: summary.brightness for view, summary in summaries.items()}

@@ -184,7 +184,7 @@ COLOUR = "camera_colour"
 """The rung that says where the colours of RAW cameras come from."""
 MOTION = "rig_motion"
 """The rung that says how cameras were tied together that see nothing in common, or why they could not be."""
-_DOUBTS = frozenset({"pose_lit_differently", "pose_unconfirmed"})
+_DOUBTS = frozenset({"pose_lit_differently", "pose_moving", "pose_unconfirmed"})
 
 
 class CalibrationRecord(Record):
