@@ -1,13 +1,16 @@
-"""Of all tests: their order, how many threads a process has, and folders that processes make only once."""
+"""Of all tests: their order, how many threads a process has, and what processes make only once."""
 
 import fcntl
+import gc
 import os
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis.internal.conjecture import providers
 
 # Torch and BLAS would have as many threads in each of pytest's processes as there are cores, which spin while
 # they wait for each other: with two processes on two cores matching features takes three times the processor
@@ -15,6 +18,13 @@ import pytest
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Whoever runs the tests may have defaults of their own.
 os.environ["RIG_CONFIG"] = ""
+# Byte code is kept, whatever else Python is told: the tests are rewritten and compiled once and not in every
+# process, and so is rig, which tests start in some hundred.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# Hypothesis would read every module of this project for constants that it draws now and then: seconds a
+# process, and other examples of the same seed wherever other tests were imported before.
+providers._get_local_constants = lambda: providers._local_constants
 
 LONGEST = (
     "rig/test_readme.py",
@@ -38,11 +48,41 @@ needs none of them, or both processes would compile them all. Between the two fi
 calibrated stand others: it is made once, and a process that needs it meanwhile waits."""
 
 
+TESTS = Path(__file__).parent
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None]:
+    """What is imported and collected stays: no garbage is looked for among it, now or later."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def pytest_unconfigure() -> None:
+    """Libraries want all that is theirs freed at the end."""
+    gc.unfreeze()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, pytest.CollectReport]:
+    """Each process begins elsewhere in a folder, so that they do not all rewrite the same file at a time."""
+    report = yield
+    if isinstance(collector, pytest.Directory):
+        number = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+        count = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+        first = number * len(report.result) // count
+        report.result = report.result[first:] + report.result[:first]
+    return report
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest files first, the others in the order of their names."""
-    tests = Path(__file__).parent
-    place = {tests / name: number for number, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: place.get(item.path, len(place)))
+    place = {TESTS / name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: (place.get(item.path, len(place)), item.path))
 
 
 @pytest.fixture(autouse=True)
