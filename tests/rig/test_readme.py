@@ -5,6 +5,7 @@ less of everything where the pages allow minutes. Nothing else of a command is c
 are commands of rig tests/docs/test_commands.py tells.
 """
 
+import multiprocessing
 import os
 import re
 import shlex
@@ -12,11 +13,13 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from imaging.files.exr import read_exr
+from tests.conftest import fewer_features, fewer_rays
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
@@ -33,6 +36,16 @@ SHORTER = {
 """What the pages allow minutes or megapixels for, and what is allowed here."""
 CAMERAS = {"init", "capture", "cameras"}
 """Commands that speak to cameras, which are simulated here."""
+AT_HAND = (
+    __name__,
+    "calib.calibrate",
+    "capture.check.check",
+    "capture.simulated",
+    "recon.evaluate",
+    "recon.reconstruct",
+    "rig.view.pages.opening",
+)
+"""What takes longest to import."""
 FRAMES = 2
 """Of the photographs: eight brackets."""
 
@@ -51,6 +64,24 @@ def until(heading: str) -> list[str]:
     return [" ".join(shlex.split(line, comments=True)) for line in "".join(fences).splitlines()]
 
 
+def command_of(words: Sequence[str], folder: Path, environment: dict[str, str]) -> None:
+    """In a process of its own, of which only the imports are those of others: a command there, as `-m rig`.
+
+    With fewer rays a pixel and fewer features a picture, which are most of what the demo takes.
+    """
+    os.chdir(folder)
+    os.environ.update(environment)
+    for number, name in enumerate((os.devnull, OUTPUT, ERRORS)):
+        os.dup2(os.open(name, os.O_RDWR | os.O_CREAT | os.O_TRUNC), number)
+    from rig.__main__ import main
+
+    with fewer_rays(), fewer_features():
+        sys.exit(main(words))
+
+
+OUTPUT, ERRORS = ".output", ".errors"
+
+
 class Desk:
     """A folder with photographs and an activated environment, and a shell that works in it."""
 
@@ -59,21 +90,28 @@ class Desk:
         bin_folder = folder / ".venv" / "bin"
         bin_folder.mkdir(parents=True)
         rig = bin_folder / "rig"
-        # What -m rig does, with a demo of fewer rays a pixel, which are most of what simulating it takes.
-        main = bin_folder / "main.py"
-        main.write_text(
-            "import sys\nfrom rig.__main__ import main\nfrom tests.conftest import fewer_rays\n"
-            "if __name__ == '__main__':\n    with fewer_rays():\n        sys.exit(main())\n"
-        )
-        rig.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {shlex.quote(str(main))} "$@"\n')
+        rig.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m rig "$@"\n')
         rig.chmod(0o755)
         (bin_folder / "activate").write_text(f'PATH={shlex.quote(str(bin_folder))}:"$PATH"\n')
         self.environment = os.environ | {
             "PYTHONPATH": os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")]),
             "TERM": "dumb",
         }
+        self.processes = multiprocessing.get_context("forkserver")
+        self.processes.set_forkserver_preload(list(AT_HAND))
 
-    def run(self, command: str) -> str:
+    def run(self, command: str) -> None:
+        """A command, given to a process that has imported what it needs; else as `type_in`."""
+        name, *words = self.type_in(f"printf '%s\\0' {command}").split("\0")[:-1]
+        assert name == "rig"
+        process = self.processes.Process(target=command_of, args=(words, self.folder, self.environment))
+        process.start()
+        process.join(280)
+        said = f"{command}\n{(self.folder / OUTPUT).read_text()}\n{(self.folder / ERRORS).read_text()}"
+        assert process.exitcode == 0, said
+        assert "defect of rig" not in said
+
+    def type_in(self, command: str) -> str:
         """What a command prints; it has to succeed, and to call nothing a defect."""
         done = subprocess.run(
             ["bash", "-c", f". .venv/bin/activate; {command}"],
@@ -138,7 +176,9 @@ def test_make_has_the_two_commands_that_begin() -> None:
 def test_the_first_real_use(desk: Desk) -> None:
     commands = blocks("First real use")
     assert len(commands) > 6
-    for command in commands:
+    activate, first, *others = commands
+    desk.type_in(f"{activate}; {first}")
+    for command in others:
         act = desk.look if command.startswith("rig view") else desk.run
         act(stood_in(command))
     (scene,) = (desk.folder / "S" / "reconstructions").iterdir()
