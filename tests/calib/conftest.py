@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -16,7 +16,13 @@ from imaging.mosaic import RawMosaic
 from imaging.progress import unreported
 from imaging.session.records import CameraRecord, SessionRecord, ShotRecord
 from imaging.session.session import Session
-from tests.conftest import MadeOnce
+from tests.conftest import MadeOnce, fewer_features
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _fewer_features() -> Iterator[None]:
+    with fewer_features():  # a module at a time: tests of other folders in the same process want them all
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -26,7 +32,8 @@ def arm(demo_capture: Path, made_once: MadeOnce) -> Path:
 
     def make(folder: Path) -> None:
         shutil.copytree(demo_capture, folder, dirs_exist_ok=True)
-        calibrate(folder, on_progress=unreported)
+        with fewer_features():
+            calibrate(folder, on_progress=unreported)
 
     return made_once("arm", make)
 
