@@ -152,22 +152,24 @@ def surface(
 def spots(seed: int, size: int = 512, contrast: float = 1.0) -> npt.NDArray[np.float32]:
     """A texture [size, size, 3] like no other of another seed: coloured blots from large to small."""
     rng = np.random.default_rng(seed)
-    texture = np.full((size, size, 3), 0.4)
+    texture = np.full((size, size, 3), 0.4, np.float32)
     for blot in np.geomspace(size / 8, size / 128, 5):
-        grey, *colour = _blurred(rng.standard_normal((4, size, size)), blot / 2)
-        sharp = np.tanh(3 * (grey / grey.std())[..., None] + 1.5 * np.stack(colour, -1) / np.std(colour))
-        texture += contrast * 0.12 * sharp
-    return np.clip(texture, 0.04, 0.9).astype(np.float32)
+        grey, *colour = _blurred(rng.standard_normal((4, size, size)).astype(np.float32), float(blot) / 2)
+        grey *= np.float32(3 / grey.std())
+        scale = np.float32(1.5 / np.std(colour))
+        for channel, own in enumerate(colour):
+            texture[..., channel] += np.float32(0.12 * contrast) * np.tanh(grey + scale * own)
+    return np.clip(texture, 0.04, 0.9)
 
 
-def _blurred(images: Array, sigma: float) -> Array:
+def _blurred(images: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.float32]:
     """Square images [N, S, S] that repeat, under a Gaussian cut off at four sigmas: by FFT, as it is wide."""
     size, reach = images.shape[-1], round(4 * sigma)
     steps = np.arange(-reach, reach + 1)
     kernel = np.bincount(steps % size, np.exp(-0.5 * (steps / sigma) ** 2), minlength=size)
-    passed = fft.fft(kernel / kernel.sum()).real
+    passed = fft.fft(kernel / kernel.sum()).real.astype(np.float32)
     spectrum = fft.rfft2(images) * passed[:, None] * passed[: size // 2 + 1]
-    return np.asarray(fft.irfft2(spectrum, (size, size)))
+    return np.asarray(fft.irfft2(spectrum, (size, size)), np.float32)
 
 
 def plain(value: float = 0.5) -> npt.NDArray[np.float32]:
