@@ -38,6 +38,22 @@ CLAIMS = (
     ),
     Claim(r"(\d+) captures killed", lambda: [sum(one[0] for one in cells("kill", "sessions"))]),
     Claim(
+        r"all axes by (\d+) degrees, right to ([\d.]+) degrees and ([\d.]+) mm at worst; "
+        r"by (\d+) degrees, to ([\d.]+) and ([\d.]+);",
+        lambda: [
+            cells("apart", column, turned)[0][-1]
+            for turned in ("10 degrees", "3 degrees")
+            for column in ("motion", "turn, degrees: median, worst", "shift, mm: median, worst")
+        ],
+    ),
+    Claim(
+        r"motions that tell nothing are refused, (\d+) of (\d+)",
+        lambda: [
+            sum(all_ - tied for tied, all_ in cells("apart", "tied", but="axes")),
+            sum(all_ for _, all_ in cells("apart", "tied", but="axes")),
+        ],
+    ),
+    Claim(
         r"noise of a sensor to ([\d.]+) %",
         lambda: [
             max(of[0] for key in ("gain %", "read noise %") for of in cells("sensor", key, but="0.2 DN"))
