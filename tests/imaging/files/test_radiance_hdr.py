@@ -76,6 +76,7 @@ def test_what_cannot_be_read_is_refused_in_one_sentence(tmp_path: Path, data: by
 
 
 def test_one_larger_than_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "UNASKED", 0)
     monkeypatch.setattr(memory, "available", lambda: 10_000)
     with pytest.raises(InputError, match="has 20x12 pixels, which takes"):
         read_hdr(put(tmp_path / "a.hdr"))
