@@ -14,13 +14,14 @@ from recon.observe.linear import LinearLight
 def summed(image: np.ndarray) -> np.ndarray:
     """The halo of every pixel by the definition."""
     height, width = image.shape[:2]
-    y, x = np.mgrid[:height, :width]
+    y, x = np.ogrid[1 - height : height, 1 - width : width]
+    # Of every distance down and across that there is, none in the middle.
+    weights = 1 / (1 + (y**2 + x**2) / (height**2 + width**2) / RADIUS**2)
     found = np.empty_like(image)
     for row in range(height):
         for column in range(width):
-            square = ((y - row) ** 2 + (x - column) ** 2) / (height**2 + width**2)
-            weight = 1 / (1 + square / RADIUS**2)
-            found[row, column] = (weight[..., None] * image).sum((0, 1)) / weight.sum()
+            weight = weights[height - 1 - row :, width - 1 - column :][:height, :width]
+            found[row, column] = np.tensordot(weight, image, 2) / weight.sum()
     return found
 
 

@@ -1,11 +1,9 @@
 """Small scenes for the rasteriser, by name: what each is meant to catch is said beside it."""
 
-import inspect
 import math
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +11,7 @@ import torch
 
 from recon.splat import Limits, Render, SplatCamera, SplatStats, rasterize
 from recon.splat.render import RasterInputs
+from tests.recon.interpreter import quick_interpreter
 
 if not torch.cuda.is_available():
     # Read when Triton is first imported: without a GPU its kernels are interpreted on CPU tensors.
@@ -186,27 +185,10 @@ def one_torch_thread() -> Iterator[None]:
 
 @pytest.fixture
 def device(monkeypatch: pytest.MonkeyPatch) -> str:
-    """Where the GPU's kernels run: on a GPU if there is one, else interpreted on the CPU.
-
-    At each call of a kernel's function the interpreter looks for what is built in among all names of Triton's
-    language, which is half of its time: here it remembers which these are.
-    """
+    """Where the GPU's kernels run: on a GPU if there is one, else interpreted on the CPU."""
     if torch.cuda.is_available():
         return "cuda"
-    from triton.runtime import interpreter
-
-    known: dict[Any, list[str]] = {}
-    is_builtin, replace_one = interpreter.tl.core.is_builtin, interpreter._patch_attr
-
-    def replace_all(package: Any, builder: Any, scope: Any) -> None:
-        if package not in known:
-            known[package] = [name for name, member in inspect.getmembers(package) if is_builtin(member)]
-        for name in known[package]:
-            member = getattr(package, name)
-            if is_builtin(member):  # and not replaced yet
-                replace_one(package, name, member, builder, scope)
-
-    monkeypatch.setattr(interpreter, "_patch_builtin", replace_all)
+    quick_interpreter(monkeypatch)
     return "cpu"
 
 

@@ -31,12 +31,18 @@ from recon.splat import SplatCamera
 from recon.train.densification import DensityRules
 from recon.train.trainer import train
 from recon.train.training import Plan, Training
+from tests.recon.interpreter import quick_interpreter
 from tests.recon.pretended_device import DEVICE, Counts, pretended
 
 pytest.importorskip("triton", reason="Triton is for Linux")
 pytestmark = pytest.mark.skipif(torch.cuda.is_available(), reason="Triton does not interpret on a GPU")
 
 SIZE, COUNT = 8, 6
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    quick_interpreter(monkeypatch)
 
 
 def make_view(kind: Any) -> View:
