@@ -18,6 +18,9 @@ from hypothesis.internal.conjecture import providers
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Whoever runs the tests may have defaults of their own.
 os.environ["RIG_CONFIG"] = ""
+# No test pulls the plug: nobody waits until what is written is on the disk. Tests of refusing disks have an
+# `os.fsync` of their own.
+os.fsync = lambda descriptor: None
 # Byte code is kept, whatever else Python is told: the tests are rewritten and compiled once and not in every
 # process, and so is rig, which tests start in some hundred.
 sys.dont_write_bytecode = False
@@ -27,25 +30,35 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 providers._get_local_constants = lambda: providers._local_constants
 
 LONGEST = (
-    "rig/test_readme.py",
-    "recon/splat/test_gpu_compile.py",
     "foreign/test_room.py",
+    "recon/splat/test_gpu_compile.py",
     "calib/test_calibrate.py",
+    "rig/test_readme.py",
+    "recon/methods/test_extreme_light.py",
     "foreign/test_objects.py",
+    "calib/boards/test_rig.py",
     "rig/test_stability.py",
+    "calib/survey/test_placing.py",
+    "calib/light/test_response.py",
+    "recon/methods/test_mixed_rigs.py",
+    "recon/methods/test_faulty_frames.py",
+    "recon/decide/test_probe.py",
+    "calib/poses/test_sfm.py",
+    "calib/poses/test_known_rig.py",
+    "foreign/test_single.py",
     "rig/commands/test_batch.py",
     "rig/commands/test_trade.py",
     "rig/view/pages/test_follow.py",
     "rig/batch/test_ray.py",
-    "calib/poses/test_known_rig.py",
+    "calib/survey/test_onto.py",
     "foreign/test_alike.py",
     "rig/test_wheel.py",
 )
 """Files whose tests take longest. They go first: one that came last, as those of the last folder would, would
 keep one process at work and the others idle. (pytest-xdist by itself takes files of many tests first;
-pyproject.toml says not to.) The first compiles the kernels of the CPU, which are kept on disk; the second
-needs none of them, or both processes would compile them all. Between the two files that begin with the demo
-calibrated stand others: it is made once, and a process that needs it meanwhile waits."""
+pyproject.toml says not to.) The first compiles the kernels of the CPU, which are kept on disk; those next to
+it need none of them, or all processes would compile them. The third makes the demo and calibrates it, once:
+a process that needs it meanwhile waits."""
 
 
 TESTS = Path(__file__).parent
