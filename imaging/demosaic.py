@@ -10,18 +10,19 @@ much of an overshoot at a lamp. `imaging.steered` has other tables than Bayer's,
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from imaging.cfa import Bool, Cfa, Float, bilinear, bilinear_variance, mosaic
+from imaging.compute.threads import share_pieces
+from imaging.directional import colours, greens, put_light
 from imaging.steered import interpolated
 
 TOE_OF_LIGHT, TOE_OF_NOISE = 1 / 16, 16.0
 """The code turns linear below this share of the median light, or this many times the least noise."""
-REFINEMENTS = 2
-"""Of the paper's second part, which has one. The other gains 0.8 dB on the demo, 0.1 dB on the gallery."""
 REACH = 2
 """px from a photosite without a value at which the stand-in for it still counts."""
 ROWS, HALO = 512, 16
@@ -39,12 +40,6 @@ QUARTER = 0.3186
 
 _HALF = np.array([[0.5, 0.0, 0.5]], np.float32)
 _CURVE = np.array([[-0.25, 0.0, 0.5, 0.0, -0.25]], np.float32)
-_STEP = np.array([[-1.0, 0.0, 1.0]], np.float32)
-_THIRD = np.full((1, 3), 1 / 3, np.float32)
-_AROUND = np.array(
-    [[0, 1, 0, 1, 0], [0, 0, 1, 0, 0], [0, 3, 0, 3, 0], [0, 0, 1, 0, 0], [0, 1, 0, 1, 0]], np.float32
-)
-_CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 _WINDOW, _NEAR = (5, 5), (3, 3)
 """px over which the noise of a channel is averaged for its neighbours, and signs of a wrong guess are."""
 
@@ -68,31 +63,56 @@ def demosaic(
     cfa: Cfa,
     valid: Bool | None = None,
     sigma: npt.NDArray[np.floating] | None = None,
+    *,
+    spread: bool = True,
 ) -> Demosaicked:
     """Colour at every photosite of a linear mosaic [H, W] of any scale; recorded values stay as they are.
 
     valid: photosites that have a value; those next to one without are interpolated bilinearly from what is
-    there. sigma: [H, W], standard deviation of each photosite, infinite for a bound.
+    there. sigma: [H, W], standard deviation of each photosite, infinite for a bound. spread: whether that of
+    the result is wanted, which takes as long as the result.
     """
     trusted = np.isfinite(image) if valid is None else valid & np.isfinite(image)
-    rgb, known = bilinear(image, cfa, trusted)
-    spread = None if sigma is None else bilinear_variance(np.square(sigma, dtype=np.float64), cfa, trusted)
+    variance: npt.NDArray[np.float64] | None = None
+    if cfa.bayer and trusted.all() and min(image.shape) > 1:  # what is not recorded is found along edges
+        known = np.ones((*image.shape, 3), bool)
+        rgb = _recorded(image, cfa).astype(np.float32)
+        if sigma is not None and spread:
+            variance = _recorded(np.square(sigma, dtype=np.float64), cfa)
+    else:
+        rgb, known = bilinear(image, cfa, trusted)
+        if sigma is not None and spread:
+            variance = bilinear_variance(np.square(sigma, dtype=np.float64), cfa, trusted)
     if trusted.any() and not cfa.mono:
-        stand_in = _stand_in(image, trusted) if cfa.bayer else mosaic(rgb, cfa)
-        filled = np.where(trusted, image, stand_in).astype(np.float32)
+        filled = image.astype(np.float32)
+        if not trusted.all():
+            filled = np.where(trusted, filled, _stand_in(image, trusted) if cfa.bayer else mosaic(rgb, cfa))
         toe = _toe(filled, sigma, cfa)
         near = cv2.dilate((~trusted).astype(np.uint8), np.ones((2 * REACH + 1,) * 2, np.uint8)) > 0
         channels, start = cfa.channels(*image.shape), None if cfa.bayer else rgb.copy()
-        for top in range(0, image.shape[0], ROWS):
-            _strip(top, filled, sigma, toe, channels, near, rgb, spread, start, cfa.densest, cfa.cell)
+
+        def strip(top: int, end: int) -> None:
+            _strip(top, filled, sigma, toe, channels, near, rgb, variance, start, cfa.densest, cfa.cell)
+
+        share_pieces(image.shape[0], ROWS, strip)
         for channel in range(len(cfa.letters)):
             # Beside a lamp red and blue may overshoot, which would set the scale of the scene.
             recorded = filled[trusted & (channels == channel)]
             if recorded.size:
                 rgb[..., channel].clip(recorded.min(), recorded.max(), out=rgb[..., channel])
-        rgb[~known] = 0
-    deviation = None if spread is None else np.sqrt(spread).astype(np.float32)
+        if not known.all():
+            rgb[~known] = 0
+    deviation = None if variance is None else np.sqrt(variance).astype(np.float32)
     return Demosaicked(rgb, known, deviation)
+
+
+def _recorded(values: npt.NDArray[np.floating], cfa: Cfa) -> npt.NDArray[Any]:
+    """Of every photosite its value in its own channel, [H, W, channels], and 0 in the others."""
+    found = np.zeros((*values.shape, len(cfa.letters)), values.dtype)
+    (height, width), pattern = cfa.period, cfa.channels(*cfa.period)
+    for (row, column), channel in np.ndenumerate(pattern):
+        found[row::height, column::width, channel] = values[row::height, column::width]
+    return found
 
 
 def _strip(
@@ -118,75 +138,31 @@ def _strip(
     inner = slice(top - first, top - first + rows.stop - rows.start)
     own = channels[seen]
     code = np.arcsinh(light[seen] / np.float32(toe))
-    sites = np.arange(rgb.shape[2]) == own[inner][..., None]
-    put = ~(near[rows][..., None] | sites)
     bound, noise = None, None
-    if sigma is not None:
+    if sigma is not None and spread is not None:
         bound = ~np.isfinite(sigma[seen])
         slope = toe * np.sqrt(1 + np.square(np.sinh(code)))
         noise = np.where(bound, 0, np.square(np.where(bound, 0, sigma[seen]) / slope)).astype(np.float32)
     if start is None:
-        horizontal, disagreement, planes = _interpolated(code, own)
-        coded = np.stack(planes, axis=-1)
+        horizontal, disagreement, green = greens(code, own)
+        coded = colours(code, own, horizontal, green)
         made: npt.NDArray[np.floating] | None
-        made = None if noise is None else _interpolated_variance(noise, own, horizontal, disagreement, planes)
+        made = None if noise is None else _interpolated_variance(noise, own, horizontal, disagreement, coded)
     else:
         coded, made = interpolated(code, own, np.arcsinh(start[seen] / np.float32(toe)), densest, noise)
-    coded = coded[inner]
-    rgb[rows][put] = (np.float32(toe) * np.sinh(coded))[put]
+    coded = np.ascontiguousarray(coded[inner])
+    put_light(coded, np.float32(toe), channels[rows], near[rows], rgb[rows])
     if spread is None or made is None or bound is None:
         return
     variance = made[inner].astype(np.float64) * np.square(toe * np.cosh(coded))
     reached = cv2.dilate(bound.astype(np.uint8), np.ones((2 * cell - 1,) * 2, np.uint8))[inner] > 0
     variance[reached] = np.inf
-    spread[rows][put] = variance[put]
-
-
-def _interpolated(code: Float, own: npt.NDArray[np.uint8]) -> tuple[Bool, Float, list[Float]]:
-    """Where rows were followed, how far rows are from columns, and the three channels [H, W] of a mosaic."""
-    green = own == 1
-    sides, ends = _along(code, _HALF), _along(code, _CURVE)
-    within = [
-        np.where(green, np.inf, cv2.erode(np.where(green, code, np.inf), _CROSS)),
-        np.where(green, -np.inf, cv2.dilate(np.where(green, code, -np.inf), _CROSS)),
-    ]
-    both = [np.where(green, code, side + end) for side, end in zip(sides, ends, strict=True)]
-    disagreement = both[0] - both[1]
-    both = [np.where(green, code, np.clip(one, *within)).astype(np.float32) for one in both]
-    steps = [
-        _filtered(np.abs(_along(code - one, _STEP)[way]), kernel)
-        for way, (one, kernel) in enumerate(zip(both, (_AROUND, _AROUND.T), strict=True))
-    ]
-    horizontal = steps[1] >= steps[0]
-    return horizontal, disagreement, _coloured(code, own, horizontal, np.where(horizontal, *both))
-
-
-def _coloured(code: Float, own: npt.NDArray[np.uint8], horizontal: Bool, g: Float) -> list[Float]:
-    """Red, green and blue, from a mosaic and its green."""
-    red, blue, green = own == 0, own == 2, own == 1
-    rows = [np.broadcast_to(one.any(1, keepdims=True), own.shape) for one in (red, blue)]
-
-    def chosen(values: Float, kernel: Float) -> Float:
-        return np.where(horizontal, *_along(values, kernel))
-
-    def at_green(values: Float, mine: Bool) -> Float:
-        return g + np.where(mine, *_along(values - g, _HALF))
-
-    r = np.where(red, code, np.where(green, at_green(code, rows[0]), 0))
-    b = np.where(blue, code, np.where(green, at_green(code, rows[1]), 0))
-    r, b = np.where(blue, b + chosen(r - b, _HALF), r), np.where(red, r + chosen(b - r, _HALF), b)
-    for _ in range(REFINEMENTS):
-        g = np.where(
-            red, code - chosen(r - g, _THIRD), np.where(blue, code - chosen(b - g, _THIRD), code)
-        ).astype(np.float32)
-        r, b = np.where(green, at_green(r, rows[0]), r), np.where(green, at_green(b, rows[1]), b)
-        change = chosen(r - b, _THIRD)
-        r, b = np.where(blue, b + change, r), np.where(red, r - change, b)
-    return [r, g, b]
+    sites = np.arange(rgb.shape[2]) == own[inner][..., None]
+    np.copyto(spread[rows], variance, where=~(near[rows][..., None] | sites))
 
 
 def _interpolated_variance(
-    noise: Float, own: npt.NDArray[np.uint8], horizontal: Bool, disagreement: Float, planes: list[Float]
+    noise: Float, own: npt.NDArray[np.uint8], horizontal: Bool, disagreement: Float, planes: Float
 ) -> npt.NDArray[np.float64]:
     """Variance [H, W, 3] of the code: the noise of the photosites, and what interpolation may miss."""
     mean = [
@@ -198,7 +174,7 @@ def _interpolated_variance(
     expected = mean[1] + 0.25 * np.where(own == 0, mean[0], mean[2])
     apart = cv2.blur((np.square(disagreement) - expected) * there, _NEAR)
     doubt = np.maximum(apart / np.maximum(cv2.blur(there, _NEAR), 1e-6), 0)
-    shades = (planes[0] - planes[1], planes[2] - planes[1])
+    shades = (planes[..., 0] - planes[..., 1], planes[..., 2] - planes[..., 1])
     uneven = [
         sum(cv2.blur(np.square(shade), line) - np.square(cv2.blur(shade, line)) for shade in shades)
         for line in ((_WINDOW[0], 1), (1, _WINDOW[0]))
@@ -232,10 +208,10 @@ def _shares() -> npt.NDArray[np.float64]:
         impulse[row, column] = 1
         for way in (0, 1):
             made = np.where(own == 1, impulse, sum(_along(impulse, k)[way] for k in (_HALF, _CURVE)))
-            planes = _coloured(impulse, own, np.full(own.shape, way == 0), made.astype(np.float32))
+            planes = colours(impulse, own, np.full(own.shape, way == 0), made.astype(np.float32))
             for site in range(4):
                 for channel in range(3):
-                    square = np.square(planes[channel][kinds == site], dtype=np.float64).sum()
+                    square = np.square(planes[kinds == site, channel], dtype=np.float64).sum()
                     table[way, site, channel, own[row, column]] += square
     return table
 

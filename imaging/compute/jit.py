@@ -23,7 +23,7 @@ FunctionT = TypeVar("FunctionT", bound=Callable[..., object])
 
 _OPTIONS: dict[str, Any] = {"fastmath": {"contract", "nsz", "arcp"}, "error_model": "numpy"}
 _ROOT = Path(__file__).parents[2]
-_SOURCES = ("imaging/compute", "drivers", "calib", "recon")
+_SOURCES = ("imaging", "drivers", "calib", "recon")
 
 
 def cache_folder() -> Path:

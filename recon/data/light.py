@@ -54,7 +54,7 @@ def radiance_image(view: View) -> tuple[Float, Bool]:
     light = np.nan_to_num(merged.radiance, nan=0.0, posinf=0.0, neginf=0.0)
     if sensor.cfa is not None:
         sigma = None if merged.sigma is None else merged.sigma / sensor.falloff
-        rgb = demosaic(light / sensor.falloff, sensor.cfa, sigma=sigma).rgb
+        rgb = demosaic(light / sensor.falloff, sensor.cfa, sigma=sigma, spread=False).rgb
         trusted = bilinear(light, sensor.cfa, merged.valid)[1]
     else:
         developed = sensor.falloff[..., None] * np.array(sensor.white_balance, np.float32)

@@ -166,7 +166,7 @@ def _mosaic(frame: LinearFrame, name: str, max_width: int | None) -> tuple[Shot,
         saturated, valid = area_mean(saturated & valid, size) > 0, weight > 0.5
     elif size and cfa is not None:
         sigma = None if frame.noise is None else np.sqrt(frame.noise.variance(signal))
-        signal = area_mean(demosaic(signal, cfa, valid, sigma).rgb, size)
+        signal = area_mean(demosaic(signal, cfa, valid, sigma, spread=False).rgb, size)
         # A defect glows into no neighbour: the sites around it stand in for it.
         full = area_mean(saturated & valid, size) > 0
         saturated = np.repeat(full[..., None], signal.shape[2], axis=2)

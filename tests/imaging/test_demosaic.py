@@ -143,6 +143,16 @@ def test_strips_are_seamless() -> None:
     np.testing.assert_allclose(parts.sigma, whole.sigma, rtol=1e-4)
 
 
+@pytest.mark.parametrize("cfa", [Cfa.GBRG, Cfa.X_TRANS])
+def test_without_its_spread_it_is_the_same_picture(cfa: Cfa) -> None:
+    light, sigma = mosaic(scene(), cfa), np.full((90, 121), 1e-2)
+    valid = np.random.default_rng(3).random(light.shape) > 0.01
+    whole, plain = (demosaic(light, cfa, valid, sigma, spread=spread) for spread in (True, False))
+    assert plain.sigma is None
+    np.testing.assert_array_equal(plain.rgb, whole.rgb)
+    np.testing.assert_array_equal(plain.known, whole.known)
+
+
 @pytest.mark.parametrize("noise", [0.002, 0.02], ids=["little noise", "much noise"])
 def test_sigma_is_the_error_in_smooth_and_in_textured_places(noise: float) -> None:
     """Some 95 of 100 errors lie within two sigma; 90 do at hard edges, of which no local sign tells all."""
