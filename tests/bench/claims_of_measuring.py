@@ -2,6 +2,7 @@
 
 from .claim import Claim, cell, cells
 
+_PLACED = "turn, degrees", "place, mm"
 CLAIMS = (
     Claim(
         r"give the same: ([\d.]+) for ([\d.]+) there, ([\d.]+) for ([\d.]+) on a hundred",
@@ -51,6 +52,25 @@ CLAIMS = (
         lambda: [
             sum(all_ - tied for tied, all_ in cells("apart", "tied", but="axes")),
             sum(all_ for _, all_ in cells("apart", "tied", but="axes")),
+        ],
+    ),
+    Claim(
+        r"read within (\d+) ms, is placed ([\d.]+) degrees and (\d+) mm off in the median where one that "
+        r"stands is ([\d.]+) and ([\d.]+) mm off, and the points miss by ([\d.]+) px for ([\d.]+):",
+        lambda: [
+            cells("rolling_shutter", "readout, ms", "walking")[1][0],
+            *(cells("rolling_shutter", column, "walking")[1][0] for column in _PLACED),
+            *(cell("rolling_shutter", column, "standing") for column in _PLACED),
+            cells("rolling_shutter", "reprojection, px", "walking")[1][0],
+            cell("rolling_shutter", "reprojection, px", "standing"),
+        ],
+    ),
+    Claim(
+        r"Held still by hand it is ([\d.]+) and ([\d.]+) mm off, but (\d+) mm with (\d+) ms",
+        lambda: [
+            *(cells("rolling_shutter", column, "by hand")[1][0] for column in _PLACED),
+            cells("rolling_shutter", "place, mm", "by hand")[2][0],
+            cells("rolling_shutter", "readout, ms", "by hand")[2][0],
         ],
     ),
     Claim(
