@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import norm
-from scipy.stats import t as student_t
+from scipy.special import ndtr, stdtrit
 
 from imaging.files.colmap import pycolmap
 
@@ -108,8 +107,9 @@ def consensus(
             free = 3 * int(used.sum()) - (6 if rigid else 7)
             beyond = float((own[used] ** 2).sum()) / free - float((noise[used] ** 2).mean())
             scatter = float(np.sqrt(max(beyond, 0.0)))
-            # A scatter that few points tell is itself unsure.
-            surely = float(student_t.isf(norm.sf(TOO_FAR), free))
+            # A scatter that few points tell is itself unsure: Student's t, for which scipy.stats would take a
+            # second to load.
+            surely = float(-stdtrit(free, ndtr(-TOO_FAR)))
     return found, keep, float(scatter)
 
 
