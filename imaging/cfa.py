@@ -6,7 +6,6 @@ from functools import cached_property
 from math import lcm
 from typing import ClassVar, TypeVar
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
@@ -234,6 +233,8 @@ def _around(
     values: npt.NDArray[np.generic], weights: npt.NDArray[np.float64], cfa: Cfa
 ) -> npt.NDArray[np.float64]:
     """Weighted sums over the neighbours; beyond the edges the photosites of the last tile come again."""
+    import cv2  # which takes a while to load, and most of what imports this does without
+
     reach, places = len(weights) // 2, []
     for length, period in zip(values.shape, cfa.period, strict=True):
         at = np.arange(-reach, length + reach)

@@ -127,6 +127,15 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
     return made
 
 
+@pytest.fixture(scope="session")
+def browser() -> Iterator[object]:
+    """Headless Chromium, one for all tests of a process: Playwright runs no second one beside it."""
+    from tests.chromium import chromium
+
+    with chromium() as found:
+        yield found
+
+
 @contextmanager
 def fewer_rays() -> Iterator[None]:
     """The demo's rig with 2x2 rays a pixel instead of 4x4, which are most of what simulating it takes."""

@@ -1,4 +1,4 @@
-"""Headless Chromium, once for all tests of pages, and a window of it."""
+"""A window of the browser, for tests of pages."""
 
 import io
 import time
@@ -12,17 +12,10 @@ from PIL import Image
 from imaging.session.paths import find_reconstruction
 from rig.view.pages.opening import show_scenes
 from rig.view.serving.server import Viewer
-from tests.chromium import chromium
 
 CANVAS = "document.querySelector('canvas[data-engine]').clientWidth"
 LIMIT = 20.0
 """Seconds that a browser without a GPU may take for anything."""
-
-
-@pytest.fixture(scope="package")
-def browser() -> Iterator[object]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="package")

@@ -19,7 +19,6 @@ from recon.exports.place import pinhole
 from recon.exports.splats import linear_splats
 from recon.result.scene import Scene, open_scene
 from rig.view.pictures.look import Look
-from tests.chromium import chromium
 from tests.recon.exports.made_scene import write_made
 
 STILL = "canvas[aria-busy=false]"
@@ -32,12 +31,6 @@ READ = """(() => {
 })()"""
 FAINT = 2.0**-20
 """Of radiance in the scenes here, whose `reference` times `normaliser` it is about."""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture
