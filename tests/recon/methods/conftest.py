@@ -129,14 +129,15 @@ class Outcome:
 
 @pytest.fixture
 def train(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
-    """A function that reconstructs a session, briefly; of the same session and method only once."""
+    """A function that reconstructs a session, briefly; of the same session, method and seed only once."""
     monkeypatch.setitem(stage.QUALITIES, "draft", SHORT)
     return trained
 
 
-def trained(session: Path, method: stage.MethodName = "auto") -> Outcome:
+def trained(session: Path, method: stage.MethodName = "auto", seed: int = 0) -> Outcome:
     """Reconstruct and evaluate; every number that comes out is finite."""
-    folder = stage.reconstruct(session, method=method, quality="draft", name=method)
+    name = f"{method}-{seed}"
+    folder = stage.reconstruct(session, method=method, quality="draft", name=name, seed=seed)
     for name, column in read_ply(folder / SPLATS).items():
         assert np.isfinite(column).all(), name
     known = folder / "metrics.json"

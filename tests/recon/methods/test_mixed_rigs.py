@@ -17,13 +17,17 @@ def raw_and_photographs(studio, tmp_path_factory):
 
 @pytest.mark.parametrize("method", ["auto", "vanilla"])
 def test_raw_beside_photographs_is_as_right_as_raw_alone(studio, train, raw_and_photographs, method):
-    alone = train(studio.session("toy"), method)
-    both = train(raw_and_photographs, method)
-    assert alone.stops() < 0.45
-    # Rounding of the start alone moves this ratio by 0.06 after so few iterations.
-    assert both.stops() < 1.2 * alone.stops()
-    assert "raw_psnr" in both.metrics
-    assert both.metrics["response_rmse"] < 0.02
+    """In the mean over seeds: that of one training scatters by a twentieth."""
+    alone, both = (
+        [train(session, method, seed) for seed in range(3)]
+        for session in (studio.session("toy"), raw_and_photographs)
+    )
+    stops = [np.mean([outcome.stops() for outcome in outcomes]) for outcomes in (alone, both)]
+    assert stops[0] < 0.45
+    assert stops[1] < 1.1 * stops[0]
+    for outcome in both:
+        assert "raw_psnr" in outcome.metrics
+        assert outcome.metrics["response_rmse"] < 0.02
 
 
 def test_photographs_beside_raw_are_as_right_as_photographs_alone(studio, train, tmp_path):
