@@ -14,7 +14,6 @@ best. in silence: wrong, though the poses are neither refused nor doubted. Featu
 import argparse
 import pickle
 from contextlib import ExitStack
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -24,9 +23,9 @@ import numpy as np
 from bench.calibration.foreign_scenes import DEVELOPED, SCENES
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache
-from calib import place_views
+from calib import place_views, view_images
 from calib.calibrate import calibrate
-from calib.data import features
+from calib.data import features, matching
 from calib.poses import contradictions, first_model
 from imaging.errors import CalibrationError, PartialError
 from imaging.session.view_id import ViewId
@@ -88,26 +87,25 @@ def one_scene(name: str, folder: Path) -> dict[str, Any]:
 
 def _keep(kept: dict[str, Any], stack: ExitStack) -> None:
     """Have calibration use the summaries and the matches that are kept, and keep those that are not."""
-    summarise, match, fill = place_views.summarise, features.match, first_model.fill_database
     summaries = kept.setdefault("summaries", {})
     pairs = kept.get("pairs")
 
     def summary(session: Any, view: Any, *rest: Any) -> Any:
         if view.id not in summaries:
-            summaries[view.id] = summarise(session, view, *rest)
+            summaries[view.id] = view_images.summarise(session, view, *rest)
         return summaries[view.id]
 
     def filled(database: Any, cameras: Any, images: Any, *rest: Any) -> Any:
-        order = iter(combinations(images, 2))
+        view_of = {id(own.descriptors): view for view, own in images.items()}
 
         def matched(first: Any, other: Any) -> Any:
             if pairs is None:
-                return match(first, other)
-            pair = pairs.get(next(order))
+                return matching.match(first, other)
+            pair = pairs.get((view_of[id(first)], view_of[id(other)]))
             return np.empty((0, 2), np.uint32) if pair is None else pair.index
 
         with patch.object(features, "match", matched):
-            verified = fill(database, cameras, images, *rest)
+            verified = features.fill_database(database, cameras, images, *rest)
         if pairs is None:
             kept["pairs"] = verified
         return verified

@@ -130,7 +130,7 @@ def _peer_row(best: Any, folder: Path, clock: Clock) -> dict[str, Any]:
 def _row(
     poses: dict[str, Array], truth: dict[str, Array], clock: Clock, reprojection_px: float, points: int
 ) -> dict[str, Any]:
-    errors = pairs(poses, truth)  # type: ignore[arg-type]
+    errors = pairs(poses, truth)
     placed = errors[np.isfinite(errors[:, 0])]
     del clock.parts[""]
     return {

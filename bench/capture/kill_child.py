@@ -62,7 +62,7 @@ def run(trouble: Trouble, arguments: Sequence[str], tell: Connection, out: Path,
         return plans[-1]
 
     Session.append_shot = append_and_tell
-    bus_rig.FaultPlan = plan
+    bus_rig.FaultPlan = plan  # type: ignore[attr-defined]
     calls = _watch(trouble)
     code = rig(arguments)
     tell.send((calls[0], sum(one.operations() for one in plans)))

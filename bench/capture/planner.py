@@ -30,6 +30,7 @@ from drivers.sim.camera.sensor import SensorModel, SimulatedSensor
 from drivers.sim.rigs import simulate
 from imaging.cfa import mosaic
 from imaging.exposure import Exposure
+from imaging.mosaic import RawMosaic
 
 Values = npt.NDArray[np.float64]
 SIDE, TAKES = 64, 32
@@ -161,7 +162,9 @@ def rig_differences(seed: int, takes: int) -> tuple[Values, Values]:
                 camera.arm()
                 camera.trigger()
                 frames.append(camera.collect())
-            signal = np.stack([frame.signal() for frame in frames]).astype(np.float64)
+            signal = np.stack([frame.signal() for frame in frames if isinstance(frame, RawMosaic)]).astype(
+                np.float64
+            )
             applied = shutter.applied(shot)
             for level in np.unique(levels):
                 there = levels == level

@@ -90,7 +90,7 @@ def effects(opened: Opened, key: str) -> torch.Tensor:
         image = rasterize(
             *(p.detach() for p in places), colours, view.lens, None, renderer.limits, None, None
         ).image
-        image.sum().backward()  # type: ignore[no-untyped-call]
+        image.sum().backward()
         assert colours.grad is not None
         weight = colours.grad.mean(1)
         change = (colours.detach() - without).abs().sum(1) / (colours.detach() + without).sum(1).clamp_min(

@@ -155,7 +155,7 @@ class Toned:
     def colours(self, parameters: Parameters, directions: Tensor, degree: int) -> Tensor:
         """Codes of every Gaussian; those that the leak puts below 0 are 0."""
         light = self.linear.colours(parameters, directions, degree)
-        return self.curve.toned(light, self.values, self.k)  # type: ignore[attr-defined, no-any-return]
+        return self.curve.toned(light, self.values, self.k)  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class CurveOfGaussians(ToneCurve):
         values, drawn = curve_values(theta[self.of_camera[view.camera]]), []
         for shot in view.shots:
             toned = Toned(renderer.appearance, self, values, shot.k)
-            own = Renderer(toned, renderer.limits)  # type: ignore[arg-type]
+            own = Renderer(toned, renderer.limits)
             drawn.append(own(gaussians, camera, degree=options["degree"]).image.movedim(2, 0))
         codes = self._prepared.of(view, lambda: self._weighted(view), image.device)
         beside = codes.bound(torch.cat(drawn), target).reshape(-1, 3, *target.shape[1:])

@@ -53,7 +53,7 @@ def on(training: Training, dataset: Dataset, plan: Plan, until: float) -> None:
 def copied(training: Training) -> Training:
     """Another that goes on as this one would; what views share, once prepared, stays shared."""
     kept = training.method.observation
-    twin = copy.deepcopy(replace(training, method=None))  # type: ignore[arg-type]
+    twin = copy.deepcopy(replace(training, method=None))
     return replace(twin, method=replace(training.method, observation=kept))
 
 

@@ -18,7 +18,7 @@ from unittest import mock
 
 from bench.support.record import WORK, arguments, deliver, machine, words
 from bench.support.trial import Cache, session
-from recon.decide import decisions
+from recon.decide import decisions, size
 from recon.decide.overrides import Overrides
 from recon.decide.presets import QUALITIES, Quality
 from recon.decide.size import COLOUR, COUNT
@@ -41,7 +41,7 @@ MEASURES = {"truth": "hdr_psnr_mu_aligned", "pictures": "raw_psnr"}
 def train(folder: Path, quality: Quality, seed: int, overrides: Overrides) -> dict[str, Any]:
     """One training: metrics, seconds of the processor in all and of the trials, and what was decided."""
     spent: list[float] = []
-    decide = decisions.gaussians_for
+    decide = size.gaussians_for
 
     def timed(*arguments: Any) -> Any:
         began = time.process_time()

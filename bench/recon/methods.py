@@ -109,7 +109,7 @@ def composed(row: Row, factor: float) -> Callable[[Dataset, Light], Method]:
     appearance = APPEARANCES[row.appearance]
     rates = {
         field.name: Rate(rate.start * factor, rate.end * factor)
-        for field in fields(appearance)  # type: ignore[arg-type]
+        for field in fields(appearance)
         if isinstance(rate := getattr(appearance, field.name), Rate)
     }
     appearance = replace(appearance, **rates)  # type: ignore[type-var]

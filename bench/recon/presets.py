@@ -23,7 +23,7 @@ from capture.imports.photos import import_photos
 from capture.simulated import capture_simulated
 from imaging.files import store
 from recon.decide.presets import QUALITIES, Quality
-from recon.trade import Point, Trade, front, sweep
+from recon.trade import Point, Trade, front, trade_sweep
 from recon.trade.front import behind
 
 TOLERANCE = 0.5
@@ -163,7 +163,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     rows = []
     for scene in options.scenes:
         folder = folder_of(scene, options.work)
-        rows.append(row(scene, sweep(folder, budget=60 * options.minutes)))
+        rows.append(row(scene, trade_sweep(folder, budget=60 * options.minutes)))
     presets = {name: as_trained(preset) for name, preset in QUALITIES.items()}
     return {"machine": machine(), "presets": presets, "rows": rows, "verdict": verdict(rows)}
 

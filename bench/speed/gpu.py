@@ -61,7 +61,7 @@ def timed(render: Render, tensors: list[torch.Tensor], pull: torch.Tensor, round
 
 def by_gsplat(tensors: list[torch.Tensor], camera: SplatCamera) -> Render:
     """The same picture by gsplat (Ye et al., arXiv 2409.06765); ImportError where it does not build."""
-    from gsplat import rasterization
+    from gsplat import rasterization  # type: ignore[import-not-found]
 
     means, quats, scales, opacities, colours = tensors
     motion = torch.tensor(camera.cam_from_world, dtype=torch.float32, device=means.device)[None]

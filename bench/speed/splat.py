@@ -109,7 +109,7 @@ def kernels(count: int, width: int, height: int, seed: int, rounds: int) -> Any:
     """Least milliseconds of every kernel of a forward and backward pass, and pairs per second in two."""
     tensors, camera = workload("object", count, seed), view("object", width, height)
     pull = torch.randn(height, width, 3, generator=torch.Generator().manual_seed(seed))
-    share, times = rasterizer.share, defaultdict(list)
+    share, times = threads.share, defaultdict(list)
 
     def timed(kernel: Any, *arguments: Any) -> None:
         start = time.perf_counter()

@@ -26,6 +26,7 @@ from bench.support.trial import prepare, session
 from recon.decide.probe import LATE
 from recon.methods import nh_3dgs
 from recon.observe.linear import LinearLight
+from recon.scene.appearance import LuminanceChromaticity
 from recon.start.initialisation import gaussians_at
 from recon.train.adam import Adam
 from recon.train.densification import DensityRules
@@ -37,7 +38,7 @@ from recon.train.warm_up import warm_up
 PARTS = {
     "rasterise, forward": (recon.scene.gaussians, "rasterize"),
     "rasterise, backward": (recon.splat.cpu.rasterizer._Tables, "gradients"),
-    "colours, forward": (type(nh_3dgs.LuminanceChromaticity()), "colours"),
+    "colours, forward": (type(LuminanceChromaticity()), "colours"),
     "observation, forward": (LinearLight, "compare"),
     "L1 and SSIM with gradient": (recon.observe.losses, "photometric_loss"),
     "Adam": (Adam, "step"),

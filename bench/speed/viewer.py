@@ -129,7 +129,9 @@ class Browser:
             for message in msgspec.msgpack.decode(packed)["messages"]:
                 if message["type"] == "BackgroundImageMessage" and message["rgb_data"] is not None:
                     codes = np.frombuffer(message["rgb_data"], np.uint8)
-                    yield now, cv2.imdecode(codes, cv2.IMREAD_COLOR).shape[1]
+                    picture = cv2.imdecode(codes, cv2.IMREAD_COLOR)
+                    assert picture is not None
+                    yield now, picture.shape[1]
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -149,7 +151,7 @@ def command(folder: Path, port: int) -> Iterator[tuple[int, float]]:
     began = time.perf_counter()
     words = [sys.executable, "-m", "rig", "view", str(folder), "--port", str(port)]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen(words, **quiet) as process:  # type: ignore[call-overload]
+    with subprocess.Popen(words, **quiet) as process:
         try:
             yield process.pid, began
         finally:
