@@ -3,10 +3,11 @@
     python -m bench.real.many_views [--quick] [--json] [--write] [--seeds 1] [--work FOLDER]
 
 Brackets of four RAW exposures of the simulator whose cells are repeated to 4160x3120, 13 megapixels
-(`bench/support/enlarged.py`), the 24 views of the demo once or many times over: their files are links, but
-each is read, decoded and kept as one of its own. At the width of the preset and at their own.
+(`bench/support/enlarged.py`), the 24 views of the demo once or many times over. Copies of a view are links to
+its files, also to what 24 views decoded: it is read for each view at each look, but takes the disk once, and
+a training's seconds are those of one whose images are decoded. At the width of the preset and at their own.
 The free memory that the training is told is 8 GB. Each in a process of its own; finished rows are kept in
-FOLDER, which needs 40 GB of disk.
+FOLDER, which needs 20 GB of disk.
 """
 
 import argparse
@@ -20,6 +21,9 @@ from bench.support.enlarged import enlarged, multiplied
 from bench.support.oracle import oracle_session
 from bench.support.record import arguments, deliver, machine, words
 from bench.support.trial import Cache
+from imaging.session.session import Session
+from imaging.session.view_id import ViewId
+from recon.data.load import load
 
 FACTOR, SIZE = 13, (4160, 3120)
 EXPOSURES = 4
@@ -61,11 +65,36 @@ def session_of(work: Path, views: int) -> Path:
     return multiplied(once, work / f"full-size-{views}", views // 24)
 
 
+def decoded(work: Path, views: int) -> Path:
+    """What a session of so many views has decoded."""
+    return work / f"full-size-{views}" / "decoded"
+
+
+def link_decoded(work: Path, views: int, width: int) -> None:
+    """Give a session of many views what is decoded at a width of the one of 24.
+
+    The name of a decoded file tells size and time of the photograph's, which links have in common.
+    """
+    place = f"{width} px"
+    load(session_of(work, 24), max_width=width, examine=lambda firsts, counts: True)
+    frames = 1 + max(shot.frame for shot in Session.open(work / "full-size").shots("scene"))
+    for shot in Session.open(work / f"full-size-{views}").shots("scene"):
+        first = str(ViewId(shot.frame % frames, shot.camera))
+        source = decoded(work, 24) / place / shot.file.replace(str(ViewId(shot.frame, shot.camera)), first)
+        folder = decoded(work, views) / place / shot.file
+        folder.mkdir(parents=True, exist_ok=True)
+        for kept in source.glob("*.npz"):
+            (folder / kept.name).hardlink_to(kept)
+
+
 def measured(work: Path, views: int, width: int, seed: int) -> dict[str, Any]:
-    """Of a training; what it decoded is deleted, so that the next one has the disk."""
+    """Of a training."""
     session = session_of(work, views)
+    if views > 24:
+        link_decoded(work, views, width)
     row = last(_TRAINING, session, width, seed)
-    shutil.rmtree(session / "decoded", ignore_errors=True)
+    if views > 24:
+        shutil.rmtree(session / "decoded", ignore_errors=True)
     return row
 
 
