@@ -171,7 +171,12 @@ def count_by_evidence(
 
 @dataclass
 class Ladder:
-    """Trials of one session, each trained once. measured: dB of each view, by count."""
+    """Trials of one session, each trained once. measured: dB of each view, by count.
+
+    Where the most are worse than fewer, no longer training has use for them either: with 80,000 the gallery
+    is 0.2 dB above 40,000 in trials of 200 iterations, 0.4 below in 400, and after 4,000 has 1.0 dB less of
+    the light than with 25,000. Lego, of 100 views, is best with the most in 300 iterations as in 1,000.
+    """
 
     trials: Trials
     refined: Refinement
@@ -187,16 +192,8 @@ class Ladder:
         while len(counts) <= MOST_HALVINGS and counts[-1] // 2 >= FEWEST and max(means) - means[-1] < LOSS:
             counts.append(counts[-1] // 2)
             means.append(float(self.db(counts[-1]).mean()))
-        enough = fewest(counts, means)
-        near = min(counts, key=lambda tried: abs(np.log(tried / enough)))
-        count, longer = enough, ""
-        if starved(means):
-            share = self.trials.settings.iterations * self.trials.settings.batch / self.iterations
-            count = min(self.most, round(enough * share))
-            longer = (
-                f"; {enough:,} are all that so short a training has use for, and this one has {share:.0f} "
-                "times its iterations"
-            )
+        count = fewest(counts, means)
+        near = min(counts, key=lambda tried: abs(np.log(tried / count)))
         gain, error = _paired(self.db(near), self.db(self.most))
         tried_counts = ", ".join(f"{mean:.2f} dB with {c:,}" for c, mean in zip(counts, means, strict=True))
         number = Rung(
@@ -206,7 +203,7 @@ class Ladder:
             standard_error=error,
             unit=UNIT,
             reason=f"{count:,} of at most {self.most:,}, the fewest that lose less than {LOSS:g} dB in "
-            f"trainings of {self.iterations} iterations: {tried_counts}{longer}",
+            f"trainings of {self.iterations} iterations: {tried_counts}",
             parameters=PLAIN * count,
         )
         return count, number
@@ -245,14 +242,6 @@ def fewest(counts: list[int], means: list[float]) -> int:
         return counts[last]
     share = (means[last] - line) / (means[last] - means[last + 1])
     return int(counts[last] * (counts[last + 1] / counts[last]) ** share)
-
-
-def starved(means: list[float]) -> bool:
-    """Whether the trials were too short for the most Gaussians: dB over falling counts rise at first.
-
-    What is best then follows the iterations and not the scene.
-    """
-    return means[0] < max(means) - LOSS
 
 
 def fewer(points: Start, count: int, seed: int) -> Start:

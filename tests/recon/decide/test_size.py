@@ -3,7 +3,6 @@
 import os
 import signal
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from recon.decide.settings import Settings
 from recon.decide.size import (
     COLOUR,
     COUNT,
-    Ladder,
     count_by_evidence,
     degree_for,
     fewer,
@@ -30,7 +28,6 @@ from recon.decide.size import (
     gaussians_for,
     lowest,
     most_for,
-    starved,
 )
 from recon.decide.trials import Trials, reason_against_trials
 from recon.decide.view_dependence import Gains
@@ -85,28 +82,6 @@ def test_the_fewest_lie_where_the_curve_crosses_the_line(monkeypatch):
     assert fewest([800, 400], [30.0, 29.6]) == int(800 / 2**0.5)
     assert fewest([800, 400, 200], [30.0, 31.0, 30.9]) == 200
     assert fewest([800], [30.0]) == 800
-
-
-def test_trials_in_which_more_gaussians_are_worse_were_too_short_for_them():
-    """Of 100 photographs of 400 px, in 400 iterations; a scene that needs no more in 200."""
-    assert starved([23.22, 24.41, 24.46, 24.69, 24.34])
-    assert not starved([38.9, 38.9, 38.8, 38.1])
-    assert not starved([38.8, 38.9, 38.5])
-
-
-def test_a_longer_training_has_use_for_more_gaussians_than_its_trials(monkeypatch):
-    dataset = SimpleNamespace(held_out=())
-    trials = SimpleNamespace(settings=settings(iterations=4000), part=dataset)
-    ladder = Ladder(trials, None, 80_000, 0, torch.device("cpu"))
-    told = {80_000: 23.2, 40_000: 24.4, 20_000: 24.5, 10_000: 24.7, 5_000: 24.3}
-    monkeypatch.setattr(Ladder, "db", lambda self, count: np.array([told[count], told[count]]))
-    count, rung = ladder.climbed()
-    assert 50_000 < count < 80_000
-    assert "6,484 are all that so short a training has use for" in rung.reason
-    told |= {80_000: 24.6}
-    fewest_of_all, rung = ladder.climbed()
-    assert fewest_of_all < 10_000
-    assert "so short" not in rung.reason
 
 
 def test_fewer_points_are_those_of_the_surfaces_first():
