@@ -241,11 +241,11 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--minutes", type=float, default=20.0, help="of training for each scene")
-    parser.add_argument("--scenes", type=int, default=len(SCENES) + 1, help="so many of the scenes")
+    parser.add_argument("--scenes", type=int, default=len(SCENES), help="so many of the simulated scenes")
     parser.add_argument("--work", type=Path, default=WORK)
     options = parser.parse_args()
     real = (CASTLE,) if os.environ.get("RIG_DATA") else ()
-    options.scenes = (*SCENES, *real)[: options.scenes]
+    options.scenes = (*SCENES[: options.scenes], *real)
     if options.quick:
         QUALITIES.update(TINY)
         options.scenes, options.minutes = TOYS, min(options.minutes, 0.15)
