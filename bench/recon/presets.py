@@ -165,13 +165,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         folder = folder_of(scene, options.work)
         rows.append(row(scene, trade_sweep(folder, budget=60 * options.minutes)))
     presets = {name: as_trained(preset) for name, preset in QUALITIES.items()}
-    return {
-        "machine": machine(),
-        "minutes": options.minutes,
-        "presets": presets,
-        "rows": rows,
-        "verdict": verdict(rows),
-    }
+    return {"machine": machine(), "presets": presets, "rows": rows, "verdict": verdict(rows)}
 
 
 def report(result: dict[str, Any]) -> str:
@@ -179,8 +173,7 @@ def report(result: dict[str, Any]) -> str:
     lines = [
         "# Where the presets lie",
         "",
-        f"`python -m bench.recon.presets --minutes {result['minutes']:g} --write`, "
-        f"{words(result['machine'])}. Sessions calibrated by their "
+        f"`python -m bench.recon.presets --write`, {words(result['machine'])}. Sessions calibrated by their "
         "own pictures, of simulated rigs and, as sceaux, of real photographs; dB as `rig evaluate` measures "
         "them on held-out pictures; behind: how much more the "
         f"best training of {SLACK:g} times the seconds or less has.",
