@@ -3,10 +3,10 @@
     python -m bench.recon.presets [--quick] [--json] [--write] [--minutes 20] [--scenes 9] [--work FOLDER]
 
 Each scene is a simulated session, calibrated by its own pictures, and swept as `rig trade` does it, for so
-many minutes each; a sweep that was stopped goes on. The front of a scene is what no other training of it
-beats in both time and held-out quality. The last scene is of real photographs, where RIG_DATA names the
-folder that has them. --quick takes toy sessions and presets of a few iterations. --write puts the table into
-bench/results/presets.md, the numbers into bench/results/presets.json, which
+many minutes each; a sweep that was stopped goes on for as many again. The front of a scene is what no other
+training of it beats in both time and held-out quality. The last scene is of real photographs, where RIG_DATA
+names the folder that has them. --quick takes toy sessions and presets of a few iterations. --write puts the
+table into bench/results/presets.md, the numbers into bench/results/presets.json, which
 tests/recon/decide/test_presets.py reads, and the fronts as a picture into docs/presets.png.
 """
 
