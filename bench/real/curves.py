@@ -6,9 +6,9 @@
 Every number of iterations with every number of Gaussians, all else as decided without trials; the harmonics
 of degree 0 and, at the best of them, of degree 2. Held-out views, as `rig evaluate` has them. For each number
 of iterations the number of Gaussians is given that is best, and the fewest within 0.25 dB of it; the exponent
-says how that grows with the iterations. --wide: at the width that the preset best trains at, of the sets
-whose photographs are that wide. Finished trainings are kept in FOLDER; `--write` draws the curves into
-docs/real.png, or docs/real-wide.png.
+says how that grows with the iterations. --wide: at the width that the preset best trains at, of degree 0,
+of the sets whose photographs are that wide. Finished trainings are kept in FOLDER; `--write` draws the curves
+into docs/real.png, or docs/real-wide.png.
 """
 
 import argparse
@@ -94,7 +94,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
         }
         last = table[str(options.iterations[-1])]
         best = max(last, key=lambda count: last[count]["gained"])
-        turning = mean(options.iterations[-1], int(best), 2)
+        turning = None if options.wide else mean(options.iterations[-1], int(best), 2)
         sets.append({"set": name, "table": table, "best": int(best), "turning": turning})
     said = {"machine": machine(), "width": options.width, "seeds": options.seeds, "wide": options.wide}
     return said | {"sets": sets}
@@ -137,13 +137,14 @@ def report(result: dict[str, Any]) -> str:
             cells = [f"{row[str(c)]['gained']:.2f} ({row[str(c)]['seconds']:.0f} s)" for c in counts]
             best, enough = needed(row)
             lines.append(f"| {int(iterations):,} | " + " | ".join(cells) + f" | {best:,} | {enough:,} |")
-        last = table[list(table)[-1]][str(one["best"])]
-        lines += [
-            "",
-            f"What is as good grows with the iterations to the power {exponent(table):.2f}. Harmonics of "
-            f"degree 2 with {one['best']:,}: {one['turning']['gained'] - last['gained']:+.2f} dB, "
-            f"{one['turning']['seconds']:.0f} s.",
-        ]
+        told = f"What is as good grows with the iterations to the power {exponent(table):.2f}."
+        if one["turning"] is not None:
+            last = table[list(table)[-1]][str(one["best"])]
+            told += (
+                f" Harmonics of degree 2 with {one['best']:,}: "
+                f"{one['turning']['gained'] - last['gained']:+.2f} dB, {one['turning']['seconds']:.0f} s."
+            )
+        lines += ["", told]
     return "\n".join(lines) + "\n"
 
 
@@ -180,7 +181,7 @@ def draw(sets: Sequence[dict[str, Any]], path: Path) -> None:
 
 def main() -> None:
     parser = arguments(__doc__, seeds=1)
-    parser.add_argument("--wide", action="store_true", help="At the width of the preset best.")
+    parser.add_argument("--wide", action="store_true", help="at the width of the preset best")
     parser.add_argument("--sets")
     parser.add_argument("--width", type=int)
     options = parser.parse_args()
