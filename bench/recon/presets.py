@@ -207,14 +207,15 @@ def report(result: dict[str, Any]) -> str:
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """The fronts of all scenes in one picture, against the preset `best` of each."""
+    """The fronts of scenes that have all presets in one picture, against `best` of each."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(figsize=(9, 5), layout="constrained")
-    for index, one in enumerate(rows):
+    whole = (one for one in rows if set(one["presets"]) == set(QUALITIES))
+    for index, one in enumerate(whole):
         zero, lie = one["presets"]["best"]["db"], one["presets"]
         colour = plt.colormaps["tab10"](index % 10)
         for points, line in ((one["front"], "solid"), (one["others"], "none")):
@@ -255,7 +256,7 @@ def main() -> None:
     if options.write:
         publish("presets", report(result))
         store.write_json(RESULTS / "presets.json", result)
-        draw([one for one in result["rows"] if set(one["presets"]) == set(QUALITIES)], PICTURE)
+        draw(result["rows"], PICTURE)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 import math
 
+from recon.decide.presets import QUALITIES
+
 from .claim import FIGURE, Claim, cell, cells, line, stored, tables
 
 EXR, RAW = "merged EXR", "RAW brackets"
@@ -26,8 +28,16 @@ def compared(name: str, trained: str, coloured: str) -> list[float]:
 
 
 def presets(quality: str, key: str) -> list[float]:
-    """Of every scene."""
-    return [one["presets"][quality][key] for one in stored("presets")["rows"]]
+    """Of every scene that all presets were tried on."""
+    rows = [one["presets"] for one in stored("presets")["rows"]]
+    return [lie[quality][key] for lie in rows if set(lie) == set(QUALITIES)]
+
+
+def castle_preset(quality: str, key: str) -> float:
+    """Of the photographs."""
+    (row,) = [one for one in stored("presets")["rows"] if one["scene"].startswith("sceaux")]
+    found: float = row["presets"][quality][key]
+    return found
 
 
 def rate_gains(iterations: str) -> list[float]:

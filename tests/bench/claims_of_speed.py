@@ -6,7 +6,7 @@ from recon.decide.presets import QUALITIES
 
 from .claim import Claim as Claimed
 from .claim import cell, cells, line, stored
-from .claims_of_scenes import beside_peer, presets
+from .claims_of_scenes import beside_peer, castle_preset, presets
 
 Claim = partial(Claimed, page="docs/speed-or-accuracy.md")
 Front = partial(Claimed, page="README.md")
@@ -43,7 +43,22 @@ CLAIMS = (
         ],
     ),
     Claim(r"and ([\d.]+) to ([\d.]+) dB below it", lambda: [min(below("draft")), max(below("draft"))]),
+    Claim(
+        r"standard takes ([\d.]+) of its time",
+        lambda: [
+            max(
+                own / best
+                for best, own in zip(presets("best", "seconds"), presets("standard", "seconds"), strict=True)
+            )
+        ],
+    ),
     Claim(r"at most ([\d.]+) dB below; of", lambda: [max(below("standard"))], bound=True),
+    Claim(
+        r"([\d.]+) dB after (\d+) s of draft, ([\d.]+) after (\d+) s of standard",
+        lambda: [
+            castle_preset(quality, key) for quality in ("draft", "standard") for key in ("db", "seconds")
+        ],
+    ),
     Claim(r"of (\d+) trainings none", lambda: [sum(one["trainings"] for one in stored("presets")["rows"])]),
     Claim(
         r"more than ([\d.]+) dB better than a preset",
