@@ -180,14 +180,17 @@ class ScenePage:
     def _wanted(self, coarse: bool) -> Wanted:
         camera, controls = self.client.camera, self.controls
         name = controls.view.value
+        view = None if name == FREE else name
+        shows = self.painter.shows(view)
+        # Another thread may have left the view, and not taken back yet what only a view has.
+        show = controls.show.value if controls.show.value in shows else shows[0]
         full = min(MOST_WIDTH, camera.image_width or 640)
         width = full
         if coarse:
             affordable = np.sqrt(self._pixels_a_second * COARSE_SECONDS * camera.aspect)
             width = int(np.clip(affordable, min(LEAST_WIDTH, full), full))
-        if name == FREE:
-            return Wanted(controls.show.value, None, splat_camera(camera, width), controls.parts)
-        return Wanted(controls.show.value, name, self.painter.placed(name), controls.parts)
+        lens = splat_camera(camera, width) if view is None else self.painter.placed(view)
+        return Wanted(show, view, lens, controls.parts)
 
     def _picture(self, drawing: Drawing, show: str) -> Picture:
         scale = self.painter.scene.exposure

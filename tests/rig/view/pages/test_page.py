@@ -1,9 +1,11 @@
 """The page of a scene in a browser that we did not write: headless Chromium."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 
+from rig.view.pages.page import ScenePage
 from rig.view.pictures.layers import picture_of
 from rig.view.pictures.look import LUMINANCE, Look
 
@@ -61,6 +63,19 @@ def test_a_view_is_seen_through_its_own_lens_beside_what_it_should_be(window) ->
     window.tab.mouse.up()
     window.until(lambda: window.page.controls.view.value == "free")
     window.until(lambda: window.page.frame.light.shape[1] == window.width)
+
+
+def test_a_view_that_was_just_left_is_not_looked_for(window) -> None:
+    """One thread takes the name of the view back, another draws before it takes back what only a view has."""
+    page = window.page
+    left = SimpleNamespace(
+        view=SimpleNamespace(value="free"), show=SimpleNamespace(value="reference"), parts=page.controls.parts
+    )
+    wanted = ScenePage._wanted(
+        SimpleNamespace(client=page.client, controls=left, painter=page.painter), False
+    )
+    assert (wanted.show, wanted.view) == ("render", None)
+    assert page.painter.draw(wanted).light.any()
 
 
 def test_keys_step_through_exposures_and_photographs(window) -> None:
