@@ -15,7 +15,7 @@ from imaging.session.calibration import CalibrationRecord, Response
 from imaging.session.records import Band, ImageKind
 from imaging.session.view_id import ViewId
 from recon.data.measured_depth import DepthMapFile, scaled
-from recon.data.shot import Shot
+from recon.data.shot import Shot, bytes_of
 from recon.data.world import SAME, WorldTransform
 from recon.splat import SplatCamera
 
@@ -88,6 +88,8 @@ class View:
     def seen(self) -> npt.NDArray[np.bool_]:
         """Where any of the shots tells anything, bool [H, W]: not behind a mask."""
         valid = self.shots[0].valid
+        if not bytes_of(valid) and valid.flat[0]:  # all of it, as of most photographs
+            return np.broadcast_to(np.bool_(True), valid.shape[:2])
         for shot in self.shots[1:]:
             valid = valid | shot.valid
         return np.asarray(valid if valid.ndim == 2 else valid.all(-1))

@@ -122,8 +122,14 @@ def colours_at(dataset: Dataset, images: Images, xyz: Array) -> tuple[Array, npt
     pieces = [slice(first, first + at_once) for first in range(0, max(len(xyz), 1), at_once)]
     views = dataset.train
     if all(view.held for view in views):
+        seen = [view.seen for view in views]
         parts = [
-            _median([_looks(view, image, xyz[piece]) for view, (image, _) in zip(views, images, strict=True)])
+            _median(
+                [
+                    _looks(view, own, image, xyz[piece])
+                    for view, own, (image, _) in zip(views, seen, images, strict=True)
+                ]
+            )
             for piece in pieces
         ]
     else:
@@ -138,8 +144,9 @@ def _medians_by_disk(
     with store.scratch(dataset.session) as file:
         try:
             for view, (image, _) in zip(dataset.train, images, strict=True):
+                seen = view.seen
                 for piece in pieces:
-                    looks = _looks(view, image, xyz[piece])
+                    looks = _looks(view, seen, image, xyz[piece])
                     file.write(looks.data)
             channels, parts = looks.shape[1], []
             for piece in pieces:
@@ -153,14 +160,17 @@ def _medians_by_disk(
     return parts
 
 
-def _looks(view: View, image: Float, xyz: Array) -> Float:
-    """Radiance [P, C] that a view has at the places of points; NaN where it does not see them."""
+def _looks(view: View, seen: npt.NDArray[np.bool_], image: Float, xyz: Array) -> Float:
+    """Radiance [P, C] that a view has at the places of points; NaN where it does not see them.
+
+    seen: of the view, which takes a look at all its pixels.
+    """
     found = np.full((len(xyz), image.shape[-1]), np.nan, np.float32)
     pixels, depth = project(view.lens, xyz)
     x, y = np.floor(pixels[:, 0]), np.floor(pixels[:, 1])
     inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < view.lens.width) & (y < view.lens.height)
     at = y[inside].astype(int), x[inside].astype(int)
-    found[inside] = np.where(view.seen[at][:, None], image[at], np.nan)
+    found[inside] = np.where(seen[at][:, None], image[at], np.nan)
     return found
 
 
