@@ -40,6 +40,12 @@ def castle_preset(quality: str, key: str) -> float:
     return found
 
 
+def wide(iterations: str, count: str) -> list[float]:
+    """dB and processor seconds of a training of the castle at 1,280 px."""
+    (row,) = [one for one in tables("real_curves_wide")[0][1] if one["iterations"] == iterations]
+    return [float(one) for one in FIGURE.findall(row[count])]
+
+
 def rate_gains(iterations: str) -> list[float]:
     """dB of the light, scene by scene, between the usual rates and those nearest to what is taken."""
     gains = []
