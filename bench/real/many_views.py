@@ -5,7 +5,8 @@
 Brackets of four RAW exposures of the simulator whose cells are repeated to 4160x3120, 13 megapixels
 (`bench/support/enlarged.py`), the 24 views of the demo once or many times over. Copies of a view are links to
 its files, also to what 24 views decoded: it is read for each view at each look, but takes the disk once, and
-a training's seconds are those of one whose images are decoded. At the width of the preset and at their own.
+a training's seconds are those of one whose images are decoded. At the width of the preset
+best.
 The free memory that the training is told is 8 GB. Each in a process of its own; finished rows are kept in
 FOLDER, which needs 20 GB of disk.
 """
@@ -27,7 +28,7 @@ from recon.data.load import load
 
 FACTOR, SIZE = 13, (4160, 3120)
 EXPOSURES = 4
-TRAININGS = ((24, 1280), (504, 1280), (24, SIZE[0]), (96, SIZE[0]))
+TRAININGS = ((24, 1280), (504, 1280))
 """Views, and the width that is trained at, px."""
 GAUSSIANS, ITERATIONS = 100_000, 60
 ROOM = 8_000_000_000

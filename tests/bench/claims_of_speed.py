@@ -52,6 +52,10 @@ CLAIMS = (
         ],
     ),
     Claim(
+        r"(\d+) views of four RAW exposures .* peak at ([\d.]+) GB so",
+        lambda: [cells("many_views", name)[-1][0] for name in ("views", "peak, GB")],
+    ),
+    Claim(
         r"standard takes ([\d.]+) of its time",
         lambda: [
             max(

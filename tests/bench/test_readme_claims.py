@@ -49,6 +49,7 @@ SETTINGS = {
         r"after 250 iterations",
         r"after 1,000 and",
         r"40,000 have",
+        r"of 13 megapixels, trained at 1,280 px with 100,000 Gaussians",
         r"wider images \(1,280 px\), which the simulated cameras of 320 px",
         r"with harmonics of degree 0 and",
         r"Lego, of 100 views",
