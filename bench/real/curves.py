@@ -139,9 +139,8 @@ def report(result: dict[str, Any]) -> str:
             cells = [f"{row[str(c)]['gained']:.2f} ({row[str(c)]['seconds']:.0f} s)" for c in counts]
             best, enough = needed(row)
             lines.append(f"| {int(iterations):,} | " + " | ".join(cells) + f" | {best:,} | {enough:,} |")
-        told = (
-            f"What is as good grows with the iterations to the power {round(exponent(table), 2) + 0.0:.2f}."
-        )
+        power = round(exponent(table), 2) + 0.0  # which has no negative zero
+        told = f"What is as good grows with the iterations to the power {power:.2f}."
         if one["turning"] is not None:
             last = table[list(table)[-1]][str(one["best"])]
             told += (

@@ -5,10 +5,9 @@
 Brackets of four RAW exposures of the simulator whose cells are repeated to 4160x3120, 13 megapixels
 (`bench/support/enlarged.py`), the 24 views of the demo once or many times over. Copies of a view are links to
 its files, also to what 24 views decoded: it is read for each view at each look, but takes the disk once, and
-a training's seconds are those of one whose images are decoded. At the width of the preset
-best.
-The free memory that the training is told is 8 GB. Each in a process of its own; finished rows are kept in
-FOLDER, which needs 20 GB of disk.
+a training's seconds are those of one whose images are decoded. At the width of the preset best. The free
+memory that the training is told is 8 GB. Each in a process of its own; finished rows are kept in FOLDER,
+which needs 20 GB of disk.
 """
 
 import argparse

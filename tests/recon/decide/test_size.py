@@ -3,6 +3,7 @@
 import os
 import signal
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from recon.decide.settings import Settings
 from recon.decide.size import (
     COLOUR,
     COUNT,
+    Ladder,
     count_by_evidence,
     degree_for,
     fewer,
@@ -82,6 +84,18 @@ def test_the_fewest_lie_where_the_curve_crosses_the_line(monkeypatch):
     assert fewest([800, 400], [30.0, 29.6]) == int(800 / 2**0.5)
     assert fewest([800, 400, 200], [30.0, 31.0, 30.9]) == 200
     assert fewest([800], [30.0]) == 800
+
+
+def test_a_scene_is_given_no_more_gaussians_than_its_trials_name(monkeypatch):
+    """However much longer the whole training is: the gallery, trials of 400 iterations for one of 4,000."""
+    trials = SimpleNamespace(settings=settings(iterations=4000), part=SimpleNamespace(held_out=()))
+    ladder = Ladder(trials, None, 80_000, 0, torch.device("cpu"))
+    told = {80_000: 42.54, 40_000: 42.93, 20_000: 42.57}
+    monkeypatch.setattr(Ladder, "db", lambda self, count: np.array([told[count], told[count]]))
+    count, rung = ladder.climbed()
+    assert 20_000 < count < 30_000
+    assert rung.taken
+    assert "42.93 dB with 40,000" in rung.reason
 
 
 def test_fewer_points_are_those_of_the_surfaces_first():
