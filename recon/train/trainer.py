@@ -39,7 +39,7 @@ class _Alpha:
     @classmethod
     def of(cls, view: View) -> "_Alpha":
         """What the photographs of a view tell of it."""
-        return cls(torch.from_numpy(view.alpha), torch.from_numpy(view.seen))
+        return cls(torch.from_numpy(view.alpha), torch.tensor(view.seen))
 
 
 def train(
