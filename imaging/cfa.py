@@ -193,8 +193,8 @@ def bilinear(image: npt.NDArray[np.floating], cfa: Cfa, valid: Bool | None = Non
 
     Each missing sample is the mean of its *valid* neighbours of the same channel, weighted by a tent that
     reaches one wherever the table is whole, so that a saturated or defect photosite does not spread. Where
-    no neighbour is valid the value is 0 and `valid` is False. It blurs edges: `imaging.demosaic` is for what
-    somebody looks at or trains on.
+    no neighbour is valid the value is 0 and `valid` is False. It blurs edges: `imaging.demosaicking` is for
+    what somebody looks at or trains on.
     """
     height, width = image.shape
     channels = cfa.channels(height, width)

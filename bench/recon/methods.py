@@ -5,7 +5,7 @@
 
 Two scenes, each seed another rig (lenses, colours, sensors, noise) and another order of training; the start,
 the number of Gaussians and the iterations are the same for all rows, and so is the mu of the loss: that of
-the papers. EXR files are demosaicked as `rig merge` does it, along edges (imaging/demosaic.py); one row has
+the papers. EXR files are demosaicked as `rig merge` does it, along edges (imaging/demosaicking/); one row has
 bilinear ones, to show what that is worth. Colour rates of every appearance are searched alike, for brackets
 and for merged EXR: on seed 0 of the demo, a third, once and three times the rates that are below. "3DGS, as
 published" has the rates and the weight of SSIM (0.2) of the paper, which are not searched; harmonics end at

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from imaging.cfa import Cfa
 from imaging.colour import Space, of_channels, rec709_from_camera, space_from_rec709
-from imaging.demosaic import demosaic
+from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.ghosts import Deghosted
 from imaging.merge.linear_frame import Bool, Float
 from imaging.session.calibration import CameraCalibration

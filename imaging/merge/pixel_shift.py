@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.cfa import Cfa, bilinear
-from imaging.demosaic import demosaic
+from imaging.demosaicking.demosaic import demosaic
 from imaging.errors import InputError
 from imaging.mosaic import RawMosaic
 

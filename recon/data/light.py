@@ -11,7 +11,7 @@ import numpy as np
 
 from imaging.cfa import bilinear
 from imaging.colour import rec709_from_camera
-from imaging.demosaic import demosaic
+from imaging.demosaicking.demosaic import demosaic
 from imaging.files import store
 from imaging.merge.bracket import merge_bracket
 from imaging.merge.linear_frame import Bool, Float, LinearFrame

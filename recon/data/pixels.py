@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.cfa import Cfa
-from imaging.demosaic import demosaic
+from imaging.demosaicking.demosaic import demosaic
 from imaging.files.photo import read_photo
 from imaging.files.radiance_hdr import read_light
 from imaging.files.raw import read_raw

@@ -14,7 +14,7 @@ from capture.imports.photos import import_photos
 from drivers.sim.pixel_shift import photograph
 from drivers.sim.rigs import simulate
 from drivers.sim.truth import write_truth
-from imaging.demosaic import demosaic
+from imaging.demosaicking.demosaic import demosaic
 from imaging.exposure import Exposure
 from imaging.files.dng import write_dng
 from imaging.files.raw import read_raw

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imaging.colour import balanced, srgb_encode
-from imaging.demosaic import demosaic
+from imaging.demosaicking.demosaic import demosaic
 from imaging.merge.linear_frame import decode
 from imaging.progress import Progress
 from recon.data.dataset import View

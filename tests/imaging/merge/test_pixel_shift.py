@@ -12,7 +12,7 @@ from drivers.sim.camera.camera import SimulatedCamera
 from drivers.sim.pixel_shift import displaced
 from drivers.sim.rigs import SimulatedRig, simulate
 from imaging.cfa import BAYER, Cfa
-from imaging.demosaic import demosaic
+from imaging.demosaicking.demosaic import demosaic
 from imaging.errors import InputError
 from imaging.exposure import Exposure
 from imaging.files.dng import write_dng

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from imaging.cfa import BAYER, Cfa, bilinear, mosaic
-from imaging.demosaic import demosaic
+from imaging.demosaicking.demosaic import demosaic
 from imaging.metrics import hdr_psnr_mu
 from tests.foreign.scenes import spots
 
@@ -135,7 +135,7 @@ def test_pictures_of_nothing(image: np.ndarray) -> None:
 def test_strips_are_seamless() -> None:
     light, sigma = mosaic(scene(), Cfa.GBRG), np.full((90, 121), 1e-3)
     whole = demosaic(light, Cfa.GBRG, sigma=sigma)
-    with mock.patch("imaging.demosaic.ROWS", 32):
+    with mock.patch("imaging.demosaicking.demosaic.ROWS", 32):
         parts = demosaic(light, Cfa.GBRG, sigma=sigma)
     assert whole.sigma is not None
     assert parts.sigma is not None
@@ -260,7 +260,7 @@ def test_mono_is_its_own_picture() -> None:
 def test_strips_of_another_table_are_seamless() -> None:
     light, sigma = mosaic(scene(), Cfa.X_TRANS), np.full((90, 121), 1e-3)
     whole = demosaic(light, Cfa.X_TRANS, sigma=sigma)
-    with mock.patch("imaging.demosaic.ROWS", 32):
+    with mock.patch("imaging.demosaicking.demosaic.ROWS", 32):
         parts = demosaic(light, Cfa.X_TRANS, sigma=sigma)
     assert whole.sigma is not None
     assert parts.sigma is not None

@@ -5,7 +5,7 @@ Transactions on Image Processing 16(1), 2007): green is interpolated along rows 
 takes the direction in which colour changes less, and red and blue follow green. Two things are different. It
 works on `asinh(light / toe)`, since over the range of a merged bracket the ratios of colours are smooth and
 not their differences; and green stays within the range of its four neighbours, since the code would make
-much of an overshoot at a lamp. `imaging.steered` has other tables than Bayer's, by the same code.
+much of an overshoot at a lamp. `steered` has other tables than Bayer's, by the same code.
 """
 
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ import numpy.typing as npt
 
 from imaging.cfa import Bool, Cfa, Float, bilinear, bilinear_variance, mosaic
 from imaging.compute.threads import share_pieces
-from imaging.directional import colours, greens, put_light
-from imaging.steered import interpolated
+from imaging.demosaicking.directional import colours, greens, put_light
+from imaging.demosaicking.steered import interpolated
 
 TOE_OF_LIGHT, TOE_OF_NOISE = 1 / 16, 16.0
 """The code turns linear below this share of the median light, or this many times the least noise."""

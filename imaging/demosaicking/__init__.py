@@ -1,0 +1,1 @@
+"""Three colours of a mosaic, along edges, and how certain they are."""
