@@ -62,12 +62,10 @@ class MatchedPair:
         homography, mask = cv2.findHomography(self.one, self.other, cv2.RANSAC, max_error)
         if homography is None or float(np.mean(mask)) < PLANAR_SHARE:
             return float("inf")
-        spreads = []
-        for focal in max(size) * np.geomspace(0.4, 5.0, 300):
-            camera = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
-            values = np.linalg.svd(np.linalg.inv(camera) @ homography @ camera, compute_uv=False)
-            spreads.append(values[0] / max(values[2], 1e-12) - 1)
-        return float(min(spreads))
+        cameras = np.tile([[0, 0, size[0] / 2], [0, 0, size[1] / 2], [0, 0, 1]], (300, 1, 1))
+        cameras[:, [0, 1], [0, 1]] = max(size) * np.geomspace(0.4, 5.0, 300)[:, None]
+        values = np.linalg.svd(np.linalg.inv(cameras) @ homography @ cameras, compute_uv=False)
+        return float(np.min(values[:, 0] / np.maximum(values[:, 2], 1e-12) - 1))
 
 
 def extract(picture: Float, threads: int) -> Features:
