@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from calib.data.features import MatchedPair
 from calib.poses.brightness_steps import Array, Pairs, otherwise_lit, warning
+from calib.poses.confirmation import seen_by_three, unconfirmed
 from imaging.errors import CalibrationError
 from imaging.files.colmap import pycolmap
 from imaging.session.records import Rung
@@ -43,10 +44,6 @@ more than `CLOSED` with either."""
 MOST_LEFT_OUT = 0.1
 """Share of views that are left out or fit nowhere, though they match well, above which all are in doubt: of a
 scene that is folded, the views at the folds are those that contradict the rest, and the rest is wrong."""
-FEWEST_CONFIRMED = 3
-"""Views that have to fit together before one confirms the others."""
-MOST_LOST = 0.5
-"""Share of the views that match others of which a model may lack poses and still be held to be confirmed."""
 
 _ALIKE = (
     "the views contradict each other about where they stand, as where parts of a scene look alike: put "
@@ -93,28 +90,10 @@ def resolve_contradictions(
     poses = {view: pose for view, (_, pose) in _placed(reconstruction).items()}
     doubts = {
         "pose_lit_differently": warning(poses, pairs, brightness, exact),
-        "pose_unconfirmed": unconfirmed(poses, pairs),
+        "pose_unconfirmed": unconfirmed(poses, pairs, seen_by_three(reconstruction)),
     }
     rungs = (Rung(name=name, taken=True, reason=why) for name, why in doubts.items() if why is not None)
     return ResolvedModel(reconstruction, frozenset(left_out), (rung, *rungs), len(pairs))
-
-
-def unconfirmed(placed: Collection[ViewId], pairs: Pairs) -> str | None:
-    """What to tell of poses that too few other views confirm; None where enough do.
-
-    Any two views fit together, and a few of many that match do by chance where parts of a scene look alike.
-    """
-    views = {view for pair in pairs for view in pair}
-    if len(placed) >= max(FEWEST_CONFIRMED, (1 - MOST_LOST) * len(views)):
-        return None
-    if len(views) == len(placed):
-        return (
-            f"only {len(placed)} views match, and no third confirms their poses: take more views beside them"
-        )
-    return (
-        f"only {len(placed)} of {len(views)} views that match others fit together, and nothing confirms "
-        "their poses: take more views, at most 15 degrees apart"
-    )
 
 
 def _reconciled(

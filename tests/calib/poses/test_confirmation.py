@@ -1,0 +1,34 @@
+"""How many views and points it takes to confirm poses."""
+
+from itertools import combinations
+
+import pytest
+
+from calib.poses.confirmation import unconfirmed
+from imaging.session.view_id import ViewId
+
+VIEWS = [ViewId(number, "cam") for number in range(10)]
+
+
+@pytest.mark.parametrize(
+    ("placed", "matching", "told"),
+    [
+        (4, 10, "only 4 of 10 views that match others fit together"),
+        (5, 10, None),
+        (2, 2, "only 2 views match, and no third confirms their poses"),
+        (2, 4, "only 2 of 4 views that match others fit together"),
+        (3, 4, None),
+    ],
+)
+def test_enough_of_the_views_that_match_have_to_fit_together(placed, matching, told):
+    found = unconfirmed(VIEWS[:placed], dict.fromkeys(combinations(VIEWS[:matching], 2)), 1.0)
+    assert found is None if told is None else found.startswith(told)
+
+
+@pytest.mark.parametrize(
+    ("placed", "threefold", "told"),
+    [(10, 0.49, "only 49 % of the scene's points"), (10, 0.51, None), (3, 0.0, None)],
+)
+def test_third_views_have_to_see_most_points_where_there_are_more_than_three(placed, threefold, told):
+    found = unconfirmed(VIEWS[:placed], dict.fromkeys(combinations(VIEWS[:placed], 2)), threefold)
+    assert found is None if told is None else found.startswith(told)
