@@ -20,6 +20,17 @@ def below(quality: str) -> list[float]:
 
 CLAIMS = (
     Claim(
+        r"of lego below it takes (\d+) s on two cores, to ([\d.]+) dB before white",
+        lambda: [cell("published", name, "lego", "draft") for name in ("s", "before white")],
+    ),
+    Claim(
+        r"of lego it has ([\d.]+) dB after (\d+) minutes",
+        lambda: [
+            cell("published", "before white", "lego", "best"),
+            cell("published", "s", "lego", "best") / 60,
+        ],
+    ),
+    Claim(
         r"presets take (\d+), (\d+) and (\d+) iterations for each training view",
         lambda: [preset.looks for preset in QUALITIES.values()],
     ),
@@ -102,7 +113,7 @@ CLAIMS = (
     Front(r"lego ([\d.]+) for ([\d.]+):", lambda: beside_peer("lego", "before white, dB")),
     Front(
         r"\| ([\d.]+) dB at (\d+) px; 3DGS is published with ([\d.]+) at",
-        lambda: [cell("published", name, "lego") for name in ("before white", "px", "3DGS")],
+        lambda: [cell("published", name, "lego", "best") for name in ("before white", "px", "3DGS")],
     ),
     Front(
         r"held-out views ([\d.]+) stops off, ([\d.]+) in the darkest tenth",
