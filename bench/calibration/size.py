@@ -71,9 +71,10 @@ def global_mapper(
     progress: Progress,
     *,
     ahead: bool = False,
+    images: Sequence[str] = (),
 ) -> Any | None:
     """As `calib.poses.mapping.map_views`, all views at once (Pan et al., "Global Structure-from-Motion
-    Revisited", 2024)."""
+    Revisited", 2024). ahead, images: it knows neither; all views are placed."""
     progress("placing views", 0, views)
     options = pycolmap.GlobalPipelineOptions()
     options.num_threads = options.mapper.num_threads = threads
