@@ -29,12 +29,19 @@ from drivers.sim import rigs
 SETTINGS = ((320, 20_000), (640, 40_000), (1280, 80_000), (320, 300_000))
 """Width, px, and Gaussians: those of the three presets, and many on small pictures."""
 ITERATIONS = 40
+PEAK = """
+def status(name):
+    line = next(line for line in open("/proc/self/status") if line.startswith(name))
+    return 1024 * int(line.split()[1])
+"""
+"""A process's own figures: `ru_maxrss` is the memory of the process that began it where that is more."""
 _RUN = f"""
-import json, resource, sys
+import json, sys
 from recon.decide.overrides import Overrides
 import recon.decide.forecast as deciding
 import recon.reconstruct as stage
 from recon.decide.memory_need import need
+{PEAK}
 needs = []
 deciding.need = lambda *views, **how: needs.append(need(*views, **how)) or needs[-1]
 session, width, gaussians, seed = sys.argv[1], *map(int, sys.argv[2:])
@@ -44,8 +51,7 @@ overrides = Overrides(
 stage.reconstruct(
     session, quality="best", overrides=overrides, seed=seed, name="memory", shelf="memory", replace=True
 )
-peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-print(json.dumps({{"forecast": needs[-1].total, "peak": peak}}))
+print(json.dumps({{"forecast": needs[-1].total, "peak": status("VmHWM")}}))
 """
 
 
@@ -54,11 +60,6 @@ FACTOR = 31
 TRAININGS = ((6, False), (12, False), (6, True), (12, True))
 """Views, and whether their images stay on the disk."""
 GAUSSIANS, DEGREES = 1_000_000, (0, 1, 2)
-PEAK = """
-def status(name):
-    line = next(line for line in open("/proc/self/status") if line.startswith(name))
-    return 1024 * int(line.split()[1])
-"""
 _TRAINING = f"""
 import json, sys, time
 import recon.decide.forecast as deciding
