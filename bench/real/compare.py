@@ -16,7 +16,6 @@ the constants of 3DGS (`bench/real/neutral.py`). Finished rows are kept in FOLDE
 
 import argparse
 import os
-import resource
 import time
 from collections.abc import Callable
 from functools import partial
@@ -96,7 +95,6 @@ def rig_row(session: Path, width: int, budget: float, seed: int) -> dict[str, An
         "iterations": opened.training.iteration,
         "gaussians": len(opened.scene.gaussians),
         "method": opened.record.settings.method,
-        "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
         **vars(own),
     }
     # What rig draws itself is what its users see; a viewer that draws its file has to show the same.
